@@ -10,14 +10,15 @@ use crate::plane::{
 use crate::quadrature::{integrate, invert};
 use crate::{Axes, CurveError, Jet, Plane, Sense};
 
-/// An arc about a centre in a plane, of any number of turns; the other seven axes are linear in the angle (a
-/// helix, if the plane's normal axis moves).
+/// A circular arc of any number of turns in a plane. The seven axes outside the plane are linear in the swept angle, so
+/// motion of the normal axis makes a helix.
 ///
-/// The angle is proportional to the regular parameter. If the radii at start and end differ, the radius too
-/// runs linearly from one to the other, so that both ends are met; arc length then differs from the regular
-/// parameter a little, and is integrated (to 1e-13 of the length). With equal radii both are the same.
+/// The swept angle is proportional to the regular parameter. If the radii at start and end differ, the radius varies
+/// linearly with the angle so that both ends are met; arc length then differs slightly from the regular parameter and is
+/// integrated to 1e-13 of the length. With equal radii both are identical.
 ///
-/// Points are computed from the start by sine and versine of the swept angle, never from the centre, so that
+/// Points are computed from the start point by the sine and versine of the swept angle, not from the centre. A flat arc
+/// about a centre 100 km away is therefore as accurate as any other.
 /// a flat arc about a centre 100 km away is as exact as any other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arc {
@@ -27,18 +28,18 @@ pub struct Arc {
     /// Unit vector from the centre to the start.
     radial: Planar,
     radius: f64,
-    /// Radius at the end less radius at the start.
-    drift: f64,
+    /// Radius at the end minus radius at the start.
+    radius_change: f64,
     /// Swept angle, positive counter-clockwise.
     sweep: f64,
     length: f64,
 }
 
 impl Arc {
-    /// The arc from `start` to `end` about `centre` (in-plane coordinates in mm), with `turns` full turns
-    /// more than needed (RS274/NGC's P word less one). A full circle if both ends are the same in the plane.
+    /// Creates the arc from `start` to `end` about `centre`, in-plane coordinates in mm. `turns` counts the full turns beyond
+    /// the first partial one (RS274/NGC's P word minus one). Equal end points in the plane make a full circle.
     ///
-    /// Radii at start and end may differ; whether they may differ that much is for the caller to judge.
+    /// The radii at start and end may differ. Whether the difference is acceptable is the caller's decision.
     ///
     /// # Errors
     /// [`CurveError::Coordinate`], [`CurveError::Centre`], [`CurveError::Radius`], [`CurveError::Sense`] (for
@@ -70,9 +71,9 @@ impl Arc {
                 end_radius_mm: end_radius,
             });
         }
-        // By the chord, because the difference of the radii loses what it is about on flat arcs.
-        let drift = (dot(from, chord) + dot(to, chord)) / (radius + end_radius);
-        // A chord of a few roundings has no direction: that is a full circle.
+        // From the chord: on flat arcs the difference of the two radii would cancel.
+        let radius_change = (dot(from, chord) + dot(to, chord)) / (radius + end_radius);
+        // A chord within rounding has no direction and means a full circle.
         let rounding = 4.0 * f64::EPSILON * (radius + norm(centre));
         let angle = if norm(chord) <= rounding {
             TAU
@@ -87,7 +88,7 @@ impl Arc {
             end,
             radial: [from[0] / radius, from[1] / radius],
             radius,
-            drift,
+            radius_change,
             sweep,
             length: 1.0,
         };
@@ -95,7 +96,7 @@ impl Arc {
         Ok(arc)
     }
 
-    /// The plane.
+    /// The plane of the arc.
     #[must_use]
     pub fn plane(&self) -> Plane {
         self.plane
@@ -119,7 +120,7 @@ impl Arc {
         mix(self.plane.project(&self.start), 1.0, self.radial, -self.radius)
     }
 
-    /// The part from one arc length to another, which is greater, in mm. Both ends of the arc stay as they are, bit for bit.
+    /// The part between two arc lengths in mm, `from < to`. A part that reaches an end of the arc keeps that end bit for bit.
     #[must_use]
     pub(crate) fn part(&self, from: f64, to: f64) -> Self {
         let (u0, u1) = (self.parameter(from), self.parameter(to));
@@ -129,8 +130,8 @@ impl Arc {
             start: self.position(u0),
             end: self.position(u1),
             radial: self.planar(x0).1,
-            radius: self.radius + self.drift * x0,
-            drift: self.drift * (x1 - x0),
+            radius: self.radius + self.radius_change * x0,
+            radius_change: self.radius_change * (x1 - x0),
             sweep: self.sweep * (x1 - x0),
             length: 1.0,
         };
@@ -138,20 +139,20 @@ impl Arc {
         part
     }
 
-    fn climb(&self) -> f64 {
+    fn rise(&self) -> f64 {
         let normal = self.plane.axes().2;
         self.end[normal] - self.start[normal]
     }
 
-    /// Path length per fraction `x` of the domain.
+    /// Path length per unit of `x`, the fraction of the domain.
     fn speed(&self, x: f64) -> f64 {
-        let around = (self.radius + self.drift * x) * self.sweep;
-        let climb = self.climb();
-        (self.drift * self.drift + around * around + climb * climb).sqrt()
+        let around = (self.radius + self.radius_change * x) * self.sweep;
+        let rise = self.rise();
+        (self.radius_change * self.radius_change + around * around + rise * rise).sqrt()
     }
 
     fn length_to(&self, x: f64) -> f64 {
-        if self.drift == 0.0 {
+        if self.radius_change == 0.0 {
             self.speed(0.0) * x
         } else {
             integrate(&|y| self.speed(y), 0.0, x, 1e-13, 12)
@@ -164,10 +165,10 @@ impl Arc {
         let across = perp(self.radial);
         let radial = mix(self.radial, cos, across, sin);
         let turned = mix(self.radial, -versin * self.radius, across, sin * self.radius);
-        (mix(turned, 1.0, radial, self.drift * x), radial)
+        (mix(turned, 1.0, radial, self.radius_change * x), radial)
     }
 
-    fn place(&self, x: f64, displacement: Planar) -> Axes {
+    fn point_at(&self, x: f64, displacement: Planar) -> Axes {
         let (first, second, _) = self.plane.axes();
         let mut position = self.start + (self.end - self.start) * x;
         position[first] = self.start[first] + displacement[0];
@@ -203,7 +204,7 @@ impl ParamCurve for Arc {
             return self.end;
         }
         let x = u / self.length;
-        self.place(x, self.planar(x).0)
+        self.point_at(x, self.planar(x).0)
     }
 
     fn jet(&self, u: f64) -> Jet {
@@ -213,14 +214,14 @@ impl ParamCurve for Arc {
         let position = if u >= self.length {
             self.end
         } else {
-            self.place(x, displacement)
+            self.point_at(x, displacement)
         };
         let across = perp(radial);
         let (first, second, _) = self.plane.axes();
-        // rho(u) e(u) with e turning at rate w and rho growing at rate g.
+        // rho(u) e(u), where e rotates at rate w and rho grows at rate g.
         let w = self.sweep / self.length;
-        let g = self.drift / self.length;
-        let rho = self.radius + self.drift * x;
+        let g = self.radius_change / self.length;
+        let rho = self.radius + self.radius_change * x;
         let d1 = mix(radial, g, across, rho * w);
         let d2 = mix(across, 2.0 * g * w, radial, -rho * w * w);
         let d3 = mix(radial, -3.0 * g * w * w, across, -rho * w * w * w);
@@ -238,7 +239,7 @@ impl ParamCurve for Arc {
 
     fn arc_length(&self, u: f64) -> f64 {
         let u = self.clamp(u);
-        if self.drift == 0.0 || u >= self.length {
+        if self.radius_change == 0.0 || u >= self.length {
             u
         } else {
             self.length_to(u / self.length)
@@ -247,7 +248,7 @@ impl ParamCurve for Arc {
 
     fn parameter(&self, s: f64) -> f64 {
         let s = self.clamp(s);
-        if self.drift == 0.0 || s >= self.length {
+        if self.radius_change == 0.0 || s >= self.length {
             return s;
         }
         let rate = |u: f64| self.speed(u / self.length) / self.length;
@@ -256,7 +257,7 @@ impl ParamCurve for Arc {
 
     fn at(&self, s: f64) -> Jet {
         let jet = self.jet(self.parameter(s));
-        if self.drift == 0.0 {
+        if self.radius_change == 0.0 {
             jet
         } else {
             jet.by_arc_length()
@@ -276,11 +277,12 @@ impl ParamCurve for Arc {
         let angle = libm::atan2(self.radial[1], self.radial[0]);
         let (first, second, _) = self.plane.axes();
         for crossing in axis_crossings(angle, self.sweep.signum(), from, to) {
-            // Where the radius grows, the extreme lies a little behind the axis.
-            let shift = libm::atan(self.drift / (sweep * self.radius + self.drift * crossing));
+            // Where the radius grows, the extreme lies slightly past the axis.
+            let shift =
+                libm::atan(self.radius_change / (sweep * self.radius + self.radius_change * crossing));
             for turned in [crossing, (crossing + shift).max(from).min(to)] {
                 let x = turned / sweep;
-                let point = self.place(x, self.planar(x).0);
+                let point = self.point_at(x, self.planar(x).0);
                 for axis in [first, second] {
                     low[axis] = low[axis].min(point[axis]);
                     high[axis] = high[axis].max(point[axis]);
@@ -299,8 +301,8 @@ impl ParamCurve for Arc {
         let (cos, sin) = cos_sin_ranges(start + self.sweep * x0, start + self.sweep * x1);
         let (cos, sin) = (cos.magnitude(), sin.magnitude());
         let w = self.sweep.abs() / self.length;
-        let g = self.drift.abs() / self.length;
-        let rho = (self.radius + self.drift * x0).max(self.radius + self.drift * x1);
+        let g = self.radius_change.abs() / self.length;
+        let rho = (self.radius + self.radius_change * x0).max(self.radius + self.radius_change * x1);
         let mut d1 = ((self.end - self.start) / self.length).abs();
         let (mut d2, mut d3) = (Axes::zeros(), Axes::zeros());
         let (first, second, _) = self.plane.axes();
@@ -314,10 +316,13 @@ impl ParamCurve for Arc {
 
     fn curvature_bound(&self, u0: f64, u1: f64) -> f64 {
         let (x0, x1) = (self.clamp(u0) / self.length, self.clamp(u1) / self.length);
-        let (r0, r1) = (self.radius + self.drift * x0, self.radius + self.drift * x1);
+        let (r0, r1) = (
+            self.radius + self.radius_change * x0,
+            self.radius + self.radius_change * x1,
+        );
         let w = self.sweep / self.length;
-        // |q''| / |q'|^2, the first at its largest, the second at its smallest.
-        let bend = libm::hypot(2.0 * self.drift / self.length, r0.max(r1) * w) * w.abs();
+        // |q''| / |q'|^2: maximum of the numerator, minimum of the denominator.
+        let bend = libm::hypot(2.0 * self.radius_change / self.length, r0.max(r1) * w) * w.abs();
         let slow = self.speed(if r0 <= r1 { x0 } else { x1 }) / self.length;
         bend / (slow * slow)
     }
@@ -329,8 +334,8 @@ impl ParamCurve for Arc {
             start: self.end,
             end: self.start,
             radial: [radial[0] / size, radial[1] / size],
-            radius: self.radius + self.drift,
-            drift: -self.drift,
+            radius: self.radius + self.radius_change,
+            radius_change: -self.radius_change,
             sweep: -self.sweep,
             ..*self
         }

@@ -5,11 +5,11 @@ pub const AXES: usize = 9;
 
 /// One number per axis in the order X Y Z A B C U V W.
 ///
-/// Linear axes (XYZ, UVW) are in millimetres, rotary axes (ABC) in degrees: coordinates stay in the unit of
-/// the axis all the way from program to bus, because nothing between them takes a sine of a rotary axis.
+/// Linear axes (XYZ, UVW) are in millimetres, rotary axes (ABC) in degrees. Coordinates keep the unit of their axis from
+/// program to bus: nothing between them needs the sine of a rotary axis.
 pub type Axes = nalgebra::SVector<f64, AXES>;
 
-/// An axis by its letter.
+/// An axis, identified by its letter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum AxisLetter {
@@ -17,7 +17,7 @@ pub enum AxisLetter {
     X,
     /// Second linear axis.
     Y,
-    /// Third linear axis; the spindle's on a mill.
+    /// Third linear axis; on a mill parallel to the spindle.
     Z,
     /// Rotary axis about X.
     A,
@@ -59,7 +59,7 @@ impl AxisLetter {
         b"XYZABCUVW"[self as usize] as char
     }
 
-    /// The axis of a letter, in either case.
+    /// The axis with this letter in either case, or `None`.
     ///
     /// ```
     /// use evolvent_path::AxisLetter;
@@ -74,7 +74,7 @@ impl AxisLetter {
             .find(|axis| axis.letter() == letter.to_ascii_uppercase())
     }
 
-    /// Whether the axis turns: its coordinate is in degrees.
+    /// Whether this is a rotary axis, with coordinates in degrees.
     #[must_use]
     pub const fn is_rotary(self) -> bool {
         matches!(self, Self::A | Self::B | Self::C)

@@ -1,10 +1,10 @@
-//! A set of axes as one bit each, as messages and traces have it.
+//! A set of axes as a bit mask, the form used in messages and traces.
 
 use std::ops::{BitAnd, BitOr, BitOrAssign};
 
 use crate::{AXES, AxisLetter};
 
-/// A set of axes. Bit i of its number is axis i, in the order of [`AxisLetter::ALL`].
+/// A set of axes. Bit i is axis i, in the order of [`AxisLetter::ALL`]. All functions are real-time safe.
 ///
 /// ```
 /// use evolvent_path::{AxisLetter, AxisMask};
@@ -13,61 +13,61 @@ use crate::{AXES, AxisLetter};
 /// assert_eq!(mask.bits(), 0b101);
 /// assert!(mask.contains(2) && !mask.contains(1));
 /// assert_eq!(mask.axes().collect::<Vec<_>>(), [0, 2]);
-/// // What is no axis is in no set.
+/// // Bits that belong to no axis are dropped.
 /// assert_eq!(AxisMask::from_bits(u32::MAX), AxisMask::ALL);
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct AxisMask(u32);
 
 impl AxisMask {
-    /// No axis.
+    /// The empty set.
     pub const NONE: Self = Self(0);
-    /// Every axis that there can be.
+    /// All nine axes.
     pub const ALL: Self = Self((1 << AXES) - 1);
 
-    /// The set that a number tells. Bits of no axis are left out. Real-time safe, as all the rest.
+    /// The set with these bits. Bits that belong to no axis are dropped.
     #[must_use]
     pub const fn from_bits(bits: u32) -> Self {
         Self(bits & Self::ALL.0)
     }
 
-    /// The number that tells the set.
+    /// The bits of the set.
     #[must_use]
     pub const fn bits(self) -> u32 {
         self.0
     }
 
-    /// One axis, by its index; none for an index of no axis.
+    /// The set of one axis, given by its index; empty if no axis has this index.
     #[must_use]
     pub const fn one(axis: usize) -> Self {
         if axis < AXES { Self(1 << axis) } else { Self::NONE }
     }
 
-    /// One axis where something holds, else none.
+    /// The set of one axis if the condition holds, otherwise the empty set.
     #[must_use]
     pub const fn one_if(axis: usize, holds: bool) -> Self {
         if holds { Self::one(axis) } else { Self::NONE }
     }
 
-    /// Whether an axis is in it.
+    /// Whether the set contains this axis.
     #[must_use]
     pub const fn contains(self, axis: usize) -> bool {
         self.0 & Self::one(axis).0 != 0
     }
 
-    /// Whether no axis is in it.
+    /// Whether the set is empty.
     #[must_use]
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Those that are not in another set.
+    /// The axes of this set that are not in `other`.
     #[must_use]
     pub const fn without(self, other: Self) -> Self {
         Self(self.0 & !other.0)
     }
 
-    /// The indices of its axes, rising.
+    /// The indices of the axes in ascending order.
     pub fn axes(self) -> impl Iterator<Item = usize> {
         (0..AXES).filter(move |axis| self.contains(*axis))
     }
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_set_of_bits_comes_back_and_no_other() {
+    fn bits_round_trip_and_others_are_dropped() {
         for bits in 0..1 << AXES {
             let mask = AxisMask::from_bits(bits);
             assert_eq!(mask.bits(), bits);

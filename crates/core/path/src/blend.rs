@@ -1,4 +1,4 @@
-//! A quintic polynomial that joins two curves.
+//! A quintic polynomial between two curves.
 
 use crate::FeedMetric;
 use crate::curve::ParamCurve;
@@ -11,17 +11,16 @@ use crate::{AXES, Axes, AxisLetter, CurveError, Jet, Sense};
 /// Relative accuracy of a blend's arc length.
 const ACCURACY: f64 = 1e-12;
 
-/// Shortest domain in mm: below it the third derivative of ordinary coordinates would leave the number range.
+/// Minimum domain in mm. Below it the third derivative at ordinary coordinates overflows.
 const MIN_DOMAIN: f64 = 1e-9;
 
 /// A polynomial of degree five in the regular parameter, on all nine axes.
 ///
-/// It takes over position and the first two derivatives by the regular parameter at both ends. Arc length is
-/// integrated numerically, to 1e-12 of the length where the blend does not come to a stand inside, to about
-/// 1e-8 where it does.
+/// It matches position and the first two derivatives by the regular parameter at both ends. Arc length is integrated
+/// numerically, to 1e-12 of the length where the speed does not vanish inside the blend, otherwise to about 1e-8.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Blend {
-    /// Coefficients of the powers of u / domain.
+    /// Coefficients of the powers of `u / domain`.
     coefficients: [Axes; 6],
     end: Axes,
     domain: f64,
@@ -30,12 +29,12 @@ pub struct Blend {
 }
 
 impl Blend {
-    /// The blend from `left` to `right` over `domain`: matches position, first and second derivative by the
-    /// regular parameter at both ends (quintic Hermite interpolation).
+    /// Creates the blend from `left` to `right` over `domain` by quintic Hermite interpolation: it matches position, first
+    /// and second derivative by the regular parameter at both ends.
     ///
     /// # Errors
-    /// [`CurveError::Domain`], [`CurveError::Coordinate`], [`CurveError::Derivative`] for what is not finite or
-    /// absurdly large, [`CurveError::ZeroLength`] if nothing moves.
+    /// [`CurveError::Domain`]; [`CurveError::Coordinate`] or [`CurveError::Derivative`] for values that are not finite or
+    /// out of range; [`CurveError::ZeroLength`] if no axis moves.
     pub fn hermite(left: &Jet, right: &Jet, domain: f64) -> Result<Self, CurveError> {
         if !(MIN_DOMAIN..=MAX_COORDINATE).contains(&domain) {
             return Err(CurveError::Domain { domain });
@@ -86,7 +85,7 @@ impl Blend {
         }
     }
 
-    /// Path length per fraction `x` of the domain.
+    /// Path length per unit of `x`, the fraction of the domain.
     fn speed(&self, x: f64) -> f64 {
         self.metric.norm(&self.derivatives(x).0)
     }
@@ -96,7 +95,7 @@ impl Blend {
         c[0] + (c[1] + (c[2] + (c[3] + (c[4] + c[5] * x) * x) * x) * x) * x
     }
 
-    /// The derivatives by the fraction of the domain.
+    /// First to third derivative by the fraction of the domain.
     fn derivatives(&self, x: f64) -> (Axes, Axes, Axes) {
         let c = &self.coefficients;
         (
@@ -177,7 +176,7 @@ impl ParamCurve for Blend {
         self.jet(self.parameter(s)).by_arc_length()
     }
 
-    /// The sense of turning from the first tangent to the last, in the coordinate plane closest to both.
+    /// The sense of rotation from the first tangent to the last, in the coordinate plane closest to both.
     fn sense(&self) -> Sense {
         let turning = self.jet(0.0).tangent().cross(&self.jet(self.domain).tangent());
         Sense::of(turning[turning.iamax()])
@@ -226,7 +225,7 @@ impl ParamCurve for Blend {
 
     fn reversed(&self) -> Self {
         let (left, right) = (self.jet(self.domain).reversed(), self.jet(0.0).reversed());
-        // The same data that built this one, so it cannot fail; if it did, the blend itself is the answer.
+        // Built from the data of a valid blend, so it cannot fail.
         let reversed = Self::hermite(&left, &right, self.domain).unwrap_or(*self);
         Self {
             length: self.length,

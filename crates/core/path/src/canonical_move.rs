@@ -1,22 +1,22 @@
-//! Canonical moves: what an interpreter gives to a planner, free of units, planes, offsets and cycles.
+//! Canonical moves: the interpreter's output, free of units, planes, offsets and cycles.
 
 use crate::curve::Curve;
 
-/// A motion along one curve.
+/// A motion along one curve, in machine coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Move {
-    /// Where to, in machine coordinates: mm, and degrees for rotary axes. Never of length zero.
+    /// The curve, in mm, and degrees for rotary axes. Its length is never zero.
     pub curve: Curve,
     /// Rapid or feed.
     pub kind: MoveKind,
-    /// Programmed speed along the curve's feed metric (mm/s; deg/s if only rotary axes move), before override.
-    /// G93 and G95 are already resolved. Infinite for rapids: as fast as the axes can.
+    /// Programmed speed in the feed metric of the curve (mm/s; deg/s if only rotary axes move), before override. G93 and
+    /// G95 are already resolved. Infinite for rapids: the axis limits alone bound the speed.
     pub feed: f64,
-    /// How the corner between this move and the next is to be taken.
+    /// How the joint between this move and the next is treated.
     pub path_mode: PathMode,
 }
 
-/// Rapid or feed.
+/// Whether a move is a rapid or a feed move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum MoveKind {
     /// G0.
@@ -25,20 +25,20 @@ pub enum MoveKind {
     Feed,
 }
 
-/// Path control mode.
+/// Path control mode (RS274/NGC).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PathMode {
-    /// G61: the path is kept exactly; slow down or stop at corners as the limits demand.
+    /// G61: the path is kept exactly; joints are passed as fast as the limits permit, corners with a stop.
     ExactPath,
     /// G61.1: stop at the end of every move.
     ExactStop,
-    /// G64: corners may be rounded.
+    /// G64: joints may be rounded.
     Blend {
-        /// Greatest distance between the programmed corner and the path in mm (G64 P); without P: `None`,
-        /// what the machine is set up for.
+        /// Maximum distance between the programmed and the driven path in mm (G64 P). `None` without P: the machine's
+        /// default applies.
         tolerance_mm: Option<f64>,
-        /// How far a point may lie off the line through its neighbours to be left out, in mm (G64 Q): short
-        /// lines are merged. Without Q: `None`, as P says; 0: nothing is merged.
+        /// Maximum distance in mm of a point from the line through its neighbours for the point to be dropped (G64 Q),
+        /// so that short lines are merged. `None` without Q: the tolerance of P applies. 0 merges nothing.
         merge_mm: Option<f64>,
     },
 }

@@ -1,85 +1,87 @@
-//! What every curve can do, and the enumeration of all curves.
+//! The trait of all curves, and the enum over them.
 
 use nalgebra::Vector3;
 
 use crate::{Arc, Axes, Blend, Involute, Jet, Line, Sense, Spline};
 
-/// What every curve of a path can do.
+/// The operations common to all curves.
 ///
-/// Two parameters: the *regular parameter* `u` in `0..=domain()`, by which every derivative is finite, and the
-/// *arc length* `s` in `0..=length()`. They are the same on lines and exact arcs; they differ near an
-/// involute's base circle, on arcs whose two radii differ, on blends and on splines. Values outside the range are taken
-/// as the nearest end, NaN as the start.
+/// A curve has two parameters: the *regular parameter* `u` in `0..=domain()`, by which every derivative is finite, and
+/// the *arc length* `s` in `0..=length()`. They are identical on lines and on arcs of constant radius; they differ near
+/// an involute's base circle, on arcs with two radii, on blends and on splines. Parameters outside the range are clamped
+/// to it; NaN is treated as the start.
 ///
-/// Lengths are in the feed metric: mm of XYZ; where XYZ stands still mm of UVW; where that stands still too,
-/// degrees of ABC (RS274/NGC's feed rule).
+/// Lengths are measured in the feed metric of RS274/NGC: mm of XYZ; if XYZ does not move, mm of UVW; if UVW does not
+/// move either, degrees of ABC.
+///
+/// *Real-time safe* means: no allocation, no lock, bounded time, so the cycle may call it.
 pub trait ParamCurve {
-    /// Path length. Cycle: yes.
+    /// Path length. Real-time safe.
     fn length(&self) -> f64;
 
-    /// Length of the regular parameter's range. Cycle: yes.
+    /// Length of the range of the regular parameter. Real-time safe.
     fn domain(&self) -> f64;
 
-    /// The first point, bit for bit as given. Cycle: yes.
+    /// The start point, bit for bit as given. Real-time safe.
     fn start(&self) -> Axes;
 
-    /// The last point, bit for bit as given. Cycle: yes.
+    /// The end point, bit for bit as given. Real-time safe.
     fn end(&self) -> Axes;
 
-    /// Position at the regular parameter `u`. Cycle: yes, no allocation, no loop.
+    /// Position at the regular parameter `u`. Real-time safe, no loop.
     fn position(&self, u: f64) -> Axes;
 
-    /// Position and derivatives by the regular parameter, always finite. Cycle: yes, no allocation, no loop.
+    /// Position and derivatives by the regular parameter, always finite. Real-time safe, no loop.
     fn jet(&self, u: f64) -> Jet;
 
-    /// Arc length from the start to the regular parameter `u`. Cycle: no (may integrate numerically).
+    /// Arc length from the start to the regular parameter `u`. Not real-time safe: may integrate numerically.
     fn arc_length(&self, u: f64) -> f64;
 
-    /// The regular parameter at the arc length `s`: the inverse of [`arc_length`](Self::arc_length). Cycle: no.
+    /// The regular parameter at the arc length `s`, the inverse of [`arc_length`](Self::arc_length). Not real-time safe.
     fn parameter(&self, s: f64) -> f64;
 
-    /// Position and derivatives by arc length. Holds infinities only at an involute's base-circle point and
-    /// where a blend stands still. Cycle: no.
+    /// Position and derivatives by arc length. They are infinite at an involute's base-circle point and where the speed of
+    /// a blend vanishes. Not real-time safe.
     fn at(&self, s: f64) -> Jet;
 
-    /// Unit tangent of the XYZ curve at arc length `s`; zero where XYZ does not move. Cycle: no.
+    /// Unit tangent of the XYZ curve at arc length `s`; zero where XYZ does not move. Not real-time safe.
     fn tangent(&self, s: f64) -> Vector3<f64> {
         self.at(s).tangent()
     }
 
-    /// Curvature of the XYZ curve at arc length `s` in 1/mm, never negative. Cycle: no.
+    /// Curvature of the XYZ curve at arc length `s` in 1/mm, not negative. Not real-time safe.
     fn curvature(&self, s: f64) -> f64 {
         self.at(s).curvature()
     }
 
-    /// Derivative of the XYZ curvature by arc length in 1/mm^2. Cycle: no.
+    /// Derivative of the XYZ curvature by arc length in 1/mm^2. Not real-time safe.
     fn curvature_derivative(&self, s: f64) -> f64 {
         self.at(s).curvature_derivative()
     }
 
-    /// The sense in which the curve turns in its plane. Cycle: yes.
+    /// The sense of rotation of the curve in its plane. Real-time safe.
     fn sense(&self) -> Sense;
 
-    /// Smallest and largest position of every axis between two regular parameters, for checks of travel.
-    /// Exact to rounding. Cycle: no.
+    /// Minimum and maximum position of every axis between two regular parameters, for travel checks. Exact to rounding.
+    /// Not real-time safe.
     fn bounds(&self, u0: f64, u1: f64) -> (Axes, Axes);
 
-    /// Upper bounds of |q'|, |q''| and |q'''| by the regular parameter, of every axis, between two
-    /// parameters. Always safe; tight where the derivatives vary little over the range. Cycle: no.
+    /// Upper bounds of |q'|, |q''| and |q'''| by the regular parameter for every axis, between two parameters. Always
+    /// valid, and tight where the derivatives vary little over the range. Not real-time safe.
     fn derivative_bounds(&self, u0: f64, u1: f64) -> (Axes, Axes, Axes);
 
-    /// Upper bound of the XYZ curvature in 1/mm between two regular parameters; infinite if the range holds
-    /// an involute's base-circle point. Cycle: no.
+    /// Upper bound of the XYZ curvature in 1/mm between two regular parameters; infinite if the range contains an
+    /// involute's base-circle point. Not real-time safe.
     fn curvature_bound(&self, u0: f64, u1: f64) -> f64;
 
-    /// The same points run the other way.
+    /// The same curve traversed in the opposite direction.
     #[must_use]
     fn reversed(&self) -> Self
     where
         Self: Sized;
 }
 
-/// A curve of a path: a small value without heap, fit for wait-free queues that must not allocate.
+/// A curve of a path: a small value without heap memory, so wait-free queues can carry it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Curve {
     /// A straight line.
@@ -106,10 +108,10 @@ macro_rules! each {
     };
 }
 
-/// [`ParamCurve`]'s functions, without the need to import the trait.
+/// The functions of [`ParamCurve`], without importing the trait.
 impl Curve {
-    /// The part of a line or an arc from one arc length to another, which is greater: 0 and the length leave an end as it is,
-    /// bit for bit. `None` for the other curves, and for a part without length. Cycle: no.
+    /// The part of a line or an arc between two arc lengths, `from < to`. With `from = 0` or `to = length()` that end is
+    /// kept bit for bit. `None` for other curves, and for a part without length. Not real-time safe.
     #[must_use]
     pub fn part(&self, from: f64, to: f64) -> Option<Self> {
         if !(to > from) {

@@ -1,43 +1,41 @@
-//! What can be wrong with the data of a line, an arc or a blend.
+//! Errors of constructing a line, an arc, a blend or a spline.
 
 use thiserror::Error;
 
 use crate::{Axes, AxisLetter};
 
-/// Coordinates and radii beyond this are taken for a mistake, in mm or degrees (1000 km).
+/// Maximum magnitude of coordinates and radii, in mm or degrees (1000 km). Larger values are taken for a mistake.
 pub const MAX_COORDINATE: f64 = 1e9;
 
-/// Radii below this are taken for a mistake (1 nm).
+/// Minimum radius in mm (1 nm). Smaller values are taken for a mistake.
 pub const MIN_RADIUS_MM: f64 = 1e-6;
 
-/// Most full turns of one arc.
+/// Maximum number of full turns of one arc.
 pub const MAX_ARC_TURNS: u32 = 1_000_000;
 
-/// Why a line, arc or blend cannot be built.
+/// The reason why a line, arc, blend or spline cannot be constructed.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum CurveError {
-    /// A coordinate is NaN, infinite or absurdly large.
+    /// A coordinate is NaN, infinite or out of range.
     #[error("coordinate {axis} is {value}: give a number between -{MAX_COORDINATE:e} and {MAX_COORDINATE:e}")]
     Coordinate {
-        /// The axis' letter.
+        /// The axis letter.
         axis: char,
-        /// What was given, in mm or degrees.
+        /// The given value, in mm or degrees.
         value: f64,
     },
-    /// The centre is NaN, infinite or absurdly large.
-    #[error(
-        "the centre ({first}, {second}) is not a usable point: give two numbers below {MAX_COORDINATE:e} mm"
-    )]
+    /// The centre is NaN, infinite or out of range.
+    #[error("the centre ({first}, {second}) is not usable: give two coordinates below {MAX_COORDINATE:e} mm")]
     Centre {
         /// Coordinate along the plane's first axis in mm.
         first: f64,
         /// Coordinate along the plane's second axis in mm.
         second: f64,
     },
-    /// Start and end are the same in all nine axes.
-    #[error("start and end are the same point, so there is no path: leave the block out")]
+    /// Start and end are equal in all nine axes.
+    #[error("start and end are the same point: remove the block")]
     ZeroLength,
-    /// The radius at the start or at the end is zero or too small to compute with.
+    /// The radius at the start or at the end is zero or too small.
     #[error(
         "the arc's radius is {start_radius_mm} mm at its start and {end_radius_mm} mm at its end: move the centre so that both are at least {MIN_RADIUS_MM:e} mm"
     )]
@@ -47,36 +45,36 @@ pub enum CurveError {
         /// Distance from the centre to the end in mm.
         end_radius_mm: f64,
     },
-    /// An arc needs a sense.
-    #[error("an arc turns either clockwise or counter-clockwise: name one of them")]
+    /// The sense of an arc is [`Straight`](crate::Sense::Straight).
+    #[error("an arc is either clockwise or counter-clockwise: choose one")]
     Sense,
     /// Too many turns.
-    #[error("{turns} additional turns of one arc are too many: split it, at most {MAX_ARC_TURNS} each")]
+    #[error(
+        "an arc of {turns} additional turns is too long: split it into arcs of at most {MAX_ARC_TURNS} turns"
+    )]
     Turns {
-        /// Additional full turns asked for.
+        /// The requested number of additional full turns.
         turns: u32,
     },
-    /// A blend's parameter domain is not a usable length.
-    #[error(
-        "a blend over a parameter domain of {domain} mm is impossible: give at least 1e-9 mm and at most {MAX_COORDINATE:e} mm"
-    )]
+    /// The parameter domain is out of range.
+    #[error("the parameter domain of {domain} mm is out of range: give 1e-9 to {MAX_COORDINATE:e} mm")]
     Domain {
-        /// The domain asked for.
+        /// The requested domain.
         domain: f64,
     },
-    /// A derivative at a blend's end is NaN, infinite or absurdly large.
-    #[error("derivative {order} of axis {axis} at the blend's end is {value}: blend from a regular point")]
+    /// A derivative is NaN, infinite or out of range.
+    #[error("derivative {order} of axis {axis} is {value}: start and end at regular points of the curves")]
     Derivative {
-        /// The axis' letter.
+        /// The axis letter.
         axis: char,
-        /// Order of the derivative: 1 or 2.
+        /// Order of the derivative, 1 to 3.
         order: u8,
         /// Its value.
         value: f64,
     },
 }
 
-/// The first coordinate that cannot be used, if any.
+/// The first coordinate that is out of range, if any.
 pub(crate) fn bad_coordinate(axes: &Axes) -> Option<(char, f64)> {
     AxisLetter::ALL
         .into_iter()

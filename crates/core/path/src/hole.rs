@@ -1,4 +1,4 @@
-//! Milling a hole along involutes.
+//! Path synthesis for milling a hole along involutes.
 
 use std::f64::consts::TAU;
 
@@ -7,24 +7,24 @@ use crate::plane::{Planar, sin_cos_versin};
 use crate::quadrature::invert;
 use crate::{Arc, Axes, Curve, HoleError, Involute, MAX_COORDINATE, MAX_INVOLUTE_TURNS, Plane, Sense};
 
-/// Most depths of one hole.
+/// Maximum number of depth steps of one hole.
 pub const MAX_DEPTHS: u32 = 10_000;
 
-/// How far an end point that is computed here may lie off its involute, in mm. It is reached to 1e-12 mm.
+/// Permitted distance in mm of a computed end point from its involute. The actual distance is below 1e-12 mm.
 const TOLERANCE_MM: f64 = 1e-6;
 
-/// Whether the cutting edge moves with or against the feed, for a spindle that turns clockwise (M3).
+/// Direction of the cutting edge relative to the feed, for a spindle that turns clockwise (M3).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Milling {
-    /// With the feed: counter-clockwise round the inside of a hole (G3).
+    /// The cutting edge moves with the feed: counter-clockwise inside a hole (G3).
     #[default]
     Climb,
-    /// Against the feed: clockwise round the inside of a hole (G2).
+    /// The cutting edge moves against the feed: clockwise inside a hole (G2).
     Conventional,
 }
 
 impl Milling {
-    /// The sense of the tool's path round the hole.
+    /// The sense of the tool path inside the hole.
     #[must_use]
     pub const fn sense(self) -> Sense {
         match self {
@@ -36,63 +36,63 @@ impl Milling {
 
 /// A hole and the tool that mills it.
 ///
-/// After V. F. Sorokin, T. P. But, V. V. Kombarov, "Synthesis of involute paths of high-speed machining of
-/// holes", Aerospace Technic and Technology 7 (104), 2013. Figures are those of the tool's centre. An involute
-/// of n turns with base radius r = R / (2 pi n) (5) ends on the final circle of radius R with its tangent and
-/// its curvature; only the curvature's derivative jumps there, by 1 / (r^2 phi^3).
+/// After V. F. Sorokin, T. P. But, V. V. Kombarov, "Synthesis of involute paths of high-speed machining of holes",
+/// Aerospace Technic and Technology 7 (104), 2013; numbers in parentheses are its equations. All lengths refer to the
+/// tool centre. An involute of n turns with base radius r = R / (2 pi n) (5) ends on the final circle of radius R with
+/// equal tangent and curvature; only the derivative of the curvature steps there, by 1 / (r^2 phi^3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hole {
     /// The plane of the hole.
     pub plane: Plane,
-    /// The hole's centre in the plane in mm.
+    /// Centre of the hole in the plane in mm.
     pub centre_mm: [f64; 2],
-    /// The hole's diameter in mm.
+    /// Diameter of the hole in mm.
     pub diameter_mm: f64,
-    /// The tool's diameter in mm.
+    /// Diameter of the tool in mm.
     pub tool_diameter_mm: f64,
-    /// Climb or conventional.
+    /// Climb or conventional milling.
     pub milling: Milling,
 }
 
-/// Where an involute sets off.
+/// Where the involute starts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum HoleStart {
-    /// In the centre.
+    /// At the centre of the hole.
     #[default]
     Centre,
-    /// At a point inside the final circle, in mm from the hole's centre.
+    /// At a point inside the final circle, in mm relative to the centre of the hole.
     Point([f64; 2]),
-    /// Where the involute's radius of curvature has this value in mm.
+    /// Where the radius of curvature of the involute has this value in mm.
     CurvatureRadius(f64),
-    /// So that the involute has this length in mm.
+    /// Where the remaining involute has this length in mm.
     Length(f64),
 }
 
-/// What a block of a hole's path is for.
+/// The purpose of a block of a hole's path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// Roughing, from the start out.
+    /// Roughing involute, from the start outwards.
     Rough,
-    /// Once round on the roughing circle.
+    /// One revolution on the roughing circle.
     RoughCircle,
-    /// Finishing: along an involute to the wall.
+    /// Finishing: involute to the wall.
     Approach,
-    /// Once round on the final circle.
+    /// One revolution on the final circle.
     FinishCircle,
-    /// Finishing: off the wall along the mirrored involute.
+    /// Finishing: the mirrored involute away from the wall.
     Departure,
 }
 
-/// The six numbers of an involute block (12), (13), and of a circle block in the same form.
+/// The six numbers of an involute block (12), (13), or of a circle block in the same form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlockFigures {
     /// Length L in mm.
     pub length_mm: f64,
-    /// Start x0, y0 in mm from the hole's centre.
+    /// Start x0, y0 in mm relative to the centre of the hole.
     pub start_mm: [f64; 2],
-    /// The angle psi by which the curve is turned, in rad, counter-clockwise.
+    /// Rotation psi of the curve in rad, counter-clockwise.
     pub turn_rad: f64,
-    /// Roll angle phi_0 at the start in rad; zero on a circle.
+    /// Roll angle phi_0 at the start in rad; 0 on a circle.
     pub start_roll_rad: f64,
     /// Radius of curvature at the start in mm.
     pub start_radius_mm: f64,
@@ -103,11 +103,11 @@ pub struct BlockFigures {
 /// One block of a hole's path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HoleBlock {
-    /// What it is for.
+    /// The purpose of the block.
     pub role: Role,
-    /// The tool centre's path.
+    /// The path of the tool centre.
     pub curve: Curve,
-    /// Its figures.
+    /// The numbers of the block as in the paper.
     pub figures: BlockFigures,
     /// Centre of the circle, or of the involute's base circle, in the plane in mm.
     pub centre_mm: [f64; 2],
@@ -115,14 +115,14 @@ pub struct HoleBlock {
     pub radius_mm: f64,
 }
 
-/// The blocks of one pass at one depth, and the numbers that they follow from.
+/// The blocks of one pass at one depth, and the numbers they follow from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HolePass {
-    /// The blocks in order; each starts where the one before ends.
+    /// The blocks in order; each starts at the end of the previous one.
     pub blocks: Vec<HoleBlock>,
     /// Radius R of the final circle (14) in mm.
     pub radius_mm: f64,
-    /// Turns n of the whole involute (15).
+    /// Number of turns n of the complete involute (15).
     pub turns: u32,
     /// True radial pitch H = R / n (16) in mm.
     pub pitch_mm: f64,
@@ -131,14 +131,14 @@ pub struct HolePass {
 }
 
 impl HolePass {
-    /// Length of the whole pass in mm.
+    /// Length of the pass in mm.
     #[must_use]
     pub fn length_mm(&self) -> f64 {
         self.blocks.iter().map(|block| block.figures.length_mm).sum()
     }
 
-    /// Turns of the involute that are there: by so many its tangent turns from the start to the circle. Near to the
-    /// paper's `(1 - |(x0, y0)| / R) n`, which takes distances for radii of curvature.
+    /// Number of turns of the involute that remain: the rotation of its tangent from the start to the circle. Close to the
+    /// paper's `(1 - |(x0, y0)| / R) n`, which approximates radii of curvature by distances.
     #[must_use]
     pub fn visible_turns(&self) -> f64 {
         let involute = self.blocks.first().map(|block| block.figures.start_radius_mm);
@@ -146,13 +146,13 @@ impl HolePass {
     }
 }
 
-/// An involute in the hole's own system: centre in the origin, counter-clockwise.
+/// An involute in the coordinate system of the hole: centre at the origin, counter-clockwise.
 struct Spiral {
     r: f64,
     phi: [f64; 2],
     psi: f64,
-    /// The start, where it was given as a point: it stays that point, bit for bit.
-    given: Option<Planar>,
+    /// The start if it was given as a point; it is kept bit for bit.
+    exact_start: Option<Planar>,
 }
 
 impl Spiral {
@@ -166,20 +166,20 @@ impl Spiral {
     }
 
     fn start(&self) -> Planar {
-        self.given
+        self.exact_start
             .unwrap_or_else(|| turned(self.unturned(self.phi[0]), self.psi))
     }
 
-    /// The base circle's centre: the whole curve is moved so that its evolute begins in the origin.
+    /// Centre of the base circle: the curve is shifted so that its evolute starts at the origin.
     fn base_centre(&self) -> Planar {
         turned([-self.r, 0.0], self.psi)
     }
 
-    fn touch(&self, radius: f64) -> Planar {
+    fn tangent_point(&self, radius: f64) -> Planar {
         turned([0.0, -radius], self.psi)
     }
 
-    /// (13).
+    /// Length (13).
     fn length(&self) -> f64 {
         0.5 * self.r * (self.phi[1] - self.phi[0]) * (self.phi[1] + self.phi[0])
     }
@@ -194,7 +194,7 @@ fn mirrored([x, y]: Planar) -> Planar {
     [x, -y]
 }
 
-/// The point mirrored at the line through the origin and `at`.
+/// The point mirrored across the line through the origin and `at`.
 fn mirrored_at([x, y]: Planar, at: Planar) -> Planar {
     let [a, b] = at;
     let size = a * a + b * b;
@@ -203,11 +203,12 @@ fn mirrored_at([x, y]: Planar, at: Planar) -> Planar {
 }
 
 impl Hole {
-    /// Roughing: an involute from the start out, of as many turns as the pitch asks for (15), or exactly
-    /// `turns`, then once round, `allowance_mm` short of the wall. `at` holds the axes that rest: depth and so on.
+    /// Plans roughing: an involute from the start outwards and one revolution on the roughing circle, `allowance_mm`
+    /// short of the wall. The number of turns follows from the pitch (15) unless `turns` is given. `at` holds the axes
+    /// that do not move, such as the depth.
     ///
     /// # Errors
-    /// What is impossible, by name and with both numbers: see [`HoleError`].
+    /// A [`HoleError`] that names the impossible value and its limit.
     /// ```
     /// use evolvent_path::{Axes, Hole, HoleStart, Milling, Plane};
     ///
@@ -219,7 +220,7 @@ impl Hole {
     ///     milling: Milling::Climb,
     /// };
     /// let pass = hole.rough(4.0, None, 1.0, HoleStart::Centre, &Axes::zeros())?;
-    /// // 80 mm to the wall, 1 mm of allowance, at most 4 mm a turn: 20 turns.
+    /// // 80 mm to the wall, 1 mm allowance, at most 4 mm per turn: 20 turns.
     /// assert_eq!((pass.radius_mm, pass.turns), (79.0, 20));
     /// assert_eq!(pass.blocks.len(), 2);
     /// # Ok::<(), evolvent_path::HoleError>(())
@@ -236,11 +237,11 @@ impl Hole {
         if !(pitch_mm > 0.0 && pitch_mm.is_finite()) {
             return Err(HoleError::Pitch { pitch_mm });
         }
-        // A quotient that is whole but for rounding does not make another turn.
+        // A quotient that is integral up to rounding must not add a turn.
         let needed = (radius / pitch_mm - 1e-9).ceil().max(1.0);
         if turns.is_none() && needed > MAX_INVOLUTE_TURNS {
-            let least_mm = radius / MAX_INVOLUTE_TURNS;
-            return Err(HoleError::PitchTooSmall { pitch_mm, least_mm });
+            let min_mm = radius / MAX_INVOLUTE_TURNS;
+            return Err(HoleError::PitchTooSmall { pitch_mm, min_mm });
         }
         // At most 100 after the check above.
         let turns = turns.unwrap_or(needed as u32);
@@ -260,11 +261,12 @@ impl Hole {
         Ok(pass(blocks, radius, turns, &spiral))
     }
 
-    /// Finishing: an involute approach of `turns` (one or two are usual) from the start, once round on the wall,
-    /// and the mirrored departure. `allowance_mm` is what is left on the wall, usually nothing.
+    /// Plans finishing: an involute approach of `turns` (usually one or two) from the start, one revolution on the wall
+    /// and the mirrored departure. `allowance_mm` is what remains on the wall, usually 0. `at` holds the axes that do
+    /// not move.
     ///
     /// # Errors
-    /// What is impossible, by name and with both numbers: see [`HoleError`].
+    /// A [`HoleError`] that names the impossible value and its limit.
     pub fn finish(
         &self,
         turns: u32,
@@ -282,7 +284,7 @@ impl Hole {
         Ok(pass(blocks, radius, turns, &spiral))
     }
 
-    /// Radius of the tool centre's final circle in mm (14).
+    /// Radius in mm of the final circle of the tool centre (14).
     ///
     /// # Errors
     /// [`HoleError::Diameter`], [`HoleError::ToolTooWide`], [`HoleError::Allowance`], [`HoleError::Centre`].
@@ -322,7 +324,7 @@ impl Hole {
         Ok(limit_mm - allowance_mm)
     }
 
-    /// Base radius, roll angles and turn of the involute of `turns` that starts as asked.
+    /// Base radius, roll angles and rotation of the involute of `turns` turns with the requested start.
     fn spiral(&self, radius: f64, turns: u32, start: HoleStart) -> Result<Spiral, HoleError> {
         if turns == 0 || f64::from(turns) > MAX_INVOLUTE_TURNS {
             return Err(HoleError::Turns { turns });
@@ -333,7 +335,7 @@ impl Hole {
             r,
             phi: [0.0, end],
             psi: 0.0,
-            given: None,
+            exact_start: None,
         };
         match start {
             HoleStart::Centre => {}
@@ -350,8 +352,8 @@ impl Hole {
                         limit_mm: radius,
                     });
                 }
-                // (9). Its left side rises with the derivative r^2 phi (1 - cos phi) / distance, which vanishes once
-                // a turn: bracketed.
+                // (9). The left side has the derivative r^2 phi (1 - cos phi) / distance, which is never negative but vanishes
+                // once per turn: Newton's method needs a bracket.
                 let distance = |phi: f64| {
                     let [x, y] = spiral.unturned(phi);
                     libm::hypot(x, y)
@@ -361,8 +363,8 @@ impl Hole {
                 let phi = invert(&distance, &slope, distance_mm, end, guess);
                 let [x, y] = spiral.unturned(phi);
                 spiral.phi[0] = phi;
-                spiral.given = Some(point);
-                // The paper's (10) gives the cosine alone; this has the sign.
+                spiral.exact_start = Some(point);
+                // (10) gives only the cosine; atan2 gives the sign too.
                 spiral.psi = libm::atan2(point[1], point[0]) - libm::atan2(y, x);
             }
             HoleStart::CurvatureRadius(start_radius_mm) => {
@@ -385,8 +387,8 @@ impl Hole {
         Ok(spiral)
     }
 
-    /// From the hole's own system to the machine's: mirrored where the path runs clockwise.
-    fn place(&self, point: Planar, at: &Axes) -> Axes {
+    /// Converts from the coordinate system of the hole to machine coordinates; mirrors where the path runs clockwise.
+    fn to_machine(&self, point: Planar, at: &Axes) -> Axes {
         let point = self.oriented(point);
         let (first, second, _) = self.plane.axes();
         let mut axes = *at;
@@ -404,21 +406,21 @@ impl Hole {
     }
 
     fn involute(&self, role: Role, spiral: &Spiral, radius: f64, at: &Axes) -> Result<HoleBlock, HoleError> {
-        let touch = spiral.touch(radius);
+        let tangent_point = spiral.tangent_point(radius);
         let (inner, base) = (spiral.start(), spiral.base_centre());
         let (from, to, base, radii) = if role == Role::Departure {
             (
-                touch,
-                mirrored_at(inner, touch),
-                mirrored_at(base, touch),
+                tangent_point,
+                mirrored_at(inner, tangent_point),
+                mirrored_at(base, tangent_point),
                 [radius, spiral.r * spiral.phi[0]],
             )
         } else {
-            (inner, touch, base, [spiral.r * spiral.phi[0], radius])
+            (inner, tangent_point, base, [spiral.r * spiral.phi[0], radius])
         };
         let base = self.oriented(base);
         let centre_mm = [self.centre_mm[0] + base[0], self.centre_mm[1] + base[1]];
-        let (start, end) = (self.place(from, at), self.place(to, at));
+        let (start, end) = (self.to_machine(from, at), self.to_machine(to, at));
         let sense = self.milling.sense();
         let tolerance = TOLERANCE_MM.max(1e-12 * (centre_mm[0].abs() + centre_mm[1].abs()));
         let curve = Involute::new(self.plane, start, end, centre_mm, spiral.r, sense, tolerance)?;
@@ -444,15 +446,15 @@ impl Hole {
     }
 
     fn circle(&self, role: Role, spiral: &Spiral, radius: f64, at: &Axes) -> Result<HoleBlock, HoleError> {
-        let touch = spiral.touch(radius);
-        let point = self.place(touch, at);
+        let tangent_point = spiral.tangent_point(radius);
+        let point = self.to_machine(tangent_point, at);
         let curve = Arc::new(self.plane, point, point, self.centre_mm, self.milling.sense(), 0)?;
         Ok(HoleBlock {
             role,
             curve: curve.into(),
             figures: BlockFigures {
                 length_mm: TAU * radius,
-                start_mm: self.oriented(touch),
+                start_mm: self.oriented(tangent_point),
                 turn_rad: self.milling.sense().sign() * spiral.psi,
                 start_roll_rad: 0.0,
                 start_radius_mm: radius,
@@ -475,12 +477,12 @@ fn pass(blocks: Vec<HoleBlock>, radius_mm: f64, turns: u32, spiral: &Spiral) -> 
     }
 }
 
-/// The depths from `top_mm` down to `bottom_mm` in equal steps of at most `step_mm`: the first is one step
-/// below the top, the last is the bottom.
+/// The depths from `top_mm` down to `bottom_mm` in equal steps of at most `step_mm`. The first is one step below the
+/// top, the last is the bottom.
 ///
 /// # Errors
-/// [`HoleError::Depth`] where the bottom is not below the top or the step is not positive,
-/// [`HoleError::Depths`] where there would be too many.
+/// [`HoleError::Depth`] if the bottom is not below the top or the step is not positive, [`HoleError::Depths`] if there
+/// are more than [`MAX_DEPTHS`].
 pub fn depths_mm(top_mm: f64, bottom_mm: f64, step_mm: f64) -> Result<Vec<f64>, HoleError> {
     let depth = top_mm - bottom_mm;
     if !(depth > 0.0 && depth <= MAX_COORDINATE && step_mm > 0.0) {

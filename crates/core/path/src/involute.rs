@@ -1,34 +1,37 @@
-//! Involute of a circle in any plane.
+//! The involute of a circle in any plane.
+
+mod near_base;
 
 use std::f64::consts::{PI, TAU};
 
 use thiserror::Error;
+
+use near_base::Roll;
 
 use crate::curve::ParamCurve;
 use crate::error::{MAX_COORDINATE, MIN_RADIUS_MM, bad_coordinate};
 use crate::plane::{
     Interval, Planar, axis_crossings, cos_sin_ranges, cross, dot, mix, norm, perp, sin_cos_versin, sub,
 };
-use crate::roll::Roll;
 use crate::{Axes, Jet, Plane, Sense};
 
-/// Most turns of one involute block (Fanuc's G02.2 has the same limit).
+/// Maximum number of turns of one involute block (Fanuc's G02.2 has the same limit).
 pub const MAX_INVOLUTE_TURNS: f64 = 100.0;
 
-/// Why an involute cannot be built.
+/// The reason why an involute cannot be constructed.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum InvoluteError {
-    /// A coordinate is NaN, infinite or absurdly large.
+    /// A coordinate is NaN, infinite or out of range.
     #[error("coordinate {axis} is {value}: give a number between -{MAX_COORDINATE:e} and {MAX_COORDINATE:e}")]
     Coordinate {
-        /// The axis' letter.
+        /// The axis letter.
         axis: char,
-        /// What was given, in mm or degrees.
+        /// The given value, in mm or degrees.
         value: f64,
     },
     /// The base circle is not usable.
     #[error(
-        "the base circle has its centre at ({first}, {second}) mm and radius {base_radius_mm} mm: give two finite coordinates and a radius of at least {MIN_RADIUS_MM:e} mm"
+        "the base circle has its centre at ({first}, {second}) mm and a radius of {base_radius_mm} mm: give two finite coordinates and a radius of at least {MIN_RADIUS_MM:e} mm"
     )]
     BaseCircle {
         /// Centre along the plane's first axis in mm.
@@ -38,38 +41,38 @@ pub enum InvoluteError {
         /// Radius in mm.
         base_radius_mm: f64,
     },
-    /// An involute needs a sense.
-    #[error("an involute turns either clockwise or counter-clockwise: name one of them")]
+    /// The sense is [`Straight`](Sense::Straight).
+    #[error("an involute is either clockwise or counter-clockwise: choose one")]
     Sense,
     /// The tolerance is negative or not a number.
     #[error("the end point tolerance is {tolerance_mm} mm: give a number that is not negative")]
     Tolerance {
-        /// What was given in mm.
+        /// The given tolerance in mm.
         tolerance_mm: f64,
     },
-    /// The start lies inside the base circle, where there is no involute.
+    /// The start is inside the base circle, where no involute exists.
     #[error(
-        "the start lies {radius_mm} mm from the base circle's centre, inside the base circle of radius {base_radius_mm} mm: move the start outwards or make the base circle smaller"
+        "the start is {radius_mm} mm from the centre of the base circle, inside its radius of {base_radius_mm} mm: move the start outwards or reduce the base circle"
     )]
     StartInside {
-        /// Distance from the base circle's centre in mm.
+        /// Distance from the centre of the base circle in mm.
         radius_mm: f64,
-        /// The base circle's radius in mm.
+        /// Radius of the base circle in mm.
         base_radius_mm: f64,
     },
-    /// The end lies inside the base circle, where there is no involute.
+    /// The end is inside the base circle, where no involute exists.
     #[error(
-        "the end lies {radius_mm} mm from the base circle's centre, inside the base circle of radius {base_radius_mm} mm: move the end outwards or make the base circle smaller"
+        "the end is {radius_mm} mm from the centre of the base circle, inside its radius of {base_radius_mm} mm: move the end outwards or reduce the base circle"
     )]
     EndInside {
-        /// Distance from the base circle's centre in mm.
+        /// Distance from the centre of the base circle in mm.
         radius_mm: f64,
-        /// The base circle's radius in mm.
+        /// Radius of the base circle in mm.
         base_radius_mm: f64,
     },
-    /// Start and end lie equally far from the base circle's centre.
+    /// Start and end are equally far from the centre of the base circle.
     #[error(
-        "start and end lie {start_radius_mm} mm and {end_radius_mm} mm from the base circle's centre, and an involute changes that distance: for a circle use G2 or G3"
+        "start and end are {start_radius_mm} mm and {end_radius_mm} mm from the centre of the base circle, but an involute changes that distance: use G2 or G3 for a circle"
     )]
     EqualRadii {
         /// Distance of the start in mm.
@@ -77,67 +80,67 @@ pub enum InvoluteError {
         /// Distance of the end in mm.
         end_radius_mm: f64,
     },
-    /// More turns than one block may have.
-    #[error("the involute makes {turns} turns, at most {MAX_INVOLUTE_TURNS} are possible: split it")]
+    /// The involute has more turns than one block may have.
+    #[error("the involute has {turns} turns, at most {MAX_INVOLUTE_TURNS} are possible: split it")]
     Turns {
-        /// Turns from start to end.
+        /// Number of turns from start to end.
         turns: f64,
     },
     /// The end point is not on the involute through the start.
     #[error(
-        "the end point lies {distance_mm} mm off the involute through the start, more than the tolerance of {tolerance_mm} mm: it is {end_radius_mm} mm from the base circle's centre, and in its direction the involute is at {involute_radius_mm} mm"
+        "the end point is {distance_mm} mm off the involute through the start, more than the tolerance of {tolerance_mm} mm: it is {end_radius_mm} mm from the centre of the base circle, where the involute in the same direction is at {involute_radius_mm} mm"
     )]
     OffInvolute {
         /// Distance of the end point from the involute in mm.
         distance_mm: f64,
         /// The tolerance in mm.
         tolerance_mm: f64,
-        /// Distance of the end point from the base circle's centre in mm.
+        /// Distance of the end point from the centre of the base circle in mm.
         end_radius_mm: f64,
-        /// Distance of the involute's point in the same direction, nearest to that radius, in mm.
+        /// Distance of the involute's point in the same direction that is nearest to that radius, in mm.
         involute_radius_mm: f64,
     },
 }
 
-/// The involute of a circle: the curve that the end of a taut thread draws as it unwinds from the base circle.
+/// The involute of a circle: the curve traced by the end of a taut string that unwinds from the base circle.
 ///
-/// With base radius r and roll angle phi: radius of curvature r phi, arc length from the base circle
-/// r phi^2 / 2, distance from the centre r sqrt(1 + phi^2) (Sorokin, But and Kombarov 2013, equations (2), (3)).
-/// Outwards the thread unwinds, inwards it winds up; the sense is that in which the direction of motion
-/// turns. The axis normal to the plane and all others are linear in arc length (a helical involute).
+/// With base radius r and roll angle phi: radius of curvature r phi, arc length from the base circle r phi^2 / 2,
+/// distance from the centre r sqrt(1 + phi^2) (Sorokin, But and Kombarov 2013, equations (2), (3)). An outward involute
+/// unwinds, an inward one winds up. The sense is the sense of rotation of the tangent. The plane's normal axis and all
+/// other axes are linear in arc length (a helical involute).
 ///
-/// An end point that is off the curve, within the tolerance, is met by a displacement that grows evenly with
-/// arc length, nowhere larger than at the end (by roll angle it would turn the tangent at the base circle, where
-/// arc length grows with the angle's square). `length` and the parameters count the undisturbed curve then.
+/// If the end point is off the curve within the tolerance, it is met by an in-plane offset that grows linearly with arc
+/// length and is nowhere larger than at the end. (Growth with the roll angle would rotate the tangent at the base circle,
+/// where arc length grows with the square of the angle.) `length` and the parameters refer to the curve without offset.
 ///
-/// Where the curve comes close to its base circle the regular parameter is not arc length, see `Roll`.
+/// Close to the base circle the regular parameter differs from arc length, see `Roll` in `involute/near_base.rs`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Involute {
     plane: Plane,
-    /// The end nearer to the base circle; all is computed from there, whichever way the path runs.
+    /// The end nearer to the base circle. Everything is computed from there, in either direction of travel.
     inner: Axes,
     outer: Axes,
     /// Whether the path runs from `outer` to `inner`.
     inward: bool,
-    /// Sense of turning on the way out, +1 counter-clockwise.
-    handed: f64,
+    /// Sense of rotation of the outward tangent: +1 counter-clockwise, -1 clockwise.
+    handedness: f64,
     /// Direction of the outward tangent at `inner`.
     tangent: Planar,
-    /// In-plane displacement that makes the outer end exact.
-    gap: Planar,
+    /// In-plane offset of the outer end point from the involute.
+    end_offset: Planar,
     roll: Roll,
 }
 
 impl Involute {
-    /// The involute of the circle of radius `base_radius_mm` about `centre` (in-plane coordinates in mm) from
-    /// `start` to `end`; outwards or inwards, and with as many turns, as the two points' radii demand.
+    /// Creates the involute of the circle of radius `base_radius_mm` about `centre` (in-plane coordinates in mm) from
+    /// `start` to `end`. The radii of the two points determine the direction, outwards or inwards, and the number of turns.
     ///
-    /// `tolerance_mm` is how far the end may lie off the involute through the start, and either end inside the
-    /// base circle. Words of G02.2/G03.2 after the Fanuc 30i operator's manual: I, J to the centre, R the base
-    /// radius; G03.2 is [`Sense::CounterClockwise`].
+    /// `tolerance_mm` is the permitted distance of the end from the involute through the start, and of either end to the
+    /// inside of the base circle. The parameters follow G02.2/G03.2 of the Fanuc 30i operator's manual: I, J to the centre,
+    /// R the base radius; G03.2 is [`Sense::CounterClockwise`].
     ///
     /// # Errors
-    /// One variant of [`InvoluteError`] for each thing that can be wrong.
+    /// One variant of [`InvoluteError`] for each cause.
     pub fn new(
         plane: Plane,
         start: Axes,
@@ -171,7 +174,7 @@ impl Involute {
         let from = sub(plane.project(&start), centre);
         let to = sub(plane.project(&end), centre);
         let (start_radius_mm, end_radius_mm) = (norm(from), norm(to));
-        // A point that was meant to be on the base circle may have been rounded to its inside.
+        // A point programmed on the base circle may have been rounded to its inside.
         let slack = (tolerance_mm + 8.0 * f64::EPSILON * (r + norm(centre))).min(0.1 * r);
         if !(start_radius_mm >= r - slack) {
             return Err(InvoluteError::StartInside {
@@ -196,16 +199,17 @@ impl Involute {
         } else {
             (start_radius_mm, end_radius_mm)
         };
-        let handed = if inward { -sense.sign() } else { sense.sign() };
-        // The free thread's length at both ends is r phi; on or within the base circle it is nothing.
-        let thread = |radius: f64| ((radius - r).max(0.0) * (radius + r)).sqrt();
-        let (near_thread, far_thread) = (thread(near_radius), thread(far_radius));
+        let handedness = if inward { -sense.sign() } else { sense.sign() };
+        // The tangent from each end to the base circle has the length r phi; on or inside the circle it is 0.
+        let tangent_length = |radius: f64| ((radius - r).max(0.0) * (radius + r)).sqrt();
+        let (near_tangent_length, far_tangent_length) =
+            (tangent_length(near_radius), tangent_length(far_radius));
         let chord = sub(plane.project(&outer), plane.project(&inner));
-        // far^2 - near^2 = r^2 (phi_1^2 - phi_0^2), from the chord so that short curves keep their digits.
+        // far^2 - near^2 = r^2 (phi_1^2 - phi_0^2), from the chord so that short curves do not cancel.
         let squares = if near_radius > r {
             dot(mix(near, 1.0, far, 1.0), chord)
         } else {
-            far_thread * far_thread
+            far_tangent_length * far_tangent_length
         };
         let planar_length = squares / (2.0 * r);
         let equal = InvoluteError::EqualRadii {
@@ -215,57 +219,57 @@ impl Involute {
         if !(planar_length > f64::EPSILON * far_radius) {
             return Err(equal);
         }
-        let turns = (far_thread - near_thread) / (r * TAU);
-        // A hundred turns, as computed, may be a rounding more.
+        let turns = (far_tangent_length - near_tangent_length) / (r * TAU);
+        // A computed value of 100 turns may be larger by rounding.
         if turns > MAX_INVOLUTE_TURNS * (1.0 + 1e-9) {
             return Err(InvoluteError::Turns { turns });
         }
 
         let normal = plane.axes().2;
-        let climb = outer[normal] - inner[normal];
-        let phi_in = near_thread / r;
-        let tangent = tangent_at(near, r, near_thread, handed);
-        let roll = Roll::new(r, phi_in, planar_length, climb);
+        let rise = outer[normal] - inner[normal];
+        let phi_in = near_tangent_length / r;
+        let tangent = tangent_at(near, r, near_tangent_length, handedness);
+        let roll = Roll::new(r, phi_in, planar_length, rise);
         let mut involute = Self {
             plane,
             inner,
             outer,
             inward,
-            handed,
+            handedness,
             tangent,
-            gap: [0.0, 0.0],
+            end_offset: [0.0, 0.0],
             roll,
         };
 
-        // Involutes of one circle are parallel curves: turned by an angle they are base radius times angle apart,
-        // everywhere. The foot of the end point is where the tangent is the end's own: many turns out that is far
-        // better known than the radius tells, where a micrometre of radius is phi micrometres of path.
-        let meant = tangent_at(far, r, far_thread, handed);
-        let (_, met, _) = involute.rolled(roll.last_turn());
-        let angle = libm::atan2(cross(met, meant), dot(met, meant));
-        let turn = roll.last_turn() + handed * angle;
+        // Involutes of one circle are parallel curves: rotated by an angle, they are base radius times angle apart
+        // everywhere. The foot of the end point is where the tangent equals the end's own tangent. Many turns out this is
+        // far more accurate than the radius, where a micrometre of radius means phi micrometres of path.
+        let expected = tangent_at(far, r, far_tangent_length, handedness);
+        let (_, reached, _) = involute.rolled(roll.roll_span());
+        let angle = libm::atan2(cross(reached, expected), dot(reached, expected));
+        let turn = roll.roll_span() + handedness * angle;
         let mut planar_length = planar_length;
-        if angle.abs() > 8.0 * f64::EPSILON * (1.0 + roll.last_turn()) && turn > 0.0 {
+        if angle.abs() > 8.0 * f64::EPSILON * (1.0 + roll.roll_span()) && turn > 0.0 {
             planar_length = 0.5 * r * turn * (turn + 2.0 * phi_in);
-            involute.roll = Roll::new(r, phi_in, planar_length, climb);
+            involute.roll = Roll::new(r, phi_in, planar_length, rise);
         }
-        involute.gap = sub(chord, involute.rolled(involute.roll.last_turn()).0);
+        involute.end_offset = sub(chord, involute.rolled(involute.roll.roll_span()).0);
 
         let distance_mm = r * angle.abs();
-        let rounding = 64.0 * f64::EPSILON * (far_radius + norm(centre)) * (1.0 + roll.last_turn());
-        // Whatever the tolerance, a displacement that is no longer small against the path is not a displacement.
+        let rounding = 64.0 * f64::EPSILON * (far_radius + norm(centre)) * (1.0 + roll.roll_span());
+        // Whatever the tolerance, an offset that is not small compared to the path is an error of the program.
         let tolerance_mm = tolerance_mm.min(0.1 * planar_length);
-        if !(distance_mm <= tolerance_mm + rounding && norm(involute.gap) <= 0.2 * planar_length) {
+        if !(distance_mm <= tolerance_mm + rounding && norm(involute.end_offset) <= 0.2 * planar_length) {
             if (far_radius - near_radius) <= tolerance_mm {
                 return Err(equal);
             }
-            // Roll angle of the involute through the start where it crosses the end's direction.
+            // Roll angle at which the involute through the start crosses the direction of the end.
             let (phi, angle) = if inward {
                 (phi_in, -angle)
             } else {
-                (far_thread / r, angle)
+                (far_tangent_length / r, angle)
             };
-            let polar = phi - libm::atan(phi) + handed * angle;
+            let polar = phi - libm::atan(phi) + handedness * angle;
             let polar = if polar < 0.0 { polar + TAU } else { polar };
             let involute_radius_mm = r * libm::hypot(1.0, roll_of_polar(polar));
             return Err(InvoluteError::OffInvolute {
@@ -278,7 +282,7 @@ impl Involute {
         Ok(involute)
     }
 
-    /// The plane.
+    /// The plane of the involute.
     #[must_use]
     pub fn plane(&self) -> Plane {
         self.plane
@@ -290,7 +294,7 @@ impl Involute {
         self.roll.base_radius()
     }
 
-    /// Roll angles at start and end in rad; zero is the base circle.
+    /// Roll angles at start and end in rad; 0 is on the base circle.
     #[must_use]
     pub fn roll_angles_rad(&self) -> (f64, f64) {
         let (inner, outer) = (self.roll.phi_in(), self.roll.phi_out());
@@ -301,10 +305,10 @@ impl Involute {
         }
     }
 
-    /// The regular parameter at a roll angle in rad, which is taken as the nearer end's where it lies beyond.
+    /// The regular parameter at a roll angle in rad, clamped to the range of the curve.
     #[must_use]
     pub fn parameter_at_roll(&self, phi: f64) -> f64 {
-        let turn = (phi - self.roll.phi_in()).max(0.0).min(self.roll.last_turn());
+        let turn = (phi - self.roll.phi_in()).max(0.0).min(self.roll.roll_span());
         let outwards = self.roll.parameter(self.roll.arc_length_at_turn(turn));
         if self.inward {
             self.roll.domain() - outwards
@@ -319,29 +323,32 @@ impl Involute {
         self.roll.phi_in() + self.roll.at(self.outwards(u)).turn
     }
 
-    /// Whether the path runs towards the base circle.
+    /// Whether the path approaches the base circle.
     #[must_use]
     pub fn is_inward(&self) -> bool {
         self.inward
     }
 
-    /// The base circle's centre, in-plane coordinates in mm.
+    /// In-plane coordinates in mm of the base circle's centre.
     #[must_use]
     pub fn centre_mm(&self) -> [f64; 2] {
-        // From the inner point back along the thread's foot: p - c = r t - r phi n.
+        // From the inner point along the tangent to the base circle: p - c = r t - r phi n.
         let r = self.roll.base_radius();
-        let normal = mix(perp(self.tangent), self.handed, [0.0, 0.0], 0.0);
+        let normal = mix(perp(self.tangent), self.handedness, [0.0, 0.0], 0.0);
         let arm = mix(self.tangent, r, normal, -r * self.roll.phi_in());
         sub(self.plane.project(&self.inner), arm)
     }
 
-    /// In-plane displacement from the inner end, tangent and normal (the tangent's derivative by the roll
-    /// angle) after rolling by `turn` beyond the inner end's roll angle.
+    /// In-plane displacement from the inner end, unit tangent and unit normal (the derivative of the tangent by the roll
+    /// angle) at the roll angle `turn` past the inner end.
     fn rolled(&self, turn: f64) -> (Planar, Planar, Planar) {
         let (r, phi) = (self.roll.base_radius(), self.roll.phi_in());
         let (sin, cos, versin) = sin_cos_versin(turn);
-        let normal = [self.handed * -self.tangent[1], self.handed * self.tangent[0]];
-        // Integral of r (phi + w) (cos w t + sin w n) over w in 0..turn; every term keeps its digits near zero.
+        let normal = [
+            self.handedness * -self.tangent[1],
+            self.handedness * self.tangent[0],
+        ];
+        // Integral of r (phi + w) (cos w t + sin w n) over w in 0..turn, in a form that does not cancel near zero.
         let along = phi * sin + (turn * sin - versin);
         let across = phi * versin + sin_less_angle_cos(turn, sin, cos);
         (
@@ -351,33 +358,33 @@ impl Involute {
         )
     }
 
-    /// Position at `outwards`, the regular parameter from the inner end, with the roll there.
-    fn place(&self, turn: f64, share: f64) -> Axes {
-        self.displaced(self.rolled(turn).0, share)
+    /// Position at the roll angle `turn` past the inner end; `fraction` is the fraction of the arc length there.
+    fn point_at_roll(&self, turn: f64, fraction: f64) -> Axes {
+        self.displaced(self.rolled(turn).0, fraction)
     }
 
-    /// The point at an in-plane displacement of the undisturbed curve from the inner end.
-    fn displaced(&self, displacement: Planar, share: f64) -> Axes {
+    /// Position from the in-plane displacement of the curve without offset; `fraction` as above.
+    fn displaced(&self, displacement: Planar, fraction: f64) -> Axes {
         let (first, second, _) = self.plane.axes();
-        let displacement = mix(displacement, 1.0, self.gap, share);
-        let mut position = self.inner + (self.outer - self.inner) * share;
+        let displacement = mix(displacement, 1.0, self.end_offset, fraction);
+        let mut position = self.inner + (self.outer - self.inner) * fraction;
         position[first] = self.inner[first] + displacement[0];
         position[second] = self.inner[second] + displacement[1];
         position
     }
 
-    /// The regular parameter from the inner end.
+    /// The regular parameter counted from the inner end.
     fn outwards(&self, u: f64) -> f64 {
         let u = u.max(0.0).min(self.roll.domain());
         if self.inward { self.roll.domain() - u } else { u }
     }
 
-    /// Rates of change per unit of arc length of what is linear in it.
+    /// Derivatives by arc length of the parts that are linear in it.
     fn slope(&self) -> Axes {
         let (first, second, _) = self.plane.axes();
         let mut slope = self.outer - self.inner;
-        slope[first] = self.gap[0];
-        slope[second] = self.gap[1];
+        slope[first] = self.end_offset[0];
+        slope[second] = self.end_offset[1];
         slope / self.roll.length()
     }
 
@@ -388,7 +395,7 @@ impl Involute {
             self.outer
         } else {
             let state = self.roll.at(outwards);
-            self.place(state.turn, state.s[0] / self.roll.length())
+            self.point_at_roll(state.turn, state.s[0] / self.roll.length())
         }
     }
 
@@ -402,9 +409,9 @@ impl Involute {
         } else {
             self.displaced(displacement, state.s[0] / self.roll.length())
         };
-        let [t2, n2, t3, n3] = state.weights(self.roll.planar_share());
+        let [t2, n2, t3, n3] = state.weights(self.roll.planar_fraction());
         let planar = [
-            mix(tangent, state.s[1] * self.roll.planar_share(), normal, 0.0),
+            mix(tangent, state.s[1] * self.roll.planar_fraction(), normal, 0.0),
             mix(tangent, t2, normal, n2),
             mix(tangent, t3, normal, n3),
         ];
@@ -473,12 +480,12 @@ impl ParamCurve for Involute {
         }
     }
 
-    /// By arc length: closed form. At the base circle the second and third derivative are infinite along the
-    /// normal, where the normal has a component.
+    /// By arc length, in closed form. At the base circle the second and third derivative are infinite along the normal,
+    /// in the axes in which the normal has a component.
     fn at(&self, s: f64) -> Jet {
         let s = s.max(0.0).min(self.roll.length());
         let s = if self.inward { self.roll.length() - s } else { s };
-        let (r, k) = (self.roll.base_radius(), self.roll.planar_share());
+        let (r, k) = (self.roll.base_radius(), self.roll.planar_fraction());
         let (phi, turn) = self.roll.roll_at_arc_length(s);
         let (_, tangent, normal) = self.rolled(turn);
         let bend = k * k / (r * phi);
@@ -491,7 +498,7 @@ impl ParamCurve for Involute {
         let (first, second, _) = self.plane.axes();
         for (axis, i) in [(first, 0), (second, 1)] {
             jet.first[axis] += tangent[i] * k;
-            // Zero times infinity is no number: a component that is not there stays zero.
+            // 0 times infinity is NaN: an absent component stays 0.
             if normal[i] != 0.0 {
                 jet.second[axis] = normal[i] * bend;
                 jet.third[axis] = if n3.is_finite() {
@@ -507,7 +514,11 @@ impl ParamCurve for Involute {
     }
 
     fn sense(&self) -> Sense {
-        Sense::of(if self.inward { -self.handed } else { self.handed })
+        Sense::of(if self.inward {
+            -self.handedness
+        } else {
+            self.handedness
+        })
     }
 
     fn bounds(&self, u0: f64, u1: f64) -> (Axes, Axes) {
@@ -517,10 +528,10 @@ impl ParamCurve for Involute {
         let angle = libm::atan2(self.tangent[1], self.tangent[0]);
         let (from, to) = (self.roll.at(from).turn, self.roll.at(to).turn);
         let (first, second, _) = self.plane.axes();
-        // Extremes lie where the tangent is along the other axis; they grow outwards, so the last count.
-        for turn in axis_crossings(angle, self.handed, from, to) {
-            let share = self.roll.arc_length_at_turn(turn) / self.roll.length();
-            let point = self.place(turn, share);
+        // Extrema are where the tangent is parallel to the other axis. They grow outwards, so the last ones count.
+        for turn in axis_crossings(angle, self.handedness, from, to) {
+            let fraction = self.roll.arc_length_at_turn(turn) / self.roll.length();
+            let point = self.point_at_roll(turn, fraction);
             for axis in [first, second] {
                 low[axis] = low[axis].min(point[axis]);
                 high[axis] = high[axis].max(point[axis]);
@@ -532,7 +543,7 @@ impl ParamCurve for Involute {
     fn derivative_bounds(&self, u0: f64, u1: f64) -> (Axes, Axes, Axes) {
         let (from, to) = self.outward_range(u0, u1);
         let angle = libm::atan2(self.tangent[1], self.tangent[0]);
-        let turns = [from, to].map(|u| angle + self.handed * self.roll.at(u).turn);
+        let turns = [from, to].map(|u| angle + self.handedness * self.roll.at(u).turn);
         let (cos, sin) = cos_sin_ranges(turns[0], turns[1]);
         let bounds = self.roll.bounds(from, to);
         let slope = self.slope();
@@ -541,10 +552,10 @@ impl ParamCurve for Involute {
         let (first, second, _) = self.plane.axes();
         // Tangent (cos, sin), normal (-sin, cos) times the handedness.
         let tangent_normal = [
-            (first, cos, sin.scaled(-self.handed)),
-            (second, sin, cos.scaled(self.handed)),
+            (first, cos, sin.scaled(-self.handedness)),
+            (second, sin, cos.scaled(self.handedness)),
         ];
-        let k = self.roll.planar_share();
+        let k = self.roll.planar_fraction();
         for (axis, t, n) in tangent_normal {
             out[0][axis] = (bounds.s[0].scaled(k) * t + linear(1, axis)).magnitude();
             out[1][axis] = (bounds.t2 * t + bounds.n2 * n + linear(2, axis)).magnitude();
@@ -555,9 +566,9 @@ impl ParamCurve for Involute {
 
     fn curvature_bound(&self, u0: f64, u1: f64) -> f64 {
         let phi = self.roll.at(self.outward_range(u0, u1).0).phi;
-        let k = self.roll.planar_share();
-        // The displacement of the end changes the speed by its share of the length, and curvature by its square.
-        let change = norm(self.gap) / self.roll.length();
+        let k = self.roll.planar_fraction();
+        // The end offset changes the speed by at most its fraction of the length, and the curvature by its square.
+        let change = norm(self.end_offset) / self.roll.length();
         k * k / (self.roll.base_radius() * phi * (1.0 - change) * (1.0 - change))
     }
 
@@ -569,19 +580,19 @@ impl ParamCurve for Involute {
     }
 }
 
-/// Outward tangent at the point `arm` from the centre with `thread` unwound: arm = r t - thread n.
-fn tangent_at(arm: Planar, r: f64, thread: f64, handed: f64) -> Planar {
-    let tangent = mix(arm, r, perp(arm), handed * thread);
+/// Outward unit tangent at the point `arm` relative to the centre; `tangent_length` is r phi: arm = r t - r phi n.
+fn tangent_at(arm: Planar, r: f64, tangent_length: f64, handedness: f64) -> Planar {
+    let tangent = mix(arm, r, perp(arm), handedness * tangent_length);
     let size = norm(tangent);
     [tangent[0] / size, tangent[1] / size]
 }
 
-/// sin x - x cos x, which is x^3 / 3 near zero.
+/// sin x - x cos x, approximately x^3 / 3 near zero.
 pub(crate) fn sin_less_angle_cos(x: f64, sin: f64, cos: f64) -> f64 {
     if x.abs() > 1.0 {
         return sin - x * cos;
     }
-    // Sum of (-1)^(k+1) 2k / (2k+1)! x^(2k+1), by Horner, with x^3 / 3 taken out.
+    // Taylor series: sum of (-1)^(k+1) 2k / (2k+1)! x^(2k+1) in Horner form, with x^3 / 3 factored out.
     const SERIES: [f64; 8] = [
         1.0,
         -1.0 / 10.0,
@@ -597,9 +608,9 @@ pub(crate) fn sin_less_angle_cos(x: f64, sin: f64, cos: f64) -> f64 {
     x * y / 3.0 * sum
 }
 
-/// The roll angle whose polar angle phi - atan phi is given, by Newton's method on a convex function.
+/// The roll angle with the given polar angle phi - atan phi, by Newton's method on a convex function.
 fn roll_of_polar(polar: f64) -> f64 {
-    // Above both asymptotes (3 p)^(1/3) and p + pi/2 the iteration falls monotonically.
+    // Starts above both asymptotes (3 p)^(1/3) and p + pi/2, so the iteration decreases monotonically.
     let mut phi = (libm::cbrt(3.0 * polar) * 1.2).max(polar + 0.5 * PI).max(1e-9);
     for _ in 0..60 {
         let next = phi - (phi - libm::atan(phi) - polar) * (1.0 + phi * phi) / (phi * phi);
@@ -611,7 +622,7 @@ fn roll_of_polar(polar: f64) -> f64 {
     phi
 }
 
-/// Safe ranges of the coefficients of tangent and normal in the in-plane derivatives, and of arc length's.
+/// Bounds of the coefficients of tangent and normal in the in-plane derivatives, and of the derivatives of arc length.
 pub(crate) struct RollBounds {
     /// First to third derivative of arc length by the regular parameter.
     pub(crate) s: [Interval; 3],

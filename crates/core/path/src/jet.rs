@@ -5,9 +5,9 @@ use nalgebra::Vector3;
 use crate::Axes;
 use crate::FeedMetric;
 
-/// Position of all axes and its first three derivatives by the path parameter.
+/// Position of all axes and the first three derivatives by the path parameter.
 ///
-/// All functions here are free of allocation and of loops, so the real-time cycle may call them.
+/// All functions are real-time safe: no allocation, no loop of data-dependent length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jet {
     /// Position.
@@ -21,7 +21,7 @@ pub struct Jet {
 }
 
 impl Jet {
-    /// A point that does not move: all derivatives are zero.
+    /// A stationary point: all derivatives are zero.
     #[must_use]
     pub fn at_rest(position: Axes) -> Self {
         Self {
@@ -32,7 +32,7 @@ impl Jet {
         }
     }
 
-    /// The same point with the parameter running the other way: odd derivatives change sign.
+    /// The same point with the parameter reversed: odd derivatives change sign.
     #[must_use]
     pub fn reversed(&self) -> Self {
         Self {
@@ -43,13 +43,13 @@ impl Jet {
         }
     }
 
-    /// Change of parameter by the chain rule: `d1`, `d2`, `d3` are the derivatives of this jet's parameter by
-    /// the new one.
+    /// Changes the parameter by the chain rule. `d1`, `d2`, `d3` are the derivatives of the present parameter by the new
+    /// one.
     ///
     /// ```
     /// use evolvent_path::{Axes, Jet};
     ///
-    /// // x = u along X, driven by u = t^3 at t = 2: x is 8, its derivatives by time 12, 12 and 6.
+    /// // x = u along X with u = t^3 at t = 2: x is 8, its derivatives by time are 12, 12 and 6.
     /// let mut jet = Jet::at_rest(Axes::repeat(8.0));
     /// jet.first[0] = 1.0;
     /// let by_time = jet.compose(12.0, 12.0, 6.0);
@@ -67,12 +67,12 @@ impl Jet {
 
     /// The jet by arc length in the feed metric (XYZ where XYZ moves, else UVW, else ABC).
     ///
-    /// A jet whose first derivative is zero has no direction: it comes back as it is.
+    /// A jet whose first derivative is zero has no direction and is returned unchanged.
     ///
     /// ```
     /// use evolvent_path::{Axes, Jet};
     ///
-    /// // A circle of 5 mm by its angle: by arc length the tangent is a unit, and the curvature 1/5.
+    /// // A circle of 5 mm by its angle. By arc length the tangent is a unit vector and the curvature is 1/5.
     /// let mut circle = Jet::at_rest(Axes::zeros());
     /// (circle.first[1], circle.second[0], circle.third[1]) = (5.0, -5.0, -5.0);
     /// let by_length = circle.by_arc_length();
@@ -83,7 +83,7 @@ impl Jet {
         let Some(metric) = FeedMetric::of(&self.first) else {
             return *self;
         };
-        // With sigma the arc length: sigma' = |q'|, and the inverse function's derivatives from it.
+        // With sigma the arc length: sigma' = |q'|, and the derivatives of the inverse function follow.
         let s1 = metric.norm(&self.first);
         let s2 = metric.dot(&self.first, &self.second) / s1;
         let s3 =
@@ -106,8 +106,8 @@ impl Jet {
         }
     }
 
-    /// Curvature of the XYZ curve in 1/mm, never negative, by any regular parameter; zero where XYZ does not
-    /// move, infinite where the second derivative is.
+    /// Curvature of the XYZ curve in 1/mm, not negative, from derivatives by any regular parameter. Zero where XYZ does
+    /// not move, infinite where the second derivative is infinite.
     #[must_use]
     pub fn curvature(&self) -> f64 {
         let (first, second) = (xyz(&self.first), xyz(&self.second));
@@ -118,13 +118,13 @@ impl Jet {
         if second.iter().any(|component| component.is_infinite()) {
             return f64::INFINITY;
         }
-        // |q' x q''| / |q'|^3, with the tangent made a unit vector first so that nothing overflows.
+        // |q' x q''| / |q'|^3, with the tangent normalised first to avoid overflow.
         (first / speed).cross(&second).norm() / (speed * speed)
     }
 
-    /// Derivative of the XYZ curvature by XYZ arc length in 1/mm^2, by any regular parameter; zero where the
-    /// curvature is (its magnitude has no derivative there), minus infinity where the curvature is infinite
-    /// (an involute leaving its base circle).
+    /// Derivative of the XYZ curvature by XYZ arc length in 1/mm^2, from derivatives by any regular parameter. Zero where
+    /// the curvature is zero (its magnitude is not differentiable there), minus infinity where the curvature is infinite
+    /// (an involute that leaves its base circle).
     #[must_use]
     pub fn curvature_derivative(&self) -> f64 {
         let (first, second, third) = (xyz(&self.first), xyz(&self.second), xyz(&self.third));
@@ -143,7 +143,7 @@ impl Jet {
         by_parameter / speed
     }
 
-    /// Whether every number is finite.
+    /// Whether every component is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         [&self.position, &self.first, &self.second, &self.third]
@@ -152,7 +152,7 @@ impl Jet {
     }
 }
 
-/// The first three axes.
+/// The components of X, Y and Z.
 pub(crate) fn xyz(axes: &Axes) -> Vector3<f64> {
     Vector3::new(axes[0], axes[1], axes[2])
 }

@@ -1,38 +1,38 @@
-//! The joint rule: how two curves meet, and how fast an exact path may pass there.
+//! The joint rule: how two curves meet, and at what speed an exact path may pass.
 
 use crate::{AXES, Axes, Jet, feed_rate};
 
-/// A step of the tangent up to this is rounding: at 1 m/s and 35 kHz its jerk is below a hundredth of any limit.
+/// Tangent steps up to this are rounding: at 1 m/s and 35 kHz the resulting jerk is below 1 % of any limit.
 const SMOOTH_TANGENT: f64 = 1e-10;
-/// A step of the second derivative, 1/mm, up to this likewise.
+/// Steps of the second derivative up to this are rounding, 1/mm.
 const SMOOTH_CURVATURE: f64 = 1e-7;
-/// A joint slower than this, parameter units per s, is a stop.
-const SLOWEST_JOINT: f64 = 0.01;
-/// A step of the tangent above this is a corner, where an exact path stops; below, it is how programs with few
-/// decimals write a tangent joint.
+/// Minimum speed of a joint in parameter units per s; a slower joint is a stop.
+const MIN_JOINT_SPEED: f64 = 0.01;
+/// Tangent steps above this are corners, where an exact path stops. Smaller steps are tangent joints that programs
+/// with few decimals cannot write exactly.
 const CORNER: f64 = 0.01;
-/// Between this and a unit of parameter speed a curve can be joined; below, it starts from a singular point.
+/// Minimum speed in the feed metric per unit of `u` at which a curve counts as regular at the joint.
 const REGULAR_SPEED: f64 = 0.5;
 
-/// What bounds the speed of a joint that is not smooth.
+/// The limits that bound the speed of a joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointLimits {
-    /// Which axes the machine has; the others bound no speed.
+    /// The axes of the machine; the others bound no speed.
     pub present: [bool; AXES],
-    /// Largest jerk of every axis, mm/s3 or degrees/s3.
+    /// Maximum jerk of every axis, mm/s3 or deg/s3.
     pub jerk: Axes,
-    /// Time within which the jerk limit undoes the steps of velocity and acceleration, s.
+    /// Time within which the jerk limit must compensate the steps of velocity and acceleration, s.
     pub joint_time_s: f64,
 }
 
 /// How two curves meet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum JointKind {
-    /// Tangent and second derivative are continuous: the joint bounds no speed.
+    /// Tangent and second derivative are continuous: the joint does not bound the speed.
     Smooth,
     /// Tangent or second derivative has a step that an exact path passes at a bounded speed.
     Step {
-        /// Largest parameter speed, units of `u` per s; infinite where no axis of the machine has a step.
+        /// Maximum parameter speed, units of `u` per s; infinite where no axis of the machine has a step.
         max_speed: f64,
     },
     /// An exact path stops here: the tangent has a large step, a curve is singular, or a derivative is not finite.
@@ -40,8 +40,8 @@ pub enum JointKind {
 }
 
 impl JointKind {
-    /// Largest parameter speed at which an exact path passes, units of `u` per s: infinite at a smooth joint, 0 at a
-    /// corner. The cycle may call it.
+    /// Maximum parameter speed of an exact path, units of `u` per s: infinite at a smooth joint, 0 at a corner.
+    /// Real-time safe.
     #[must_use]
     pub const fn max_speed(self) -> f64 {
         match self {
@@ -52,11 +52,11 @@ impl JointKind {
     }
 }
 
-/// Classifies the joint between `end`, the last jet of one curve, and `start`, the first of the next, both by the
-/// regular parameter. The cycle may call it.
+/// Classifies the joint between `end`, the last jet of one curve, and `start`, the first jet of the next, both by the
+/// regular parameter. Real-time safe.
 ///
-/// The largest speed is that at which, on every axis, the step of velocity is at most `J t^2 / 2` and the step of
-/// acceleration at most `J t`, with the jerk limit `J` and the joint time `t`. It is the same at every control rate
+/// At the maximum speed the step of velocity is at most `J t^2 / 2` and the step of acceleration at most `J t` on every
+/// axis, with the jerk limit `J` and the joint time `t`. The speed does not depend on the control rate
 /// (`docs/adr/0009`). A derivative that is not finite makes a corner.
 ///
 /// ```
@@ -81,7 +81,7 @@ impl JointKind {
 /// ```
 #[must_use]
 pub fn classify_joint(end: &Jet, start: &Jet, limits: &JointLimits) -> JointKind {
-    // The largest step of a vector ignores NaN, so it is excluded first.
+    // `amax` ignores NaN, so non-finite jets are excluded first.
     if !(end.is_finite() && start.is_finite()) {
         return JointKind::Corner;
     }
@@ -92,14 +92,14 @@ pub fn classify_joint(end: &Jet, start: &Jet, limits: &JointLimits) -> JointKind
         return JointKind::Smooth;
     }
     let max_speed = step_speed(end, start, limits);
-    if regular && tangent_step <= CORNER && max_speed >= SLOWEST_JOINT {
+    if regular && tangent_step <= CORNER && max_speed >= MIN_JOINT_SPEED {
         JointKind::Step { max_speed }
     } else {
         JointKind::Corner
     }
 }
 
-/// The speed at which the jerk limit undoes the steps of velocity and acceleration within the joint time.
+/// The speed at which the jerk limit compensates the steps of velocity and acceleration within the joint time.
 fn step_speed(end: &Jet, start: &Jet, limits: &JointLimits) -> f64 {
     let time = limits.joint_time_s;
     (0..AXES)
@@ -138,12 +138,12 @@ mod tests {
     }
 
     #[test]
-    fn a_step_is_as_fast_as_jerk_undoes_it_within_the_joint_time() {
-        // The step of Y's velocity is v sin(0.001), which J t^2 / 2 undoes.
+    fn a_step_is_passed_as_fast_as_the_jerk_limit_permits() {
+        // The step of Y's velocity is v sin(0.001), which J t^2 / 2 compensates.
         let speed = classify_joint(&toward(0.0), &toward(0.001), &limits()).max_speed();
         let expected = 0.5 * JERK * TIME * TIME / 0.001_f64.sin();
         assert!((speed - expected).abs() < 1e-9 * expected, "{speed} {expected}");
-        // A step of curvature 1/R is a step of acceleration v^2 / R, which J t undoes.
+        // A step of curvature 1/R is a step of acceleration v^2 / R, which J t compensates.
         let mut curved = toward(0.0);
         curved.second[1] = 1.0 / 40.0;
         let speed = classify_joint(&toward(0.0), &curved, &limits()).max_speed();
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_the_machine_has_not_bounds_no_speed() {
+    fn an_absent_axis_bounds_no_speed() {
         let mut curved = toward(0.0);
         curved.second[1] = 1.0 / 40.0;
         let mut limits = limits();
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn rounding_is_smooth_and_more_than_it_is_not() {
+    fn only_steps_within_rounding_are_smooth() {
         for (angle, smooth) in [(0.0, true), (0.9e-10, true), (1.1e-10, false)] {
             let kind = classify_joint(&toward(0.0), &toward(angle), &limits());
             assert_eq!(kind == JointKind::Smooth, smooth, "{angle}: {kind:?}");
@@ -184,7 +184,7 @@ mod tests {
     #[test]
     fn a_large_step_of_the_tangent_is_a_corner() {
         for (angle, corner) in [(0.0099, false), (0.0101, true), (3.0, true)] {
-            // Jerk that would allow any speed.
+            // A jerk limit that would permit any speed.
             let limits = JointLimits {
                 jerk: Axes::repeat(1e12),
                 ..limits()
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_joint_slower_than_a_hundredth_of_a_millimetre_per_second_is_a_corner() {
+    fn a_joint_below_the_minimum_speed_is_a_corner() {
         // J t^2 / 2 / 0.005 = 0.0101 or 0.0099 mm/s.
         for (speed, corner) in [(0.0101, false), (0.0099, true)] {
             let jerk = Axes::repeat(speed * 0.005_f64.sin() * 2.0 / (TIME * TIME));

@@ -1,22 +1,7 @@
-//! Curves by arc length: line, arc, involute, blend, spline; hole-milling synthesis.
+//! Curves in nine axes with position and three derivatives: line, arc, involute, quintic blend, cubic spline.
 //!
-//! A path is a chain of curves. Every [`Curve`] is a small value (no heap) that carries nine axes
-//! ([`Axes`]: X Y Z A B C U V W) from its start to its end; both ends are kept bit for bit as given.
-//!
-//! - Its *arc length* `s` is what feed is measured in: mm of XYZ, where XYZ rests mm of UVW, else degrees of ABC.
-//! - Its *regular parameter* `u` is what motion is computed with: [`Curve::jet`] gives position and three
-//!   derivatives by `u`, always finite. `u` is arc length on lines and arcs; it differs near an involute's base
-//!   circle, where derivatives by arc length grow without bound, and on blends.
-//! - [`Curve::at`] gives the same by arc length; [`Curve::tangent`], [`Curve::curvature`] and
-//!   [`Curve::curvature_derivative`] speak of the XYZ curve alone.
-//! - [`Curve::bounds`], [`Curve::derivative_bounds`] and [`Curve::curvature_bound`] give safe bounds over a
-//!   stretch: travel, axis limits, chord error.
-//! - [`classify_joint`] tells how two curves meet: smoothly, with a step that bounds the speed, or at a corner.
-//!
-//! [`Arc`] and [`Involute`] lie in a [`Plane`] and turn with a [`Sense`]; the third axis and all others are
-//! linear in arc length. [`Blend`] is a quintic that takes over position and two derivatives at both ends;
-//! [`Spline`] is one cubic piece of a spline.
-//! [`Hole`] plans the milling of a hole along involutes and gives these curves with their role.
+//! Input: end points and the geometry of a curve in machine coordinates (mm, degrees). Output: a [`Curve`], a small
+//! value without heap memory that evaluates position, derivatives, arc length and bounds.
 //!
 //! A quarter circle of 10 mm in the XY plane:
 //!
@@ -29,12 +14,38 @@
 //! let curve = Curve::from(arc);
 //! assert!((curve.length() - 5.0 * std::f64::consts::PI).abs() < 1e-12);
 //! assert!((curve.curvature(3.0) - 0.1).abs() < 1e-12);
-//! // Both ends are as given, to the last bit.
+//! // Both end points are kept bit for bit.
 //! assert_eq!(curve.at(curve.length()).position, end);
 //! # Ok::<(), evolvent_path::CurveError>(())
 //! ```
-//! Nothing here knows of time, machine limits or files, and nothing panics: what comes from outside is checked
-//! when a curve is built, and everything after that is total.
+//!
+//! # Model
+//!
+//! A path is a chain of curves over nine axes ([`Axes`]: X Y Z A B C U V W). Every curve has two parameters:
+//!
+//! - The *regular parameter* `u`, by which all derivatives are finite. Motion is computed with it: [`Curve::jet`]
+//!   returns position and three derivatives by `u`. On lines and arcs `u` is arc length; it differs near an involute's
+//!   base circle, where derivatives by arc length are unbounded, and on blends and splines.
+//! - The *arc length* `s` in the [feed metric](FeedMetric): mm of XYZ; if XYZ does not move, mm of UVW, else degrees of
+//!   ABC. The feed word refers to it. [`Curve::at`] returns the derivatives by `s`.
+//!
+//! [`Arc`] and [`Involute`] are in a [`Plane`] and have a [`Sense`]; the normal axis and all others are linear. A
+//! [`Blend`] matches position and two derivatives at both ends; a [`Spline`] is one piece of a cubic spline.
+//! [`classify_joint`] decides whether two curves meet smoothly, with a step that bounds the speed, or at a corner.
+//! [`Curve::bounds`], [`Curve::derivative_bounds`] and [`Curve::curvature_bound`] bound a parameter range for travel
+//! checks, axis limits and chord error. [`Hole`] plans the milling of a hole along involutes.
+//!
+//! # Guarantees
+//!
+//! Constructors check their input and return an error; nothing panics, and all evaluation is total: any parameter,
+//! NaN included, gives a finite [`Curve::jet`]. End points are kept bit for bit. [`ParamCurve`] states for each function
+//! whether the real-time cycle may call it. Results depend on the arguments only. The crate knows no time, machine limits
+//! or files.
+//!
+//! # Where to read on
+//!
+//! [`ParamCurve`], then one curve, for example [`Involute`]; `docs/theory-involute.md` for the mathematics,
+//! `docs/adr/0003-path-parameter.md` for the reason of the two parameters.
 
 #![expect(
     clippy::neg_cmp_op_on_partial_ord,
@@ -58,7 +69,6 @@ mod metric;
 mod plane;
 mod polynomial;
 mod quadrature;
-mod roll;
 mod spindle_speed;
 mod spirals;
 mod spline;

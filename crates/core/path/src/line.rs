@@ -16,11 +16,10 @@ pub struct Line {
 }
 
 impl Line {
-    /// The line between two points.
+    /// Creates the line between two points.
     ///
     /// # Errors
-    /// [`CurveError::Coordinate`] for a coordinate that is not usable, [`CurveError::ZeroLength`] if no axis
-    /// moves.
+    /// [`CurveError::Coordinate`] if a coordinate is out of range, [`CurveError::ZeroLength`] if no axis moves.
     pub fn new(start: Axes, end: Axes) -> Result<Self, CurveError> {
         check_coordinates(&start)?;
         check_coordinates(&end)?;
@@ -59,7 +58,7 @@ impl ParamCurve for Line {
 
     fn position(&self, u: f64) -> Axes {
         let u = u.max(0.0);
-        // From the start with a slope: an axis at rest stays bit for bit where it is.
+        // From the start with a slope: a stationary axis keeps its value bit for bit.
         if u >= self.length {
             self.end
         } else {

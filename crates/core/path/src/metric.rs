@@ -1,11 +1,11 @@
-//! The feed metric: which axes the feed word and the path length refer to.
+//! The feed metric: the axes to which the feed word and the path length refer.
 
 use crate::{AXES, Axes};
 
-/// The group of axes whose motion the feed word refers to.
+/// The group of axes to which the feed word refers.
 ///
-/// RS274/NGC (NISTIR 6556, section 2.1.2.5): the length of the XYZ motion; where XYZ does not move that of UVW
-/// (EMC's extension); where UVW does not move either, ABC in degrees.
+/// RS274/NGC (NISTIR 6556, section 2.1.2.5): the length of the XYZ motion; if XYZ does not move, that of UVW (EMC's
+/// extension); if UVW does not move either, ABC in degrees.
 ///
 /// ```
 /// use evolvent_path::{Axes, AxisLetter, FeedMetric};
@@ -29,10 +29,10 @@ pub enum FeedMetric {
 }
 
 impl FeedMetric {
-    /// All groups, the first that moves counts.
+    /// All groups; the first one that moves applies.
     const BY_PRECEDENCE: [Self; 3] = [Self::Xyz, Self::Uvw, Self::Abc];
 
-    /// The metric of a displacement or derivative; `None` if nothing moves. The cycle may call it.
+    /// The metric of a displacement or derivative; `None` if no axis moves. Real-time safe.
     #[must_use]
     pub fn of(delta: &Axes) -> Option<Self> {
         Self::BY_PRECEDENCE
@@ -40,7 +40,7 @@ impl FeedMetric {
             .find(|metric| metric.norm(delta) > 0.0)
     }
 
-    /// The metric of a motion in which these axes take part; `None` if none does. The cycle may call it.
+    /// The metric of a motion of these axes; `None` if there are none. Real-time safe.
     #[must_use]
     pub fn of_active(active: &[bool; AXES]) -> Option<Self> {
         Self::BY_PRECEDENCE
@@ -48,7 +48,7 @@ impl FeedMetric {
             .find(|metric| (0..AXES).any(|axis| active[axis] && metric.contains(axis)))
     }
 
-    /// Index of the group's first axis; the group is this axis and the next two.
+    /// Index of the first axis of the group, which consists of this axis and the next two.
     #[must_use]
     pub const fn first_axis(self) -> usize {
         match self {
@@ -58,28 +58,28 @@ impl FeedMetric {
         }
     }
 
-    /// Whether an axis, by its index, belongs to the group.
+    /// Whether the axis with this index belongs to the group.
     #[must_use]
     pub const fn contains(self, axis: usize) -> bool {
         axis / 3 == self.first_axis() / 3
     }
 
-    /// Scalar product over the group. The cycle may call it.
+    /// Scalar product over the group. Real-time safe.
     #[must_use]
     pub fn dot(self, a: &Axes, b: &Axes) -> f64 {
         let i = self.first_axis();
         a[i] * b[i] + a[i + 1] * b[i + 1] + a[i + 2] * b[i + 2]
     }
 
-    /// Length over the group, mm or degrees. The cycle may call it.
+    /// Length over the group, mm or degrees. Real-time safe.
     #[must_use]
     pub fn norm(self, a: &Axes) -> f64 {
         self.dot(a, a).sqrt()
     }
 }
 
-/// Speed in the feed metric per unit of parameter speed, where the derivative by the parameter is `first`: mm of XYZ
-/// where XYZ moves, else mm of UVW, else degrees of ABC. Zero where nothing moves. The cycle may call it.
+/// Speed in the feed metric per unit of parameter speed, from the first derivative by the parameter: mm of XYZ where XYZ
+/// moves, else mm of UVW, else degrees of ABC. Zero if no axis moves. Real-time safe.
 #[must_use]
 pub fn feed_rate(first: &Axes) -> f64 {
     FeedMetric::of(first).map_or(0.0, |metric| metric.norm(first))
@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn xyz_counts_before_uvw_before_abc() {
+    fn xyz_takes_precedence_over_uvw_over_abc() {
         let expected = |mask: usize| match mask {
             _ if mask & 0b000_000_111 != 0 => Some(FeedMetric::Xyz),
             _ if mask & 0b111_000_000 != 0 => Some(FeedMetric::Uvw),
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_group_is_three_axes_from_its_first() {
+    fn a_group_is_three_consecutive_axes() {
         for metric in FeedMetric::BY_PRECEDENCE {
             let first = metric.first_axis();
             for axis in 0..AXES {

@@ -1,4 +1,4 @@
-//! The working plane, the sense of turning, and angles in the plane.
+//! The working plane, the sense of rotation, and planar vectors.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -6,8 +6,8 @@ use crate::Axes;
 
 /// The plane of an arc or involute (RS274/NGC: G17, G18, G19).
 ///
-/// First and second axis and the normal form a right-handed system, so counter-clockwise is seen from the
-/// positive normal axis in every plane.
+/// First axis, second axis and normal form a right-handed system: counter-clockwise is seen from the positive normal
+/// axis in every plane.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Plane {
     /// G17: X and Y, normal Z.
@@ -38,14 +38,14 @@ impl Plane {
     }
 }
 
-/// The sense in which a curve turns in its plane, seen from the plane's positive normal axis.
+/// The sense of rotation of a curve in its plane, seen from the plane's positive normal axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Sense {
-    /// Does not turn.
+    /// No rotation.
     Straight,
-    /// Turns to the right: G2, G2.2.
+    /// Turns right: G2, G2.2.
     Clockwise,
-    /// Turns to the left: G3, G3.2.
+    /// Turns left: G3, G3.2.
     CounterClockwise,
 }
 
@@ -60,7 +60,7 @@ impl Sense {
         }
     }
 
-    /// The sense of the same curve run backwards.
+    /// The sense of the curve traversed in the opposite direction.
     #[must_use]
     pub const fn reversed(self) -> Self {
         match self {
@@ -95,7 +95,7 @@ pub(crate) fn cross(a: Planar, b: Planar) -> f64 {
     a[0] * b[1] - a[1] * b[0]
 }
 
-/// Turned by +90 degrees.
+/// Rotated by +90 degrees.
 pub(crate) fn perp(a: Planar) -> Planar {
     [-a[1], a[0]]
 }
@@ -116,9 +116,9 @@ pub(crate) fn sin_cos_versin(angle: f64) -> (f64, f64, f64) {
     (2.0 * half_sin * half_cos, 1.0 - versin, versin)
 }
 
-/// The turning angles in `from..=to` at which a direction that starts at `angle` (for turning angle 0) and
-/// turns with `sense` (+1, -1) lies along a coordinate axis: for each of the four half axes the first and the
-/// last. Where there is none, `from` or `to` stands in.
+/// The rotation angles in `from..=to` at which a direction that starts at `angle` and rotates with `sense` (+1, -1) is
+/// parallel to a coordinate axis: the first and the last for each of the four half axes. Missing ones are replaced by
+/// `from` or `to`.
 pub(crate) fn axis_crossings(angle: f64, sense: f64, from: f64, to: f64) -> [f64; 8] {
     let mut crossings = [from; 8];
     for (quarter, pair) in crossings.chunks_exact_mut(2).enumerate() {
@@ -136,7 +136,7 @@ pub(crate) fn cos_sin_ranges(a: f64, b: f64) -> (Interval, Interval) {
         return (Interval::new(-1.0, 1.0), Interval::new(-1.0, 1.0));
     }
     let range = |shift: f64, x: f64, y: f64| {
-        // Largest and smallest value lie at the ends, unless the extreme angle itself is inside.
+        // Extrema are at the ends, unless the extremal angle itself is inside.
         let holds = |extreme: f64| (extreme - low).rem_euclid(TAU) <= high - low;
         let upper = if holds(shift) { 1.0 } else { x.max(y) };
         let lower = if holds(shift + PI) { -1.0 } else { x.min(y) };
@@ -147,7 +147,7 @@ pub(crate) fn cos_sin_ranges(a: f64, b: f64) -> (Interval, Interval) {
     (range(0.0, cos_low, cos_high), range(FRAC_PI_2, sin_low, sin_high))
 }
 
-/// A range of numbers, for safe bounds.
+/// A closed interval, for guaranteed bounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Interval {
     pub(crate) low: f64,

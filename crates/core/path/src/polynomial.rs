@@ -1,4 +1,4 @@
-//! Ranges of polynomials of degree five over an interval.
+//! Ranges and curvature bounds of polynomials of degree five over an interval.
 
 use nalgebra::Vector3;
 
@@ -19,8 +19,8 @@ pub(crate) fn derivative(c: &Quintic) -> Quintic {
 
 /// Exact range over `a..=b`, to rounding.
 ///
-/// Between two neighbouring roots of the next higher derivative each derivative is monotone, so its roots are
-/// found one by one, from the fourth derivative down to the first.
+/// Between neighbouring roots of the next higher derivative each derivative is monotone, so its roots are isolated one by
+/// one, from the fourth derivative down to the first.
 pub(crate) fn range(c: &Quintic, a: f64, b: f64) -> Interval {
     let mut derivatives = [*c; 5];
     for order in 1..5 {
@@ -51,7 +51,7 @@ pub(crate) fn range(c: &Quintic, a: f64, b: f64) -> Interval {
     )
 }
 
-/// The root in the open interval if the signs at its ends differ; bisection, at most 60 steps.
+/// The root in the open interval if the signs at its ends differ, by at most 60 bisections.
 fn root(c: &Quintic, a: f64, b: f64) -> Option<f64> {
     let (mut low, mut high) = (a, b);
     let rising = evaluate(c, high) > 0.0;
@@ -73,9 +73,9 @@ fn root(c: &Quintic, a: f64, b: f64) -> Option<f64> {
     Some(0.5 * (low + high))
 }
 
-/// Coefficients in the Bernstein basis of degree 5 over `a..=b`: a hull of the values.
+/// Bernstein coefficients of degree 5 over `a..=b`; the values are in their convex hull.
 fn bernstein(c: &Quintic, a: f64, b: f64) -> Quintic {
-    // Taylor coefficients about a, in units of b - a.
+    // Taylor coefficients at a, in units of b - a.
     let mut taylor = [0.0; 6];
     let mut curve = *c;
     let mut factor = 1.0;
@@ -100,8 +100,8 @@ const BINOMIAL: [[f64; 6]; 6] = [
     [1.0, 5.0, 10.0, 10.0, 5.0, 1.0],
 ];
 
-/// Upper bound of the curvature of a curve of three polynomials over `a..=b`: the hull of |q' x q''| over the
-/// cube of the least speed in the direction `along`; infinite if the curve may stand still there.
+/// Upper bound over `a..=b` of the curvature of a curve given by three polynomials: the hull of |q' x q''| divided by the
+/// cube of the minimum speed in the direction `along`; infinite if that speed may vanish.
 pub(crate) fn curvature_bound(curve: &[Quintic; 3], along: Vector3<f64>, a: f64, b: f64) -> f64 {
     let speed = along.norm();
     if !(speed > 0.0) {
@@ -120,7 +120,7 @@ pub(crate) fn curvature_bound(curve: &[Quintic; 3], along: Vector3<f64>, a: f64,
     if !(least > 0.0) {
         return f64::INFINITY;
     }
-    // Product of two Bernstein polynomials of degree 5: degree 10, again with the hull property.
+    // The product of two Bernstein polynomials of degree 5 has degree 10 and the hull property too.
     let mut products = [Vector3::zeros(); 11];
     let mut weights = [0.0; 11];
     for (i, p) in first.iter().enumerate() {

@@ -1,11 +1,11 @@
-//! The speed of a spindle, as programs command it: the same everywhere, or that of the surface it cuts.
+//! The spindle speed that a program commands: constant, or a constant surface speed.
 
 use std::f64::consts::TAU;
 
-/// No spindle turns faster, rpm: a surface speed at the centre asks for any speed.
-const FASTEST_RPM: f64 = 1e6;
+/// Maximum spindle speed, rpm: at the centre a constant surface speed would need an infinite one.
+const MAX_RPM: f64 = 1e6;
 
-/// A commanded speed of a spindle.
+/// A commanded spindle speed.
 ///
 /// ```
 /// use evolvent_path::{SpindleSpeed, SurfaceSpeed};
@@ -14,43 +14,43 @@ const FASTEST_RPM: f64 = 1e6;
 /// let speed = SpindleSpeed::Surface(surface);
 /// // 25 mm from the centre: 1000 * 200 / (2 pi * 25) rpm.
 /// assert!((speed.rpm_at(20.0) - 1273.239_544_735).abs() < 1e-9);
-/// // Near the centre it is limited.
+/// // Near the centre the maximum applies.
 /// assert_eq!(speed.rpm_at(-5.0), 3000.0);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SpindleSpeed {
-    /// The same everywhere (G97).
+    /// The same speed everywhere (G97).
     Constant {
         /// Not negative.
         rpm: f64,
     },
-    /// So fast that the surface has a speed (G96).
+    /// A constant surface speed (G96).
     Surface(SurfaceSpeed),
 }
 
-/// A constant surface speed (G96): the spindle turns the faster the nearer the tool is to its centre.
+/// A constant surface speed (G96): the spindle speed is inversely proportional to the distance from the centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceSpeed {
-    /// Speed of the surface, m/min, not negative.
+    /// Surface speed, m/min, not negative.
     pub metres_per_minute: f64,
-    /// Never faster than this, rpm; infinite where nothing bounds it.
+    /// Maximum spindle speed, rpm; infinite without a limit.
     pub max_rpm: f64,
-    /// X of the spindle's centre, mm in machine coordinates: where the program's X is 0.
+    /// X of the spindle's centre in machine coordinates, mm: where the program's X is 0.
     pub centre_mm: f64,
 }
 
 impl SpindleSpeed {
-    /// The speed in rpm where the tool is at X in machine coordinates, mm. Finite, not negative. Real-time safe.
+    /// The speed in rpm with the tool at X in machine coordinates, mm. Finite, not negative. Real-time safe.
     #[must_use]
     pub fn rpm_at(&self, x_mm: f64) -> f64 {
         let rpm = match self {
             Self::Constant { rpm } => *rpm,
             Self::Surface(surface) => surface.rpm_at(x_mm),
         };
-        rpm.clamp(0.0, FASTEST_RPM)
+        rpm.clamp(0.0, MAX_RPM)
     }
 
-    /// The lowest and the highest speed in rpm between two X in machine coordinates, mm, the lower one first.
+    /// Minimum and maximum speed in rpm between two X in machine coordinates, mm, the smaller X first. Real-time safe.
     #[must_use]
     pub fn range_rpm(&self, x_mm: (f64, f64)) -> (f64, f64) {
         let ends = (self.rpm_at(x_mm.0), self.rpm_at(x_mm.1));
@@ -68,7 +68,7 @@ impl SurfaceSpeed {
     fn rpm_at(&self, x_mm: f64) -> f64 {
         let radius_mm = (x_mm - self.centre_mm).abs();
         if self.metres_per_minute == 0.0 {
-            // At the centre too.
+            // Also at the centre.
             return 0.0;
         }
         (1000.0 * self.metres_per_minute / (TAU * radius_mm)).min(self.max_rpm)
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn the_surface_has_its_speed_on_both_sides_of_the_centre_up_to_the_limit() {
+    fn surface_speed_holds_on_both_sides_up_to_the_limit() {
         for radius_mm in [0.5, 7.0, 123.0] {
             for x_mm in [2.0 - radius_mm, 2.0 + radius_mm] {
                 let rpm = surface(f64::INFINITY).rpm_at(x_mm);
@@ -97,7 +97,7 @@ mod tests {
             }
         }
         assert_eq!(surface(1500.0).rpm_at(2.0), 1500.0);
-        assert_eq!(surface(f64::INFINITY).rpm_at(2.0), FASTEST_RPM);
+        assert_eq!(surface(f64::INFINITY).rpm_at(2.0), MAX_RPM);
         let still = SurfaceSpeed {
             metres_per_minute: 0.0,
             max_rpm: 1500.0,
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_range_over_the_centre_goes_up_to_the_limit() {
+    fn a_range_across_the_centre_reaches_the_limit() {
         let speed = surface(1500.0);
         assert_eq!(speed.range_rpm((-30.0, 40.0)), (speed.rpm_at(40.0), 1500.0));
         assert_eq!(

@@ -1,16 +1,16 @@
-//! Other paths that clear a hole, to compare the involute with: half circles, the Archimedean spiral, the helix.
+//! Other paths that clear a hole, for comparison with the involute: half circles, Archimedean spiral, helix.
 //!
-//! All lengths are those of the tool's centre. None of these paths is milled by [`Hole`](crate::Hole); programs of them
-//! are written for comparison only.
+//! All lengths refer to the tool centre. [`Hole`](crate::Hole) mills along involutes only; programs with these paths
+//! serve as benchmarks.
 
 use std::f64::consts::{PI, TAU};
 
-/// A spiral whose distance from the centre grows in proportion to the angle: `rho = pitch theta / (2 pi)`.
+/// A spiral whose distance from the centre is proportional to the angle: `rho = pitch theta / (2 pi)`.
 ///
 /// It meets the final circle at an angle of `atan(pitch / (2 pi R))`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Archimedean {
-    /// Radial growth of a turn, mm.
+    /// Radial growth per turn, mm.
     pub pitch_mm: f64,
     /// Distance from the centre at the start, mm.
     pub from_mm: f64,
@@ -26,7 +26,7 @@ impl Archimedean {
         (self.from_mm / growth, self.to_mm / growth)
     }
 
-    /// The place at an angle, mm from the centre.
+    /// The position at an angle, mm relative to the centre.
     #[must_use]
     pub fn at(&self, angle_rad: f64) -> [f64; 2] {
         let rho = self.pitch_mm / TAU * angle_rad;
@@ -34,7 +34,7 @@ impl Archimedean {
         [rho * cos, rho * sin]
     }
 
-    /// Length in mm, in closed form: `a/2 (theta sqrt(1 + theta^2) + asinh theta)` with `a` the growth a radian.
+    /// Length in mm, in closed form: `a/2 (theta sqrt(1 + theta^2) + asinh theta)`, where `a` is the growth per radian.
     #[must_use]
     pub fn length_mm(&self) -> f64 {
         let (from, to) = self.angles_rad();
@@ -42,14 +42,14 @@ impl Archimedean {
         0.5 * self.pitch_mm / TAU * (part(to) - part(from))
     }
 
-    /// Angles at which a polyline leaves the spiral by no more than `tolerance_mm`, from start to end.
+    /// Angles of a polyline that deviates from the spiral by at most `tolerance_mm`, from start to end.
     #[must_use]
     pub fn polyline_rad(&self, tolerance_mm: f64) -> Vec<f64> {
         let (mut angle, end) = self.angles_rad();
         let growth = self.pitch_mm / TAU;
         let mut angles = vec![angle];
         while angle < end {
-            // The radius of curvature is above half the growth everywhere, and nearly the distance far out.
+            // The radius of curvature exceeds half the growth per radian everywhere and approaches the distance far out.
             let square = 1.0 + angle * angle;
             let radius = growth * square * libm::sqrt(square) / (1.0 + square);
             let step = libm::sqrt(8.0 * tolerance_mm * radius) / (growth * libm::sqrt(square));
@@ -60,8 +60,8 @@ impl Archimedean {
     }
 }
 
-/// Radii of the half circles of growing radius that fill a circle of `radius_mm` in this many turns, in mm, in order. Two
-/// centres take turns; each joint has one tangent and two curvatures.
+/// Radii in mm of the half circles that fill a circle of `radius_mm` in this number of turns, in ascending order. They
+/// alternate between two centres; at each joint the tangent is continuous and the curvature steps.
 #[must_use]
 pub fn half_circle_radii_mm(radius_mm: f64, turns: u32) -> Vec<f64> {
     let count = 2 * turns;
@@ -76,7 +76,7 @@ pub fn half_circles_length_mm(radius_mm: f64, turns: u32) -> f64 {
     PI * half_circle_radii_mm(radius_mm, turns).iter().sum::<f64>()
 }
 
-/// Length of a helix on a radius down a depth in mm, at this many mm a turn, in whole turns.
+/// Length in mm of a helix of this radius and depth, at the given pitch per turn rounded down to whole turns.
 #[must_use]
 pub fn helix_length_mm(radius_mm: f64, depth_mm: f64, pitch_mm: f64) -> f64 {
     let turns = (depth_mm / pitch_mm - 1e-9).ceil().max(1.0);
@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn closed_lengths_are_those_of_fine_polylines() {
+    fn closed_form_lengths_agree_with_fine_polylines() {
         for (pitch_mm, from_mm, to_mm) in [(3.95, 0.0, 79.0), (4.0, 12.5, 80.0), (0.2, 0.0, 3.0)] {
             let spiral = Archimedean {
                 pitch_mm,
@@ -104,7 +104,7 @@ mod tests {
                 })
                 .sum();
             assert!((sum / spiral.length_mm() - 1.0).abs() < 1e-6, "{sum}");
-            // The middle of each chord, against the spiral at many angles around it.
+            // The distance of each chord's middle from the spiral, sampled densely.
             let tolerance = 1e-3;
             for pair in spiral.polyline_rad(tolerance).windows(2) {
                 let (a, b) = (spiral.at(pair[0]), spiral.at(pair[1]));

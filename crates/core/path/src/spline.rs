@@ -1,4 +1,4 @@
-//! A cubic polynomial piece of a spline.
+//! One cubic polynomial piece of a spline.
 
 use crate::FeedMetric;
 use crate::curve::ParamCurve;
@@ -8,24 +8,24 @@ use crate::polynomial::{self, Quintic};
 use crate::quadrature::{integrate, invert};
 use crate::{AXES, Axes, AxisLetter, CurveError, Jet, Sense};
 
-/// Relative accuracy of the arc length where the piece does not come to a stand.
+/// Relative accuracy of the arc length where the speed does not vanish.
 const ACCURACY: f64 = 1e-9;
-/// Halvings that the arc length may take: bounds the cost of a piece that comes to a stand.
+/// Maximum number of bisections of the arc-length integral: bounds the cost where the speed vanishes.
 const HALVINGS: u32 = 5;
-/// Shortest domain: below it the parameter of a long path has no digits left for it.
+/// Minimum domain: below it, rounding of the parameter of a long path exceeds the domain.
 const MIN_DOMAIN: f64 = 1e-12;
 
-/// A polynomial of degree three in the regular parameter, on all nine axes: one piece of a cubic spline.
+/// A cubic polynomial in the regular parameter on all nine axes: one piece of a cubic spline.
 ///
-/// Position and derivatives are exact everywhere; the third derivative is constant. The first derivative may
-/// vanish inside (a path that turns round smoothly).
+/// Position and derivatives are exact; the third derivative is constant. The first derivative may vanish inside (a path
+/// that reverses smoothly).
 ///
-/// *Arc length is approximate*: Gauss-Legendre quadrature to about 1e-9 of the length, to about 1e-4 where the
-/// piece comes to a stand inside, because splines are built by the hundred per millisecond. Everything by the
-/// regular parameter is free of that.
+/// *Arc length is approximate*: Gauss-Legendre quadrature to about 1e-9 of the length, about 1e-4 where the speed
+/// vanishes inside, because several hundred splines are constructed per millisecond. Functions of the regular parameter
+/// are not affected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spline {
-    /// The jet at the start: half and sixth of the higher derivatives are taken when evaluating.
+    /// The jet at the start; evaluation divides the higher derivatives by their factorials.
     jet: Jet,
     end: Axes,
     domain: f64,
@@ -34,14 +34,14 @@ pub struct Spline {
 }
 
 impl Spline {
-    /// The cubic with the given position and derivatives by the regular parameter at its start.
+    /// Creates the cubic from position and derivatives by the regular parameter at its start.
     ///
-    /// `end` is its end point to rounding, kept bit for bit so that the next piece can start there; it must be
-    /// within a nanometre (relative to the coordinates: 1e-9) of where the polynomial ends.
+    /// `end` is its end point up to rounding, kept bit for bit so that the next piece can start there. It must be within
+    /// 1e-9 of the polynomial's end, relative to 1 mm plus the coordinate.
     ///
     /// # Errors
-    /// [`CurveError::Domain`], [`CurveError::Coordinate`], [`CurveError::Derivative`] for what is not finite or
-    /// absurdly large, or if the end is not the polynomial's; [`CurveError::ZeroLength`] if nothing moves.
+    /// [`CurveError::Domain`]; [`CurveError::Coordinate`] or [`CurveError::Derivative`] for values that are not finite or
+    /// out of range, or if `end` is not the end of the polynomial; [`CurveError::ZeroLength`] if no axis moves.
     pub fn new(start: &Jet, end: Axes, domain: f64) -> Result<Self, CurveError> {
         if !(MIN_DOMAIN..=MAX_COORDINATE).contains(&domain) {
             return Err(CurveError::Domain { domain });
@@ -183,7 +183,7 @@ impl ParamCurve for Spline {
         self.jet(self.parameter(s)).by_arc_length()
     }
 
-    /// The sense of turning from the first tangent to the last, in the coordinate plane closest to both.
+    /// The sense of rotation from the first tangent to the last, in the coordinate plane closest to both.
     fn sense(&self) -> Sense {
         let turning = self.jet(0.0).tangent().cross(&self.jet(self.domain).tangent());
         Sense::of(turning[turning.iamax()])
@@ -211,7 +211,7 @@ impl ParamCurve for Spline {
         let (a, b) = (self.jet(u0), self.jet(u1));
         let mut first = a.first.abs().sup(&b.first.abs());
         for axis in 0..AXES {
-            // The extreme of the first derivative, where the second vanishes.
+            // The first derivative is extremal where the second vanishes.
             let turn = -self.jet.second[axis] / self.jet.third[axis];
             if turn > u0 && turn < u1 {
                 first[axis] = first[axis].max(self.first(turn)[axis].abs());
@@ -246,7 +246,7 @@ impl ParamCurve for Spline {
     }
 }
 
-/// Real roots of `a x^2 + b x + c`; NaN where there is none. Without cancellation.
+/// Real roots of `a x^2 + b x + c`, NaN where there are none, computed without cancellation.
 fn quadratic_roots(a: f64, b: f64, c: f64) -> [f64; 2] {
     let q = -0.5 * (b + (b * b - 4.0 * a * c).sqrt().copysign(b));
     [q / a, c / q]

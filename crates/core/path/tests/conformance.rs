@@ -1,7 +1,7 @@
-//! Properties that every curve has, run against a gallery of ordinary and degenerate curves.
+//! Properties of every curve, checked over a gallery of ordinary and degenerate curves.
 //!
-//! Error budgets scale with magnitude: `scale` is the largest number that enters a curve (coordinates, centre,
-//! radius), because nothing can be better than that number's rounding.
+//! Error budgets scale with magnitude: `scale` is the largest number that enters a curve (coordinates, centre, radius),
+//! because no result can be more accurate than the rounding of that number.
 
 #![expect(
     clippy::expect_used,
@@ -20,7 +20,7 @@ const EPS: f64 = f64::EPSILON;
 struct Case {
     name: &'static str,
     curve: Curve,
-    /// Largest magnitude that enters.
+    /// Largest magnitude among the inputs.
     scale: f64,
 }
 
@@ -48,7 +48,7 @@ fn arc(
     Case { name, curve, scale }
 }
 
-/// An involute by its definition: base circle, direction to the curve's root, roll angles from and to.
+/// An involute by definition: base circle, direction of its start on the base circle, roll angles.
 struct Rolled {
     plane: Plane,
     centre: [f64; 2],
@@ -61,7 +61,7 @@ struct Rolled {
 }
 
 impl Rolled {
-    /// Equation (2) of the paper, moved and turned: the independent formula.
+    /// Equation (2) of the paper, shifted and rotated: the independent formula.
     fn point(&self, phi: f64) -> Axes {
         let (sin, cos) = (self.handed * phi + self.root).sin_cos();
         let (first, second, normal) = self.plane.axes();
@@ -75,7 +75,7 @@ impl Rolled {
 
     fn curve(&self, tolerance: f64) -> Involute {
         let outward = self.phi[1] > self.phi[0];
-        // Inwards the path turns against the involute's own sense.
+        // Inwards the tangent rotates against the involute's own sense.
         let turning = if outward { self.handed } else { -self.handed };
         let sense = if turning > 0.0 {
             Sense::CounterClockwise
@@ -177,7 +177,7 @@ fn gallery() -> Vec<Case> {
             4,
             90.0,
         ),
-        // Many turns: the angle itself is large, and its rounding times the radius is the error.
+        // Many turns: the rounding of the angle times the radius is the error.
         arc(
             "helix of 1000 turns",
             Xy,
@@ -188,7 +188,7 @@ fn gallery() -> Vec<Case> {
             1000,
             19_000.0,
         ),
-        // Radii that differ as rounded programs have them: a spiral, so that both ends are met.
+        // Radii that differ, as in rounded programs: the arc becomes a spiral that meets both ends.
         arc(
             "arc with two radii",
             Xy,
@@ -209,7 +209,7 @@ fn gallery() -> Vec<Case> {
             0,
             10.0,
         ),
-        // Radius 1 um, far from the origin: coordinates are rounded to 1e-11, the radius to 1e-8 of itself.
+        // A radius of 1 um far from the origin: coordinates are rounded to 1e-11, 1e-8 of the radius.
         arc(
             "1 um",
             Xy,
@@ -230,7 +230,7 @@ fn gallery() -> Vec<Case> {
             0,
             2e5,
         ),
-        // Radius 100 km over 10 m: sine and versine of 1e-4 rad, nothing of the centre's rounding may show.
+        // A radius of 100 km over 10 m: sine and versine of 1e-4 rad; the rounding of the centre must not show.
         arc(
             "100 km",
             Xy,
@@ -311,7 +311,7 @@ fn gallery() -> Vec<Case> {
                 ..ROLLED
             },
         ),
-        // All inside the stretch where the regular parameter is not arc length.
+        // Entirely inside the section in which the regular parameter is not arc length.
         rolled(
             "involute of half a radian",
             Rolled {
@@ -342,7 +342,7 @@ fn gallery() -> Vec<Case> {
                 ..ROLLED
             },
         ),
-        // Base radius 1 um: 50 turns reach a third of a millimetre.
+        // A base radius of 1 um: 50 turns reach a third of a millimetre.
         rolled(
             "involute of 1 um",
             Rolled {
@@ -396,7 +396,7 @@ fn gallery() -> Vec<Case> {
     all
 }
 
-/// Speed in the feed metric, by its definition.
+/// Speed in the feed metric, by definition.
 fn speed(first: &Axes) -> f64 {
     let group = |i: usize| first.fixed_rows::<3>(i).norm();
     [0, 6, 3]
@@ -407,7 +407,7 @@ fn speed(first: &Axes) -> f64 {
 }
 
 #[test]
-fn ends_are_the_given_points_bit_for_bit_and_reached_without_a_jump() {
+fn end_points_are_exact_and_reached_without_a_jump() {
     for Case { name, curve, scale } in gallery() {
         let domain = curve.domain();
         assert_eq!(curve.position(0.0), curve.start(), "{name}");
@@ -428,7 +428,7 @@ fn ends_are_the_given_points_bit_for_bit_and_reached_without_a_jump() {
 }
 
 #[test]
-fn jets_are_finite_for_every_parameter_and_follow_the_nearest_end_outside() {
+fn jets_are_finite_and_clamped_for_every_parameter() {
     for Case { name, curve, .. } in gallery() {
         for u in [
             -1.0,
@@ -474,7 +474,7 @@ fn jets_are_the_derivatives_of_position() {
             let ratio = |a: &Axes, b: &Axes| if b.norm() > 0.0 { a.norm() / b.norm() } else { 0.0 };
             let bend = ratio(&jet.second, &jet.first).max(ratio(&jet.third, &jet.second));
             let h = (domain / 400.0).min(0.04 / bend.max(1e-300));
-            // Where the parameter goes over into arc length only three derivatives agree: not across.
+            // Where the section near the base circle ends only three derivatives agree: no difference across it.
             if matches!(curve, Curve::Involute(_))
                 && is_regular(&curve, u - 4.0 * h) != is_regular(&curve, u + 4.0 * h)
             {
@@ -512,7 +512,7 @@ fn tangents_by_arc_length_are_unit_vectors() {
         for i in 1..50 {
             let jet = curve.at(curve.length() * f64::from(i) / 50.0);
             let error = (speed(&jet.first) - 1.0).abs();
-            // An end point rounded to the grid changes the length by that much of itself.
+            // An end point rounded to the grid changes the length by the same relative amount.
             let budget = 64.0 * EPS * (1.0 + scale / curve.length());
             assert!(error <= budget, "{name}: {error:e} > {budget:e}");
             assert!((speed(&jet.first) - 1.0).abs() < 1e-6, "{name}");
@@ -525,8 +525,8 @@ fn is_regular(curve: &Curve, u: f64) -> bool {
     (speed(&curve.jet(u).first) - 1.0).abs() < 1e-9
 }
 
-/// The parameters between which speed is analytic: the ends and, on involutes, where the regular parameter goes
-/// over into arc length.
+/// The parameters between which the speed is analytic: the ends and, on involutes, the end of the section near the base
+/// circle.
 fn analytic_pieces(curve: &Curve) -> Vec<f64> {
     let (mut low, mut high) = (0.0, curve.domain());
     let first = is_regular(curve, low);
@@ -546,7 +546,7 @@ fn analytic_pieces(curve: &Curve) -> Vec<f64> {
 
 #[test]
 fn arc_length_is_the_integral_of_speed() {
-    // Compound Gauss-Legendre of five points, written down independently of the crate's rule.
+    // Composite five-point Gauss-Legendre rule, independent of the crate's rule.
     let nodes = [
         (0.0, 128.0 / 225.0),
         (0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
@@ -576,7 +576,7 @@ fn parameter_inverts_arc_length() {
     for Case { name, curve, .. } in gallery() {
         let length = curve.length();
         for i in 0..=64 {
-            // Quadratic spacing, to come close to base circles.
+            // Quadratic spacing, to sample densely near base circles.
             let s = length * (f64::from(i) / 64.0).powi(2);
             let error = (curve.arc_length(curve.parameter(s)) - s).abs();
             assert!(error <= 1e-12 * length, "{name} at {s}: {error:e}");
@@ -607,7 +607,7 @@ fn at_and_jet_describe_the_same_point() {
 }
 
 #[test]
-fn reversing_gives_the_same_points_backwards_and_twice_the_same_curve() {
+fn reversing_twice_gives_the_same_curve() {
     for Case { name, curve, scale } in gallery() {
         let back = curve.reversed();
         let again = back.reversed();
@@ -627,7 +627,7 @@ fn reversing_gives_the_same_points_backwards_and_twice_the_same_curve() {
 }
 
 #[test]
-fn bounds_hold_every_point_and_are_reached() {
+fn bounds_contain_every_point_and_are_tight() {
     let seed = 0x5EED_0002;
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
@@ -662,7 +662,7 @@ fn bounds_hold_every_point_and_are_reached() {
 }
 
 #[test]
-fn derivative_and_curvature_bounds_hold_everywhere_and_are_tight_on_short_stretches() {
+fn derivative_bounds_hold_and_are_tight_on_short_ranges() {
     let seed = 0x5EED_0003;
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
@@ -712,9 +712,9 @@ fn derivative_and_curvature_bounds_hold_everywhere_and_are_tight_on_short_stretc
 }
 
 #[test]
-fn curvature_and_its_derivative_agree_with_differences_along_the_curve() {
+fn curvature_agrees_with_finite_differences() {
     for Case { name, curve, .. } in gallery() {
-        // Where coordinates are rounded coarsely against the radius, differences see rounding only.
+        // Where coordinates are coarse compared with the radius, differences show only rounding.
         if matches!(
             name,
             "1 um at 1e5 mm" | "involute of 100 km" | "blend of rotary axes"
@@ -741,8 +741,8 @@ fn curvature_and_its_derivative_agree_with_differences_along_the_curve() {
 }
 
 #[test]
-fn involutes_follow_the_papers_formula_over_ten_metres() {
-    // r/2 (60 pi)^2 = 11.2 m of path; equation (2) and phi(s) in f64, itself good to about 1e-12 mm.
+fn involutes_agree_with_the_papers_formula_over_10_m() {
+    // r/2 (60 pi)^2 = 11.2 m of path; equation (2) and phi(s) in f64 are accurate to about 1e-12 mm.
     for handed in [1.0, -1.0] {
         for phi in [[0.0, 60.0 * PI], [60.0 * PI, 0.0], [3.0, 60.0 * PI]] {
             let planted = Rolled {
@@ -768,7 +768,7 @@ fn involutes_follow_the_papers_formula_over_ten_metres() {
 }
 
 #[test]
-fn centres_of_curvature_of_an_involute_lie_on_its_base_circle() {
+fn an_involutes_evolute_is_its_base_circle() {
     for (handed, phi) in [(1.0, [0.0, 40.0]), (-1.0, [0.3, 40.0]), (1.0, [40.0, 0.0])] {
         let planted = Rolled {
             handed,
@@ -787,14 +787,14 @@ fn centres_of_curvature_of_an_involute_lie_on_its_base_circle() {
 }
 
 #[test]
-fn an_involute_starts_at_its_base_circle_radially_with_finite_jets() {
+fn an_involute_leaves_its_base_circle_with_finite_jets() {
     let planted = Rolled {
         phi: [0.0, 10.0],
         root: 0.0,
         ..ROLLED
     };
     let curve = Curve::from(planted.curve(1e-6));
-    // By arc length the curvature is infinite there, by the regular parameter nothing is.
+    // By arc length the curvature is infinite there, by the regular parameter every derivative is finite.
     assert_eq!(curve.curvature(0.0), f64::INFINITY);
     assert_eq!(curve.curvature_derivative(0.0), f64::NEG_INFINITY);
     assert!((curve.tangent(0.0) - Vector3::x()).norm() <= 1e-15);
@@ -807,7 +807,7 @@ fn an_involute_starts_at_its_base_circle_radially_with_finite_jets() {
 }
 
 #[test]
-fn speed_in_the_regular_parameter_is_at_most_one_and_rises_smoothly() {
+fn speed_by_the_regular_parameter_rises_smoothly_to_1() {
     let curve = Curve::from(ROLLED.curve(1e-6));
     let mut last = -1.0;
     for i in 0..=2000 {

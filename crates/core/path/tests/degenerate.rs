@@ -1,4 +1,4 @@
-//! What breaks curves: tiny, huge, flat, closed and wrong input. Each case says why it is hard.
+//! Degenerate input: tiny, huge, flat, closed and invalid curves. Each case states why it is difficult.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -15,10 +15,10 @@ fn ccw(start: Axes, end: Axes, centre: [f64; 2], turns: u32) -> Result<Arc, Curv
 }
 
 #[test]
-fn a_line_of_no_length_is_refused() {
+fn a_line_without_length_is_rejected() {
     let point = Axes::repeat(3.0);
     assert_eq!(Line::new(point, point), Err(CurveError::ZeroLength));
-    // So short that its length underflows: there is no direction to speak of.
+    // So short that its length underflows: it has no direction.
     assert_eq!(
         Line::new(Axes::zeros(), Axes::repeat(1e-200)),
         Err(CurveError::ZeroLength)
@@ -37,7 +37,7 @@ fn feed_length_is_xyz_then_uvw_then_abc() {
 }
 
 #[test]
-fn wrong_numbers_are_refused_by_every_constructor() {
+fn every_constructor_rejects_invalid_numbers() {
     for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e308, -2e9] {
         for axis in 0..9 {
             let (good, mut point) = (xyz(10.0, 0.0, 0.0), xyz(0.0, 10.0, 0.0));
@@ -74,7 +74,7 @@ fn wrong_numbers_are_refused_by_every_constructor() {
 }
 
 #[test]
-fn an_arc_without_radius_sense_or_with_too_many_turns_is_refused() {
+fn an_arc_with_invalid_radius_sense_or_turns_is_rejected() {
     let (a, b) = (xyz(10.0, 0.0, 0.0), xyz(0.0, 10.0, 0.0));
     assert!(matches!(
         ccw(a, b, [10.0, 0.0], 0),
@@ -132,7 +132,7 @@ fn the_length_of_an_arc_of_1e_9_rad_is_its_chord() {
 }
 
 #[test]
-fn equal_ends_make_a_full_circle_and_a_rounding_does_not_change_that() {
+fn ends_equal_within_rounding_make_a_full_circle() {
     let start = xyz(1e5, 0.1 + 0.2, 0.0);
     for end in [start, xyz(1e5, 0.3, 0.0)] {
         let circle: Curve = ccw(start, end, [1e5 - 50.0, 0.3], 0).unwrap().into();
@@ -145,7 +145,7 @@ fn equal_ends_make_a_full_circle_and_a_rounding_does_not_change_that() {
 }
 
 #[test]
-fn turns_and_helices_have_the_length_of_the_unrolled_triangle() {
+fn a_helix_has_the_length_of_the_unrolled_triangle() {
     let helix: Curve = ccw(xyz(10.0, 0.0, 0.0), xyz(0.0, 10.0, 30.0), [0.0; 2], 2)
         .unwrap()
         .into();
@@ -163,7 +163,7 @@ fn turns_and_helices_have_the_length_of_the_unrolled_triangle() {
 }
 
 #[test]
-fn two_radii_are_spread_evenly_over_the_angle() {
+fn two_radii_are_interpolated_over_the_angle() {
     let arc: Curve = ccw(xyz(10.0, 0.0, 0.0), xyz(-10.02, 0.0, 0.0), [0.0; 2], 0)
         .unwrap()
         .into();
@@ -193,7 +193,7 @@ fn unit(phi: f64) -> Axes {
 }
 
 #[test]
-fn an_involutes_turns_follow_from_the_end_and_more_than_a_hundred_are_refused() {
+fn an_involute_of_more_than_100_turns_is_rejected() {
     for turns in [0.1, 1.0, 7.3, 99.9] {
         let curve = involute(unit(1.0), unit(1.0 + turns * TAU), 1.0, 1e-9).unwrap();
         let (from, to) = curve.roll_angles_rad();
@@ -204,7 +204,7 @@ fn an_involutes_turns_follow_from_the_end_and_more_than_a_hundred_are_refused() 
 }
 
 #[test]
-fn points_inside_the_base_circle_are_refused_with_both_radii() {
+fn points_inside_the_base_circle_are_rejected() {
     let inside = xyz(0.0, 0.5, 0.0);
     let error = involute(inside, unit(5.0), 1.0, 1e-3).unwrap_err();
     assert_eq!(
@@ -223,7 +223,7 @@ fn points_inside_the_base_circle_are_refused_with_both_radii() {
             base_radius_mm: 1.0
         }
     );
-    // Meant to be on the base circle, written with three decimals: that is on it.
+    // A point of the base circle, rounded to three decimals, counts as on it.
     assert!(involute(xyz(0.9995, 0.0, 0.0), unit(5.0), 1.0, 1e-3).is_ok());
 }
 
@@ -243,10 +243,10 @@ fn equal_radii_suggest_a_circle() {
 }
 
 #[test]
-fn an_end_off_the_involute_is_measured_across_it_and_spread_within_the_tolerance() {
+fn an_end_off_the_involute_is_measured_and_distributed() {
     let (from, to) = (2.0, 9.0);
     for off in [1e-6, -5e-4, 0.02] {
-        // Across the curve at its end, along the normal (-sin, cos): planted distance.
+        // Across the curve at its end, along the normal (-sin, cos): a known distance.
         let end = unit(to) + xyz(-to.sin(), to.cos(), 0.0) * off;
         let error = involute(unit(from), end, 1.0, 0.5 * off.abs()).unwrap_err();
         let InvoluteError::OffInvolute {
@@ -263,7 +263,7 @@ fn an_end_off_the_involute_is_measured_across_it_and_spread_within_the_tolerance
             "{distance_mm} {off}"
         );
         assert!((end_radius_mm - end.norm()).abs() <= 1e-12);
-        // In the same direction the involute is farther in or out by about the same.
+        // In the same direction the involute's radius differs by about the same amount.
         let across = (end_radius_mm - involute_radius_mm).abs();
         assert!(
             across > 0.9 * off.abs() && across < 1.2 * off.abs(),
@@ -272,7 +272,7 @@ fn an_end_off_the_involute_is_measured_across_it_and_spread_within_the_tolerance
 
         let curve = Curve::from(involute(unit(from), end, 1.0, 1.01 * off.abs()).unwrap());
         assert_eq!((curve.start(), curve.end()), (unit(from), end));
-        // Nowhere farther off than at the end.
+        // The offset is largest at the end.
         for i in 0..=100 {
             let s = curve.length() * f64::from(i) / 100.0;
             let phi = (from * from + 2.0 * s).sqrt();
@@ -283,11 +283,11 @@ fn an_end_off_the_involute_is_measured_across_it_and_spread_within_the_tolerance
 }
 
 #[test]
-fn rounded_coordinates_many_turns_out_move_the_path_by_no_more_than_their_rounding() {
-    // At 60 rad a micrometre of radius is 60 micrometres of path: the roll angle must not come from the radius.
+fn rounding_many_turns_out_is_not_amplified() {
+    // At 60 rad a micrometre of radius is 60 micrometres of path: the roll angle must not be computed from the radius.
     let rounded = |p: Axes| p.map(|x| (x * 1e3).round() / 1e3);
     for (from, to) in [(0.0, 60.0), (50.0, 60.0), (59.0, 60.0), (60.0, 3.0)] {
-        // Run inwards the same curve turns the other way.
+        // Traversed inwards, the same curve rotates the other way.
         let sense = if from < to {
             Sense::CounterClockwise
         } else {
@@ -303,14 +303,14 @@ fn rounded_coordinates_many_turns_out_move_the_path_by_no_more_than_their_roundi
             let s = curve.length() * f64::from(i) / 100.0;
             let phi = (from * from + (to * to - from * from) * f64::from(i) / 100.0).sqrt();
             let error = (curve.at(s).position - unit(phi)).norm();
-            // Along the path the parallel curve's other length shows, across only the rounding.
+            // The longer parallel curve shifts points along the path; across it there is only rounding.
             assert!(error <= 3e-3 + off, "{from} {to} {i}: {error}");
         }
     }
 }
 
 #[test]
-fn the_wrong_sense_is_off_the_involute() {
+fn an_end_of_the_wrong_sense_is_off_the_involute() {
     let error = Involute::new(
         Plane::Xy,
         unit(2.0),
@@ -325,8 +325,8 @@ fn the_wrong_sense_is_off_the_involute() {
 }
 
 #[test]
-fn winding_up_turns_in_the_named_sense() {
-    // Inwards along the clockwise-born involute the direction of motion turns counter-clockwise.
+fn an_inward_involute_rotates_in_the_given_sense() {
+    // Traversed inwards, a clockwise involute rotates the tangent counter-clockwise.
     let mirrored = |phi: f64| xyz(unit(phi)[0], -unit(phi)[1], 0.0);
     let curve = Curve::from(involute(mirrored(9.0), mirrored(2.0), 1.0, 1e-9).unwrap());
     assert_eq!(curve.sense(), Sense::CounterClockwise);
@@ -341,7 +341,7 @@ fn winding_up_turns_in_the_named_sense() {
 }
 
 #[test]
-fn curvature_of_an_involute_and_its_derivative_have_the_closed_form() {
+fn an_involutes_curvature_has_its_closed_form() {
     // k = 1/(r phi), dk/ds = -1/(r^2 phi^3).
     let curve = Curve::from(involute(unit(0.0), unit(20.0), 1.0, 1e-9).unwrap());
     for i in 1..=100 {
@@ -353,7 +353,7 @@ fn curvature_of_an_involute_and_its_derivative_have_the_closed_form() {
 }
 
 #[test]
-fn a_blend_takes_over_its_jets() {
+fn a_blend_matches_its_jets() {
     let left = Jet {
         first: Axes::repeat(1.0),
         second: Axes::repeat(-2.0),
@@ -372,7 +372,7 @@ fn a_blend_takes_over_its_jets() {
 }
 
 #[test]
-fn a_blend_between_points_of_a_quintic_is_that_quintic() {
+fn a_blend_reproduces_a_quintic() {
     // Planted: x = u^5 - u^3 + u, y = u^4 - 2 u, z = 3.
     let jet = |u: f64| Jet {
         position: xyz(u.powi(5) - u.powi(3) + u, u.powi(4) - 2.0 * u, 3.0),
@@ -387,15 +387,15 @@ fn a_blend_between_points_of_a_quintic_is_that_quintic() {
         assert!((is.position - should.position).amax() <= 1e-13);
         assert!((is.third - should.third).amax() <= 1e-10);
     }
-    // The extreme of y at u = cbrt(1/2) is found, not sampled.
+    // The extreme of y at u = cbrt(1/2) is computed, not sampled.
     let least = blend.bounds(0.0, 1.3).0[1];
     let u = 0.5f64.cbrt();
     assert!((least - (u.powi(4) - 2.0 * u)).abs() <= 1e-14);
 }
 
 #[test]
-fn curvature_and_its_derivative_do_not_depend_on_the_parameter() {
-    // A parabola (u + u^2, (u + u^2)^2 / 2) run at uneven speed: k = (1 + x^2)^(-3/2), dk/ds = -3 x (1 + x^2)^(-3).
+fn curvature_does_not_depend_on_the_parameter() {
+    // A parabola (u + u^2, (u + u^2)^2 / 2) with a non-uniform parameter: k = (1 + x^2)^(-3/2), dk/ds = -3 x (1 + x^2)^(-3).
     for u in [0.0, 0.3, 1.0] {
         let (x, x1, x2) = (u + u * u, 1.0 + 2.0 * u, 2.0);
         let jet = Jet {
@@ -413,8 +413,8 @@ fn curvature_and_its_derivative_do_not_depend_on_the_parameter() {
 }
 
 #[test]
-fn a_blend_that_comes_to_a_stand_has_a_length_and_no_curvature_bound() {
-    // There and back: speed is zero in the middle, arc length has a kink there.
+fn a_blend_with_a_standstill_has_a_length() {
+    // Out and back: the speed vanishes in the middle, where arc length has a kink.
     let left = Jet {
         first: xyz(1.0, 0.0, 0.0),
         ..Jet::at_rest(Axes::zeros())

@@ -1,4 +1,4 @@
-//! Hole milling: the paper's tables, joints, every start, and everything impossible.
+//! Hole milling: the paper's tables, joints, every kind of start, and every error.
 
 use std::f64::consts::TAU;
 
@@ -82,7 +82,7 @@ fn angle_of(curve: &Curve, u: f64, centre: [f64; 2]) -> f64 {
 }
 
 #[test]
-fn passes_join_with_tangent_and_curvature_for_every_start_sense_and_plane() {
+fn passes_join_with_equal_tangent_and_curvature() {
     let seed = 0x0B0E_5EEDu64;
     println!("seed {seed:#x}");
     let mut generator = evolvent_random::Random::from_state(seed);
@@ -136,7 +136,7 @@ fn passes_join_with_tangent_and_curvature_for_every_start_sense_and_plane() {
         for block in &pass.blocks {
             assert_eq!(block.curve.sense(), milling.sense());
             assert!((block.curve.length() - block.figures.length_mm).abs() <= 1e-9);
-            // The tool never leaves the hole, and the resting axes rest.
+            // The tool stays inside the hole, and the other axes do not move.
             for i in 0..=100 {
                 let p = block.curve.position(block.curve.domain() * f64::from(i) / 100.0);
                 let [x, y] = plane.project(&p);
@@ -145,7 +145,7 @@ fn passes_join_with_tangent_and_curvature_for_every_start_sense_and_plane() {
                 assert_eq!(p[plane.axes().2], -3.0);
             }
         }
-        // The departure mirrors the approach: equally far from the centre at equal lengths from the wall.
+        // The departure mirrors the approach: equal distances from the centre at equal lengths from the wall.
         let (approach, departure) = (&pass.blocks[0].curve, &pass.blocks[2].curve);
         let [a, b] = [approach.start(), departure.end()].map(|p| {
             let [x, y] = plane.project(&p);
@@ -156,7 +156,7 @@ fn passes_join_with_tangent_and_curvature_for_every_start_sense_and_plane() {
 }
 
 #[test]
-fn climb_milling_turns_counter_clockwise_and_conventional_is_its_mirror_image() {
+fn conventional_milling_mirrors_climb_milling() {
     let climb = HOLE
         .rough(4.0, None, 1.0, HoleStart::Point([10.0, 5.0]), &Axes::zeros())
         .unwrap();
@@ -180,7 +180,7 @@ fn climb_milling_turns_counter_clockwise_and_conventional_is_its_mirror_image() 
 }
 
 #[test]
-fn each_turn_widens_the_radius_of_curvature_by_the_pitch() {
+fn each_turn_adds_the_pitch_to_the_radius_of_curvature() {
     // Planted: rho = r phi, so 2 pi of roll add 2 pi r = R / n.
     let pass = HOLE
         .rough(4.0, None, 1.0, HoleStart::Centre, &Axes::zeros())
@@ -194,8 +194,8 @@ fn each_turn_widens_the_radius_of_curvature_by_the_pitch() {
 }
 
 #[test]
-fn a_start_is_found_everywhere_even_where_the_distance_stands_still() {
-    // At phi = 2 pi k the distance from the centre has a stationary point: Newton alone would leave.
+fn a_start_is_found_where_the_distance_is_stationary() {
+    // At phi = 2 pi k the distance from the centre has a stationary point: Newton's method alone would diverge.
     for k in 0..4 {
         for offset in [-1e-3, -1e-9, 0.0, 1e-9, 1e-3] {
             let distance = (79.0 * f64::from(k) / 4.0 + offset).max(0.0);
@@ -212,13 +212,13 @@ fn a_start_is_found_everywhere_even_where_the_distance_stands_still() {
 fn depths_are_equal_steps_that_end_at_the_bottom() {
     assert_eq!(depths_mm(0.0, -10.0, 5.0).unwrap(), [-5.0, -10.0]);
     assert_eq!(depths_mm(2.0, -7.0, 4.0).unwrap(), [-1.0, -4.0, -7.0]);
-    // 0.3 / 0.1 is a little below 3 in binary, 0.7 / 0.1 a little below 7: no sliver of a step.
+    // 0.3 / 0.1 is a little below 3 in binary, 0.7 / 0.1 a little below 7: no additional tiny step.
     assert_eq!(depths_mm(0.0, -0.3, 0.1).unwrap().len(), 3);
     assert_eq!(depths_mm(0.0, -0.7, 0.1).unwrap().len(), 7);
 }
 
 #[test]
-fn the_impossible_is_named_with_both_numbers() {
+fn errors_name_the_value_and_its_limit() {
     let at = Axes::zeros();
     let rough = |hole: Hole, pitch, turns, allowance, start| {
         let error = hole.rough(pitch, turns, allowance, start, &at).unwrap_err();
@@ -254,7 +254,7 @@ fn the_impossible_is_named_with_both_numbers() {
         error,
         HoleError::PitchTooSmall {
             pitch_mm: 0.5,
-            least_mm: 0.79
+            min_mm: 0.79
         }
     );
     assert!(matches!(

@@ -1,4 +1,4 @@
-//! Random input of every magnitude: a curve or an error, and every curve is total.
+//! Random input of every magnitude gives a curve or an error, and every curve evaluates without a panic.
 
 use evolvent_path::{Arc, Axes, Blend, Curve, Involute, Jet, Line, Plane, Sense};
 use evolvent_random::Random;
@@ -10,7 +10,7 @@ trait AnyMagnitude {
 }
 
 impl AnyMagnitude for Random {
-    /// A number of any magnitude, of both signs, now and then something special.
+    /// A number of any magnitude, of both signs, sometimes a special value.
     fn number(&mut self) -> f64 {
         match self.bits() % 40 {
             0 => f64::NAN,
@@ -77,7 +77,7 @@ fn check(curve: Curve, random: &mut Random, what: &str) {
 }
 
 #[test]
-fn random_input_gives_a_total_curve_or_an_error() {
+fn random_input_gives_a_valid_curve_or_an_error() {
     let seed = 0x5EED_0004;
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
@@ -103,7 +103,7 @@ fn random_input_gives_a_total_curve_or_an_error() {
             built[2] += 1;
             check(involute.into(), &mut random, "random involute");
         }
-        // A sound involute at a random place and size.
+        // A valid involute of random position and size.
         let (r, from, span) = (
             radius.abs(),
             20.0 * random.unit().powi(6),
@@ -142,7 +142,7 @@ fn random_input_gives_a_total_curve_or_an_error() {
     );
 }
 
-/// Lines, circles, helices and arcs whose radius grows: a part has the points of the whole, and parts join.
+/// Lines, circles, helices and arcs whose radius grows: a part has the points of the whole, and adjacent parts join.
 #[test]
 fn a_part_of_a_line_or_an_arc_lies_on_it() {
     let mut random = Random::seeded(47);

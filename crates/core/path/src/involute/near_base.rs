@@ -1,78 +1,79 @@
-//! The rolling of an involute's thread: roll angle and arc length by the regular parameter.
+//! Roll angle and arc length of an involute by the regular parameter, regular at the base circle.
 
 use crate::involute::RollBounds;
 use crate::plane::Interval;
 use crate::quadrature::invert;
 
-/// Below this roll angle at the inner end the regular parameter is not arc length.
-const REGULAR_FROM_RAD: f64 = 0.5;
+/// Below this roll angle at the inner end, rad, the regular parameter is not arc length. Tuned: the derivatives by arc
+/// length grow with 1 / phi^3; any value below the 1 rad at which the parameters agree again is valid.
+const ARC_LENGTH_FROM_RAD: f64 = 0.5;
 
-/// Roll angle and arc length along an involute, outwards from its inner end.
+/// Roll angle and arc length along an involute, counted outwards from its inner end.
 ///
-/// phi = sqrt(phi_in^2 + 2 s / r) has infinite derivatives by arc length s at phi = 0. A curve that comes close
-/// to the base circle therefore runs over its first stretch by a parameter U counted from the base circle,
+/// phi = sqrt(phi_in^2 + 2 s / r) has infinite derivatives by arc length s at phi = 0. An involute that comes close to
+/// the base circle therefore uses, in a first section, a parameter U counted from the base circle,
 ///
 ///   s = u1 (3/2 x^2 - x^3 + x^4 / 4),   x = U / u1 in 0..1,   so that   ds/dU = 1 - (1 - x)^3,
 ///
-/// which goes over into s = U - u1 / 4 with three equal derivatives. phi = x sqrt(kappa (3/2 - x + x^2 / 4)) is
-/// analytic in it. u1 is chosen such that phi is 1 rad at its end, or at the curve's end if that is nearer.
+/// which joins s = U - u1 / 4 with three equal derivatives. phi = x sqrt(kappa (3/2 - x + x^2 / 4)) is analytic in it.
+/// u1 is chosen such that phi is 1 rad at the end of the section, or the section ends with the curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Roll {
     base_radius: f64,
     phi_in: f64,
     phi_out: f64,
     /// Roll angle from the inner to the outer end.
-    last_turn: f64,
+    roll_span: f64,
     length: f64,
     domain: f64,
-    /// In-plane share of the path length: the cosine of the helix angle.
-    share: f64,
-    zone: Option<Zone>,
+    /// In-plane fraction of the path length: the cosine of the helix angle.
+    fraction: f64,
+    near_base: Option<NearBase>,
 }
 
-/// The stretch where the regular parameter is not arc length.
+/// The section in which the regular parameter is not arc length.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Zone {
-    /// Length of the whole stretch from the base circle, u1.
+struct NearBase {
+    /// Parameter length of the complete section from the base circle, u1.
     full: f64,
     /// x at the inner end.
     x_in: f64,
-    /// The stretch's remaining parameter and arc length from the inner end.
+    /// Parameter length and arc length of the section from the inner end.
     u: f64,
     s: f64,
     /// phi^2 = kappa x^2 (3/2 - x + x^2/4).
     kappa: f64,
 }
 
-/// What an involute is made of at one point.
+/// Roll angle and arc length with their derivatives at one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct RollState {
     /// Roll angle and its derivatives by the regular parameter.
     pub(crate) phi: f64,
     d1: f64,
     d2: f64,
-    /// Roll angle less that of the inner end.
+    /// Roll angle minus that of the inner end.
     pub(crate) turn: f64,
     /// Arc length from the inner end and its derivatives.
     pub(crate) s: [f64; 4],
 }
 
 impl RollState {
-    /// Coefficients of tangent and normal in the second and the third derivative of the in-plane point, whose
-    /// first is `share` s' t, by t' = phi' n and n' = -phi' t.
-    pub(crate) fn weights(&self, share: f64) -> [f64; 4] {
-        let [k1, k2, k3] = [share * self.s[1], share * self.s[2], share * self.s[3]];
+    /// Coefficients of tangent and normal in the second and third derivative of the in-plane point. Its first derivative is
+    /// `fraction` s' t; t' = phi' n and n' = -phi' t.
+    pub(crate) fn weights(&self, fraction: f64) -> [f64; 4] {
+        let [k1, k2, k3] = [fraction * self.s[1], fraction * self.s[2], fraction * self.s[3]];
         let (d1, d2) = (self.d1, self.d2);
         [k2, k1 * d1, k3 - k1 * d1 * d1, 2.0 * k2 * d1 + k1 * d2]
     }
 }
 
-impl Zone {
-    /// Arc length and derivatives at `u` from the inner end: the exact Taylor series of the quartic there.
+impl NearBase {
+    /// Arc length and derivatives at `u` from the inner end: the exact Taylor series of the quartic.
     fn arc_length(&self, u: f64) -> [f64; 4] {
         let (x, h) = (self.x_in, self.full);
         let rest = 1.0 - x;
-        // Written out in x because 1 - (1-x)^3 loses digits near the base circle.
+        // Expanded in x because 1 - (1-x)^3 cancels near the base circle.
         let c1 = x * (3.0 - 3.0 * x + x * x);
         let c2 = 1.5 * rest * rest / h;
         let c3 = -rest / (h * h);
@@ -85,7 +86,7 @@ impl Zone {
         ]
     }
 
-    /// phi and its derivatives by u at the fraction x.
+    /// phi and its derivatives by u, at x.
     fn phi(&self, x: f64) -> [f64; 3] {
         let p = 1.5 - x + 0.25 * x * x;
         let p1 = 0.5 * x - 1.0;
@@ -98,25 +99,25 @@ impl Zone {
 }
 
 impl Roll {
-    /// Rolls `planar_length` beyond the roll angle `phi_in` on a base circle, with `climb` across the plane.
-    pub(crate) fn new(base_radius: f64, phi_in: f64, planar_length: f64, climb: f64) -> Self {
-        let length = libm::hypot(planar_length, climb);
-        let share = planar_length / length;
+    /// The roll from the angle `phi_in` over the in-plane length `planar_length`, with the travel `rise` normal to the plane.
+    pub(crate) fn new(base_radius: f64, phi_in: f64, planar_length: f64, rise: f64) -> Self {
+        let length = libm::hypot(planar_length, rise);
+        let fraction = planar_length / length;
         let mut roll = Self {
             base_radius,
             phi_in,
             phi_out: phi_in,
-            last_turn: 0.0,
+            roll_span: 0.0,
             length,
             domain: length,
-            share,
-            zone: None,
+            fraction,
+            near_base: None,
         };
-        (roll.phi_out, roll.last_turn) = roll.roll_at_arc_length(length);
-        if phi_in < REGULAR_FROM_RAD {
-            // Arc lengths from the base circle: at the inner end, and where the stretch ends.
-            let before = 0.5 * base_radius * phi_in * phi_in / share;
-            let stretch = (0.5 * base_radius / share).min(before + length);
+        (roll.phi_out, roll.roll_span) = roll.roll_at_arc_length(length);
+        if phi_in < ARC_LENGTH_FROM_RAD {
+            // Arc lengths from the base circle: at the inner end, and at the end of the section.
+            let before = 0.5 * base_radius * phi_in * phi_in / fraction;
+            let stretch = (0.5 * base_radius / fraction).min(before + length);
             let full = stretch * 4.0 / 3.0;
             let quartic = |x: f64| x * x * (1.5 - x + 0.25 * x * x);
             let slope = |x: f64| x * (3.0 - 3.0 * x + x * x);
@@ -126,28 +127,28 @@ impl Roll {
             } else {
                 0.0
             };
-            let kappa = 2.0 * full * share / base_radius;
+            let kappa = 2.0 * full * fraction / base_radius;
             let u = full * (1.0 - x_in);
-            let mut zone = Zone {
+            let mut near_base = NearBase {
                 full,
                 x_in,
                 u,
                 s: 0.0,
                 kappa,
             };
-            zone.s = zone.arc_length(u)[0];
-            roll.domain = if length > zone.s {
-                u + (length - zone.s)
+            near_base.s = near_base.arc_length(u)[0];
+            roll.domain = if length > near_base.s {
+                u + (length - near_base.s)
             } else {
                 invert(
-                    &|u| zone.arc_length(u)[0],
-                    &|u| zone.arc_length(u)[1],
+                    &|u| near_base.arc_length(u)[0],
+                    &|u| near_base.arc_length(u)[1],
                     length,
                     u,
                     u,
                 )
             };
-            roll.zone = Some(zone);
+            roll.near_base = Some(near_base);
         }
         roll
     }
@@ -164,8 +165,8 @@ impl Roll {
         self.phi_out
     }
 
-    pub(crate) fn last_turn(&self) -> f64 {
-        self.last_turn
+    pub(crate) fn roll_span(&self) -> f64 {
+        self.roll_span
     }
 
     pub(crate) fn length(&self) -> f64 {
@@ -176,13 +177,13 @@ impl Roll {
         self.domain
     }
 
-    pub(crate) fn planar_share(&self) -> f64 {
-        self.share
+    pub(crate) fn planar_fraction(&self) -> f64 {
+        self.fraction
     }
 
-    /// Roll angle at an arc length from the inner end, and its difference to the inner end's.
+    /// Roll angle at an arc length from the inner end, and its difference to that of the inner end.
     pub(crate) fn roll_at_arc_length(&self, s: f64) -> (f64, f64) {
-        let square = 2.0 * s * self.share / self.base_radius;
+        let square = 2.0 * s * self.fraction / self.base_radius;
         let phi = (self.phi_in * self.phi_in + square).sqrt();
         let turn = if square > 0.0 {
             square / (phi + self.phi_in)
@@ -193,21 +194,21 @@ impl Roll {
     }
 
     pub(crate) fn arc_length_at_turn(&self, turn: f64) -> f64 {
-        0.5 * self.base_radius * turn * (turn + 2.0 * self.phi_in) / self.share
+        0.5 * self.base_radius * turn * (turn + 2.0 * self.phi_in) / self.fraction
     }
 
-    /// The part of the stretch that `u` lies in.
-    fn zone_at(&self, u: f64) -> Option<&Zone> {
-        self.zone.as_ref().filter(|zone| u < zone.u)
+    /// The section near the base circle if `u` is inside it.
+    fn near_base_at(&self, u: f64) -> Option<&NearBase> {
+        self.near_base.as_ref().filter(|near_base| u < near_base.u)
     }
 
     pub(crate) fn arc_length(&self, u: f64) -> f64 {
         if u >= self.domain {
             return self.length;
         }
-        match (self.zone_at(u), &self.zone) {
-            (Some(zone), _) => zone.arc_length(u)[0],
-            (None, Some(zone)) => zone.s + (u - zone.u),
+        match (self.near_base_at(u), &self.near_base) {
+            (Some(near_base), _) => near_base.arc_length(u)[0],
+            (None, Some(near_base)) => near_base.s + (u - near_base.u),
             (None, None) => u,
         }
     }
@@ -216,33 +217,33 @@ impl Roll {
         if s >= self.length {
             return self.domain;
         }
-        match &self.zone {
-            Some(zone) if s < zone.s => {
-                let guess = (s / zone.s).sqrt() * zone.u;
+        match &self.near_base {
+            Some(near_base) if s < near_base.s => {
+                let guess = (s / near_base.s).sqrt() * near_base.u;
                 invert(
-                    &|u| zone.arc_length(u)[0],
-                    &|u| zone.arc_length(u)[1],
+                    &|u| near_base.arc_length(u)[0],
+                    &|u| near_base.arc_length(u)[1],
                     s,
-                    zone.u,
+                    near_base.u,
                     guess,
                 )
             }
-            Some(zone) => zone.u + (s - zone.s),
+            Some(near_base) => near_base.u + (s - near_base.s),
             None => s,
         }
     }
 
     pub(crate) fn at(&self, u: f64) -> RollState {
         let r = self.base_radius;
-        if let Some(zone) = self.zone_at(u) {
-            let s = zone.arc_length(u);
+        if let Some(near_base) = self.near_base_at(u) {
+            let s = near_base.arc_length(u);
             let turn = self.roll_at_arc_length(s[0]).1;
-            let [phi, d1, d2] = zone.phi(zone.x_in + u / zone.full);
+            let [phi, d1, d2] = near_base.phi(near_base.x_in + u / near_base.full);
             return RollState { phi, d1, d2, turn, s };
         }
         let s = self.arc_length(u);
         let (phi, turn) = self.roll_at_arc_length(s);
-        let d1 = self.share / (r * phi);
+        let d1 = self.fraction / (r * phi);
         let d2 = -d1 * d1 / phi;
         RollState {
             phi,
@@ -253,16 +254,16 @@ impl Roll {
         }
     }
 
-    /// Safe ranges over `from..=to`.
+    /// Bounds over `from..=to`.
     pub(crate) fn bounds(&self, from: f64, to: f64) -> RollBounds {
         let span = |a: f64, b: f64| {
             let (a, b) = (self.at(a), self.at(b));
-            // phi' falls and phi'' rises towards zero: over the stretch in x (a test checks it), beyond in s.
+            // phi' falls and phi'' rises towards zero: in x over the section (a test checks it), in s after it.
             let (d1, d2) = (Interval::new(a.d1, b.d1), Interval::new(a.d2, b.d2));
             let s = [1, 2, 3].map(|order| Interval::new(a.s[order], b.s[order]));
-            // The in-plane share of arc length, k s = integral of r phi dphi, is the tangent's weight, and
-            // t' = phi' n, n' = -phi' t do the rest.
-            let [k1, k2, k3] = s.map(|range| range.scaled(self.share));
+            // The tangent's weight is the in-plane part of arc length, k s = integral of r phi dphi; the rest follows from
+            // t' = phi' n, n' = -phi' t.
+            let [k1, k2, k3] = s.map(|range| range.scaled(self.fraction));
             RollBounds {
                 t2: k2,
                 n2: k1 * d1,
@@ -271,9 +272,9 @@ impl Roll {
                 s,
             }
         };
-        match &self.zone {
-            Some(zone) if from < zone.u && to > zone.u => {
-                let (a, b) = (span(from, below(zone.u)), span(zone.u, to));
+        match &self.near_base {
+            Some(near_base) if from < near_base.u && to > near_base.u => {
+                let (a, b) = (span(from, below(near_base.u)), span(near_base.u, to));
                 RollBounds {
                     s: std::array::from_fn(|i| a.s[i].hull(b.s[i])),
                     t2: a.t2.hull(b.t2),
@@ -297,20 +298,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn roll_angle_and_its_derivatives_are_monotone_over_the_stretch() {
-        // Safe bounds take the ends of a range for the extremes of phi' and phi''. Both depend on kappa by a factor
-        // only, so one kappa stands for all.
-        let zone = Zone {
+    fn roll_angle_and_derivatives_are_monotone_near_the_base() {
+        // The bounds take the ends of a range as the extrema of phi' and phi''. Both depend on kappa only by a factor, so
+        // one kappa is enough.
+        let near_base = NearBase {
             full: 1.0,
             x_in: 0.0,
             u: 1.0,
             s: 0.75,
             kappa: 4.0 / 3.0,
         };
-        let mut last = zone.phi(0.0);
+        let mut last = near_base.phi(0.0);
         assert_eq!(last[0], 0.0);
         for i in 1..=10_000 {
-            let now = zone.phi(f64::from(i) / 10_000.0);
+            let now = near_base.phi(f64::from(i) / 10_000.0);
             assert!(now[0] > last[0] && now[1] < last[1] && now[2] > last[2] && now[2] < 0.0);
             last = now;
         }
@@ -318,11 +319,11 @@ mod tests {
     }
 
     #[test]
-    fn three_derivatives_go_over_into_those_by_arc_length() {
+    fn three_derivatives_continue_at_the_end_of_the_section() {
         for phi_in in [0.0, 0.1, 0.49] {
             let roll = Roll::new(2.0, phi_in, 50.0, 3.0);
-            let zone = roll.zone.unwrap();
-            let (a, b) = (roll.at(zone.u.next_down()), roll.at(zone.u));
+            let near_base = roll.near_base.unwrap();
+            let (a, b) = (roll.at(near_base.u.next_down()), roll.at(near_base.u));
             for (a, b) in [(a.phi, b.phi), (a.d1, b.d1), (a.d2, b.d2), (a.turn, b.turn)] {
                 assert!((a - b).abs() <= 1e-13, "{a} {b}");
             }
