@@ -57,7 +57,7 @@ impl Corrections {
         for (axis, number) in self.thermal_inputs.iter().enumerate() {
             let value = number.and_then(|number| inputs?.value(SignalKind::Analog, number));
             if let Some(value) = value {
-                self.compensation.aim_thermal(axis, value);
+                self.compensation.set_thermal_offset(axis, value);
             }
         }
         // A take-up may be under way where the axes have got other coordinates: for three cycles acceleration and jerk are not known.
@@ -90,7 +90,7 @@ impl Corrections {
 
     /// At rest: the same place has other coordinates, or the machine was moved without power.
     pub fn relocate(&mut self, position: &Axes) {
-        self.compensation.relocate(position);
+        self.compensation.rebase_position(position);
         self.is_new = true;
     }
 

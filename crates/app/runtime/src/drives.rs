@@ -1,7 +1,7 @@
 //! From the machine file to the settings of the watch over the drives.
 
 use evolvent_drive::{FeedbackBounds, PhaseSettings, WatchMode, WatchSettings};
-use evolvent_machine::{FeedbackWish, Machine};
+use evolvent_machine::{FeedbackMode, Machine};
 use evolvent_path::AxisMask;
 
 use crate::pacing::{cycles_per_wake, wake_interval_ns};
@@ -14,9 +14,9 @@ pub fn watch_settings(machine: &Machine, period_ns: u64) -> WatchSettings {
     let ns = |seconds: f64| (seconds * 1e9) as u64;
     let mut settings = WatchSettings::new(period_ns, AxisMask::NONE);
     settings.mode = match machine.drives.feedback {
-        FeedbackWish::Ignore => WatchMode::Ignore,
-        FeedbackWish::IfPresent => WatchMode::IfPresent,
-        FeedbackWish::Required => WatchMode::Required,
+        FeedbackMode::Ignore => WatchMode::Ignore,
+        FeedbackMode::IfPresent => WatchMode::IfPresent,
+        FeedbackMode::Required => WatchMode::Required,
     };
     settings.stale_ns = ns(machine.drives.feedback_timeout_s)
         .max(3 * wake_interval_ns(period_ns, machine.lead_cycles(period_ns)));

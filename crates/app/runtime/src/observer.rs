@@ -5,7 +5,7 @@ use std::sync::mpsc::Receiver;
 use std::thread;
 use std::time::Duration;
 
-use evolvent_machine::FeedbackWish;
+use evolvent_machine::FeedbackMode;
 use evolvent_trace::RecordError;
 
 use crate::job::{Clock, Job};
@@ -58,7 +58,7 @@ impl<'a> LookingOn<'a> {
                 Clock::Realtime => PROGRESS_EVERY,
                 Clock::Virtual => PROGRESS_EVERY_VIRTUAL,
             },
-            minds_drives: job.setup.machine.drives.feedback != FeedbackWish::Ignore,
+            minds_drives: job.setup.machine.drives.feedback != FeedbackMode::Ignore,
             drives_told: false,
         }
     }

@@ -6,7 +6,7 @@ use std::thread;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use evolvent_control::Alarm;
-use evolvent_machine::{FeedbackWish, ToolChange};
+use evolvent_machine::{FeedbackMode, ToolChange};
 use evolvent_motion::{Setpoint, plan_queue};
 use evolvent_trace::RecordError;
 use evolvent_turning::SimulatedProcess;
@@ -235,7 +235,7 @@ impl Ended {
 /// What `run` has nobody for.
 fn refuse_what_cannot_run(job: &Job) -> Result<(), StartError> {
     let machine = &job.setup.machine;
-    if job.bus && job.is_realtime() && machine.drives.feedback == FeedbackWish::Required {
+    if job.bus && job.is_realtime() && machine.drives.feedback == FeedbackMode::Required {
         return Err(StartError::DrivesRequired);
     }
     if !job.bus && job.is_realtime() && machine.signals.estop.is_some() {

@@ -396,7 +396,7 @@ impl SignalLoop {
             return;
         }
         for kind in [SignalKind::Digital, SignalKind::Analog] {
-            for number in 0..kind.most() {
+            for number in 0..kind.max() {
                 let value = sample.value(kind, number);
                 if value != before.value(kind, number) {
                     self.record(SignalChange {

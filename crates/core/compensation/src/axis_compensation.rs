@@ -6,10 +6,10 @@ use crate::screw_table::ScrewTable;
 use crate::thermal_offset::ThermalOffset;
 use crate::triple_average::TripleAverage;
 
-/// Iterations of the inverse at the most: slopes are at most 0.05, so each is worth more than a digit.
+/// Maximum iterations of the inverse. The slope of a correction is at most 0.05, so each iteration gains more than a digit.
 const ITERATIONS: usize = 16;
 
-/// The corrections of one axis, cycle by cycle.
+/// The corrections of one axis, one step per cycle.
 #[derive(Clone, Debug)]
 pub(crate) struct AxisCompensation {
     period_s: f64,
@@ -34,19 +34,19 @@ impl AxisCompensation {
         }
     }
 
-    pub(crate) fn aim_thermal(&mut self, offset: f64) {
+    pub(crate) fn set_thermal_offset(&mut self, offset: f64) {
         if let Some(thermal) = &mut self.thermal {
             thermal.aim(offset);
         }
     }
 
-    pub(crate) fn relocate(&mut self, position: f64) {
-        self.direction.relocate(position);
+    pub(crate) fn rebase_position(&mut self, position: f64) {
+        self.direction.rebase_position(position);
     }
 
-    /// From position and three derivatives by time to the same, corrected.
+    /// Corrects the position and its three derivatives by time.
     pub(crate) fn step(&mut self, y: [f64; 4]) -> [f64; 4] {
-        let side = self.direction.see(y[0]);
+        let side = self.direction.update(y[0]);
         self.side.step(side);
         if let Some(thermal) = &mut self.thermal {
             thermal.step();
@@ -59,7 +59,7 @@ impl AxisCompensation {
             .map_or([0.0; 4], |table| table.mean().at(y[0]));
         let g = self.half(y[0]);
         let [_, y1, y2, y3] = y;
-        // The correction over the position, as the direction stands, and its chain rule; then what the direction's change adds.
+        // The correction over the position for the present direction, by the chain rule; then the terms of the changing direction.
         let c = [
             m[0] + b[0] * g[0],
             m[1] + b[0] * g[1],
@@ -80,13 +80,13 @@ impl AxisCompensation {
         ]
     }
 
-    /// The corrected position, as the direction stands.
+    /// The corrected position for the present direction.
     pub(crate) fn corrected(&self, y: f64) -> f64 {
         let m = self.table.as_ref().map_or(0.0, |table| table.mean().at(y)[0]);
         y + (m + self.side.at()[0] * self.half(y)[0]) + self.offset()[0]
     }
 
-    /// Where the axis is, of a corrected position, as the direction stands.
+    /// The ideal position that belongs to a corrected one, for the present direction.
     pub(crate) fn ideal(&self, corrected: f64) -> f64 {
         let (b, o) = (self.side.at()[0], self.offset()[0]);
         let mut y = corrected;
@@ -101,7 +101,7 @@ impl AxisCompensation {
         y
     }
 
-    /// Half of the difference of both directions.
+    /// Half of the difference between the two directions.
     fn half(&self, position: f64) -> [f64; 4] {
         let curve = self.table.as_ref().and_then(ScrewTable::half_difference);
         let mut half = curve.map_or([0.0; 4], |curve| curve.at(position));

@@ -1,13 +1,13 @@
-//! The corrections of a machine, cycle by cycle.
+//! The corrections of a machine, one step per cycle.
 
 use evolvent_path::{AXES, Axes, Jet};
 
 use crate::axis_compensation::AxisCompensation;
 use crate::squareness::Squareness;
 
-/// From ideal setpoints to corrected ones. Made by [`Design::compensation`](crate::Design::compensation).
+/// Converts ideal setpoints into corrected ones. Created by [`Design::compensation`](crate::Design::compensation).
 ///
-/// One step a cycle, also at rest: a take-up goes on there to its end.
+/// Call [`step`](Self::step) once per cycle, also at rest: a running take-up of the backlash then continues to its end.
 #[derive(Clone, Debug)]
 pub struct Compensation {
     squareness: Squareness,
@@ -19,11 +19,11 @@ impl Compensation {
         Self { squareness, axes }
     }
 
-    /// The offset of an axis that is to be followed from the next step on, mm or degrees; within the largest of the settings. Of an
-    /// axis without thermal offset it counts for nothing. Real-time safe.
-    pub fn aim_thermal(&mut self, axis: usize, offset: f64) {
+    /// Sets the thermal offset of an axis in mm or degrees, clamped to the maximum of its settings; the next steps follow it at
+    /// the permitted rate. No effect on an axis without thermal offset. Real-time safe.
+    pub fn set_thermal_offset(&mut self, axis: usize, offset: f64) {
         if let Some(Some(axis)) = self.axes.get_mut(axis) {
-            axis.aim_thermal(offset);
+            axis.set_thermal_offset(offset);
         }
     }
 
@@ -52,8 +52,8 @@ impl Compensation {
         corrected
     }
 
-    /// The corrected position of an ideal one, as directions and offsets stand: where the last step would have left the drives if the
-    /// machine rested there. Real-time safe.
+    /// The corrected position that belongs to an ideal one for the present directions and offsets: the position of the drives if
+    /// the machine were at rest there. Real-time safe.
     #[must_use]
     pub fn corrected_position(&self, ideal: &Axes) -> Axes {
         let mut corrected = self.squareness.slides(ideal);
@@ -65,7 +65,7 @@ impl Compensation {
         corrected
     }
 
-    /// Where the tool is when the drives are at `corrected`, as directions and offsets stand. Real-time safe.
+    /// The position of the tool when the drives are at `corrected`, for the present directions and offsets. Real-time safe.
     #[must_use]
     pub fn ideal_position(&self, corrected: &Axes) -> Axes {
         let mut slides = *corrected;
@@ -77,12 +77,12 @@ impl Compensation {
         self.squareness.tool(&slides)
     }
 
-    /// At rest: the same place has other coordinates. The directions stay. Real-time safe.
-    pub fn relocate(&mut self, position: &Axes) {
+    /// At rest: the coordinates of the present position change to `position`. Directions are kept. Real-time safe.
+    pub fn rebase_position(&mut self, position: &Axes) {
         let slides = self.squareness.slides(position);
         for (i, axis) in self.axes.iter_mut().enumerate() {
             if let Some(axis) = axis {
-                axis.relocate(slides[i]);
+                axis.rebase_position(slides[i]);
             }
         }
     }

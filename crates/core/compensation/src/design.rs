@@ -1,4 +1,4 @@
-//! From the errors of a machine to what the planner may use.
+//! From the errors of a machine to the limits that remain for the planner.
 
 use evolvent_path::{AXES, Axes, AxisLetter};
 
@@ -7,46 +7,46 @@ use crate::compensation::Compensation;
 use crate::screw_table::ScrewTable;
 use crate::squareness::{LINEAR, Squareness};
 
-/// Fraction of each limit that taking up the backlash may use. Tuned: 0.05 to 0.3; the time of the take-up goes with its cube
-/// root, that of a program with the reserve. At 0.02 mm and 200 m/s3 it is 48 ms in all.
+/// Fraction of each limit that the take-up of the backlash may use. Tuned: 0.05 to 0.3; the take-up time grows with the
+/// inverse cube root of the fraction, the time of a program with the fraction. At 0.02 mm and 200 m/s3 the take-up lasts 48 ms.
 const TAKE_UP_FRACTION: f64 = 0.1;
-/// Fraction of each limit that must be left for the ideal motion: less is a table with a wrong point.
+/// Fraction of each limit that must remain for the ideal motion. A table that needs more has a wrong point.
 const MIN_REMAINING: f64 = 0.5;
-/// The steepest correction: beyond it the table is in another unit.
+/// Maximum slope of a correction. A steeper table is in another unit.
 const MAX_SLOPE: f64 = 0.05;
-/// The largest squareness error, 10 mm/m.
+/// Maximum squareness error, 10 mm/m.
 const MAX_SQUARENESS: f64 = 0.01;
 
-/// Largest velocity, acceleration and jerk of an axis, mm or degrees, and s.
+/// Maximum velocity, acceleration and jerk of an axis, in mm or degrees and seconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisLimits {
-    /// Per s.
+    /// mm/s or degrees/s.
     pub velocity: f64,
-    /// Per s2.
+    /// mm/s2 or degrees/s2.
     pub acceleration: f64,
-    /// Per s3.
+    /// mm/s3 or degrees/s3.
     pub jerk: f64,
 }
 
-/// An offset from outside.
+/// An offset from a temperature model outside the core.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThermalSettings {
-    /// The largest, mm or degrees.
+    /// Maximum magnitude, mm or degrees.
     pub max_offset: f64,
-    /// How fast it is followed, mm/s or degrees/s.
+    /// Maximum rate of change, mm/s or degrees/s.
     pub rate: f64,
 }
 
-/// What is wrong with an axis. Lengths in mm or degrees.
+/// The geometric errors of an axis. Lengths in mm or degrees.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AxisErrors {
-    /// Lost motion at reversal, beside what the table says.
+    /// Lost motion at reversal, in addition to the table.
     pub backlash: f64,
     /// Corrections over the position.
     pub table: Option<ScrewTable>,
-    /// How far the axis must come back to have reversed.
+    /// Distance by which the axis must move back to count as reversed.
     pub hysteresis: f64,
-    /// Whether an offset comes from outside.
+    /// Thermal offset, if the axis has one.
     pub thermal: Option<ThermalSettings>,
 }
 
@@ -56,16 +56,16 @@ impl AxisErrors {
     }
 }
 
-/// What is wrong with a machine.
+/// The geometric errors of a machine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MachineErrors {
-    /// Of each axis.
+    /// Errors of each axis.
     pub axes: [AxisErrors; AXES],
-    /// Between X, Y and Z.
+    /// Squareness errors between X, Y and Z.
     pub squareness: Squareness,
 }
 
-/// Which limit the corrections need too much of.
+/// A limit of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Excess {
     /// Velocity.
@@ -76,44 +76,44 @@ pub enum Excess {
     Jerk,
 }
 
-/// Errors that cannot be corrected within the limits.
+/// The reason why errors cannot be corrected within the limits.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum DesignError {
     /// The corrections need more than half of a limit.
-    #[error("axis {}: corrections leave {remaining:.6} of the {quantity:?} limit {limit} to the motion{}",
+    #[error("axis {}: the corrections leave only {remaining:.6} of the {quantity:?} limit {limit} for the motion{}",
         axis.letter(), near(*.position))]
     Reserve {
         /// The axis.
         axis: AxisLetter,
         /// The limit.
         quantity: Excess,
-        /// Its value.
+        /// Value of the limit.
         limit: f64,
-        /// What is left of it.
+        /// What remains of the limit for the ideal motion.
         remaining: f64,
-        /// Where the table is roughest.
+        /// Position at which the table is roughest.
         position: Option<f64>,
     },
-    /// A correction that is steeper than any screw's.
+    /// A correction is steeper than that of any screw.
     #[error("axis {}: near {position} the table changes by {slope:.4} mm per mm; at most {MAX_SLOPE} can be an error of a screw",
         axis.letter())]
     Slope {
         /// The axis.
         axis: AxisLetter,
-        /// How steep.
+        /// The slope.
         slope: f64,
-        /// Where.
+        /// Its position.
         position: f64,
     },
-    /// A number that is negative, not finite, or too large.
-    #[error("{what}: {value} is out of range, 0 to {most}")]
+    /// A number is negative, not finite, or too large.
+    #[error("{what}: {value} is out of range, 0 to {max}")]
     Value {
-        /// Which.
+        /// Name of the quantity.
         what: &'static str,
-        /// The number.
+        /// Its value.
         value: f64,
-        /// The largest.
-        most: f64,
+        /// The maximum.
+        max: f64,
     },
 }
 
@@ -123,35 +123,35 @@ fn near(position: Option<f64>) -> String {
     })
 }
 
-/// The corrections of a machine, and what they leave to the planner.
+/// The corrections of a machine, and the limits that remain for the planner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Design {
     errors: MachineErrors,
-    /// Length of a moving average, s; none where an axis needs no correction of its own.
+    /// Length of one moving average, s; `None` for an axis without corrections of its own.
     average_s: [Option<f64>; AXES],
-    planned: [Option<AxisLimits>; AXES],
-    most: Axes,
+    planner_limits: [Option<AxisLimits>; AXES],
+    max: Axes,
 }
 
-/// Largest magnitudes of a correction and of its derivatives by the position.
+/// Maximum magnitudes of a correction and of its derivatives by the position.
 #[derive(Clone, Copy, Debug, Default)]
 struct Roughness {
-    /// Of the whole correction, in either direction.
+    /// Of the complete correction, in either direction.
     whole: [f64; 4],
-    /// Of half of the difference between the directions, with the backlash.
+    /// Of half of the difference between the directions, including the backlash.
     half: [f64; 4],
 }
 
 impl Design {
-    /// Of these errors and the limits of the axes that there are.
+    /// Designs the corrections for these errors and the limits of the existing axes.
     ///
     /// # Errors
-    /// A number is out of range, or the corrections leave too little of a limit.
+    /// [`DesignError`] if a number is out of range, or if the corrections leave too little of a limit.
     pub fn new(errors: &MachineErrors, limits: &[Option<AxisLimits>; AXES]) -> Result<Self, DesignError> {
         check(errors)?;
         let mut average_s = [None; AXES];
         let mut slides = *limits;
-        let mut most = Axes::zeros();
+        let mut max = Axes::zeros();
         for i in 0..AXES {
             let (Some(limit), errors) = (limits[i], &errors.axes[i]) else {
                 continue;
@@ -163,9 +163,9 @@ impl Design {
             let time_s = average_time(errors, &rough, &limit);
             average_s[i] = Some(time_s);
             slides[i] = Some(remaining(AxisLetter::ALL[i], errors, &rough, &limit, time_s)?);
-            most[i] = rough.whole[0] + errors.thermal.map_or(0.0, |thermal| thermal.max_offset);
+            max[i] = rough.whole[0] + errors.thermal.map_or(0.0, |thermal| thermal.max_offset);
         }
-        let mut planned = slides;
+        let mut planner_limits = slides;
         for i in 0..LINEAR {
             let (Some(limit), Some(slide)) = (limits[i], slides[i]) else {
                 continue;
@@ -180,13 +180,13 @@ impl Design {
                 left.jerk -= coupling * other.jerk;
             }
             enough(AxisLetter::ALL[i], &limit, &left, None)?;
-            planned[i] = Some(left);
+            planner_limits[i] = Some(left);
         }
         Ok(Self {
             errors: errors.clone(),
             average_s,
-            planned,
-            most,
+            planner_limits,
+            max,
         })
     }
 
@@ -196,31 +196,32 @@ impl Design {
         self.errors.squareness.is_none() && self.average_s.iter().all(Option::is_none)
     }
 
-    /// The limits that the ideal motion of an axis has to keep; none where there is no such axis.
+    /// The limits for the ideal motion of an axis; `None` if the axis does not exist.
     #[must_use]
-    pub fn planned(&self, axis: usize) -> Option<AxisLimits> {
-        self.planned[axis]
+    pub fn planner_limits(&self, axis: usize) -> Option<AxisLimits> {
+        self.planner_limits[axis]
     }
 
-    /// The largest correction of each slide but for squareness, mm or degrees.
+    /// Maximum correction of each axis without the squareness terms, mm or degrees.
     #[must_use]
     pub fn largest_correction(&self) -> Axes {
-        self.most
+        self.max
     }
 
-    /// By how much the way of axis `other` moves the slide of `axis`, as a ratio.
+    /// Motion of `axis` per motion of axis `other` that the squareness correction causes.
     #[must_use]
     pub fn coupling(&self, axis: usize, other: usize) -> f64 {
         self.errors.squareness.coupling(axis, other)
     }
 
-    /// How long it takes an axis to take up its backlash, s.
+    /// Time in which an axis takes up its backlash, s.
     #[must_use]
     pub fn take_up_s(&self, axis: usize) -> Option<f64> {
         self.average_s[axis].map(|average_s| 3.0 * average_s)
     }
 
-    /// Of every cycle of `period_s`, at rest at the ideal `position`; the direction of each axis is unknown. Allocates.
+    /// Creates the compensation for a cycle of `period_s`, at rest at the ideal `position`; the direction of each axis is
+    /// unknown. Allocates.
     #[must_use]
     pub fn compensation(&self, period_s: f64, position: Axes) -> Compensation {
         let slides = self.errors.squareness.slides(&position);
@@ -235,18 +236,18 @@ impl Design {
 }
 
 fn check(errors: &MachineErrors) -> Result<(), DesignError> {
-    let within = |what, value: f64, most: f64| {
-        if (0.0..=most).contains(&value) {
+    let within = |what, value: f64, max: f64| {
+        if (0.0..=max).contains(&value) {
             Ok(())
         } else {
-            Err(DesignError::Value { what, value, most })
+            Err(DesignError::Value { what, value, max })
         }
     };
     for axis in &errors.axes {
         within("backlash", axis.backlash, 10.0)?;
         within("hysteresis", axis.hysteresis, 1.0)?;
         if let Some(thermal) = axis.thermal {
-            within("largest thermal offset", thermal.max_offset, 10.0)?;
+            within("maximum thermal offset", thermal.max_offset, 10.0)?;
             within("rate of the thermal offset", thermal.rate, 1.0)?;
         }
     }
@@ -261,7 +262,7 @@ fn roughness(errors: &AxisErrors) -> Roughness {
     let mut rough = Roughness::default();
     let table = errors.table.as_ref();
     if let Some(half) = table.and_then(ScrewTable::half_difference) {
-        rough.half = half.maxima().map(|(most, _)| most);
+        rough.half = half.maxima().map(|(max, _)| max);
     }
     rough.half[0] += 0.5 * errors.backlash;
     rough.whole = rough.half;
@@ -273,7 +274,7 @@ fn roughness(errors: &AxisErrors) -> Roughness {
     rough
 }
 
-/// Where the correction of a table is steepest, or roughest.
+/// Position at which the correction of a table is steepest (order 1) or roughest (higher orders).
 fn worst_position(errors: &AxisErrors, order: usize) -> Option<f64> {
     let table = errors.table.as_ref()?;
     let mean = table.mean().maxima()[order];
@@ -283,7 +284,7 @@ fn worst_position(errors: &AxisErrors, order: usize) -> Option<f64> {
     Some(if mean.0 >= half.0 { mean.1 } else { half.1 })
 }
 
-/// As short as the limits allow. An axis without backlash has no steps to smooth but the thermal offset's.
+/// The shortest averaging time within the limits. An axis without backlash needs it only for the thermal offset.
 fn average_time(errors: &AxisErrors, rough: &Roughness, limit: &AxisLimits) -> f64 {
     let step = rough.half[0];
     let rate = errors.thermal.map_or(0.0, |thermal| thermal.rate);
@@ -299,7 +300,7 @@ fn average_time(errors: &AxisErrors, rough: &Roughness, limit: &AxisLimits) -> f
     .fold(0.0, f64::max)
 }
 
-/// What the corrections of an axis leave of its limits, by the chain rule for `y + m(y) + b g(y) + o`.
+/// The part of an axis' limits that remains, by the chain rule for `y + m(y) + b g(y) + o`.
 fn remaining(
     axis: AxisLetter,
     errors: &AxisErrors,

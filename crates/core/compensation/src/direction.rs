@@ -1,18 +1,18 @@
-//! In which direction an axis has moved last.
+//! The direction of the last motion of an axis.
 
-/// The direction of an axis, with hysteresis: it changes when the position has come back by more than the width from the
-/// farthest point. Unknown until the axis has moved by that much.
+/// The direction of an axis with hysteresis: it changes when the position has moved back from its extreme by more than the
+/// width. Unknown until the axis has moved by the width.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Direction {
     width: f64,
-    /// The farthest point in the present direction; where it began, while that is unknown.
+    /// The extreme position in the present direction; the start position while the direction is unknown.
     farthest: f64,
-    /// -1, 0 where unknown, or 1.
+    /// -1, 1, or 0 while unknown.
     sign: i64,
 }
 
 impl Direction {
-    /// Unknown, at `position`; `width` in the unit of positions.
+    /// An unknown direction at `position`; `width` has the unit of positions.
     #[must_use]
     pub fn new(width: f64, position: f64) -> Self {
         Self {
@@ -22,8 +22,8 @@ impl Direction {
         }
     }
 
-    /// 1 forwards, -1 backwards, 0 where unknown. Real-time safe.
-    pub fn see(&mut self, position: f64) -> i64 {
+    /// Updates the direction: 1 forwards, -1 backwards, 0 while unknown. Real-time safe.
+    pub fn update(&mut self, position: f64) -> i64 {
         let ahead = position - self.farthest;
         match self.sign {
             0 if ahead.abs() <= self.width => {}
@@ -40,8 +40,8 @@ impl Direction {
         self.sign
     }
 
-    /// The same place has another coordinate; the direction stays.
-    pub fn relocate(&mut self, position: f64) {
+    /// The coordinates of the present position change to `position`; the direction is kept. Real-time safe.
+    pub fn rebase_position(&mut self, position: f64) {
         self.farthest = position;
     }
 }

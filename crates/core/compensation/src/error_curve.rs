@@ -1,18 +1,18 @@
 //! A correction over the position of an axis.
 
-/// A C2 cubic spline through the points of a table, constant before the first and after the last.
+/// A C2 cubic spline through the points of a table, constant before the first and after the last point.
 ///
-/// Between the points it is the cubic spline with continuous second derivative. At both ends slope and curvature are zero, so that
-/// it goes on as a constant without a step in either; the two more conditions at each end are met by one more knot, in the middle
-/// of the first and of the last interval. A table of two points has its two knots at a quarter and at three quarters.
+/// Slope and curvature are zero at both ends, so the spline joins the constants smoothly. The two additional conditions at
+/// each end need one additional knot, in the middle of the first and of the last interval. A table of two points has its two
+/// knots at one and three quarters.
 ///
-/// Exact but for rounding; evaluation is a binary search and a polynomial.
+/// Exact up to rounding; evaluation is a binary search and a polynomial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorCurve {
     pieces: Vec<Piece>,
 }
 
-/// From `start` on until the next piece: `c[0] + c[1] t + c[2] t^2 + c[3] t^3` with `t` from `start`.
+/// Valid from `start` to the next piece: `c[0] + c[1] t + c[2] t^2 + c[3] t^3`, with `t` counted from `start`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Piece {
     start: f64,
@@ -39,8 +39,8 @@ impl Piece {
 }
 
 impl ErrorCurve {
-    /// Through `values` at ascending `positions`, as many of each and at least two: [`ScrewTable`](crate::ScrewTable) has
-    /// checked that.
+    /// The spline through `values` at ascending `positions`; both have the same length, at least two, as checked by
+    /// [`ScrewTable`](crate::ScrewTable).
     pub(crate) fn through(positions: &[f64], values: &[f64]) -> Self {
         let last = positions.len() - 1;
         let mut pieces = Vec::with_capacity(last + 4);
@@ -73,7 +73,7 @@ impl ErrorCurve {
         Self { pieces }
     }
 
-    /// Value and three derivatives by the position. The third is that of the piece to the right at a knot. Real-time safe.
+    /// Value and three derivatives by the position. At a knot the third derivative is that of the piece on the right. Real-time safe.
     #[must_use]
     pub fn at(&self, position: f64) -> [f64; 4] {
         let after = self.pieces.partition_point(|piece| piece.start <= position);
@@ -85,22 +85,22 @@ impl ErrorCurve {
         }
     }
 
-    /// The largest magnitudes of value and derivatives, and where each is.
+    /// Maximum magnitude of the value and of each derivative, with its position.
     #[must_use]
     pub fn maxima(&self) -> [(f64, f64); 4] {
-        let mut most = [(0.0, 0.0); 4];
+        let mut max = [(0.0, 0.0); 4];
         for (index, piece) in self.pieces.iter().enumerate() {
-            // The constants before and after are the ends of their neighbours.
+            // The constants outside equal the ends of their neighbours.
             let Some(next) = self.pieces.get(index + 1) else {
                 break;
             };
             if !piece.start.is_finite() {
-                most[0] = (piece.c[0].abs(), next.start);
+                max[0] = (piece.c[0].abs(), next.start);
                 continue;
             }
             let length = next.start - piece.start;
             let [_, c1, c2, c3] = piece.c;
-            // Where a derivative is zero, the one below is largest.
+            // Candidates for extrema: the ends, and the zeros of the next higher derivative.
             let mut candidates = [0.0, length, -c2 / (3.0 * c3), 0.0, 0.0];
             let discriminant = c2 * c2 - 3.0 * c1 * c3;
             if discriminant >= 0.0 {
@@ -112,28 +112,28 @@ impl ErrorCurve {
                 if !(0.0..=length).contains(&t) {
                     continue;
                 }
-                for (most, value) in most.iter_mut().zip(piece.at(t)) {
-                    if value.abs() > most.0 {
-                        *most = (value.abs(), piece.start + t);
+                for (max, value) in max.iter_mut().zip(piece.at(t)) {
+                    if value.abs() > max.0 {
+                        *max = (value.abs(), piece.start + t);
                     }
                 }
             }
         }
-        most
+        max
     }
 }
 
-/// Slopes at the inner points (the outer two are zero): the second derivative is the same from both sides. Thomas algorithm on a
+/// Slopes at the inner points (the outer two are zero) from the continuity of the second derivative: Thomas algorithm on a
 /// diagonally dominant tridiagonal system.
 fn slopes(positions: &[f64], values: &[f64]) -> Vec<f64> {
     let last = positions.len() - 1;
     let mut slopes = vec![0.0; last + 1];
-    // Of the row before, normalised: what multiplies the next slope, and the right side.
+    // Of the previous row, normalised: the factor of the next slope, and the right side.
     let mut above = vec![0.0; last + 1];
     for i in 1..last {
         let (h0, h1) = (positions[i] - positions[i - 1], positions[i + 1] - positions[i]);
         let (change0, change1) = (values[i] - values[i - 1], values[i + 1] - values[i]);
-        // With the middle knot and zero slope and curvature at the far end: curvature = 6 slope/h - 12 change/h^2.
+        // With the middle knot, and zero slope and curvature at the outer end: curvature = 6 slope/h - 12 change/h^2.
         let (lower, diagonal0, right0) = if i == 1 {
             (0.0, 6.0 / h0, 12.0 * change0 / (h0 * h0))
         } else {
@@ -154,7 +154,7 @@ fn slopes(positions: &[f64], values: &[f64]) -> Vec<f64> {
     slopes
 }
 
-/// `a t^3` up to the middle knot, and `b (t - h/2)^3` more from there on: value and slope at the end decide `a` and `b`.
+/// `a t^3` up to the middle knot, plus `b (t - h/2)^3` after it; value and slope at the end determine `a` and `b`.
 fn first_interval(x: f64, h: f64, value: f64, change: f64, slope: f64, pieces: &mut Vec<Piece>) {
     let (a, b) = end_coefficients(h, change, slope);
     let u = 0.5 * h;
@@ -168,7 +168,7 @@ fn first_interval(x: f64, h: f64, value: f64, change: f64, slope: f64, pieces: &
     });
 }
 
-/// The same, mirrored.
+/// The mirror image of `first_interval`.
 fn last_interval(x: f64, h: f64, value: f64, change: f64, slope: f64, pieces: &mut Vec<Piece>) {
     let (a, b) = end_coefficients(h, -change, -slope);
     let u = 0.5 * h;
@@ -187,7 +187,7 @@ fn end_coefficients(h: f64, change: f64, slope: f64) -> (f64, f64) {
     (a, 8.0 * (change / (h * h * h) - a))
 }
 
-/// From one constant to another: knots at a quarter and three quarters of `h`, third derivatives in the ratio 1 : -1 : 1.
+/// The transition between two constants: knots at one and three quarters of `h`, third derivatives in the ratio 1 : -1 : 1.
 fn single_interval(positions: &[f64], values: &[f64], pieces: &mut Vec<Piece>) {
     let h = positions[1] - positions[0];
     let a = 16.0 / 3.0 * (values[1] - values[0]) / (h * h * h);

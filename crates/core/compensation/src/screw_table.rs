@@ -1,62 +1,64 @@
-//! What was measured of a screw, as corrections.
+//! A measured table of screw errors, as corrections.
 
 use crate::error_curve::ErrorCurve;
 
-/// Points of the largest table.
+/// Maximum number of points.
 pub(crate) const MAX_POINTS: usize = 10_000;
-/// The largest correction, mm or degrees: beyond it the table is in another unit.
+/// Maximum correction, mm or degrees. A larger one is in another unit.
 const MAX_CORRECTION: f64 = 10.0;
-/// Points are farther apart than this, mm or degrees.
+/// Minimum distance of points, mm or degrees.
 const MIN_SPACING: f64 = 1e-3;
 
-/// Corrections of an axis over its position, for either direction: what is added to the position so that the axis is there.
+/// Corrections of an axis over its position for either direction: the amount added to the commanded position so that the axis
+/// reaches the ideal one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScrewTable {
     mean: ErrorCurve,
-    /// Half of what forwards is more than backwards.
+    /// Half of the difference forwards minus backwards.
     half: Option<ErrorCurve>,
     range: [f64; 2],
 }
 
-/// A table that cannot be used.
+/// The reason why a table is not usable.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TableError {
-    /// Too few points for a curve, or too many.
-    #[error("a table has 2 to {MAX_POINTS} points, this one {0}")]
+    /// Too few or too many points.
+    #[error("a table has 2 to {MAX_POINTS} points, this one has {0}")]
     Points(usize),
-    /// Not as many corrections as positions.
+    /// The numbers of positions and corrections differ.
     #[error("there are {positions} positions and {corrections} corrections")]
     Lengths {
-        /// Positions.
+        /// Number of positions.
         positions: usize,
-        /// Corrections of one direction.
+        /// Number of corrections of one direction.
         corrections: usize,
     },
-    /// Positions that do not ascend.
-    #[error("position {position} is not at least {MIN_SPACING} above the one before, {before}")]
+    /// The positions do not ascend.
+    #[error("position {position} is not at least {MIN_SPACING} above the previous one, {before}")]
     Order {
         /// Index of the point.
         index: usize,
         /// Its position.
         position: f64,
-        /// The position before.
+        /// The previous position.
         before: f64,
     },
-    /// A number that is none, or a correction that is absurd.
+    /// A position or correction is not finite, or a correction is too large.
     #[error("{value} is out of range: corrections are within {MAX_CORRECTION}, positions are finite")]
     Value {
         /// Index of the point.
         index: usize,
-        /// The number.
+        /// Its value.
         value: f64,
     },
 }
 
 impl ScrewTable {
-    /// Of corrections at ascending positions, mm or degrees: forwards (to larger positions), and backwards where that differs.
+    /// Creates a table from corrections at ascending positions, mm or degrees: forwards (towards larger positions), and backwards
+    /// if they differ.
     ///
     /// # Errors
-    /// There are too few points, positions do not ascend, or a number is out of range.
+    /// [`TableError`] if there are too few points, positions do not ascend, or a number is out of range.
     pub fn new(positions: &[f64], forward: &[f64], reverse: Option<&[f64]>) -> Result<Self, TableError> {
         if !(2..=MAX_POINTS).contains(&positions.len()) {
             return Err(TableError::Points(positions.len()));
@@ -106,19 +108,19 @@ impl ScrewTable {
         })
     }
 
-    /// The mean of both directions.
+    /// The mean correction of both directions.
     #[must_use]
     pub fn mean(&self) -> &ErrorCurve {
         &self.mean
     }
 
-    /// Half of what forwards is more than backwards; none where both are the same.
+    /// Half of the difference forwards minus backwards; `None` if both directions are equal.
     #[must_use]
     pub fn half_difference(&self) -> Option<&ErrorCurve> {
         self.half.as_ref()
     }
 
-    /// The first and the last position.
+    /// First and last position.
     #[must_use]
     pub fn range(&self) -> [f64; 2] {
         self.range

@@ -1,23 +1,23 @@
-//! Axes that are not at right angles.
+//! Squareness errors between X, Y and Z.
 
 use evolvent_path::{AXES, Axes};
 
-/// How far X, Y and Z are off their right angles: the ratio of the drift of one to the way of the other (1 um/m is 1e-6).
+/// Squareness errors of X, Y and Z: the ratio of the drift of one axis to the motion of another (1 um/m is 1e-6).
 ///
-/// While Y alone moves forwards by 1 mm, the tool drifts by `xy` mm to larger X; while Z alone does, by `xz` mm to larger X and `yz`
-/// mm to larger Y. Positive is an angle of less than 90 degrees.
+/// While Y alone moves forwards by 1 mm, the tool drifts by `xy` mm towards larger X; while Z alone moves, by `xz` mm towards
+/// larger X and by `yz` mm towards larger Y. Positive values are angles below 90 degrees.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Squareness {
-    /// X drifts with Y.
+    /// Drift of X with Y.
     pub xy: f64,
-    /// X drifts with Z.
+    /// Drift of X with Z.
     pub xz: f64,
-    /// Y drifts with Z.
+    /// Drift of Y with Z.
     pub yz: f64,
 }
 
 impl Squareness {
-    /// Positions of the slides with which the tool is at `ideal`: the exact inverse of [`tool`](Self::tool). Derivatives likewise.
+    /// Slide positions for the tool position `ideal`, the exact inverse of [`tool`](Self::tool). Derivatives transform alike.
     #[must_use]
     pub fn slides(&self, ideal: &Axes) -> Axes {
         let mut slides = *ideal;
@@ -26,7 +26,7 @@ impl Squareness {
         slides
     }
 
-    /// Where the tool is with these positions of the slides.
+    /// Tool position for these slide positions.
     #[must_use]
     pub fn tool(&self, slides: &Axes) -> Axes {
         let mut tool = *slides;
@@ -35,7 +35,7 @@ impl Squareness {
         tool
     }
 
-    /// By how much of the motion of axis `other` that of `axis` grows at the most.
+    /// Upper bound of the additional motion of `axis` per motion of `other`.
     pub(crate) fn coupling(&self, axis: usize, other: usize) -> f64 {
         match (axis, other) {
             (0, 1) => self.xy.abs(),
@@ -45,13 +45,13 @@ impl Squareness {
         }
     }
 
-    /// Whether it changes nothing.
+    /// Whether all errors are zero.
     #[must_use]
     pub fn is_none(&self) -> bool {
         *self == Self::default()
     }
 }
 
-/// The number of axes that squareness concerns.
+/// The number of axes with squareness errors.
 pub(crate) const LINEAR: usize = 3;
 const _: () = assert!(LINEAR <= AXES);

@@ -1,37 +1,37 @@
-//! An offset that comes from outside, made a motion.
+//! Turns an external offset into a smooth motion.
 
 use crate::triple_average::TripleAverage;
 
-/// Offsets are counted in millionths of a micrometre.
+/// Offsets are counted in units of 1e-6 um.
 pub(crate) const UNITS_PER_MM: f64 = 1e9;
 
-/// Follows an offset with a bounded rate, smoothly.
+/// Follows an offset smoothly, at a bounded rate.
 #[derive(Clone, Debug)]
 pub(crate) struct ThermalOffset {
-    /// Units a period.
+    /// Units per period.
     step: i64,
-    /// Units.
-    most: f64,
+    /// Maximum magnitude, in units.
+    max: f64,
     target: i64,
     now: i64,
     average: TripleAverage,
 }
 
 impl ThermalOffset {
-    pub(crate) fn new(rate: f64, most: f64, period_s: f64, n: usize) -> Self {
+    pub(crate) fn new(rate: f64, max: f64, period_s: f64, n: usize) -> Self {
         Self {
             step: ((rate * period_s * UNITS_PER_MM) as i64).max(1),
-            most: most * UNITS_PER_MM,
+            max: max * UNITS_PER_MM,
             target: 0,
             now: 0,
             average: TripleAverage::new(n, 0),
         }
     }
 
-    /// Limits it; what is no number leaves the one before.
+    /// Sets the target, clamped to the maximum. NaN keeps the previous target.
     pub(crate) fn aim(&mut self, offset: f64) {
         if !offset.is_nan() {
-            self.target = (offset * UNITS_PER_MM).clamp(-self.most, self.most).round() as i64;
+            self.target = (offset * UNITS_PER_MM).clamp(-self.max, self.max).round() as i64;
         }
     }
 
@@ -40,7 +40,7 @@ impl ThermalOffset {
         self.average.step(self.now);
     }
 
-    /// In mm, by periods.
+    /// Value and derivatives by periods, mm.
     pub(crate) fn at(&self) -> [f64; 4] {
         self.average.at().map(|value| value / UNITS_PER_MM)
     }

@@ -1,31 +1,31 @@
-//! A signal with steps, made smooth.
+//! Smooths a step signal.
 
-/// Three moving averages in a row, of `n` periods each, over a signal that is constant within a period.
+/// Three consecutive moving averages of `n` periods each over a signal that is constant within a period.
 ///
-/// In continuous time: what comes out is a function with continuous second derivative and, within each period, constant third one.
-/// Where the signal stays within `[-1, 1]`, the magnitudes of its derivatives by the number of periods are at most `1.5/n`,
-/// `4/n^2` and `8/n^3`: the total variation of the kernel (a quadratic B-spline) and of its derivatives.
+/// In continuous time the output has a continuous second derivative and a third derivative that is constant within each
+/// period. For a signal within `[-1, 1]` the derivatives by the number of periods are at most `1.5/n`, `4/n^2` and `8/n^3` in
+/// magnitude: the total variation of the kernel (a quadratic B-spline) and of its derivatives.
 ///
-/// Computed in integers: exact, so it neither drifts nor depends on the way there.
+/// The computation uses integers: it is exact, so it neither drifts nor depends on the history.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TripleAverage {
     n: usize,
-    /// The last `3 n` values.
+    /// The last `3 n` input values.
     past: Box<[i64]>,
-    /// Where the oldest of them is.
+    /// Index of the oldest of them.
     oldest: usize,
-    /// Times `6 n^3`.
+    /// Value times `6 n^3`.
     value: i128,
-    /// Times `2 n^3`, by periods.
+    /// First derivative by periods times `2 n^3`.
     first: i128,
-    /// Times `n^3`.
+    /// Second derivative times `n^3`.
     second: i128,
-    /// Times `n^3`.
+    /// Third derivative times `n^3`.
     third: i128,
 }
 
 impl TripleAverage {
-    /// Of `n` periods each, at least one, after a signal that was `value` for long. Allocates.
+    /// Averages of `n` periods each, at least one, settled at the input `value`. Allocates.
     #[must_use]
     pub fn new(n: usize, value: i64) -> Self {
         let n = n.max(1);
@@ -38,18 +38,18 @@ impl TripleAverage {
             second: 0,
             third: 0,
         };
-        this.settle(value);
+        this.reset(value);
         this
     }
 
-    /// Forgets the past: the signal was `value` for long. Real-time safe, its cost is `n`.
-    pub fn settle(&mut self, value: i64) {
+    /// Resets to a signal that has been `value` for a long time. Real-time safe, in O(n).
+    pub fn reset(&mut self, value: i64) {
         self.past.fill(value);
         self.value = 6 * self.cube() * i128::from(value);
         (self.first, self.second, self.third) = (0, 0, 0);
     }
 
-    /// Goes on by one period in which the signal is `input`. Real-time safe.
+    /// Advances by one period with this input. Real-time safe.
     pub fn step(&mut self, input: i64) {
         let length = self.past.len();
         let back = |periods: usize| {
@@ -69,7 +69,7 @@ impl TripleAverage {
         };
     }
 
-    /// Value and three derivatives, by periods. The third is that of the last period.
+    /// Value and three derivatives by periods; the third is that of the last period.
     #[must_use]
     pub fn at(&self) -> [f64; 4] {
         let cube = self.cube() as f64;

@@ -1,11 +1,11 @@
-//! The cycle's part neither allocates nor frees.
+//! The part that runs in the cycle neither allocates nor frees.
 
 use evolvent_compensation::{AxisErrors, AxisLimits, Design, MachineErrors, ScrewTable, ThermalSettings};
 use evolvent_counting::calls;
 use evolvent_path::{AXES, Axes, Jet};
 
 #[test]
-fn a_step_and_its_inverse_do_without_the_allocator() {
+fn a_step_and_its_inverse_do_not_allocate() {
     let mut errors = MachineErrors::default();
     errors.squareness.xy = 1e-4;
     errors.axes[0] = AxisErrors {
@@ -29,10 +29,10 @@ fn a_step_and_its_inverse_do_without_the_allocator() {
     for cycle in 0..10_000 {
         let mut ideal = Jet::at_rest(Axes::zeros());
         ideal.position[0] = 90.0 * (f64::from(cycle) * 0.001).sin();
-        compensation.aim_thermal(0, f64::from(cycle) * 1e-5);
+        compensation.set_thermal_offset(0, f64::from(cycle) * 1e-5);
         let corrected = compensation.step(&ideal);
         std::hint::black_box(compensation.ideal_position(&corrected.position));
     }
-    compensation.relocate(&Axes::zeros());
+    compensation.rebase_position(&Axes::zeros());
     assert_eq!(calls(), before);
 }

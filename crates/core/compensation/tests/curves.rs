@@ -1,11 +1,11 @@
-//! Curves through tables: figures from a dense exact system in truncated powers, and properties of random tables.
+//! Curves through tables: reference values from a dense exact system of truncated powers, and properties of random tables.
 
 use evolvent_compensation::{ScrewTable, TableError};
 use evolvent_random::Random;
 
-/// What a program in rational numbers gave: the system of truncated powers (x - k)^3 over all knots, solved by elimination.
+/// Reference values computed in rational arithmetic: the system of truncated powers (x - k)^3 over all knots, by elimination.
 #[test]
-fn a_curve_is_that_of_an_exact_dense_system() {
+fn a_curve_agrees_with_an_exact_dense_system() {
     let six = (
         vec![-50.0, -20.0, 10.0, 30.0, 75.0, 120.0],
         vec![0.004, -0.003, 0.001, 0.007, -0.002, 0.005],
@@ -104,7 +104,7 @@ fn a_curve_is_that_of_an_exact_dense_system() {
 }
 
 #[test]
-fn a_random_curve_goes_through_its_points_smoothly_and_keeps_its_maxima() {
+fn a_random_curve_is_smooth_and_within_its_maxima() {
     let mut random = Random::seeded(16_701);
     for _ in 0..300 {
         let (positions, values) = random_table(&mut random);
@@ -124,10 +124,10 @@ fn a_random_curve_goes_through_its_points_smoothly_and_keeps_its_maxima() {
             let position = low - 1.0 + f64::from(step) * width;
             let now = curve.at(position);
             for order in 0..3 {
-                // A step in a derivative would show: it changes by no more than the next one's maximum allows.
-                let most = maxima[order + 1].0 * width * (1.0 + 1e-9) + 1e-12;
+                // A derivative without steps changes by at most the maximum of the next one times the interval.
+                let max = maxima[order + 1].0 * width * (1.0 + 1e-9) + 1e-12;
                 assert!(
-                    (now[order] - before[order]).abs() <= most,
+                    (now[order] - before[order]).abs() <= max,
                     "order {order} at {position}"
                 );
             }
@@ -139,11 +139,11 @@ fn a_random_curve_goes_through_its_points_smoothly_and_keeps_its_maxima() {
             }
             before = now;
         }
-        for (order, (most, position)) in maxima.into_iter().enumerate() {
+        for (order, (max, position)) in maxima.into_iter().enumerate() {
             let near = [curve.at(position), curve.at(position - 1e-9)].map(|at| at[order].abs());
             assert!(
                 near.into_iter()
-                    .any(|near| (near - most).abs() <= 1e-5 * most + 1e-15),
+                    .any(|near| (near - max).abs() <= 1e-5 * max + 1e-15),
                 "order {order}"
             );
         }
@@ -151,7 +151,7 @@ fn a_random_curve_goes_through_its_points_smoothly_and_keeps_its_maxima() {
 }
 
 #[test]
-fn bad_tables_are_refused() {
+fn invalid_tables_are_rejected() {
     let ok = [0.0, 0.01, 0.0];
     assert!(ScrewTable::new(&[0.0, 1.0, 2.0], &ok, Some(&ok)).is_ok());
     assert_eq!(ScrewTable::new(&[0.0], &[0.0], None), Err(TableError::Points(1)));

@@ -1,4 +1,4 @@
-//! What is reserved, and what is refused.
+//! The reserve for corrections, and errors of the design.
 
 use evolvent_compensation::{
     AxisErrors, AxisLimits, Design, DesignError, Excess, MachineErrors, ScrewTable, ThermalSettings,
@@ -25,32 +25,35 @@ fn with_axis(axis: AxisErrors) -> MachineErrors {
 
 /// 8 (B/2)/T^3 = 0.1 J gives T = (0.08/20000)^(1/3) = 15.874 ms; by hand: 1.5 0.01/T = 0.9449 mm/s, 4 0.01/T^2 = 158.74 mm/s2.
 #[test]
-fn the_reserve_for_backlash_is_that_of_the_formula() {
+fn the_reserve_for_backlash_follows_the_formula() {
     let design = design(&with_axis(AxisErrors {
         backlash: 0.02,
         ..AxisErrors::default()
     }))
     .unwrap();
-    let planned = design.planned(0).unwrap();
+    let planner_limits = design.planner_limits(0).unwrap();
     assert!((design.take_up_s(0).unwrap() - 3.0 * 0.015_874_01).abs() < 1e-7);
     assert!(
-        (planned.velocity - (500.0 - 0.944_941)).abs() < 1e-5,
-        "{planned:?}"
+        (planner_limits.velocity - (500.0 - 0.944_941)).abs() < 1e-5,
+        "{planner_limits:?}"
     );
     assert!(
-        (planned.acceleration - (5000.0 - 158.740)).abs() < 1e-2,
-        "{planned:?}"
+        (planner_limits.acceleration - (5000.0 - 158.740)).abs() < 1e-2,
+        "{planner_limits:?}"
     );
-    assert!((planned.jerk - 180_000.0).abs() < 1e-6, "{planned:?}");
-    assert_eq!(design.planned(1), Some(LIMITS));
-    assert_eq!(design.planned(3), None);
+    assert!(
+        (planner_limits.jerk - 180_000.0).abs() < 1e-6,
+        "{planner_limits:?}"
+    );
+    assert_eq!(design.planner_limits(1), Some(LIMITS));
+    assert_eq!(design.planner_limits(3), None);
     assert!((design.largest_correction()[0] - 0.01).abs() < 1e-15);
 }
 
 /// Two points: the derivatives of the curve are 1.6e-3 mm/mm, 5.12e-4 1/mm (at a quarter) and 2.56e-4 1/mm2 for 8 um over 10 mm.
 /// By the chain rule at 50 mm/s.
 #[test]
-fn the_reserve_for_a_table_is_that_of_the_chain_rule() {
+fn the_reserve_for_a_table_follows_the_chain_rule() {
     let table = ScrewTable::new(&[0.0, 10.0], &[0.002, -0.006], None).unwrap();
     let errors = with_axis(AxisErrors {
         table: Some(table),
@@ -61,35 +64,38 @@ fn the_reserve_for_a_table_is_that_of_the_chain_rule() {
         velocity: 50.0,
         ..LIMITS
     });
-    let planned = Design::new(&errors, &drives).unwrap().planned(0).unwrap();
+    let planner_limits = Design::new(&errors, &drives).unwrap().planner_limits(0).unwrap();
     let v = 50.0 / 1.0016;
     let a = (5000.0 - 6.4e-4 * v * v) / 1.0016;
     let j = (200_000.0 - 3.0 * 6.4e-4 * v * a - 2.56e-4 * v * v * v) / 1.0016;
-    assert!((planned.velocity - v).abs() < 1e-9);
-    assert!((planned.acceleration - a).abs() < 1e-9, "{planned:?} {a}");
-    assert!((planned.jerk - j).abs() < 1e-6, "{planned:?} {j}");
+    assert!((planner_limits.velocity - v).abs() < 1e-9);
+    assert!(
+        (planner_limits.acceleration - a).abs() < 1e-9,
+        "{planner_limits:?} {a}"
+    );
+    assert!((planner_limits.jerk - j).abs() < 1e-6, "{planner_limits:?} {j}");
 }
 
 #[test]
-fn nothing_wrong_reserves_nothing() {
+fn no_errors_need_no_reserve() {
     let design = design(&MachineErrors::default()).unwrap();
     assert!(design.is_none());
-    assert_eq!(design.planned(2), Some(LIMITS));
+    assert_eq!(design.planner_limits(2), Some(LIMITS));
 }
 
 #[test]
-fn squareness_reserves_what_the_other_axes_add() {
+fn squareness_reserves_the_motion_of_the_other_axes() {
     let mut errors = MachineErrors::default();
     errors.squareness.xy = -1e-3;
     errors.squareness.yz = 2e-3;
     let design = design(&errors).unwrap();
-    assert!((design.planned(0).unwrap().velocity - (500.0 - 0.5 - 0.001)).abs() < 1e-9);
-    assert!((design.planned(1).unwrap().jerk - (200_000.0 - 400.0)).abs() < 1e-9);
-    assert_eq!(design.planned(2), Some(LIMITS));
+    assert!((design.planner_limits(0).unwrap().velocity - (500.0 - 0.5 - 0.001)).abs() < 1e-9);
+    assert!((design.planner_limits(1).unwrap().jerk - (200_000.0 - 400.0)).abs() < 1e-9);
+    assert_eq!(design.planner_limits(2), Some(LIMITS));
 }
 
 #[test]
-fn what_cannot_be_corrected_is_refused_with_the_axis_and_the_place() {
+fn an_impossible_correction_is_rejected_with_its_axis() {
     let positions: Vec<f64> = (0..40).map(f64::from).collect();
     let mut values = vec![0.0; 40];
     values[23] = 0.015;

@@ -1,4 +1,4 @@
-//! Everything about corrections, from outside.
+//! Tests of the corrections through the public interface.
 
 #![expect(clippy::unwrap_used, reason = "a test may fail")]
 

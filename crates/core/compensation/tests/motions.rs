@@ -57,7 +57,7 @@ fn random_axis(random: &mut Random) -> AxisErrors {
 }
 
 #[test]
-fn corrected_setpoints_keep_the_limits_whatever_errors_and_motion() {
+fn corrected_setpoints_keep_the_limits() {
     let mut random = Random::seeded(16_704);
     let (mut run, mut refused, mut closest) = (0, 0, [0.0_f64; 3]);
     while run < cases(60) {
@@ -71,15 +71,16 @@ fn corrected_setpoints_keep_the_limits_whatever_errors_and_motion() {
         drives[..3].fill(Some(limits));
         let Ok(design) = Design::new(&errors, &drives) else {
             refused += 1;
-            assert!(refused < 100 * cases(60), "hardly a table can be corrected");
+            assert!(refused < 100 * cases(60), "almost no table can be corrected");
             continue;
         };
         run += 1;
         let period_s = random.log(0.0002, 0.002);
         let mut compensation = design.compensation(period_s, Axes::zeros());
         let chance = random.log(0.002, 0.2);
-        let mut profiles: [Profile; 3] =
-            std::array::from_fn(|i| Profile::new(&design.planned(i).unwrap(), period_s, chance, 300.0));
+        let mut profiles: [Profile; 3] = std::array::from_fn(|i| {
+            Profile::new(&design.planner_limits(i).unwrap(), period_s, chance, 300.0)
+        });
         let mut past = [Axes::zeros(); 3];
         for cycle in 0..6000 {
             let mut ideal = Jet::at_rest(Axes::zeros());
@@ -89,7 +90,7 @@ fn corrected_setpoints_keep_the_limits_whatever_errors_and_motion() {
                     (at[0], at[1], at[2], at[3]);
             }
             if random.below(500) == 0 {
-                compensation.aim_thermal(random.below(3), random.between(-0.2, 0.2));
+                compensation.set_thermal_offset(random.below(3), random.between(-0.2, 0.2));
             }
             let corrected = compensation.step(&ideal);
             let again = compensation.corrected_position(&ideal.position);
@@ -129,13 +130,13 @@ fn corrected_setpoints_keep_the_limits_whatever_errors_and_motion() {
             past = [p, past[0], past[1]];
         }
     }
-    // Otherwise far too much would be reserved.
+    // A lower ratio would mean an excessive reserve.
     assert!(closest.iter().all(|ratio| *ratio > 0.95), "{closest:?}");
 }
 
 /// Velocity and acceleration against central differences at 100 kHz, and jerk against differences of the acceleration.
 #[test]
-fn derivatives_are_those_of_the_positions() {
+fn derivatives_match_positions() {
     let mut random = Random::seeded(16_705);
     let mut run = 0;
     while run < 20 {
@@ -145,9 +146,9 @@ fn derivatives_are_those_of_the_positions() {
     }
 }
 
-/// The same where the play changes by 40 um over 30 mm, so that every product of the chain rule shows.
+/// The same with a backlash that varies by 40 um over 30 mm, so that every term of the chain rule contributes.
 #[test]
-fn derivatives_are_those_of_the_positions_where_the_play_varies() {
+fn derivatives_match_positions_with_varying_backlash() {
     let mut random = Random::seeded(16_706);
     let positions: Vec<f64> = (-20..=20).map(|i| f64::from(i) * 30.0).collect();
     let forward: Vec<f64> = (-20..=20).map(|i| 0.01 * f64::from(i & 1)).collect();
@@ -163,7 +164,7 @@ fn derivatives_are_those_of_the_positions_where_the_play_varies() {
     }
 }
 
-/// False where the errors cannot be corrected within the limits.
+/// Returns false if the errors cannot be corrected within the limits.
 fn check_derivatives(errors: &MachineErrors, random: &mut Random) -> bool {
     let limits = AxisLimits {
         velocity: 300.0,
@@ -177,7 +178,7 @@ fn check_derivatives(errors: &MachineErrors, random: &mut Random) -> bool {
     };
     let period_s = 1e-5;
     let mut compensation = design.compensation(period_s, Axes::zeros());
-    let mut profile = Profile::new(&design.planned(0).unwrap(), period_s, 0.001, 20.0);
+    let mut profile = Profile::new(&design.planner_limits(0).unwrap(), period_s, 0.001, 20.0);
     let mut samples = Vec::new();
     for _ in 0..60_000 {
         let at = profile.step(random);
@@ -212,7 +213,7 @@ fn check_derivatives(errors: &MachineErrors, random: &mut Random) -> bool {
     }
     assert!(
         jumps < 100,
-        "{jumps} cycles with another jerk than their accelerations"
+        "{jumps} cycles whose jerk differs from the difference of accelerations"
     );
     true
 }

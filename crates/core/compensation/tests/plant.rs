@@ -1,4 +1,4 @@
-//! A machine with lost motion and a screw that is off, driven with and without correction.
+//! A machine with backlash and a screw of wrong pitch, driven with and without correction.
 
 use evolvent_compensation::{AxisErrors, AxisLimits, Design, MachineErrors, ScrewTable, Squareness};
 use evolvent_path::{AXES, Axes, Jet};
@@ -6,7 +6,7 @@ use evolvent_path::{AXES, Axes, Jet};
 const PERIOD_S: f64 = 0.001;
 const BACKLASH: f64 = 0.02;
 
-/// A nut with play on a screw whose pitch is off; X and Y not at right angles.
+/// A nut with backlash on a screw of wrong pitch; X and Y are not perpendicular.
 struct Plant {
     slides: [f64; 2],
     squareness: Squareness,
@@ -41,7 +41,7 @@ fn errors() -> MachineErrors {
     errors
 }
 
-/// The largest distances from the circle: far from the reversals of an axis, and near them.
+/// Maximum deviations from the circle: away from the reversals of an axis, and near them.
 fn circle(errors: &MachineErrors) -> [f64; 2] {
     let limits = AxisLimits {
         velocity: 500.0,
@@ -60,8 +60,8 @@ fn circle(errors: &MachineErrors) -> [f64; 2] {
         },
     };
     let (radius, rate) = (40.0, 1.0);
-    let mut most = [0.0_f64; 2];
-    // From the middle to the circle, then round and round.
+    let mut max = [0.0_f64; 2];
+    // From the centre to the circle, then several revolutions.
     let (mut angle, mut reach) = (0.0_f64, 0.0_f64);
     for _ in 0..20_000 {
         reach = (reach + 0.05).min(radius);
@@ -74,19 +74,19 @@ fn circle(errors: &MachineErrors) -> [f64; 2] {
             let off = (x.hypot(y) - radius).abs();
             let quarter = std::f64::consts::FRAC_PI_2;
             let near = (angle / quarter - (angle / quarter).round()).abs() * quarter < 0.08;
-            most[usize::from(near)] = most[usize::from(near)].max(off);
+            max[usize::from(near)] = max[usize::from(near)].max(off);
         }
     }
-    most
+    max
 }
 
 #[test]
-fn a_circle_of_a_bad_machine_is_round() {
+fn a_circle_of_an_inaccurate_machine_is_round() {
     let without = circle(&MachineErrors::default());
     assert!(without[0] > 0.012, "{without:?}");
     let [away, near] = circle(&errors());
-    // Curve between the points of the table, and second order of error times slope.
+    // The curve between the points of the table, and the second-order term error times slope.
     assert!(away < 0.0002, "{away}");
-    // The take-up lasts 48 ms; meanwhile the play remains in part, and radially it counts almost fully.
+    // The take-up lasts 48 ms; meanwhile part of the backlash remains, almost all of it in the radial direction.
     assert!(near < 0.021, "{near}");
 }

@@ -1,12 +1,12 @@
-//! Motions at the very limits of an axis, for tests.
+//! Motions that reach the limits of an axis, for tests.
 
 use std::collections::VecDeque;
 
 use evolvent_compensation::AxisLimits;
 use evolvent_random::Random;
 
-/// Back and forth at the limits: steps of a wanted velocity through two moving averages, so that jerk is constant within each
-/// cycle, and velocity, acceleration and jerk come up to their limits and no farther.
+/// Oscillation at the limits: steps of the target velocity through two moving averages, so that jerk is constant within each
+/// cycle, and velocity, acceleration and jerk reach but do not exceed their limits.
 pub(crate) struct Profile {
     velocity: f64,
     period_s: f64,

@@ -1,4 +1,4 @@
-//! The smoothed direction: what it is, and its bounds.
+//! The smoothed direction: its values and bounds.
 
 use evolvent_compensation::{Direction, TripleAverage};
 use evolvent_random::Random;
@@ -13,7 +13,7 @@ fn smooth_step(t: f64) -> f64 {
 }
 
 #[test]
-fn three_averages_are_the_sum_of_smooth_steps_and_within_the_bounds() {
+fn three_averages_are_a_sum_of_smooth_steps() {
     let mut random = Random::seeded(16_702);
     for _ in 0..50 {
         let n = random.below(40) + 1;
@@ -46,7 +46,7 @@ fn three_averages_are_the_sum_of_smooth_steps_and_within_the_bounds() {
             for (value, bound) in at.iter().zip(bounds) {
                 assert!(value.abs() <= bound * (1.0 + 1e-12), "n {n}: {at:?}");
             }
-            // What is published is differenced: the same bounds.
+            // Differences of the published values have the same bounds.
             let d1 = at[0] - past[0];
             let d2 = at[0] - 2.0 * past[0] + past[1];
             let d3 = at[0] - 3.0 * past[0] + 3.0 * past[1] - past[2];
@@ -62,7 +62,7 @@ fn three_averages_are_the_sum_of_smooth_steps_and_within_the_bounds() {
 }
 
 #[test]
-fn after_years_of_reversals_it_is_where_it_was() {
+fn years_of_reversals_leave_no_drift() {
     let mut random = Random::seeded(16_703);
     let mut average = TripleAverage::new(37, 1);
     let mut sign = 1;
@@ -95,9 +95,9 @@ fn a_direction_changes_only_after_the_width() {
         (6.4009, -1),
         (6.4011, 1),
     ] {
-        assert_eq!(direction.see(position), expected, "at {position}");
+        assert_eq!(direction.update(position), expected, "at {position}");
     }
-    direction.relocate(0.0);
-    assert_eq!(direction.see(-0.0009), 1);
-    assert_eq!(direction.see(-0.0011), -1);
+    direction.rebase_position(0.0);
+    assert_eq!(direction.update(-0.0009), 1);
+    assert_eq!(direction.update(-0.0011), -1);
 }

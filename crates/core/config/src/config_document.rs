@@ -1,4 +1,4 @@
-//! A TOML or JSON text that knows the place of every key, so that every error can name it.
+//! A TOML or JSON document with the position of every key, so that every error names it.
 
 use std::ops::Range;
 
@@ -9,10 +9,10 @@ use crate::error::ConfigError;
 use crate::place::{Found, byte_of, find_json, find_toml, line_and_column};
 use crate::words::{in_plain_words, one_line, plain, shortened};
 
-/// The text of a case file, parsed once. TOML, or JSON where the file's name ends in `.json`.
+/// A user-written configuration file, parsed once: TOML, or JSON if the file name ends in `.json`.
 ///
-/// [`ConfigDocument::read`] makes a type of it (unknown keys, missing keys and wrong kinds are errors where the type says so);
-/// [`ConfigDocument::number`] and [`ConfigDocument::error`] are for the checks that follow, with the dotted key of what is wrong.
+/// [`ConfigDocument::read`] deserializes it (unknown keys, missing keys and wrong types are errors as far as the type
+/// requires). [`ConfigDocument::number`] and [`ConfigDocument::error`] serve the checks that follow; both take a dotted key.
 #[derive(Debug)]
 pub struct ConfigDocument<'a> {
     file: &'a str,
@@ -27,10 +27,10 @@ enum Content<'a> {
 }
 
 impl<'a> ConfigDocument<'a> {
-    /// Parses `text`; `file` names it in errors, and is JSON where it ends so.
+    /// Parses `text`. `file` is the name in error messages; the ending `.json` selects JSON, anything else TOML.
     ///
     /// # Errors
-    /// Text that is not what it should be.
+    /// [`ConfigError`] with line and column if the text is not valid.
     pub fn parse(text: &'a str, file: &'a str) -> Result<Self, ConfigError> {
         let is_json = std::path::Path::new(file)
             .extension()
@@ -49,10 +49,10 @@ impl<'a> ConfigDocument<'a> {
         Ok(Self { file, text, content })
     }
 
-    /// Parses TOML, whatever the file is called.
+    /// Parses TOML, whatever the name of the file.
     ///
     /// # Errors
-    /// Text that is no TOML.
+    /// [`ConfigError`] with line and column if the text is not valid TOML.
     pub fn toml(text: &'a str, file: &'a str) -> Result<Self, ConfigError> {
         let table = DeTable::parse(text).map_err(|error| {
             let (line, column) = line_and_column(text, error.span().map_or(0, |span| span.start));
@@ -69,30 +69,30 @@ impl<'a> ConfigDocument<'a> {
         Ok(Self { file, text, content })
     }
 
-    /// The file's name, as errors give it.
+    /// The file name for error messages.
     #[must_use]
     pub fn file(&self) -> &'a str {
         self.file
     }
 
-    /// The text.
+    /// The complete text.
     #[must_use]
     pub fn text(&self) -> &'a str {
         self.text
     }
 
-    /// The text as a `T`.
+    /// Deserializes the document.
     ///
     /// # Errors
-    /// What serde refuses, with place and key.
+    /// Errors of serde, with line, column and key.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
         self.read_advised(|_| None)
     }
 
-    /// The same with advice of one's own on unknown keys, by the last part of their name.
+    /// As [`read`](Self::read), with additional advice on unknown keys. `advice` receives the last part of the key.
     ///
     /// # Errors
-    /// What serde refuses, with place and key.
+    /// Errors of serde, with line, column and key.
     pub fn read_advised<T: DeserializeOwned>(
         &self,
         on_unknown: impl Fn(&str) -> Option<String>,
@@ -103,7 +103,7 @@ impl<'a> ConfigDocument<'a> {
                 serde_path_to_error::deserialize(toml::Deserializer::from(spanned)).map_err(|error| {
                     let path = error.path().to_string();
                     let inner = error.into_inner();
-                    self.refused(
+                    self.serde_error(
                         path,
                         inner.span().map(|span| span.start),
                         inner.message(),
@@ -117,13 +117,13 @@ impl<'a> ConfigDocument<'a> {
                     let path = error.path().to_string();
                     let inner = error.into_inner();
                     let at = byte_of(self.text, inner.line(), inner.column());
-                    self.refused(path, Some(at), &json_message(&inner), &on_unknown)
+                    self.serde_error(path, Some(at), &json_message(&inner), &on_unknown)
                 })
             }
         }
     }
 
-    fn refused(
+    fn serde_error(
         &self,
         mut key: String,
         at: Option<usize>,
@@ -141,7 +141,7 @@ impl<'a> ConfigDocument<'a> {
         } else {
             "correct the value".to_owned()
         };
-        // Serde names the table that lacks a key; people look for the key.
+        // Serde names the table that lacks a key; users search for the key.
         let missing = what
             .strip_prefix("missing field `")
             .and_then(|rest| rest.strip_suffix('`'));
@@ -155,20 +155,20 @@ impl<'a> ConfigDocument<'a> {
         self.error_at(&key, at, what, advice)
     }
 
-    /// Refuses a number that is outside `least..=most`, or no number.
+    /// Checks that a number is within `min..=max`.
     ///
     /// # Errors
-    /// With the place of `key` (dotted, `mode[1].frequency_hz`).
-    pub fn number(&self, key: &str, value: f64, least: f64, most: f64) -> Result<(), ConfigError> {
-        // A NaN is in no range.
-        if (least..=most).contains(&value) {
+    /// [`ConfigError`] at the position of `key` (dotted, `mode[1].frequency_hz`) if it is not, or is NaN.
+    pub fn number(&self, key: &str, value: f64, min: f64, max: f64) -> Result<(), ConfigError> {
+        // NaN is in no range.
+        if (min..=max).contains(&value) {
             return Ok(());
         }
-        let advice = format!("give a number from {} to {}", plain(least), plain(most));
+        let advice = format!("give a number from {} to {}", plain(min), plain(max));
         Err(self.error(key, format!("{} is out of range", plain(value)), advice))
     }
 
-    /// An error at a dotted key, or at the innermost table of it that is there.
+    /// An error at a dotted key, or at the innermost table of it that exists.
     #[must_use]
     pub fn error(&self, key: &str, what: String, advice: impl Into<String>) -> ConfigError {
         self.error_at(key, None, what, advice.into())
@@ -199,7 +199,7 @@ impl<'a> ConfigDocument<'a> {
     }
 }
 
-/// `serde_json` puts the place behind its message; it is told apart here.
+/// Splits a message of `serde_json` into text and position, which it appends.
 fn json_message(error: &serde_json::Error) -> String {
     let text = error.to_string();
     text.rsplit_once(" at line ")

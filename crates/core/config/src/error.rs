@@ -1,14 +1,14 @@
-//! Why a file was refused.
+//! Errors of configuration files.
 
 use thiserror::Error;
 
-/// Why a file was refused. Each message names the place and says what to do.
+/// The reason why a file is rejected. Each message names the position and the remedy.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum ConfigError {
     /// The text is not TOML, or not JSON.
     #[error("{file}:{line}:{column}: not valid {format}: {what}")]
     Syntax {
-        /// The file as given.
+        /// The file name.
         file: String,
         /// "TOML" or "JSON".
         format: &'static str,
@@ -16,13 +16,13 @@ pub enum ConfigError {
         line: usize,
         /// Column in characters, from 1.
         column: usize,
-        /// What the parser expected.
+        /// The message of the parser.
         what: String,
     },
-    /// A key is unknown, missing or of the wrong kind, or its value makes no sense.
+    /// A key is unknown, missing or of the wrong type, or its value is invalid.
     #[error("{file}:{line}:{column}: {key}: {what}; {advice}")]
     Key {
-        /// The file as given.
+        /// The file name.
         file: String,
         /// Line, from 1.
         line: usize,
@@ -30,9 +30,9 @@ pub enum ConfigError {
         column: usize,
         /// Dotted key: `mode[1].frequency_hz`.
         key: String,
-        /// What is wrong, with the numbers.
+        /// The problem, with its numbers.
         what: String,
-        /// What to do.
+        /// The remedy.
         advice: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Opening and reading files that people name: regular files only, and never without a time limit.
+//! Opens and reads user-supplied files: regular files only, and always with a time limit.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Error, ErrorKind, Read as _, Result};
@@ -8,34 +8,34 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long opening and reading one file may take. A local disk takes milliseconds and a slow network share less than a
-/// second; an NFS server that does not reply lets a reader hang for minutes, or for ever.
+/// Time limit for opening and reading one file. A local disk takes milliseconds and a slow network share less than a second;
+/// an NFS server that does not respond blocks a reader for minutes or forever.
 pub const FILE_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Time between two attempts to open a file that another program holds with a lease.
+/// Interval between attempts to open a file on which another program holds a lease.
 const LEASE_POLL: Duration = Duration::from_millis(20);
 
 /// Opens a regular file for reading.
 ///
-/// Pipes, sockets, devices and folders are refused without being opened: opening a pipe waits for its writer. The call may
-/// still hang where the file system does; threads that must not wait call [`within`].
+/// Pipes, sockets, devices and folders are rejected without being opened: opening a pipe waits for its writer. The call can
+/// still block if the file system does; threads that must not wait call [`within`].
 ///
 /// # Errors
-/// The operating system's reason, [`ErrorKind::InvalidInput`] for what is not a regular file, and
-/// [`ErrorKind::TimedOut`] where another program does not release its lease in [`FILE_TIMEOUT`].
+/// The error of the operating system, [`ErrorKind::InvalidInput`] for anything but a regular file, and
+/// [`ErrorKind::TimedOut`] if another program does not release its lease within [`FILE_TIMEOUT`].
 pub fn open_regular(path: &Path) -> Result<File> {
     let begin = Instant::now();
     loop {
-        // Before it is opened, because opening a device may already do something.
-        refuse_special(&std::fs::metadata(path)?)?;
-        // Without waiting: the file may have been replaced by a pipe meanwhile.
+        // Checked before opening, because opening a device may already have an effect.
+        reject_special(&std::fs::metadata(path)?)?;
+        // Non-blocking: a pipe may have replaced the file meanwhile.
         let opened = OpenOptions::new()
             .read(true)
             .custom_flags(libc::O_NONBLOCK)
             .open(path);
         match opened {
             Ok(file) => {
-                refuse_special(&file.metadata()?)?;
+                reject_special(&file.metadata()?)?;
                 return Ok(file);
             }
             Err(error) if error.kind() == ErrorKind::WouldBlock => {
@@ -49,7 +49,7 @@ pub fn open_regular(path: &Path) -> Result<File> {
     }
 }
 
-fn refuse_special(facts: &std::fs::Metadata) -> Result<()> {
+fn reject_special(facts: &std::fs::Metadata) -> Result<()> {
     if facts.is_file() {
         return Ok(());
     }
@@ -61,12 +61,12 @@ fn refuse_special(facts: &std::fs::Metadata) -> Result<()> {
     Err(Error::new(ErrorKind::InvalidInput, what))
 }
 
-/// Reads a regular file of at most `max_bytes`; of a longer one, `max_bytes + 1` bytes, so that the caller can tell.
+/// Reads a regular file of at most `max_bytes`; of a longer file, `max_bytes + 1` bytes, so that the caller can detect it.
 ///
-/// It is read by another thread, which is left behind where the file system does not reply.
+/// Another thread reads it; that thread is abandoned if the file system does not respond.
 ///
 /// # Errors
-/// As [`open_regular`], and [`ErrorKind::TimedOut`] after [`FILE_TIMEOUT`].
+/// Those of [`open_regular`], and [`ErrorKind::TimedOut`] after [`FILE_TIMEOUT`].
 pub fn read_regular(path: &Path, max_bytes: u64) -> Result<Vec<u8>> {
     let path = path.to_path_buf();
     within(FILE_TIMEOUT, move || {
@@ -76,10 +76,10 @@ pub fn read_regular(path: &Path, max_bytes: u64) -> Result<Vec<u8>> {
     })
 }
 
-/// Does something with files on another thread, which is left behind where it does not end in time.
+/// Runs `work` on another thread, which is abandoned if it does not finish in time.
 ///
 /// # Errors
-/// What `work` returns, and [`ErrorKind::TimedOut`] after `timeout`.
+/// Those of `work`, and [`ErrorKind::TimedOut`] after `timeout`.
 pub fn within<T: Send + 'static>(
     timeout: Duration,
     work: impl FnOnce() -> Result<T> + Send + 'static,
@@ -91,16 +91,18 @@ pub fn within<T: Send + 'static>(
     match receiver.recv_timeout(timeout) {
         Ok(result) => result,
         Err(RecvTimeoutError::Timeout) => Err(no_reply(timeout)),
-        Err(RecvTimeoutError::Disconnected) => Err(Error::other("its reader has panicked; please report it")),
+        Err(RecvTimeoutError::Disconnected) => {
+            Err(Error::other("the reader thread panicked; please report this"))
+        }
     }
 }
 
-/// What is said of a file that cannot be read in time.
+/// The error for a file that cannot be read in time.
 #[must_use]
 pub fn no_reply(timeout: Duration) -> Error {
     let seconds = timeout.as_secs_f64();
     let text = format!(
-        "no reply within {seconds} s; a network drive hangs or another program holds the file: copy it to a local disk"
+        "no reply within {seconds} s; the network drive does not respond or another program holds the file: copy it to a local disk"
     );
     Error::new(ErrorKind::TimedOut, text)
 }
@@ -116,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn pipes_devices_and_folders_are_refused_at_once() {
+    fn pipes_devices_and_folders_are_rejected_at_once() {
         let folder = folder("special");
         let pipe = folder.join("pipe");
         let made = std::process::Command::new("mkfifo").arg(&pipe).status().unwrap();
@@ -143,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_for_a_reader_that_hangs_goes_on_in_time() {
+    fn a_caller_of_a_blocked_reader_continues_in_time() {
         let begin = Instant::now();
         let hangs = || {
             thread::sleep(Duration::from_secs(600));

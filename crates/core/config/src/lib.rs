@@ -1,7 +1,8 @@
-//! Files that people write, read so that every error names file, line, column and key.
+//! Reads user-written configuration files; every error names file, line, column and key.
 //!
-//! [`ConfigDocument`] reads a TOML or JSON text as a type and checks numbers by their dotted keys. [`shortened`] and [`plain`]
-//! format values in messages.
+//! Input: the text of a TOML or JSON file. Output: a deserialized type, or a [`ConfigError`] that says what is wrong, where,
+//! and what to do. [`ConfigDocument`] keeps the positions of all keys, so that checks after deserialization can name them
+//! too. [`shortened`] and [`plain`] format values in messages.
 //!
 //! ```
 //! use evolvent_config::ConfigDocument;
@@ -9,19 +10,21 @@
 //! struct Mode {
 //!     frequency_hz: f64,
 //! }
-//! let sheet = ConfigDocument::parse("frequency_hz = -3.0", "mode.toml")?;
-//! let mode: Mode = sheet.read()?;
-//! let refused = sheet.number("frequency_hz", mode.frequency_hz, 0.1, 1e5).unwrap_err();
+//! let document = ConfigDocument::parse("frequency_hz = -3.0", "mode.toml")?;
+//! let mode: Mode = document.read()?;
+//! let error = document.number("frequency_hz", mode.frequency_hz, 0.1, 1e5).unwrap_err();
 //! assert_eq!(
-//!     refused.to_string(),
+//!     error.to_string(),
 //!     "mode.toml:1:1: frequency_hz: -3 is out of range; give a number from 0.1 to 100000"
 //! );
 //! # Ok::<(), evolvent_config::ConfigError>(())
 //! ```
 //!
-//! Files are opened by [`open_regular`] and [`read_regular`]: regular ones only, with a time limit.
+//! [`open_regular`] and [`read_regular`] open regular files only, with a time limit.
 //!
-//! All of it allocates: for start-up, not for the cycle.
+//! # Guarantees
+//!
+//! No input panics. Messages are single lines of bounded length. Everything allocates: use it at start-up, not in the cycle.
 
 mod config_document;
 mod error;

@@ -1,17 +1,17 @@
-//! Where keys stand in a text.
+//! Positions of keys in a text.
 
 use toml::de::{DeTable, DeValue};
 
-/// Where a dotted key is, byte offsets.
+/// Position of a dotted key, as a byte offset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Found {
-    /// The key.
+    /// The key exists.
     Key(usize),
-    /// The innermost table or key of it that is there.
+    /// The innermost table or key of it that exists.
     Parent(usize),
 }
 
-/// `word` and the index behind it, if there is one.
+/// Splits a part of a dotted key into the word and its index, if it has one.
 fn part_of(part: &str) -> (&str, Option<usize>) {
     match part.split_once('[') {
         Some((word, rest)) => (word, rest.trim_end_matches(']').parse().ok()),
@@ -19,7 +19,7 @@ fn part_of(part: &str) -> (&str, Option<usize>) {
     }
 }
 
-/// The place of a dotted key (`mode[1].frequency_hz`) in a table that begins at `whole`.
+/// Finds a dotted key (`mode[1].frequency_hz`) in a table that begins at byte `whole`.
 pub(crate) fn find_toml(table: &DeTable<'_>, whole: usize, key: &str) -> Found {
     let mut parent = whole;
     let mut table = Some(table);
@@ -45,7 +45,7 @@ pub(crate) fn find_toml(table: &DeTable<'_>, whole: usize, key: &str) -> Found {
     last.map_or(Found::Parent(parent), Found::Key)
 }
 
-/// Walks through JSON that is known to be valid.
+/// Finds a dotted key in valid JSON.
 pub(crate) fn find_json(text: &str, key: &str) -> Found {
     let bytes = text.as_bytes();
     let mut at = skip_space(bytes, 0);
@@ -73,7 +73,7 @@ fn skip_space(bytes: &[u8], mut at: usize) -> usize {
     at
 }
 
-/// The first byte behind the value that begins at `at`.
+/// The first byte after the value that begins at `at`.
 fn skip_value(bytes: &[u8], mut at: usize) -> usize {
     let mut depth = 0_usize;
     while let Some(byte) = bytes.get(at) {
@@ -139,7 +139,7 @@ pub(crate) fn byte_of(text: &str, line: usize, column: usize) -> usize {
     (start + column.saturating_sub(1)).min(text.len())
 }
 
-/// Line and column of a byte, from 1, the column in characters.
+/// Line and column of a byte offset, from 1, the column in characters.
 pub(crate) fn line_and_column(text: &str, byte: usize) -> (usize, usize) {
     let before: String = text
         .char_indices()

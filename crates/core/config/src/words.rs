@@ -1,6 +1,6 @@
-//! How what is wrong is told.
+//! Wording of error messages.
 
-/// A message of serde without the names of Rust's types, on one line.
+/// A message of serde on one line, without names of Rust types.
 pub(crate) fn in_plain_words(message: &str) -> String {
     let plain = message
         .replace("expected f64", "expected a number")
@@ -12,13 +12,13 @@ pub(crate) fn in_plain_words(message: &str) -> String {
     one_line(&plain)
 }
 
-/// A message on one line, of at most 600 characters.
+/// Shortens a message to one line of at most 600 characters.
 pub(crate) fn one_line(message: &str) -> String {
     let words: Vec<_> = message.split_whitespace().collect();
     shortened_to(&words.join(" "), 600)
 }
 
-/// At most 80 characters: long text from the file does not belong into a message.
+/// Shortens user text to at most 80 characters for messages.
 #[must_use]
 pub fn shortened(text: &str) -> String {
     shortened_to(text, 80)
@@ -31,7 +31,7 @@ fn shortened_to(text: &str, most_chars: usize) -> String {
     }
 }
 
-/// A number as people write it: 1e308 stays short.
+/// Formats a number for messages; very large ones stay short (1e308).
 #[must_use]
 pub fn plain(value: f64) -> String {
     let size = value.abs();

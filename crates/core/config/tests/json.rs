@@ -3,17 +3,17 @@
 use evolvent_config::ConfigDocument;
 
 #[test]
-fn json_says_the_same_with_places() {
+fn json_errors_name_their_position() {
     #[derive(Debug, serde::Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Case {
-        #[expect(dead_code, reason = "only its presence counts")]
+        #[expect(dead_code, reason = "only its presence matters")]
         mode: Vec<Mode>,
     }
     #[derive(Debug, serde::Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Mode {
-        #[expect(dead_code, reason = "only its presence counts")]
+        #[expect(dead_code, reason = "only its presence matters")]
         f_hz: f64,
     }
     let text =

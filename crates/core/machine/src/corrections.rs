@@ -1,4 +1,4 @@
-//! What is corrected of a machine: backlash, screw error, squareness, thermal growth.
+//! Corrected errors of a machine: backlash, screw error, squareness, thermal growth.
 
 use std::path::PathBuf;
 
@@ -9,10 +9,10 @@ use serde::Deserialize;
 
 use crate::machine::{Axis, Machine};
 
-/// How a table of screw errors is written.
+/// Format of a table of screw errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 pub(crate) enum TableFormat {
-    /// Columns with a first line of their names, separated by commas.
+    /// Comma-separated columns with a header line.
     #[serde(rename = "csv")]
     Csv,
     /// Lists of numbers.
@@ -26,59 +26,59 @@ pub(crate) enum TableFormat {
     LinuxCnc1,
 }
 
-/// Unit of the numbers in a file of LinuxCNC.
+/// Unit of the numbers in a LinuxCNC file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum TableUnit {
-    /// Millimetres (degrees of a rotary axis).
+    /// Millimetres (degrees for a rotary axis).
     #[default]
     Mm,
     /// Inches.
     Inch,
 }
 
-/// How far X, Y and Z are off their right angles.
+/// Squareness errors of X, Y and Z.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SquarenessFile {
-    /// Drift of the tool to larger X while Y alone moves forwards, um per m; positive is an angle below 90 degrees.
+    /// Drift of the tool towards larger X while Y alone moves forwards, um per m; positive for an angle below 90 degrees.
     #[serde(default)]
     #[schemars(range(min = -10_000, max = 10_000))]
     pub(crate) xy_um_m: f64,
-    /// Drift of the tool to larger X while Z alone moves forwards, um per m.
+    /// Drift of the tool towards larger X while Z alone moves forwards, um per m.
     #[serde(default)]
     #[schemars(range(min = -10_000, max = 10_000))]
     pub(crate) xz_um_m: f64,
-    /// Drift of the tool to larger Y while Z alone moves forwards, um per m.
+    /// Drift of the tool towards larger Y while Z alone moves forwards, um per m.
     #[serde(default)]
     #[schemars(range(min = -10_000, max = 10_000))]
     pub(crate) yz_um_m: f64,
 }
 
-/// A table of screw errors as it was read, to be attached to traces.
+/// The content of a screw-error file, to be attached to traces.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ScrewFile {
-    /// As the machine file names it.
+    /// Name as in the machine file.
     pub name: PathBuf,
     /// Its content.
     pub bytes: Vec<u8>,
 }
 
-/// What is corrected, and what that leaves to the planner.
+/// The corrections of a machine, and what they leave to the planner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CorrectionSettings {
-    /// What is wrong with the machine, and how it is corrected.
+    /// The errors of the machine and the design of their correction.
     pub design: Design,
-    /// The analog input that gives the thermal growth of each axis, mm.
+    /// The analog input that supplies the thermal offset of each axis, mm.
     pub thermal_inputs: [Option<u32>; AXES],
-    /// The files of tables.
+    /// The table files.
     pub files: Vec<ScrewFile>,
-    /// Which fraction of velocity, acceleration and jerk the planner may use.
+    /// The fractions of velocity, acceleration and jerk that remain for the planner.
     pub(crate) planned: [[f64; 3]; AXES],
 }
 
 impl CorrectionSettings {
-    /// Of these errors.
+    /// Creates the settings for these errors.
     pub(crate) fn new(
         errors: &MachineErrors,
         axes: &[Axis],
@@ -94,7 +94,7 @@ impl CorrectionSettings {
             });
         }
         let design = Design::new(errors, &limits)?;
-        let planned = std::array::from_fn(|i| match (design.planned(i), limits[i]) {
+        let planned = std::array::from_fn(|i| match (design.planner_limits(i), limits[i]) {
             (Some(planned), Some(limit)) if planned != limit => [
                 planned.velocity / limit.velocity,
                 planned.acceleration / limit.acceleration,
@@ -110,7 +110,7 @@ impl CorrectionSettings {
         })
     }
 
-    /// How far from the ideal position each drive may be sent at the most, mm or degrees.
+    /// Maximum distance of each drive's setpoint from the ideal position, mm or degrees.
     #[must_use]
     pub fn reach(&self, machine: &Machine) -> Axes {
         let mut reach = self.design.largest_correction();
@@ -133,7 +133,7 @@ impl CorrectionSettings {
     }
 }
 
-/// The axis that an error is about.
+/// The axis to which an error refers.
 pub(crate) fn axis_of(error: &DesignError) -> Option<AxisLetter> {
     match error {
         DesignError::Reserve { axis, .. } | DesignError::Slope { axis, .. } => Some(*axis),

@@ -1,7 +1,7 @@
 //! The diagrams of the control rate: figures 3, 4 and 5 of Kombarov and Sorokin, as one SVG.
 //!
-//! Text stays text in the SVG, so no font is needed to draw it. All axes are logarithmic: the limits are power laws and
-//! become straight lines. Lines are labelled where they end, not in a legend that has to be looked up.
+//! Text remains text in the SVG, so drawing needs no font. All axes are logarithmic: the limits are power laws and become
+//! straight lines. Lines are labelled at their ends instead of in a legend.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -10,13 +10,13 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use crate::chord::{acceleration_feed_mm_s, acceleration_rate_hz, jerk_feed_mm_s, rate_for};
 use crate::rate::{GRAVITY_MM_S2, RateError, RateInput, RationalRate, rational_rate};
 
-/// Why there is no picture.
+/// The reason why there is no figure.
 #[derive(Debug, thiserror::Error)]
 pub enum FigureError {
     /// The numbers give no rational rate.
     #[error(transparent)]
     Rate(#[from] RateError),
-    /// The picture could not be drawn.
+    /// Drawing failed.
     #[error("the figures could not be drawn: {0}; this is a fault of the program, please report the numbers")]
     Draw(String),
 }
@@ -31,14 +31,14 @@ const RADII_MM: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 5.0];
 const ACCELERATIONS_G: [f64; 4] = [0.01, 0.1, 1.0, 10.0];
 /// Jerks of figure 4, m/s3.
 const JERKS_M_S3: [f64; 4] = [5.0, 50.0, 500.0, 5000.0];
-/// Grids of figure 5, increments per mm; that of the input is added.
+/// Grids of figure 5, increments per mm; the grid of the input is added.
 const GRIDS: [f64; 3] = [1e3, 1e4, 1e5];
 
-// Dark enough to print, told apart without colour by their slopes and labels.
-const BY_JERK: RGBColor = RGBColor(0xb3, 0x3c, 0x00);
-const BY_ACCELERATION: RGBColor = RGBColor(0x00, 0x5a, 0xa0);
-const BY_FEED: RGBColor = RGBColor(0x3a, 0x7d, 0x2c);
-const OF_MACHINE: RGBColor = RGBColor(0xa0, 0x00, 0x60);
+// Dark enough to print; slopes and labels distinguish the lines without colour.
+const JERK_COLOUR: RGBColor = RGBColor(0xb3, 0x3c, 0x00);
+const ACCELERATION_COLOUR: RGBColor = RGBColor(0x00, 0x5a, 0xa0);
+const FEED_COLOUR: RGBColor = RGBColor(0x3a, 0x7d, 0x2c);
+const MACHINE_COLOUR: RGBColor = RGBColor(0xa0, 0x00, 0x60);
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Log = LogCoord<f64>;
@@ -47,20 +47,20 @@ type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<Log, Log>>;
 type Limit<'a> = (&'a str, RGBColor, &'a dyn Fn(f64) -> f64);
 type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 
-/// Draws figure 3 (feed that acceleration, jerk and the largest feed permit, over the radius), figure 4 (control rate
-/// over feed, by radius, with the lines where acceleration and jerk end) and figure 5 (control rate over acceleration,
-/// by grid), one below the other, for the limits given; the point that needs the rational rate is marked in each.
+/// Draws figure 3 (feed that acceleration, jerk and maximum feed permit, over the radius), figure 4 (control rate over feed,
+/// by radius, with the lines at which acceleration and jerk limit it) and figure 5 (control rate over acceleration, by grid)
+/// below one another. The point that requires the rational rate is marked in each.
 ///
-/// `title` (a machine's name, say) heads the picture. Returns the text of an SVG file. Not for the cycle.
+/// `title` is the heading, for example the machine's name. Returns the text of an SVG file. Not real-time safe.
 ///
 /// # Errors
-/// As [`rational_rate`]; drawing itself has no cause to fail.
+/// Those of [`rational_rate`]; drawing itself has no cause to fail.
 pub fn figures_svg(input: &RateInput, title: &str) -> Result<String, FigureError> {
     figures_svg_of_axes(input, &[], title)
 }
 
-/// The same, with a figure 3 for each axis by its own limits, as the paper draws them (3a, 3b, ..): acceleration of one
-/// axis and jerk of another belong to no motion. Without axes there is one figure 3, of `input`.
+/// As [`figures_svg`], with one figure 3 for each axis with its own limits, as in the paper (3a, 3b, ..): acceleration of one
+/// axis and jerk of another belong to no motion. Without axes there is one figure 3, for `input`.
 ///
 /// # Errors
 /// As [`figures_svg`], also for the limits of an axis.
@@ -130,19 +130,19 @@ fn feed_over_radius(
     input: &RateInput,
     rate: &RationalRate,
 ) -> Drawn<()> {
-    let least = input.min_radius_mm;
+    let min = input.min_radius_mm;
     let crossings = [
         input.jerk_to_acceleration_radius_mm(),
         input.jerk_to_feed_radius_mm(),
         input.acceleration_to_feed_radius_mm(),
         rate.radius_mm,
     ];
-    // Beyond the last crossing that is on any machine's table.
+    // Beyond the last crossing within the travel of any machine.
     let last = crossings
         .into_iter()
         .filter(|r| r.is_finite() && *r < 1e5)
-        .fold(10.0 * least, f64::max);
-    let radii = decade_below(least)..decade_above(2.0 * last);
+        .fold(10.0 * min, f64::max);
+    let radii = decade_below(min)..decade_above(2.0 * last);
     let at_ends =
         [input.feed_on_mm_s(radii.start).0, input.feed_on_mm_s(radii.end).0].map(|feed| feed * 60.0);
     let feeds = decade_below(at_ends[0])..decade_above(at_ends[1] * 1.5);
@@ -153,13 +153,13 @@ fn feed_over_radius(
         &("feed F, mm/min", feeds.clone()),
     )?;
     let limits: [Limit<'_>; 3] = [
-        ("by jerk", BY_JERK, &|r| {
+        ("by jerk", JERK_COLOUR, &|r| {
             jerk_feed_mm_s(r, input.jerk_mm_s3) * 60.0
         }),
-        ("by acceleration", BY_ACCELERATION, &|r| {
+        ("by acceleration", ACCELERATION_COLOUR, &|r| {
             acceleration_feed_mm_s(r, input.acceleration_mm_s2) * 60.0
         }),
-        ("by largest feed", BY_FEED, &|_| input.max_feed_mm_s * 60.0),
+        ("by maximum feed", FEED_COLOUR, &|_| input.max_feed_mm_s * 60.0),
     ];
     for (name, color, limit) in limits {
         let points = curve(&radii, |r| Some((r, limit(r))), &feeds);
@@ -217,7 +217,7 @@ fn rate_over_feed(area: &Area<'_>, root: &Area<'_>, input: &RateInput, rate: &Ra
         let end = line.last().copied();
         chart.draw_series(LineSeries::new(line, BLACK.stroke_width(1)))?;
         if let Some(end) = end {
-            // A line leaves through the top or through the right side.
+            // A line leaves through the top or the right side.
             let through_top = end.1 > 0.98 * rates.end;
             let place = if through_top {
                 (HPos::Center, VPos::Bottom)
@@ -230,13 +230,13 @@ fn rate_over_feed(area: &Area<'_>, root: &Area<'_>, input: &RateInput, rate: &Ra
             } else {
                 figure(radius_mm)
             };
-            // Clear of the frame, and of the wider first label.
+            // Clear of the frame and of the wider first label.
             let shift = if through_top { (0, -3) } else { (5, 0) };
             label(&chart, root, end, shift, &text, &BLACK, place)?;
             first = false;
         }
     }
-    // Where a limit ends: every radius from the smallest one on gives a point of the line.
+    // Where a limit applies: every radius from the smallest one up gives a point of the line.
     let radii = RADII_MM[0]..1e7;
     for n in ACCELERATIONS_G {
         let point = |r: f64| {
@@ -245,7 +245,7 @@ fn rate_over_feed(area: &Area<'_>, root: &Area<'_>, input: &RateInput, rate: &Ra
         };
         let line = curve(&radii, point, &rates);
         let end = line.last().copied();
-        chart.draw_series(LineSeries::new(line, BY_ACCELERATION.stroke_width(2)))?;
+        chart.draw_series(LineSeries::new(line, ACCELERATION_COLOUR.stroke_width(2)))?;
         if let Some(end) = end {
             let text = format!("A {} g", figure(n));
             let place = (HPos::Left, VPos::Center);
@@ -255,7 +255,7 @@ fn rate_over_feed(area: &Area<'_>, root: &Area<'_>, input: &RateInput, rate: &Ra
                 (feeds.end, end.1),
                 (5, 0),
                 &text,
-                &BY_ACCELERATION,
+                &ACCELERATION_COLOUR,
                 place,
             )?;
         }
@@ -267,7 +267,7 @@ fn rate_over_feed(area: &Area<'_>, root: &Area<'_>, input: &RateInput, rate: &Ra
         };
         let line = curve(&radii, point, &rates);
         let start = line.first().copied();
-        chart.draw_series(LineSeries::new(line, BY_JERK.stroke_width(2)))?;
+        chart.draw_series(LineSeries::new(line, JERK_COLOUR.stroke_width(2)))?;
         if let Some(start) = start {
             let text = format!("J {} m/s³", figure(jerk));
             label(
@@ -276,7 +276,7 @@ fn rate_over_feed(area: &Area<'_>, root: &Area<'_>, input: &RateInput, rate: &Ra
                 start,
                 (-6, -3),
                 &text,
-                &BY_JERK,
+                &JERK_COLOUR,
                 (HPos::Right, VPos::Center),
             )?;
         }
@@ -302,7 +302,7 @@ fn rate_over_acceleration(
     let permitted = input.permitted_error_increments;
     let accelerations = 0.001..10.0;
     let mut grids = GRIDS.to_vec();
-    // One more line for a grid of one's own, if it is not one of those.
+    // One additional line for the grid of the input.
     if !grids
         .iter()
         .any(|grid| (grid / input.increments_per_mm - 1.0).abs() < 0.01)
@@ -310,9 +310,9 @@ fn rate_over_acceleration(
         grids.push(input.increments_per_mm);
     }
     let of = |n: f64, k: f64| acceleration_rate_hz(n * GRAVITY_MM_S2, k, permitted);
-    let least = grids.iter().copied().fold(f64::INFINITY, f64::min);
-    let most = grids.iter().copied().fold(0.0, f64::max);
-    let rates = decade_below(of(accelerations.start, least))..decade_above(of(accelerations.end, most));
+    let min = grids.iter().copied().fold(f64::INFINITY, f64::min);
+    let max = grids.iter().copied().fold(0.0, f64::max);
+    let rates = decade_below(of(accelerations.start, min))..decade_above(of(accelerations.end, max));
     let mut chart = log_log(
         area,
         "Figure 5. Control rate that acceleration alone needs, by grid (k increments/mm)",
@@ -322,7 +322,7 @@ fn rate_over_acceleration(
     for k in grids {
         let line = curve(&accelerations, |n| Some((n, of(n, k))), &rates);
         let end = line.last().copied();
-        chart.draw_series(LineSeries::new(line, BY_ACCELERATION.stroke_width(2)))?;
+        chart.draw_series(LineSeries::new(line, ACCELERATION_COLOUR.stroke_width(2)))?;
         if let Some(end) = end {
             let text = format!("k {}", figure(k));
             label(
@@ -331,7 +331,7 @@ fn rate_over_acceleration(
                 end,
                 (5, 0),
                 &text,
-                &BY_ACCELERATION,
+                &ACCELERATION_COLOUR,
                 (HPos::Left, VPos::Center),
             )?;
         }
@@ -378,10 +378,10 @@ fn log_log<'a, 'b>(
     Ok(chart)
 }
 
-/// Points of a curve over a logarithmic parameter, as far as they lie within the span of y.
+/// Points of a curve over a logarithmic parameter, as far as they are within the range of y.
 ///
-/// The picture rounds points to pixels, which makes a straight line of many points ragged: points that lie on the
-/// line through their neighbours are left out.
+/// SVG coordinates are rounded to pixels, which makes a straight line of many points ragged. Points on the line through their
+/// neighbours are therefore dropped.
 fn curve(over: &Span, point: impl Fn(f64) -> Option<(f64, f64)>, y: &Span) -> Vec<(f64, f64)> {
     let (start, end) = (libm::log(over.start), libm::log(over.end));
     let all: Vec<_> = (0..=STEPS)
@@ -418,7 +418,7 @@ fn label(
     Ok(())
 }
 
-/// A ring at the point that needs the rational rate, if it is in the picture.
+/// A ring at the point that requires the rational rate, if it is inside the figure.
 fn mark(
     chart: &mut Chart<'_, '_>,
     root: &Area<'_>,
@@ -430,8 +430,8 @@ fn mark(
     if !(x.start..=x.end).contains(&at.0) || !(y.start..=y.end).contains(&at.1) {
         return Ok(());
     }
-    chart.draw_series([Circle::new(at, 6, OF_MACHINE.stroke_width(3))])?;
-    // The words cross lines: a pale ground keeps them legible.
+    chart.draw_series([Circle::new(at, 6, MACHINE_COLOUR.stroke_width(3))])?;
+    // The label crosses lines: a pale background keeps it legible.
     let (x, y) = chart.backend_coord(&at);
     let (right, bottom) = (x - 8, y - 12);
     let width = i32::try_from(text.len()).unwrap_or(0) * 7;
@@ -445,12 +445,12 @@ fn mark(
         at,
         (-10, -12),
         text,
-        &OF_MACHINE,
+        &MACHINE_COLOUR,
         (HPos::Right, VPos::Bottom),
     )
 }
 
-/// A little wider, so that rounding does not push the first and last tick out of the picture.
+/// Slightly extended, so that rounding does not push the first and last tick out of the figure.
 fn rounded_out(span: &Span) -> Span {
     span.start * (1.0 - 1e-9)..span.end * (1.0 + 1e-9)
 }
@@ -463,7 +463,7 @@ fn decade_above(value: f64) -> f64 {
     libm::pow(10.0, (libm::log10(value) - 1e-9).ceil())
 }
 
-/// A number with four figures, and a gap before each group of three as machinists print it.
+/// Formats a number with four significant digits, in groups of three.
 fn figure(value: f64) -> String {
     if !value.is_finite() || value == 0.0 {
         return format!("{value}");

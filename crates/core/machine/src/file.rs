@@ -1,7 +1,7 @@
-//! The machine file as it is written: keys with their units, before any check of the numbers.
+//! The machine file as written: keys with their units, before the numbers are checked.
 //!
-//! The JSON schema is made from these types, so their doc comments are what an editor shows to the person who writes a
-//! machine file.
+//! The JSON schema is generated from these types. Their doc comments are what an editor shows to the author of a machine
+//! file.
 
 use std::fmt;
 
@@ -14,12 +14,12 @@ use crate::corrections::{SquarenessFile, TableFormat, TableUnit};
 use crate::handwheel::HandwheelFile;
 use crate::homing::HomingFile;
 use crate::machine::{
-    ControlRate, CycleRecording, FeedbackWish, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, Magazine,
+    ControlRate, CycleRecording, FeedbackMode, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, Magazine,
     OnFull, PathMode, PlannerKind, ToolChange, TurningWords, WithoutToolTable,
 };
 use crate::signals::{EstopFile, InputFile, OutputFile, ProbeFile, SignalsFile, SpindleFile};
 
-/// A machine as Evolvent controls it: axes, limits, and how the control loop runs.
+/// A machine: its axes, its limits, and how the control loop runs.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(title = "Evolvent machine file")]
@@ -27,31 +27,31 @@ pub(crate) struct MachineFile {
     /// Name in services and file names: letters, digits, - and _, at most 64.
     #[schemars(length(min = 1, max = 64), regex(pattern = "^[A-Za-z0-9][A-Za-z0-9_-]*$"))]
     pub(crate) name: String,
-    /// One line for people.
+    /// Description, one line.
     #[serde(default)]
     pub(crate) description: String,
     /// "mill" or "lathe".
     pub(crate) kind: MachineKind,
-    /// "trivial": each letter of the program drives the axis of that letter.
+    /// "trivial": each letter of the program drives the axis with that letter.
     #[serde(default)]
     pub(crate) kinematics: Kinematics,
-    /// Position increments per millimetre of a linear axis: 1000 is a grid of 1 um.
+    /// Position increments per millimetre of a linear axis; 1000 is a grid of 1 um.
     #[schemars(range(min = 0.001, max = 1e9))]
     pub(crate) increments_per_mm: f64,
-    /// Position increments per degree of a rotary axis; needed where there is one.
+    /// Position increments per degree of a rotary axis; required if there is one.
     #[schemars(range(min = 0.001, max = 1e9))]
     pub(crate) increments_per_degree: Option<f64>,
-    /// Control rate: "rational" (what the machine's limits need) or a number of Hz, 250 to 35000.
+    /// Control rate: "rational" (the rate that the machine's limits require) or a number in Hz, 250 to 35000.
     #[serde(default)]
     pub(crate) rate: RateWord,
-    /// How many cycles ahead of its due time a setpoint is computed, 1 to 1000. Give this or lead_ms; without either it
-    /// is 2 ms in whole cycles, at least 2 cycles.
+    /// Number of cycles between the computation of a setpoint and its due time, 1 to 1000. Excludes lead_ms. Default: 2 ms in
+    /// whole cycles, at least 2 cycles.
     #[schemars(range(min = 1, max = 1000))]
     pub(crate) lead_cycles: Option<i64>,
-    /// How long ahead of its due time a setpoint is computed, ms: 0.03 to 28; rounded up to whole cycles.
+    /// Time between the computation of a setpoint and its due time, ms: 0.03 to 28, rounded up to whole cycles.
     #[schemars(range(min = 0.03, max = 28.0))]
     pub(crate) lead_ms: Option<f64>,
-    /// One entry for each axis, in the order in which positions are reported.
+    /// One entry per axis, in the order in which positions are reported.
     #[schemars(length(min = 1, max = 9))]
     pub(crate) axis: Vec<AxisFile>,
     /// Limits of the machine as a whole.
@@ -63,16 +63,16 @@ pub(crate) struct MachineFile {
     /// How the control loop runs on this computer.
     #[serde(default)]
     pub(crate) realtime: RealtimeFile,
-    /// The recorder.
+    /// Trace recording.
     #[serde(default)]
     pub(crate) trace: TraceFile,
-    /// How the drives are watched.
+    /// Monitoring of the drives.
     #[serde(default)]
     pub(crate) drives: DrivesFile,
-    /// What programs find on this machine.
+    /// Resources for programs on this machine.
     #[serde(default)]
     pub(crate) program: ProgramFile,
-    /// Axes that are homed by a switch.
+    /// Axes that are homed to a switch.
     #[serde(default)]
     pub(crate) homing: Vec<HomingFile>,
     /// Digital and analog inputs.
@@ -85,16 +85,16 @@ pub(crate) struct MachineFile {
     #[serde(default)]
     #[schemars(length(max = 4))]
     pub(crate) spindle: Vec<SpindleFile>,
-    /// The emergency-stop chain, where an input reads it.
+    /// The emergency-stop chain, if an input reads it.
     pub(crate) estop: Option<EstopFile>,
-    /// The probe, where there is one.
+    /// The probe, if there is one.
     pub(crate) probe: Option<ProbeFile>,
-    /// The handwheel, where there is one.
+    /// The handwheel, if there is one.
     pub(crate) handwheel: Option<HandwheelFile>,
-    /// How inputs are watched.
+    /// Monitoring of the inputs.
     #[serde(default)]
     pub(crate) signals: SignalsFile,
-    /// How far X, Y and Z are off their right angles.
+    /// Squareness errors of X, Y and Z.
     #[serde(default)]
     pub(crate) squareness: SquarenessFile,
 }
@@ -107,71 +107,71 @@ pub(crate) struct AxisFile {
     /// X, Y, Z, A, B, C, U, V or W.
     #[schemars(regex(pattern = "^[XYZABCUVWxyzabcuvw]$"))]
     pub(crate) letter: String,
-    /// "linear" or "rotary"; follows from the letter where it is not given.
+    /// "linear" or "rotary". Default: determined by the letter.
     pub(crate) kind: Option<AxisKind>,
-    /// Lowest position of a linear axis, mm.
+    /// Minimum position of a linear axis, mm.
     pub(crate) travel_min_mm: Option<f64>,
-    /// Highest position of a linear axis, mm.
+    /// Maximum position of a linear axis, mm.
     pub(crate) travel_max_mm: Option<f64>,
-    /// Lowest position of a rotary axis, degrees.
+    /// Minimum position of a rotary axis, degrees.
     pub(crate) travel_min_deg: Option<f64>,
-    /// Highest position of a rotary axis, degrees.
+    /// Maximum position of a rotary axis, degrees.
     pub(crate) travel_max_deg: Option<f64>,
-    /// Largest velocity, mm/min.
+    /// Maximum velocity, mm/min.
     pub(crate) max_velocity_mm_min: Option<f64>,
-    /// Largest velocity, mm/s.
+    /// Maximum velocity, mm/s.
     pub(crate) max_velocity_mm_s: Option<f64>,
-    /// Largest velocity, degrees/min.
+    /// Maximum velocity, degrees/min.
     pub(crate) max_velocity_deg_min: Option<f64>,
-    /// Largest velocity, degrees/s.
+    /// Maximum velocity, degrees/s.
     pub(crate) max_velocity_deg_s: Option<f64>,
-    /// Largest acceleration, mm/s2.
+    /// Maximum acceleration, mm/s2.
     pub(crate) max_acceleration_mm_s2: Option<f64>,
-    /// Largest acceleration, m/s2.
+    /// Maximum acceleration, m/s2.
     pub(crate) max_acceleration_m_s2: Option<f64>,
-    /// Largest acceleration in multiples of 9.81 m/s2.
+    /// Maximum acceleration in multiples of 9.81 m/s2.
     pub(crate) max_acceleration_g: Option<f64>,
-    /// Largest acceleration, degrees/s2.
+    /// Maximum acceleration, degrees/s2.
     pub(crate) max_acceleration_deg_s2: Option<f64>,
-    /// Largest jerk, mm/s3.
+    /// Maximum jerk, mm/s3.
     pub(crate) max_jerk_mm_s3: Option<f64>,
-    /// Largest jerk, m/s3.
+    /// Maximum jerk, m/s3.
     pub(crate) max_jerk_m_s3: Option<f64>,
-    /// Largest jerk, degrees/s3.
+    /// Maximum jerk, degrees/s3.
     pub(crate) max_jerk_deg_s3: Option<f64>,
-    /// Position of a linear axis after homing, mm; 0 where it is not given.
+    /// Position of a linear axis after homing, mm. Default: 0.
     pub(crate) home_mm: Option<f64>,
-    /// Position of a rotary axis after homing, degrees; 0 where it is not given.
+    /// Position of a rotary axis after homing, degrees. Default: 0.
     pub(crate) home_deg: Option<f64>,
-    /// Following error that is allowed at rest, mm; 0.5 where it is not given.
+    /// Permitted following error at rest, mm. Default: 0.5.
     pub(crate) following_error_mm: Option<f64>,
-    /// Following error that is allowed at rest, degrees; 0.5 where it is not given.
+    /// Permitted following error at rest, degrees. Default: 0.5.
     pub(crate) following_error_deg: Option<f64>,
-    /// Following error that is allowed in motion, as the time in which the axis travels it, ms; 20 where it is not given.
+    /// Permitted following error in motion, as the time in which the axis travels it, ms. Default: 20.
     pub(crate) following_time_ms: Option<f64>,
-    /// Lost motion of a linear axis at reversal, mm; 0 where it is not given.
+    /// Backlash (lost motion at reversal) of a linear axis, mm. Default: 0.
     #[schemars(range(min = 0, max = 10))]
     pub(crate) backlash_mm: Option<f64>,
-    /// Lost motion of a rotary axis at reversal, degrees; 0 where it is not given.
+    /// Backlash (lost motion at reversal) of a rotary axis, degrees. Default: 0.
     #[schemars(range(min = 0, max = 10))]
     pub(crate) backlash_deg: Option<f64>,
-    /// File of the screw's errors, relative to the folder of the machine file.
+    /// File of the screw errors, relative to the folder of the machine file.
     pub(crate) screw_table: Option<String>,
-    /// How that file is written; by the ending .csv or .json where it is not given.
+    /// Format of that file. Default: determined by the ending .csv or .json.
     pub(crate) screw_table_format: Option<TableFormat>,
-    /// Unit of the numbers in a file of LinuxCNC; "mm" where it is not given.
+    /// Unit of the numbers in a LinuxCNC file. Default: "mm".
     pub(crate) screw_table_unit: Option<TableUnit>,
-    /// Name of the analog input that gives how far a linear axis is to be shifted for its thermal growth, mm.
+    /// Name of the analog input that supplies the thermal offset of a linear axis, mm.
     pub(crate) thermal_input: Option<String>,
-    /// Largest shift, mm; 0.1 where it is not given.
+    /// Maximum thermal offset, mm. Default: 0.1.
     #[schemars(range(min = 0, max = 10))]
     pub(crate) thermal_max_mm: Option<f64>,
-    /// How fast the shift is followed, um/s; 1 where it is not given.
+    /// Maximum rate of change of the thermal offset, um/s. Default: 1.
     #[schemars(range(min = 0.001, max = 1000))]
     pub(crate) thermal_rate_um_s: Option<f64>,
 }
 
-/// Either the linear keys, each limit with exactly one unit, or the rotary ones.
+/// Either the linear keys, each limit in exactly one unit, or the rotary ones.
 fn axis_alternatives() -> serde_json::Value {
     let exactly_one = |keys: &[&str]| {
         let one: Vec<_> = keys.iter().map(|key| json!({ "required": [key] })).collect();
@@ -224,9 +224,9 @@ fn axis_alternatives() -> serde_json::Value {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum AxisKind {
-    /// Moves along a line; mm.
+    /// Translates; mm.
     Linear,
-    /// Turns; degrees.
+    /// Rotates; degrees.
     Rotary,
 }
 
@@ -234,85 +234,78 @@ pub(crate) enum AxisKind {
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct LimitsFile {
-    /// Largest contour feed, mm/min, where it is below what the axes allow.
+    /// Maximum contour feed, mm/min, if it is below what the axes permit.
     pub(crate) max_feed_mm_min: Option<f64>,
-    /// Largest contour feed, mm/s; instead of max_feed_mm_min.
+    /// Maximum contour feed, mm/s; alternative to max_feed_mm_min.
     pub(crate) max_feed_mm_s: Option<f64>,
 }
 
-/// How the path is followed.
+/// Path control.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PathFile {
-    /// "blend" (as G64) or "exact" (as G61) until the program says otherwise; "blend" where it is not given.
+    /// Path control mode at the start of a program: "blend" (as G64) or "exact" (as G61). Default: "blend".
     #[serde(default)]
     pub(crate) mode: PathMode,
-    /// "optimal" (smooth and as fast as the axes allow) or "classic" (blends and look-ahead); "optimal" where it is not
-    /// given.
+    /// "optimal" (smooth and as fast as the axes permit) or "classic" (corner blends and look-ahead). Default: "optimal".
     #[serde(default)]
     pub(crate) planner: PlannerKind,
-    /// How far a blend may leave the programmed path, mm; 0.01 where it is not given.
+    /// Maximum distance of a blend from the programmed path, mm. Default: 0.01.
     #[schemars(range(min = 0, max = 100))]
     pub(crate) blend_tolerance_mm: Option<f64>,
-    /// In exact-path mode a step of curvature may step the acceleration by jerk times this time, ms; 1 where it is not
-    /// given.
+    /// In exact-path mode a step of curvature may change the acceleration by jerk times this time, ms. Default: 1.
     pub(crate) joint_time_ms: Option<f64>,
-    /// Permitted chord error between two setpoints, increments; 1 where it is not given.
+    /// Permitted chord error between two setpoints, increments. Default: 1.
     pub(crate) chord_error_increments: Option<f64>,
-    /// Smallest radius of curvature that the rational control rate allows for, mm; 0.25 where it is not given.
+    /// Minimum radius of curvature considered by the rational control rate, mm. Default: 0.25.
     pub(crate) min_radius_mm: Option<f64>,
-    /// An arc whose radii at start and end differ by more than this may be wrong, mm; 0.0283 where it is not given.
+    /// An arc is rejected if its radii at start and end differ by more than this, mm, ... Default: 0.0283.
     pub(crate) arc_radius_tolerance_mm: Option<f64>,
-    /// ... and is wrong if they also differ by more than this part of the radius; 0.001 where it is not given.
+    /// ... and also by more than this fraction of the radius. Default: 0.001.
     pub(crate) arc_radius_tolerance_ratio: Option<f64>,
-    /// How far the end point of an involute may lie off the curve, mm; one increment, at least 0.001, where it is not
-    /// given.
+    /// Permitted distance of an involute's end point from the curve, mm. Default: one increment, at least 0.001.
     pub(crate) involute_end_tolerance_mm: Option<f64>,
 }
 
-/// What programs find on this machine. Paths are relative to the machine file's folder.
+/// Resources for programs on this machine. Paths are relative to the folder of the machine file.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ProgramFile {
-    /// Tool table in LinuxCNC's format, lengths in mm; none where it is not given.
+    /// Tool table in LinuxCNC's format, lengths in mm. Default: none.
     pub(crate) tool_table: Option<String>,
-    /// What G43 H, G41 and G42 find where there is no tool table: "error", or "zero" for offsets and diameters of 0; "error"
-    /// where it is not given.
+    /// What G43 H, G41 and G42 do without a tool table: "error", or "zero" for offsets and diameters of 0. Default: "error".
     #[serde(default)]
     pub(crate) without_tool_table: WithoutToolTable,
-    /// How M6 puts another tool into the spindle: "operator" stops and asks, "program" runs the executable M6 of
-    /// user_code_folder, "subroutine" calls tool_change_subroutine, "none" changes nothing and goes on; "operator" where it is
-    /// not given.
+    /// How M6 changes the tool: "operator" stops and prompts, "program" runs the executable M6 in user_code_folder, "subroutine"
+    /// calls tool_change_subroutine, "none" changes nothing and continues. Default: "operator".
     #[serde(default)]
     pub(crate) tool_change: ToolChange,
-    /// Name of the subroutine that changes tools, NAME.ngc in a folder of subroutines; "toolchange" where it is not given.
+    /// Name of the tool-change subroutine, NAME.ngc in a subroutine folder. Default: "toolchange".
     pub(crate) tool_change_subroutine: Option<String>,
-    /// Where its changer puts the tool that it takes out of the spindle: "fixed" into its own pocket, "random" into the pocket of
-    /// the tool that it fetches; "fixed" where it is not given.
+    /// Where the tool changer stores the tool from the spindle: "fixed" in its own pocket, "random" in the pocket of the new tool.
+    /// Default: "fixed".
     #[serde(default)]
     pub(crate) magazine: Magazine,
-    /// File of the parameters that are kept from run to run, in LinuxCNC's format; nothing is kept where it is not given.
+    /// File of the persistent parameters, in LinuxCNC's format. Default: none, nothing is kept.
     pub(crate) parameters: Option<String>,
-    /// Folder of the files that programs write by LOGOPEN, LOGAPPEND and PROBEOPEN; "logs" in the state folder where it is not
-    /// given.
+    /// Folder of the files that programs write with LOGOPEN, LOGAPPEND and PROBEOPEN. Default: "logs" in the state folder.
     pub(crate) log_folder: Option<String>,
-    /// Folders in which subroutines NAME.ngc are looked for, after the program's own.
+    /// Folders in which subroutines NAME.ngc are searched, after the folder of the program.
     #[serde(default)]
     pub(crate) subroutines: Vec<String>,
-    /// Which of M100 to M199 this machine knows, for example [101, 150]; none where it is not given.
+    /// The user-defined M codes of this machine, from M100 to M199, for example [101, 150]. Default: none.
     #[serde(default)]
     pub(crate) user_codes: Vec<i64>,
-    /// Folder of their programs, called M100 to M199, and of M6; the machine file's own where it is not given.
+    /// Folder of the executables M100 to M199 and M6. Default: the folder of the machine file.
     pub(crate) user_code_folder: Option<String>,
-    /// How long one of them may take, s; 10 where it is not given.
+    /// Time limit of a user-defined M code, s. Default: 10.
     #[schemars(range(min = 0.1, max = 86400))]
     pub(crate) user_code_timeout_s: Option<f64>,
-    /// What X, R and U of the turning cycles G82 and G75 of a lathe are: "diameter", "radius", or "mode" for what G7 and G8
-    /// say; "diameter" where it is not given.
+    /// Meaning of X, R and U in the turning cycles G82 and G75 of a lathe: "diameter", "radius", or "mode" for the mode of G7 and
+    /// G8. Default: "diameter".
     #[serde(default)]
     pub(crate) turning_cycles: TurningWords,
-    /// Whether a cutting load is measured, so that G82 Q1 and G75 Q1 may find their passes themselves; false where it is not
-    /// given.
+    /// Whether a cutting load is measured, which the load-adaptive passes of G82 Q1 and G75 Q1 need. Default: false.
     #[serde(default)]
     pub(crate) load_channel: bool,
 }
@@ -321,48 +314,48 @@ pub(crate) struct ProgramFile {
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RealtimeFile {
-    /// SCHED_FIFO priority of the cycle, 2 to 98; 80 where it is not given.
+    /// SCHED_FIFO priority of the cycle, 2 to 98. Default: 80.
     #[schemars(range(min = 2, max = 98))]
     pub(crate) priority: Option<i64>,
-    /// Processor core to which the cycle is pinned; none where it is not given.
+    /// Processor core to which the cycle is pinned. Default: none.
     #[schemars(range(min = 0, max = 4095))]
     pub(crate) core: Option<i64>,
-    /// Lock all memory; true where it is not given.
+    /// Whether all memory is locked. Default: true.
     pub(crate) lock_memory: Option<bool>,
-    /// Stop after this many late setpoints in a row, 0 for never; those of one second, at least 1000, where it is not
-    /// given.
+    /// Number of consecutive late setpoints after which the machine stops, 0 for never. Default: those of one second, at least
+    /// 1000.
     #[schemars(range(min = 0, max = 1000000))]
     pub(crate) max_late_cycles: Option<i64>,
 }
 
-/// The recorder.
+/// Trace recording.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TraceFile {
-    /// When the disk is full: "continue" without a trace, or "stop" the machine on the path.
+    /// What happens when the disk is full: "continue" without a trace, or "stop" the machine on the path.
     #[serde(default)]
     pub(crate) on_full: OnFull,
-    /// How the cycles are held: "messages", one a cycle, or "columns", exact in a quarter of the room, with messages at most
-    /// 2000 times a second for viewers. "messages" where it is not given.
+    /// How cycles are stored: "messages", one per cycle, or "columns", lossless in a quarter of the space, with up to 2000 messages
+    /// per second for viewers. Default: "messages".
     #[serde(default)]
     pub(crate) cycles: CycleRecording,
 }
 
-/// How the drives are watched.
+/// Monitoring of the drives.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct DrivesFile {
-    /// "if_present": a bridge that has answered once must go on answering while power is on; "required": no power without
-    /// a bridge; "ignore": what comes back is not looked at. "if_present" where it is not given.
+    /// "if_present": a bridge that has responded once must keep responding while power is on; "required": no power without a
+    /// bridge; "ignore": feedback is ignored. Default: "if_present".
     #[serde(default)]
-    pub(crate) feedback: FeedbackWish,
-    /// Stop when the newest feedback is older than this, ms; 20 where it is not given.
+    pub(crate) feedback: FeedbackMode,
+    /// Maximum age of the newest feedback before the machine stops, ms. Default: 20.
     #[schemars(range(min = 1, max = 1000))]
     pub(crate) feedback_timeout_ms: Option<f64>,
-    /// How long the drives may take to come into operation, ms; 2000 where it is not given.
+    /// Time limit for the drives to become operational, ms. Default: 2000.
     #[schemars(range(min = 10, max = 60000))]
     pub(crate) enable_timeout_ms: Option<f64>,
-    /// Whether the cycle follows the clock of the drives, by at most 0.1 % of its period; true where it is not given.
+    /// Whether the cycle follows the drives' clock, by at most 0.1 % of its period. Default: true.
     pub(crate) follow_clock: Option<bool>,
 }
 
@@ -413,7 +406,7 @@ impl JsonSchema for RateWord {
     }
 }
 
-/// The JSON schema of the machine file, as `config/machine.schema.json` ships it: editors complete and check with it.
+/// The JSON schema of the machine file, shipped as `config/machine.schema.json`, for completion and checks in editors.
 #[must_use]
 pub fn machine_schema() -> serde_json::Value {
     schemars::schema_for!(MachineFile).to_value()

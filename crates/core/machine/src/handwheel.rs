@@ -1,58 +1,58 @@
-//! The handwheel: which inputs tell its counts, its axis and its step.
+//! The handwheel: the inputs of its counts, its axis and its step.
 
 use evolvent_path::AxisLetter;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// Steps of a handwheel at most.
+/// Maximum number of steps of a handwheel.
 pub const MAX_WHEEL_STEPS: usize = 8;
 
-/// The handwheel as it is written.
+/// The handwheel as written.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct HandwheelFile {
-    /// Name of the analog input that tells the wheel's counts since the bridge began; they go on in both directions.
+    /// Name of the analog input with the counts of the wheel since the start of the bridge, increasing or decreasing without wrap.
     pub(crate) counts: String,
-    /// Counts from one detent of the wheel to the next; 4 where it is not given, as encoders of wheels have.
+    /// Counts per detent of the wheel. Default: 4, as usual for encoders of handwheels.
     #[schemars(range(min = 1, max = 10000))]
     pub(crate) counts_per_detent: Option<f64>,
-    /// Way of a linear axis a detent, mm: 0.001, 0.01 and 0.1 where it is not given.
+    /// Travel of a linear axis per detent, mm. Default: 0.001, 0.01 and 0.1.
     #[schemars(length(min = 1, max = 8))]
     pub(crate) steps_mm: Option<Vec<f64>>,
-    /// Way of a rotary axis a detent, degrees, as many as `steps_mm`; the same numbers where it is not given.
+    /// Travel of a rotary axis per detent, degrees, as many values as `steps_mm`. Default: the same numbers.
     #[schemars(length(min = 1, max = 8))]
     pub(crate) steps_deg: Option<Vec<f64>>,
-    /// Digital inputs of the axis selector: `{ X = "wheel-x", Y = "wheel-y" }`. Where it is not given the axis is chosen by command.
+    /// Digital inputs of the axis selector: `{ X = "wheel-x", Y = "wheel-y" }`. Default: commands select the axis.
     #[serde(default)]
     pub(crate) axis_inputs: std::collections::BTreeMap<String, String>,
-    /// Digital inputs of the step selector, as many as `steps_mm`. Where it is not given the step is chosen by command.
+    /// Digital inputs of the step selector, as many as `steps_mm`. Default: commands select the step.
     #[serde(default)]
     pub(crate) step_inputs: Vec<String>,
-    /// Digital input of the enabling button: the axis moves only while it is on, and stops when it is let go.
+    /// Digital input of the enabling switch: the axis moves only while it is on, and stops when it is released.
     pub(crate) enable_input: Option<String>,
 }
 
 /// The handwheel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandwheelSettings {
-    /// Number of the analog input with its counts.
+    /// Number of the analog input with the counts.
     pub counts: u32,
-    /// Counts from one detent to the next.
+    /// Counts per detent.
     pub counts_per_detent: f64,
-    /// Way of a linear axis a detent, mm.
+    /// Travel of a linear axis per detent, mm.
     pub steps_mm: Vec<f64>,
-    /// Way of a rotary axis a detent, degrees; as many.
+    /// Travel of a rotary axis per detent, degrees; as many values.
     pub steps_deg: Vec<f64>,
-    /// Digital inputs that choose the axis; none where commands do.
+    /// Digital inputs that select the axis; empty if commands select it.
     pub axis_inputs: Vec<(AxisLetter, u32)>,
-    /// Digital inputs that choose the step; none where commands do.
+    /// Digital inputs that select the step; empty if commands select it.
     pub step_inputs: Vec<u32>,
-    /// Digital input without which nothing moves.
+    /// Digital input that enables motion.
     pub enable_input: Option<u32>,
 }
 
 impl HandwheelSettings {
-    /// Way of an axis a detent with a step of this number, mm or degrees; none where there is no such step.
+    /// Travel of an axis per detent with the step of this index, mm or degrees; `None` if the step does not exist.
     #[must_use]
     pub fn step(&self, axis: AxisLetter, number: usize) -> Option<f64> {
         let steps = if axis.is_rotary() {

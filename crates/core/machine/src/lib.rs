@@ -1,18 +1,7 @@
 //! The machine: axes, limits, configuration, and the rational control rate.
 //!
-//! A [`Machine`] is what a file in `config/machines/` says, checked once on entry ([`Machine::load`]): every number in
-//! it is finite, within the range of a real machine, and in mm (degrees for rotary axes) and seconds, whatever unit the
-//! file uses. Who needs vectors over the nine axes takes [`Limits`].
-//!
-//! The rest answers one question: how fast must the control loop run? Between two setpoints a drive moves along a
-//! chord; the chord misses the curved path by its sagitta. Three functions of the same equation look at it from the
-//! three sides:
-//!
-//! - [`chord_error_increments`]: rate, feed and radius are given: how large is the error?
-//! - [`rate_for`]: feed, radius and permitted error are given: which rate keeps it? [`rational_rate`] takes the largest
-//!   over every feed and radius that a machine's limits allow.
-//! - [`chord_feed_limit_mm_s`]: rate, curvature and permitted error are given: how fast may the path be run? The
-//!   planner keeps this limit, so the error stays permitted at any rate and too low a rate costs time instead.
+//! Input: a machine file (TOML, see `config/machines/`). Output: a checked [`Machine`], and the control rate that its limits
+//! require.
 //!
 //! ```
 //! use evolvent_machine::{chord_error_increments, rate_for};
@@ -22,8 +11,32 @@
 //! assert!((chord_error_increments(100.0, rate_hz, 10.0, 1000.0) - 1.0).abs() < 1e-6);
 //! assert!(rate_hz > 353.5 && rate_hz < 353.6);
 //! ```
-//! [`figures_svg`] draws the diagrams that belong to it. Nothing here starts threads or knows G-code; the functions of
-//! the chord error are free of allocation, everything else is for start-up.
+//!
+//! # Model
+//!
+//! [`Machine::load`] checks the file once. After that every number is finite, plausible for a machine, and in mm (degrees for
+//! rotary axes) and seconds, whatever unit the file uses. [`Machine::limits`] gives the limits of the nine axes as vectors.
+//!
+//! How fast must the control loop run? Between two setpoints a drive moves along a chord, which deviates from a curved path by
+//! its sagitta. Three functions solve the same equation for different unknowns:
+//!
+//! - [`chord_error_increments`]: the error, from rate, feed and radius.
+//! - [`rate_for`]: the rate, from feed, radius and permitted error. [`rational_rate`] takes the maximum over every feed and
+//!   radius that the limits of a machine permit.
+//! - [`chord_feed_limit_mm_s`]: the feed, from rate, curvature and permitted error. The planner keeps this limit, so the error
+//!   is permitted at any rate, and too low a rate costs time instead.
+//!
+//! [`figures_svg`] draws the corresponding diagrams.
+//!
+//! # Guarantees
+//!
+//! Errors name file, line, column and key, and say what to do. The functions of the chord error are real-time safe; everything
+//! else is for start-up. The crate starts no threads and knows no G-code.
+//!
+//! # Where to read on
+//!
+//! `machine.rs` for the settings, `file.rs` for the keys of the file, `parse/` for the checks; `docs/contract.md` for the
+//! user's view of the machine file.
 
 mod chord;
 mod corrections;
@@ -41,7 +54,7 @@ mod signals;
 
 pub use chord::{
     acceleration_feed_mm_s, acceleration_rate_hz, chord_error_increments, chord_feed_limit_mm_s,
-    jerk_feed_mm_s, longest_chord_mm, rate_for, smallest_radius_mm,
+    jerk_feed_mm_s, max_chord_mm, min_radius_for_chord_mm, rate_for,
 };
 pub use corrections::{CorrectionSettings, ScrewFile};
 pub use error::{MachineError, PeriodError};
@@ -51,7 +64,7 @@ pub use handwheel::{HandwheelSettings, MAX_WHEEL_STEPS};
 pub use homing::HomingSettings;
 pub use limits::Limits;
 pub use machine::{
-    Axis, ControlRate, CycleRecording, DriveSettings, FeedbackWish, Kinematics, Lead, MAX_FILE_BYTES,
+    Axis, ControlRate, CycleRecording, DriveSettings, FeedbackMode, Kinematics, Lead, MAX_FILE_BYTES,
     MAX_RATE_HZ, MIN_RATE_HZ, Machine, MachineKind, Magazine, OnFull, PathMode, PathSettings, PlannerKind,
     ProgramSettings, RealtimeSettings, ToolChange, TraceSettings, TurningWords, WithoutToolTable,
 };

@@ -1,25 +1,25 @@
-//! Limits of all nine axes as vectors.
+//! The limits of all nine axes as vectors.
 
 use evolvent_path::{AXES, Axes};
 
 use crate::machine::Axis;
 
-/// Limits of all nine axes in the order X Y Z A B C U V W, in mm or degrees and seconds.
+/// The limits of all nine axes in the order X Y Z A B C U V W, in mm or degrees and seconds.
 ///
-/// An axis that the machine has not has `present == false` and zeros everywhere. `Copy`, so that the cycle owns its own.
+/// For an absent axis `present` is false and all limits are zero. `Copy`, so that the cycle has its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Which axes the machine has.
+    /// The axes of the machine.
     pub present: [bool; AXES],
-    /// Largest velocity, mm/s or degrees/s.
+    /// Maximum velocity, mm/s or degrees/s.
     pub velocity: Axes,
-    /// Largest acceleration, mm/s2 or degrees/s2.
+    /// Maximum acceleration, mm/s2 or degrees/s2.
     pub acceleration: Axes,
-    /// Largest jerk, mm/s3 or degrees/s3.
+    /// Maximum jerk, mm/s3 or degrees/s3.
     pub jerk: Axes,
-    /// Lowest position, mm or degrees.
+    /// Minimum position, mm or degrees.
     pub travel_min: Axes,
-    /// Highest position, mm or degrees.
+    /// Maximum position, mm or degrees.
     pub travel_max: Axes,
     /// Position after homing, mm or degrees.
     pub home: Axes,

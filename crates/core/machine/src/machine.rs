@@ -1,4 +1,4 @@
-//! A machine as the file describes it, checked and in one system of units.
+//! A machine as described by its file, checked and in one system of units.
 
 use std::fmt::Write as _;
 use std::io;
@@ -18,45 +18,44 @@ use crate::rate::{RateError, RateInput, RationalRate, period_ns_of, rational_rat
 use crate::screw_file::MAX_TABLE_BYTES;
 use crate::signals::SignalSettings;
 
-/// The lowest control rate that the loop runs, Hz.
+/// Minimum control rate, Hz.
 pub const MIN_RATE_HZ: f64 = 250.0;
-/// The highest control rate that the loop runs, Hz.
+/// Maximum control rate, Hz.
 pub const MAX_RATE_HZ: f64 = 35_000.0;
-/// A machine file may be this long, bytes.
+/// Maximum length of a machine file, bytes.
 pub const MAX_FILE_BYTES: u64 = 1 << 20;
 
-/// What the machine does.
+/// Mill or lathe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum MachineKind {
-    /// Milling: the tool turns.
+    /// Milling: the tool rotates.
     Mill,
-    /// Turning: the workpiece turns.
+    /// Turning: the workpiece rotates.
     Lathe,
 }
 
-/// How axis coordinates follow from the program's.
+/// Mapping from program coordinates to axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Kinematics {
-    /// Each letter of the program drives the axis of that letter.
+    /// Each letter of the program drives the axis with that letter.
     #[default]
     Trivial,
 }
 
-/// The lead of a machine file without one, ns: a wake-up may be this late on an ordinary kernel. At 1 kHz and below it
-/// is two cycles.
+/// Default lead, ns: the wake-up latency to expect of an ordinary kernel. At 1 kHz it is two cycles, the minimum.
 const DEFAULT_LEAD_NS: u64 = 2_000_000;
-/// Cycles of the shortest and of the longest lead. The first cycle's time is the cycle's own.
+/// Minimum and maximum lead in cycles. The lead includes the cycle that computes the setpoint.
 const LEAD_CYCLES: (u64, u64) = (1, 1000);
 
-/// How long ahead of its due time a setpoint is computed.
+/// The time between the computation of a setpoint and its due time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Lead {
     /// 2 ms in whole cycles, at least 2 cycles.
     #[default]
     ByRate,
-    /// 1 to 1000 cycles, whatever the rate.
+    /// 1 to 1000 cycles at any rate.
     Cycles(u32),
     /// A time, rounded up to whole cycles.
     Time {
@@ -65,40 +64,40 @@ pub enum Lead {
     },
 }
 
-/// The control rate that the machine file or the command line asks for.
+/// The control rate, as requested by the machine file or the command line.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum ControlRate {
-    /// The rate that the machine's own limits need: see [`rational_rate`].
+    /// The rate that the limits of the machine require: see [`rational_rate`].
     #[default]
     Rational,
     /// A rate in Hz.
     Hz(f64),
 }
 
-/// How joints between blocks are taken until the program says otherwise.
+/// Path control mode at the start of a program.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum PathMode {
-    /// As G61: the programmed path exactly.
+    /// As G61: the exact programmed path.
     Exact,
     /// As G64 P: within the blend tolerance.
     #[default]
     Blend,
 }
 
-/// Which planner computes the motion.
+/// The planner that computes the motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum PlannerKind {
     /// Smooth path within the tolerance, as fast as the limits of the axes allow.
     #[default]
     Optimal,
-    /// Blends at corners and look-ahead over constant limits along the path: simple, slower.
+    /// Blends at corners, and look-ahead over limits that are constant along the path: simple, slower.
     Classic,
 }
 
 impl PlannerKind {
-    /// The name in machine files, on the command line and in traces.
+    /// Its name in machine files, on the command line and in traces.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -107,7 +106,7 @@ impl PlannerKind {
         }
     }
 
-    /// Back from the name.
+    /// The planner with this name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {
         [Self::Optimal, Self::Classic]
@@ -116,71 +115,71 @@ impl PlannerKind {
     }
 }
 
-/// What happens when the trace can no longer be written.
+/// Reaction to a trace that can no longer be written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum OnFull {
-    /// The program goes on without a trace; the run ends with a warning.
+    /// The program continues without a trace; the run ends with a warning.
     #[default]
     Continue,
-    /// The machine stops within its limits, on the path.
+    /// The machine stops on the path within its limits.
     Stop,
 }
 
-/// How a trace holds the cycles.
+/// How a trace stores the cycles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum CycleRecording {
-    /// One message a cycle with plain numbers, for whoever reads MCAP.
+    /// One message per cycle with plain numbers, readable by any MCAP tool.
     #[default]
     Messages,
-    /// Exact columns in a quarter of the room, and messages at most 2000 times a second for viewers.
+    /// Lossless columns in a quarter of the space, and up to 2000 messages per second for viewers.
     Columns,
 }
 
-/// One axis. Linear axes are in millimetres, rotary ones in degrees, both with seconds.
+/// One axis. Linear axes are in millimetres, rotary ones in degrees; time is in seconds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// The letter by which programs name it.
+    /// The letter used by programs.
     pub letter: AxisLetter,
-    /// Lowest position, mm or degrees.
+    /// Minimum position, mm or degrees.
     pub travel_min: f64,
-    /// Highest position, mm or degrees.
+    /// Maximum position, mm or degrees.
     pub travel_max: f64,
-    /// Largest velocity, mm/s or degrees/s.
+    /// Maximum velocity, mm/s or degrees/s.
     pub max_velocity: f64,
-    /// Largest acceleration, mm/s2 or degrees/s2.
+    /// Maximum acceleration, mm/s2 or degrees/s2.
     pub max_acceleration: f64,
-    /// Largest jerk, mm/s3 or degrees/s3.
+    /// Maximum jerk, mm/s3 or degrees/s3.
     pub max_jerk: f64,
     /// Position after homing, within the travel, mm or degrees.
     pub home: f64,
-    /// Following error that is allowed at rest, mm or degrees.
+    /// Permitted following error at rest, mm or degrees.
     pub following_error: f64,
-    /// Following error that is allowed in motion: so many seconds of way at the velocity of the moment.
+    /// Permitted following error in motion, as the travel in this time at the present velocity, s.
     pub following_time_s: f64,
 }
 
-/// How the path is followed.
+/// Path control.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathSettings {
-    /// Which planner.
+    /// The planner.
     pub planner: PlannerKind,
     /// Mode until the program says G61 or G64.
     pub mode: PathMode,
-    /// How far a blend may leave the programmed path, mm, until the program says G64 P.
+    /// Maximum distance of a blend from the programmed path, mm, until the program says G64 P.
     pub blend_tolerance_mm: f64,
-    /// In exact-path mode a step of curvature may step the acceleration by jerk times this time, s.
+    /// In exact-path mode a step of curvature may change the acceleration by jerk times this time, s.
     pub joint_time_s: f64,
     /// Permitted chord error between two setpoints, in increments.
     pub chord_error_increments: f64,
-    /// Smallest radius of curvature that the rational control rate allows for, mm.
+    /// Minimum radius of curvature considered by the rational control rate, mm.
     pub min_radius_mm: f64,
-    /// An arc whose radii at start and end differ by more than this may be wrong, mm (LinuxCNC: 0.0283 mm).
+    /// An arc is rejected if its radii at start and end differ by more than this, mm (LinuxCNC: 0.0283 mm), ...
     pub arc_radius_tolerance_mm: f64,
-    /// ... and is wrong if they also differ by more than this part of the radius (LinuxCNC: 0.001).
+    /// ... and also by more than this fraction of the radius (LinuxCNC: 0.001).
     pub arc_radius_tolerance_ratio: f64,
-    /// How far the end point of an involute may lie off the curve, mm.
+    /// Permitted distance of an involute's end point from the curve, mm.
     pub involute_end_tolerance_mm: f64,
 }
 
@@ -189,50 +188,51 @@ pub struct PathSettings {
 pub struct RealtimeSettings {
     /// `SCHED_FIFO` priority of the cycle, 2 to 98; the publisher runs one below.
     pub priority: u8,
-    /// Processor core to which the cycle is pinned.
+    /// Processor core to which the cycle is pinned, if any.
     pub core: Option<usize>,
     /// Whether all memory is locked.
     pub lock_memory: bool,
-    /// Stop after this many late setpoints in a row; 0 for never. None: [`Machine::max_late_cycles`] decides by the period.
+    /// Consecutive late setpoints after which the machine stops; 0 for never. `None`: [`Machine::max_late_cycles`] derives it
+    /// from the period.
     pub max_late_cycles: Option<u32>,
 }
 
-/// Whether a drive bridge is expected to answer.
+/// Whether a drive bridge must respond.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum FeedbackWish {
-    /// What comes back is not looked at.
+pub enum FeedbackMode {
+    /// Feedback is ignored.
     Ignore,
-    /// A bridge that has answered once must go on answering while power is on.
+    /// A bridge that has responded once must keep responding while power is on.
     #[default]
     IfPresent,
     /// No power without a bridge.
     Required,
 }
 
-/// How the drives are watched.
+/// Monitoring of the drives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriveSettings {
-    /// Whether a drive bridge is expected to answer.
-    pub feedback: FeedbackWish,
-    /// The oldest feedback that is allowed under power, s.
+    /// Whether a drive bridge must respond.
+    pub feedback: FeedbackMode,
+    /// Maximum age of feedback under power, s.
     pub feedback_timeout_s: f64,
-    /// How long the drives may take to come into operation, s.
+    /// Time limit for the drives to become operational, s.
     pub enable_timeout_s: f64,
     /// Whether the cycle follows the clock of the drives.
     pub follow_clock: bool,
 }
 
-/// The recorder.
+/// Trace recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TraceSettings {
-    /// What happens when the disk is full.
+    /// Reaction to a full disk.
     pub on_full: OnFull,
-    /// How the cycles are held.
+    /// How cycles are stored.
     pub cycles: CycleRecording,
 }
 
-/// What X, R and U of a lathe's turning cycles are.
+/// Meaning of X, R and U in a lathe's turning cycles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum TurningWords {
@@ -245,72 +245,72 @@ pub enum TurningWords {
     Mode,
 }
 
-/// Name of the subroutine that changes tools, where the machine file names none.
-pub(crate) const DEFAULT_CHANGER: &str = "toolchange";
+/// Default name of the tool-change subroutine.
+pub(crate) const DEFAULT_TOOL_CHANGE_SUBROUTINE: &str = "toolchange";
 
-/// How M6 puts another tool into the spindle.
+/// How M6 changes the tool.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ToolChange {
-    /// The program stops and asks the operator, who confirms the change.
+    /// The program stops and prompts the operator, who confirms the change.
     #[default]
     Operator,
-    /// An automatic changer: the executable M6 of the folder of user-defined M codes changes the tool.
+    /// An automatic tool changer: the executable M6 in the folder of user-defined M codes.
     Program,
-    /// An automatic changer: a subroutine with moves, outputs and inputs changes the tool.
+    /// An automatic tool changer: a subroutine with moves, outputs and inputs.
     Subroutine,
-    /// Nothing is changed: a bench or simulation without a spindle.
+    /// Nothing changes: a bench or simulation without a spindle.
     None,
 }
 
-/// Where a changer puts the tool that it takes out of the spindle.
+/// Where the tool changer stores the tool from the spindle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Magazine {
-    /// Into its own pocket.
+    /// In its own pocket.
     #[default]
     Fixed,
-    /// Into the pocket of the tool that it fetches.
+    /// In the pocket of the new tool.
     Random,
 }
 
-/// What offsets and diameters of tools are where there is no tool table.
+/// Tool offsets and diameters without a tool table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum WithoutToolTable {
-    /// A program that uses them has an error.
+    /// Programs that use them are rejected.
     #[default]
     Error,
-    /// 0, with a message of the program.
+    /// 0, with a warning.
     Zero,
 }
 
-/// What programs find on the machine.
+/// Resources for programs on the machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProgramSettings {
-    /// Tool table, as written in the file: relative to its folder.
+    /// Tool table, relative to the folder of the machine file.
     pub tool_table: Option<PathBuf>,
-    /// What offsets and diameters of tools are without one.
+    /// Tool offsets and diameters without a tool table.
     pub without_tool_table: WithoutToolTable,
-    /// How M6 puts another tool into the spindle.
+    /// How M6 changes the tool.
     pub tool_change: ToolChange,
-    /// Name of the subroutine that changes tools.
+    /// Name of the tool-change subroutine.
     pub tool_change_subroutine: String,
-    /// Where its changer puts tools.
+    /// Where the tool changer stores tools.
     pub magazine: Magazine,
-    /// File of the kept parameters, likewise.
+    /// File of the persistent parameters, likewise relative.
     pub parameters: Option<PathBuf>,
-    /// Folder of the files that programs write (LOGOPEN, PROBEOPEN), likewise.
+    /// Folder of the files that programs write (LOGOPEN, PROBEOPEN), likewise relative.
     pub log_folder: Option<PathBuf>,
-    /// Folders of subroutines, likewise.
+    /// Folders of subroutines, likewise relative.
     pub subroutines: Vec<PathBuf>,
-    /// Which of M100 to M199 there are.
+    /// User-defined M codes of the machine, from M100 to M199.
     pub user_codes: Vec<u32>,
-    /// Folder of their programs, as written in the file: relative to its folder.
+    /// Folder of their executables, relative to the folder of the machine file.
     pub user_code_folder: Option<PathBuf>,
-    /// How long one of them may take, s.
+    /// Time limit of a user-defined M code, s.
     pub user_code_timeout_s: f64,
-    /// Words of the turning cycles.
+    /// Meaning of X, R and U in turning cycles.
     pub turning_cycles: TurningWords,
     /// Whether a cutting load is measured.
     pub load_channel: bool,
@@ -322,7 +322,7 @@ impl Default for ProgramSettings {
             tool_table: None,
             without_tool_table: WithoutToolTable::default(),
             tool_change: ToolChange::default(),
-            tool_change_subroutine: DEFAULT_CHANGER.to_owned(),
+            tool_change_subroutine: DEFAULT_TOOL_CHANGE_SUBROUTINE.to_owned(),
             magazine: Magazine::default(),
             parameters: None,
             log_folder: None,
@@ -336,57 +336,57 @@ impl Default for ProgramSettings {
     }
 }
 
-/// A machine, checked: every number is finite and within a machine's range.
+/// A checked machine: every number is finite and plausible.
 ///
-/// The cycle may read it; loading it is for start-up.
+/// The cycle may read it; loading is for start-up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Machine {
     /// Name in services and file names: letters, digits, `-` and `_`.
     pub name: String,
-    /// One line for people.
+    /// Description, one line.
     pub description: String,
     /// Mill or lathe.
     pub kind: MachineKind,
-    /// How axis coordinates follow from the program's.
+    /// Mapping from program coordinates to axes.
     pub kinematics: Kinematics,
     /// Position increments per millimetre of a linear axis.
     pub increments_per_mm: f64,
-    /// Position increments per degree of a rotary axis; present where there is one.
+    /// Position increments per degree of a rotary axis; present if there is one.
     pub increments_per_degree: Option<f64>,
     /// The control rate.
     pub rate: ControlRate,
-    /// How long ahead of its due time a setpoint is computed; [`lead_cycles`](Self::lead_cycles) at a period.
+    /// Time between the computation of a setpoint and its due time; [`lead_cycles`](Self::lead_cycles) gives it in cycles.
     pub lead: Lead,
-    /// Axes in the order of the file.
+    /// The axes in the order of the file.
     pub axes: Vec<Axis>,
-    /// Largest contour feed, mm/s, where it is below what the axes allow.
+    /// Maximum contour feed, mm/s, if it is below what the axes permit.
     pub max_feed_mm_s: Option<f64>,
-    /// How the path is followed.
+    /// Path control.
     pub path: PathSettings,
     /// How the cycle runs on this host.
     pub realtime: RealtimeSettings,
-    /// The recorder.
+    /// Trace recording.
     pub trace: TraceSettings,
-    /// How the drives are watched.
+    /// Monitoring of the drives.
     pub drives: DriveSettings,
-    /// What programs find on the machine.
+    /// Resources for programs.
     pub program: ProgramSettings,
-    /// Axes that are homed by a switch, in the order of the file. The others stand at their home position from the
-    /// start, or where their drives say.
+    /// Axes homed to a switch, in the order of the file. The others are at their home position from the start, or at the
+    /// position that their drives report.
     pub homing: Vec<HomingSettings>,
     /// Inputs, outputs, spindles and the emergency-stop chain.
     pub signals: SignalSettings,
-    /// The handwheel, where there is one.
+    /// The handwheel, if there is one.
     pub handwheel: Option<HandwheelSettings>,
     /// Backlash, screw error, squareness and thermal offset.
     pub corrections: CorrectionSettings,
 }
 
 impl Machine {
-    /// Reads a machine file (TOML, at most 1 MiB) and checks it.
+    /// Reads and checks a machine file (TOML, at most 1 MiB).
     ///
     /// # Errors
-    /// File, line, column and key of the first thing that is wrong, and what to do about it.
+    /// [`MachineError`] with file, line, column and key of the first problem, and what to do about it.
     pub fn load(path: &Path) -> Result<Self, MachineError> {
         let file = path.display().to_string();
         let read_error = |source| MachineError::Read {
@@ -418,10 +418,10 @@ impl Machine {
         }
     }
 
-    /// Checks the text of a machine file; `file_name` is for the messages.
+    /// Checks the text of a machine file; `file_name` is for error messages.
     ///
     /// # Errors
-    /// As [`Machine::load`]; and where the text names another file, as a table of screw errors.
+    /// As [`Machine::load`]; also if the text names another file, such as a table of screw errors.
     pub fn parse(text: &str, file_name: &str) -> Result<Self, MachineError> {
         Self::parse_with(text, file_name, |_| {
             Err(io::Error::other(
@@ -430,7 +430,7 @@ impl Machine {
         })
     }
 
-    /// The same; `read_file` gives the content of a file by the name that the machine file gives it.
+    /// As [`parse`](Self::parse); `read_file` returns the content of a file, given the name in the machine file.
     ///
     /// # Errors
     /// As [`Machine::load`].
@@ -448,8 +448,8 @@ impl Machine {
         parse::machine(text, file_name, &mut read_file)
     }
 
-    /// Limits of all nine axes, for the planner and the cycle's guard: of ideal motion, so that what the drives are sent keeps
-    /// [`drive_limits`](Self::drive_limits). Where nothing is corrected they are the same.
+    /// The limits of ideal motion for all nine axes, for the planner and the cycle's guard. They leave a reserve so that the
+    /// corrected setpoints keep [`drive_limits`](Self::drive_limits). Without corrections both are equal.
     #[must_use]
     pub fn limits(&self) -> Limits {
         let mut limits = self.drive_limits();
@@ -464,19 +464,19 @@ impl Machine {
         limits
     }
 
-    /// Limits of what the drives are sent, as the machine file says.
+    /// The limits of the setpoints for the drives, as in the machine file.
     #[must_use]
     pub fn drive_limits(&self) -> Limits {
         Limits::of(&self.axes)
     }
 
-    /// The axis of a letter, where the machine has it.
+    /// The axis with this letter, if the machine has it.
     #[must_use]
     pub fn axis(&self, letter: AxisLetter) -> Option<&Axis> {
         self.axes.iter().find(|axis| axis.letter == letter)
     }
 
-    /// The letters in the order of the file: `"XYZ"`.
+    /// The axis letters in the order of the file: `"XYZ"`.
     #[must_use]
     pub fn axis_letters(&self) -> String {
         let mut letters = String::with_capacity(self.axes.len());
@@ -487,7 +487,7 @@ impl Machine {
         letters
     }
 
-    /// Position increments per millimetre or degree of every axis; 0 for an axis that the machine has not.
+    /// Position increments per millimetre or degree of every axis; 0 for an absent axis.
     #[must_use]
     pub fn increments(&self) -> Axes {
         let mut increments = Axes::zeros();
@@ -502,11 +502,10 @@ impl Machine {
         increments
     }
 
-    /// What the rational control rate follows from: the largest limits over the linear axes, which is the paper's choice,
-    /// and the largest feed.
+    /// The input of the rational control rate: the maximum limits over the linear axes, the paper's choice, and the maximum feed.
     ///
-    /// Several axes together can exceed what one of them can (by `sqrt(3)` at most for three equal axes); there the
-    /// planner's feed limit keeps the chord error.
+    /// Several axes together can exceed one of them (by at most `sqrt(3)` for three equal axes). There the planner's feed limit
+    /// keeps the chord error.
     #[must_use]
     pub fn rate_input(&self) -> RateInput {
         let linear = self.axes.iter().filter(|axis| !axis.letter.is_rotary());
@@ -529,22 +528,22 @@ impl Machine {
         input
     }
 
-    /// The rational control rate of this machine, not yet fitted into what the loop runs: see [`Machine::period_ns`].
+    /// The rational control rate of this machine before clamping to the range of the loop, see [`Machine::period_ns`].
     ///
     /// # Errors
-    /// Only for a machine that was built by hand; those from a file are checked.
+    /// Only for a machine constructed in code; machine files are checked for it.
     pub fn rational_rate(&self) -> Result<RationalRate, RateError> {
         rational_rate(&self.rate_input())
     }
 
-    /// The period of a control rate in whole nanoseconds, rounded down: the rate is never below what was asked for.
+    /// The period of a control rate in whole nanoseconds, rounded down: the rate is never below the requested one.
     ///
-    /// A rate in Hz must lie between [`MIN_RATE_HZ`] and [`MAX_RATE_HZ`] (28 571 ns). The rational rate is fitted into
-    /// the same bounds: raised where it is lower, which only lowers the chord error; cut where it is higher, which costs
-    /// time, not accuracy, because the planner keeps the chord error at the running rate by limiting the feed.
+    /// A rate in Hz must be between [`MIN_RATE_HZ`] and [`MAX_RATE_HZ`] (28 571 ns). The rational rate is clamped to the same
+    /// range: raising it only lowers the chord error; lowering it costs time, not accuracy, because the planner keeps the chord
+    /// error at the actual rate by limiting the feed.
     ///
     /// # Errors
-    /// [`PeriodError`] for a rate out of bounds.
+    /// [`PeriodError`] for a rate out of range.
     pub fn period_ns(&self, rate: ControlRate) -> Result<u64, PeriodError> {
         let rate_hz = match rate {
             ControlRate::Hz(hz) if (MIN_RATE_HZ..=MAX_RATE_HZ).contains(&hz) => hz,
@@ -554,15 +553,15 @@ impl Machine {
         Ok(period_ns_of(rate_hz))
     }
 
-    /// Late setpoints in a row after which the core stops; 0 for never. Where the machine file does not say: those of one
-    /// second, at least 1000, so that a host that stands still for a moment is forgiven at every rate alike.
+    /// Consecutive late setpoints after which the machine stops; 0 for never. Default: those of one second, at least 1000, so
+    /// that a short pause of the host is tolerated at every rate alike.
     #[must_use]
     pub fn max_late_cycles(&self, period_ns: u64) -> u32 {
         let in_a_second = (1_000_000_000 / period_ns.max(1)).clamp(1000, 1_000_000);
         self.realtime.max_late_cycles.unwrap_or(in_a_second as u32)
     }
 
-    /// How many cycles ahead of its due time a setpoint is computed, 1 to 1000.
+    /// Number of cycles between the computation of a setpoint and its due time, 1 to 1000.
     ///
     /// ```
     /// use evolvent_machine::Lead;
@@ -579,7 +578,7 @@ impl Machine {
         let cycles = match self.lead {
             Lead::ByRate => (DEFAULT_LEAD_NS / period_ns).max(2),
             Lead::Cycles(cycles) => cycles.into(),
-            // Values are checked when the file is read; a cast saturates.
+            // Checked when the file is read; the cast saturates.
             Lead::Time { s } => ((s * 1e9) as u64).div_ceil(period_ns),
         };
         cycles.clamp(LEAD_CYCLES.0, LEAD_CYCLES.1) as u32

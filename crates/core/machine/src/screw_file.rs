@@ -1,7 +1,7 @@
 //! Tables of screw errors: CSV, JSON, and LinuxCNC's COMP_FILE.
 //!
-//! CSV and JSON hold what a laser or a gauge measures: the error, position reached less position commanded. LinuxCNC's type 0 holds
-//! the position reached, type 1 the correction itself. All become corrections in mm or degrees.
+//! CSV and JSON contain the result of a laser or gauge measurement: the error, position reached minus position commanded.
+//! LinuxCNC's type 0 contains the position reached, type 1 the correction. All become corrections in mm or degrees.
 
 use evolvent_compensation::{ScrewTable, TableError};
 use evolvent_config::{ConfigDocument, ConfigError, shortened};
@@ -9,10 +9,10 @@ use serde::Deserialize;
 
 use crate::corrections::{TableFormat, TableUnit};
 
-/// A table file may be this long, bytes.
+/// Maximum length of a table file, bytes.
 pub(crate) const MAX_TABLE_BYTES: u64 = 4 << 20;
 
-/// What reading needs to know beside the text.
+/// Properties of the table that are not in the text.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TableKind {
     pub(crate) format: TableFormat,
@@ -25,13 +25,13 @@ impl TableKind {
         if self.is_rotary { "deg" } else { "mm" }
     }
 
-    /// Errors of linear axes are in um, of rotary ones in thousandths of a degree.
+    /// Errors of linear axes are in um, those of rotary axes in thousandths of a degree.
     fn error_unit_name(self) -> &'static str {
         if self.is_rotary { "mdeg" } else { "um" }
     }
 }
 
-/// The table, and whether it tells both directions apart.
+/// Reads a table; also returns whether it distinguishes the directions.
 pub(crate) fn read(text: &str, file: &str, kind: TableKind) -> Result<(ScrewTable, bool), ConfigError> {
     match kind.format {
         TableFormat::Csv => Lines::csv(text, file, kind)?.table(),
@@ -40,7 +40,7 @@ pub(crate) fn read(text: &str, file: &str, kind: TableKind) -> Result<(ScrewTabl
     }
 }
 
-/// Points, and where each number stands.
+/// The points, with the position of each number in the text.
 struct Lines<'a> {
     file: &'a str,
     positions: Vec<f64>,
@@ -50,7 +50,7 @@ struct Lines<'a> {
     lines: Vec<usize>,
 }
 
-/// A field of a line and its column in characters, from 1.
+/// The column (in characters, from 1) and text of a field.
 type Field<'a> = (usize, &'a str);
 
 fn error(file: &str, place: (usize, usize), key: &str, what: String, advice: &str) -> ConfigError {
@@ -77,7 +77,7 @@ fn number(file: &str, line: usize, key: &str, (column, text): Field<'_>) -> Resu
     }
 }
 
-/// The fields between commas, without the spaces around them.
+/// Comma-separated fields without surrounding spaces.
 fn comma_fields(line: &str) -> Vec<Field<'_>> {
     let mut column = 1;
     line.split(',')
@@ -90,7 +90,7 @@ fn comma_fields(line: &str) -> Vec<Field<'_>> {
         .collect()
 }
 
-/// The fields between spaces.
+/// Space-separated fields.
 fn space_fields(line: &str) -> Vec<Field<'_>> {
     let mut fields = Vec::new();
     let mut rest = line;
@@ -128,7 +128,7 @@ impl<'a> Lines<'a> {
             format!("forward_error_{errors}"),
             format!("reverse_error_{errors}"),
         ];
-        let advice = format!("begin with the line {} or {}", one.join(","), both.join(","));
+        let advice = format!("start with the line {} or {}", one.join(","), both.join(","));
         let mut lines = text
             .lines()
             .enumerate()
@@ -143,7 +143,7 @@ impl<'a> Lines<'a> {
                 &advice,
             ));
         };
-        // Programs that write tables begin some with a mark of the byte order.
+        // Some programs start tables with a byte order mark.
         let names = comma_fields(first.trim_start_matches('\u{feff}'));
         let is = |expected: &[String]| {
             names
@@ -153,7 +153,7 @@ impl<'a> Lines<'a> {
         };
         let is_both = is(&both);
         if !is_both && !is(&one) {
-            let what = format!("{:?} are no columns of a table", shortened(first));
+            let what = format!("{:?} is not a header of a table", shortened(first));
             return Err(error(file, (line, 1), "columns", what, &advice));
         }
         let keys: &[String] = if is_both { &both } else { &one };
@@ -203,7 +203,7 @@ impl<'a> Lines<'a> {
                     (line, text.chars().count() + 1),
                     "point",
                     format!(
-                        "{} numbers instead of 3; LinuxCNC ends the table here without a word",
+                        "{} numbers instead of 3; LinuxCNC silently ends the table here",
                         fields.len()
                     ),
                     "write nominal, forward and reverse on each line, or remove the line",
@@ -252,14 +252,14 @@ fn index_of(problem: &TableError) -> Option<usize> {
 
 fn advice_on(problem: &TableError) -> &'static str {
     match problem {
-        TableError::Points(_) => "measure at more positions, or leave points out",
+        TableError::Points(_) => "measure at more positions, or remove points",
         TableError::Lengths { .. } => "give as many errors as positions",
-        TableError::Order { .. } => "sort the points by their positions, each once",
+        TableError::Order { .. } => "sort the points by position, without duplicates",
         TableError::Value { .. } => "check the unit",
     }
 }
 
-/// A table in JSON, of a linear or a rotary axis.
+/// A table in JSON, for a linear or a rotary axis.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct JsonTable {
@@ -274,14 +274,14 @@ struct JsonTable {
 }
 
 fn json(text: &str, file: &str, kind: TableKind) -> Result<(ScrewTable, bool), ConfigError> {
-    // Whatever the file is called.
+    // Independent of the actual file name.
     let name = if file.to_ascii_lowercase().ends_with(".json") {
         file.to_owned()
     } else {
         format!("{file} (JSON).json")
     };
-    let sheet = ConfigDocument::parse(text, &name)?;
-    let raw: JsonTable = sheet.read()?;
+    let document = ConfigDocument::parse(text, &name)?;
+    let raw: JsonTable = document.read()?;
     let (unit, errors) = (kind.unit_name(), kind.error_unit_name());
     let mine = [
         raw.positions_mm,
@@ -311,18 +311,18 @@ fn json(text: &str, file: &str, kind: TableKind) -> Result<(ScrewTable, bool), C
         keys[0], keys[1], keys[2], keys[3]
     );
     if others.iter().any(Option::is_some) {
-        let what = "there are numbers in the unit of another kind of axis".to_owned();
-        return Err(sheet.error("", what, shape));
+        let what = "there are keys for another kind of axis".to_owned();
+        return Err(document.error("", what, shape));
     }
     let [Some(positions), one, forward, reverse] = mine else {
-        return Err(sheet.error(&keys[0], "missing".to_owned(), shape));
+        return Err(document.error(&keys[0], "missing".to_owned(), shape));
     };
     let (forward, reverse, key) = match (one, forward, reverse) {
         (Some(one), None, None) => (one, None, &keys[1]),
         (None, Some(forward), Some(reverse)) => (forward, Some(reverse), &keys[2]),
         _ => {
             let what = "the errors are missing, given twice, or given for one direction only".to_owned();
-            return Err(sheet.error("", what, shape));
+            return Err(document.error("", what, shape));
         }
     };
     let corrections = |errors: &[f64]| errors.iter().map(|error| -1e-3 * error).collect::<Vec<_>>();
@@ -338,6 +338,6 @@ fn json(text: &str, file: &str, kind: TableKind) -> Result<(ScrewTable, bool), C
             TableError::Lengths { .. } => key.clone(),
             TableError::Points(_) => keys[0].clone(),
         };
-        sheet.error(&key, problem.to_string(), advice_on(&problem))
+        document.error(&key, problem.to_string(), advice_on(&problem))
     })
 }

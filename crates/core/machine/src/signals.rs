@@ -3,14 +3,14 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Digital inputs or outputs of a machine at most: numbers 0 to 63.
+/// Maximum number of digital inputs, and of digital outputs: numbers 0 to 63.
 pub const MAX_DIGITAL: u32 = 64;
-/// Analog inputs or outputs of a machine at most: numbers 0 to 15.
+/// Maximum number of analog inputs, and of analog outputs: numbers 0 to 15.
 pub const MAX_ANALOG: u32 = 16;
-/// Spindles of a machine at most: numbers 0 to 3.
+/// Maximum number of spindles: numbers 0 to 3.
 pub const MAX_SPINDLES: u32 = 4;
 
-/// On and off, or a number.
+/// Digital or analog.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum SignalKind {
@@ -22,16 +22,16 @@ pub enum SignalKind {
 }
 
 impl SignalKind {
-    /// How many of a kind a machine has at most.
+    /// Maximum number of signals of this kind.
     #[must_use]
-    pub const fn most(self) -> u32 {
+    pub const fn max(self) -> u32 {
         match self {
             Self::Digital => MAX_DIGITAL,
             Self::Analog => MAX_ANALOG,
         }
     }
 
-    /// The word of the machine file.
+    /// Its name in the machine file.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -41,123 +41,122 @@ impl SignalKind {
     }
 }
 
-/// What an output does when something happens to the machine.
+/// The reaction of an output to an event.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum OutputRule {
-    /// It stays as the program has set it.
+    /// It keeps the value set by the program.
     #[default]
     Keep,
     /// It takes its safe value.
     Safe,
 }
 
-/// One input as it is written.
+/// One input as written.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct InputFile {
     /// Name for messages and commands: letters, digits, - and _, at most 32.
     #[schemars(length(min = 1, max = 32), regex(pattern = "^[A-Za-z0-9][A-Za-z0-9_-]*$"))]
     pub(crate) name: String,
-    /// "digital" or "analog"; "digital" where it is not given.
+    /// "digital" or "analog". Default: "digital".
     #[serde(default)]
     pub(crate) kind: SignalKind,
-    /// Number by which programs and bridges name it: digital 0 to 63 (M66 P), analog 0 to 15 (M66 E).
+    /// Number used by programs and bridges: digital 0 to 63 (M66 P), analog 0 to 15 (M66 E).
     #[schemars(range(min = 0, max = 63))]
     pub(crate) number: i64,
-    /// Lowest value of an analog input; a message with a lower one is refused. No bound where it is not given.
+    /// Minimum value of an analog input; messages with a lower value are rejected. Default: no limit.
     pub(crate) min: Option<f64>,
-    /// Highest value of an analog input; a message with a higher one is refused. No bound where it is not given.
+    /// Maximum value of an analog input; messages with a higher value are rejected. Default: no limit.
     pub(crate) max: Option<f64>,
 }
 
-/// One output as it is written.
+/// One output as written.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct OutputFile {
     /// Name for messages and commands: letters, digits, - and _, at most 32.
     #[schemars(length(min = 1, max = 32), regex(pattern = "^[A-Za-z0-9][A-Za-z0-9_-]*$"))]
     pub(crate) name: String,
-    /// "digital" or "analog"; "digital" where it is not given.
+    /// "digital" or "analog". Default: "digital".
     #[serde(default)]
     pub(crate) kind: SignalKind,
-    /// Number by which programs and bridges name it: digital 0 to 63 (M62 to M65 P), analog 0 to 15 (M67, M68 E).
+    /// Number used by programs and bridges: digital 0 to 63 (M62 to M65 P), analog 0 to 15 (M67, M68 E).
     #[schemars(range(min = 0, max = 63))]
     pub(crate) number: i64,
-    /// Safe state of a digital output; off where it is not given. It has it at the start and in emergency stop, too.
+    /// Safe state of a digital output, also its state at the start and in emergency stop. Default: off.
     pub(crate) safe_on: Option<bool>,
-    /// Safe value of an analog output; 0 where it is not given. It has it at the start and in emergency stop, too.
+    /// Safe value of an analog output, also its value at the start and in emergency stop. Default: 0.
     pub(crate) safe_value: Option<f64>,
-    /// Lowest value of an analog output; programs that ask for less are refused. No bound where it is not given.
+    /// Minimum value of an analog output; programs that set a lower one are rejected. Default: no limit.
     pub(crate) min: Option<f64>,
-    /// Highest value of an analog output; programs that ask for more are refused. No bound where it is not given.
+    /// Maximum value of an analog output; programs that set a higher one are rejected. Default: no limit.
     pub(crate) max: Option<f64>,
-    /// "keep" or "safe" while a feed hold has stopped the axes; after it the output is as before. "keep" where it is not given.
+    /// "keep" or "safe" while a feed hold has stopped the axes; the output is restored afterwards. Default: "keep".
     #[serde(default)]
     pub(crate) on_hold: OutputRule,
-    /// "keep" or "safe" when a program or MDI is stopped; "keep" where it is not given. After a fault it is always safe.
+    /// "keep" or "safe" when a program or MDI command is stopped. Default: "keep"; after a fault always safe.
     #[serde(default)]
     pub(crate) on_stop: OutputRule,
-    /// "keep" or "safe" at the end of the program; "keep" where it is not given.
+    /// "keep" or "safe" at the end of the program. Default: "keep".
     #[serde(default)]
     pub(crate) on_end: OutputRule,
 }
 
-/// One spindle as it is written.
+/// One spindle as written.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SpindleFile {
-    /// Number by which programs ($) and bridges name it, 0 to 3; 0 where it is not given.
+    /// Number used by programs ($) and bridges, 0 to 3. Default: 0.
     #[serde(default)]
     #[schemars(range(min = 0, max = 3))]
     pub(crate) number: i64,
-    /// Highest speed, rpm: programs that ask for more are refused, and feedback above twice of it, too.
+    /// Maximum speed, rpm: programs that command more are rejected, as is feedback above twice this speed.
     #[schemars(range(min = 0.001, max = 1e6))]
     pub(crate) max_rpm: f64,
-    /// Whether it turns counter-clockwise, too (M4); true where it is not given.
+    /// Whether it can also turn counter-clockwise (M4). Default: true.
     pub(crate) reverse: Option<bool>,
-    /// Whether a bridge measures it (service `spindle`): feed then waits until the speed is reached, and a spindle that is in fault
-    /// or falls silent stops the machine. False where it is not given.
+    /// Whether a bridge measures it (service `spindle`): feed then waits until the speed is reached, and a fault or missing
+    /// feedback of the spindle stops the machine. Default: false.
     #[serde(default)]
     pub(crate) feedback: bool,
-    /// Name of the digital input that is on while the commanded speed is reached, where the spindle has no feedback: feed waits
-    /// for it.
+    /// Name of the digital input that is on while the commanded speed is reached, for a spindle without feedback: feed waits for
+    /// it.
     pub(crate) at_speed_input: Option<String>,
-    /// How long feed waits for the speed, and M19 without Q for the angle, before the program is stopped, s; 10 where it is not
-    /// given.
+    /// Time limit for the speed, and for the angle of M19 without Q, after which the program stops, s. Default: 10.
     #[schemars(range(min = 0.1, max = 600))]
     pub(crate) at_speed_timeout_s: Option<f64>,
-    /// By how much its speed changes, rpm per second, when it is braked and turned back: rigid tapping turns it back so much before
-    /// the depth, and the tap stops there. Where it is not given it turns back at the depth, and the tap goes on meanwhile.
+    /// Rate of change of the speed when braking and reversing, rpm per second: rigid tapping then starts the reversal early, so
+    /// that the tap stops at the depth. Default: none, the reversal starts at the depth and the tap overshoots.
     #[schemars(range(min = 1, max = 1e7))]
     pub(crate) acceleration_rpm_s: Option<f64>,
 }
 
-/// The probe as it is written.
+/// The probe as written.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ProbeFile {
-    /// How far the machine may go on after contact, mm: probing at a feed that needs more is refused. No bound where it is not given.
+    /// Permitted travel after contact, mm: probing at a feed that needs more is rejected. Default: no limit.
     #[schemars(range(min = 0.0001, max = 1000.0))]
     pub(crate) overtravel_mm: Option<f64>,
 }
 
-/// The emergency-stop chain as it is written.
+/// The emergency-stop chain as written.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct EstopFile {
     /// Name of the digital input that reads the chain.
     pub(crate) input: String,
-    /// State of the input while the chain is closed, so that the machine may run; true where it is not given, so that a broken
-    /// wire stops.
+    /// State of the input while the chain is closed and the machine may run. Default: true, so that a broken wire stops the
+    /// machine.
     pub(crate) closed: Option<bool>,
 }
 
-/// How inputs are watched.
+/// Monitoring of the inputs.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SignalsFile {
-    /// Inputs whose newest message is older than this are unknown, ms; 100 where it is not given.
+    /// Age of the newest message after which inputs count as unknown, ms. Default: 100.
     #[schemars(range(min = 1, max = 10000))]
     pub(crate) input_timeout_ms: Option<f64>,
 }
@@ -165,34 +164,34 @@ pub(crate) struct SignalsFile {
 /// One input.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InputSettings {
-    /// For messages and commands.
+    /// Name in messages and commands.
     pub name: String,
     /// Digital or analog.
     pub kind: SignalKind,
     /// Number in programs and on the bus.
     pub number: u32,
-    /// Lowest and highest value of an analog input.
+    /// Minimum and maximum value of an analog input.
     pub range: [f64; 2],
 }
 
 /// One output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputSettings {
-    /// For messages and commands.
+    /// Name in messages and commands.
     pub name: String,
     /// Digital or analog.
     pub kind: SignalKind,
     /// Number in programs and on the bus.
     pub number: u32,
-    /// Its value at the start, in emergency stop, and where a rule says so; of a digital output 0 or 1.
+    /// Value at the start, in emergency stop, and where a rule demands it; 0 or 1 for a digital output.
     pub safe: f64,
-    /// Lowest and highest value of an analog output.
+    /// Minimum and maximum value of an analog output.
     pub range: [f64; 2],
-    /// While a feed hold has stopped the axes.
+    /// Reaction to a feed hold that has stopped the axes.
     pub on_hold: OutputRule,
-    /// When a program is stopped.
+    /// Reaction to a stop of the program.
     pub on_stop: OutputRule,
-    /// At the end of the program.
+    /// Reaction to the end of the program.
     pub on_end: OutputRule,
 }
 
@@ -201,27 +200,27 @@ pub struct OutputSettings {
 pub struct SpindleSettings {
     /// Number in programs and on the bus.
     pub number: u32,
-    /// Highest speed, rpm.
+    /// Maximum speed, rpm.
     pub max_rpm: f64,
-    /// Whether it turns counter-clockwise, too.
+    /// Whether it can also turn counter-clockwise.
     pub reverse: bool,
-    /// What tells that the commanded speed is reached.
+    /// How the core detects that the commanded speed is reached.
     pub at_speed: AtSpeed,
-    /// How long is waited for that, s.
+    /// Time limit for that, s.
     pub at_speed_timeout_s: f64,
-    /// By how much its speed changes, rpm per second, where that is known.
+    /// Rate of change of the speed, rpm per second, if known.
     pub acceleration_rpm_s: Option<f64>,
 }
 
-/// What tells that a spindle has reached its speed.
+/// How the core detects that a spindle has reached its speed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AtSpeed {
-    /// Nothing: feed begins at once.
+    /// Not at all: feed starts at once.
     #[default]
     Unknown,
-    /// The spindle's feedback, which tells more besides.
+    /// By the feedback of the spindle.
     Feedback,
-    /// This digital input.
+    /// By this digital input.
     Input(u32),
 }
 
@@ -245,11 +244,11 @@ pub struct EstopSettings {
 /// The probe.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProbeSettings {
-    /// How far the machine may go on after contact, mm; probing that needs more is refused.
+    /// Permitted travel after contact, mm; probing that needs more is rejected.
     pub overtravel_mm: Option<f64>,
 }
 
-/// What the machine has beside its axes.
+/// Everything on the machine besides its axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SignalSettings {
     /// In the order of the file.
@@ -258,11 +257,11 @@ pub struct SignalSettings {
     pub outputs: Vec<OutputSettings>,
     /// In the order of the file.
     pub spindles: Vec<SpindleSettings>,
-    /// The emergency-stop chain, where an input reads it.
+    /// The emergency-stop chain, if an input reads it.
     pub estop: Option<EstopSettings>,
-    /// The probe, where there is one.
+    /// The probe, if there is one.
     pub probe: Option<ProbeSettings>,
-    /// Inputs whose newest message is older than this are unknown, s.
+    /// Age of the newest message after which inputs count as unknown, s.
     pub input_timeout_s: f64,
 }
 
@@ -280,7 +279,7 @@ impl Default for SignalSettings {
 }
 
 impl SignalSettings {
-    /// The input of a number.
+    /// The input of this kind and number.
     #[must_use]
     pub fn input(&self, kind: SignalKind, number: u32) -> Option<&InputSettings> {
         self.inputs
@@ -288,7 +287,7 @@ impl SignalSettings {
             .find(|input| input.kind == kind && input.number == number)
     }
 
-    /// The output of a number.
+    /// The output of this kind and number.
     #[must_use]
     pub fn output(&self, kind: SignalKind, number: u32) -> Option<&OutputSettings> {
         self.outputs
@@ -296,13 +295,13 @@ impl SignalSettings {
             .find(|output| output.kind == kind && output.number == number)
     }
 
-    /// The spindle of a number.
+    /// The spindle with this number.
     #[must_use]
     pub fn spindle(&self, number: u32) -> Option<&SpindleSettings> {
         self.spindles.iter().find(|spindle| spindle.number == number)
     }
 
-    /// Whether the machine has anything beside its axes.
+    /// Whether there is nothing besides the axes.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.inputs.is_empty() && self.outputs.is_empty() && self.spindles.is_empty() && self.probe.is_none()

@@ -1,8 +1,8 @@
-//! Backlash, tables, squareness and thermal inputs of machine files: what is read, and what is refused with its place.
+//! Backlash, tables, squareness and thermal inputs of machine files: valid and invalid input.
 
 #![expect(
     clippy::unwrap_used,
-    reason = "clippy takes the helpers of these tests for code that ships"
+    reason = "clippy does not recognise the helpers of these tests as test code"
 )]
 
 use std::io;
@@ -20,7 +20,7 @@ const A: &str = "[[axis]]\nletter = \"A\"\ntravel_min_deg = -200\ntravel_max_deg
 const Y: &str = "[[axis]]\nletter = \"Y\"\ntravel_min_mm = -200\ntravel_max_mm = 200\nmax_velocity_mm_s = 100\n\
                  max_acceleration_m_s2 = 2\nmax_jerk_m_s3 = 100\n";
 
-/// A machine whose axis has these keys, with a file of this content under every name.
+/// A machine whose axis has these keys; every file that it names has this content.
 fn with_table(axis: &str, keys: &str, content: &str) -> Result<Machine, MachineError> {
     let text = format!(
         "{HEAD}{axis}{keys}\n{}",
@@ -29,7 +29,7 @@ fn with_table(axis: &str, keys: &str, content: &str) -> Result<Machine, MachineE
     Machine::parse_with(&text, "folder/m.toml", |_| Ok(content.as_bytes().to_vec()))
 }
 
-/// What is added to the position of axis `axis`, which has come there forwards or backwards.
+/// The correction of axis `axis` at a position reached forwards or backwards.
 fn correction(machine: &Machine, axis: usize, position: f64, forwards: bool) -> f64 {
     let mut compensation = machine.corrections.design.compensation(0.001, Axes::zeros());
     let mut ideal = Jet::at_rest(Axes::zeros());
@@ -44,7 +44,7 @@ fn correction(machine: &Machine, axis: usize, position: f64, forwards: bool) -> 
 }
 
 #[track_caller]
-fn corrects(machine: &Machine, axis: usize, expected: &[(f64, f64, f64)]) {
+fn assert_corrections(machine: &Machine, axis: usize, expected: &[(f64, f64, f64)]) {
     for (position, forward, reverse) in expected {
         for (is, should) in [
             (correction(machine, axis, *position, true), forward),
@@ -65,10 +65,10 @@ fn tables_of_all_formats_are_read_into_corrections() {
         (100.0, 0.004, 0.009),
         (150.0, 0.004, 0.009),
     ];
-    corrects(&machine, 0, &expected);
+    assert_corrections(&machine, 0, &expected);
     assert_eq!(machine.corrections.files.len(), 1);
     let json = r#"{"positions_mm": [-100, 0, 100], "forward_errors_um": [3, 0, -4], "reverse_errors_um": [-2.5, -5, -9]}"#;
-    corrects(
+    assert_corrections(
         &with_table(X, "screw_table = \"x.json\"", json).unwrap(),
         0,
         &expected,
@@ -79,19 +79,19 @@ fn tables_of_all_formats_are_read_into_corrections() {
         "screw_table = \"t\"\nscrew_table_format = \"json\"\nbacklash_mm = 0.02",
         one,
     );
-    corrects(
+    assert_corrections(
         &machine.unwrap(),
         0,
         &[(-100.0, 0.007, -0.013), (100.0, 0.014, -0.006)],
     );
     let rotary = "position_deg,error_mdeg\n0,5\n90,-5\n";
     let machine = with_table(A, "screw_table = \"a.csv\"\nbacklash_deg = 0.01", rotary).unwrap();
-    corrects(&machine, 3, &[(0.0, 0.0, -0.01), (90.0, 0.01, 0.0)]);
+    assert_corrections(&machine, 3, &[(0.0, 0.0, -0.01), (90.0, 0.01, 0.0)]);
 }
 
-/// The example of LinuxCNC's manual, type 0; what LinuxCNC adds is nominal less given. In inches it is 25.4 times as much.
+/// The example of LinuxCNC's manual, type 0; LinuxCNC adds nominal minus given. In inches it is 25.4 times as much.
 #[test]
-fn comp_files_of_linuxcnc_mean_what_they_mean_there() {
+fn comp_files_have_the_meaning_of_linuxcnc() {
     let absolute = "-1.000 -1.005 -0.995\n0.000 0.002 -0.003\n1.000 1.003 0.998\n";
     let keys = "screw_table = \"x.comp\"\nscrew_table_format = \"linuxcnc-0\"\nscrew_table_unit = \"inch\"";
     let slow = X.replace("max_velocity_mm_s = 100", "max_velocity_mm_s = 10");
@@ -100,17 +100,17 @@ fn comp_files_of_linuxcnc_mean_what_they_mean_there() {
         (0.0, -0.0508, 0.0762),
         (25.4, -0.0762, 0.0508),
     ];
-    corrects(&with_table(&slow, keys, absolute).unwrap(), 0, &expected);
-    let trims = "-1.000 0.005 -0.005\n0.000 -0.002 0.003\n\n1.000\t-0.003  0.002 and what else stands here\n";
+    assert_corrections(&with_table(&slow, keys, absolute).unwrap(), 0, &expected);
+    let trims = "-1.000 0.005 -0.005\n0.000 -0.002 0.003\n\n1.000\t-0.003  0.002 and trailing text\n";
     let keys = keys.replace("linuxcnc-0", "linuxcnc-1");
-    corrects(&with_table(&slow, &keys, trims).unwrap(), 0, &expected);
+    assert_corrections(&with_table(&slow, &keys, trims).unwrap(), 0, &expected);
     let metric = "-25.4 0.127 -0.127\n0 -0.0508 0.0762\n25.4 -0.0762 0.0508\n";
     let keys = "screw_table = \"x.comp\"\nscrew_table_format = \"linuxcnc-1\"";
-    corrects(&with_table(&slow, keys, metric).unwrap(), 0, &expected);
+    assert_corrections(&with_table(&slow, keys, metric).unwrap(), 0, &expected);
 }
 
 #[test]
-fn the_planner_gets_less_and_the_drives_what_the_file_says() {
+fn the_planner_gets_reduced_limits() {
     let machine = with_table(X, "backlash_mm = 0.02", "").unwrap();
     let (planned, drives) = (machine.limits(), machine.drive_limits());
     // 8 (B/2)/T^3 is a tenth of the jerk.
@@ -134,133 +134,137 @@ fn squareness_and_thermal_inputs_are_read() {
     let mut ideal = Jet::at_rest(Axes::zeros());
     (ideal.position[0], ideal.position[1]) = (5.0, 100.0);
     assert_eq!(compensation.step(&ideal).position[0], 5.02);
-    compensation.aim_thermal(0, 0.01);
+    compensation.set_thermal_offset(0, 0.01);
     let after: Vec<f64> = (0..12_000)
         .map(|_| compensation.step(&ideal).position[0])
         .collect();
-    // 1 um/s where the file says nothing.
+    // The default rate is 1 um/s.
     assert!((after[5000] - 5.025).abs() < 1e-4 && (after[11_999] - 5.03).abs() < 1e-9);
 }
 
 #[track_caller]
-fn refused(axis: &str, keys: &str, content: &str, parts: &[&str]) {
+fn rejected(axis: &str, keys: &str, content: &str, parts: &[&str]) {
     let error = with_table(axis, keys, content).unwrap_err().to_string();
     for part in parts {
-        assert!(error.contains(part), "{error:?} does not say {part:?}");
+        assert!(error.contains(part), "{error:?} does not contain {part:?}");
     }
 }
 
 #[test]
-fn bad_tables_are_refused_with_file_line_column_and_advice() {
+fn invalid_tables_are_rejected_with_position_and_advice() {
     let csv = "screw_table = \"x.csv\"";
     let head = "position_mm,error_um\n";
     let at = "folder/x.csv:";
-    refused(X, csv, "", &[at, ":1:1:", "empty", "position_mm,error_um"]);
-    refused(
+    rejected(X, csv, "", &[at, ":1:1:", "empty", "position_mm,error_um"]);
+    rejected(
         X,
         csv,
         "x,y\n1,2\n",
         &[
             "folder/x.csv:1:1",
-            "no columns",
+            "not a header",
             "position_mm,forward_error_um,reverse_error_um",
         ],
     );
-    refused(
+    rejected(
         X,
         csv,
         "position_deg,error_mdeg\n0,1\n",
         &["folder/x.csv:1:1", "position_mm"],
     );
-    refused(
+    rejected(
         X,
         csv,
         &format!("{head}0,1\n10,a\n"),
         &["folder/x.csv:3:4", "error_um", "\"a\" is no number", "write"],
     );
-    refused(
+    rejected(
         X,
         csv,
         &format!("{head}0,1\n10,inf\n"),
         &["folder/x.csv:3:4", "is no number"],
     );
-    refused(
+    rejected(
         X,
         csv,
         &format!("{head}0,1\n10\n"),
         &["folder/x.csv:3:3", "1 numbers instead of 2"],
     );
-    refused(
+    rejected(
         X,
         csv,
         &format!("{head}0,1\n10,2,3\n"),
         &["folder/x.csv:3:6", "3 numbers instead of 2"],
     );
-    refused(
+    rejected(
         X,
         csv,
         &format!("{head}0,1\n\n0,2\n"),
         &["folder/x.csv:4:1", "not at least", "sort"],
     );
-    refused(
+    rejected(
         X,
         csv,
         &format!("{head}0,1\n"),
-        &["folder/x.csv:3:1", "2 to 10000 points", "this one 1"],
+        &["folder/x.csv:3:1", "2 to 10000 points", "this one has 1"],
     );
-    refused(
+    rejected(
         X,
         csv,
         &format!("{head}0,1\n10,20000\n"),
         &["folder/x.csv:3:1", "out of range", "unit"],
     );
     let comp = "screw_table = \"x.comp\"\nscrew_table_format = \"linuxcnc-1\"";
-    refused(
+    rejected(
         X,
         comp,
         "0 0 0\n10 0\n",
-        &["folder/x.comp:2:5", "2 numbers instead of 3", "LinuxCNC ends"],
+        &[
+            "folder/x.comp:2:5",
+            "2 numbers instead of 3",
+            "LinuxCNC silently ends",
+        ],
     );
-    refused(
+    rejected(
         X,
         comp,
         "0 0 0\n  10 0 x\n",
         &["folder/x.comp:2:8", "\"x\" is no number"],
     );
-    refused(X, comp, "10 0 0\n0 0 0\n", &["folder/x.comp:2:1", "sort"]);
+    rejected(X, comp, "10 0 0\n0 0 0\n", &["folder/x.comp:2:1", "sort"]);
     let json = "screw_table = \"x.json\"";
-    refused(X, json, "{\"positions_mm\": [0, 1", &["folder/x.json:1:", "JSON"]);
-    refused(
+    rejected(X, json, "{\"positions_mm\": [0, 1", &["folder/x.json:1:", "JSON"]);
+    rejected(
         X,
         json,
         "{\"positions_mm\": [0, 10]}",
         &["folder/x.json:1:1", "missing", "errors_um"],
     );
-    refused(
+    rejected(
         X,
         json,
         "{\"positions_mm\": [0, 10], \"position\": 1}",
         &["folder/x.json:1:", "unknown field"],
     );
-    refused(
+    rejected(
         X,
         json,
         "{\"positions_deg\": [0], \"errors_mdeg\": [0]}",
         &["another kind of axis", "positions_mm"],
     );
-    refused(
+    rejected(
         X,
         json,
         "{\"positions_mm\": [0, 10, 5],\n \"errors_um\": [0, 1, 2]}",
         &["folder/x.json:1:26", "positions_mm[2]", "sort"],
     );
-    refused(
+    rejected(
         X,
         json,
         "{\"positions_mm\": [0, 10],\n \"errors_um\": [0]}",
         &["folder/x.json:2:", "1 corrections", "as many"],
     );
-    refused(
+    rejected(
         X,
         json,
         "{\"positions_mm\": [0, 10],\n \"errors_um\": [0, 1e9]}",
@@ -269,95 +273,95 @@ fn bad_tables_are_refused_with_file_line_column_and_advice() {
 }
 
 #[test]
-fn bad_keys_are_refused_with_place_and_advice() {
+fn invalid_keys_are_rejected_with_position_and_advice() {
     let table = "position_mm,error_um\n0,1\n100,2\n";
     let both = "position_mm,forward_error_um,reverse_error_um\n0,1,2\n100,2,3\n";
-    refused(
+    rejected(
         X,
         "backlash_mm = -1",
         table,
         &["m.toml:13:1", "axis[0].backlash_mm", "out of range"],
     );
-    refused(
+    rejected(
         X,
         "backlash_deg = 1",
         table,
         &["axis[0].backlash_deg", "no such key"],
     );
-    refused(
+    rejected(
         A,
         "backlash_mm = 1",
         table,
         &["axis[0].backlash_mm", "no such key"],
     );
-    refused(
+    rejected(
         X,
         "backlash = 1",
         table,
         &["m.toml:13:", "unit is missing", "backlash_mm"],
     );
-    refused(
+    rejected(
         X,
         "screw_table = \"\"",
         table,
-        &["axis[0].screw_table", "no path"],
+        &["axis[0].screw_table", "not a valid path"],
     );
-    refused(
+    rejected(
         X,
         "screw_table = \"x.txt\"",
         table,
         &["axis[0].screw_table", "screw_table_format"],
     );
-    refused(
+    rejected(
         X,
         "screw_table_format = \"csv\"",
         table,
         &["screw_table_format", "there is no screw_table"],
     );
-    refused(
+    rejected(
         X,
         "screw_table = \"x.csv\"\nscrew_table_unit = \"mm\"",
         table,
         &["screw_table_unit", "name their units"],
     );
-    refused(
+    rejected(
         X,
         "screw_table = \"x.csv\"\nbacklash_mm = 0.1",
         both,
         &["backlash_mm", "both directions"],
     );
-    refused(
+    rejected(
         X,
         "thermal_max_mm = 1",
         table,
         &["thermal_max_mm", "there is no thermal_input"],
     );
-    refused(
+    rejected(
         X,
         "thermal_input = \"t\"",
         table,
         &["thermal_input", "no analog input", "[[input]]"],
     );
-    refused(
+    rejected(
         A,
         "thermal_input = \"t\"",
         table,
         &["thermal_input", "only linear"],
     );
-    refused(
+    rejected(
         X,
         "[squareness]\nxy_um_m = 20000",
         table,
         &["squareness.xy_um_m", "out of range"],
     );
-    refused(
+    rejected(
         X,
         "[squareness]\nyz_um_m = 1",
         table,
         &["squareness.yz_um_m", "both axes"],
     );
     let rough = "position_mm,error_um\n0,0\n1,15\n2,0\n";
-    refused(
+    rejected(
         X,
         "screw_table = \"x.csv\"",
         rough,
@@ -387,7 +391,7 @@ fn a_table_is_found_beside_the_machine_file() {
     std::fs::write(folder.join("tables/x.csv"), "position_mm,error_um\n0,1\n100,2\n").unwrap();
     let machine = Machine::load(&file);
     std::fs::remove_dir_all(&folder).unwrap();
-    corrects(
+    assert_corrections(
         &machine.unwrap(),
         0,
         &[(0.0, -0.001, -0.001), (100.0, -0.002, -0.002)],

@@ -1,4 +1,4 @@
-//! The diagrams: every line and label that belongs into them is there, for any limits.
+//! The diagrams contain every line and label, for any limits.
 
 use evolvent_machine::{Machine, RateInput, figures_svg, figures_svg_of_axes};
 use std::path::Path;
@@ -22,7 +22,7 @@ fn texts(svg: &str) -> Vec<String> {
 }
 
 #[test]
-fn the_three_figures_carry_their_lines_and_units() {
+fn the_three_figures_have_their_lines_and_units() {
     let svg = figures_svg(&PAPER, "shop").unwrap();
     let texts = texts(&svg);
     let expected = [
@@ -31,7 +31,7 @@ fn the_three_figures_carry_their_lines_and_units() {
         "feed F, mm/min",
         "by jerk",
         "by acceleration",
-        "by largest feed",
+        "by maximum feed",
         "control rate f, Hz",
         "R 0.25",
         "0.5",
@@ -65,12 +65,12 @@ fn the_three_figures_carry_their_lines_and_units() {
     );
     assert!(
         texts.iter().any(|text| text.contains("297.3 Hz")),
-        "the heading names the rate"
+        "the heading states the rate"
     );
 }
 
 #[test]
-fn labels_keep_clear_of_each_other() {
+fn labels_do_not_overlap() {
     let svg = figures_svg(&PAPER, "shop").unwrap();
     let mut boxes: Vec<(f64, f64, f64, f64, String)> = Vec::new();
     for text in svg.split("<text").skip(1) {
@@ -104,7 +104,7 @@ fn labels_keep_clear_of_each_other() {
                     Some("middle") => 0.5,
                     _ => 0.0,
                 };
-        // How plotters writes vertical alignment.
+        // The way plotters writes vertical alignment.
         let bottom = number("y")
             + size
                 * match attribute("dy").as_deref() {
@@ -116,7 +116,7 @@ fn labels_keep_clear_of_each_other() {
     }
     assert!(boxes.len() > 40);
     for (i, a) in boxes.iter().enumerate() {
-        assert!(a.0 >= 0.0 && a.2 <= 1000.0, "{} leaves the picture", a.4);
+        assert!(a.0 >= 0.0 && a.2 <= 1000.0, "{} is outside the figure", a.4);
         for b in &boxes[i + 1..] {
             let apart = a.2 <= b.0 || b.2 <= a.0 || a.3 <= b.1 || b.3 <= a.1;
             assert!(apart, "{:?} and {:?} overlap", a.4, b.4);
@@ -125,7 +125,7 @@ fn labels_keep_clear_of_each_other() {
 }
 
 #[test]
-fn any_limits_that_have_a_rate_have_figures() {
+fn any_limits_with_a_rate_have_figures() {
     let inf = f64::INFINITY;
     let inputs = [
         RateInput {
@@ -238,7 +238,7 @@ fn figure_3_is_drawn_for_each_axis_by_its_own_limits() {
     );
     // The line of X's jerk is that of X alone: at 100 mm it permits 60 cbrt(5000 1e4) = 22 104 mm/min, Z's 47 622.
     let alone = figures_svg_of_axes(&x, &[('X', x)], "ucp").unwrap();
-    // Height of the line over radius in the first figure, whatever the lines are numbered.
+    // Height of the line over radius in the first figure, independent of the numbering of lines.
     let lines = |svg: &str| -> Vec<String> {
         let second = svg.match_indices("Figure ").nth(1).unwrap().0;
         let polylines = svg[..second].split("<polyline").skip(1);

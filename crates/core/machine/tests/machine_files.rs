@@ -1,16 +1,16 @@
-//! Machine files: what ships is good, and what is bad is refused with its place.
+//! Machine files: shipped files are valid, and invalid files are rejected with the position of the error.
 
 #![expect(
     clippy::unwrap_used,
     clippy::panic,
-    reason = "clippy takes the helpers of these tests for code that ships"
+    reason = "clippy does not recognise the helpers of these tests as test code"
 )]
 
 use std::path::Path;
 
 use evolvent_file_tests::{assert_schema, config};
 use evolvent_machine::{
-    ControlRate, CycleRecording, FeedbackWish, Lead, Machine, MachineError, MachineKind, OnFull, PathMode,
+    ControlRate, CycleRecording, FeedbackMode, Lead, Machine, MachineError, MachineKind, OnFull, PathMode,
     machine_schema,
 };
 use evolvent_path::AxisLetter;
@@ -72,9 +72,9 @@ max_jerk_deg_s3 = 1000
 "#;
 
 #[test]
-fn the_watch_over_the_drives_is_read_and_has_defaults() {
+fn drive_monitoring_is_read_and_has_defaults() {
     let machine = Machine::parse(GOOD, "full.toml").unwrap();
-    assert_eq!(machine.drives.feedback, FeedbackWish::IfPresent);
+    assert_eq!(machine.drives.feedback, FeedbackMode::IfPresent);
     assert_eq!(
         (machine.drives.feedback_timeout_s, machine.drives.enable_timeout_s),
         (0.02, 2.0)
@@ -89,7 +89,7 @@ fn the_watch_over_the_drives_is_read_and_has_defaults() {
         "home_mm = 1.5\nfollowing_error_mm = 0.1\nfollowing_time_ms = 5",
     ) + "following_error_deg = 2\n[drives]\nfeedback = \"required\"\nfeedback_timeout_ms = 8\nfollow_clock = false\n";
     let machine = Machine::parse(&text, "full.toml").unwrap();
-    assert_eq!(machine.drives.feedback, FeedbackWish::Required);
+    assert_eq!(machine.drives.feedback, FeedbackMode::Required);
     assert_eq!(machine.drives.feedback_timeout_s, 0.008);
     assert!(!machine.drives.follow_clock);
     assert_eq!(
@@ -100,7 +100,7 @@ fn the_watch_over_the_drives_is_read_and_has_defaults() {
 }
 
 #[test]
-fn a_file_is_read_into_millimetres_degrees_and_seconds() {
+fn a_file_is_converted_to_mm_degrees_and_seconds() {
     let machine = Machine::parse(GOOD, "good.toml").unwrap();
     assert_eq!(machine.rate, ControlRate::Hz(1000.5));
     assert_eq!(machine.axis_letters(), "XA");
@@ -151,7 +151,7 @@ fn a_file_is_read_into_millimetres_degrees_and_seconds() {
 }
 
 #[test]
-fn every_shipped_machine_is_good_and_named_as_its_file() {
+fn every_shipped_machine_is_valid_and_named_as_its_file() {
     let files = shipped();
     assert!(files.len() >= 10, "only {} machines ship", files.len());
     for (stem, text) in files {
@@ -186,7 +186,7 @@ fn shipped_machines_carry_the_papers_limits() {
             rate(stem)
         );
     }
-    // UCP 710: the largest over the axes are 2.5 m/s2 (X) and 50 m/s3 (Z), which meet at R = 6.25 mm.
+    // UCP 710: the maxima over the axes are 2.5 m/s2 (X) and 50 m/s3 (Z), which meet at R = 6.25 mm.
     let expected = 0.5 * (2500.0 * 1000.0 / (2.0 - 1.0 / 6250.0_f64)).sqrt();
     assert!(
         (rate("ucp-710") - expected).abs() < 1e-6,
@@ -217,14 +217,14 @@ fn the_three_axis_mill_is_as_documented() {
     );
 }
 
-/// To write the file anew: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-machine schema`.
+/// To regenerate the file: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-machine schema`.
 #[test]
 fn the_shipped_schema_is_that_of_the_code() {
     assert_schema("machine.schema.json", &machine_schema(), "evolvent-machine");
 }
 
-/// What a bad edit of `GOOD` must say: the edit, and parts of the message.
-fn refused(edits: &[(&str, &str)], parts: &[&str]) {
+/// Asserts that an edit of `GOOD` is rejected with these parts of the message.
+fn rejected(edits: &[(&str, &str)], parts: &[&str]) {
     let mut text = GOOD.to_owned();
     for (from, to) in edits {
         assert!(text.contains(from), "no {from:?} in the good file");
@@ -243,96 +243,96 @@ fn refused(edits: &[(&str, &str)], parts: &[&str]) {
 }
 
 #[test]
-fn bad_files_are_refused_with_place_key_and_advice() {
-    refused(
+fn invalid_files_are_rejected_with_key_and_advice() {
+    rejected(
         &[("name = \"m\"", "name = \"\"")],
         &["bad.toml:1:1: name:", "1 to 64 letters"],
     );
-    refused(
+    rejected(
         &[("name = \"m\"", "name = \"a/b\"")],
         &["bad.toml:1:1: name:", "a/b"],
     );
-    refused(
+    rejected(
         &[("name = \"m\"", "")],
         &["name", "missing field", "add this key"],
     );
-    refused(
+    rejected(
         &[("kind = \"mill\"", "kind = \"milk\"")],
         &["bad.toml:2:", ": kind:", "mill", "lathe"],
     );
-    refused(
+    rejected(
         &[("kind = \"mill\"", "kind = \"lathe\"")],
         &[": axis:", "lathe needs", "Z"],
     );
-    refused(
+    rejected(
         &[("increments_per_mm = 1000", "increments_per_mm = 0")],
         &["bad.toml:3:1: increments_per_mm: 0"],
     );
-    refused(
+    rejected(
         &[("increments_per_mm = 1000", "increments_per_mm = nan")],
         &["3:1: increments_per_mm: NaN"],
     );
-    refused(
+    rejected(
         &[("increments_per_degree = 100", "")],
         &["increments_per_degree: missing", "A is rotary"],
     );
-    refused(
+    rejected(
         &[("rate = 1000.5", "rate = 100")],
         &["bad.toml:5:1: rate: 100", "250 to 35000"],
     );
-    refused(
+    rejected(
         &[("rate = 1000.5", "rate = 35001")],
         &["rate: 35001", "250 to 35000"],
     );
-    refused(
+    rejected(
         &[("rate = 1000.5", "rate = \"rationel\"")],
         &["bad.toml:5:1: rate:", "rationel", "\"rational\" or a number"],
     );
-    refused(
+    rejected(
         &[("rate = 1000.5", "rate = true")],
         &["rate:", "\"rational\" or a number"],
     );
-    refused(
+    rejected(
         &[("max_feed_mm_min = 6000", "max_feed = 6000")],
         &["8:1: limits.max_feed:", "unit is missing"],
     );
-    refused(
+    rejected(
         &[(
             "max_feed_mm_min = 6000",
             "max_feed_mm_min = 6000\nmax_feed_mm_s = 100",
         )],
         &["bad.toml:9:1: limits.max_feed_mm_s: given a second time"],
     );
-    refused(
+    rejected(
         &[("mode = \"exact\"", "mode = \"exakt\"")],
         &["path.mode", "exact"],
     );
-    refused(
+    rejected(
         &[("mode = \"exact\"", "blend_tolerance_mm = 0")],
         &["path.blend_tolerance_mm", "mode = \"exact\""],
     );
-    refused(
+    rejected(
         &[("joint_time_ms = 2", "joint_time_ms = 0")],
         &["12:1: path.joint_time_ms: 0"],
     );
-    refused(
+    rejected(
         &[("joint_time_ms = 2", "min_radius_mm = 1e-4")],
         &["path.min_radius_mm", "0.0005 mm"],
     );
-    refused(
+    rejected(
         &[("priority = 70", "priority = 99")],
         &["15:1: realtime.priority: 99", "2 to 98"],
     );
-    refused(
+    rejected(
         &[("priority = 70", "priority = 70.5")],
         &["realtime.priority", "70.5"],
     );
-    refused(&[("core = 1", "core = -1")], &["realtime.core: -1"]);
-    refused(
+    rejected(&[("core = 1", "core = -1")], &["realtime.core: -1"]);
+    rejected(
         &[("cycles = \"columns\"", "cycles = \"rows\"")],
         &["trace.cycles", "messages"],
     );
-    refused(
+    rejected(
         &[("on_full = \"stop\"", "on_full = \"wait\"")],
         &["trace.on_full", "continue"],
     );
@@ -348,94 +348,94 @@ fn bad_files_are_refused_with_place_key_and_advice() {
             ["drives.enable_timeout_ms: NaN", "10 to"],
         ),
     ] {
-        refused(&[("on_full = \"stop\"", &format!("{drives}{key}"))], &words);
+        rejected(&[("on_full = \"stop\"", &format!("{drives}{key}"))], &words);
     }
-    refused(
+    rejected(
         &[("letter = \"x\"", "letter = \"Q\"")],
         &["22:1: axis[0].letter:", "\"Q\" is no axis"],
     );
-    refused(&[("letter = \"x\"", "letter = \"\"")], &["axis[0].letter"]);
-    refused(
+    rejected(&[("letter = \"x\"", "letter = \"\"")], &["axis[0].letter"]);
+    rejected(
         &[("letter = \"x\"", "letter = \"A\"")],
         &["23:1: axis[0].travel_min_mm:", "A is rotary", "degrees"],
     );
-    refused(
+    rejected(
         &[("letter = \"x\"", "letter = \"X\"\nkind = \"rotary\"")],
         &["axis[0].kind: axis X is linear"],
     );
-    refused(
+    rejected(
         &[("kind = \"rotary\"", "kind = \"linear\"")],
         &["axis[1].kind: axis A is rotary"],
     );
-    refused(
+    rejected(
         &[("letter = \"A\"", "letter = \"X\""), ("kind = \"rotary\"", "")],
         &["axis[1].travel_min_deg"],
     );
-    refused(
+    rejected(
         &[("travel_min_mm = -1", "travel_min_mm = 3")],
         &["23:1: axis[0].travel_min_mm", "3 mm", "2 mm"],
     );
-    refused(
+    rejected(
         &[("travel_min_mm = -1", "travel_min_mm = 2")],
         &["axis[0].travel_min_mm"],
     );
-    refused(&[("travel_min_mm = -1", "")], &["axis[0].travel_min_mm: missing"]);
-    refused(
+    rejected(&[("travel_min_mm = -1", "")], &["axis[0].travel_min_mm: missing"]);
+    rejected(
         &[("travel_min_mm = -1", "travel_min = -1")],
         &["23:1: axis[0].travel_min", "unit is missing"],
     );
-    refused(
+    rejected(
         &[("travel_max_mm = 2", "travel_max_mm = inf")],
         &["24:1: axis[0].travel_max_mm: inf"],
     );
-    refused(
+    rejected(
         &[("home_mm = 1.5", "home_mm = 2.5")],
         &["28:1: axis[0].home_mm: home is 2.5 mm"],
     );
-    refused(
+    rejected(
         &[("travel_min_mm = -1", "travel_min_mm = 1"), ("home_mm = 1.5", "")],
         &["axis[0].home_mm: home is 0"],
     );
-    refused(
+    rejected(
         &[("max_velocity_mm_min", "max_velocity")],
         &["25:1: axis[0].max_velocity:", "max_velocity_mm_min or"],
     );
-    refused(
+    rejected(
         &[("max_velocity_mm_min = 30000", "")],
         &["axis[0].max_velocity_mm_min: missing"],
     );
-    refused(
+    rejected(
         &[(
             "max_velocity_mm_min = 30000",
             "max_velocity_mm_min = 30000\nmax_velocity_mm_s = 500",
         )],
         &["26:1: axis[0].max_velocity_mm_s: given a second time"],
     );
-    refused(
+    rejected(
         &[("max_velocity_mm_min = 30000", "max_velocity_mm_min = \"fast\"")],
         &["25:", "axis[0].max_velocity_mm_min", "fast"],
     );
-    refused(
+    rejected(
         &[("max_velocity_mm_min = 30000", "max_velocity_m_h = 1")],
         &["25:1: axis[0].max_velocity_m_h", "spelling"],
     );
-    refused(
+    rejected(
         &[("max_velocity_deg_min", "max_velocity_mm_min")],
         &["axis[1].max_velocity_mm_min", "A is rotary"],
     );
-    refused(&[("[trace]", "[tracing]")], &["tracing", "unknown field"]);
-    refused(
+    rejected(&[("[trace]", "[tracing]")], &["tracing", "unknown field"]);
+    rejected(
         &[("name = \"m\"", "name = \"m\"\nname = \"n\"")],
         &["bad.toml:2:1: not valid TOML"],
     );
-    refused(
+    rejected(
         &[("kind = \"mill\"", "kind = mill")],
         &["bad.toml:2:", "not valid TOML"],
     );
 }
 
 #[test]
-fn every_limit_refuses_every_number_that_is_none() {
+fn every_limit_rejects_numbers_out_of_range() {
     let keys = [
         ("max_velocity_mm_min = 30000", "max_velocity_mm_min", "axis[0]"),
         ("max_velocity_mm_min = 30000", "max_velocity_mm_s", "axis[0]"),
@@ -468,22 +468,22 @@ fn every_limit_refuses_every_number_that_is_none() {
     ];
     for (line, key, at) in keys {
         for bad in ["nan", "-nan", "inf", "-inf", "1e308", "-1e308", "1e12", "-5"] {
-            // The travel may begin there.
+            // A valid start of the travel.
             if (key, bad) == ("travel_min_mm", "-5") {
                 continue;
             }
-            refused(
+            rejected(
                 &[(line, &format!("{key} = {bad}"))],
                 &["bad.toml:", &format!("{at}.{key}")],
             );
         }
-        // Zero is a place and a tolerance, but no limit.
+        // Zero is a valid position and tolerance, but not a valid limit.
         if key.starts_with("max_") {
-            refused(
+            rejected(
                 &[(line, &format!("{key} = 0"))],
                 &["bad.toml:", &format!("{at}.{key}: 0")],
             );
-            refused(
+            rejected(
                 &[(line, &format!("{key} = 1e-300"))],
                 &["bad.toml:", &format!("{at}.{key}: 1e-300")],
             );
@@ -492,12 +492,12 @@ fn every_limit_refuses_every_number_that_is_none() {
 }
 
 #[test]
-fn a_letter_is_there_once_and_something_is_linear() {
+fn letters_are_unique_and_one_axis_is_linear() {
     let axis = &GOOD[GOOD.find("[[axis]]").unwrap()..GOOD.rfind("[[axis]]").unwrap()];
     let twice = format!("{GOOD}\n{axis}");
     let message = Machine::parse(&twice, "m").unwrap_err().to_string();
     assert!(
-        message.contains("axis[2].letter: axis X is there twice"),
+        message.contains("axis[2].letter: axis X is defined twice"),
         "{message}"
     );
     let rotary = GOOD.replacen(axis, "", 1);
@@ -513,7 +513,7 @@ fn a_letter_is_there_once_and_something_is_linear() {
 }
 
 #[test]
-fn columns_count_characters_and_lines_survive_windows_ends() {
+fn columns_count_characters_and_crlf_is_accepted() {
     let text = "name = \"m\"\r\nkind = \"mill\"\r\n\"größe\" = 1\r\n";
     let message = Machine::parse(text, "m").unwrap_err().to_string();
     assert!(message.contains("m:3:1: größe: unknown field"), "{message}");
@@ -541,7 +541,7 @@ fn unreadable_files_are_named() {
         Machine::load(&file).unwrap_err(),
         MachineError::TooLong { .. }
     ));
-    // Refused before it is read: its length says nothing.
+    // Rejected before it is read: its length is meaningless.
     let zero = Path::new("/dev/zero");
     if zero.exists() {
         let device = Machine::load(zero).unwrap_err();
@@ -555,7 +555,7 @@ fn unreadable_files_are_named() {
 }
 
 #[test]
-fn deep_and_long_text_ends_in_a_message() {
+fn deep_nesting_and_long_text_give_an_error() {
     for text in [
         "[".repeat(100_000),
         format!("a = {}", "[".repeat(100_000)),
@@ -577,8 +577,8 @@ fn deep_and_long_text_ends_in_a_message() {
     }
 }
 
-/// Either refused with a message of one line, or a machine whose numbers are all good.
-fn sound(text: &str) -> Result<(), TestCaseError> {
+/// Either rejected with a message of one line, or a machine whose numbers are all valid.
+fn valid_or_rejected(text: &str) -> Result<(), TestCaseError> {
     match Machine::parse(text, "m") {
         Err(error) => {
             let message = error.to_string();
@@ -621,11 +621,11 @@ proptest! {
             let keep = cut.index(text.chars().count().max(1));
             text = text.chars().take(keep).collect();
         }
-        sound(&text)?;
+        valid_or_rejected(&text)?;
     }
 
     #[test]
-    fn any_value_for_any_key_is_refused_or_sound(
+    fn any_value_of_any_key_is_rejected_or_valid(
         line in 0_usize..40,
         value in prop_oneof![
             any::<f64>().prop_map(|x| format!("{x:e}")),
@@ -637,7 +637,7 @@ proptest! {
             Some((key, _)) if i == line % GOOD.lines().count() => format!("{key} = {value}"),
             _ => old.to_owned(),
         }).collect();
-        sound(&lines.join("\n"))?;
+        valid_or_rejected(&lines.join("\n"))?;
     }
 }
 
@@ -684,7 +684,7 @@ input_timeout_ms = 50
 "#;
 
 #[test]
-fn inputs_outputs_spindles_and_the_chain_are_read() {
+fn inputs_outputs_spindles_and_estop_are_read() {
     use evolvent_machine::{EstopSettings, OutputRule, SignalKind};
     let machine = Machine::parse(&format!("{GOOD}{SIGNALS}"), "signals.toml").unwrap();
     let signals = &machine.signals;
@@ -716,8 +716,8 @@ fn inputs_outputs_spindles_and_the_chain_are_read() {
 }
 
 #[test]
-fn bad_signals_are_refused_with_place_and_advice() {
-    let refused = |from: &str, to: &str, parts: &[&str]| {
+fn invalid_signals_are_rejected_with_advice() {
+    let rejected = |from: &str, to: &str, parts: &[&str]| {
         let text = format!("{GOOD}{SIGNALS}");
         assert!(text.contains(from), "no {from:?}");
         let message = Machine::parse(&text.replacen(from, to, 1), "bad.toml")
@@ -727,74 +727,74 @@ fn bad_signals_are_refused_with_place_and_advice() {
             assert!(message.contains(part), "{to:?} gives {message}, without {part}");
         }
     };
-    refused(
+    rejected(
         "name = \"clamp\"",
         "name = \"pressure\"",
-        &["output[0].name", "input[1] already", "of its own"],
+        &["output[0].name", "input[1] already", "its own name"],
     );
-    refused(
+    rejected(
         "name = \"clamp\"",
         "name = \"a b\"",
         &["output[0].name", "1 to 32 letters"],
     );
-    refused("number = 3", "number = 64", &["output[0].number", "0 to 63"]);
-    refused("number = 3", "number = -1", &["output[0].number", "out of range"]);
-    refused(
+    rejected("number = 3", "number = 64", &["output[0].number", "0 to 63"]);
+    rejected("number = 3", "number = -1", &["output[0].number", "out of range"]);
+    rejected(
         "kind = \"analog\"\nnumber = 0\nmin = 0\nmax = 10\n",
         "kind = \"analog\"\nnumber = 16\n",
         &["input[1].number", "0 to 15"],
     );
-    refused(
+    rejected(
         "name = \"pressure\"\nkind = \"analog\"",
         "name = \"pressure\"",
-        &["input[1]", "digital number 0 is that of input[0]"],
+        &["input[1]", "digital number 0 is used by input[0]"],
     );
-    refused(
+    rejected(
         "safe_on = true",
         "safe_value = 1",
         &["output[0].safe_value", "safe_on"],
     );
-    refused("safe_on = true", "max = 1", &["output[0].max", "no range"]);
-    refused(
+    rejected("safe_on = true", "max = 1", &["output[0].max", "no range"]);
+    rejected(
         "safe_value = 5",
         "safe_value = 101",
         &["output[1].safe_value", "between min and max"],
     );
-    refused("safe_value = 5", "safe_value = nan", &["output[1].safe_value"]);
-    refused(
+    rejected("safe_value = 5", "safe_value = nan", &["output[1].safe_value"]);
+    rejected(
         "safe_value = 5",
         "safe_on = true",
         &["output[1].safe_on", "safe_value"],
     );
-    refused("max = 100", "max = 0", &["output[1].max", "above min"]);
-    refused("on_end = \"safe\"", "on_end = \"off\"", &["on_end"]);
-    refused(
+    rejected("max = 100", "max = 0", &["output[1].max", "above min"]);
+    rejected("on_end = \"safe\"", "on_end = \"off\"", &["on_end"]);
+    rejected(
         "number = 1\nmax_rpm",
         "number = 0\nmax_rpm",
-        &["spindle[1].number", "spindle 0 already"],
+        &["spindle[1].number", "spindle 0 exists already"],
     );
-    refused(
+    rejected(
         "number = 1\nmax_rpm",
         "number = 4\nmax_rpm",
         &["spindle[1].number", "0 to 3"],
     );
-    refused("max_rpm = 8000", "max_rpm = -1", &["spindle[0].max_rpm"]);
-    refused(
+    rejected("max_rpm = 8000", "max_rpm = -1", &["spindle[0].max_rpm"]);
+    rejected(
         "input = \"estop-chain\"",
         "input = \"chain\"",
         &["estop.input", "no input called \"chain\"", "[[input]]"],
     );
-    refused(
+    rejected(
         "input = \"estop-chain\"",
         "input = \"pressure\"",
         &["estop.input", "analog", "digital"],
     );
-    refused(
+    rejected(
         "input_timeout_ms = 50",
         "input_timeout_ms = 0",
         &["signals.input_timeout_ms"],
     );
-    refused(
+    rejected(
         "input_timeout_ms = 50",
         "input_timeout = 50",
         &["the unit is missing", "input_timeout_ms"],
@@ -824,7 +824,7 @@ enable_input = "fine"
 "#;
 
 #[test]
-fn a_handwheel_is_read_and_a_bad_one_is_refused_with_place_and_advice() {
+fn an_invalid_handwheel_is_rejected_with_advice() {
     let text = format!("{GOOD}{WHEEL}");
     let wheel = Machine::parse(&text, "good.toml").unwrap().handwheel.unwrap();
     assert_eq!(
@@ -834,7 +834,7 @@ fn a_handwheel_is_read_and_a_bad_one_is_refused_with_place_and_advice() {
     assert_eq!(wheel.axis_inputs, [(AxisLetter::X, 40)]);
     assert_eq!(wheel.step_inputs, [41, 42]);
     assert_eq!(wheel.step(AxisLetter::X, 1), Some(0.1));
-    // Degrees as the numbers of mm where they are not given.
+    // The values in degrees default to those in mm.
     assert_eq!(wheel.step(AxisLetter::A, 0), Some(0.01));
     assert_eq!(wheel.step(AxisLetter::X, 2), None);
     let usual = Machine::parse(
@@ -849,7 +849,7 @@ fn a_handwheel_is_read_and_a_bad_one_is_refused_with_place_and_advice() {
     assert_eq!(usual.steps_mm, [0.001, 0.01, 0.1]);
     assert!(Machine::parse(GOOD, "without.toml").unwrap().handwheel.is_none());
 
-    let refused = |from: &str, to: &str, parts: &[&str]| {
+    let rejected = |from: &str, to: &str, parts: &[&str]| {
         assert!(text.contains(from), "no {from:?}");
         let message = Machine::parse(&text.replacen(from, to, 1), "bad.toml")
             .unwrap_err()
@@ -859,54 +859,54 @@ fn a_handwheel_is_read_and_a_bad_one_is_refused_with_place_and_advice() {
         }
     };
     let counts = "counts = \"counts\"";
-    refused(
+    rejected(
         counts,
         "counts = \"fine\"",
         &["handwheel.counts", "digital", "name an analog input"],
     );
-    refused(
+    rejected(
         counts,
         "counts = \"wheel\"",
         &["handwheel.counts", "no input called \"wheel\"", "[[input]]"],
     );
-    refused(
+    rejected(
         counts,
         "counts = \"counts\"\ncounts_per_detent = 0",
         &["handwheel.counts_per_detent"],
     );
     let steps = "[0.01, 0.1]";
-    refused(steps, "[]", &["handwheel.steps_mm", "0 steps", "1 to 8"]);
-    refused(steps, "[0.01, 11]", &["handwheel.steps_mm[1]"]);
-    refused(steps, "[0.01, nan]", &["handwheel.steps_mm[1]"]);
-    refused(
+    rejected(steps, "[]", &["handwheel.steps_mm", "0 steps", "1 to 8"]);
+    rejected(steps, "[0.01, 11]", &["handwheel.steps_mm[1]"]);
+    rejected(steps, "[0.01, nan]", &["handwheel.steps_mm[1]"]);
+    rejected(
         steps,
         "[0.01, 0.1, 1]",
         &["handwheel.step_inputs", "2 inputs", "3 steps"],
     );
-    refused(
+    rejected(
         steps,
         "[0.01, 0.1]\nsteps_deg = [1]",
         &["handwheel.steps_deg", "1 steps", "as many"],
     );
-    refused(
+    rejected(
         "x = \"axis-x\"",
         "q = \"axis-x\"",
         &["handwheel.axis_inputs.q", "no axis \"q\"", "X"],
     );
-    refused(
+    rejected(
         "x = \"axis-x\"",
         "x = \"counts\"",
         &["handwheel.axis_inputs.x", "analog", "digital"],
     );
-    refused(
+    rejected(
         "[\"fine\", \"coarse\"]",
         "[\"fine\", \"none\"]",
         &["handwheel.step_inputs[1]", "\"none\""],
     );
-    refused(
+    rejected(
         "enable_input = \"fine\"",
         "enable_input = \"?\"",
         &["handwheel.enable_input"],
     );
-    refused("enable_input", "button", &["button", "handwheel"]);
+    rejected("enable_input", "button", &["button", "handwheel"]);
 }

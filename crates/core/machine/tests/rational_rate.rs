@@ -88,7 +88,7 @@ fn rates_of_the_machines_named_in_the_paper() {
 }
 
 #[test]
-fn radii_where_the_limits_cross_are_the_papers() {
+fn crossing_radii_agree_with_the_paper() {
     let x = input(30_000.0, 2500.0, 5.0, 1e3);
     assert_near(x.jerk_to_acceleration_radius_mm(), 625.0, 1e-9, "UCP 710 X");
     let z = input(30_000.0, 2100.0, 50.0, 1e3);
@@ -104,8 +104,8 @@ fn radii_where_the_limits_cross_are_the_papers() {
 }
 
 #[test]
-fn a_crossing_of_two_limits_that_a_third_undercuts_is_not_reported() {
-    // UCP 710 X: jerk meets acceleration at 625 mm, but the feed has ruled since 158 mm.
+fn a_crossing_above_a_third_limit_is_not_reported() {
+    // UCP 710 X: jerk meets acceleration at 625 mm, but feed is the active limit from 158 mm.
     let rate = rational_rate(&input(30_000.0, 2500.0, 5.0, 1e3)).unwrap();
     assert_near(
         rate.radius_mm,
@@ -120,7 +120,7 @@ fn a_crossing_of_two_limits_that_a_third_undercuts_is_not_reported() {
 }
 
 #[test]
-fn acceleration_alone_needs_its_rate_at_the_smallest_radius() {
+fn acceleration_alone_needs_its_rate_at_minimum_radius() {
     // On the acceleration limit the rate falls towards its asymptote: 1 / sqrt(1 - D / (2 R k)) above it.
     let rate = rational_rate(&input(INF, 981.0, INF, 1e3)).unwrap();
     assert_near(rate.radius_mm, 0.25, 0.0, "radius");
@@ -141,21 +141,21 @@ fn chord_error_is_stable_on_the_finest_grid() {
     assert_near(got / expected, 1.0, 1e-14, "chord error");
     // A 3-4-5 triangle: radius 5, half chord 4, sagitta 2.
     assert_near(chord_error_increments(8.0, 1.0, 5.0, 1.0), 2.0, 1e-15, "3-4-5");
-    // Ten times the rate: a hundred times smaller an error.
+    // Ten times the rate gives a hundredth of the error.
     let slow = chord_error_increments(100.0, 1000.0, 50.0, 1000.0);
     let fast = chord_error_increments(100.0, 10_000.0, 50.0, 1000.0);
     assert_near(slow / fast, 100.0, 1e-4, "ratio");
 }
 
 #[test]
-fn straight_paths_and_circles_within_the_error_are_not_limited() {
+fn straight_paths_and_tiny_circles_are_unlimited() {
     assert_eq!(chord_feed_limit_mm_s(1000.0, 0.0, 1000.0, 1.0), INF);
     assert_eq!(chord_feed_limit_mm_s(1000.0, -0.0, 1000.0, 1.0), INF);
     assert_eq!(
         chord_feed_limit_mm_s(1000.0, f64::MIN_POSITIVE / 4.0, 1000.0, 1.0),
         INF
     );
-    // R k = D / 2: the whole circle lies within one increment.
+    // R k = D / 2: the whole circle is within one increment.
     assert_eq!(chord_feed_limit_mm_s(1000.0, 2000.0, 1000.0, 1.0), INF);
     assert_eq!(chord_feed_limit_mm_s(1000.0, f64::INFINITY, 1000.0, 1.0), INF);
     assert_eq!(rate_for(10.0, 0.0005, 1000.0, 1.0), 0.0);
@@ -164,7 +164,7 @@ fn straight_paths_and_circles_within_the_error_are_not_limited() {
 }
 
 #[test]
-fn nan_never_reads_as_unlimited() {
+fn nan_never_means_unlimited() {
     let nan = f64::NAN;
     assert_eq!(chord_feed_limit_mm_s(nan, 0.1, 1000.0, 1.0), 0.0);
     assert_eq!(chord_feed_limit_mm_s(1000.0, nan, 1000.0, 1.0), 0.0);
@@ -176,7 +176,7 @@ fn nan_never_reads_as_unlimited() {
 }
 
 #[test]
-fn bad_numbers_are_named() {
+fn errors_name_invalid_numbers() {
     let good = input(30_000.0, 2500.0, 5.0, 1e3);
     for bad in [0.0, -1.0, f64::NAN, -INF, 1e300] {
         let inputs = [
@@ -220,7 +220,7 @@ fn bad_numbers_are_named() {
                     min_radius_mm: bad,
                     ..good
                 },
-                "smallest radius",
+                "minimum radius",
             ),
         ];
         for (input, name) in inputs {
@@ -240,7 +240,7 @@ fn bad_numbers_are_named() {
             .to_string()
             .contains("unlimited")
     );
-    // R k = D / 2 is the smallest radius that has a rate.
+    // R k = D / 2 is the minimum radius that has a rate.
     let tiny = RateInput {
         min_radius_mm: 0.0005,
         ..good
@@ -261,7 +261,7 @@ fn bad_numbers_are_named() {
 }
 
 #[test]
-fn periods_are_whole_nanoseconds_and_never_too_long() {
+fn periods_are_whole_nanoseconds_rounded_down() {
     assert_eq!(period_ns_of(1000.0), 1_000_000);
     assert_eq!(period_ns_of(35_000.0), 28_571);
     assert_eq!(period_ns_of(250.0), 4_000_000);
@@ -329,10 +329,10 @@ proptest! {
         }
     }
 
-    /// At the feed limit the chord error is the permitted one; this is what the planner relies on. Below `R k = D` the
+    /// At the feed limit the chord error equals the permitted one; the planner relies on this. Below `R k = D` the
     /// chord is a diameter and the error is the radius.
     #[test]
-    fn the_feed_limit_meets_the_permitted_error(
+    fn the_feed_limit_reaches_the_permitted_error(
         rate_hz in 250.0..35_000.0_f64,
         radius_k in (-0.3..12.0_f64).prop_map(|e| 10.0_f64.powf(e)),
         k in prop_oneof![Just(1e3), Just(1e4), Just(1e5)],

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use evolvent_machine::{
-    RateInput, chord_error_increments, chord_feed_limit_mm_s, longest_chord_mm, rate_for, smallest_radius_mm,
+    RateInput, chord_error_increments, chord_feed_limit_mm_s, max_chord_mm, min_radius_for_chord_mm, rate_for,
 };
 use serde_json::{Value, json};
 
@@ -91,7 +91,7 @@ impl ChordQuestion {
                 Some("rate"),
             ),
             (Some(rate), Some(feed), None) => {
-                let radius = smallest_radius_mm(feed / 60.0 / rate, k, permitted);
+                let radius = min_radius_for_chord_mm(feed / 60.0 / rate, k, permitted);
                 (rate, feed, radius, Some("radius"))
             }
             _ => return Err(ChordQuestionError::TooFew),
@@ -109,7 +109,7 @@ impl ChordQuestion {
             } else {
                 f64::NAN
             },
-            longest_chord_mm: longest_chord_mm(radius_mm, k, permitted),
+            longest_chord_mm: max_chord_mm(radius_mm, k, permitted),
             increments_per_mm: k,
             permitted,
         })

@@ -1,9 +1,9 @@
-//! The axes of a machine file, and how they are homed.
+//! Checks the axes of a machine file and their homing.
 
 use evolvent_config::shortened;
 use evolvent_path::AxisLetter;
 
-use super::{ABSURD, Check};
+use super::{Check, MAX_NUMBER};
 use crate::error::MachineError;
 use crate::file::{AxisFile, AxisKind, MachineFile};
 use crate::homing::{EndFile, HomingFile, HomingSettings};
@@ -27,7 +27,7 @@ impl Check<'_> {
             let Some(axis) = axis else {
                 return Err(self.error(
                     &format!("{at}.axis"),
-                    format!("{:?} is no axis of this machine", shortened(&one.axis)),
+                    format!("this machine has no axis {:?}", shortened(&one.axis)),
                     "name an axis that has an [[axis]] table",
                 ));
             };
@@ -58,7 +58,7 @@ impl Check<'_> {
             let (switch_key, switch_position) = value("switch", one.switch_mm, one.switch_deg, "")?;
             self.number(&search_key, search_speed, 1e-6, axis.max_velocity)?;
             self.number(&latch_key, latch_speed, 1e-6, search_speed)?;
-            self.number(&switch_key, switch_position, -ABSURD, ABSURD)?;
+            self.number(&switch_key, switch_position, -MAX_NUMBER, MAX_NUMBER)?;
             let order = self.whole_number(&format!("{at}.order"), one.order, 0, 100)?;
             homing.push(HomingSettings {
                 axis: axis.letter,
@@ -80,8 +80,8 @@ impl Check<'_> {
             if let Some(first) = axes.iter().position(|other| other.letter == axis.letter) {
                 return Err(self.error(
                     &format!("axis[{index}].letter"),
-                    format!("axis {letter} is there twice: axis[{first}] has that letter already"),
-                    "give each axis a letter of its own",
+                    format!("axis {letter} is defined twice: axis[{first}] has that letter already"),
+                    "give each axis its own letter",
                 ));
             }
             if axis.letter.is_rotary() && raw.increments_per_degree.is_none() {
@@ -140,7 +140,7 @@ impl Check<'_> {
                 ),
             ));
         }
-        self.refuse_other_unit(at, letter, raw)?;
+        self.reject_other_unit(at, letter, raw)?;
         let (travel_min, travel_max, home) = if rotary {
             (
                 self.required(at, "travel_min_deg", raw.travel_min_deg)?,
@@ -158,8 +158,8 @@ impl Check<'_> {
         if travel_min >= travel_max {
             return Err(self.error(
                 &format!("{at}.travel_min_{unit}"),
-                format!("the travel begins at {travel_min} {unit} and ends at {travel_max} {unit}"),
-                "let the minimum be below the maximum",
+                format!("the travel is {travel_min} {unit} to {travel_max} {unit}"),
+                "give a minimum below the maximum",
             ));
         }
         let home_key = format!("{at}.{}", home.0);
@@ -168,7 +168,7 @@ impl Check<'_> {
             return Err(self.error(
                 &home_key,
                 format!("home is {home} {unit}, outside the travel of {travel_min} to {travel_max} {unit}"),
-                "let home lie within the travel (it is 0 where it is not given)",
+                "give a home position within the travel (default: 0)",
             ));
         }
         let (velocity, acceleration, jerk) = if rotary {
@@ -224,8 +224,8 @@ impl Check<'_> {
         })
     }
 
-    /// A linear axis with keys in degrees, or a rotary one with keys in millimetres.
-    fn refuse_other_unit(&self, at: &str, letter: AxisLetter, raw: &AxisFile) -> Result<(), MachineError> {
+    /// Rejects a linear axis with keys in degrees, and a rotary one with keys in millimetres.
+    fn reject_other_unit(&self, at: &str, letter: AxisLetter, raw: &AxisFile) -> Result<(), MachineError> {
         let linear = [
             ("travel_min_mm", raw.travel_min_mm),
             ("travel_max_mm", raw.travel_max_mm),

@@ -1,4 +1,4 @@
-//! Backlash, screw tables, squareness and thermal growth of a machine file.
+//! Checks backlash, screw tables, squareness and thermal growth in a machine file.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -15,13 +15,13 @@ use crate::machine::Axis;
 use crate::screw_file::{TableKind, read};
 use crate::signals::{SignalKind, SignalSettings};
 
-/// An axis has reversed when it has come back by an increment, and by this much at least, mm or degrees: less is no motion.
+/// Minimum hysteresis of a reversal, mm or degrees: smaller motion is noise. Coarser grids use one increment.
 const MIN_REVERSAL: f64 = 5e-4;
-/// The largest thermal offset and its rate, where the file does not say: 0.1 mm, 1 um/s.
+/// Default maximum of the thermal offset, and of its rate: 1 um/s.
 const THERMAL_MAX_MM: f64 = 0.1;
 const THERMAL_RATE_MM_S: f64 = 0.001;
 
-/// Gives the content of a file that the machine file names.
+/// Reads a file named by the machine file.
 pub(crate) type ReadFile<'a> = &'a mut dyn FnMut(&Path) -> io::Result<Vec<u8>>;
 
 impl Check<'_> {
@@ -49,8 +49,8 @@ impl Check<'_> {
             if let (Some((_, true)), Some((key, _))) = (&table, backlash) {
                 return Err(self.error(
                     &format!("{at}.{key}"),
-                    "the table of both directions has the backlash in it".to_owned(),
-                    format!("remove {key}, or give a table of one direction"),
+                    "a table for both directions includes the backlash".to_owned(),
+                    format!("remove {key}, or supply a table for one direction"),
                 ));
             }
             inputs[i] = thermal.map(|(input, _)| input);
@@ -115,8 +115,8 @@ impl Check<'_> {
         };
         let key = format!("{at}.screw_table");
         if name.is_empty() || name.contains('\0') {
-            let advice = "name a file, or leave the key out";
-            return Err(self.error(&key, "this is no path".to_owned(), advice));
+            let advice = "name a file, or remove the key";
+            return Err(self.error(&key, "this is not a valid path".to_owned(), advice));
         }
         let by_name = |ending: &str| name.to_ascii_lowercase().ends_with(ending);
         let format = match raw.screw_table_format {
@@ -126,7 +126,7 @@ impl Check<'_> {
             None => {
                 return Err(self.error(
                     &key,
-                    format!("{:?} does not say how it is written", shortened(name)),
+                    format!("the format of {:?} is unknown", shortened(name)),
                     "add screw_table_format = \"csv\", \"json\", \"linuxcnc-0\" or \"linuxcnc-1\" \
                      (the number is COMP_FILE_TYPE)",
                 ));
@@ -136,7 +136,7 @@ impl Check<'_> {
         if raw.screw_table_unit.is_some() && !is_linuxcnc {
             return Err(self.error(
                 &format!("{at}.screw_table_unit"),
-                "the columns of CSV and JSON name their units".to_owned(),
+                "the columns of CSV and JSON tables name their units".to_owned(),
                 "remove the key",
             ));
         }
@@ -157,7 +157,7 @@ impl Check<'_> {
             );
             self.error(&key, what, "save the table as UTF-8")
         })?;
-        let beside = Path::new(self.sheet.file()).parent().unwrap_or(Path::new(""));
+        let beside = Path::new(self.document.file()).parent().unwrap_or(Path::new(""));
         let kind = TableKind {
             format,
             unit: raw.screw_table_unit.unwrap_or_default(),
@@ -205,7 +205,7 @@ impl Check<'_> {
         let Some(input) = input else {
             return Err(self.error(
                 &key,
-                format!("{:?} is no analog input of this machine", shortened(name)),
+                format!("this machine has no analog input {:?}", shortened(name)),
                 "add [[input]] with this name and kind = \"analog\"",
             ));
         };

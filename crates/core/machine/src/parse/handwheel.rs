@@ -1,4 +1,4 @@
-//! The handwheel, checked against axes and inputs.
+//! Checks the handwheel against axes and inputs.
 
 use evolvent_path::AxisLetter;
 
@@ -9,8 +9,8 @@ use crate::handwheel::{HandwheelSettings, MAX_WHEEL_STEPS};
 use crate::machine::Axis;
 use crate::signals::{InputSettings, SignalKind};
 
-/// Ways a detent where none are given.
-const USUAL_STEPS: [f64; 3] = [0.001, 0.01, 0.1];
+/// Default travel per detent, mm or degrees: the steps of common handwheels.
+const DEFAULT_STEPS: [f64; 3] = [0.001, 0.01, 0.1];
 
 impl Check<'_> {
     pub(super) fn handwheel(
@@ -23,7 +23,7 @@ impl Check<'_> {
             return Ok(None);
         };
         let counts = self.input_of_kind("handwheel.counts", &wheel.counts, inputs, SignalKind::Analog)?;
-        let steps_mm = self.steps("handwheel.steps_mm", wheel.steps_mm.as_deref(), &USUAL_STEPS)?;
+        let steps_mm = self.steps("handwheel.steps_mm", wheel.steps_mm.as_deref(), &DEFAULT_STEPS)?;
         let steps_deg = self.steps("handwheel.steps_deg", wheel.steps_deg.as_deref(), &steps_mm)?;
         if steps_deg.len() != steps_mm.len() {
             let what = format!("{} steps, and steps_mm has {}", steps_deg.len(), steps_mm.len());
@@ -79,7 +79,7 @@ impl Check<'_> {
         }))
     }
 
-    /// Ways a detent, or the usual ones.
+    /// Travel per detent, or the default.
     fn steps(&self, key: &str, given: Option<&[f64]>, usual: &[f64]) -> Result<Vec<f64>, MachineError> {
         let Some(given) = given else {
             return Ok(usual.to_vec());

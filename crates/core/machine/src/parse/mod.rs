@@ -1,8 +1,8 @@
-//! From text to a checked machine, with the place of everything that is wrong.
+//! From text to a checked machine, with the position of every error.
 //!
-//! The text is parsed once into a table that knows the place of every key. Serde reads that table into the types of
-//! `file.rs` (unknown keys, missing keys, wrong kinds); then the numbers are checked here, and a bad one is looked up in
-//! the table by its dotted key.
+//! The text is parsed once into a table that keeps the position of every key. Serde reads that table into the types of
+//! `file.rs` (unknown keys, missing keys, wrong types). Then the numbers are checked here; an invalid one is located in the
+//! table by its dotted key.
 
 mod axes;
 mod corrections;
@@ -18,39 +18,39 @@ use self::corrections::ReadFile;
 use crate::error::MachineError;
 use crate::file::{DrivesFile, MachineFile, ProgramFile};
 use crate::machine::{
-    ControlRate, DEFAULT_CHANGER, DriveSettings, Lead, MAX_RATE_HZ, MIN_RATE_HZ, Machine, Magazine, PathMode,
-    PathSettings, ProgramSettings, RealtimeSettings, ToolChange, TraceSettings,
+    ControlRate, DEFAULT_TOOL_CHANGE_SUBROUTINE, DriveSettings, Lead, MAX_RATE_HZ, MIN_RATE_HZ, Machine,
+    Magazine, PathMode, PathSettings, ProgramSettings, RealtimeSettings, ToolChange, TraceSettings,
 };
 use crate::rate::DEFAULT_MIN_RADIUS_MM;
 
-/// No machine has a number beyond this, in mm, degrees and seconds; positions in increments fit into 63 bits.
-const ABSURD: f64 = 1e9;
-/// No limit or grid is finer than this, in mm, degrees and seconds.
-const TINY: f64 = 1e-6;
+/// Maximum of any number, in mm, degrees and seconds; positions in increments then fit into 63 bits.
+const MAX_NUMBER: f64 = 1e9;
+/// Minimum of any limit or grid, in mm, degrees and seconds.
+const MIN_NUMBER: f64 = 1e-6;
 
-/// Longest name of the subroutine that changes tools, bytes.
-const MAX_CHANGER_BYTES: usize = 60;
+/// Maximum length of the name of the tool-change subroutine, bytes.
+const MAX_SUBROUTINE_NAME_BYTES: usize = 60;
 
 pub(crate) fn machine(text: &str, file: &str, read_file: ReadFile<'_>) -> Result<Machine, MachineError> {
-    let sheet = ConfigDocument::toml(text, file)?;
-    let raw: MachineFile = sheet.read_advised(|key| Some(advice_on_unknown(key)))?;
-    Check { sheet }.machine(raw, read_file)
+    let document = ConfigDocument::toml(text, file)?;
+    let raw: MachineFile = document.read_advised(|key| Some(advice_on_unknown_key(key)))?;
+    Check { document }.machine(raw, read_file)
 }
 
 struct Check<'a> {
-    sheet: ConfigDocument<'a>,
+    document: ConfigDocument<'a>,
 }
 
 impl Check<'_> {
     fn error(&self, key: &str, what: String, advice: impl Into<String>) -> MachineError {
-        self.sheet.error(key, what, advice).into()
+        self.document.error(key, what, advice).into()
     }
 
     fn machine(&self, raw: MachineFile, read_file: ReadFile<'_>) -> Result<Machine, MachineError> {
         self.name(&raw.name)?;
-        self.number("increments_per_mm", raw.increments_per_mm, 1e-3, ABSURD)?;
+        self.number("increments_per_mm", raw.increments_per_mm, 1e-3, MAX_NUMBER)?;
         if let Some(increments) = raw.increments_per_degree {
-            self.number("increments_per_degree", increments, 1e-3, ABSURD)?;
+            self.number("increments_per_degree", increments, 1e-3, MAX_NUMBER)?;
         }
         if let ControlRate::Hz(hz) = raw.rate.0 {
             self.number("rate", hz, MIN_RATE_HZ, MAX_RATE_HZ)?;
@@ -111,7 +111,7 @@ impl Check<'_> {
             }
             (Some(_), Some(_)) => Err(self.error(
                 "lead_ms",
-                "the lead is given twice: lead_cycles is there already".to_owned(),
+                "the lead is given twice: lead_cycles is present already".to_owned(),
                 "keep one of lead_cycles and lead_ms",
             )),
         }
@@ -125,23 +125,23 @@ impl Check<'_> {
         }
         Err(self.error(
             "name",
-            format!("{:?} cannot be used in service and file names", shortened(name)),
-            "use 1 to 64 letters, digits, '-' and '_', beginning with a letter or digit",
+            format!("{:?} is not valid in service and file names", shortened(name)),
+            "use 1 to 64 letters, digits, '-' and '_', starting with a letter or digit",
         ))
     }
 
     fn path(&self, raw: &MachineFile) -> Result<PathSettings, MachineError> {
         let path = &raw.path;
-        let number = |key: &str, value: Option<f64>, default: f64, least: f64, most: f64| {
+        let number = |key: &str, value: Option<f64>, default: f64, min: f64, max: f64| {
             let value = value.unwrap_or(default);
-            self.number(&format!("path.{key}"), value, least, most)
+            self.number(&format!("path.{key}"), value, min, max)
                 .map(|()| value)
         };
         let blend_tolerance_mm = number("blend_tolerance_mm", path.blend_tolerance_mm, 0.01, 0.0, 100.0)?;
-        if path.mode == PathMode::Blend && blend_tolerance_mm < TINY {
+        if path.mode == PathMode::Blend && blend_tolerance_mm < MIN_NUMBER {
             return Err(self.error(
                 "path.blend_tolerance_mm",
-                format!("{blend_tolerance_mm} mm leaves no room for a blend"),
+                format!("{blend_tolerance_mm} mm is too small for a blend"),
                 "give a tolerance of at least 0.000001 mm, or write mode = \"exact\"",
             ));
         }
@@ -162,15 +162,15 @@ impl Check<'_> {
                 "min_radius_mm",
                 path.min_radius_mm,
                 DEFAULT_MIN_RADIUS_MM,
-                TINY,
+                MIN_NUMBER,
                 1e6,
             )?,
             arc_radius_tolerance_mm: number(
                 "arc_radius_tolerance_mm",
                 path.arc_radius_tolerance_mm,
-                // Both ends and the centre rounded to 0.01 mm, as LinuxCNC allows.
+                // Both ends and the centre rounded to 0.01 mm, as LinuxCNC permits.
                 0.02 * std::f64::consts::SQRT_2,
-                TINY,
+                MIN_NUMBER,
                 100.0,
             )?,
             arc_radius_tolerance_ratio: number(
@@ -184,7 +184,7 @@ impl Check<'_> {
                 "involute_end_tolerance_mm",
                 path.involute_end_tolerance_mm,
                 one_increment_mm,
-                TINY,
+                MIN_NUMBER,
                 1000.0,
             )?,
         })
@@ -207,17 +207,17 @@ impl Check<'_> {
         })
     }
 
-    /// The name of the subroutine that changes tools.
-    fn changer(&self, program: &ProgramFile) -> Result<String, MachineError> {
+    /// The name of the tool-change subroutine.
+    fn tool_change_subroutine(&self, program: &ProgramFile) -> Result<String, MachineError> {
         let by_subroutine = program.tool_change == ToolChange::Subroutine;
         let name = program.tool_change_subroutine.as_deref();
         if let Some(name) = name {
             let is_name = name
                 .bytes()
                 .all(|byte| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-');
-            if !is_name || name.is_empty() || name.len() > MAX_CHANGER_BYTES {
-                let problem = format!("\"{name}\" is no name of a subroutine");
-                let advice = "write letters, digits, - and _, such as \"toolchange\" for toolchange.ngc";
+            if !is_name || name.is_empty() || name.len() > MAX_SUBROUTINE_NAME_BYTES {
+                let problem = format!("\"{name}\" is not a valid subroutine name");
+                let advice = "use letters, digits, - and _, for example \"toolchange\" for toolchange.ngc";
                 return Err(self.error("program.tool_change_subroutine", problem, advice));
             }
         }
@@ -226,23 +226,27 @@ impl Check<'_> {
             ("program.magazine", program.magazine == Magazine::Random),
         ] {
             if is_given && !by_subroutine {
-                let problem = "no subroutine changes tools here".to_owned();
+                let problem = "this machine does not change tools by a subroutine".to_owned();
                 return Err(self.error(
                     key,
                     problem,
-                    "add tool_change = \"subroutine\", or leave the key out",
+                    "add tool_change = \"subroutine\", or remove the key",
                 ));
             }
         }
-        Ok(name.unwrap_or(DEFAULT_CHANGER).to_owned())
+        Ok(name.unwrap_or(DEFAULT_TOOL_CHANGE_SUBROUTINE).to_owned())
     }
 
     fn program(&self, raw: &MachineFile) -> Result<ProgramSettings, MachineError> {
         let program = &raw.program;
         let path = |key: &str, text: &str| {
             if text.is_empty() || text.contains('\0') {
-                let advice = "name a file or folder, or leave the key out";
-                return Err(self.error(&format!("program.{key}"), "this is no path".to_owned(), advice));
+                let advice = "name a file or folder, or remove the key";
+                return Err(self.error(
+                    &format!("program.{key}"),
+                    "this is not a valid path".to_owned(),
+                    advice,
+                ));
             }
             Ok(PathBuf::from(text))
         };
@@ -259,7 +263,7 @@ impl Check<'_> {
             tool_table: optional("tool_table", &program.tool_table)?,
             without_tool_table: program.without_tool_table,
             tool_change: program.tool_change,
-            tool_change_subroutine: self.changer(program)?,
+            tool_change_subroutine: self.tool_change_subroutine(program)?,
             magazine: program.magazine,
             parameters: optional("parameters", &program.parameters)?,
             log_folder: optional("log_folder", &program.log_folder)?,
@@ -288,8 +292,8 @@ impl Check<'_> {
     }
 }
 
-/// What to do about a key that there is not: most often its unit is missing.
-fn advice_on_unknown(key: &str) -> String {
+/// Advice on an unknown key; most often its unit is missing.
+fn advice_on_unknown_key(key: &str) -> String {
     let unit = match key {
         "max_velocity" => "max_velocity_mm_min or max_velocity_mm_s (rotary: _deg_min or _deg_s)",
         "max_acceleration" => {

@@ -1,19 +1,19 @@
-//! Numbers of a machine file: in their range, in one of their units.
+//! Checks numbers of a machine file: in range, in exactly one unit.
 
-use super::{ABSURD, Check, TINY};
+use super::{Check, MAX_NUMBER, MIN_NUMBER};
 use crate::error::MachineError;
 
 impl Check<'_> {
-    /// A number in a range, or its default.
+    /// A number within its range, or its default.
     pub(super) fn or_default(
         &self,
         key: &str,
         value: Option<f64>,
         default: f64,
-        [least, most]: [f64; 2],
+        [min, max]: [f64; 2],
     ) -> Result<f64, MachineError> {
         let value = value.unwrap_or(default);
-        self.number(key, value, least, most).map(|()| value)
+        self.number(key, value, min, max).map(|()| value)
     }
 
     pub(super) fn required(&self, at: &str, key: &str, value: Option<f64>) -> Result<f64, MachineError> {
@@ -21,7 +21,7 @@ impl Check<'_> {
         let Some(value) = value else {
             return Err(self.error(&key, "missing".to_owned(), "add this key to the axis"));
         };
-        self.number(&key, value, -ABSURD, ABSURD)?;
+        self.number(&key, value, -MAX_NUMBER, MAX_NUMBER)?;
         Ok(value)
     }
 
@@ -59,29 +59,29 @@ impl Check<'_> {
                     format!("keep one of {}", alternatives(quantity, units)),
                 ));
             }
-            self.number(&key, value, TINY / factor, ABSURD / factor)?;
+            self.number(&key, value, MIN_NUMBER / factor, MAX_NUMBER / factor)?;
             found = Some((value * factor, unit));
         }
         Ok(found.map(|(value, _)| value))
     }
 
-    pub(super) fn number(&self, key: &str, value: f64, least: f64, most: f64) -> Result<(), MachineError> {
-        Ok(self.sheet.number(key, value, least, most)?)
+    pub(super) fn number(&self, key: &str, value: f64, min: f64, max: f64) -> Result<(), MachineError> {
+        Ok(self.document.number(key, value, min, max)?)
     }
 
     pub(super) fn whole_number<T: TryFrom<i64>>(
         &self,
         key: &str,
         value: i64,
-        least: i64,
-        most: i64,
+        min: i64,
+        max: i64,
     ) -> Result<T, MachineError> {
-        if (least..=most).contains(&value)
+        if (min..=max).contains(&value)
             && let Ok(value) = T::try_from(value)
         {
             return Ok(value);
         }
-        let range = format!("give a whole number from {least} to {most}");
+        let range = format!("give a whole number from {min} to {max}");
         Err(self.error(key, format!("{value} is out of range"), range))
     }
 }

@@ -1,10 +1,10 @@
-//! Inputs, outputs, spindles and the emergency-stop chain, checked against one another.
+//! Checks inputs, outputs, spindles and the emergency-stop chain, also against one another.
 
 use std::collections::BTreeMap;
 
 use evolvent_config::shortened;
 
-use super::{ABSURD, Check};
+use super::{Check, MAX_NUMBER};
 use crate::error::MachineError;
 use crate::file::MachineFile;
 use crate::signals::{
@@ -12,7 +12,7 @@ use crate::signals::{
     ProbeSettings, SignalKind, SignalSettings, SpindleFile, SpindleSettings,
 };
 
-/// Names, and numbers of a kind, with the entry that has them.
+/// Names and numbers already in use, with the entry that uses them.
 #[derive(Default)]
 struct Taken {
     names: BTreeMap<String, String>,
@@ -27,7 +27,7 @@ impl Check<'_> {
         for (index, input) in raw.input.iter().enumerate() {
             inputs.push(self.input(&format!("input[{index}]"), input, &mut taken)?);
         }
-        // Inputs and outputs are numbered apart; a name is of one of them.
+        // Inputs and outputs have separate number ranges but share their names.
         taken.digital.clear();
         taken.analog.clear();
         let mut outputs = Vec::new();
@@ -61,18 +61,18 @@ impl Check<'_> {
         let range = self.range(at, raw.kind, raw.min, raw.max)?;
         let safe = match (raw.kind, raw.safe_on, raw.safe_value) {
             (SignalKind::Digital, _, Some(_)) => {
-                let what = "a digital output has no number as its safe value".to_owned();
+                let what = "the safe state of a digital output is not a number".to_owned();
                 return Err(self.error(&format!("{at}.safe_value"), what, "write safe_on = true or false"));
             }
             (SignalKind::Analog, Some(_), _) => {
-                let what = "an analog output is neither on nor off".to_owned();
+                let what = "the safe value of an analog output is a number".to_owned();
                 return Err(self.error(&format!("{at}.safe_on"), what, "write safe_value and a number"));
             }
             (SignalKind::Digital, on, None) => f64::from(u8::from(on.unwrap_or(false))),
             (SignalKind::Analog, None, value) => {
                 let safe = value.unwrap_or(0.0);
                 let key = format!("{at}.safe_value");
-                self.number(&key, safe, -ABSURD, ABSURD)?;
+                self.number(&key, safe, -MAX_NUMBER, MAX_NUMBER)?;
                 if !(range[0]..=range[1]).contains(&safe) {
                     let what = format!("{safe} is not between min and max, {} and {}", range[0], range[1]);
                     return Err(self.error(&key, what, "give a safe_value between min and max"));
@@ -92,7 +92,7 @@ impl Check<'_> {
         })
     }
 
-    /// Name and number of an input or output.
+    /// Checks name and number of an input or output.
     fn signal(
         &self,
         at: &str,
@@ -105,23 +105,23 @@ impl Check<'_> {
         let starts = name.starts_with(|c: char| c.is_ascii_alphanumeric());
         let key = format!("{at}.name");
         if !starts || name.len() > 32 || !name.chars().all(good) {
-            let what = format!("{:?} cannot be a signal's name", shortened(name));
-            let advice = "use 1 to 32 letters, digits, '-' and '_', beginning with a letter or digit";
+            let what = format!("{:?} is not a valid signal name", shortened(name));
+            let advice = "use 1 to 32 letters, digits, '-' and '_', starting with a letter or digit";
             return Err(self.error(&key, what, advice));
         }
         if let Some(first) = taken.names.insert(name.to_owned(), at.to_owned()) {
-            let what = format!("the name {name:?} is that of {first} already");
-            return Err(self.error(&key, what, "give every input and output a name of its own"));
+            let what = format!("the name {name:?} is used by {first} already");
+            return Err(self.error(&key, what, "give every input and output its own name"));
         }
         let key = format!("{at}.number");
-        let checked = self.whole_number(&key, number, 0, i64::from(kind.most()) - 1)?;
+        let checked = self.whole_number(&key, number, 0, i64::from(kind.max()) - 1)?;
         let numbers = match kind {
             SignalKind::Digital => &mut taken.digital,
             SignalKind::Analog => &mut taken.analog,
         };
         if let Some(first) = numbers.insert(number, at.to_owned()) {
-            let what = format!("{} number {number} is that of {first} already", kind.name());
-            return Err(self.error(&key, what, "give it another number"));
+            let what = format!("{} number {number} is used by {first} already", kind.name());
+            return Err(self.error(&key, what, "choose another number"));
         }
         Ok(checked)
     }
@@ -140,9 +140,9 @@ impl Check<'_> {
                 let what = "a digital signal has no range".to_owned();
                 return Err(self.error(&key, what, "remove the key, or write kind = \"analog\""));
             }
-            self.number(&key, bound, -ABSURD, ABSURD)?;
+            self.number(&key, bound, -MAX_NUMBER, MAX_NUMBER)?;
         }
-        let range = [min.unwrap_or(-ABSURD), max.unwrap_or(ABSURD)];
+        let range = [min.unwrap_or(-MAX_NUMBER), max.unwrap_or(MAX_NUMBER)];
         if range[0] >= range[1] {
             let what = format!("{} is not above min, {}", range[1], range[0]);
             return Err(self.error(&format!("{at}.max"), what, "give a max above min"));
@@ -160,8 +160,8 @@ impl Check<'_> {
             let key = format!("spindle[{index}].number");
             let number = self.whole_number(&key, spindle.number, 0, i64::from(MAX_SPINDLES) - 1)?;
             if spindles.iter().any(|other| other.number == number) {
-                let what = format!("there is a spindle {number} already");
-                return Err(self.error(&key, what, "give every spindle a number of its own, 0 to 3"));
+                let what = format!("spindle {number} exists already");
+                return Err(self.error(&key, what, "give every spindle its own number, 0 to 3"));
             }
             self.number(&format!("spindle[{index}].max_rpm"), spindle.max_rpm, 1e-3, 1e6)?;
             if let Some(rate) = spindle.acceleration_rpm_s {
@@ -199,18 +199,18 @@ impl Check<'_> {
             });
         };
         if spindle.feedback {
-            let what = "the spindle has feedback, which tells when the speed is reached".to_owned();
-            return Err(self.error(&key, what, "leave one of both out"));
+            let what = "the spindle has feedback, which reports when the speed is reached".to_owned();
+            return Err(self.error(&key, what, "remove one of the two keys"));
         }
         Ok(AtSpeed::Input(self.digital_input(&key, name, inputs)?))
     }
 
-    /// The number of a digital input that a key names.
+    /// The number of the digital input with this name.
     fn digital_input(&self, key: &str, name: &str, inputs: &[InputSettings]) -> Result<u32, MachineError> {
         self.input_of_kind(key, name, inputs, SignalKind::Digital)
     }
 
-    /// The number of an input that a key names.
+    /// The number of the input of this kind with this name.
     pub(super) fn input_of_kind(
         &self,
         key: &str,
