@@ -388,7 +388,7 @@ impl Hole {
     }
 
     /// Converts from the coordinate system of the hole to machine coordinates; mirrors where the path runs clockwise.
-    fn to_machine(&self, point: Planar, at: &Axes) -> Axes {
+    fn machine_position(&self, point: Planar, at: &Axes) -> Axes {
         let point = self.oriented(point);
         let (first, second, _) = self.plane.axes();
         let mut axes = *at;
@@ -420,7 +420,7 @@ impl Hole {
         };
         let base = self.oriented(base);
         let centre_mm = [self.centre_mm[0] + base[0], self.centre_mm[1] + base[1]];
-        let (start, end) = (self.to_machine(from, at), self.to_machine(to, at));
+        let (start, end) = (self.machine_position(from, at), self.machine_position(to, at));
         let sense = self.milling.sense();
         let tolerance = TOLERANCE_MM.max(1e-12 * (centre_mm[0].abs() + centre_mm[1].abs()));
         let curve = Involute::new(self.plane, start, end, centre_mm, spiral.r, sense, tolerance)?;
@@ -447,7 +447,7 @@ impl Hole {
 
     fn circle(&self, role: Role, spiral: &Spiral, radius: f64, at: &Axes) -> Result<HoleBlock, HoleError> {
         let tangent_point = spiral.tangent_point(radius);
-        let point = self.to_machine(tangent_point, at);
+        let point = self.machine_position(tangent_point, at);
         let curve = Arc::new(self.plane, point, point, self.centre_mm, self.milling.sense(), 0)?;
         Ok(HoleBlock {
             role,
