@@ -200,17 +200,23 @@ impl PathExecutor {
                 ));
             }
             Step::TimedSegment(flow) => {
-                // A plan for another override is replaced before it is driven.
                 let is_known = queue.is_final(cursor.step) && !self.withhold;
-                if cursor.slowdown.is_some() || !self.plan_fits(brake) || !is_known {
+                if cursor.slowdown.is_none() && !is_known {
                     self.waited = true;
+                    return false;
+                }
+                // A stop within a piece, or a plan for another override: both are replaced before anything moves.
+                if cursor.slowdown.is_some() || !self.plan_fits(brake) {
+                    self.rest_step = Some(step);
                     return false;
                 }
                 cursor.starved = false;
                 cursor.start(flow);
             }
             Step::Wait => {
-                self.waited = true;
+                // Whether the step itself was there yet is what a replay has to repeat.
+                self.waited |= self.withhold;
+                self.rest_step = Some(step).filter(|_| !self.withhold);
                 return false;
             }
             Step::Dwell { seconds, line } => {

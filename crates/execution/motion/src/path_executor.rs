@@ -2,7 +2,7 @@
 
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
-use evolvent_planner::Segment;
+use evolvent_planner::{Segment, Step};
 use evolvent_turning::{Reason, TurningOutput};
 use evolvent_wire::flags;
 
@@ -47,6 +47,8 @@ pub struct PathExecutor {
     pub(crate) waited: bool,
     /// The next step acts as if the planner had not finished.
     pub(crate) withhold: bool,
+    /// The plan step in front of which the axes rest and for which another plan may be requested, as the last step found it.
+    pub(crate) rest_step: Option<Step>,
     /// Whether the last step met an answer that came to nothing.
     pub(crate) refused: bool,
     /// The next step acts as if the answer came to nothing.
@@ -84,6 +86,7 @@ impl PathExecutor {
             preview: PlanPreview::new(),
             waited: false,
             withhold: false,
+            rest_step: None,
             refused: false,
             refuse: false,
             turning: None,
@@ -216,6 +219,7 @@ impl PathExecutor {
     pub fn step(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) -> Setpoint {
         self.waited = false;
         self.refused = false;
+        self.rest_step = None;
         let wanted = checked_override(inputs.feed_override);
         let changed = wanted != self.feed_override;
         self.feed_override = wanted;

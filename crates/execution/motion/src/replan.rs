@@ -221,7 +221,8 @@ impl PathExecutor {
                     self.send(Some(after), request, queue);
                 }
             }
-            ActiveMotion::Still => match queue.step(cursor.step) {
+            // What this cycle found there, not what has come since: only that can be replayed.
+            ActiveMotion::Still => match self.rest_step {
                 // A stop has ended within a piece.
                 Some(Step::TimedSegment(flow)) if cursor.slowdown.is_some() => {
                     self.send(None, place(&flow, cursor.rest_x, 0.0, 0.0), queue);

@@ -8,6 +8,7 @@ mod faults;
 mod full_queue;
 mod guard;
 mod holds;
+mod interleaved;
 mod invariants;
 mod late_answers;
 mod low_overrides;

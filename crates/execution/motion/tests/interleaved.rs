@@ -1,0 +1,236 @@
+//! Cycles that run while the planner is in the middle of its work, as they do in real time, and the same run replayed.
+
+#![allow(clippy::expect_used, reason = "a test may fail")]
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use evolvent_machine::PlannerKind;
+use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, PlanProducer, QueueClosed, Setpoint, plan_queue};
+use evolvent_path::PathMode;
+use evolvent_planner::{
+    Answer, BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Request, Segment, Step,
+};
+
+use crate::common::{Random, Scenario, campaign, scenario};
+
+/// Changes of the override at one rest: then it stays as it is, so that the axes move again.
+const MAX_CHANGES: u32 = 12;
+/// Probability of a cycle between an answer and the plan that follows it.
+const AFTER_ANSWER: f64 = 0.5;
+/// Probability of a cycle between two parts of a plan, which has hundreds.
+const WITHIN_PLAN: f64 = 0.02;
+
+/// What a trace holds of one cycle.
+struct Recorded {
+    inputs: Inputs,
+    waited: bool,
+    refused: bool,
+    setpoint: Setpoint,
+}
+
+/// The cycle's side of a run.
+struct Cycles {
+    motion: PathExecutor,
+    queue: PlanConsumer,
+    random: Random,
+    feed_override: f64,
+    changes_left: u32,
+    done: Vec<Recorded>,
+    /// The run that is replayed; none in real time.
+    replayed: Option<Vec<Recorded>>,
+}
+
+impl Cycles {
+    fn step(&mut self) {
+        if self.motion.is_over() {
+            return;
+        }
+        let inputs = match &self.replayed {
+            None => self.live_inputs(),
+            Some(recorded) => {
+                let one = &recorded[self.done.len()];
+                self.motion.replay_starved(one.waited);
+                self.motion.refuse_plan(one.refused);
+                one.inputs
+            }
+        };
+        let setpoint = self.motion.step(&inputs, &mut self.queue);
+        if let Some(recorded) = &self.replayed {
+            assert_eq!(setpoint, recorded[self.done.len()].setpoint);
+        }
+        self.done.push(Recorded {
+            inputs,
+            waited: self.motion.has_waited(),
+            refused: self.motion.was_refused(),
+            setpoint,
+        });
+        assert!(self.done.len() < 1_000_000, "does not end");
+    }
+
+    /// The override changes at rest only: in motion a plan that is not answered in time cannot be replayed.
+    fn live_inputs(&mut self) -> Inputs {
+        if !self.motion.is_at_rest() {
+            self.changes_left = MAX_CHANGES;
+        } else if self.changes_left > 0 && self.random.unit() < 0.4 {
+            self.changes_left -= 1;
+            self.feed_override = self.random.between(0.2, 2.0);
+        }
+        Inputs {
+            feed_override: self.feed_override,
+            ..Inputs::default()
+        }
+    }
+
+    /// A cycle in the middle of the planner's work. In real time at rest only: a starved plan cannot be replayed.
+    fn interrupt(&mut self, probability: f64) {
+        let may_step = match self.replayed {
+            None => self.motion.is_at_rest(),
+            Some(_) => self.motion.is_ready(&mut self.queue),
+        };
+        if may_step && self.random.unit() < probability {
+            self.step();
+        }
+    }
+}
+
+/// Lets cycles run between any two things that the planner hands over.
+struct Interrupted {
+    sink: PlanProducer<fn() -> bool>,
+    cycles: Rc<RefCell<Cycles>>,
+}
+
+impl Interrupted {
+    fn interrupt(&self, probability: f64) {
+        self.cycles.borrow_mut().interrupt(probability);
+    }
+}
+
+impl PlanSink for Interrupted {
+    type Error = QueueClosed;
+
+    fn segment(&mut self, segment: &Segment) -> Result<(), QueueClosed> {
+        self.sink.segment(segment)?;
+        self.interrupt(WITHIN_PLAN);
+        Ok(())
+    }
+
+    fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
+        self.sink.step(step)?;
+        self.interrupt(WITHIN_PLAN);
+        Ok(())
+    }
+
+    fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
+        self.sink.exit(index, speeds);
+    }
+
+    fn finalise(&mut self, count: u64) {
+        self.sink.finalise(count);
+        self.interrupt(WITHIN_PLAN);
+    }
+
+    fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
+        self.sink.mark(mark)
+    }
+
+    fn link(&mut self, from: u64, to: u64) -> bool {
+        let linked = self.sink.link(from, to);
+        self.interrupt(WITHIN_PLAN);
+        linked
+    }
+
+    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
+        self.sink.has_room(steps, segments, marks)
+    }
+
+    fn wait(&mut self) -> Result<(), QueueClosed> {
+        self.sink.wait()
+    }
+
+    fn request(&mut self) -> Option<Request> {
+        self.sink.request()
+    }
+
+    fn answer(&mut self, answer: Answer) {
+        self.sink.answer(answer);
+        self.interrupt(AFTER_ANSWER);
+    }
+
+    fn taken(&self) -> u64 {
+        self.sink.taken()
+    }
+
+    fn reached(&self) -> u64 {
+        self.sink.reached()
+    }
+}
+
+/// Drives the program, or replays it, with a planner that is interrupted at random.
+fn drive(scenario: &Scenario, random: Random, replayed: Option<Vec<Recorded>>) -> Vec<Recorded> {
+    let (sink, queue): (PlanProducer<fn() -> bool>, _) = plan_queue(|| false);
+    let is_replay = replayed.is_some();
+    let cycles = Rc::new(RefCell::new(Cycles {
+        motion: scenario.motion(),
+        queue,
+        random,
+        feed_override: 1.0,
+        changes_left: MAX_CHANGES,
+        done: Vec::new(),
+        replayed,
+    }));
+    let rules = PathRules {
+        blend_tolerance_mm: 0.01,
+        joint_time_s: 0.001,
+        planner: PlannerKind::Optimal,
+        feed_override: 1.0,
+    };
+    let period_s = scenario.period_ns as f64 * 1e-9;
+    let limits = PathLimits::new(scenario.limits, 1.0 / period_s, scenario.chord_error_mm);
+    let sink = Interrupted {
+        sink,
+        cycles: Rc::clone(&cycles),
+    };
+    let mut planner = Planner::new(limits, rules, sink);
+    for (number, one) in scenario.moves.iter().enumerate() {
+        planner.push(one, number as u32 + 1, number as u32).expect("plan");
+        let dwell = Step::Dwell {
+            seconds: 2.5 * period_s,
+            line: number as u32 + 1,
+        };
+        planner.rest(&dwell).expect("plan");
+    }
+    planner.finish(9999).expect("plan");
+    while !cycles.borrow().motion.is_over() {
+        planner.poll().expect("plan");
+        let mut cycles = cycles.borrow_mut();
+        let Cycles { motion, queue, .. } = &mut *cycles;
+        if !is_replay || motion.is_ready(queue) {
+            cycles.step();
+        }
+    }
+    std::mem::take(&mut cycles.borrow_mut().done)
+}
+
+#[test]
+fn what_was_driven_while_the_planner_worked_is_replayed_bit_for_bit() {
+    let (mut random, cases) = campaign(0x1e71_0001, 8);
+    let (mut waits, mut changes) = (0, 0);
+    for case in 0..cases {
+        let mut scenario = scenario(&mut random, PathMode::ExactPath, false);
+        scenario.planner = PlannerKind::Optimal;
+        scenario.moves.truncate(12);
+        let mut seed = || Random::from_state(random.pick(1 << 30) as u64);
+        let (driving, replaying) = (seed(), seed());
+        let recorded = drive(&scenario, driving, None);
+        waits += recorded.iter().filter(|one| one.waited).count();
+        changes += recorded
+            .windows(2)
+            .filter(|pair| pair[0].inputs.feed_override != pair[1].inputs.feed_override)
+            .count();
+        let cycles = recorded.len();
+        let replayed = drive(&scenario, replaying, Some(recorded));
+        assert_eq!(cycles, replayed.len(), "case {case}");
+    }
+    assert!(waits > 100 && changes > 100, "{waits} waits, {changes} overrides");
+}
