@@ -223,13 +223,13 @@ fn at_a_terminal_enter_confirms_the_tool() {
         // What was typed before the machine stands there is no answer.
         ["type", "\n"],
         ["see", first],
-        ["see", "line 3: press Enter to go on"],
+        ["see", "line 3: press Enter to continue"],
         ["silent", 0.7, "press Enter"],
         ["silent", 0.3, "done"],
         ["type", "\n"],
         // The second T3 M6 has its tool.
         ["see", "take tool 3 out of the spindle"],
-        ["see", "line 7: press Enter to go on"],
+        ["see", "line 7: press Enter to continue"],
         ["silent", 0.5, "done"],
         ["type", "\n"],
         ["see", "tc-terminal: done"]
@@ -243,7 +243,7 @@ fn at_a_terminal_enter_confirms_the_tool() {
     assert_eq!(screen.matches("press Enter").count(), 2, "{screen}");
     // Ctrl-C at the prompt ends the run there, with the tool as it was.
     let steps = serde_json::json!([
-        ["see", "press Enter to go on"],
+        ["see", "press Enter to continue"],
         ["type", "\u{3}"],
         ["see", "tc-terminal: stopped"]
     ]);
@@ -252,7 +252,7 @@ fn at_a_terminal_enter_confirms_the_tool() {
     assert_eq!(played["code"], 1, "{played}");
     // The end of the input (Ctrl-D) confirms nothing.
     let steps = serde_json::json!([
-        ["see", "press Enter to go on"],
+        ["see", "press Enter to continue"],
         ["type", "\u{4}"],
         ["silent", 1.0, "done"],
         ["type", "\u{3}"],

@@ -184,14 +184,14 @@ extern "C" {
 #define EVOLVENT_SWITCH_PROBE_OPEN 64u
 #define EVOLVENT_SWITCH_PROBE_TRIPPED 128u
 
-/* Where every axis shall be at one instant, and how it shall move there.
+/* Target position of every axis at one instant, and its derivatives.
  *
- * Published ahead of time: `due_time_ns` lies `lead` periods after the moment of publishing in a real-time run.
- * `sequence` grows by one from one setpoint to the next, so a gap is a lost setpoint and is seen as one.
+ * Published ahead of time: in a real-time run `due_time_ns` is `lead` periods after publication.
+ * `sequence` grows by one per setpoint, so a gap is a lost setpoint and is detected as one.
  */
 #define EVOLVENT_SETPOINT_TYPE_NAME "evolvent.Setpoint.v1"
 typedef struct evolvent_setpoint {
-    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    /* Version of the bus contract that the sender was built for; receivers reject another version. */
     uint32_t interface_version;
     /* Size of this payload in bytes. */
     uint32_t struct_size;
@@ -209,25 +209,25 @@ typedef struct evolvent_setpoint {
     double acceleration[9];
     /* Position rounded to the machine's increments, counted from machine zero. */
     int64_t position_increments[9];
-    /* What the core is doing, a number of the list of states. */
+    /* State of the core, a number of the list of states. */
     uint32_t state;
     /* Bits of the list of setpoint flags. */
     uint32_t flags;
-    /* Line of the program, counted from 1; 0 where there is none. */
+    /* Line of the program, counted from 1; 0 if none. */
     uint32_t line;
-    /* Bit i set: axis i is driven, the others' numbers mean nothing. */
+    /* Bit i set: axis i is driven; the values of the others have no meaning. */
     uint32_t axes_mask;
     /* Speed along the path, in mm/s. */
     double feed_mm_s;
     /* Feed override as a ratio: 1 is 100 %. */
     double override_ratio;
-    /* Way along the path since the start of the run, in mm. */
+    /* Distance along the path since the start of the run, in mm. */
     double path_mm;
-    /* What the drives' power stages shall do, a number of the list of power requests. */
+    /* Requested state of the drives' power stages, a number of the list of power requests. */
     uint32_t power_request;
-    /* Grows by one where the drives' faults shall be reset. */
+    /* Grows by one to request a reset of the drives' faults. */
     uint32_t fault_reset;
-    /* Grows by one where homing names positions anew: the axes stand, and the step of position is no motion. */
+    /* Grows by one when homing assigns new coordinates: the axes are at rest, and the step of position is not a motion. */
     uint64_t datum;
     /* Zero; for later versions. */
     uint64_t reserved[3];
@@ -255,17 +255,18 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, fault_reset) == 364, "offse
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, datum) == 368, "offset of Setpoint.datum");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, reserved) == 376, "offset of Setpoint.reserved");
 
-/* One coherent snapshot of the core. A reader gets the latest, never a mixture of two.
+/* One coherent snapshot of the core. A reader receives the latest, never a mixture of two.
  *
- * The publisher sends at least ten a second; a reader that sees no new `sequence` for longer has lost its core.
+ * The publisher sends at least ten per second; a reader that sees no new `sequence` for longer has lost
+ * its core.
  */
 #define EVOLVENT_STATUS_TYPE_NAME "evolvent.Status.v1"
 typedef struct evolvent_status {
-    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    /* Version of the bus contract that the sender was built for; receivers reject another version. */
     uint32_t interface_version;
     /* Size of this payload in bytes. */
     uint32_t struct_size;
-    /* Grows by one from one snapshot to the next. */
+    /* Grows by one per snapshot. */
     uint64_t sequence;
     /* When the snapshot was taken, in ns of CLOCK_MONOTONIC. */
     uint64_t time_ns;
@@ -273,7 +274,7 @@ typedef struct evolvent_status {
     uint64_t cycles;
     /* The control period in ns. */
     uint64_t period_ns;
-    /* What the core is doing, a number of the list of states. */
+    /* State of the core, a number of the list of states. */
     uint32_t state;
     /* Mode: 0 automatic, 1 manual, 2 MDI. */
     uint32_t mode;
@@ -281,7 +282,7 @@ typedef struct evolvent_status {
     uint32_t machine_state;
     /* Bits of the last setpoint's flags. */
     uint32_t flags;
-    /* Line of the program that is running, counted from 1; 0 where there is none. */
+    /* Line of the running program, counted from 1; 0 if none. */
     uint32_t line;
     /* Bit i set: the machine has axis i. */
     uint32_t axes_mask;
@@ -297,7 +298,7 @@ typedef struct evolvent_status {
     double position_machine[9];
     /* Position in work coordinates: mm, degrees for A B C. */
     double position_work[9];
-    /* Way to the end of the running block, per axis: mm, degrees for A B C. */
+    /* Distance to the end of the running block, per axis: mm, degrees for A B C. */
     double distance_to_go[9];
     /* Velocity: mm/s, degrees/s for A B C. */
     double velocity[9];
@@ -305,9 +306,9 @@ typedef struct evolvent_status {
     double work_offset[9];
     /* Tool offset in force: mm, degrees for A B C. */
     double tool_offset[9];
-    /* Way along the path since the start of the run, in mm. */
+    /* Distance along the path since the start of the run, in mm. */
     double path_mm;
-    /* Way to the end of what is planned, in mm. */
+    /* Distance to the end of the planned path, in mm. */
     double path_to_go_mm;
     /* Speed along the path, in mm/s. */
     double feed_mm_s;
@@ -319,13 +320,13 @@ typedef struct evolvent_status {
     double rapid_override_ratio;
     /* Spindle override as a ratio. */
     double spindle_override_ratio;
-    /* Spindle speed in revolutions a minute, negative counter-clockwise. */
+    /* Spindle speed in revolutions per minute, negative counter-clockwise. */
     double spindle_rpm;
-    /* Setpoints that left after they were due. */
+    /* Setpoints that were published after their due time. */
     uint64_t late_cycles;
-    /* Trace records lost for want of room. */
+    /* Trace records lost because the queue was full. */
     uint64_t dropped_records;
-    /* Setpoints that could not be handed to the bus. */
+    /* Setpoints that could not be passed to the bus. */
     uint64_t dropped_setpoints;
     /* Lateness of the last wake-up, in ns. */
     uint64_t wake_lateness_ns;
@@ -333,15 +334,15 @@ typedef struct evolvent_status {
     uint64_t wake_lateness_p50_ns;
     /* 99.9 % of the wake-ups were at most this late, in ns. */
     uint64_t wake_lateness_p999_ns;
-    /* The latest wake-up since the start, in ns. */
+    /* Maximum lateness of the wake-ups since the start, in ns. */
     uint64_t wake_lateness_max_ns;
     /* Median time of a cycle's own work, in ns. */
     uint64_t work_p50_ns;
-    /* 99.9 % of the cycles worked at most this long, in ns. */
+    /* Own work of 99.9 % of the cycles was at most this long, in ns. */
     uint64_t work_p999_ns;
-    /* The longest work of a cycle since the start, in ns. */
+    /* Maximum own work of a cycle since the start, in ns. */
     uint64_t work_max_ns;
-    /* Number of alarms in force; may be more than are listed. */
+    /* Number of alarms in force; may exceed the listed ones. */
     uint32_t alarm_count;
     /* Bytes of `program` in use. */
     uint32_t program_length;
@@ -357,49 +358,49 @@ typedef struct evolvent_status {
     uint64_t job;
     /* Bits of the list of switches. */
     uint32_t switches;
-    /* What is asked of the drives: 0 off, 1 on, 2 quick stop. */
+    /* Power request to the drives: 0 off, 1 on, 2 quick stop. */
     uint32_t power;
-    /* Bit i set: the drive of axis i says that its operation is enabled. */
+    /* Bit i set: the drive of axis i reports operation enabled. */
     uint32_t enabled_mask;
     /* Bit 0 mist, bit 1 flood. */
     uint32_t coolant;
-    /* Modal G codes times ten in no particular order, filled up with zeros. */
+    /* Modal G codes times ten in no particular order, padded with zeros. */
     uint32_t modal[16];
-    /* Position of machine zero in the drives' coordinates, which homing finds: mm, degrees for A B C. */
+    /* Position of machine zero in the drives' coordinates, as found by homing: mm, degrees for A B C. */
     double home_offset[9];
-    /* Actual position in machine coordinates, as the bridge says: mm, degrees for A B C. */
+    /* Actual position in machine coordinates, from the bridge: mm, degrees for A B C. */
     double position_actual[9];
-    /* Demanded minus actual position, as the bridge says: mm, degrees for A B C. */
+    /* Demanded minus actual position, from the bridge: mm, degrees for A B C. */
     double following_error[9];
-    /* Age of the last feedback, in ns; the largest number where none has come. */
+    /* Age of the last feedback, in ns; the largest number if none has arrived. */
     uint64_t feedback_age_ns;
     /* Commands that were accepted. */
     uint64_t commands_accepted;
-    /* Commands that were rejected, stale ones among them. */
+    /* Commands that were rejected, including stale ones. */
     uint64_t commands_rejected;
     /* Bytes of `alarm_text` in use. */
     uint32_t alarm_text_length;
     /* Bytes of `message` in use. */
     uint32_t message_length;
-    /* The sentence of the newest alarm in force: what was wrong and what to do, UTF-8. */
+    /* The sentence of the newest alarm in force: the error and its remedy, UTF-8. */
     uint8_t alarm_text[256];
     /* The program's last message to the operator, UTF-8. */
     uint8_t message[256];
-    /* Tool change that the program waits for: 0 none, 1 by the operator (confirmed by RESUME), 2 by the machine's program. */
+    /* Tool change that the program waits for: 0 none, 1 by the operator (confirmed by RESUME), 2 by the machine's executable or subroutine. */
     uint32_t tool_change;
-    /* Where `tool_change` is not 0: the tool to put into the spindle; 0 to empty the spindle. */
+    /* If `tool_change` is not 0: the tool to put into the spindle; 0 to empty the spindle. */
     uint32_t tool_wanted;
-    /* Longest path that a hold needs to rest at any moment of `job` so far, in mm, with a margin; 0 where none is known. */
+    /* Longest path that a hold needs to stop at any moment of `job` so far, in mm, with a margin; 0 if unknown. */
     double longest_stop_mm;
     /* Time of that stop, in s. */
     double longest_stop_s;
-    /* Line of the program at which that hold comes. */
+    /* Line of the program at which that hold starts. */
     uint32_t longest_stop_line;
-    /* Times that the loaded program has come to its end since it was loaded. */
+    /* Number of times that the loaded program has reached its end since it was loaded. */
     uint32_t parts;
-    /* How long the program has run, or ran last, in s. */
+    /* Running time of the current or last run of the program, in s. */
     double program_time_s;
-    /* How much of that it stood at holds and program stops, in s. */
+    /* Time of it spent in holds and program stops, in s. */
     double program_held_s;
     /* Zero; for later versions. */
     uint64_t reserved[10];
@@ -478,15 +479,15 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, program_time_s) == 1744, "off
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, program_held_s) == 1752, "offset of Status.program_held_s");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1760, "offset of Status.reserved");
 
-/* A drive bridge's answer to one setpoint.
+/* A drive bridge's reply to one setpoint.
  */
 #define EVOLVENT_FEEDBACK_TYPE_NAME "evolvent.Feedback.v1"
 typedef struct evolvent_feedback {
-    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    /* Version of the bus contract that the sender was built for; receivers reject another version. */
     uint32_t interface_version;
     /* Size of this payload in bytes. */
     uint32_t struct_size;
-    /* The setpoint that is answered. */
+    /* The setpoint that it replies to. */
     uint64_t sequence;
     /* When the positions were sampled, in ns of CLOCK_MONOTONIC. */
     uint64_t time_ns;
@@ -496,35 +497,35 @@ typedef struct evolvent_feedback {
     double velocity[9];
     /* Demanded minus actual position: mm, degrees for A B C. */
     double following_error[9];
-    /* Torque or force as a ratio of the drive's rated one. */
+    /* Torque or force as a ratio of the drive's rated value. */
     double torque_ratio[9];
-    /* Time of the bus clock minus time of the setpoint, in ns: positive where the drives run late. */
+    /* Time of the bus clock minus time of the setpoint, in ns: positive if the drives run late. */
     int64_t phase_error_ns;
     /* CiA 402 status word (object 6041h) per axis. */
     uint32_t status_word[9];
-    /* Bit i set: the numbers of axis i are valid. */
+    /* Bit i set: the values of axis i are valid. */
     uint32_t axes_mask;
-    /* Bit i set: the home switch of axis i is pressed. */
+    /* Bit i set: the home switch of axis i is actuated. */
     uint32_t home_switch_mask;
-    /* Bit i set: the limit switch at the positive end of axis i is pressed. */
+    /* Bit i set: the limit switch at the positive end of axis i is actuated. */
     uint32_t positive_limit_mask;
-    /* Bit i set: the limit switch at the negative end of axis i is pressed. */
+    /* Bit i set: the limit switch at the negative end of axis i is actuated. */
     uint32_t negative_limit_mask;
-    /* What the bridge is doing, a number of the list of bridge states. */
+    /* State of the bridge, a number of the list of bridge states. */
     uint32_t bridge_state;
-    /* What the bridge found wrong with the setpoints last, a number of the list of notes. */
+    /* The last problem with setpoints, a number of the list of notes. */
     uint32_t note;
-    /* CiA 402 error code (object 603Fh) of the first axis in fault; 0 where there is none. */
+    /* CiA 402 error code (object 603Fh) of the first axis in fault; 0 if none. */
     uint32_t error_code;
-    /* The setpoints' `fault_reset` that was carried out last. */
+    /* The last `fault_reset` of the setpoints that was executed. */
     uint32_t fault_reset_done;
-    /* Setpoints that were missing, late or refused since the bridge started. */
+    /* Setpoints that were missing, late or rejected since the start of the bridge. */
     uint32_t missed_setpoints;
-    /* The setpoints' `datum` by which the positions are named. */
+    /* The setpoints' `datum` that the positions refer to. */
     uint64_t datum;
-    /* Differs from one start of the bridge to the next. */
+    /* Differs at every start of the bridge. */
     uint64_t instance;
-    /* Bit i set: positions of axis i count from the machine's zero whenever bridge or drive start again. */
+    /* Bit i set: positions of axis i refer to machine zero after every start of bridge or drive. */
     uint32_t absolute_mask;
     /* Zero; for later versions. */
     uint32_t reserved[3];
@@ -559,23 +560,23 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, reserved) == 412, "offset o
  */
 #define EVOLVENT_LOAD_TYPE_NAME "evolvent.Load.v1"
 typedef struct evolvent_load {
-    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    /* Version of the bus contract that the sender was built for; receivers reject another version. */
     uint32_t interface_version;
     /* Size of this payload in bytes. */
     uint32_t struct_size;
-    /* Grows by one from one value to the next of the same sensor. */
+    /* Grows by one with every value of the same sensor. */
     uint64_t sequence;
     /* When the load was sampled, in ns of CLOCK_MONOTONIC. */
     uint64_t time_ns;
-    /* What `value` is, a number of the list of load kinds. */
+    /* Kind of `value`, a number of the list of load kinds. */
     uint32_t kind;
-    /* Where it was measured: 0 to 8 an axis, 9 the spindle, from 16 on sensors of the user. */
+    /* Where it was measured: 0 to 8 an axis, 9 the spindle, 16 and above user-defined sensors. */
     uint32_t source;
     /* The load in the unit of its kind. */
     double value;
-    /* The lowest value that the sensor can show. */
+    /* The lowest value that the sensor can report. */
     double range_min;
-    /* The highest value that the sensor can show. */
+    /* The highest value that the sensor can report. */
     double range_max;
     /* Zero; for later versions. */
     uint64_t reserved[4];
@@ -593,38 +594,38 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, range_min) == 40, "offset of Lo
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, range_max) == 48, "offset of Load.range_max");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, reserved) == 56, "offset of Load.reserved");
 
-/* Everything that the machine's periphery shall be, from one setpoint on.
+/* The commanded state of all peripherals, from one setpoint on.
  *
- * Complete in itself: a bridge that has lost a message is right again with the next. Sent at every change and every
- * 50 ms.
+ * Complete in itself: a bridge that has lost a message is correct again with the next. Sent at every
+ * change and every 50 ms.
  */
 #define EVOLVENT_MACHINEOUTPUTS_TYPE_NAME "evolvent.MachineOutputs.v1"
 typedef struct evolvent_machineoutputs {
-    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    /* Version of the bus contract that the sender was built for; receivers reject another version. */
     uint32_t interface_version;
     /* Size of this payload in bytes. */
     uint32_t struct_size;
-    /* Grows by one from one message to the next. */
+    /* Grows by one per message. */
     uint64_t sequence;
-    /* The setpoint from which these values count. */
+    /* The setpoint with which these values take effect. */
     uint64_t cycle;
-    /* When that setpoint is due, as its `due_time_ns`. */
+    /* Due time of that setpoint, as its `due_time_ns`. */
     uint64_t due_time_ns;
     /* Bit i set: the machine has digital output i. */
     uint64_t digital_mask;
     /* Bit i: state of digital output i. */
     uint64_t digital;
-    /* Bit i: state of digital output i that a bridge sets by itself where it has lost its core. */
+    /* Bit i: state of digital output i that a bridge sets itself when it has lost its core. */
     uint64_t safe_digital;
     /* Values of the analog outputs. */
     double analog[16];
-    /* The same, for a bridge that has lost its core. */
+    /* The same for the analog outputs. */
     double safe_analog[16];
     /* Bit i set: the machine has analog output i. */
     uint32_t analog_mask;
     /* Bit i set: the machine has spindle i. */
     uint32_t spindle_mask;
-    /* What each spindle shall do, a number of the list of spindle directions. */
+    /* Command of each spindle, a number of the list of spindle directions. */
     uint32_t spindle_direction[4];
     /* Commanded speed of each spindle, rpm, not negative. */
     double spindle_rpm[4];
@@ -636,9 +637,9 @@ typedef struct evolvent_machineoutputs {
     uint32_t tool_wanted;
     /* Tool in the spindle; 0 for none. */
     uint32_t tool;
-    /* Where a spindle of direction ORIENT shall stand, degrees from its index pulse, 0 up to, not including, 360. */
+    /* Orientation angle of a spindle with direction ORIENT, degrees from its index pulse, 0 up to, not including, 360. */
     double spindle_angle[4];
-    /* Its way there, a number of the list of ways. */
+    /* Direction of the orientation, a number of the list of ways. */
     uint32_t spindle_way[4];
     /* Zero; for later versions. */
     uint64_t reserved[2];
@@ -667,22 +668,22 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, spindle_angle) == 384
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, spindle_way) == 416, "offset of MachineOutputs.spindle_way");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, reserved) == 432, "offset of MachineOutputs.reserved");
 
-/* The machine's inputs at one instant. Sent at every change, and at least four times in the machine file's
- * `signals.input_timeout_ms`: older ones are unknown to the core.
+/* The machine's inputs at one instant. Sent at every change, and at least four times per
+ * `signals.input_timeout_ms` of the machine file: older ones are unknown to the core.
  */
 #define EVOLVENT_MACHINEINPUTS_TYPE_NAME "evolvent.MachineInputs.v1"
 typedef struct evolvent_machineinputs {
-    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    /* Version of the bus contract that the sender was built for; receivers reject another version. */
     uint32_t interface_version;
     /* Size of this payload in bytes. */
     uint32_t struct_size;
-    /* Grows by one from one message to the next of the same bridge. */
+    /* Grows by one per message of the same bridge. */
     uint64_t sequence;
     /* When the inputs were read, in ns of CLOCK_MONOTONIC. */
     uint64_t time_ns;
-    /* Differs from one start of the bridge to the next. */
+    /* Differs at every start of the bridge. */
     uint64_t instance;
-    /* The `sequence` of the outputs that have been set last; 0 for none. */
+    /* The `sequence` of the last outputs that were set; 0 for none. */
     uint64_t outputs_sequence;
     /* Bit i set: digital input i was read. */
     uint64_t digital_mask;
@@ -692,17 +693,17 @@ typedef struct evolvent_machineinputs {
     double analog[16];
     /* Bit i set: analog input i was read. */
     uint32_t analog_mask;
-    /* What the probe says, a number of the list of probe states. */
+    /* State of the probe, a number of the list of probe states. */
     uint32_t probe;
-    /* Times that the probe has tripped since the bridge started. */
+    /* Number of times that the probe has tripped since the start of the bridge. */
     uint64_t probe_trips;
-    /* When it tripped or opened last, in ns of CLOCK_MONOTONIC; 0 where that is not known. */
+    /* When it last tripped or opened, in ns of CLOCK_MONOTONIC; 0 if unknown. */
     uint64_t probe_time_ns;
-    /* Positions that the drives latched then: mm, degrees for A B C. */
+    /* Positions that the drives latched at that time: mm, degrees for A B C. */
     double probe_position[9];
     /* Bit i set: the drive of axis i has latched its position. */
     uint32_t probe_latched_mask;
-    /* Zero; keeps what follows at multiples of 8 bytes. */
+    /* Zero; aligns the following fields to 8 bytes. */
     uint32_t unused;
     /* Zero; for later versions. */
     uint64_t reserved[8];
@@ -727,31 +728,31 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, probe_latched_mask) ==
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, unused) == 284, "offset of MachineInputs.unused");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, reserved) == 288, "offset of MachineInputs.reserved");
 
-/* What the encoder and drive of one spindle say at one instant.
+/* Feedback of the encoder and drive of one spindle at one instant.
  */
 #define EVOLVENT_SPINDLEFEEDBACK_TYPE_NAME "evolvent.SpindleFeedback.v1"
 typedef struct evolvent_spindlefeedback {
-    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    /* Version of the bus contract that the sender was built for; receivers reject another version. */
     uint32_t interface_version;
     /* Size of this payload in bytes. */
     uint32_t struct_size;
-    /* Grows by one from one message to the next of the same spindle and bridge. */
+    /* Grows by one per message of the same spindle and bridge. */
     uint64_t sequence;
     /* When the angle was sampled, in ns of CLOCK_MONOTONIC. */
     uint64_t time_ns;
-    /* Differs from one start of the bridge to the next. */
+    /* Differs at every start of the bridge. */
     uint64_t instance;
-    /* Whole turns since the bridge started, falling counter-clockwise. */
+    /* Whole turns since the start of the bridge, decreasing counter-clockwise. */
     int64_t turns;
-    /* The rest of the angle as a fraction of a turn: 0 up to, not including, 1; counted from the index pulse. */
+    /* The remaining angle as a fraction of a turn: 0 up to, not including, 1; from the index pulse. */
     double fraction;
     /* Measured speed, rpm, negative counter-clockwise. */
     double speed_rpm;
-    /* Which spindle, from 0. */
+    /* The spindle, from 0. */
     uint32_t spindle;
     /* Bits of the list of spindle flags. */
     uint32_t flags;
-    /* The `sequence` of the outputs that the spindle obeys, 0 for none: the flags are about these. */
+    /* The `sequence` of the outputs that the spindle executes, 0 for none: the flags refer to these. */
     uint64_t outputs_sequence;
     /* Zero; for later versions. */
     uint64_t reserved[5];
@@ -771,12 +772,12 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, flags) == 60, "offse
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, outputs_sequence) == 64, "offset of SpindleFeedback.outputs_sequence");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, reserved) == 72, "offset of SpindleFeedback.reserved");
 
-/* A command to the core. Whoever sends it chooses a number for itself once, at random, and counts its commands
- * from 1 on: a command that is not newer than the last of the same client has no effect.
+/* A command to the core. A client chooses its number once, at random, and counts its commands from 1: a
+ * command that is not newer than the client's last one has no effect.
  */
 #define EVOLVENT_CONTROLREQUEST_TYPE_NAME "evolvent.ControlRequest.v1"
 typedef struct evolvent_controlrequest {
-    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    /* Version of the bus contract that the sender was built for; receivers reject another version. */
     uint32_t interface_version;
     /* Size of this payload in bytes. */
     uint32_t struct_size;
@@ -784,7 +785,7 @@ typedef struct evolvent_controlrequest {
     uint64_t client;
     /* Number of the command, growing from 1 for each client. */
     uint64_t serial;
-    /* What is wanted, a number of the list of commands. */
+    /* The command, a number of the list of commands. */
     uint32_t command;
     /* Bit i set: the command is about axis i. */
     uint32_t axes_mask;
@@ -820,27 +821,27 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, reserved) == 1144, "o
  */
 #define EVOLVENT_CONTROLANSWER_TYPE_NAME "evolvent.ControlAnswer.v1"
 typedef struct evolvent_controlanswer {
-    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    /* Version of the bus contract that the sender was built for; receivers reject another version. */
     uint32_t interface_version;
     /* Size of this payload in bytes. */
     uint32_t struct_size;
-    /* The client's number, as it came. */
+    /* The client's number, as received. */
     uint64_t client;
-    /* The command's number, as it came. */
+    /* The command's number, as received. */
     uint64_t serial;
     /* 0 accepted, 1 rejected, 2 not newer than an earlier command and without effect. */
     uint32_t verdict;
-    /* Why it was rejected, a number of the list of alarms; 0 where it was accepted. */
+    /* Why it was rejected, a number of the list of alarms; 0 if it was accepted. */
     uint32_t alarm;
-    /* The setpoint that was computed last when the command was judged. */
+    /* The last setpoint computed when the command was evaluated. */
     uint64_t sequence;
-    /* Number of the job that the command has begun; 0 where it has begun none. */
+    /* Number of the job that the command has started; 0 if none. */
     uint64_t job;
     /* Bytes of `text` in use. */
     uint32_t text_length;
-    /* What `verdict` is about, the number of the command as it came. */
+    /* The command that `verdict` refers to, as received. */
     uint32_t command;
-    /* What was wrong and what to do about it, UTF-8. */
+    /* The error and its remedy, UTF-8. */
     uint8_t text[512];
     /* Zero; for later versions. */
     uint64_t reserved[8];

@@ -185,10 +185,10 @@ SWITCH_PROBE_TRIPPED = 128
 
 
 class Setpoint(ctypes.Structure):
-    """Where every axis shall be at one instant, and how it shall move there.
+    """Target position of every axis at one instant, and its derivatives.
 
-    Published ahead of time: `due_time_ns` lies `lead` periods after the moment of publishing in a real-time run.
-    `sequence` grows by one from one setpoint to the next, so a gap is a lost setpoint and is seen as one.
+    Published ahead of time: in a real-time run `due_time_ns` is `lead` periods after publication.
+    `sequence` grows by one per setpoint, so a gap is a lost setpoint and is detected as one.
     """
 
     interface_version: int
@@ -213,7 +213,7 @@ class Setpoint(ctypes.Structure):
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
-        # Version of the bus contract that the sender was built for; receivers refuse another.
+        # Version of the bus contract that the sender was built for; receivers reject another version.
         ("interface_version", ctypes.c_uint32),
         # Size of this payload in bytes.
         ("struct_size", ctypes.c_uint32),
@@ -231,25 +231,25 @@ class Setpoint(ctypes.Structure):
         ("acceleration", ctypes.c_double * 9),
         # Position rounded to the machine's increments, counted from machine zero.
         ("position_increments", ctypes.c_int64 * 9),
-        # What the core is doing, a number of the list of states.
+        # State of the core, a number of the list of states.
         ("state", ctypes.c_uint32),
         # Bits of the list of setpoint flags.
         ("flags", ctypes.c_uint32),
-        # Line of the program, counted from 1; 0 where there is none.
+        # Line of the program, counted from 1; 0 if none.
         ("line", ctypes.c_uint32),
-        # Bit i set: axis i is driven, the others' numbers mean nothing.
+        # Bit i set: axis i is driven; the values of the others have no meaning.
         ("axes_mask", ctypes.c_uint32),
         # Speed along the path, in mm/s.
         ("feed_mm_s", ctypes.c_double),
         # Feed override as a ratio: 1 is 100 %.
         ("override_ratio", ctypes.c_double),
-        # Way along the path since the start of the run, in mm.
+        # Distance along the path since the start of the run, in mm.
         ("path_mm", ctypes.c_double),
-        # What the drives' power stages shall do, a number of the list of power requests.
+        # Requested state of the drives' power stages, a number of the list of power requests.
         ("power_request", ctypes.c_uint32),
-        # Grows by one where the drives' faults shall be reset.
+        # Grows by one to request a reset of the drives' faults.
         ("fault_reset", ctypes.c_uint32),
-        # Grows by one where homing names positions anew: the axes stand, and the step of position is no motion.
+        # Grows by one when homing assigns new coordinates: the axes are at rest, and the step of position is not a motion.
         ("datum", ctypes.c_uint64),
         # Zero; for later versions.
         ("reserved", ctypes.c_uint64 * 3),
@@ -265,9 +265,10 @@ class Setpoint(ctypes.Structure):
 
 
 class Status(ctypes.Structure):
-    """One coherent snapshot of the core. A reader gets the latest, never a mixture of two.
+    """One coherent snapshot of the core. A reader receives the latest, never a mixture of two.
 
-    The publisher sends at least ten a second; a reader that sees no new `sequence` for longer has lost its core.
+    The publisher sends at least ten per second; a reader that sees no new `sequence` for longer has lost
+    its core.
     """
 
     interface_version: int
@@ -343,11 +344,11 @@ class Status(ctypes.Structure):
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
-        # Version of the bus contract that the sender was built for; receivers refuse another.
+        # Version of the bus contract that the sender was built for; receivers reject another version.
         ("interface_version", ctypes.c_uint32),
         # Size of this payload in bytes.
         ("struct_size", ctypes.c_uint32),
-        # Grows by one from one snapshot to the next.
+        # Grows by one per snapshot.
         ("sequence", ctypes.c_uint64),
         # When the snapshot was taken, in ns of CLOCK_MONOTONIC.
         ("time_ns", ctypes.c_uint64),
@@ -355,7 +356,7 @@ class Status(ctypes.Structure):
         ("cycles", ctypes.c_uint64),
         # The control period in ns.
         ("period_ns", ctypes.c_uint64),
-        # What the core is doing, a number of the list of states.
+        # State of the core, a number of the list of states.
         ("state", ctypes.c_uint32),
         # Mode: 0 automatic, 1 manual, 2 MDI.
         ("mode", ctypes.c_uint32),
@@ -363,7 +364,7 @@ class Status(ctypes.Structure):
         ("machine_state", ctypes.c_uint32),
         # Bits of the last setpoint's flags.
         ("flags", ctypes.c_uint32),
-        # Line of the program that is running, counted from 1; 0 where there is none.
+        # Line of the running program, counted from 1; 0 if none.
         ("line", ctypes.c_uint32),
         # Bit i set: the machine has axis i.
         ("axes_mask", ctypes.c_uint32),
@@ -379,7 +380,7 @@ class Status(ctypes.Structure):
         ("position_machine", ctypes.c_double * 9),
         # Position in work coordinates: mm, degrees for A B C.
         ("position_work", ctypes.c_double * 9),
-        # Way to the end of the running block, per axis: mm, degrees for A B C.
+        # Distance to the end of the running block, per axis: mm, degrees for A B C.
         ("distance_to_go", ctypes.c_double * 9),
         # Velocity: mm/s, degrees/s for A B C.
         ("velocity", ctypes.c_double * 9),
@@ -387,9 +388,9 @@ class Status(ctypes.Structure):
         ("work_offset", ctypes.c_double * 9),
         # Tool offset in force: mm, degrees for A B C.
         ("tool_offset", ctypes.c_double * 9),
-        # Way along the path since the start of the run, in mm.
+        # Distance along the path since the start of the run, in mm.
         ("path_mm", ctypes.c_double),
-        # Way to the end of what is planned, in mm.
+        # Distance to the end of the planned path, in mm.
         ("path_to_go_mm", ctypes.c_double),
         # Speed along the path, in mm/s.
         ("feed_mm_s", ctypes.c_double),
@@ -401,13 +402,13 @@ class Status(ctypes.Structure):
         ("rapid_override_ratio", ctypes.c_double),
         # Spindle override as a ratio.
         ("spindle_override_ratio", ctypes.c_double),
-        # Spindle speed in revolutions a minute, negative counter-clockwise.
+        # Spindle speed in revolutions per minute, negative counter-clockwise.
         ("spindle_rpm", ctypes.c_double),
-        # Setpoints that left after they were due.
+        # Setpoints that were published after their due time.
         ("late_cycles", ctypes.c_uint64),
-        # Trace records lost for want of room.
+        # Trace records lost because the queue was full.
         ("dropped_records", ctypes.c_uint64),
-        # Setpoints that could not be handed to the bus.
+        # Setpoints that could not be passed to the bus.
         ("dropped_setpoints", ctypes.c_uint64),
         # Lateness of the last wake-up, in ns.
         ("wake_lateness_ns", ctypes.c_uint64),
@@ -415,15 +416,15 @@ class Status(ctypes.Structure):
         ("wake_lateness_p50_ns", ctypes.c_uint64),
         # 99.9 % of the wake-ups were at most this late, in ns.
         ("wake_lateness_p999_ns", ctypes.c_uint64),
-        # The latest wake-up since the start, in ns.
+        # Maximum lateness of the wake-ups since the start, in ns.
         ("wake_lateness_max_ns", ctypes.c_uint64),
         # Median time of a cycle's own work, in ns.
         ("work_p50_ns", ctypes.c_uint64),
-        # 99.9 % of the cycles worked at most this long, in ns.
+        # Own work of 99.9 % of the cycles was at most this long, in ns.
         ("work_p999_ns", ctypes.c_uint64),
-        # The longest work of a cycle since the start, in ns.
+        # Maximum own work of a cycle since the start, in ns.
         ("work_max_ns", ctypes.c_uint64),
-        # Number of alarms in force; may be more than are listed.
+        # Number of alarms in force; may exceed the listed ones.
         ("alarm_count", ctypes.c_uint32),
         # Bytes of `program` in use.
         ("program_length", ctypes.c_uint32),
@@ -439,49 +440,49 @@ class Status(ctypes.Structure):
         ("job", ctypes.c_uint64),
         # Bits of the list of switches.
         ("switches", ctypes.c_uint32),
-        # What is asked of the drives: 0 off, 1 on, 2 quick stop.
+        # Power request to the drives: 0 off, 1 on, 2 quick stop.
         ("power", ctypes.c_uint32),
-        # Bit i set: the drive of axis i says that its operation is enabled.
+        # Bit i set: the drive of axis i reports operation enabled.
         ("enabled_mask", ctypes.c_uint32),
         # Bit 0 mist, bit 1 flood.
         ("coolant", ctypes.c_uint32),
-        # Modal G codes times ten in no particular order, filled up with zeros.
+        # Modal G codes times ten in no particular order, padded with zeros.
         ("modal", ctypes.c_uint32 * 16),
-        # Position of machine zero in the drives' coordinates, which homing finds: mm, degrees for A B C.
+        # Position of machine zero in the drives' coordinates, as found by homing: mm, degrees for A B C.
         ("home_offset", ctypes.c_double * 9),
-        # Actual position in machine coordinates, as the bridge says: mm, degrees for A B C.
+        # Actual position in machine coordinates, from the bridge: mm, degrees for A B C.
         ("position_actual", ctypes.c_double * 9),
-        # Demanded minus actual position, as the bridge says: mm, degrees for A B C.
+        # Demanded minus actual position, from the bridge: mm, degrees for A B C.
         ("following_error", ctypes.c_double * 9),
-        # Age of the last feedback, in ns; the largest number where none has come.
+        # Age of the last feedback, in ns; the largest number if none has arrived.
         ("feedback_age_ns", ctypes.c_uint64),
         # Commands that were accepted.
         ("commands_accepted", ctypes.c_uint64),
-        # Commands that were rejected, stale ones among them.
+        # Commands that were rejected, including stale ones.
         ("commands_rejected", ctypes.c_uint64),
         # Bytes of `alarm_text` in use.
         ("alarm_text_length", ctypes.c_uint32),
         # Bytes of `message` in use.
         ("message_length", ctypes.c_uint32),
-        # The sentence of the newest alarm in force: what was wrong and what to do, UTF-8.
+        # The sentence of the newest alarm in force: the error and its remedy, UTF-8.
         ("alarm_text", ctypes.c_uint8 * 256),
         # The program's last message to the operator, UTF-8.
         ("message", ctypes.c_uint8 * 256),
-        # Tool change that the program waits for: 0 none, 1 by the operator (confirmed by RESUME), 2 by the machine's program.
+        # Tool change that the program waits for: 0 none, 1 by the operator (confirmed by RESUME), 2 by the machine's executable or subroutine.
         ("tool_change", ctypes.c_uint32),
-        # Where `tool_change` is not 0: the tool to put into the spindle; 0 to empty the spindle.
+        # If `tool_change` is not 0: the tool to put into the spindle; 0 to empty the spindle.
         ("tool_wanted", ctypes.c_uint32),
-        # Longest path that a hold needs to rest at any moment of `job` so far, in mm, with a margin; 0 where none is known.
+        # Longest path that a hold needs to stop at any moment of `job` so far, in mm, with a margin; 0 if unknown.
         ("longest_stop_mm", ctypes.c_double),
         # Time of that stop, in s.
         ("longest_stop_s", ctypes.c_double),
-        # Line of the program at which that hold comes.
+        # Line of the program at which that hold starts.
         ("longest_stop_line", ctypes.c_uint32),
-        # Times that the loaded program has come to its end since it was loaded.
+        # Number of times that the loaded program has reached its end since it was loaded.
         ("parts", ctypes.c_uint32),
-        # How long the program has run, or ran last, in s.
+        # Running time of the current or last run of the program, in s.
         ("program_time_s", ctypes.c_double),
-        # How much of that it stood at holds and program stops, in s.
+        # Time of it spent in holds and program stops, in s.
         ("program_held_s", ctypes.c_double),
         # Zero; for later versions.
         ("reserved", ctypes.c_uint64 * 10),
@@ -497,7 +498,7 @@ class Status(ctypes.Structure):
 
 
 class Feedback(ctypes.Structure):
-    """A drive bridge's answer to one setpoint.
+    """A drive bridge's reply to one setpoint.
     """
 
     interface_version: int
@@ -525,11 +526,11 @@ class Feedback(ctypes.Structure):
     reserved: ctypes.Array[ctypes.c_uint32]
 
     _fields_ = [
-        # Version of the bus contract that the sender was built for; receivers refuse another.
+        # Version of the bus contract that the sender was built for; receivers reject another version.
         ("interface_version", ctypes.c_uint32),
         # Size of this payload in bytes.
         ("struct_size", ctypes.c_uint32),
-        # The setpoint that is answered.
+        # The setpoint that it replies to.
         ("sequence", ctypes.c_uint64),
         # When the positions were sampled, in ns of CLOCK_MONOTONIC.
         ("time_ns", ctypes.c_uint64),
@@ -539,35 +540,35 @@ class Feedback(ctypes.Structure):
         ("velocity", ctypes.c_double * 9),
         # Demanded minus actual position: mm, degrees for A B C.
         ("following_error", ctypes.c_double * 9),
-        # Torque or force as a ratio of the drive's rated one.
+        # Torque or force as a ratio of the drive's rated value.
         ("torque_ratio", ctypes.c_double * 9),
-        # Time of the bus clock minus time of the setpoint, in ns: positive where the drives run late.
+        # Time of the bus clock minus time of the setpoint, in ns: positive if the drives run late.
         ("phase_error_ns", ctypes.c_int64),
         # CiA 402 status word (object 6041h) per axis.
         ("status_word", ctypes.c_uint32 * 9),
-        # Bit i set: the numbers of axis i are valid.
+        # Bit i set: the values of axis i are valid.
         ("axes_mask", ctypes.c_uint32),
-        # Bit i set: the home switch of axis i is pressed.
+        # Bit i set: the home switch of axis i is actuated.
         ("home_switch_mask", ctypes.c_uint32),
-        # Bit i set: the limit switch at the positive end of axis i is pressed.
+        # Bit i set: the limit switch at the positive end of axis i is actuated.
         ("positive_limit_mask", ctypes.c_uint32),
-        # Bit i set: the limit switch at the negative end of axis i is pressed.
+        # Bit i set: the limit switch at the negative end of axis i is actuated.
         ("negative_limit_mask", ctypes.c_uint32),
-        # What the bridge is doing, a number of the list of bridge states.
+        # State of the bridge, a number of the list of bridge states.
         ("bridge_state", ctypes.c_uint32),
-        # What the bridge found wrong with the setpoints last, a number of the list of notes.
+        # The last problem with setpoints, a number of the list of notes.
         ("note", ctypes.c_uint32),
-        # CiA 402 error code (object 603Fh) of the first axis in fault; 0 where there is none.
+        # CiA 402 error code (object 603Fh) of the first axis in fault; 0 if none.
         ("error_code", ctypes.c_uint32),
-        # The setpoints' `fault_reset` that was carried out last.
+        # The last `fault_reset` of the setpoints that was executed.
         ("fault_reset_done", ctypes.c_uint32),
-        # Setpoints that were missing, late or refused since the bridge started.
+        # Setpoints that were missing, late or rejected since the start of the bridge.
         ("missed_setpoints", ctypes.c_uint32),
-        # The setpoints' `datum` by which the positions are named.
+        # The setpoints' `datum` that the positions refer to.
         ("datum", ctypes.c_uint64),
-        # Differs from one start of the bridge to the next.
+        # Differs at every start of the bridge.
         ("instance", ctypes.c_uint64),
-        # Bit i set: positions of axis i count from the machine's zero whenever bridge or drive start again.
+        # Bit i set: positions of axis i refer to machine zero after every start of bridge or drive.
         ("absolute_mask", ctypes.c_uint32),
         # Zero; for later versions.
         ("reserved", ctypes.c_uint32 * 3),
@@ -598,23 +599,23 @@ class Load(ctypes.Structure):
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
-        # Version of the bus contract that the sender was built for; receivers refuse another.
+        # Version of the bus contract that the sender was built for; receivers reject another version.
         ("interface_version", ctypes.c_uint32),
         # Size of this payload in bytes.
         ("struct_size", ctypes.c_uint32),
-        # Grows by one from one value to the next of the same sensor.
+        # Grows by one with every value of the same sensor.
         ("sequence", ctypes.c_uint64),
         # When the load was sampled, in ns of CLOCK_MONOTONIC.
         ("time_ns", ctypes.c_uint64),
-        # What `value` is, a number of the list of load kinds.
+        # Kind of `value`, a number of the list of load kinds.
         ("kind", ctypes.c_uint32),
-        # Where it was measured: 0 to 8 an axis, 9 the spindle, from 16 on sensors of the user.
+        # Where it was measured: 0 to 8 an axis, 9 the spindle, 16 and above user-defined sensors.
         ("source", ctypes.c_uint32),
         # The load in the unit of its kind.
         ("value", ctypes.c_double),
-        # The lowest value that the sensor can show.
+        # The lowest value that the sensor can report.
         ("range_min", ctypes.c_double),
-        # The highest value that the sensor can show.
+        # The highest value that the sensor can report.
         ("range_max", ctypes.c_double),
         # Zero; for later versions.
         ("reserved", ctypes.c_uint64 * 4),
@@ -630,10 +631,10 @@ class Load(ctypes.Structure):
 
 
 class MachineOutputs(ctypes.Structure):
-    """Everything that the machine's periphery shall be, from one setpoint on.
+    """The commanded state of all peripherals, from one setpoint on.
 
-    Complete in itself: a bridge that has lost a message is right again with the next. Sent at every change and every
-    50 ms.
+    Complete in itself: a bridge that has lost a message is correct again with the next. Sent at every
+    change and every 50 ms.
     """
 
     interface_version: int
@@ -659,31 +660,31 @@ class MachineOutputs(ctypes.Structure):
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
-        # Version of the bus contract that the sender was built for; receivers refuse another.
+        # Version of the bus contract that the sender was built for; receivers reject another version.
         ("interface_version", ctypes.c_uint32),
         # Size of this payload in bytes.
         ("struct_size", ctypes.c_uint32),
-        # Grows by one from one message to the next.
+        # Grows by one per message.
         ("sequence", ctypes.c_uint64),
-        # The setpoint from which these values count.
+        # The setpoint with which these values take effect.
         ("cycle", ctypes.c_uint64),
-        # When that setpoint is due, as its `due_time_ns`.
+        # Due time of that setpoint, as its `due_time_ns`.
         ("due_time_ns", ctypes.c_uint64),
         # Bit i set: the machine has digital output i.
         ("digital_mask", ctypes.c_uint64),
         # Bit i: state of digital output i.
         ("digital", ctypes.c_uint64),
-        # Bit i: state of digital output i that a bridge sets by itself where it has lost its core.
+        # Bit i: state of digital output i that a bridge sets itself when it has lost its core.
         ("safe_digital", ctypes.c_uint64),
         # Values of the analog outputs.
         ("analog", ctypes.c_double * 16),
-        # The same, for a bridge that has lost its core.
+        # The same for the analog outputs.
         ("safe_analog", ctypes.c_double * 16),
         # Bit i set: the machine has analog output i.
         ("analog_mask", ctypes.c_uint32),
         # Bit i set: the machine has spindle i.
         ("spindle_mask", ctypes.c_uint32),
-        # What each spindle shall do, a number of the list of spindle directions.
+        # Command of each spindle, a number of the list of spindle directions.
         ("spindle_direction", ctypes.c_uint32 * 4),
         # Commanded speed of each spindle, rpm, not negative.
         ("spindle_rpm", ctypes.c_double * 4),
@@ -695,9 +696,9 @@ class MachineOutputs(ctypes.Structure):
         ("tool_wanted", ctypes.c_uint32),
         # Tool in the spindle; 0 for none.
         ("tool", ctypes.c_uint32),
-        # Where a spindle of direction ORIENT shall stand, degrees from its index pulse, 0 up to, not including, 360.
+        # Orientation angle of a spindle with direction ORIENT, degrees from its index pulse, 0 up to, not including, 360.
         ("spindle_angle", ctypes.c_double * 4),
-        # Its way there, a number of the list of ways.
+        # Direction of the orientation, a number of the list of ways.
         ("spindle_way", ctypes.c_uint32 * 4),
         # Zero; for later versions.
         ("reserved", ctypes.c_uint64 * 2),
@@ -713,8 +714,8 @@ class MachineOutputs(ctypes.Structure):
 
 
 class MachineInputs(ctypes.Structure):
-    """The machine's inputs at one instant. Sent at every change, and at least four times in the machine file's
-    `signals.input_timeout_ms`: older ones are unknown to the core.
+    """The machine's inputs at one instant. Sent at every change, and at least four times per
+    `signals.input_timeout_ms` of the machine file: older ones are unknown to the core.
     """
 
     interface_version: int
@@ -736,17 +737,17 @@ class MachineInputs(ctypes.Structure):
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
-        # Version of the bus contract that the sender was built for; receivers refuse another.
+        # Version of the bus contract that the sender was built for; receivers reject another version.
         ("interface_version", ctypes.c_uint32),
         # Size of this payload in bytes.
         ("struct_size", ctypes.c_uint32),
-        # Grows by one from one message to the next of the same bridge.
+        # Grows by one per message of the same bridge.
         ("sequence", ctypes.c_uint64),
         # When the inputs were read, in ns of CLOCK_MONOTONIC.
         ("time_ns", ctypes.c_uint64),
-        # Differs from one start of the bridge to the next.
+        # Differs at every start of the bridge.
         ("instance", ctypes.c_uint64),
-        # The `sequence` of the outputs that have been set last; 0 for none.
+        # The `sequence` of the last outputs that were set; 0 for none.
         ("outputs_sequence", ctypes.c_uint64),
         # Bit i set: digital input i was read.
         ("digital_mask", ctypes.c_uint64),
@@ -756,17 +757,17 @@ class MachineInputs(ctypes.Structure):
         ("analog", ctypes.c_double * 16),
         # Bit i set: analog input i was read.
         ("analog_mask", ctypes.c_uint32),
-        # What the probe says, a number of the list of probe states.
+        # State of the probe, a number of the list of probe states.
         ("probe", ctypes.c_uint32),
-        # Times that the probe has tripped since the bridge started.
+        # Number of times that the probe has tripped since the start of the bridge.
         ("probe_trips", ctypes.c_uint64),
-        # When it tripped or opened last, in ns of CLOCK_MONOTONIC; 0 where that is not known.
+        # When it last tripped or opened, in ns of CLOCK_MONOTONIC; 0 if unknown.
         ("probe_time_ns", ctypes.c_uint64),
-        # Positions that the drives latched then: mm, degrees for A B C.
+        # Positions that the drives latched at that time: mm, degrees for A B C.
         ("probe_position", ctypes.c_double * 9),
         # Bit i set: the drive of axis i has latched its position.
         ("probe_latched_mask", ctypes.c_uint32),
-        # Zero; keeps what follows at multiples of 8 bytes.
+        # Zero; aligns the following fields to 8 bytes.
         ("unused", ctypes.c_uint32),
         # Zero; for later versions.
         ("reserved", ctypes.c_uint64 * 8),
@@ -782,7 +783,7 @@ class MachineInputs(ctypes.Structure):
 
 
 class SpindleFeedback(ctypes.Structure):
-    """What the encoder and drive of one spindle say at one instant.
+    """Feedback of the encoder and drive of one spindle at one instant.
     """
 
     interface_version: int
@@ -799,27 +800,27 @@ class SpindleFeedback(ctypes.Structure):
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
-        # Version of the bus contract that the sender was built for; receivers refuse another.
+        # Version of the bus contract that the sender was built for; receivers reject another version.
         ("interface_version", ctypes.c_uint32),
         # Size of this payload in bytes.
         ("struct_size", ctypes.c_uint32),
-        # Grows by one from one message to the next of the same spindle and bridge.
+        # Grows by one per message of the same spindle and bridge.
         ("sequence", ctypes.c_uint64),
         # When the angle was sampled, in ns of CLOCK_MONOTONIC.
         ("time_ns", ctypes.c_uint64),
-        # Differs from one start of the bridge to the next.
+        # Differs at every start of the bridge.
         ("instance", ctypes.c_uint64),
-        # Whole turns since the bridge started, falling counter-clockwise.
+        # Whole turns since the start of the bridge, decreasing counter-clockwise.
         ("turns", ctypes.c_int64),
-        # The rest of the angle as a fraction of a turn: 0 up to, not including, 1; counted from the index pulse.
+        # The remaining angle as a fraction of a turn: 0 up to, not including, 1; from the index pulse.
         ("fraction", ctypes.c_double),
         # Measured speed, rpm, negative counter-clockwise.
         ("speed_rpm", ctypes.c_double),
-        # Which spindle, from 0.
+        # The spindle, from 0.
         ("spindle", ctypes.c_uint32),
         # Bits of the list of spindle flags.
         ("flags", ctypes.c_uint32),
-        # The `sequence` of the outputs that the spindle obeys, 0 for none: the flags are about these.
+        # The `sequence` of the outputs that the spindle executes, 0 for none: the flags refer to these.
         ("outputs_sequence", ctypes.c_uint64),
         # Zero; for later versions.
         ("reserved", ctypes.c_uint64 * 5),
@@ -835,8 +836,8 @@ class SpindleFeedback(ctypes.Structure):
 
 
 class ControlRequest(ctypes.Structure):
-    """A command to the core. Whoever sends it chooses a number for itself once, at random, and counts its commands
-    from 1 on: a command that is not newer than the last of the same client has no effect.
+    """A command to the core. A client chooses its number once, at random, and counts its commands from 1: a
+    command that is not newer than the client's last one has no effect.
     """
 
     interface_version: int
@@ -853,7 +854,7 @@ class ControlRequest(ctypes.Structure):
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
-        # Version of the bus contract that the sender was built for; receivers refuse another.
+        # Version of the bus contract that the sender was built for; receivers reject another version.
         ("interface_version", ctypes.c_uint32),
         # Size of this payload in bytes.
         ("struct_size", ctypes.c_uint32),
@@ -861,7 +862,7 @@ class ControlRequest(ctypes.Structure):
         ("client", ctypes.c_uint64),
         # Number of the command, growing from 1 for each client.
         ("serial", ctypes.c_uint64),
-        # What is wanted, a number of the list of commands.
+        # The command, a number of the list of commands.
         ("command", ctypes.c_uint32),
         # Bit i set: the command is about axis i.
         ("axes_mask", ctypes.c_uint32),
@@ -906,27 +907,27 @@ class ControlAnswer(ctypes.Structure):
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
-        # Version of the bus contract that the sender was built for; receivers refuse another.
+        # Version of the bus contract that the sender was built for; receivers reject another version.
         ("interface_version", ctypes.c_uint32),
         # Size of this payload in bytes.
         ("struct_size", ctypes.c_uint32),
-        # The client's number, as it came.
+        # The client's number, as received.
         ("client", ctypes.c_uint64),
-        # The command's number, as it came.
+        # The command's number, as received.
         ("serial", ctypes.c_uint64),
         # 0 accepted, 1 rejected, 2 not newer than an earlier command and without effect.
         ("verdict", ctypes.c_uint32),
-        # Why it was rejected, a number of the list of alarms; 0 where it was accepted.
+        # Why it was rejected, a number of the list of alarms; 0 if it was accepted.
         ("alarm", ctypes.c_uint32),
-        # The setpoint that was computed last when the command was judged.
+        # The last setpoint computed when the command was evaluated.
         ("sequence", ctypes.c_uint64),
-        # Number of the job that the command has begun; 0 where it has begun none.
+        # Number of the job that the command has started; 0 if none.
         ("job", ctypes.c_uint64),
         # Bytes of `text` in use.
         ("text_length", ctypes.c_uint32),
-        # What `verdict` is about, the number of the command as it came.
+        # The command that `verdict` refers to, as received.
         ("command", ctypes.c_uint32),
-        # What was wrong and what to do about it, UTF-8.
+        # The error and its remedy, UTF-8.
         ("text", ctypes.c_uint8 * 512),
         # Zero; for later versions.
         ("reserved", ctypes.c_uint64 * 8),

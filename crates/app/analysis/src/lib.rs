@@ -1,16 +1,16 @@
-//! What limits a plan and why a line is slow; what rates, holes, cuts and turning jobs come to.
+//! What limits a plan and why a line is slow; control rates, hole milling, chatter and turning trials.
 //!
-//! | type | takes | gives |
+//! | type | input | result |
 //! |---|---|---|
-//! | [`LimitClassifier`] | a setpoint, its feed word | which limit holds the motion back |
+//! | [`LimitClassifier`] | a setpoint, its feed word | the active limit |
 //! | [`FeedWords`] | a program | the feed word of each block |
 //! | [`LineExplainer`] | the setpoints of a plan | why a line is slow, and what would help, measured |
-//! | [`NeededRate`], [`LongestStop`] | the setpoints of a plan | the control rate that it needs; its longest hold |
+//! | [`NeededRate`], [`LongestStop`] | the setpoints of a plan | the required control rate; the longest hold |
 //! | [`PlanFigure`] | the setpoints of a plan | path and axes over time, as SVG |
 //! | [`RateReport`], [`ChordQuestion`] | limits of a machine | the rational control rate; chord and chord error |
 //! | [`BoreProgram`] | a hole and a tool | a part program along involutes, and its comparison with other paths |
 //! | [`ChatterAnswer`], [`chatter_warnings`] | a case file | whether a cut vibrates; lines of a program that would |
-//! | [`TurningTrial`] | a job of self-programmed turning | its passes and figures on a simulated stock |
+//! | [`TurningTrial`] | a job of load-adaptive turning | its passes and figures on a simulated stock |
 //!
 //! A hole of 60 mm with a tool of 20 mm, roughed along an involute of 4 mm per turn:
 //!
@@ -45,9 +45,10 @@
 //! # Ok::<(), evolvent_analysis::BoreError>(())
 //! ```
 //!
-//! Nothing here is for the real-time cycle. Plans are made by `evolvent-runtime` with the virtual clock, so the same
-//! input gives the same answer. User-written files are read within a time limit; what is wrong in them is an
-//! [`AnalysisError::Input`] with file and place. The `evolvent` command prints what these types give.
+//! This crate is not for the real-time cycle. `evolvent-runtime` makes the plans with the virtual clock, so
+//! the same input gives the same result. User-written files are read within a time limit; an error in them is
+//! an [`AnalysisError::Input`] with file and position. The `evolvent` command prints the results of these
+//! types.
 
 mod bore;
 mod chatter;

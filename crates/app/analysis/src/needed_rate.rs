@@ -49,7 +49,7 @@ impl NeededRate {
 impl Display for NeededRate {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         if self.needed_rate_hz <= 0.0 {
-            return write!(f, "any control rate will do: nothing in this program curves");
+            return write!(f, "any control rate is sufficient: this program has no curves");
         }
         write!(
             f,

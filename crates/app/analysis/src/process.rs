@@ -40,13 +40,14 @@ pub(crate) fn install_process(
     let usage = |what: &str| Err(AnalysisError::Input(format!("{name}: {what}")));
     if !setup.machine.program.load_channel {
         return usage(
-            "passes are found from the cutting load, and nothing measures it on this machine: where something does, let its \
-             machine file say load_channel = true under [program]",
+            "load-adaptive passes need a measured cutting load: if this machine measures one, set \
+             load_channel = true under [program] in its machine file",
         );
     }
     if clock == Clock::Virtual && job.blank.is_none() {
         return usage(
-            "with the virtual clock the load is that of a simulated stock, and there is no [stock]: add one, or run in real \
+            "with the virtual clock the load is that of a simulated stock, and there is no [stock]: add \
+             one, or run in real \
              time",
         );
     }
@@ -77,8 +78,8 @@ pub fn sort_process_files<'a>(
         };
         if is_second {
             return Err(AnalysisError::Input(format!(
-                "{}: a second file of its kind; give --process once with a file as of `evolvent turn`, and once with a \
-                 case file as of `evolvent chatter`",
+                "{}: a second file of its kind; give --process at most once with a process file of \
+                 `evolvent turn` and once with a case file of `evolvent chatter`",
                 file.display()
             )));
         }

@@ -1,8 +1,8 @@
 //! `evolvent bore`: a part program that mills a hole along involutes.
 //!
-//! Climb milling of a hole with a spindle that turns clockwise (M3) goes round counter-clockwise (G3, G3.2);
-//! conventional milling goes round clockwise (G2, G2.2). All coordinates are those of the tool's centre; tool
-//! compensation is not used.
+//! Climb milling of a hole with clockwise spindle (M3) runs counter-clockwise (G3, G3.2); conventional
+//! milling runs clockwise (G2, G2.2). All coordinates are those of the tool centre; cutter compensation is
+//! not used.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -13,7 +13,7 @@ use evolvent_path::{HoleStart, Milling};
 
 use crate::CommandError;
 
-/// Mill a hole: write a part program to standard output.
+/// Write a part program that mills a hole to standard output.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct BoreArgs {
     /// Diameter of the hole in mm.
@@ -22,7 +22,7 @@ pub(crate) struct BoreArgs {
     /// Diameter of the tool in mm.
     #[arg(long, value_name = "MM")]
     pub tool: f64,
-    /// Largest radial pitch of the roughing involute in mm per turn; needed unless --finish-only.
+    /// Maximum radial pitch of the roughing involute in mm per turn; required unless --finish-only.
     #[arg(long, value_name = "MM", required_unless_present = "finish_only")]
     pub pitch: Option<f64>,
     /// Material that roughing leaves on the wall, in mm.
@@ -31,26 +31,26 @@ pub(crate) struct BoreArgs {
     /// Finish the wall after roughing: involute approach, one turn, mirrored departure.
     #[arg(long)]
     pub finish: bool,
-    /// Finish only: the hole has been roughed before.
+    /// Finish only: the hole is already roughed.
     #[arg(long)]
     pub finish_only: bool,
-    /// Where the finishing approach sets off (without finishing: the roughing), in mm from the hole's centre.
+    /// Start of the finishing approach (without finishing: of roughing), in mm from the hole's centre.
     #[arg(long, value_name = "X,Y", value_parser = point, allow_hyphen_values = true)]
     pub start: Option<[f64; 2]>,
-    /// Instead of --start: radius of curvature where the finishing approach sets off, in mm.
+    /// Instead of --start: radius of curvature at the start of the finishing approach, in mm.
     #[arg(long, value_name = "MM", conflicts_with_all = ["start", "start_length"])]
     pub start_radius: Option<f64>,
     /// Instead of --start: length of the finishing approach in mm.
     #[arg(long, value_name = "MM", conflicts_with = "start")]
     pub start_length: Option<f64>,
-    /// Where roughing sets off, in mm from the hole's centre, for instance in a pre-drilled hole [default: the
+    /// Start of roughing, in mm from the hole's centre, for instance in a pre-drilled hole [default: the
     /// centre].
     #[arg(long, value_name = "X,Y", value_parser = point, allow_hyphen_values = true)]
     pub rough_start: Option<[f64; 2]>,
-    /// Turns of the whole finishing involute: 1 or 2 are usual.
+    /// Turns of the complete finishing involute, usually 1 or 2.
     #[arg(long, value_name = "N", default_value_t = 2)]
     pub turns: u32,
-    /// Turns of the whole roughing involute [default: as many as the pitch asks for].
+    /// Turns of the complete roughing involute [default: as the pitch requires].
     #[arg(long, value_name = "N")]
     pub rough_turns: Option<u32>,
     /// Climb milling: counter-clockwise with M3 (the default).
@@ -59,32 +59,32 @@ pub(crate) struct BoreArgs {
     /// Conventional milling: clockwise with M3.
     #[arg(long)]
     pub conventional: bool,
-    /// Depth of the hole below its top in mm; 0 runs once at the top, for a trial.
+    /// Depth of the hole below its top in mm; 0 runs once at the top, as a trial.
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
     pub depth: f64,
-    /// Largest step in depth in mm [default: the whole depth].
+    /// Maximum step in depth in mm [default: the whole depth].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub step: Option<f64>,
-    /// Z of the hole's top in mm.
+    /// Z of the top of the hole in mm.
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
     pub top: f64,
-    /// Height above the top for moves in rapid, in mm.
+    /// Height above the top for rapid moves, in mm.
     #[arg(long, value_name = "MM", default_value_t = 5.0)]
     pub safe: f64,
-    /// X and Y of the hole's centre in mm.
+    /// X and Y of the centre of the hole in mm.
     #[arg(long, visible_alias = "centre", value_name = "X,Y", value_parser = point, allow_hyphen_values = true,
           default_value = "0,0")]
     pub center: [f64; 2],
-    /// Feed of the tool's centre in mm/min.
+    /// Feed of the tool centre in mm/min.
     #[arg(long, value_name = "MM_MIN", default_value_t = 1000.0)]
     pub feed: f64,
-    /// Feed of finishing in mm/min [default: the same].
+    /// Feed for finishing in mm/min [default: the same].
     #[arg(long, value_name = "MM_MIN")]
     pub finish_feed: Option<f64>,
-    /// Feed of plunging in mm/min.
+    /// Feed for plunging in mm/min.
     #[arg(long, value_name = "MM_MIN", default_value_t = 200.0)]
     pub plunge_feed: f64,
-    /// Speed of the spindle in rev/min.
+    /// Spindle speed in rev/min.
     #[arg(long, value_name = "RPM", default_value_t = 3000.0)]
     pub spindle: f64,
     /// Number of the tool to change to (T, M6) [default: no change].
@@ -93,15 +93,15 @@ pub(crate) struct BoreArgs {
     /// Blend corners within this tolerance in mm (G64 P) [default: exact path, G61].
     #[arg(long, value_name = "MM")]
     pub tolerance: Option<f64>,
-    /// Instead of the program: one JSON object with the numbers of every block (phi0, psi, radii of curvature, length),
-    /// visible turns, and the comparison of --compare.
+    /// Instead of the program, print one JSON object with the numbers of every block (phi0, psi, radii of
+    /// curvature, length), visible turns, and the comparison of --compare.
     #[arg(long)]
     pub json: bool,
-    /// Instead of the program: length and time of the first pass along the involute, half circles, an Archimedean spiral
-    /// and a helix.
+    /// Instead of the program, print length and time of the first pass along the involute, half circles, an
+    /// Archimedean spiral and a helix.
     #[arg(long)]
     pub compare: bool,
-    /// Machine file whose limits tell the times of --compare; without it there are lengths only.
+    /// Machine file with the limits for the times of --compare; without it only lengths are printed.
     #[arg(long, value_name = "FILE", requires = "compare")]
     pub machine: Option<PathBuf>,
 }
@@ -150,12 +150,12 @@ impl BoreArgs {
     }
 }
 
-/// Writes the part program that `args` ask for, or its numbers.
+/// Writes the part program for `args`, or its numbers.
 ///
 /// Nothing is written unless the whole program is possible.
 ///
 /// # Errors
-/// `Usage` for what is impossible, with its numbers; `Failed` where writing or planning failed.
+/// `Usage` for an impossible hole, with its numbers; `Failed` if writing or planning fails.
 pub(crate) fn run(args: &BoreArgs, out: &mut dyn Write) -> Result<(), CommandError> {
     let program = BoreProgram::new(args.request()).map_err(|error| {
         CommandError::Usage(match error {
@@ -180,7 +180,7 @@ pub(crate) fn run(args: &BoreArgs, out: &mut dyn Write) -> Result<(), CommandErr
         .map_err(|error| CommandError::Failed(format!("the program could not be written: {error}")))
 }
 
-/// Two numbers with a comma between.
+/// Two numbers separated by a comma.
 fn point(text: &str) -> Result<[f64; 2], String> {
     let numbers: Vec<f64> = text
         .split(',')
@@ -192,7 +192,7 @@ fn point(text: &str) -> Result<[f64; 2], String> {
         .collect::<Result<_, _>>()?;
     match numbers[..] {
         [x, y] if x.is_finite() && y.is_finite() => Ok([x, y]),
-        _ => Err("give two finite numbers with a comma between, as in -40,40".to_owned()),
+        _ => Err("give two finite numbers separated by a comma, as in -40,40".to_owned()),
     }
 }
 
@@ -225,7 +225,8 @@ mod tests {
 
     const BORE_200: &str = "--hole 200 --tool 40 --pitch 4 --allowance 1 --finish --start -40,40";
 
-    /// Runs a program's moves: the curves of its G2, G3, G2.2 and G3.2, by a reader of words of its own.
+    /// Executes a program's moves: the curves of its G2, G3, G2.2 and G3.2, with an independent reader of
+    /// words.
     fn curves(text: &str) -> Vec<Curve> {
         let mut at = Axes::zeros();
         let mut curves = Vec::new();
@@ -385,7 +386,7 @@ mod tests {
                 number(pointer)
             );
         }
-        // The paper's estimate of visible turns is near.
+        // The paper's estimate of visible turns is close.
         let estimate = 2.0 * (1.0 - 40.0 * 2.0_f64.sqrt() / 80.0);
         assert!((number("/passes/1/visible_turns") - estimate).abs() < 0.05);
     }
@@ -407,7 +408,8 @@ mod tests {
             );
             assert!(planned > at_feed && planned < 1.6 * at_feed, "{path}");
         }
-        // By hand: half circles of R/10, 2R/10, .. R, and once round; all of them about as long as their turns' circles.
+        // By hand: half circles of R/10, 2R/10, .. R, and one full circle; all of them about as long as the
+        // circles of their turns.
         let half = of("half circles")["length_mm"].as_f64().unwrap();
         assert!(
             (half - std::f64::consts::PI * (2.0 * 55.0 + 40.0)).abs() < 1e-9,

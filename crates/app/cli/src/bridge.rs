@@ -1,4 +1,4 @@
-//! `evolvent bridge`: simulated drives, EtherCAT drives, Mesa boards, and a test for drive bridges.
+//! `evolvent bridge`: simulated drives, EtherCAT drives, Mesa boards, and a test suite for drive bridges.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -32,44 +32,46 @@ pub(crate) struct BridgeArgs {
 
 #[derive(Debug, Subcommand)]
 enum BridgeCommand {
-    /// Simulated drives: they follow the setpoints of a core, answer, and fail on demand.
+    /// Simulate drives that follow the setpoints of a core, send feedback, and fail on demand.
     Sim(SimArgs),
-    /// EtherCAT drives (CiA 402, cyclic synchronous position) as the axes of a machine.
+    /// Use EtherCAT drives (CiA 402, cyclic synchronous position) as the axes of a machine.
     Ethercat(ethercat::EthercatArgs),
-    /// A Mesa Ethernet board (HostMot2 over LBP16): step generators, analog servos and pins as the axes and signals of a machine.
+    /// Use a Mesa Ethernet board (HostMot2 over LBP16): step generators, analog servos and pins as the axes
+    /// and signals of a machine.
     Mesa(mesa::MesaArgs),
-    /// Hold a drive bridge to what every bridge must do.
+    /// Test whether a drive bridge does what every bridge must do.
     ///
-    /// The command after `--` starts the bridge; `{name}` and `{prefix}` in it stand for the machine's name and the bus's
-    /// prefix, which are also in EVOLVENT_MACHINE_NAME and EVOLVENT_BUS_PREFIX. Without a command the simulated bridge is
-    /// tested. The first of three axes X Y Z moves by some millimetres, slowly.
+    /// The command after `--` starts the bridge. In it, `{name}` and `{prefix}` are replaced by the machine's
+    /// name and the bus prefix, which are also in EVOLVENT_MACHINE_NAME and EVOLVENT_BUS_PREFIX. Without a
+    /// command the simulated bridge is tested. The first of three axes X Y Z moves by some millimetres,
+    /// slowly.
     Test(TestArgs),
-    /// A core that only moves to and fro: the one that `test` kills.
+    /// A core that moves to and fro: the one that `test` kills.
     #[command(hide = true)]
     Core(CoreArgs),
 }
 
 #[derive(Args, Debug)]
 struct SimArgs {
-    /// The machine's name, where no machine file is given.
+    /// Name of the machine, if no machine file is given.
     #[arg(long, value_name = "NAME", required_unless_present = "machine")]
     machine_name: Option<String>,
-    /// Machine file: axes, limits and grid of the drives. Without it they are usual ones.
+    /// Machine file: axes, limits and grid of the drives. Without it typical values are used.
     #[arg(long, value_name = "FILE")]
     machine: Option<PathBuf>,
-    /// Prefix of the bus's files, as of the core.
+    /// Prefix of the bus's files, as for the core.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// A fault: late, silent, frozen, stuck, fault, off, jump, blocked, nan, wild or ahead, so many seconds after the drives
-    /// came into operation; of the load sensor (--process): load-zero, load-lost, load-frozen, load-nan, load-saturated or
-    /// load-negative; of spindles with feedback: spindle-fault, spindle-silent, spindle-slow or spindle-stall. May be given several
-    /// times.
+    /// A fault: late, silent, frozen, stuck, fault, off, jump, blocked, nan, wild or ahead, starting this
+    /// many seconds after the drives came into operation; of the load sensor (--process): load-zero,
+    /// load-lost, load-frozen, load-nan, load-saturated or load-negative; of spindles with feedback:
+    /// spindle-fault, spindle-silent, spindle-slow or spindle-stall. May be given several times.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:AXIS]")]
     faults: Vec<Fault>,
-    /// End after so many seconds; without it, at Ctrl-C.
+    /// End after this many seconds; without it, at Ctrl-C.
     #[arg(long, value_name = "N")]
     seconds: Option<f64>,
-    /// By how much the drives' clock is slower than the core's, in millionths.
+    /// Rate by which the drives' clock is slower than the core's, in ppm.
     #[arg(
         long,
         value_name = "PPM",
@@ -83,40 +85,42 @@ struct SimArgs {
     /// Damping ratio of the position loops.
     #[arg(long, value_name = "RATIO", default_value_t = 0.9)]
     damping: f64,
-    /// For how many periods motion goes on where setpoints are missing.
+    /// Number of periods for which motion continues when setpoints are missing.
     #[arg(long, value_name = "N", default_value_t = 10)]
     bridge_cycles: u32,
-    /// How wrong the encoders' positions are until the axes are homed, mm or degrees.
+    /// Error of the encoders' positions until the axes are homed, mm or degrees.
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
     reference_offset: f64,
-    /// The encoders are absolute: a homed machine stays homed when the bridge is restarted.
+    /// The encoders are absolute: a homed machine stays homed when the bridge restarts.
     #[arg(long, requires = "machine")]
     absolute: bool,
-    /// The axes X and Z cut the stock of this file, as of `evolvent turn`; its load sensor speaks on the bus every period.
+    /// The axes X and Z cut the stock of this file, as of `evolvent turn`; its load sensor publishes every
+    /// period.
     #[arg(long, value_name = "FILE.toml")]
     process: Option<PathBuf>,
-    /// When the inputs of the machine file change: as of `evolvent run --inputs`, from the first setpoint on. Without it no input is
-    /// known but the emergency-stop chain, which is closed.
+    /// Changes of the machine file's inputs, as of `evolvent run --inputs`, starting at the first setpoint.
+    /// Without it only the emergency-stop chain is known, and closed.
     #[arg(long, value_name = "FILE.toml", requires = "machine")]
     inputs: Option<PathBuf>,
-    /// How fast the speed of spindles with feedback changes, rpm per second.
+    /// Rate at which the speed of spindles with feedback changes, rpm per second.
     #[arg(long, value_name = "RPM_PER_S", default_value_t = 2000.0)]
     spindle_acceleration: f64,
-    /// By how much their speed varies three times a turn, percent.
+    /// Variation of their speed three times per turn, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 0.0)]
     spindle_ripple: f64,
-    /// Steps of their encoders a turn.
+    /// Steps of their encoders per turn.
     #[arg(long, value_name = "N", default_value_t = 4096)]
     spindle_counts: u32,
-    /// How old their feedback is when it is sent, ms.
+    /// Age of their feedback when it is sent, ms.
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     spindle_delay: f64,
-    /// A touch probe, by what it can touch in the machine's coordinates: plane:Z<-3, bore:X,Y,DIAMETER,TOP, boss:X,Y,DIAMETER,TOP or
-    /// block:X1,X2,Y1,Y2,Z1,Z2; several with + between them. Behind ; the rest: delay=MS until the contact is told, late=MS by which
-    /// its time is wrong, bounces=N, lost=MS after which nothing is said, latched where the drives latch their positions.
+    /// A touch probe, described by the surfaces that it can touch in machine coordinates: plane:Z<-3,
+    /// bore:X,Y,DIAMETER,TOP, boss:X,Y,DIAMETER,TOP or block:X1,X2,Y1,Y2,Z1,Z2; several are joined by +.
+    /// Options follow after ; : delay=MS until the contact is reported, late=MS error of its time, bounces=N,
+    /// lost=MS after which it stops sending, latched if the drives latch their positions.
     #[arg(long, value_name = "SURFACES[;...]")]
     probe: Option<ProbeSettings>,
-    /// Each output is wired to the input of its number; the emergency-stop chain is closed.
+    /// Wire each output to the input of the same number; the emergency-stop chain is closed.
     #[arg(long, conflicts_with = "inputs")]
     loopback: bool,
     /// Print one JSON object at the end.
@@ -126,28 +130,29 @@ struct SimArgs {
 
 #[derive(Args, Debug)]
 struct TestArgs {
-    /// Only the case of this name, or the cases whose name contains this.
+    /// Run only the case of this name, or the cases whose name contains it.
     #[arg(long, value_name = "WORD")]
     only: Option<String>,
-    /// Random moments for each case that has some.
+    /// Number of random moments for each case that uses them.
     #[arg(long, value_name = "N", default_value_t = 3)]
     moments: u32,
     /// Seed of the random moments.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// The simulated bridge in this process instead of a command.
+    /// Test the simulated bridge in this process instead of a command.
     #[arg(long, conflicts_with = "command")]
     in_process: bool,
-    /// The bridge reads inputs and sets outputs, and its digital output 0 is wired to its digital input 0: the cases of signals too.
+    /// Run the cases of signals too: the bridge reads inputs and sets outputs, and its digital output 0 is
+    /// wired to its digital input 0.
     #[arg(long)]
     signals: bool,
-    /// List the cases and what they demand.
+    /// List the cases and their requirements.
     #[arg(long)]
     list: bool,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
-    /// The bridge's command.
+    /// The command of the bridge.
     #[arg(last = true, value_name = "COMMAND")]
     command: Vec<String>,
 }
@@ -264,7 +269,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
     }
     written(writeln!(err, "simulated drives of {name}: waiting for its core"))?;
     let found = |letters: &str, period_ns: u64| {
-        // With standard error gone there is nobody left to tell.
+        // If standard error is closed, nobody is left to inform.
         let _told = writeln!(err, "core found: axes {letters}, {period_ns} ns");
     };
     let report = run_cutting(
@@ -327,7 +332,7 @@ fn cutting(job: &TurningJob, period_ns: u64) -> Option<Cutting> {
     }))
 }
 
-/// Inputs by a file, over the time since the first setpoint.
+/// Inputs from a file, over the time since the first setpoint.
 fn signalling(mut script: InputScript) -> Signalling {
     let (mut now, mut first_ns) = (MachineInputs::default(), None);
     Box::new(move |setpoint: Option<&Setpoint>, _: &MachineOutputs| {
@@ -336,7 +341,7 @@ fn signalling(mut script: InputScript) -> Signalling {
             setpoint.due_time_ns.saturating_sub(first_ns) as f64 * 1e-9
         });
         let place = setpoint.map(|setpoint| (setpoint.path_mm, setpoint.line));
-        // One at a time: what changes and changes back at once is sent as both.
+        // One at a time: a value that changes and changes back at once is sent as both.
         if let Some(image) = script.step(seconds, place) {
             (now.digital_mask, now.digital) = (image.digital_known, image.digital);
             (now.analog_mask, now.analog) = (image.analog_known, image.analog);
@@ -345,13 +350,14 @@ fn signalling(mut script: InputScript) -> Signalling {
     })
 }
 
-/// The input of a machine's emergency-stop chain, where that is on while the chain is closed.
+/// The input of a machine's emergency-stop chain, if it is on while the chain is closed.
 fn closed_chain(machine: &Machine) -> u64 {
     let chain = machine.signals.estop.filter(|estop| estop.closed);
     chain.map_or(0, |estop| 1 << estop.input)
 }
 
-/// Drives with the limits of a machine file, and a little more: its guard allows what rounding makes of them.
+/// Drives with slightly more than the limits of a machine file, to allow for the rounding that its guard
+/// permits.
 fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
     let period_ns = machine
         .period_ns(machine.rate)
@@ -398,7 +404,7 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
     let cases: Vec<_> = CASES.iter().filter(|case| wanted(case.name)).collect();
     if cases.is_empty() {
         return Err(CommandError::Usage(
-            "no case has such a name: see --list".to_owned(),
+            "no case has this name: see --list".to_owned(),
         ));
     }
     if args.list {
@@ -445,7 +451,7 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
         core_program: program,
         seed: seed | 1,
         moments: args.moments,
-        // The simulated bridge is wired so.
+        // The simulated bridge is wired like this.
         has_signals: args.signals || args.command.is_empty(),
     };
     let mut results: Vec<Value> = Vec::new();

@@ -22,33 +22,36 @@ use crate::{CommandError, Ending};
 
 /// Options of `evolvent bridge ethercat`.
 ///
-/// Waits for the core and the network, in any order, and outlives both. Needs CAP_NET_RAW to open the interface, and gives up every
-/// capability then. Terminals are the inputs and outputs of the machine file, two drives may turn one axis, and drives that home by
-/// themselves move their axes when power is first requested. So far it was shown with simulated devices only: see docs/ethercat.md.
+/// The bridge waits for the core and the network in any order and outlives both. It needs CAP_NET_RAW to open
+/// the interface, and then drops every capability. Terminals provide the inputs and outputs of the machine
+/// file, two drives may move one axis, and drives that home themselves move their axes when power is first
+/// requested. It has been tested with simulated devices only: see docs/ethercat.md.
 #[derive(Args, Debug)]
 pub(crate) struct EthercatArgs {
-    /// Machine file: name, axes and limits, as of the core. With --scan, its axes get the drives in their order.
+    /// Machine file: name, axes and limits, as for the core. With --scan, its axes are assigned to the drives
+    /// in their order.
     #[arg(long, value_name = "FILE", required_unless_present = "scan")]
     machine: Option<PathBuf>,
-    /// Network file: devices, and which axis each drive turns.
+    /// Network file: devices, and the axis of each drive.
     #[arg(long, value_name = "FILE", required_unless_present = "scan")]
     network: Option<PathBuf>,
-    /// List what is on the wire, and end. Takes every device to INIT: not while a bridge runs.
+    /// List the devices on the wire, and end. Takes every device to INIT: do not use it while a bridge runs.
     #[arg(long, requires = "interface", conflicts_with_all = ["network", "machine_name", "bus_prefix", "seconds"])]
     scan: bool,
-    /// Write a network file to start from, which must not exist; its axes hold guesses, with which no bridge runs.
+    /// Write a network file to start from, which must not exist; its axes have guessed values, with which no
+    /// bridge runs.
     #[arg(long, value_name = "FILE", requires = "scan")]
     write: Option<PathBuf>,
-    /// Network interface, in place of the network file's.
+    /// Network interface, instead of the network file's.
     #[arg(long, value_name = "NAME")]
     interface: Option<String>,
-    /// Name on the bus, in place of the machine file's.
+    /// Name on the bus, instead of the machine file's.
     #[arg(long, value_name = "NAME")]
     machine_name: Option<String>,
-    /// Prefix of the bus's files, as of the core.
+    /// Prefix of the bus's files, as for the core.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// End after so many seconds; without it, at Ctrl-C.
+    /// End after this many seconds; without it, at Ctrl-C.
     #[arg(long, value_name = "N")]
     seconds: Option<f64>,
     /// Print one JSON object at the end, or as the list.
@@ -159,7 +162,7 @@ pub(crate) fn run(
     )
     .map_err(failed)?;
     let report = run_bridge(&settings, &stop, |text| {
-        // With standard error gone there is nobody left to tell.
+        // If standard error is closed, nobody is left to inform.
         let _told = writeln!(err, "{text}");
     });
     let report = report.map_err(|error| match error {

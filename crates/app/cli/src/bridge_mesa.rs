@@ -18,29 +18,29 @@ use crate::{CommandError, Ending};
 
 /// Options of `evolvent bridge mesa`.
 ///
-/// Waits for the core and the board, in any order, and outlives both. Gives up every capability once its threads have their priority.
-/// So far it was shown with a simulated board only: see docs/mesa.md.
+/// The bridge waits for the core and the board in any order and outlives both. It drops every capability once
+/// its threads have their priority. It has been tested with a simulated board only: see docs/mesa.md.
 #[derive(Args, Debug)]
 pub(crate) struct MesaArgs {
-    /// Machine file: name, axes and limits, as of the core.
+    /// Machine file: name, axes and limits, as for the core.
     #[arg(long, value_name = "FILE", required_unless_present = "describe")]
     machine: Option<PathBuf>,
-    /// Board file: what moves each axis, and what is at the pins.
+    /// Board file: the generators and encoders of each axis, and the pins.
     #[arg(long, value_name = "FILE", required_unless_present = "describe")]
     board: Option<PathBuf>,
-    /// Print what the board at an address is (modules and pins), and end; nothing is written to it.
+    /// Print modules and pins of the board at an address, and end; nothing is written to it.
     #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["machine", "board", "machine_name", "bus_prefix", "seconds", "json"])]
     describe: Option<IpAddr>,
-    /// Address of the board, in place of the board file's.
+    /// Address of the board, instead of the board file's.
     #[arg(long, value_name = "ADDRESS")]
     address: Option<IpAddr>,
-    /// Name on the bus, in place of the machine file's.
+    /// Name on the bus, instead of the machine file's.
     #[arg(long, value_name = "NAME")]
     machine_name: Option<String>,
-    /// Prefix of the bus's files, as of the core.
+    /// Prefix of the bus's files, as for the core.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// End after so many seconds; without it, at Ctrl-C.
+    /// End after this many seconds; without it, at Ctrl-C.
     #[arg(long, value_name = "N")]
     seconds: Option<f64>,
     /// Print one JSON object at the end.
@@ -107,7 +107,7 @@ pub(crate) fn run(args: &MesaArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     )
     .map_err(failed)?;
     let report = run_bridge(&settings, &stop, |text| {
-        // With standard error gone there is nobody left to tell.
+        // If standard error is closed, nobody is left to inform.
         let _told = writeln!(err, "{text}");
     });
     let report = report.map_err(|error| match error {

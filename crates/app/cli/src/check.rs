@@ -1,4 +1,4 @@
-//! `evolvent check`: what is wrong with a program, without moving anything.
+//! `evolvent check`: lists the errors of a program, without moving anything.
 
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
@@ -15,11 +15,12 @@ use crate::{CommandError, Ending};
 pub(crate) struct CheckArgs {
     #[command(flatten)]
     program: ProgramArgs,
-    /// Stop after so many errors.
+    /// Stop after this many errors.
     #[arg(long, value_name = "N", default_value_t = 50)]
     limit: usize,
-    /// What the cut is like: a case file as of `evolvent chatter` warns of turning cuts that are predicted to vibrate; a file
-    /// as of `evolvent turn` lets cycles with Q1 find their passes. Once each.
+    /// The cutting process: a case file of `evolvent chatter` warns of turning cuts that are predicted to
+    /// vibrate; a process file of `evolvent turn` lets cycles with Q1 compute their passes. At most one of
+    /// each.
     #[arg(long, value_name = "FILE.toml")]
     process: Vec<PathBuf>,
     /// Print the errors as one JSON object, for editors.
@@ -55,7 +56,7 @@ pub(crate) fn run(
     };
     written.map_err(|error| CommandError::Failed(format!("the errors cannot be written: {error}")))?;
     Ok(if found.errors.is_empty() {
-        // A wrong program cannot begin in its middle either; that would say the same again.
+        // A program with errors cannot start in its middle either; that message would repeat them.
         start?;
         Ending::Clean
     } else {
@@ -63,7 +64,7 @@ pub(crate) fn run(
     })
 }
 
-/// Writes errors as a compiler would, each with its source line, and a last line that counts them.
+/// Writes errors like a compiler, each with its source line, and a last line that counts them.
 ///
 /// # Errors
 /// `out` cannot be written.
@@ -94,7 +95,7 @@ pub(crate) fn write_text(
         None => writeln!(out, "{file_name}: {count}"),
         Some(line) => writeln!(
             out,
-            "{file_name}: {count} up to line {line}; what comes then was not looked at"
+            "{file_name}: {count} up to line {line}; the rest was not checked"
         ),
     }
 }

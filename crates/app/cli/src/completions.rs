@@ -1,4 +1,4 @@
-//! `evolvent completions`: the completions of a shell.
+//! `evolvent completions`: shell completions.
 
 use std::io::Write;
 
@@ -22,14 +22,14 @@ pub(crate) struct CompletionsArgs {
 ///
 /// # Errors
 ///
-/// When `out` cannot be written.
+/// If `out` cannot be written.
 pub(crate) fn run(
     args: &CompletionsArgs,
     mut command: Command,
     out: &mut dyn Write,
 ) -> Result<Ending, CommandError> {
     let mut script = Vec::new();
-    // `generate` panics where its writer fails, so it writes to memory.
+    // `generate` panics if its writer fails, so it writes to memory.
     clap_complete::generate(args.shell, &mut command, "evolvent", &mut script);
     out.write_all(&script)
         .map_err(|error| CommandError::Failed(format!("the completions could not be written: {error}")))?;

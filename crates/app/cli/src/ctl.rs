@@ -21,11 +21,11 @@ use crate::ctl_request::{
 use crate::ctl_status::{status_to_json, write_status};
 use crate::{CommandError, Ending};
 
-/// How long to wait for an answer: a busy host may take long to look at a program.
+/// Timeout of an answer: on a busy host the check of a program may take long.
 const ANSWER: Duration = Duration::from_secs(30);
-/// The same of a command that stops: whoever gives it must know soon that nobody hears it.
+/// The same for a command that stops: its sender must soon know that no core receives it.
 const STOP_ANSWER: Duration = Duration::from_secs(5);
-/// Commands that stop, or keep what stops by itself.
+/// Commands that stop, or that prevent an automatic stop.
 const STOPPING: [CommandCode; 6] = [
     CommandCode::Estop,
     CommandCode::Off,
@@ -34,21 +34,22 @@ const STOPPING: [CommandCode; 6] = [
     CommandCode::JogStop,
     CommandCode::JogKeep,
 ];
-/// How long the check of a long program is waited for before it starts.
+/// Maximum wait for the check of a long program before it starts.
 const CHECKED: Duration = Duration::from_secs(600);
-/// How often the status is looked at while a job runs.
+/// Poll interval of the status while a job runs.
 const POLL: Duration = Duration::from_millis(5);
-/// Looks in vain, of two seconds, after which the core has gone. Looks are counted, because a process that was kept from running
-/// that long has not looked.
+/// Number of polls without a new status, over two seconds, after which the core counts as gone. Polls are
+/// counted, because a process that was suspended for that time has not polled.
 const MAX_LOOKS: u32 = 400;
 
-/// How long the bus may take to open besides `--patience`. iceoryx2 waits without end for some kinds of damage.
+/// Maximum time to open the bus, in addition to `--patience`. iceoryx2 waits forever for some kinds of
+/// damage.
 const OPENING: Duration = Duration::from_secs(15);
-/// How long a program stop must last to be one: the machine's own commands pass through one.
+/// Minimum duration of a program stop: user-defined M codes pass through a short one.
 const PROGRAM_STOP: Duration = Duration::from_millis(300);
-/// How long the way to the middle of a program is waited for.
+/// Maximum wait for the approach to the middle of a program.
 const WAY: Duration = Duration::from_secs(120);
-/// What the status's message ends with while one of the machine's own commands is carried out.
+/// End of the status's message while a user-defined M code runs.
 const AT_WORK: &str = "is being carried out";
 /// Status `state`: at a program stop.
 const AT_PROGRAM_STOP: u32 = 7;
@@ -70,7 +71,7 @@ pub(crate) fn run(args: &CtlArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         ..ClientConfig::new(&name)
     };
     if let Some(code) = stopping_command(&args.action) {
-        // Nothing but the command itself: neither a status nor a place among screens is needed for it.
+        // Only the command itself: it needs neither a status nor a connection among the screens.
         let mut client = ControlClient::open_in_need(&config).map_err(|error| failed(&error))?;
         opened.store(true, Ordering::Release);
         let answer = client
@@ -113,21 +114,25 @@ fn stopping_command(action: &Action) -> Option<CommandCode> {
     }
 }
 
-/// Ends the process after a while, unless what is returned was set: who gives an emergency stop must know that it does not
-/// get through.
+/// Ends the process after a while, unless the returned flag was set: the sender of an emergency stop must
+/// know that it does not get through.
 fn give_up_after(limit: Duration) -> Arc<AtomicBool> {
     let done = Arc::new(AtomicBool::new(false));
     let of_thread = Arc::clone(&done);
-    // Without the thread there is no limit, and everything else as before.
+    // Without the thread there is no time limit; everything else works as before.
     let _spawned = std::thread::Builder::new().name("limit".into()).spawn(move || {
         std::thread::sleep(limit);
         if !of_thread.load(Ordering::Acquire) {
             let folders = bus_folders(None).unwrap_or_default();
-            let folders: Vec<String> = folders.iter().map(|(path, _)| path.display().to_string()).collect();
-            // Where nobody reads it, the exit code tells.
+            let folders: Vec<String> = folders
+                .iter()
+                .map(|(path, _)| path.display().to_string())
+                .collect();
+            // If nobody reads it, the exit code tells.
             let _unread = writeln!(
                 std::io::stderr(),
-                "error: the bus does not open within {:.0} s, so the command was not given: use the hardware stop. Another \
+                "error: the bus does not open within {:.0} s, so the command was not sent: use the hardware \
+                 stop. Another \
                  process hangs while it opens, or files of the bus are damaged: stop the core and remove {}",
                 limit.as_secs_f64(),
                 folders.join(" and ")
@@ -138,7 +143,7 @@ fn give_up_after(limit: Duration) -> Arc<AtomicBool> {
     done
 }
 
-/// The machine that is served, if it is only one.
+/// The served machine, if there is only one.
 fn only_machine(args: &CtlArgs) -> Result<String, CommandError> {
     let mut machines =
         list_machines(args.bus_prefix.as_deref()).map_err(|error| CommandError::Failed(error.to_string()))?;
@@ -163,7 +168,7 @@ fn fresh_status(reader: &mut StatusReader) -> Result<Status, CommandError> {
             .latest()
             .map_err(|error| CommandError::Failed(error.to_string()))?;
         if let Some(status) = latest {
-            // One that stays as it is may be a dead core's.
+            // A status that does not change may be a dead core's.
             if first.is_some_and(|first| status.sequence > first) {
                 return Ok(status);
             }
@@ -172,7 +177,7 @@ fn fresh_status(reader: &mut StatusReader) -> Result<Status, CommandError> {
         std::thread::sleep(POLL);
     }
     Err(CommandError::Failed(
-        "the core has gone: its status stands still; start it again".to_owned(),
+        "the core has ended: its status does not change; start it again".to_owned(),
     ))
 }
 
@@ -180,23 +185,23 @@ struct Session {
     client: ControlClient,
     reader: StatusReader,
     json: bool,
-    /// A signal has come.
+    /// A signal has arrived.
     interrupted: Arc<AtomicBool>,
 }
 
-/// What a command does whose end is waited for, beyond waiting.
+/// The action of a command that waits for its end, beyond waiting.
 #[derive(Clone, Copy, PartialEq)]
 struct Waiting {
-    /// What ends the job where this command is interrupted; none where the job goes on.
+    /// The command that ends the job when this command is interrupted; none if the job continues.
     stop: Option<CommandCode>,
     /// Whether a program stop ends the wait.
     until_program_stop: bool,
 }
 
-/// A command, and what its end is waited for with.
+/// A command, and how to wait for its end.
 struct Order {
     request: ControlRequest,
-    /// None where the answer is all.
+    /// None if the command ends with the answer.
     wait: Option<Waiting>,
 }
 
@@ -224,7 +229,7 @@ impl Session {
         err: &mut dyn Write,
     ) -> Result<Ending, CommandError> {
         let order: Order = match action {
-            // Stopping ones were given before.
+            // Stopping commands have been sent before.
             Action::Status | Action::Estop | Action::Hold | Action::Stop | Action::JogStop | Action::Off => {
                 return Ok(Ending::Clean);
             }
@@ -289,7 +294,7 @@ impl Session {
         self.give(action, &order, out, err)
     }
 
-    /// Resets the emergency stop where it is in force, and switches on.
+    /// Resets the emergency stop if it is active, and switches on.
     fn bring_up(&mut self, status: &Status, out: &mut dyn Write) -> Result<Ending, CommandError> {
         if status.machine_state == 0 {
             let answer = self.send(&request(CommandCode::EstopReset))?;
@@ -362,7 +367,7 @@ impl Session {
         Ok(Order::awaited(home, Waiting::stopped_by(CommandCode::Stop)))
     }
 
-    /// Sends an order, waits for its job where that is wanted, and tells what came of it.
+    /// Sends an order, waits for its job if requested, and reports the result.
     fn give(
         &mut self,
         action: &Action,
@@ -392,7 +397,7 @@ impl Session {
         tell(&answer, result.as_ref(), self.json, out)
     }
 
-    /// What was started; where that is not at its beginning, with the way there, before which the machine waits.
+    /// The program that was started; with a start line also the approach, before which the machine waits.
     fn shown_start(&mut self, action: &Action, answer: &ControlAnswer) -> Result<String, CommandError> {
         let is_in_the_middle = matches!(action, Action::Start { line: Some(2..), .. });
         let deadline = Instant::now() + WAY;
@@ -408,7 +413,7 @@ impl Session {
             }
             if !message.is_empty() && !message.ends_with("is being worked out") {
                 return Ok(format!(
-                    "{}\n{message}\n`evolvent ctl resume` goes there",
+                    "{}\n{message}\n`evolvent ctl resume` starts the approach",
                     answer.text().split(": stopped before").next().unwrap_or_default()
                 ));
             }
@@ -417,7 +422,7 @@ impl Session {
         Ok(answer.text().to_owned())
     }
 
-    /// From now on signals end what this command moves. A second one ends the command itself.
+    /// From now on signals end the motion of this command. A second one ends the command itself.
     fn catch_signals(&self) -> Result<(), CommandError> {
         use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
         for signal in [SIGINT, SIGTERM, SIGHUP] {
@@ -436,7 +441,7 @@ impl Session {
             .map_err(|error| CommandError::Failed(error.to_string()))
     }
 
-    /// Changes the mode where another one is in force; what is in the way of that is told by the command itself.
+    /// Changes the mode if another one is in force; the command itself reports why it is not possible.
     fn need_mode(&mut self, status: &Status, mode: Mode) -> Result<(), CommandError> {
         if status.mode != mode as u32 {
             self.send(&indexed(CommandCode::Mode, mode as u32))?;
@@ -449,7 +454,7 @@ impl Session {
         if answer.verdict != 0 {
             return tell(&answer, None, self.json, out);
         }
-        // How long drives may take the machine file says, and the core raises an alarm then.
+        // The machine file limits the time that drives may take, and the core raises an alarm after it.
         let (mut sequence, mut looks) = (0, 0);
         loop {
             looks += 1;
@@ -464,15 +469,15 @@ impl Session {
                 if seen && has_latched_alarm(&status) {
                     return tell(&answer, Some(&status), self.json, out);
                 }
-                // Taken back by somebody else: nothing would come any more.
+                // Another client has switched off: the machine will not come on.
                 if status.cycles > answer.sequence + 100 && status.power != 1 {
                     return Err(CommandError::Failed(
-                        "power was taken back before the drives were enabled".to_owned(),
+                        "power was switched off before the drives were enabled".to_owned(),
                     ));
                 }
             }
             if looks > MAX_LOOKS {
-                return Err(CommandError::Failed("the core has gone".to_owned()));
+                return Err(CommandError::Failed("the core has ended".to_owned()));
             }
             std::thread::sleep(POLL);
         }
@@ -484,7 +489,7 @@ impl Session {
             .map_err(|error| CommandError::Failed(error.to_string()))
     }
 
-    /// The status at the end of a job. A tool change that the job waits for is printed meanwhile.
+    /// The status at the end of a job. Prints a tool change that the job waits for.
     fn await_job(&mut self, job: u64, waiting: Waiting, err: &mut dyn Write) -> Result<Status, CommandError> {
         let (mut sequence, mut looks) = (0, 0);
         let (mut stopped_since, mut is_stopped): (Option<Instant>, bool) = (None, false);
@@ -495,7 +500,7 @@ impl Session {
                 is_stopped = true;
                 let Some(code) = waiting.stop else {
                     return Err(CommandError::Failed(
-                        "interrupted; the program goes on, `evolvent ctl stop` stops it".to_owned(),
+                        "interrupted; the program continues, `evolvent ctl stop` stops it".to_owned(),
                     ));
                 };
                 self.send(&request(code))?;
@@ -511,7 +516,7 @@ impl Session {
                 }
                 let wanted = (status.tool_change == 1).then_some(status.tool_wanted);
                 if wanted.is_some() && wanted != told && !self.json {
-                    // With standard error gone there is nobody left to tell.
+                    // If standard error is closed, nobody is left to inform.
                     drop(writeln!(
                         err,
                         "{}; `evolvent ctl resume` resumes",
@@ -529,7 +534,8 @@ impl Session {
                     && stopped_since.get_or_insert_with(Instant::now).elapsed() > PROGRAM_STOP
                 {
                     return Err(CommandError::Failed(
-                        "the block waits at a program stop: `evolvent ctl resume` goes on, `evolvent ctl stop` ends it"
+                        "the block waits at a program stop: `evolvent ctl resume` continues, `evolvent ctl \
+                         stop` ends it"
                             .to_owned(),
                     ));
                 }
@@ -538,13 +544,13 @@ impl Session {
                 }
             }
             if looks > MAX_LOOKS {
-                return Err(CommandError::Failed("the core has gone".to_owned()));
+                return Err(CommandError::Failed("the core has ended".to_owned()));
             }
             std::thread::sleep(POLL);
         }
     }
 
-    /// Jogs until a signal comes, or time is up.
+    /// Jogs until a signal arrives or the time is up.
     fn jog_on(
         &mut self,
         jog: &ControlRequest,
@@ -579,7 +585,7 @@ impl Session {
             std::thread::sleep(POLL);
         }
         self.send(&request(CommandCode::JogStop))?;
-        // That signal has done its work.
+        // That signal has been handled.
         self.interrupted.store(false, Ordering::Relaxed);
         let status = self.await_job(answer.job, Waiting::stopped_by(CommandCode::JogStop), err)?;
         tell(&answer, Some(&status), self.json, out)
@@ -595,7 +601,7 @@ impl Waiting {
     }
 }
 
-/// Whether the newest alarms keep the machine from going on; warnings do not.
+/// Whether the newest alarms keep the machine from continuing; warnings do not.
 fn has_latched_alarm(status: &Status) -> bool {
     status
         .listed_alarms()
@@ -603,7 +609,7 @@ fn has_latched_alarm(status: &Status) -> bool {
         .any(|&number| Alarm::from_number(number).is_none_or(Alarm::is_latched))
 }
 
-/// Answer and, where it was waited for, how the job ended.
+/// Prints the answer and, if it was waited for, the result of the job.
 fn tell(
     answer: &ControlAnswer,
     end: Option<&Status>,
@@ -656,12 +662,13 @@ fn tell(
     }
     Ok(Ending::Clean)
 }
-/// Why a tool is not confirmed: the machine does not wait for it.
+/// The reason why a tool is not confirmed: the machine does not wait for it.
 fn objection_to_loaded(tool: Option<u32>, status: &Status) -> Option<String> {
     let wanted = status.tool_wanted;
     match (status.tool_change, tool) {
         (1, Some(tool)) if tool != wanted => Some(format!(
-            "the machine waits for tool {wanted}, not for tool {tool}; put tool {wanted} into the spindle, or stop the program"
+            "the machine waits for tool {wanted}, not for tool {tool}; put tool {wanted} into the spindle, \
+             or stop the program"
         )),
         (1, _) => None,
         _ => Some("the machine waits for no tool".to_owned()),
@@ -683,7 +690,7 @@ mod tests {
         assert_eq!(objection_to_loaded(None, &waiting), None);
         let other = objection_to_loaded(Some(4), &waiting);
         assert!(other.is_some_and(|text| text.contains("waits for tool 3")));
-        // Neither a changer at work nor a program stop is confirmed by it.
+        // This confirms neither a running changer nor a program stop.
         for tool_change in [0, 2] {
             let status = Status {
                 tool_change,

@@ -7,16 +7,16 @@ use clap::{Args, Subcommand, ValueEnum};
 /// Options of `evolvent ctl`.
 #[derive(Debug, Args)]
 pub(crate) struct CtlArgs {
-    /// The machine's name. Default: the one that is served on this computer, if it is only one.
+    /// The machine's name. Default: the one served on this computer, if there is only one.
     #[arg(long, value_name = "NAME", global = true)]
     pub(crate) machine_name: Option<String>,
-    /// Prefix of the bus's files, as the core has it.
+    /// Prefix of the bus's files, as for the core.
     #[arg(long, value_name = "PREFIX", global = true)]
     pub(crate) bus_prefix: Option<String>,
     /// Print one JSON object.
     #[arg(long, global = true)]
     pub(crate) json: bool,
-    /// How long to wait for a core that is not up yet, s.
+    /// Time to wait for a core that is not up yet, s.
     #[arg(long, value_name = "S", default_value_t = 1.0, global = true)]
     pub(crate) patience: f64,
     #[command(subcommand)]
@@ -38,19 +38,19 @@ pub(crate) enum ModeArg {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Action {
-    /// What the machine is doing.
+    /// Show what the machine is doing.
     Status,
-    /// Every axis stops by itself, the drives lose power.
+    /// Emergency stop: every axis stops on its own, the drives lose power.
     Estop,
     /// Leave the emergency stop.
     EstopReset,
     /// Enable the drives; waits until they are.
     On,
-    /// Take power from the drives.
+    /// Disable the drives.
     Off,
-    /// Out of the emergency stop and on, in one.
+    /// Leave the emergency stop and switch on.
     Up,
-    /// Change the mode. Commands that need one change it by themselves.
+    /// Change the mode. Commands that need a mode change it themselves.
     Mode {
         /// The mode.
         mode: ModeArg,
@@ -60,11 +60,11 @@ pub(crate) enum Action {
         /// The program's file.
         program: PathBuf,
     },
-    /// Start the loaded program, and say which it is.
+    /// Start the loaded program, and print its name.
     Start {
-        /// The program that is meant: another one that is loaded is not started. Needed after a `load` that was rejected.
+        /// The intended program: another loaded program is not started. Required after a rejected `load`.
         program: Option<PathBuf>,
-        /// Begin at this line; the machine shows the way there and waits for `resume`.
+        /// Start at this line; the machine shows the approach and waits for `resume`.
         #[arg(long, value_name = "N")]
         line: Option<u32>,
         /// Wait for its end.
@@ -73,18 +73,19 @@ pub(crate) enum Action {
     },
     /// Hold the feed.
     Hold,
-    /// Go on after a hold or a program stop.
+    /// Continue after a hold or a program stop.
     Resume,
-    /// Say that the tool that the machine waits for is in the spindle, and go on. Nothing else is resumed by it.
+    /// Confirm that the tool that the machine waits for is in the spindle, and continue. Resumes nothing
+    /// else.
     Loaded {
-        /// The tool, 0 for none; refused if the machine waits for another one.
+        /// The tool, 0 for none; rejected if the machine waits for another one.
         tool: Option<u32>,
     },
     /// Run one block.
     Step,
     /// Stop within the limits and end the job.
     Stop,
-    /// Clear the alarms and forget modes.
+    /// Clear the alarms and reset the modes.
     Reset,
     /// Clear the alarms.
     Clear,
@@ -92,7 +93,7 @@ pub(crate) enum Action {
     Set {
         /// Its name.
         output: String,
-        /// on, off, or the value of an analog one.
+        /// on, off, or the value of an analog output.
         #[arg(value_parser = output_value, allow_negative_numbers = true)]
         value: f64,
     },
@@ -101,12 +102,12 @@ pub(crate) enum Action {
         /// on or off.
         state: Switch,
     },
-    /// Stop at M1; in a running program in lines that are not read yet.
+    /// Stop at M1; in a running program at lines that have not been read yet.
     OptionalStop {
         /// on or off.
         state: Switch,
     },
-    /// Leave out lines that begin with `/`; in a running program those that are not read yet.
+    /// Skip lines that start with `/`; in a running program lines that have not been read yet.
     BlockDelete {
         /// on or off.
         state: Switch,
@@ -116,7 +117,7 @@ pub(crate) enum Action {
         /// Percent.
         percent: f64,
     },
-    /// Rapid override, 0 to 100 percent; in a running program for lines that are not read yet.
+    /// Rapid override, 0 to 100 percent; in a running program for lines that have not been read yet.
     Rapid {
         /// Percent.
         percent: f64,
@@ -126,7 +127,7 @@ pub(crate) enum Action {
         /// Percent.
         percent: f64,
     },
-    /// Execute one block and wait for its end; Ctrl-C stops it. At a program stop (M0) it waits no longer.
+    /// Execute one block and wait for its end; Ctrl-C stops it. The wait ends at a program stop (M0).
     Mdi {
         /// The block.
         block: String,
@@ -134,28 +135,28 @@ pub(crate) enum Action {
         #[arg(long)]
         no_wait: bool,
     },
-    /// Move by hand: `jog X+` as long as this command runs, `jog X+ Y- --distance 5` by an increment.
+    /// Jog: `jog X+` as long as this command runs, `jog X+ Y- --distance 5` by an increment.
     Jog {
         /// Axes with their directions.
         #[arg(required = true, value_name = "AXIS+|AXIS-")]
         axes: Vec<String>,
-        /// By so much each, mm or degrees.
+        /// Distance of each axis, mm or degrees.
         #[arg(long, value_name = "MM")]
         distance: Option<f64>,
-        /// Each at so much at the most, mm/min or degrees/min. Default: a fifth of what the axis can.
+        /// Maximum speed of each axis, mm/min or degrees/min. Default: a fifth of the axis's maximum.
         #[arg(long, value_name = "MM_MIN")]
         speed: Option<f64>,
-        /// A jog without a distance ends after so long; else with Ctrl-C.
+        /// End a jog without a distance after this time; otherwise at Ctrl-C.
         #[arg(long, value_name = "S")]
         seconds: Option<f64>,
     },
     /// End a jog.
     JogStop,
-    /// Let the handwheel move an axis, in manual mode: `handwheel X --step 0.01`; without an axis it moves none.
+    /// Assign the handwheel to an axis, in manual mode: `handwheel X --step 0.01`; without an axis to none.
     Handwheel {
         /// Letter of the axis.
         axis: Option<String>,
-        /// Way a detent, mm or degrees. Default: the first step of the machine file.
+        /// Distance per detent, mm or degrees. Default: the first step of the machine file.
         #[arg(long, value_name = "MM", requires = "axis")]
         step: Option<f64>,
     },
@@ -172,7 +173,7 @@ pub(crate) enum Action {
         #[arg(required = true, value_name = "AXIS VALUE")]
         values: Vec<String>,
     },
-    /// Set the work offset so that the present position reads these values: `touch-off X0 Y0`.
+    /// Set the work offset so that the current position has these coordinates: `touch-off X0 Y0`.
     TouchOff {
         /// Axes with values.
         #[arg(required = true, value_name = "AXIS VALUE")]
@@ -192,7 +193,7 @@ pub(crate) enum Action {
         #[arg(long, value_name = "MM")]
         diameter: Option<f64>,
     },
-    /// Read the tool table again.
+    /// Reload the tool table.
     ReloadTools,
 }
 

@@ -1,4 +1,4 @@
-//! From words of the command line to requests.
+//! Conversion of words on the command line to requests.
 
 use std::io;
 use std::path::Path;
@@ -43,7 +43,7 @@ pub(crate) fn mode_of(mode: ModeArg) -> Mode {
     }
 }
 
-/// Sets a tool's offsets, and its diameter where one is given.
+/// Sets a tool's offsets, and its diameter if one is given.
 pub(crate) fn tool(
     number: u32,
     values: &[String],
@@ -70,13 +70,13 @@ pub(crate) fn with_text(code: CommandCode, text: &str) -> Result<ControlRequest,
     Ok(wanted)
 }
 
-/// The core has another working folder.
+/// An absolute path, because the core has another working folder.
 pub(crate) fn absolute(path: &Path) -> Result<String, CommandError> {
     let path = std::path::absolute(path)
         .map_err(|error: io::Error| CommandError::Usage(format!("{}: {error}", path.display())))?;
     path.to_str().map(str::to_owned).ok_or_else(|| {
         CommandError::Usage(format!(
-            "{}: the name is no UTF-8; rename the file",
+            "{}: the name is not UTF-8; rename the file",
             path.display()
         ))
     })
@@ -85,7 +85,7 @@ pub(crate) fn absolute(path: &Path) -> Result<String, CommandError> {
 fn axis_of(letter: char) -> Result<usize, CommandError> {
     AxisLetter::from_letter(letter)
         .map(AxisLetter::index)
-        .ok_or_else(|| CommandError::Usage(format!("{letter:?} is no axis; use letters of XYZABCUVW")))
+        .ok_or_else(|| CommandError::Usage(format!("{letter:?} is not an axis; use letters of XYZABCUVW")))
 }
 
 pub(crate) fn letters_mask(letters: &str) -> Result<u32, CommandError> {
@@ -99,7 +99,7 @@ pub(crate) fn valued(code: CommandCode, words: &[String]) -> Result<ControlReque
     let mut wanted = request(code);
     let mut values = [0.0; AXES];
     for word in words {
-        let bad = || CommandError::Usage(format!("{word:?} is no axis with a value, as in X12.5"));
+        let bad = || CommandError::Usage(format!("{word:?} is not an axis with a value, as in X12.5"));
         let mut letters = word.chars();
         let axis = axis_of(letters.next().ok_or_else(bad)?)?;
         let number = letters.as_str().trim_start_matches('=');
@@ -124,7 +124,7 @@ pub(crate) fn jog(
         let mut letters = word.chars();
         let (Some(letter), Some(sign), None) = (letters.next(), letters.next(), letters.next()) else {
             return Err(CommandError::Usage(format!(
-                "{word:?} is no axis with a direction, as in X+"
+                "{word:?} is not an axis with a direction, as in X+"
             )));
         };
         let sign = match sign {
@@ -132,7 +132,7 @@ pub(crate) fn jog(
             '-' => -1.0,
             _ => {
                 return Err(CommandError::Usage(format!(
-                    "{word:?} is no axis with a direction, as in X+"
+                    "{word:?} is not an axis with a direction, as in X+"
                 )));
             }
         };
@@ -161,7 +161,7 @@ pub(crate) fn system_number(name: &str) -> Result<u32, CommandError> {
     let found = NAMES.iter().position(|known| known.eq_ignore_ascii_case(name));
     found
         .map(|index| index as u32 + 1)
-        .ok_or_else(|| CommandError::Usage(format!("{name:?} is none of G54 to G59.3")))
+        .ok_or_else(|| CommandError::Usage(format!("{name:?} is not one of G54 to G59.3")))
 }
 
 #[cfg(test)]

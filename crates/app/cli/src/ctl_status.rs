@@ -1,4 +1,4 @@
-//! The status, for people and as JSON.
+//! The status, as text and as JSON.
 
 use std::io::{self, Write};
 
@@ -35,8 +35,8 @@ fn homed(status: &Status, axes: &str) -> String {
         .collect()
 }
 
-/// Who changes the tool that the program waits for.
-/// What the probe says; none where it is not known, or there is none.
+/// Who changes the tool that the program waits for. State of the probe; none if it is unknown or there is no
+/// probe.
 pub(crate) fn probe_state(status: &Status) -> Option<&'static str> {
     match status.switches & (switches::PROBE_OPEN | switches::PROBE_TRIPPED) {
         switches::PROBE_OPEN => Some("open"),
@@ -53,7 +53,7 @@ fn tool_change(status: &Status) -> &'static str {
     }
 }
 
-/// Everything, by axis where it is of axes.
+/// All fields, by axis where they are per axis.
 pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
     let by_axis = |values: &[f64]| {
         let pairs = axes.chars().filter_map(|letter| {
@@ -138,7 +138,7 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
     whole
 }
 
-/// A page for people.
+/// A page of text.
 pub(crate) fn write_status(
     out: &mut dyn Write,
     status: &Status,
@@ -168,7 +168,7 @@ pub(crate) fn write_status(
     if status.feedback_age_ns != u64::MAX {
         writeln!(
             out,
-            "  drives answered {:.1} ms ago",
+            "  drives replied {:.1} ms ago",
             status.feedback_age_ns as f64 * 1e-6
         )?;
     }
@@ -232,7 +232,7 @@ fn write_motion(out: &mut dyn Write, status: &Status) -> io::Result<()> {
     if status.program_time_s > 0.0 {
         writeln!(
             out,
-            "  parts {}, program {}, of that held {}",
+            "  parts {}, program {}, of which held {}",
             status.parts,
             clock_time(status.program_time_s),
             clock_time(status.program_held_s)

@@ -1,4 +1,4 @@
-//! `evolvent doctor`: what can this host do, and what should be changed?
+//! `evolvent doctor`: what this host can do, and what to change.
 
 use std::io::{self, Write};
 use std::time::Duration;
@@ -9,10 +9,11 @@ use serde_json::{Value, json};
 
 use crate::CommandError;
 
-/// What this host can do for a real-time loop: scheduler, locked memory, timers, isolated cores, the bus; the lateness of
-/// wake-ups, measured; and what to change.
+/// Measure what this host can do for a real-time loop: scheduler, locked memory, timers, isolated cores, the
+/// bus, lateness of wake-ups; with advice.
 ///
-/// Run it as the user who runs the machine, on an otherwise idle host and again under the load that it will have.
+/// Run it as the user who runs the machine, on an otherwise idle host and again under the load that it will
+/// have.
 #[derive(Args, Debug)]
 pub(crate) struct DoctorArgs {
     /// Rate of the measured loop, in Hz
@@ -26,11 +27,11 @@ pub(crate) struct DoctorArgs {
     pub(crate) json: bool,
 }
 
-/// Examines the host and writes the report to `out`, as a table or as one JSON object; what else there is to say goes to
-/// `err`. Takes as long as it measures.
+/// Examines the host and writes the report to `out`, as a table or as one JSON object; notes go to `err`.
+/// Takes as long as it measures.
 ///
 /// # Errors
-/// `Usage` for a bad rate or duration, `Failed` where there is no thread to measure with or the output cannot be written.
+/// `Usage` for a bad rate or duration, `Failed` if no thread can measure or the output cannot be written.
 pub(crate) fn run(args: &DoctorArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<(), CommandError> {
     let duration = Duration::try_from_secs_f64(args.seconds).map_err(|_| {
         CommandError::Usage(
@@ -112,7 +113,7 @@ fn write_table(report: &DoctorReport, out: &mut dyn Write) -> io::Result<()> {
     let us = |ns: u64| ns as f64 / 1e3;
     writeln!(
         out,
-        "\nwake-ups late by (us): half up to {:.1}, 99 % up to {:.1}, 99.9 % up to {:.1}, the latest {:.1}",
+        "\nwake-up lateness (us): p50 {:.1}, p99 {:.1}, p99.9 {:.1}, max {:.1}",
         us(lateness.p50_ns),
         us(lateness.p99_ns),
         us(lateness.p999_ns),

@@ -9,7 +9,7 @@ use evolvent_import::{Import, ImportError, import};
 
 use crate::{CommandError, Ending};
 
-/// Lines that are printed for one reason.
+/// Maximum number of lines printed for one reason.
 const MAX_LINES: usize = 4;
 
 /// Options of `evolvent import`.
@@ -21,10 +21,12 @@ pub(crate) struct ImportArgs {
 
 #[derive(Debug, Subcommand)]
 enum Source {
-    /// From a LinuxCNC configuration (2.8 or later): axes, limits, homing, rate, tool table, parameters, subroutines.
+    /// Convert a LinuxCNC configuration (2.8 or later): axes, limits, homing, rate, tool table, parameters,
+    /// subroutines.
     ///
-    /// Writes the machine file, and the tool table and the parameters in mm beside it. Lists the values that LinuxCNC
-    /// does not have and every line that was not carried over, with the reason. The configuration is not changed.
+    /// Writes the machine file, and the tool table and the parameters in mm next to it. Lists the values that
+    /// LinuxCNC does not have and every line that was not carried over, with the reason. The configuration is
+    /// not changed.
     Linuxcnc(LinuxcncArgs),
 }
 
@@ -32,10 +34,10 @@ enum Source {
 struct LinuxcncArgs {
     /// The INI file
     ini: PathBuf,
-    /// The machine file. Default: NAME.toml in this folder, NAME as that of the INI file
+    /// The machine file. Default: NAME.toml in this folder, with the NAME of the INI file
     #[arg(long, short, value_name = "FILE.toml")]
     output: Option<PathBuf>,
-    /// Replace files that exist
+    /// Replace existing files
     #[arg(long)]
     force: bool,
     /// Print files, chosen values and lines that were not carried over as one JSON object
@@ -85,7 +87,7 @@ fn print_text(import: &Import, files: &[PathBuf], out: &mut dyn Write) -> std::i
         writeln!(out, "wrote {}", file.display())?;
     }
     if !report.chosen.is_empty() {
-        writeln!(out, "\nChosen, because the configuration does not say it:")?;
+        writeln!(out, "\nChosen, because the configuration does not define it:")?;
     }
     for chosen in &report.chosen {
         writeln!(out, "  {}: {}", chosen.key, chosen.value)?;
@@ -98,7 +100,7 @@ fn print_text(import: &Import, files: &[PathBuf], out: &mut dyn Write) -> std::i
         let at = format!("{}:{} [{}] {}", line.file, line.line, line.section, line.key);
         by_reason.entry(&line.reason).or_default().push(at);
     }
-    // What concerns few lines is special to this machine, and comes first.
+    // Reasons with few lines are specific to this machine and come first.
     let mut by_reason: Vec<_> = by_reason.into_iter().collect();
     by_reason.sort_by_key(|(_, lines)| lines.len());
     for (reason, lines) in by_reason {
@@ -112,6 +114,7 @@ fn print_text(import: &Import, files: &[PathBuf], out: &mut dyn Write) -> std::i
     }
     writeln!(
         out,
-        "\nNext: check travels, limits and homing in the machine file, then `evolvent check` and `evolvent run`."
+        "\nNext: check travels, limits and homing in the machine file, then `evolvent check` and `evolvent \
+         run`."
     )
 }

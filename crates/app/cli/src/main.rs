@@ -34,10 +34,10 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser, Subcommand};
 use evolvent_analysis::AnalysisError;
 
-/// A real-time CNC core: part programs to setpoints on shared memory, every cycle recorded.
+/// A real-time CNC core: part programs to setpoints in shared memory, with every cycle recorded.
 ///
 /// Exit codes: 0 done; 1 the program or the run failed; 2 wrong usage or configuration; 3 done, but data was
-/// lost (trace) or setpoints left late.
+/// lost (trace) or setpoints were late.
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
 struct Cli {
@@ -50,45 +50,46 @@ enum Command {
     /// Run a part program: progress, setpoints on the bus, a trace, a summary at the end.
     #[command(allow_negative_numbers = true)]
     Run(run::RunArgs),
-    /// Plan a program without running it: time, limits reached, the control rate that it needs.
+    /// Plan a program without running it: time, limits reached, required control rate.
     #[command(allow_negative_numbers = true)]
     Plan(plan::PlanArgs),
-    /// Look for errors in a program without moving anything.
+    /// Check a program for errors without moving anything.
     #[command(allow_negative_numbers = true)]
     Check(check::CheckArgs),
-    /// The rational control rate of a machine.
+    /// Compute the rational control rate of a machine.
     #[command(allow_negative_numbers = true)]
     Rate(rate::RateArgs),
     /// Write a part program that mills a hole along involutes.
     #[command(allow_negative_numbers = true)]
     Bore(bore::BoreArgs),
-    /// Will this cut vibrate, how strongly, and at which speed not: self-oscillation and stability lobes.
+    /// Predict chatter: whether a cut vibrates, how strongly, and at which speeds it does not
+    /// (self-oscillation, stability lobes).
     Chatter(chatter::ChatterArgs),
-    /// Serve a machine: wait for clients, jog, home, run programs. SIGTERM stops within the limits and ends.
+    /// Serve a machine: accept clients, jog, home, run programs. SIGTERM stops within the limits and ends.
     Serve(serve::ServeArgs),
-    /// Operate a machine that is served.
+    /// Operate a served machine.
     #[command(allow_negative_numbers = true)]
     Ctl(ctl_args::CtlArgs),
-    /// What this host can do for a real-time loop, measured, and what to change.
+    /// Measure what this host can do for a real-time loop, and advise what to change.
     Doctor(doctor::DoctorArgs),
     /// Write a machine file from the configuration of another control.
     Import(import::ImportArgs),
-    /// Drive bridges: EtherCAT, Mesa boards, simulated drives, and a test for bridges.
+    /// Run drive bridges: EtherCAT, Mesa boards, simulated drives; test a bridge.
     Bridge(bridge::BridgeArgs),
-    /// Turn a step in passes that find themselves from the cutting load, on a simulated workpiece.
+    /// Turn a step in load-adaptive passes, on a simulated workpiece.
     Turn(turn::TurnArgs),
-    /// A running machine on the terminal: positions, feed, override, state, lateness, alarms.
+    /// Show a running machine on the terminal: positions, feed, override, state, lateness, alarms.
     Top(top::TopArgs),
-    /// Look into traces: info, report, export, verify, replay, compare, recover.
+    /// Examine traces: info, report, export, verify, replay, compare, recover.
     #[command(allow_negative_numbers = true)]
     Trace(trace::TraceArgs),
-    /// Write the completions of a shell to standard output.
+    /// Write shell completions to standard output.
     Completions(completions::CompletionsArgs),
     /// Write the man pages of all commands into a folder.
     Man(man::ManArgs),
 }
 
-/// Why a command did not do what it was asked.
+/// Why a command failed.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum CommandError {
     /// Wrong usage or configuration: exit code 2.
@@ -97,14 +98,14 @@ pub(crate) enum CommandError {
     Failed(String),
 }
 
-/// How a command ended that did what it was asked.
+/// How a command ended that did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Ending {
-    /// All is well: exit code 0.
+    /// Success: exit code 0.
     Clean,
     /// Done, and the result is negative: exit code 1. It has been reported.
     Negative,
-    /// Done, but data was lost or setpoints left late: exit code 3.
+    /// Done, but data was lost or setpoints were late: exit code 3.
     Lossy,
 }
 
@@ -149,13 +150,13 @@ impl From<AnalysisError> for CommandError {
 
 fn complain(err: &mut dyn Write, text: &str, code: u8) -> ExitCode {
     let text = text.trim_end();
-    // Diagnostics of a program come with their own heading.
+    // Diagnostics of a program have their own heading.
     let result = if text.starts_with("error") {
         writeln!(err, "{text}")
     } else {
         writeln!(err, "error: {text}")
     };
-    // With standard error gone there is nobody left to tell.
+    // If standard error is closed, nobody is left to inform.
     drop(result);
     ExitCode::from(code)
 }

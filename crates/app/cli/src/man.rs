@@ -1,4 +1,4 @@
-//! `evolvent man`: one man page for each command and subcommand.
+//! `evolvent man`: one man page per command and subcommand.
 
 use std::fs;
 use std::io::Write;
@@ -11,15 +11,15 @@ use crate::{CommandError, Ending};
 /// Arguments of `evolvent man`.
 #[derive(Debug, Args)]
 pub(crate) struct ManArgs {
-    /// The folder for the pages; it is created where it is missing.
+    /// The folder for the pages; it is created if it does not exist.
     folder: PathBuf,
 }
 
-/// Writes the pages into the folder and its name and their number to `out`.
+/// Writes the pages into the folder, and its name and their number to `out`.
 ///
 /// # Errors
 ///
-/// When a page cannot be written.
+/// If a page cannot be written.
 pub(crate) fn run(args: &ManArgs, mut command: Command, out: &mut dyn Write) -> Result<Ending, CommandError> {
     // Fills in the full names of the subcommands, as `--help` shows them.
     command.build();

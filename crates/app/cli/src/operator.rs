@@ -1,4 +1,4 @@
-//! The person at the terminal: answers at program stops, and signals.
+//! The operator at the terminal: confirmation at program stops, and signals.
 
 use std::io;
 use std::sync::Arc;
@@ -13,15 +13,17 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGTSTP};
 
 use crate::CommandError;
 
-/// How often signals are looked at.
+/// Poll interval of signals.
 const SIGNAL_POLL: Duration = Duration::from_millis(5);
-/// Signals that follow the first within this are the same wish: `timeout` sends its own to the process and to its group.
+/// Signals that follow the first within this time count as the same request: `timeout` sends its own to the
+/// process and to its group.
 const SAME_WISH: Duration = Duration::from_millis(500);
-/// How often program stops are looked for.
+/// Poll interval of program stops.
 const ANSWER_POLL: Duration = Duration::from_millis(20);
 
-/// SIGINT, SIGTERM and a terminal that goes away stop within the limits; a second SIGINT or SIGTERM, [`SAME_WISH`] later or more,
-/// ends the process at once. Ctrl-Z does nothing, because it would freeze the axes wherever they are.
+/// SIGINT, SIGTERM and a terminal that closes stop within the limits; a second SIGINT or SIGTERM,
+/// [`SAME_WISH`] later or more, ends the process at once. Ctrl-Z does nothing, because it would freeze the
+/// axes at their positions.
 pub(crate) fn watch_signals(controls: &Arc<Controls>) -> Result<(), CommandError> {
     let (signalled, ends) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
     let register = || {
@@ -29,7 +31,7 @@ pub(crate) fn watch_signals(controls: &Arc<Controls>) -> Result<(), CommandError
             signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&ends))?;
             signal_hook::flag::register(signal, Arc::clone(&signalled))?;
         }
-        // Shells and kernels may both send it: a second one is no second wish.
+        // Shells and kernels may both send it: the second one is not a second request.
         signal_hook::flag::register(SIGHUP, Arc::clone(&signalled))?;
         signal_hook::flag::register(SIGTSTP, Arc::new(AtomicBool::new(false)))
     };
@@ -46,10 +48,10 @@ pub(crate) fn watch_signals(controls: &Arc<Controls>) -> Result<(), CommandError
     Ok(())
 }
 
-/// Goes on after a program stop when Enter is pressed.
+/// Continues after a program stop when Enter is pressed.
 ///
-/// The terminal is read at program stops only, and only in the foreground: the system halts a background process
-/// that reads its terminal, and the axes with it. What was typed before the stop is no answer to it.
+/// The terminal is read only at program stops, and only in the foreground: the system halts a background
+/// process that reads its terminal, and the axes with it. Input typed before the stop does not confirm it.
 pub(crate) fn resume_on_enter(controls: &Arc<Controls>) {
     let controls = Arc::clone(controls);
     thread::spawn(move || {
@@ -61,14 +63,14 @@ pub(crate) fn resume_on_enter(controls: &Arc<Controls>) {
             if !(progress.at_program_stop && is_new && is_in_foreground()) {
                 continue;
             }
-            // Without this an answer typed too early counts; nothing worse.
+            // Without this, input typed too early counts; nothing worse.
             let _kept = tcflush(io::stdin(), QueueSelector::IFlush);
             match io::stdin().read_line(&mut String::new()) {
                 Ok(bytes) if bytes > 0 => {
                     answered = Some(progress.resumes);
                     controls.resume();
                 }
-                // The terminal has gone.
+                // The terminal was closed.
                 _ => return,
             }
         }

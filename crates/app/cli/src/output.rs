@@ -1,9 +1,9 @@
-//! Standard output that may be closed by its reader, as `| head` does.
+//! Standard output that its reader may close, as `| head` does.
 
 use std::io::{ErrorKind, Result, Write};
 
-/// Passes on what is written. Once the reader has gone the rest is dropped: it was no error of the command, which goes on to its
-/// end and has its own exit code.
+/// Passes on the output. After the reader has closed it, the rest is dropped: this is not an error of the
+/// command, which continues to its end and has its own exit code.
 #[derive(Debug)]
 pub(crate) struct Output<W> {
     inner: W,
@@ -46,7 +46,7 @@ impl<W: Write> Write for Output<W> {
 mod tests {
     use super::*;
 
-    /// Takes this many bytes.
+    /// Accepts this many bytes.
     struct Head(usize, ErrorKind);
 
     impl Write for Head {

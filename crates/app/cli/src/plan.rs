@@ -1,4 +1,4 @@
-//! `evolvent plan`: the same code as a run, with the virtual clock and nobody listening.
+//! `evolvent plan`: the same code as a run, with the virtual clock and without clients.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -30,18 +30,19 @@ pub(crate) struct PlanArgs {
     /// Draw the path coloured by feed and by what limits it, and feed, velocity, acceleration and jerk over time.
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
-    /// Say why the machine is slow on this line of the program, and what would help (plans again to find out).
+    /// Explain why the machine is slow on this line of the program, and what would help (by planning again).
     #[arg(long, value_name = "LINE", value_parser = clap::value_parser!(u32).range(1..))]
     explain: Option<u32>,
-    /// When inputs of the machine change, where time is not real. Without it none is known, so that M66 ends by its timeout,
-    /// and an emergency-stop chain is closed.
+    /// Changes of the machine's inputs, for the virtual clock. Without it no input is known, so M66 ends by
+    /// its timeout, and an emergency-stop chain is closed.
     #[arg(long, value_name = "FILE.toml")]
     inputs: Option<PathBuf>,
     /// Feed override in percent, 1 to 200.
     #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
     feed_override: f64,
-    /// What the cut is like: a case file as of `evolvent chatter` warns of turning cuts that are predicted to vibrate; a file
-    /// as of `evolvent turn` lets cycles with Q1 find their passes, on its stock. Once each.
+    /// The cutting process: a case file of `evolvent chatter` warns of turning cuts that are predicted to
+    /// vibrate; a process file of `evolvent turn` lets cycles with Q1 compute their passes, on its stock. At
+    /// most one of each.
     #[arg(long, value_name = "FILE.toml")]
     process: Vec<PathBuf>,
     /// Print the plan as one JSON object.
@@ -158,7 +159,7 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     Ok(ending)
 }
 
-/// Neither output may be an input, nor the other output, nor may the table while it is unfinished.
+/// An output may be neither an input nor the other output, and the table not while it is unfinished.
 fn check_outputs(args: &PlanArgs) -> Result<(), CommandError> {
     let part = args.setpoints.as_deref().map(part_of);
     for output in args.setpoints.iter().chain(&args.plot).chain(&part) {
@@ -166,14 +167,14 @@ fn check_outputs(args: &PlanArgs) -> Result<(), CommandError> {
     }
     match (&args.setpoints, &args.plot) {
         (Some(table), Some(plot)) if table == plot => Err(CommandError::Usage(format!(
-            "{} is to hold the setpoints and the picture; name two files",
+            "{} is named for both the setpoints and the picture; name two files",
             plot.display()
         ))),
         _ => Ok(()),
     }
 }
 
-/// Where a table is written until it is complete.
+/// The name of a table until it is complete.
 fn part_of(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".part");
@@ -205,7 +206,7 @@ fn merge(
     serde_json::to_string(&object)
 }
 
-/// Setpoints as CSV; the file gets its name only when it is complete.
+/// Setpoints as CSV; the file receives its name only when it is complete.
 struct Table {
     out: BufWriter<File>,
     part: PathBuf,
@@ -265,7 +266,7 @@ impl Table {
                 .and_then(|()| std::fs::rename(&self.part, &self.path)),
         };
         done.map_err(|error| {
-            // Half a table would be read as a whole one.
+            // An incomplete table would be read as a complete one.
             drop(std::fs::remove_file(&self.part));
             CommandError::Failed(format!("{}: {error}", self.path.display()))
         })

@@ -1,4 +1,4 @@
-//! Options that every command about a program shares.
+//! Options shared by every command with a program.
 
 use std::io::Write;
 use std::os::unix::fs::MetadataExt as _;
@@ -22,34 +22,34 @@ pub(crate) struct ProgramArgs {
     /// The machine file (TOML).
     #[arg(long, value_name = "FILE")]
     pub(crate) machine: PathBuf,
-    /// Control rate in Hz, or `rational`: what the machine's limits need. Default: the machine file's.
+    /// Control rate in Hz, or `rational`: as the machine's limits require. Default: the machine file's.
     #[arg(long, value_name = "HZ", value_parser = parse_rate)]
     pub(crate) rate: Option<ControlRate>,
     /// Planner: `optimal` or `classic`. Default: the machine file's.
     #[arg(long, value_name = "NAME", value_parser = parse_planner)]
     pub(crate) planner: Option<PlannerKind>,
-    /// Begin at this line: what the lines before leave is worked out and shown, and the way there.
+    /// Start at this line: shows the modes that the previous lines set, and the approach.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) start_line: Option<u32>,
     /// Tool table in LinuxCNC's format, lengths in mm. Default: the machine file's.
     #[arg(long, value_name = "FILE.tbl")]
     pub(crate) tools: Option<PathBuf>,
-    /// Parameters and offsets that are kept from run to run, in LinuxCNC's format. Default: the machine file's.
+    /// Persistent parameters and offsets, in LinuxCNC's format. Default: the machine file's.
     #[arg(long, value_name = "FILE.var")]
     pub(crate) parameters: Option<PathBuf>,
-    /// The tool that is in the spindle at the start: M6 with another one waits for a tool change.
+    /// The tool in the spindle at the start: M6 with another one waits for a tool change.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=99_999))]
     pub(crate) tool: u32,
-    /// Skip lines that begin with `/` (block delete); without this they are executed.
+    /// Skip lines that start with `/` (block delete); without this they are executed.
     #[arg(long)]
     pub(crate) block_delete: bool,
-    /// Look for subroutines NAME.ngc in this folder too, after the program's own and before the machine file's.
+    /// Search subroutines NAME.ngc in this folder too, after the program's own and before the machine file's.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) subroutines: Vec<PathBuf>,
 }
 
 impl ProgramArgs {
-    /// Reads and checks the machine file; makes sure that the program is there.
+    /// Reads and checks the machine file; makes sure that the program exists.
     pub(crate) fn setup(&self) -> Result<Setup, CommandError> {
         let usage = |text: String| CommandError::Usage(text);
         let mut machine = Machine::load(&self.machine).map_err(|error| usage(error.to_string()))?;
@@ -67,7 +67,7 @@ impl ProgramArgs {
         Ok(setup)
     }
 
-    /// What programs find: as the machine file says, unless the command line does.
+    /// Settings of programs: those of the machine file, unless the command line overrides them.
     fn memory(&self, machine: &Machine) -> Result<ProgramMemory, CommandError> {
         let usage = |error: StoreError| CommandError::Usage(error.to_string());
         let mut machine = machine.clone();
@@ -87,7 +87,7 @@ impl ProgramArgs {
         for folder in &self.subroutines {
             if !folder.is_dir() {
                 return Err(CommandError::Usage(format!(
-                    "{} is no folder; name one with subroutines NAME.ngc",
+                    "{} is not a folder; name one with subroutines NAME.ngc",
                     folder.display()
                 )));
             }
@@ -96,7 +96,7 @@ impl ProgramArgs {
         Ok(memory)
     }
 
-    /// Shows how a program begins in the middle, before anything moves.
+    /// Shows how a program starts in the middle, before anything moves.
     pub(crate) fn tell_start(&self, setup: &Setup, err: &mut dyn Write) -> Result<(), CommandError> {
         if self.start_line.is_none() {
             return Ok(());
@@ -104,7 +104,7 @@ impl ProgramArgs {
         let commands =
             Commands::open(&self.program, setup).map_err(|error| CommandError::Failed(error.to_string()))?;
         if let Some(start) = commands.start() {
-            // With standard error gone there is nobody left to tell.
+            // If standard error is closed, nobody is left to inform.
             drop(writeln!(err, "{}", start.told()));
         }
         Ok(())
@@ -114,7 +114,7 @@ impl ProgramArgs {
 /// Makes sure that a program can be opened in time.
 ///
 /// # Errors
-/// It cannot.
+/// If it cannot.
 fn try_program(file: &Path) -> Result<(), CommandError> {
     let path = file.to_path_buf();
     within(FILE_TIMEOUT, move || open_regular(&path).map(drop)).map_err(|error| {
@@ -143,18 +143,18 @@ fn parse_planner(text: &str) -> Result<PlannerKind, String> {
     }
 }
 
-/// Checks an override in percent and gives the factor.
+/// Checks an override in percent and returns the factor.
 pub(crate) fn parse_override(text: &str) -> Result<f64, String> {
     match text.trim_end_matches('%').parse::<f64>() {
-        // A run that starts at 0 would stand for ever: nobody could raise it.
+        // A run that starts at 0 would never move: nobody could raise the override.
         Ok(percent) if (1.0..=200.0).contains(&percent) => Ok(percent / 100.0),
         _ => Err("give a percentage from 1 to 200".to_owned()),
     }
 }
 
-/// Refuses to write over a folder, the program or the machine file.
+/// Refuses to overwrite a folder, the program or the machine file.
 pub(crate) fn check_output(output: &Path, inputs: &ProgramArgs) -> Result<(), CommandError> {
-    // What cannot be looked at does not exist yet. Links of both kinds lead to the same file.
+    // A file that cannot be examined does not exist yet. Links of both kinds lead to the same file.
     let same = |input: &Path| match (std::fs::metadata(output), std::fs::metadata(input)) {
         (Ok(output), Ok(input)) => output.dev() == input.dev() && output.ino() == input.ino(),
         _ => false,
@@ -174,7 +174,7 @@ pub(crate) fn check_output(output: &Path, inputs: &ProgramArgs) -> Result<(), Co
     )))
 }
 
-/// Where a trace goes by default: `traces/NAME-TIME.mcap`, time in UTC.
+/// Default file of a trace: `traces/NAME-TIME.mcap`, time in UTC.
 pub(crate) fn default_trace(program: &Path) -> PathBuf {
     let name = program
         .file_stem()
@@ -193,7 +193,7 @@ pub(crate) fn default_trace(program: &Path) -> PathBuf {
     ))
 }
 
-/// Date of the proleptic Gregorian calendar, days since 1970-01-01, by counting: called once a run.
+/// Date in the proleptic Gregorian calendar, days since 1970-01-01, by counting: called once per run.
 fn civil_date(mut days: u64) -> (u64, u64, u64) {
     let leap = |year: u64| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
     let mut year = 1970;
@@ -213,7 +213,7 @@ fn civil_date(mut days: u64) -> (u64, u64, u64) {
     (year, month, days + 1)
 }
 
-/// The inputs of a file over a run whose time is not real.
+/// The inputs of a file for a run with the virtual clock.
 pub(crate) fn inputs(file: Option<&Path>, machine: &Machine) -> Result<Option<InputScript>, CommandError> {
     file.map(|file| InputScript::load(file, &machine.signals))
         .transpose()

@@ -1,4 +1,4 @@
-//! `evolvent rate`: how fast must the control loop run on this machine?
+//! `evolvent rate`: the control rate that a machine needs.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,23 +10,24 @@ use serde_json::json;
 
 use crate::CommandError;
 
-/// The rational control rate: what the machine's own limits need so that no chord between two setpoints misses a curve by
-/// more than the permitted error.
+/// Compute the rational control rate: the rate at which, under the machine's limits, no chord between two
+/// setpoints deviates from a curve by more than the permitted error.
 ///
-/// Give a machine file, or at least one of --acceleration-g, --jerk and --feed; what is not given does not limit. With
-/// --at-rate, --at-feed and --at-radius: step and chord error of one point, or the one of the three that is left out.
+/// Give a machine file, or at least one of --acceleration-g, --jerk and --feed; values that are not given do
+/// not limit. With --at-rate, --at-feed and --at-radius: step and chord error of one point, or the one of the
+/// three that is omitted.
 #[derive(Args, Debug, Default)]
 pub(crate) struct RateArgs {
-    /// Machine file; the largest limits over its linear axes count
+    /// Machine file; the largest limits over its linear axes apply
     #[arg(long, value_name = "FILE", conflicts_with_all = ["acceleration_g", "jerk", "feed"])]
     pub(crate) machine: Option<PathBuf>,
-    /// Largest acceleration of an axis, in g (9.81 m/s2)
+    /// Maximum acceleration of an axis, in g (9.81 m/s2)
     #[arg(long, value_name = "N")]
     pub(crate) acceleration_g: Option<f64>,
-    /// Largest jerk of an axis, in m/s3
+    /// Maximum jerk of an axis, in m/s3
     #[arg(long, value_name = "M_S3")]
     pub(crate) jerk: Option<f64>,
-    /// Largest feed, in mm/min
+    /// Maximum feed, in mm/min
     #[arg(long, value_name = "MM_MIN")]
     pub(crate) feed: Option<f64>,
     /// Increments per millimetre (1000 is a grid of 1 um); default: the machine file's
@@ -35,7 +36,7 @@ pub(crate) struct RateArgs {
     /// Permitted chord error, in increments; default: the machine file's, or 1
     #[arg(long, value_name = "INCREMENTS")]
     pub(crate) permitted_error: Option<f64>,
-    /// Smallest radius of curvature to allow for, in mm; default: the machine file's, or 0.25
+    /// Smallest radius of curvature to consider, in mm; default: the machine file's, or 0.25
     #[arg(long, value_name = "MM")]
     pub(crate) min_radius: Option<f64>,
     #[command(flatten)]
@@ -43,15 +44,18 @@ pub(crate) struct RateArgs {
     /// Print one JSON object on standard output
     #[arg(long)]
     pub(crate) json: bool,
-    /// Write permitted feed over radius (for each axis), rate over feed and rate over acceleration into one SVG file
+    /// Write permitted feed over radius (per axis), rate over feed and rate over acceleration into one SVG
+    /// file
     #[arg(long, value_name = "FILE.svg")]
     pub(crate) plot: Option<PathBuf>,
 }
 
-/// One point of the paper's diagrams: any two of the three give the third at the permitted error, all three give the error.
+/// One point of the paper's diagrams: any two of the three give the third at the permitted error, all three
+/// give the error.
 #[derive(Args, Clone, Copy, Debug, Default)]
 pub(crate) struct PointArgs {
-    /// Control rate, in Hz: with --at-feed and --at-radius the chord error, with one of them what the other may be
+    /// Control rate, in Hz: with --at-feed and --at-radius the chord error, with one of them the limit of the
+    /// other
     #[arg(long, value_name = "HZ")]
     pub(crate) at_rate: Option<f64>,
     /// Feed, in mm/min, as above
@@ -72,10 +76,10 @@ impl PointArgs {
     }
 }
 
-/// Computes the rate and writes it to `out`, as a table or as one JSON object; what else there is to say goes to `err`.
+/// Computes the rate and writes it to `out`, as a table or as one JSON object; notes go to `err`.
 ///
 /// # Errors
-/// `Usage` for a bad machine file or bad numbers, `Failed` where output or picture cannot be written.
+/// `Usage` for a bad machine file or bad numbers, `Failed` if output or picture cannot be written.
 pub(crate) fn run(args: &RateArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<(), CommandError> {
     let machine = match &args.machine {
         Some(file) => Some(Machine::load(file).map_err(|error| CommandError::Usage(error.to_string()))?),
@@ -174,7 +178,7 @@ pub(crate) fn check_svg_name(file: &Path) -> Result<(), CommandError> {
         return Ok(());
     }
     Err(CommandError::Usage(format!(
-        "{}: figures are SVG: let the name end in .svg",
+        "{}: figures are SVG: use the extension .svg",
         file.display()
     )))
 }

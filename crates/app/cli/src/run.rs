@@ -23,7 +23,7 @@ use crate::{CommandError, Ending};
 pub(crate) struct RunArgs {
     #[command(flatten)]
     program: ProgramArgs,
-    /// Real time, or as fast as it computes with the same bits.
+    /// Real time, or virtual: as fast as it computes, with the same bits.
     #[arg(long, value_enum, default_value_t = ClockArg::Realtime)]
     clock: ClockArg,
     /// Trace file. Default: traces/NAME-TIME.mcap.
@@ -35,31 +35,33 @@ pub(crate) struct RunArgs {
     /// Do not open the bus (iceoryx2).
     #[arg(long)]
     no_bus: bool,
-    /// Prefix of the bus's files: cores and clients of different prefixes do not see each other.
+    /// Prefix of the bus's files: cores and clients with different prefixes do not see each other.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// Wait, 10 s at the most, until so many clients listen to setpoints.
+    /// Wait up to 10 s until this many clients subscribe to setpoints.
     #[arg(long, value_name = "N", default_value_t = 0)]
     wait_for_clients: usize,
     /// Feed override in percent, 1 to 200.
     #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
     feed_override: f64,
-    /// When inputs of the machine change, where time is not real. Without it none is known, so that M66 ends by its timeout,
-    /// and an emergency-stop chain is closed.
+    /// Changes of the machine's inputs, for the virtual clock. Without it no input is known, so M66 ends by
+    /// its timeout, and an emergency-stop chain is closed.
     #[arg(long, value_name = "FILE.toml")]
     inputs: Option<PathBuf>,
     /// Stop at M1.
     #[arg(long)]
     optional_stop: bool,
-    /// Hold a cutting load by the feed: settings of the tool. In real time the load comes over the bus; with the virtual
-    /// clock the stock of --process is cut. Plans with the classic planner, which answers in the same cycle.
+    /// Control the feed for a constant cutting load: settings of the tool. In real time the load comes from
+    /// the bus; with the virtual clock the stock of --process is cut. Uses the classic planner, with which
+    /// the feed reacts in the same cycle.
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["no_bus", "planner"])]
     adaptive: Option<PathBuf>,
-    /// What the cut is like, for turning cycles with Q1, which find their passes from the cutting load: a file as of
-    /// `evolvent turn`. In real time the load comes over the bus; with the virtual clock the file's stock is cut.
+    /// The cutting process, for turning cycles with Q1, which compute their passes from the cutting load: a
+    /// process file of `evolvent turn`. In real time the load comes from the bus; with the virtual clock the
+    /// file's stock is cut.
     #[arg(long, value_name = "FILE.toml")]
     process: Option<PathBuf>,
-    /// Do not look through the program first; one with an error is then run up to the line before it.
+    /// Do not check the program first; a program with an error then runs up to the line before it.
     #[arg(long)]
     unchecked: bool,
     #[command(flatten)]
@@ -78,8 +80,7 @@ enum ClockArg {
 pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     if args.browser.is_wanted() && (args.no_bus || args.clock == ClockArg::Virtual) {
         return Err(CommandError::Usage(
-            "--screen shows what goes over the bus in real time: leave out --no-bus and --clock virtual"
-                .to_owned(),
+            "--screen needs the bus and real time: omit --no-bus and --clock virtual".to_owned(),
         ));
     }
     let mut setup = args.program.setup()?;
@@ -87,15 +88,15 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         None => None,
         Some(file) if args.clock == ClockArg::Virtual && args.process.is_none() => {
             return Err(CommandError::Usage(format!(
-                "{}: with the virtual clock no sensor measures a load: name a process file with a [stock] to cut \
-                 (--process), or leave out --clock virtual",
+                "{}: with the virtual clock no sensor measures a load: name a process file with a [stock] \
+                 to cut (--process), or omit --clock virtual",
                 file.display()
             )));
         }
         Some(file) if args.clock == ClockArg::Realtime && args.process.is_some() => {
             return Err(CommandError::Usage(format!(
-                "{}: in real time adaptive feed and passes that find themselves do not go together: leave out --process or \
-                 --adaptive",
+                "{}: in real time adaptive feed and load-adaptive passes cannot be combined: omit --process \
+                 or --adaptive",
                 file.display()
             )));
         }
@@ -118,7 +119,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     let inputs = match (&args.inputs, clock) {
         (Some(file), Clock::Realtime) => {
             return Err(CommandError::Usage(format!(
-                "{}: in real time inputs come from a bridge: leave out --inputs, or use --clock virtual",
+                "{}: in real time inputs come from a bridge: omit --inputs, or use --clock virtual",
                 file.display()
             )));
         }
@@ -141,7 +142,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     {
         std::fs::create_dir_all(folder).map_err(|error| {
             CommandError::Failed(format!(
-                "{}: {error}; choose another place with --trace",
+                "{}: {error}; choose another file with --trace",
                 folder.display()
             ))
         })?;
@@ -175,7 +176,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     };
     let browser = args.browser.start(&job.setup, job.bus_prefix.as_ref(), scope)?;
     if let Some(browser) = &browser {
-        // With standard error gone there is nobody left to tell.
+        // If standard error is closed, nobody is left to inform.
         drop(write_screen(err, browser));
     }
     if stop_at_program_stops {
@@ -195,10 +196,10 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     kept.map(|()| ending)
 }
 
-/// How many errors are worth showing to somebody who wanted to run the program.
+/// Maximum number of errors shown when a program should run.
 const ERRORS_SHOWN: usize = 10;
 
-/// Nothing moves for a program that is known to be wrong farther down.
+/// A program with a known error does not move anything.
 fn refuse_wrong_program(
     args: &RunArgs,
     setup: &Setup,
@@ -209,7 +210,7 @@ fn refuse_wrong_program(
     let file = &args.program.program;
     let name = file.display().to_string();
     let mut bounds = CheckBounds::while_one_waits(ERRORS_SHOWN);
-    // Where time is not real, nothing of the machine is there to be commanded.
+    // With the virtual clock there is no machine to command.
     bounds.user_codes = clock == Clock::Realtime;
     bounds.confirms_tools = clock == Clock::Virtual || io::stdin().is_terminal();
     let found = evolvent_runtime::check(file, setup, bounds)
@@ -232,12 +233,12 @@ fn refuse_wrong_program(
     };
     written.map_err(|error| CommandError::Failed(format!("the errors cannot be written: {error}")))?;
     Err(CommandError::Failed(format!(
-        "{name} is wrong, so nothing was moved; --unchecked runs it up to line {}",
+        "{name} has errors, so nothing was moved; --unchecked runs it up to line {}",
         first.line
     )))
 }
 
-/// Writes tools and parameters that a program has changed. Of a program that did not come to its end nothing is kept: it
+/// Writes the program's changes to tools and parameters. A program that did not reach its end keeps none: it
 /// was interpreted ahead of the machine.
 fn keep(job: &Job, outcome: &RunOutcome) -> Result<(), CommandError> {
     let Some(left) = outcome
@@ -253,7 +254,7 @@ fn keep(job: &Job, outcome: &RunOutcome) -> Result<(), CommandError> {
         .map_err(|error| CommandError::Failed(error.to_string()))
 }
 
-/// Summary, errors, and the exit code that they call for.
+/// Summary, errors, and the resulting exit code.
 pub(crate) fn report(
     json: bool,
     outcome: &RunOutcome,
@@ -270,7 +271,7 @@ pub(crate) fn report(
     };
     written.map_err(|error| CommandError::Failed(format!("the summary cannot be written: {error}")))?;
     if let Some(error) = &outcome.trace_error {
-        // The run itself went on; the exit code says that data was lost.
+        // The run itself continued; the exit code shows that data was lost.
         drop(writeln!(err, "warning: {error}"));
     }
     if let Some(fault) = &outcome.fault {
@@ -280,7 +281,7 @@ pub(crate) fn report(
         if summary.outcome == Outcome::Stopped {
             drop(writeln!(
                 err,
-                "the run was stopped; further on the program has an error"
+                "the run was stopped; a later line of the program has an error"
             ));
         }
         return Err(CommandError::Failed(error.to_string()));

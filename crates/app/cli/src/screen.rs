@@ -1,4 +1,4 @@
-//! What people see while a run goes on, and the summary at its end.
+//! Progress during a run, and the summary at its end.
 
 use std::io::{self, BufRead, IsTerminal, Write};
 use std::path::Path;
@@ -10,14 +10,15 @@ use indicatif::{ProgressBar, ProgressStyle};
 pub(crate) struct Screen {
     bar: Option<ProgressBar>,
     lines: u64,
-    /// Whether someone can answer at program stops.
+    /// Whether someone can confirm program stops.
     asks: bool,
-    /// The program stop that was last told of, as the number of stops passed by then.
+    /// The last program stop that was reported, as the number of stops passed by then.
     asked: Option<u32>,
 }
 
 impl Screen {
-    /// For a program whose lines are counted beforehand. `asks`: somebody at the terminal answers at program stops.
+    /// For a program whose lines are counted beforehand. `asks`: someone at the terminal confirms program
+    /// stops.
     pub(crate) fn new(program: &Path, quiet: bool, asks: bool) -> Self {
         let terminal = !quiet && io::stderr().is_terminal();
         let lines = if terminal { count_lines(program) } else { 0 };
@@ -35,7 +36,7 @@ impl Screen {
         }
     }
 
-    /// Takes the progress bar away.
+    /// Removes the progress bar.
     pub(crate) fn finish(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
@@ -45,7 +46,7 @@ impl Screen {
     fn say(&self, text: &str) {
         match &self.bar {
             Some(bar) => bar.println(text),
-            // With standard error gone there is nobody left to tell.
+            // If standard error is closed, nobody is left to inform.
             None => drop(writeln!(io::stderr(), "{text}")),
         }
     }
@@ -66,7 +67,7 @@ impl RunObserver for Screen {
         if self.asks && progress.at_program_stop && self.asked != Some(progress.resumes) {
             self.asked = Some(progress.resumes);
             self.say(&format!(
-                "program stop at line {}: press Enter to go on",
+                "program stop at line {}: press Enter to continue",
                 progress.line
             ));
         }
@@ -102,7 +103,7 @@ fn count_lines(program: &Path) -> u64 {
     }
 }
 
-/// The summary for people.
+/// The summary as text.
 pub(crate) fn write_summary(out: &mut dyn Write, summary: &Summary) -> io::Result<()> {
     writeln!(
         out,
@@ -133,7 +134,8 @@ pub(crate) fn write_summary(out: &mut dyn Write, summary: &Summary) -> io::Resul
         let mark = if rotary { "deg" } else { "mm" };
         writeln!(
             out,
-            "  {}     {:>12.6} {length} {:>10.2} {mark}/s {:>5.1} % {:>13.1} {mark}/s2 {:>5.1} % {:>13.0} {mark}/s3 {:>5.1} %",
+            "  {}     {:>12.6} {length} {:>10.2} {mark}/s {:>5.1} % {:>13.1} {mark}/s2 {:>5.1} % {:>13.0} \
+             {mark}/s3 {:>5.1} %",
             axis.axis,
             position,
             axis.max_velocity_mm_s,
@@ -159,15 +161,16 @@ pub(crate) fn write_summary(out: &mut dyn Write, summary: &Summary) -> io::Resul
     {
         writeln!(
             out,
-            "  at steps of curvature in exact-path mode jerk is bounded by the joint time only (path.joint_time_ms)"
+            "  at steps of curvature in exact-path mode jerk is bounded by the joint time only \
+             (path.joint_time_ms)"
         )?;
     }
     if let Some(turning) = &summary.turning {
         let peak = turning.peak_true_load.unwrap_or(turning.peak_load);
         writeln!(
             out,
-            "  turning cycles by the load: {} of {} at size, {} passes, backed off {} times, {:.1} s; load at most {peak:.0} \
-             ({:.3} of the set one)",
+            "  load-adaptive turning cycles: {} of {} at size, {} passes, backed off {} times, {:.1} s; \
+             maximum load {peak:.0} ({:.3} of the set load)",
             turning.done,
             turning.cycles,
             turning.passes,
@@ -185,7 +188,8 @@ pub(crate) fn write_summary(out: &mut dyn Write, summary: &Summary) -> io::Resul
         let us = |ns: i64| ns as f64 / 1000.0;
         writeln!(
             out,
-            "  woken late by p50 {:.1}, p99.9 {:.1}, at most {:.1} us; own work p50 {:.1}, p99.9 {:.1}, at most {:.1} us",
+            "  wake-up lateness p50 {:.1}, p99.9 {:.1}, max {:.1} us; own work p50 {:.1}, p99.9 {:.1}, max \
+             {:.1} us",
             us(wake.p50_ns),
             us(wake.p999_ns),
             us(wake.max_ns),

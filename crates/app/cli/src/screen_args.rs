@@ -13,7 +13,8 @@ use crate::CommandError;
 /// Options of the screen.
 #[derive(Debug, Args)]
 pub(crate) struct ScreenArgs {
-    /// Show the machine in the browser. Beyond 127.0.0.1 connections are encrypted and the address is printed as a QR code, too.
+    /// Serve the page for the browser. Beyond 127.0.0.1 connections are encrypted and the address is also
+    /// printed as a QR code.
     #[arg(
         long = "screen",
         value_name = "ADDRESS:PORT",
@@ -22,10 +23,12 @@ pub(crate) struct ScreenArgs {
         default_missing_value = "127.0.0.1:5300"
     )]
     address: Option<SocketAddr>,
-    /// A name by which browsers may address this computer, besides its host name and addresses; may be repeated.
+    /// A name by which browsers may address this computer, in addition to its host name and addresses; may be
+    /// repeated.
     #[arg(long = "screen-host", value_name = "NAME", requires = "address")]
     hosts: Vec<String>,
-    /// Certificate chain of the screen, PEM. Default beyond 127.0.0.1: one of its own, kept in the state folder.
+    /// Certificate chain of the screen, PEM. Default beyond 127.0.0.1: a generated certificate, kept in the
+    /// state folder.
     #[arg(long = "screen-certificate", value_name = "FILE.pem", requires_all = ["address", "key"])]
     certificate: Option<PathBuf>,
     /// Private key of the certificate, PEM.
@@ -43,7 +46,7 @@ impl ScreenArgs {
         self.address.is_some()
     }
 
-    /// Starts the screen, where one is wanted. Its threads get the priority of the caller.
+    /// Starts the screen, if requested. Its threads inherit the priority of the caller.
     pub(crate) fn start(
         &self,
         setup: &Setup,
@@ -68,13 +71,13 @@ impl ScreenArgs {
     }
 }
 
-/// Where to look.
+/// The address to open.
 pub(crate) fn write_screen(err: &mut dyn Write, screen: &Screen) -> std::io::Result<()> {
     match screen.watch_address() {
         Some(watch) => {
             writeln!(
                 err,
-                "screen: {} (who has this address may command)",
+                "screen: {} (this address permits operating the machine)",
                 screen.address()
             )?;
             writeln!(err, "        {watch} (to watch only)")?;

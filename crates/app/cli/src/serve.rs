@@ -27,26 +27,26 @@ pub(crate) struct ServeArgs {
     /// Control rate: Hz, or `rational`. Default: the machine file's.
     #[arg(long, value_name = "HZ|rational", value_parser = parse_rate)]
     rate: Option<ControlRate>,
-    /// Trace of the whole session in one file, without a bound. Default: a file every hour in --trace-folder.
+    /// Trace the whole session to one file of any size. Default: a file every hour in --trace-folder.
     #[arg(long, value_name = "FILE.mcap", conflicts_with_all = ["no_trace", "trace_folder", "trace_limit"])]
     trace: Option<PathBuf>,
     /// Do not write a trace.
     #[arg(long, conflicts_with_all = ["trace_folder", "trace_limit"])]
     no_trace: bool,
-    /// Folder for traces: a new file every hour in which nothing moves. Default: traces in the state folder.
+    /// Folder for traces: a new file every hour while nothing moves. Default: traces in the state folder.
     #[arg(long, value_name = "FOLDER")]
     trace_folder: Option<PathBuf>,
-    /// What this machine's traces in that folder may take together: the oldest are removed.
+    /// Maximum total size of this machine's traces in that folder: the oldest are removed.
     #[arg(long, value_name = "GIB", value_parser = parse_gib, default_value = "10")]
     trace_limit: u64,
-    /// Prefix of the bus's files: cores and clients of different prefixes do not see each other.
+    /// Prefix of the bus's files: cores and clients with different prefixes do not see each other.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
     /// Folder for offsets, tools and parameters. Default: $XDG_STATE_HOME/evolvent/NAME.
     #[arg(long, value_name = "FOLDER")]
     state: Option<PathBuf>,
-    /// What the cut is like, for turning cycles with Q1, which find their passes from the cutting load on the bus: a file
-    /// as of `evolvent turn`.
+    /// The cutting process, for turning cycles with Q1, which compute their passes from the cutting load on
+    /// the bus: a process file of `evolvent turn`.
     #[arg(long, value_name = "FILE.toml")]
     process: Option<PathBuf>,
     #[command(flatten)]
@@ -94,7 +94,7 @@ pub(crate) fn run(
         .screen
         .start(&config.setup, config.bus_prefix.as_ref(), scope)?;
     let summary = serve(&config, &stop, |news| {
-        // With standard error gone there is nobody left to tell.
+        // If standard error is closed, nobody is left to inform.
         drop(match news {
             ServeNews::Note(text) => writeln!(err, "note: {text}"),
             ServeNews::Ready(trace) => write_ready(err, &config, trace).and_then(|()| match &screen {
@@ -105,23 +105,23 @@ pub(crate) fn run(
     })
     .map_err(|error| match (&error, &config.trace) {
         (StartError::Trace(_), TraceTo::Folder { .. }) => CommandError::Failed(format!(
-            "{error}; choose another place with --trace-folder, or none with --no-trace"
+            "{error}; choose another folder with --trace-folder, or use --no-trace"
         )),
         _ => CommandError::Failed(error.to_string()),
     })?;
     report(args.json, &summary, out)
 }
 
-/// A bound of the traces in GiB, as bytes.
+/// A limit of the traces in GiB, as bytes.
 fn parse_gib(text: &str) -> Result<u64, String> {
     match text.parse::<f64>() {
-        // A quarter of it is one file.
+        // One file is a quarter of it.
         Ok(gib) if (0.01..=1e6).contains(&gib) => Ok((gib * f64::from(1 << 30)) as u64),
         _ => Err("give a size in GiB from 0.01 to 1000000".to_owned()),
     }
 }
 
-/// What is served, and how to go on.
+/// Prints what is served, and the next steps.
 fn write_ready(err: &mut dyn Write, config: &ServeConfig, trace: Option<&Path>) -> std::io::Result<()> {
     let machine = &config.setup.machine;
     let axes: String = machine.axes.iter().map(|axis| axis.letter.letter()).collect();
@@ -135,7 +135,7 @@ fn write_ready(err: &mut dyn Write, config: &ServeConfig, trace: Option<&Path>) 
     match (&config.trace, trace) {
         (TraceTo::Folder { limit_bytes, .. }, Some(file)) => writeln!(
             err,
-            "recording to {}; a new file every hour, {:.2} GiB of them are kept",
+            "recording to {}; a new file every hour, at most {:.2} GiB",
             file.display(),
             *limit_bytes as f64 / f64::from(1 << 30)
         )?,
@@ -149,11 +149,13 @@ fn write_ready(err: &mut dyn Write, config: &ServeConfig, trace: Option<&Path>) 
     let name = &machine.name;
     writeln!(
         err,
-        "next: `evolvent ctl --machine-name {name}{bus} up` leaves the emergency stop and switches on; `evolvent top {name}{bus}` looks on;"
+        "next: `evolvent ctl --machine-name {name}{bus} up` leaves the emergency stop and switches on; \
+         `evolvent top {name}{bus}` shows the machine;"
     )?;
     writeln!(
         err,
-        "      `evolvent bridge sim --machine-name {name}{bus}` simulates drives; Ctrl-C stops within the limits and ends"
+        "      `evolvent bridge sim --machine-name {name}{bus}` simulates drives; Ctrl-C stops within the \
+         limits and ends"
     )
 }
 
@@ -202,7 +204,8 @@ fn watch_signals(stop: &Arc<AtomicBool>) -> Result<(), CommandError> {
         signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(stop)).map_err(failed)?;
         signal_hook::flag::register(signal, Arc::clone(stop)).map_err(failed)?;
     }
-    // A terminal that goes away ends it too; Ctrl-Z does nothing, because it would freeze the axes wherever they are.
+    // A terminal that closes ends it too; Ctrl-Z does nothing, because it would freeze the axes at their
+    // positions.
     signal_hook::flag::register(SIGHUP, Arc::clone(stop)).map_err(failed)?;
     signal_hook::flag::register(SIGTSTP, Arc::new(AtomicBool::new(false))).map_err(failed)?;
     Ok(())

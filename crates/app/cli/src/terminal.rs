@@ -1,4 +1,4 @@
-//! A terminal that is drawn on as a whole, and given back whatever happens.
+//! A terminal in full-screen mode, restored in every case.
 
 use std::io::{self, IsTerminal, Read as _, Write};
 
@@ -7,13 +7,13 @@ use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcgetwins
 /// Changes to the second screen and hides the cursor, and back.
 const BEGIN: &str = "\x1b[?1049h\x1b[?25l";
 const END: &str = "\x1b[?25h\x1b[?1049l";
-/// Goes home, clears the rest of a line and of the screen.
+/// Moves the cursor home, clears the rest of a line and of the screen.
 const HOME: &str = "\x1b[H";
 const CLEAR_LINE: &str = "\x1b[K";
 const CLEAR_BELOW: &str = "\x1b[J";
 const PLAIN: &str = "\x1b[0m";
 
-/// The second screen of the terminal and its keyboard, until it is dropped: also where a panic unwinds.
+/// The second screen of the terminal and its keyboard, until it is dropped, also when a panic unwinds.
 pub(crate) struct Terminal<'a> {
     out: &'a mut dyn Write,
     keys: Keys,
@@ -28,9 +28,9 @@ impl<'a> Terminal<'a> {
         Ok(terminal)
     }
 
-    /// Draws a text over what was there, as much of it as fits.
+    /// Draws as much of a text as fits over the previous one.
     pub(crate) fn draw(&mut self, text: &str) -> io::Result<()> {
-        // A terminal that does not say how large it is gets everything.
+        // A terminal that does not report its size receives everything.
         let size = tcgetwinsize(io::stdout()).ok().filter(|size| size.ws_col > 0);
         let (rows, columns) = size.map_or((usize::MAX, usize::MAX), |size| {
             (usize::from(size.ws_row), usize::from(size.ws_col))
@@ -39,7 +39,7 @@ impl<'a> Terminal<'a> {
         self.out.flush()
     }
 
-    /// Whether somebody has pressed q, or what ends programs and inputs.
+    /// Whether q was pressed, or a key that ends programs and inputs.
     pub(crate) fn wants_to_end(&self) -> bool {
         self.keys.wants_to_end()
     }
@@ -47,13 +47,13 @@ impl<'a> Terminal<'a> {
 
 impl Drop for Terminal<'_> {
     fn drop(&mut self) {
-        // With the terminal gone there is nothing to give back.
+        // If the terminal is closed, there is nothing to restore.
         let _ = self.out.write_all(END.as_bytes()).and_then(|()| self.out.flush());
     }
 }
 
-/// A text as a picture of so many rows and columns. Lines are cleared before they are drawn: behind its last column a
-/// terminal would take that column away.
+/// Formats a text for this many rows and columns. Lines are cleared before they are drawn, because after the
+/// last column a terminal would clear that column.
 fn frame(text: &str, rows: usize, columns: usize) -> String {
     let mut frame = String::from(HOME);
     let mut drawn = 0;
@@ -72,7 +72,7 @@ fn frame(text: &str, rows: usize, columns: usize) -> String {
     frame
 }
 
-/// The part of a line that fits. Colours take no room.
+/// The part of a line that fits. Colours have no width.
 fn clip(line: &str, columns: usize) -> String {
     let (mut out, mut used, mut colour, mut cut) = (String::new(), 0, false, false);
     for c in line.chars() {
@@ -94,7 +94,7 @@ fn clip(line: &str, columns: usize) -> String {
     out
 }
 
-/// The keyboard, key by key and without an echo, until it is dropped.
+/// The keyboard, key by key and without echo, until it is dropped.
 struct Keys(Option<Termios>);
 
 impl Keys {
@@ -108,7 +108,7 @@ impl Keys {
         };
         let mut raw = before.clone();
         raw.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
-        // A read gives what is there, also nothing.
+        // A read returns the available keys, or none.
         raw.special_codes[rustix::termios::SpecialCodeIndex::VMIN] = 0;
         raw.special_codes[rustix::termios::SpecialCodeIndex::VTIME] = 0;
         Self(
@@ -131,7 +131,7 @@ impl Keys {
 impl Drop for Keys {
     fn drop(&mut self) {
         if let Some(before) = &self.0 {
-            // With the terminal gone there is nothing to give back.
+            // If the terminal is closed, there is nothing to restore.
             let _ = tcsetattr(io::stdin(), OptionalActions::Now, before);
         }
     }
@@ -148,7 +148,7 @@ mod tests {
             frame(text, 2, 4),
             "\x1b[H\x1b[K\x1b[1mabcd\x1b[0m\r\n\x1b[Kseco\x1b[0m"
         );
-        // All of it where there is room, its colours as they are.
+        // All of it if it fits, with its colours.
         assert_eq!(
             frame(text, 9, 6),
             "\x1b[H\x1b[K\x1b[1mabcdef\x1b[0m\r\n\x1b[Ksecond\r\n\x1b[Kthird\r\n\x1b[J"

@@ -1,4 +1,4 @@
-//! `evolvent top`: a running machine on a terminal, from its status service alone.
+//! `evolvent top`: a running machine on a terminal, from its status service only.
 
 use evolvent_path::AxisMask;
 use std::fmt::Write as _;
@@ -16,13 +16,13 @@ use crate::ctl_status::probe_state;
 use crate::terminal::Terminal;
 use crate::{CommandError, Ending};
 
-/// A status that is older belongs to a core that has gone.
+/// A status that is older belongs to a core that has ended.
 const STALE: Duration = Duration::from_millis(500);
-/// How long a single look waits for a core and its snapshot.
+/// How long a single snapshot waits for a core and its status.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// How long one look for a core takes on a screen, between two looks at the keys.
+/// Duration of one search for a core in full-screen mode, between two checks of the keys.
 const LOOK: Duration = Duration::from_millis(300);
-/// Colours; they end with the letter m, and nothing else of them is drawn.
+/// Colours; they end with the letter m, and no part of them is visible.
 const BOLD: &str = "\x1b[1m";
 const RED: &str = "\x1b[31m";
 const PLAIN: &str = "\x1b[0m";
@@ -36,10 +36,10 @@ pub(crate) struct TopArgs {
     /// Prefix of the bus's files.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// Time from one picture to the next.
+    /// Time between two pictures.
     #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u64).range(20..=10_000))]
     every: u64,
-    /// One snapshot, and end: as where the output is no terminal.
+    /// One snapshot, then end: the default if the output is not a terminal.
     #[arg(long)]
     once: bool,
     /// One snapshot as one JSON object.
@@ -85,7 +85,7 @@ fn snapshot(args: &TopArgs, out: &mut dyn Write) -> Result<Ending, CommandError>
         }
         if Instant::now() >= end {
             let text = format!(
-                "{} has sent no status for {} s: its core has gone",
+                "{} has sent no status for {} s: its core has ended",
                 args.machine_name,
                 PATIENCE.as_secs()
             );
@@ -102,7 +102,7 @@ fn snapshot(args: &TopArgs, out: &mut dyn Write) -> Result<Ending, CommandError>
     Ok(Ending::Clean)
 }
 
-/// Draws until somebody wants to end it. A core that goes is waited for.
+/// Draws until the user ends it. Waits for a core that has ended.
 fn watch(args: &TopArgs, terminal: &mut Terminal<'_>, stop: &AtomicBool) -> Result<(), CommandError> {
     let every = Duration::from_millis(args.every);
     let mut client: Option<(ClientBus, StatusReader)> = None;
@@ -141,7 +141,7 @@ fn watch(args: &TopArgs, terminal: &mut Terminal<'_>, stop: &AtomicBool) -> Resu
                     true,
                 );
                 terminal.draw(&text).map_err(write_error)?;
-                // A core that starts again makes its services anew.
+                // A core that restarts creates its services again.
                 lost |= age > 4 * STALE;
             }
         }
@@ -227,7 +227,7 @@ impl Picture<'_> {
         }
     }
 
-    /// Alarms, and inputs that hold the machine.
+    /// Alarms, and inputs that block the machine.
     fn what_it_waits_for(&mut self) {
         // First, so that a small terminal shows it.
         if self.status.alarm_count > 0 {
@@ -296,7 +296,8 @@ impl Picture<'_> {
         let feed = 60.0 * self.status.feed_mm_s;
         let _ = writeln!(
             self.text,
-            "\nfeed {:.1} mm/min of {:.1}   override {:.0} %, rapid {:.0} %, spindle {:.0} %   spindle {:.0} rpm   T{}",
+            "\nfeed {:.1} mm/min of {:.1}   override {:.0} %, rapid {:.0} %, spindle {:.0} %   spindle \
+             {:.0} rpm   T{}",
             feed,
             60.0 * self.status.feed_programmed_mm_s,
             100.0 * self.status.override_ratio,
@@ -316,12 +317,13 @@ impl Picture<'_> {
         );
     }
 
-    /// How punctual the loop is, what was lost, and the flags of the setpoint.
+    /// Lateness of the loop, losses, and the flags of the setpoint.
     fn core_loop(&mut self) {
         let us = |ns: u64| ns as f64 * 1e-3;
         let _ = writeln!(
             self.text,
-            "woken late by p50 {:.1}, p99.9 {:.1}, at most {:.1} us   work p50 {:.1}, p99.9 {:.1}, at most {:.1} us",
+            "wake-up lateness p50 {:.1}, p99.9 {:.1}, max {:.1} us   work p50 {:.1}, p99.9 {:.1}, max {:.1} \
+             us",
             us(self.status.wake_lateness_p50_ns),
             us(self.status.wake_lateness_p999_ns),
             us(self.status.wake_lateness_max_ns),
@@ -351,14 +353,14 @@ impl Picture<'_> {
     }
 }
 
-/// A text from the bus may hold anything; on a terminal it stays one line and moves no cursor.
+/// A text from the bus may contain anything; on a terminal it stays one line and moves no cursor.
 fn one_line(text: &str) -> String {
     text.chars()
         .map(|c| if c.is_control() { ' ' } else { c })
         .collect()
 }
 
-/// What a hold needs at most, as far as the job has come.
+/// The longest stop of a hold in the job so far.
 fn longest_stop(status: &Status) -> String {
     if status.longest_stop_mm > 0.0 {
         format!(

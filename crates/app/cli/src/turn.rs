@@ -1,4 +1,5 @@
-//! `evolvent turn`: self-programmed turning on a simulated workpiece, its report, and the passes as a part program.
+//! `evolvent turn`: load-adaptive turning on a simulated workpiece, its report, and the passes as a part
+//! program.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -12,8 +13,8 @@ use crate::{CommandError, Ending};
 
 /// Options of `evolvent turn`.
 ///
-/// The job is tried on the stock of its file: the passes find themselves from the simulated cutting load, under the
-/// machine's limits. docs/theory-turning.md leads through an example and names every assumption.
+/// The job is tried on the stock of its file: the passes follow from the simulated cutting load, under the
+/// machine's limits. docs/theory-turning.md explains an example and lists every assumption.
 #[derive(Debug, Args, Default)]
 pub(crate) struct TurnArgs {
     /// The job file (TOML)
@@ -24,7 +25,7 @@ pub(crate) struct TurnArgs {
     /// Draw passes, feed and load, and the comparison with fixed passes (HTML or SVG)
     #[arg(long, value_name = "FILE")]
     pub(crate) report: Option<PathBuf>,
-    /// Write the passes that were found as a part program for this stock
+    /// Write the resulting passes as a part program for this stock
     #[arg(long, value_name = "FILE.ngc")]
     pub(crate) program: Option<PathBuf>,
     /// Record every cycle, and every change of state with its reason
@@ -33,13 +34,13 @@ pub(crate) struct TurnArgs {
     /// Publish the setpoints on the bus
     #[arg(long)]
     pub(crate) bus: bool,
-    /// Turn in real time, by the load on the bus, instead of trying the job on the stock of its file
+    /// Turn in real time, with the load on the bus, instead of trying the job on the stock of its file
     #[arg(long)]
     pub(crate) realtime: bool,
     /// Prefix of the bus's files, as of `evolvent run`
     #[arg(long, value_name = "PREFIX")]
     pub(crate) bus_prefix: Option<String>,
-    /// Tell every change of state with its reason
+    /// Print every change of state with its reason
     #[arg(long)]
     pub(crate) log: bool,
     /// Print one JSON object on standard output
@@ -50,7 +51,8 @@ pub(crate) struct TurnArgs {
 /// Tries the job.
 ///
 /// # Errors
-/// `Usage` for a bad job or machine, `Failed` where the machine's guard refuses a setpoint or a file cannot be written.
+/// `Usage` for a bad job or machine, `Failed` if the machine's guard rejects a setpoint or a file cannot be
+/// written.
 pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let job = read_process(&args.job)?;
     if let Some(report) = &args.report {
@@ -58,7 +60,7 @@ pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         let extension = report.extension().unwrap_or_default().to_string_lossy();
         if !good.iter().any(|name| extension.eq_ignore_ascii_case(name)) {
             return Err(CommandError::Usage(format!(
-                "{}: reports are HTML or SVG: let the name end in .html or .svg",
+                "{}: reports are HTML or SVG: use the extension .html or .svg",
                 report.display()
             )));
         }
@@ -151,7 +153,8 @@ mod tests {
         let page = std::fs::read_to_string(report).unwrap();
         assert!(page.contains("<svg") && page.contains("at size") && !page.contains("NaN"));
 
-        // The program goes the same way: as long, within a few percent, and down to the final radius.
+        // The program follows the same path: equally long, within a few percent, and down to the final
+        // radius.
         let text = std::fs::read_to_string(program).unwrap();
         let (mut at, mut minutes, mut lowest) = ((0.0, 0.0), 0.0, f64::INFINITY);
         for line in text

@@ -11,12 +11,12 @@ use crate::screws::{ScrewValues, screws};
 const NO_LIMIT: f64 = 1e8;
 /// Travel of a linear axis without limits, mm, and of a rotary one, degrees.
 const TRAVEL_WITHOUT_LIMITS: (f64, f64) = (10_000.0, 36_000.0);
-/// Full acceleration is reached within this time where no jerk is given, s. Tuned: 0.02 to 0.1 s are usual in data
-/// sheets of machines without a jerk limit of their own.
+/// Time to full acceleration if no jerk is given, s. Tuned: data sheets of machines without a jerk limit have
+/// 0.02 to 0.1 s.
 const JERK_TIME_S: f64 = 0.05;
-/// LinuxCNC's velocity in units/s and acceleration in units/s^2 where none is given.
+/// LinuxCNC's default velocity in units/s and acceleration in units/s^2.
 const DEFAULT_LIMIT: f64 = 1.0;
-/// Velocities and accelerations above this are none of a machine, in units and seconds.
+/// No machine has velocities and accelerations above this, in units and seconds.
 const MAX_LIMIT: f64 = 1e5;
 
 /// One axis, in mm or degrees and seconds.
@@ -28,10 +28,10 @@ pub(crate) struct AxisValues {
     pub(crate) acceleration: f64,
     pub(crate) jerk: f64,
     pub(crate) home: f64,
-    /// At rest, and the time of motion that is permitted, ms.
+    /// Permitted at rest, and the time of motion that is permitted, ms.
     pub(crate) following: (Option<f64>, Option<f64>),
     pub(crate) homing: Option<HomingValues>,
-    /// Degrees or mm of a unit of the configuration.
+    /// Degrees or mm per unit of the configuration.
     pub(crate) unit: f64,
     pub(crate) screws: ScrewValues,
 }
@@ -66,7 +66,7 @@ impl Units {
                 _ => match entry.number() {
                     Ok(units_per_mm) if units_per_mm > 0.0 => 1.0 / units_per_mm,
                     _ => {
-                        let what = format!("LINEAR_UNITS = {:?} is no unit of length", entry.value);
+                        let what = format!("LINEAR_UNITS = {:?} is not a unit of length", entry.value);
                         return Err(entry.error(what, "write mm or inch"));
                     }
                 },
@@ -81,7 +81,7 @@ impl Units {
                 _ => match entry.number() {
                     Ok(units_per_degree) if units_per_degree > 0.0 => 1.0 / units_per_degree,
                     _ => {
-                        let what = format!("ANGULAR_UNITS = {:?} is no unit of angle", entry.value);
+                        let what = format!("ANGULAR_UNITS = {:?} is not a unit of angle", entry.value);
                         return Err(entry.error(what, "write degree"));
                     }
                 },
@@ -303,7 +303,7 @@ fn homing(
     let latch = ini.number(joint, "HOME_LATCH_VEL")?.unwrap_or(0.0).abs() * unit;
     let switch = ini.number(joint, "HOME_OFFSET")?.unwrap_or(0.0) * unit;
     let sequence = ini.number(joint, "HOME_SEQUENCE")?;
-    // Without a search the joint is homed where it is: a machine file needs no table for that.
+    // Without a search the joint is homed where it is: the machine file needs no table.
     if search == 0.0 {
         return Ok(None);
     }
@@ -339,7 +339,7 @@ fn homing(
     }))
 }
 
-/// A number without the noise of a conversion of units.
+/// A number without the rounding noise of a unit conversion.
 pub(crate) fn tidy(value: f64) -> String {
     let text = format!("{value:.9}");
     let text = text.trim_end_matches('0').trim_end_matches('.');

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// Why a configuration cannot become a machine file, with the place and what to do.
+/// Why a configuration cannot become a machine file, with the position and the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum ImportError {
     /// A file cannot be read.
@@ -13,16 +13,16 @@ pub enum ImportError {
         /// Why.
         source: std::io::Error,
     },
-    /// A line that cannot be used.
+    /// An unusable line.
     #[error("{}:{line}: {what}; {advice}", path.display())]
     Line {
         /// The file.
         path: PathBuf,
         /// From 1.
         line: u32,
-        /// What is wrong.
+        /// The error.
         what: String,
-        /// What to do.
+        /// The remedy.
         advice: String,
     },
     /// Something that the whole configuration lacks.
@@ -30,17 +30,17 @@ pub enum ImportError {
     Missing {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The error.
         what: String,
-        /// What to do.
+        /// The remedy.
         advice: String,
     },
-    /// The machine file that came out is not accepted.
+    /// The resulting machine file is invalid.
     #[error("{}: the values give no valid machine: {reason}", path.display())]
     Machine {
         /// The INI file.
         path: PathBuf,
-        /// What the machine file's own check says.
+        /// The message of the machine file's own check.
         reason: String,
     },
     /// A file cannot be written.

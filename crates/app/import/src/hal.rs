@@ -1,13 +1,13 @@
-//! What HAL files tell about the hardware.
+//! Hardware information in HAL files.
 
 use std::path::Path;
 
 use evolvent_config::read_regular;
 
-/// Longest HAL file that is looked into.
+/// Maximum size of a HAL file.
 const MAX_BYTES: u64 = 4 << 20;
 
-/// Components, and what takes their part.
+/// Components, and their replacement.
 const COMPONENTS: &[(&str, &str)] = &[
     ("hm2_eth", "a Mesa Ethernet board"),
     ("hm2_pci", "a Mesa PCI board"),
@@ -23,7 +23,7 @@ const COMPONENTS: &[(&str, &str)] = &[
     ),
 ];
 
-/// Components of a HAL file that say what the machine is wired to, with what they are.
+/// Components of a HAL file that show how the machine is wired, with a description.
 pub(crate) fn hardware(file: &Path) -> Vec<(&'static str, &'static str)> {
     let Ok(bytes) = read_regular(file, MAX_BYTES) else {
         return Vec::new();

@@ -1,4 +1,4 @@
-//! From an INI file to the files of a machine.
+//! Conversion of an INI file to the files of a machine.
 
 use std::fs::{self, OpenOptions};
 use std::io;
@@ -20,10 +20,10 @@ use crate::settings::{Settings, drop_entry};
 use crate::tables;
 use crate::text::{self, Names};
 
-/// Longest tool table or parameter file.
+/// Maximum size of a tool table or parameter file.
 const MAX_TABLE_BYTES: u64 = 4 << 20;
 
-/// A machine that has been read from a configuration; nothing is written yet.
+/// A machine read from a configuration; nothing is written yet.
 #[derive(Debug)]
 pub struct Import {
     machine: String,
@@ -32,12 +32,12 @@ pub struct Import {
     report: Report,
 }
 
-/// Reads a configuration of LinuxCNC: the INI file, what it includes, its tool table, parameters and HAL files. `stem` is
-/// the name of the files that [`Import::write`] makes, without an ending.
+/// Reads a configuration of LinuxCNC: the INI file, its includes, its tool table, parameters and HAL files.
+/// `stem` is the name of the files that [`Import::write`] creates, without extension.
 ///
 /// # Errors
-/// Files that cannot be read, numbers that are none, kinematics other than `trivkins`, and values that give no valid
-/// machine file. Each names file, line where there is one, and what to do.
+/// Unreadable files, invalid numbers, kinematics other than `trivkins`, and values that give no valid machine
+/// file. Each error has the file, the line if there is one, and the remedy.
 pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
     let mut report = Report::default();
     let mut ini = Ini::read(ini, &mut report)?;
@@ -45,7 +45,7 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
     let axes = axes(&mut ini, units, &mut report)?;
     let mut settings = Settings::read(&mut ini, &axes, units.linear, &mut report)?;
     let mut tables = Vec::new();
-    // LinuxCNC writes this file itself when it ends: a configuration that never ran has none.
+    // LinuxCNC writes this file when it ends: a configuration that never ran has none.
     let is_new = |entry: &Entry| !resolve(Some(ini.folder()), &entry.value).exists();
     if let Some(entry) = settings.parameters.take_if(|entry| is_new(entry)) {
         report.choose(
@@ -99,7 +99,7 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
         let Err(error) = checked(&machine, stem, &tables) else {
             break machine;
         };
-        // A table that is too rough for the limits is left out; the machine comes over without it.
+        // A table that is too rough for the limits is omitted; the rest of the machine is converted.
         let of_table = names
             .screws
             .iter()
@@ -149,7 +149,7 @@ fn screw_tables(
     names
 }
 
-/// What is wrong with the machine file, with these files beside it.
+/// The error of the machine file, with these files next to it.
 fn checked(machine: &str, stem: &str, tables: &[(String, String)]) -> Result<(), String> {
     let read = |name: &Path| {
         let table = tables.iter().find(|(table, _)| Path::new(table) == name);
@@ -244,17 +244,17 @@ impl Import {
         &self.machine
     }
 
-    /// What was chosen and what was left out.
+    /// The chosen values and the omitted lines.
     #[must_use]
     pub fn report(&self) -> &Report {
         &self.report
     }
 
-    /// Writes the machine file, and the tables beside it. Returns the names of all files.
+    /// Writes the machine file, and the tables next to it. Returns the names of all files.
     ///
     /// # Errors
-    /// A file of one of the names exists and `force` is false: nothing is written then. A file cannot be written: those
-    /// before it are complete, none is half-written.
+    /// A file with one of the names exists and `force` is false: then nothing is written. A file cannot be
+    /// written: the previous ones are complete, none is incomplete.
     pub fn write(&self, machine: &Path, force: bool) -> Result<Vec<PathBuf>, ImportError> {
         let folder = machine.parent().unwrap_or(Path::new(""));
         let mut files: Vec<(PathBuf, &str)> = self
@@ -276,7 +276,7 @@ impl Import {
     }
 }
 
-/// A file with this text: whole, or as it was before.
+/// Writes a file completely, or leaves it unchanged.
 fn replace(path: &Path, text: &str) -> io::Result<()> {
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{}.new", std::process::id()));

@@ -1,4 +1,4 @@
-//! INI files as LinuxCNC reads them: repeated keys, `#INCLUDE`, continued lines, the place of every key.
+//! INI files as LinuxCNC reads them: repeated keys, `#INCLUDE`, continued lines, the position of every key.
 //!
 //! Own code: no maintained crate keeps line numbers and repeated keys and follows includes.
 
@@ -11,9 +11,9 @@ use crate::report::{Dropped, Report};
 
 /// Longest file.
 const MAX_BYTES: u64 = 4 << 20;
-/// Files that include one another at most, as in LinuxCNC.
+/// Maximum depth of includes, as in LinuxCNC.
 const MAX_DEPTH: usize = 16;
-/// Lines of all files together.
+/// Maximum number of lines of all files together.
 const MAX_ENTRIES: usize = 100_000;
 
 /// One `KEY = VALUE`.
@@ -56,7 +56,8 @@ impl Entry {
     }
 }
 
-/// The entries of an INI file and of what it includes. [`Ini::first`] and [`Ini::all`] mark what they return as used.
+/// The entries of an INI file and of its includes. [`Ini::first`] and [`Ini::all`] mark what they return as
+/// used.
 #[derive(Debug)]
 pub(crate) struct Ini {
     pub(crate) path: PathBuf,
@@ -195,7 +196,7 @@ impl Ini {
         Ok(())
     }
 
-    /// The first entry of this key, which is the one that LinuxCNC takes.
+    /// The first entry of this key, which LinuxCNC uses.
     pub(crate) fn first(&mut self, section: &str, key: &str) -> Option<Entry> {
         self.all(section, key).into_iter().next()
     }
@@ -220,12 +221,12 @@ impl Ini {
         self.entries.iter().any(|entry| entry.section == section)
     }
 
-    /// Entries that nothing has used.
+    /// Entries that were not used.
     pub(crate) fn unused(&self) -> impl Iterator<Item = &Entry> {
         self.entries.iter().filter(|entry| !entry.is_used)
     }
 
-    /// The folder that relative names count from.
+    /// The folder that relative names refer to.
     pub(crate) fn folder(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new(""))
     }
@@ -239,7 +240,7 @@ impl Ini {
     }
 }
 
-/// A file that a configuration names: `~` is the user's home, relative names count from the folder.
+/// A file named by a configuration: `~` is the user's home, other relative names refer to the folder.
 pub(crate) fn resolve(folder: Option<&Path>, name: &str) -> PathBuf {
     if let Some(rest) = name.strip_prefix("~/")
         && let Some(home) = std::env::var_os("HOME")

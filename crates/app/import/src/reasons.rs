@@ -21,7 +21,7 @@ const SECTIONS: &[(&str, &str)] = &[
     ("HOSTMOT2", "wiring of a Mesa board: the bridge to it does this"),
 ];
 
-/// Keys, in sections that begin like this.
+/// Keys, in sections that start like this.
 const KEYS: &[(&str, &str, &str)] = &[
     ("JOINT_", "BACKLASH", "the joint drives no axis"),
     ("JOINT_", "COMP_FILE", "the joint drives no axis"),
@@ -158,7 +158,7 @@ const KEYS: &[(&str, &str, &str)] = &[
     ("AXIS_", "", "no counterpart"),
 ];
 
-/// Why this entry has no effect, or None where leaving it out changes nothing.
+/// Why this entry has no effect, or None if omitting it changes nothing.
 pub(crate) fn reason(entry: &Entry) -> Option<&'static str> {
     let has_no_effect = match entry.key.as_str() {
         "BACKLASH" => entry.number().is_ok_and(|value| value == 0.0),

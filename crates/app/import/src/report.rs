@@ -1,8 +1,8 @@
-//! What an import chose and what it left out.
+//! The chosen values and omitted lines of an import.
 
 use serde::Serialize;
 
-/// What an import chose and what it left out.
+/// The chosen values and omitted lines of an import.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
     /// Values of the machine file that the configuration does not contain.

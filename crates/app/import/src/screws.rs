@@ -10,7 +10,7 @@ use crate::settings::drop_entry;
 /// The largest backlash of a machine file, mm or degrees.
 const MAX_BACKLASH: f64 = 10.0;
 
-/// What the joints of an axis say of their screws.
+/// The screws of an axis's joints.
 #[derive(Debug, Default)]
 pub(crate) struct ScrewValues {
     /// In mm or degrees.
@@ -22,7 +22,7 @@ pub(crate) struct ScrewValues {
 #[derive(Debug)]
 pub(crate) struct ScrewTable {
     pub(crate) entry: Entry,
-    /// Type 1: corrections instead of positions reached.
+    /// Type 1: corrections instead of actual positions.
     pub(crate) is_trims: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Everything of a configuration but its axes: name, kind, rate, path, program.
+//! Everything in a configuration except its axes: name, kind, rate, path, program.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use crate::error::ImportError;
 use crate::ini::{Entry, Ini, resolve};
 use crate::report::{Dropped, Report};
 
-/// Everything of a machine file but its axes.
+/// Everything in a machine file except its axes.
 #[derive(Debug)]
 pub(crate) struct Settings {
     pub(crate) name: String,
@@ -21,11 +21,11 @@ pub(crate) struct Settings {
     pub(crate) tool_table: Option<Entry>,
     pub(crate) parameters: Option<Entry>,
     pub(crate) subroutines: Vec<PathBuf>,
-    /// Folder of user-defined M codes, and which there are.
+    /// Folder of user-defined M codes, and the existing ones.
     pub(crate) user_codes: Option<(PathBuf, Vec<u32>)>,
 }
 
-/// What G64 or G61 in the start-up code means.
+/// Meaning of G64 or G61 in the start-up code.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum PathMode {
     Unknown,
@@ -77,7 +77,7 @@ impl Settings {
     }
 }
 
-/// A text as a name of services and files.
+/// A text as a valid name of services and files.
 pub(crate) fn name_of(text: &str) -> Option<String> {
     let mut name = String::new();
     for c in text.chars() {
@@ -146,7 +146,7 @@ fn path_mode(ini: &mut Ini, mm_per_unit: f64, report: &mut Report) -> PathMode {
     mode
 }
 
-/// Words of a line of a program without comments and formulas.
+/// Words of a program line without comments and expressions.
 fn words(text: &str) -> Vec<(char, f64)> {
     let starts = text.char_indices().filter(|(_, c)| c.is_ascii_alphabetic());
     let word = |(at, letter): (usize, char)| {
@@ -178,7 +178,7 @@ fn subroutines(ini: &mut Ini, report: &mut Report) -> Vec<PathBuf> {
     found
 }
 
-/// Executables M100 to M199 in the folders where LinuxCNC looks. A machine file has one such folder.
+/// Executables M100 to M199 in the folders that LinuxCNC searches. A machine file has one such folder.
 fn user_codes(ini: &mut Ini, report: &mut Report) -> Option<(PathBuf, Vec<u32>)> {
     let mut entries = ini.all("RS274NGC", "USER_M_PATH");
     entries.extend(ini.first("DISPLAY", "PROGRAM_PREFIX"));
@@ -214,7 +214,7 @@ fn is_executable(file: &Path) -> bool {
     std::fs::metadata(file).is_ok_and(|facts| facts.is_file() && facts.permissions().mode() & 0o111 != 0)
 }
 
-/// Reports an entry that has been used as one without effect.
+/// Reports a used entry as one without effect.
 pub(crate) fn drop_entry(report: &mut Report, entry: &Entry, reason: &str) {
     report.dropped.push(Dropped {
         file: entry.file.display().to_string(),

@@ -6,13 +6,25 @@
 //!                                              └► compare  two runs by place on the path
 //! ```
 //!
-//! Everything goes through a trace once, cycle by cycle, and keeps what it needs: an hour at 1 kHz takes megabytes, not
-//! gigabytes. [`Opened`] holds what is attached to a trace. [`LimitCheck`] differentiates positions and holds them
-//! against the machine's limits; it knows nothing of plans. [`LineTimes`] adds up, line by line, where time went and
-//! what limited it. [`Pyramid`] thins a curve out so that no extreme is lost.
+//! Every function reads a trace once, cycle by cycle, and keeps only its result: an hour at 1 kHz takes
+//! megabytes, not gigabytes. [`Opened`] has the attachments of a trace. [`LimitCheck`] differentiates
+//! positions and checks them against the machine's limits, independent of plans. [`LineTimes`] sums up, line
+//! by line, the time and what limited it. [`Pyramid`] reduces a curve without losing an extreme:
 //!
-//! Nothing here writes to a trace, starts a thread or is for the real-time cycle. Recorded runs are driven again by
-//! `evolvent-replay`.
+//! ```
+//! use evolvent_inspect::Pyramid;
+//!
+//! let mut curve = Pyramid::new(16);
+//! for sample in 0..1000 {
+//!     curve.push(if sample == 700 { 5.0 } else { 0.0 });
+//! }
+//! assert!(curve.stretches().len() <= 16);
+//! let level = curve.level();
+//! assert_eq!((level.least, level.greatest), (0.0, 5.0));
+//! ```
+//!
+//! This crate does not write to a trace, start a thread or run in the real-time cycle. `evolvent-replay` runs
+//! recorded runs again.
 
 mod check;
 mod columns;

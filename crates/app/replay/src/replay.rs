@@ -58,12 +58,17 @@ pub enum ReplayError {
     #[error(transparent)]
     Inspect(#[from] InspectError),
     /// The bus, for example a core of that name that lives.
-    #[error("{0}; a replay takes a core's place: end that core, or give the replay another name with --as")]
+    #[error(
+        "{0}; a replay uses the name of a core: end that core, or give the replay another name with \
+     --as"
+    )]
     Bus(#[from] BusError),
     /// Drives that are on listen under this name.
     #[error(
-        "drives of {name} are on (a bridge answers with status word {status_word:#06x} on axis {axis}): a replay would \
-         move them. Switch them off, or choose another name with --as. Only if it is meant: --force --yes-machine-is-on"
+        "drives of {name} are on (a bridge answers with status word {status_word:#06x} on axis {axis}): a \
+         replay would \
+         move them. Switch them off, or choose another name with --as. Only if it is meant: --force \
+         --yes-machine-is-on"
     )]
     MachineIsOn {
         /// The machine's name.
@@ -74,16 +79,16 @@ pub enum ReplayError {
         status_word: u32,
     },
     /// Nothing of the trace is selected.
-    #[error("no cycle of the trace is in that time and those lines")]
+    #[error("no cycle of the trace is in this time and these lines")]
     Nothing,
     /// A pace that is none.
-    #[error("a speed factor of {0} is none; give one from 0.001 to 1000")]
+    #[error("a speed factor of {0} is not valid; give one from 0.001 to 1000")]
     Pace(f64),
     /// Feedback could not be read.
-    #[error("drives could not be listened for: {0}")]
+    #[error("feedback of the drives could not be received: {0}")]
     Listen(#[from] ReceiveError),
     /// A setpoint did not leave.
-    #[error("a setpoint did not leave: {0}")]
+    #[error("a setpoint could not be published: {0}")]
     Send(#[from] SendError),
 }
 

@@ -27,7 +27,7 @@ pub(crate) fn code_of(number: u32) -> Option<CommandCode> {
 
 /// The request; what is wrong with the message, where it is none.
 pub(crate) fn request_of(message: &CommandMessage, programs: &Path) -> Result<ControlRequest, String> {
-    let code = code_of(message.command).ok_or_else(|| format!("{} is no command", message.command))?;
+    let code = code_of(message.command).ok_or_else(|| format!("{} is not a command", message.command))?;
     let mut request = ControlRequest {
         command: code as u32,
         axes_mask: message.axes_mask,
@@ -40,13 +40,13 @@ pub(crate) fn request_of(message: &CommandMessage, programs: &Path) -> Result<Co
             .parse()
             .ok()
             .and_then(|axis: usize| request.values.get_mut(axis));
-        *slot.ok_or_else(|| format!("{axis} is no axis, they are 0 to {}", AXES - 1))? = value;
+        *slot.ok_or_else(|| format!("{axis} is not an axis; axes are 0 to {}", AXES - 1))? = value;
     }
     // A page names programs that were uploaded, never files of the computer.
     let mut text = message.text.clone();
     if code == CommandCode::Load {
         if !is_good_name(&text) {
-            return Err(format!("{text:?} is no name of an uploaded program"));
+            return Err(format!("{text:?} is not the name of an uploaded program"));
         }
         text = programs.join(&text).display().to_string();
     }

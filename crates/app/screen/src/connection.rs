@@ -137,7 +137,7 @@ async fn read(server: &Arc<Server>, mut stream: SplitStream<WebSocket>, number: 
                 }
             }
             Err(error) => {
-                let text = format!("the message is none of this server's: {error}");
+                let text = format!("unknown message: {error}");
                 server.hub.answer(number, 0, Answer::refused(text));
             }
         }

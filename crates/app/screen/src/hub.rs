@@ -109,7 +109,7 @@ impl Hub {
             inner.add(
                 LogKind::Link,
                 None,
-                format!("page {number} has gone, which had control"),
+                format!("page {number}, which had control, has disconnected"),
                 None,
             );
             inner.tell_leases();
@@ -161,7 +161,7 @@ impl Hub {
             inner.add(
                 LogKind::Link,
                 None,
-                format!("page {number} gave control back"),
+                format!("page {number} returned control"),
                 None,
             );
             inner.tell_leases();

@@ -1,7 +1,15 @@
-//! The screen of a machine: a web server beside a running core, a client of its bus like any other.
+//! The screen of a machine: a web server beside a running core, and an ordinary client of its bus.
 //!
-//! Pages and server talk by [`messages`]: JSON over one WebSocket, samples and path in binary. `PROTOCOL.md` beside this crate has
-//! the addresses and the order of messages.
+//! Pages and server exchange [`messages`]: JSON over one WebSocket, samples and path in binary. `PROTOCOL.md`
+//! in this crate has the addresses and the order of messages.
+//!
+//! ```
+//! use evolvent_screen::messages::FromPage;
+//!
+//! let message: FromPage = serde_json::from_str(r#"{ "type": "take", "force": true }"#)?;
+//! assert_eq!(message, FromPage::Take { force: true });
+//! # Ok::<(), serde_json::Error>(())
+//! ```
 
 mod command;
 mod config;

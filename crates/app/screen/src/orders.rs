@@ -101,7 +101,7 @@ fn carry(config: &ClientConfig, stop: &AtomicBool, orders: &Receiver<Order>) {
             Err(RecvTimeoutError::Disconnected) => return,
         };
         let answer = if order.given.elapsed() > order.max_age {
-            Answer::refused("the command came too late and was not given")
+            Answer::refused("the command arrived too late and was not sent")
         } else {
             command(&mut client, config, &order.request)
         };

@@ -86,7 +86,7 @@ async fn store(
     let Ok(_turn) = server.receiving.try_acquire() else {
         return refuse(
             StatusCode::TOO_MANY_REQUESTS,
-            "another program is being received; try again when it is there",
+            "another program is being received; try again when it has arrived",
         );
     };
     let number = server.uploads.fetch_add(1, Ordering::Relaxed);
@@ -174,8 +174,12 @@ async fn receive(body: Body, folder: &Path, part: PathBuf) -> Result<u64, Refusa
         let Some(chunk) = tokio::time::timeout(PAUSE, stream.next()).await.map_err(paused)? else {
             break;
         };
-        let chunk =
-            chunk.map_err(|error| (StatusCode::BAD_REQUEST, format!("the upload broke off: {error}")))?;
+        let chunk = chunk.map_err(|error| {
+            (
+                StatusCode::BAD_REQUEST,
+                format!("the upload was interrupted: {error}"),
+            )
+        })?;
         bytes += chunk.len() as u64;
         if bytes > most {
             if most == MAX_PROGRAM {

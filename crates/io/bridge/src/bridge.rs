@@ -14,36 +14,36 @@ use crate::bus_side::BusSide;
 use crate::ends::BusEnds;
 use crate::privileges::{drop_capabilities, raise_priority};
 
-/// Between two attempts to begin a session.
+/// Interval between two attempts to start a session.
 const RETRY: Duration = Duration::from_millis(500);
-/// Messages that may wait in each direction.
+/// Capacity for messages in each direction.
 const ROOM: usize = 4096;
-/// Notices that may wait.
+/// Capacity for notices.
 const ROOM_FOR_NOTICES: usize = 64;
 
-/// How a bridge is run.
+/// Settings of a bridge.
 #[derive(Clone, Copy, Debug)]
 pub struct BridgeSettings<'a> {
     /// The machine: name, axes, limits, priority.
     pub machine: &'a Machine,
-    /// Name on the bus, where it is another than the machine's.
+    /// Name on the bus, if it differs from the machine's.
     pub machine_name: Option<&'a str>,
-    /// iceoryx2's prefix, as of the core.
+    /// iceoryx2's prefix, as for the core.
     pub prefix: Option<&'a str>,
-    /// Ends by itself after so long; never if none.
+    /// Ends after this time; never if none.
     pub duration: Option<Duration>,
 }
 
-/// What is at the other end of the wire.
+/// The hardware of a bridge.
 pub trait Hardware {
-    /// What happens during a session, for people.
+    /// An event of a session, for the log.
     type Notice: Send;
-    /// Why a session did not begin, or why it ended.
+    /// Why a session did not start, or why it ended.
     type Failure: Display + PartialEq + Send;
 
-    /// What people call it, as in `network`.
+    /// Its name in messages, as in `network`.
     const NAME: &'static str;
-    /// What the file that describes it has for each axis, as in `a device`.
+    /// What its file has for each axis, as in `a device`.
     const ENTRY: &'static str;
 
     /// The axes that it drives.
@@ -56,23 +56,23 @@ pub trait Hardware {
     fn text(&self, notice: Self::Notice) -> String;
 }
 
-/// What a bridge did on the bus.
+/// Counts of a bridge on the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BridgeRuns {
-    /// Times at which a core was found.
+    /// Number of times that a core was found.
     pub connections: u32,
-    /// Times at which a session was begun, or tried to.
+    /// Number of times that a session was started, or that the start failed.
     pub sessions: u64,
 }
 
 /// Why a bridge cannot run.
 #[derive(Debug, Error)]
 pub enum BridgeError {
-    /// The bus does not fit.
+    /// The bus does not match.
     #[error(transparent)]
     Bus(#[from] BusError),
-    /// Capabilities cannot be given up.
-    #[error("capabilities cannot be given up: {0}")]
+    /// Capabilities cannot be dropped.
+    #[error("capabilities cannot be dropped: {0}")]
     Privileges(std::io::Error),
     /// Another set of axes.
     #[error(
@@ -90,14 +90,15 @@ pub enum BridgeError {
     },
 }
 
-/// Runs a bridge until `stop` is set or time is up. Waits for its core as long as that takes, outlives it, and finds the next
-/// one. `tell` is called with what people should know.
+/// Runs a bridge until `stop` is set or the time is up. Waits for its core, outlives it, and finds the next
+/// one. `tell` receives the messages for the log.
 ///
-/// `session` is called, in a thread with `SCHED_FIFO` and without capabilities, once a core is known and again whenever it has
-/// returned. It sets the hardware up and runs its cycle until something ends it; `Ok` where it was asked to stop.
+/// `session` is called, in a thread with `SCHED_FIFO` and without capabilities, once a core is known and
+/// again whenever it has returned. It sets up the hardware and runs its cycle until something ends it; it
+/// returns `Ok` if it was asked to stop.
 ///
 /// # Errors
-/// The core does not fit the hardware, or rights cannot be given up.
+/// The core does not match the hardware, or privileges cannot be dropped.
 pub fn run_bridge<H: Hardware>(
     settings: BridgeSettings<'_>,
     hardware: &H,
@@ -116,7 +117,7 @@ pub fn run_bridge<H: Hardware>(
         let (period_ns, sessions, ended) = (&period_ns, &sessions, &ended);
         scope.spawn(move || {
             raise_priority(settings.machine.realtime.priority.saturating_sub(2).max(1));
-            // What cannot be given up here could not be given up by the other thread either, which tells.
+            // If this thread cannot drop them, neither can the other, which reports it.
             let _told = drop_capabilities();
             while !ended.load(Ordering::Relaxed) {
                 if period_ns.load(Ordering::Relaxed) == 0 {

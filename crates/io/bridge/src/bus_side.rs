@@ -14,17 +14,17 @@ use crate::bridge::{BridgeError, BridgeSettings, Hardware};
 use crate::clock::monotonic_ns;
 use crate::ends::Incoming;
 
-/// Without a setpoint for so long the connection to the core is made anew, ns.
+/// After this time without a setpoint the connection to the core is made again, ns.
 const RECONNECT_NS: u64 = 1_000_000_000;
-/// How long one attempt to find the core may take.
+/// Maximum duration of one attempt to find the core.
 const ATTEMPT: Duration = Duration::from_millis(5);
 
 struct Ports {
     setpoints: SetpointReader,
     feedback: FeedbackSender,
-    /// Where the hardware has signals.
+    /// If the hardware has signals.
     signals: Option<(OutputReader, InputSender)>,
-    /// Ports live in the client's node.
+    /// Ports are part of the client's node.
     _client: ClientBus,
 }
 
@@ -41,7 +41,7 @@ pub(crate) struct BusSide<'a, H> {
 }
 
 impl<H: Hardware> BusSide<'_, H> {
-    /// Passes messages on until the bridge shall stop; how often a core was found.
+    /// Passes messages on until the bridge stops; returns how often a core was found.
     pub(crate) fn serve(
         &mut self,
         notices: &mut Consumer<H::Notice>,
@@ -73,7 +73,7 @@ impl<H: Hardware> BusSide<'_, H> {
             let is_broken = match ports.as_mut() {
                 Some(ports) => self.pass_on(ports, &mut heard_ns),
                 None => {
-                    // The next core shall not hear what was meant for the last.
+                    // The next core must not receive messages for the previous one.
                     while self.feedback.pop().is_ok() || self.inputs.pop().is_ok() {}
                     false
                 }
@@ -86,7 +86,7 @@ impl<H: Hardware> BusSide<'_, H> {
                 tell(&self.hardware.text(notice));
             }
             while let Ok(failure) = failures.try_recv() {
-                // The same again and again is told once.
+                // A repeated message is reported once.
                 if last_failure.as_ref() != Some(&failure) {
                     tell(&format!("{}: {failure}", H::NAME));
                 }
@@ -103,7 +103,7 @@ impl<H: Hardware> BusSide<'_, H> {
         Ok(self.connections)
     }
 
-    /// Setpoints to the cycle, feedback to the bus; whether the connection is broken.
+    /// Setpoints to the cycle, feedback to the bus; returns whether the connection is broken.
     fn pass_on(&mut self, ports: &mut Ports, heard_ns: &mut u64) -> bool {
         loop {
             let incoming = match ports.setpoints.receive() {
@@ -113,15 +113,15 @@ impl<H: Hardware> BusSide<'_, H> {
                 Err(ReceiveError::Broken { .. }) => return true,
             };
             *heard_ns = monotonic_ns();
-            // Full only while no session runs; what is old then is of no use.
+            // Full only while no session runs; old messages are then useless.
             let _full = self.incoming.push(incoming);
         }
         while let Ok(feedback) = self.feedback.pop() {
-            // What does not leave is replaced by the next.
+            // A message that is not sent is replaced by the next.
             let _lost = ports.feedback.send(&feedback);
         }
         if let Some((outputs, inputs)) = &mut ports.signals {
-            // What comes damaged is followed by a message that is complete.
+            // A damaged message is followed by a complete one.
             while let Ok(Some(message)) = outputs.receive() {
                 let _full = self.incoming.push(Incoming::Outputs(message));
             }

@@ -1,4 +1,4 @@
-//! What drive bridges to hardware share: the bus side of a bridge, its two threads, and their rights.
+//! The common part of bridges to hardware: the bus side, two threads, and their privileges.
 //!
 //! ```text
 //!   bus ── Setpoint, MachineOutputs ──► bus thread ══ queue ══► session: the cycle of the hardware

@@ -1,8 +1,8 @@
-//! Priority, and what is given up once the socket is open.
+//! Priority, and the privileges to drop once the socket is open.
 
 use rustix::thread::{CapabilitySet, CapabilitySets, set_capabilities, set_no_new_privs};
 
-/// Makes the calling thread one with `SCHED_FIFO`, where the system lets it.
+/// Gives the calling thread `SCHED_FIFO`, if the system permits it.
 pub(crate) fn raise_priority(priority: u8) -> bool {
     let parameters = libc::sched_param {
         sched_priority: i32::from(priority),
@@ -11,7 +11,7 @@ pub(crate) fn raise_priority(priority: u8) -> bool {
     unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) == 0 }
 }
 
-/// Gives up every capability of the calling thread, and the way to new ones.
+/// Drops every capability of the calling thread, and the ability to acquire new ones.
 pub(crate) fn drop_capabilities() -> std::io::Result<()> {
     set_no_new_privs(true)?;
     let none = CapabilitySet::empty();

@@ -1,12 +1,12 @@
-//! The bus for C: what a drive bridge needs, as five functions. The header is `tools/include/evolvent_bridge.h`, an
-//! example `tools/examples/bridge.c`.
+//! The bus for C: five functions for a drive bridge. The header is `tools/include/evolvent_bridge.h`, an
+//! example is `tools/examples/bridge.c`.
 //!
-//! iceoryx2's own C binding is in no package registry at the version that the bus speaks, so a bridge in C would have to
-//! be built with a checkout of it. This library is built with the rest (`cargo build -p evolvent-bus-c`) and speaks the
-//! same version for certain.
+//! No package registry has iceoryx2's own C binding at the version of the bus, so a bridge in C would have to
+//! be built with a checkout of it. This library is built with the workspace (`cargo build -p evolvent-bus-c`)
+//! and always uses the same version.
 //!
-//! A handle belongs to the thread that opened it. Nothing here panics across the border: what goes wrong is a return
-//! value and a sentence.
+//! A handle belongs to the thread that opened it. No function panics across the C interface: an error is a
+//! return value and a sentence.
 
 use core::ffi::{CStr, c_char, c_int};
 use core::time::Duration;
@@ -29,11 +29,11 @@ pub struct EvolventBridge {
 
 /// Something came.
 const SOME: c_int = 1;
-/// Nothing came, or all is well.
+/// No message, or success.
 const NONE: c_int = 0;
 /// The bus is broken; open it again.
 const BROKEN: c_int = -1;
-/// A setpoint of another interface version came; it was dropped.
+/// A setpoint of another interface version arrived; it was dropped.
 const VERSION: c_int = -2;
 
 fn text(pointer: *const c_char) -> Option<String> {
@@ -45,13 +45,13 @@ fn text(pointer: *const c_char) -> Option<String> {
     text.to_str().ok().map(str::to_owned)
 }
 
-/// Copies a sentence into the caller's room, cut to fit and ended by zero.
+/// Copies a sentence into the caller's buffer, truncated to fit and terminated by zero.
 fn tell(sentence: &str, room: *mut c_char, size: usize) {
     if room.is_null() || size == 0 {
         return;
     }
     let count = sentence.len().min(size - 1);
-    // SAFETY: the caller's room has `size` bytes, as the header says, and `count + 1` is not more.
+    // SAFETY: the caller's buffer has `size` bytes, as the header requires, and `count + 1` is not more.
     let room = unsafe { core::slice::from_raw_parts_mut(room.cast::<u8>(), count + 1) };
     room[..count].copy_from_slice(&sentence.as_bytes()[..count]);
     room[count] = 0;
@@ -60,7 +60,8 @@ fn tell(sentence: &str, room: *mut c_char, size: usize) {
 /// Opens the bus of a machine as its bridge. See the header.
 ///
 /// # Safety
-/// `machine_name` is a text ended by zero; `prefix` is one or null; `error` has room for `error_size` bytes or is null.
+/// `machine_name` is a zero-terminated text; `prefix` is one or null; `error` has `error_size` bytes or is
+/// null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn evolvent_bridge_open(
     machine_name: *const c_char,
@@ -98,7 +99,7 @@ pub unsafe extern "C" fn evolvent_bridge_open(
 /// Takes the oldest setpoint not taken yet. See the header.
 ///
 /// # Safety
-/// `bridge` is open; `setpoint` has room for one.
+/// `bridge` is open; `setpoint` has space for one.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn evolvent_bridge_receive(
     bridge: *mut EvolventBridge,
@@ -113,7 +114,8 @@ pub unsafe extern "C" fn evolvent_bridge_receive(
     }
     match bridge.setpoints.receive() {
         Ok(Some(found)) => {
-            // SAFETY: not null, and the caller gives room for one setpoint; the layout is that of the header.
+            // SAFETY: not null, and the caller provides space for one setpoint; the layout is that of the
+            // header.
             unsafe { setpoint.write_unaligned(found) };
             SOME
         }
@@ -129,7 +131,7 @@ pub unsafe extern "C" fn evolvent_bridge_receive(
     }
 }
 
-/// Sends an answer. See the header.
+/// Sends feedback. See the header.
 ///
 /// # Safety
 /// `bridge` is open; `feedback` points to one.
@@ -147,7 +149,7 @@ pub unsafe extern "C" fn evolvent_bridge_send(
     }
     // SAFETY: not null, and the caller gives one feedback; every bit pattern is a value of it.
     let mut message = unsafe { feedback.read_unaligned() };
-    // The head is this library's affair.
+    // This library sets the header of the message.
     let head = Feedback::default();
     (message.interface_version, message.struct_size) = (head.interface_version, head.struct_size);
     match bridge.feedback.send(&message) {
@@ -169,7 +171,7 @@ pub unsafe extern "C" fn evolvent_bridge_period_ns(bridge: *const EvolventBridge
     unsafe { bridge.as_ref() }.map_or(0, |bridge| bridge.period_ns)
 }
 
-/// The letters of the machine's axes in order; lives as long as the bridge.
+/// The letters of the machine's axes in order; valid as long as the bridge.
 ///
 /// # Safety
 /// `bridge` is open, or null.
@@ -179,7 +181,7 @@ pub unsafe extern "C" fn evolvent_bridge_axes(bridge: *const EvolventBridge) -> 
     unsafe { bridge.as_ref() }.map_or(c"".as_ptr(), |bridge| bridge.axes.as_ptr())
 }
 
-/// What went wrong last, in a sentence; lives until the next call.
+/// The last error as a sentence; valid until the next call.
 ///
 /// # Safety
 /// `bridge` is open, or null.
@@ -189,14 +191,14 @@ pub unsafe extern "C" fn evolvent_bridge_error(bridge: *const EvolventBridge) ->
     unsafe { bridge.as_ref() }.map_or(c"no bridge".as_ptr(), |bridge| bridge.error.as_ptr())
 }
 
-/// Closes a bridge; null is closed already.
+/// Closes a bridge; null counts as closed.
 ///
 /// # Safety
 /// `bridge` came from [`evolvent_bridge_open`] and is not used afterwards.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn evolvent_bridge_close(bridge: *mut EvolventBridge) {
     if !bridge.is_null() {
-        // SAFETY: it came from a box, and the caller gives it back.
+        // SAFETY: it came from a box, and the caller returns it.
         drop(unsafe { Box::from_raw(bridge) });
     }
 }

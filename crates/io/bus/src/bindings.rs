@@ -25,7 +25,7 @@ const PAYLOADS: [StructLayout; 9] = [
 
 const COMMAND: &str = "cargo run -p evolvent-bus --example generate-bindings";
 
-/// A group of named numbers: the group's name, what it is, the entries.
+/// A group of named numbers: the group's name, its meaning, the entries.
 type Constants = (&'static str, &'static str, Vec<(&'static str, u32)>);
 
 fn constants() -> [Constants; 18] {
@@ -110,7 +110,7 @@ fn constants() -> [Constants; 18] {
     ]
 }
 
-/// The C header, checked against itself by static assertions when it is compiled (C11 or C++11).
+/// The C header, with static assertions that check it at compile time (C11 or C++11).
 #[must_use]
 pub fn c_header() -> String {
     let mut out = format!(
@@ -197,7 +197,7 @@ fn c_struct(out: &mut String, layout: &StructLayout) {
     }
 }
 
-/// The Python module: ctypes structures that the `iceoryx2` wheel takes as payloads, and helpers to open channels.
+/// The Python module: ctypes structures for the `iceoryx2` wheel, and helpers to open channels.
 #[must_use]
 pub fn python_module() -> String {
     let mut out = format!(

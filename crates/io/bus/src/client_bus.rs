@@ -18,7 +18,7 @@ use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::*;
 use std::time::Instant;
 
-/// One client of one machine. It cannot leave the thread that opened it.
+/// One client of one machine. It must stay on the thread that opened it.
 #[derive(Debug)]
 pub struct ClientBus {
     setpoint_service: PubSub<Setpoint>,
@@ -30,10 +30,10 @@ pub struct ClientBus {
 }
 
 impl ClientBus {
-    /// Finds the machine, waiting for its core where that is not up yet, and checks that client and core fit.
+    /// Finds the machine, waiting for its core if necessary, and checks that client and core match.
     ///
     /// # Errors
-    /// No core in time, or one of another version, period or axes.
+    /// No core in time, or one with another version, period or axes.
     pub fn open(config: &ClientConfig) -> Result<Self, BusError> {
         let deadline = Instant::now() + config.wait;
         let prefix = config.prefix.as_deref();
@@ -70,19 +70,19 @@ impl ClientBus {
         &self.axes
     }
 
-    /// Looks on at setpoints from the next one on. A bridge takes [`ClientBus::bridge_setpoints`].
+    /// Subscribes to setpoints from the next one on. A bridge uses [`ClientBus::bridge_setpoints`].
     ///
     /// # Errors
-    /// All places are taken, but for those that are kept for bridges.
+    /// All connections are taken, except those reserved for bridges.
     pub fn setpoints(&self) -> Result<SetpointReader, BusError> {
         self.leave_places(&self.setpoint_service, Channel::Setpoint, PLACES_FOR_BRIDGES)?;
         self.bridge_setpoints()
     }
 
-    /// Listens to setpoints from the next one on, as a bridge: onlookers have left a place.
+    /// Subscribes to setpoints from the next one on, as a bridge, on a reserved connection.
     ///
     /// # Errors
-    /// All places are taken.
+    /// All connections are taken.
     pub fn bridge_setpoints(&self) -> Result<SetpointReader, BusError> {
         let subscriber = self.subscribe(&self.setpoint_service, Channel::Setpoint)?;
         Ok(SetpointReader {
@@ -92,10 +92,10 @@ impl ClientBus {
         })
     }
 
-    /// Reads the core's snapshots. Who operates the machine takes [`ClientBus::operator_status`].
+    /// Reads the core's snapshots. An operator uses [`ClientBus::operator_status`].
     ///
     /// # Errors
-    /// The service is not there, or all places are taken, but for those that are kept for operators.
+    /// The service does not exist, or all connections are taken except those reserved for operators.
     pub fn status(&self) -> Result<StatusReader, BusError> {
         let service = self
             .domain
@@ -104,10 +104,10 @@ impl ClientBus {
         self.read_status(&service)
     }
 
-    /// Reads the core's snapshots, for as long as a command takes: screens have left a place.
+    /// Reads the core's snapshots for the duration of a command, on a reserved connection.
     ///
     /// # Errors
-    /// The service is not there, or all places are taken.
+    /// The service does not exist, or all connections are taken.
     pub fn operator_status(&self) -> Result<StatusReader, BusError> {
         let service = self
             .domain
@@ -125,7 +125,7 @@ impl ClientBus {
     /// Listens to events from now on.
     ///
     /// # Errors
-    /// The service is not there, or all places are taken.
+    /// The service does not exist, or all connections are taken.
     pub fn events(&self) -> Result<EventReader, BusError> {
         let service = self.domain.open_event(&self.wanted, self.deadline())?;
         let listener = service
@@ -141,10 +141,10 @@ impl ClientBus {
         })
     }
 
-    /// Opens the way for a bridge's answers.
+    /// Opens the channel for a bridge's feedback.
     ///
     /// # Errors
-    /// The service is not there, or all places are taken.
+    /// The service does not exist, or all connections are taken.
     pub fn feedback_sender(&self) -> Result<FeedbackSender, BusError> {
         let service = self
             .domain
@@ -159,10 +159,10 @@ impl ClientBus {
         Ok(FeedbackSender { publisher })
     }
 
-    /// Looks on at the bridges' answers from the next one on; the core's own watch does not see this reader.
+    /// Reads the bridges' feedback from the next message on, in addition to the core.
     ///
     /// # Errors
-    /// The service is not there, or all places are taken.
+    /// The service does not exist, or all connections are taken.
     pub fn feedback(&self) -> Result<FeedbackReader, BusError> {
         let service = self
             .domain
@@ -172,10 +172,10 @@ impl ClientBus {
         })
     }
 
-    /// Opens the way for a sensor's values.
+    /// Opens the channel for a sensor's values.
     ///
     /// # Errors
-    /// The service is not there, or all places are taken.
+    /// The service does not exist, or all connections are taken.
     pub fn load_sender(&self) -> Result<LoadSender, BusError> {
         let service = self
             .domain
@@ -190,10 +190,10 @@ impl ClientBus {
         Ok(LoadSender { publisher })
     }
 
-    /// Listens to the machine's outputs, from those in force on.
+    /// Subscribes to the machine's outputs, starting with those in force.
     ///
     /// # Errors
-    /// The service is not there, or all places are taken.
+    /// The service does not exist, or all connections are taken.
     pub fn outputs(&self) -> Result<OutputReader, BusError> {
         let service = self
             .domain
@@ -203,10 +203,10 @@ impl ClientBus {
         })
     }
 
-    /// Opens the way for the machine's inputs.
+    /// Opens the channel for the machine's inputs.
     ///
     /// # Errors
-    /// The service is not there, or all places are taken.
+    /// The service does not exist, or all connections are taken.
     pub fn input_sender(&self) -> Result<InputSender, BusError> {
         let service = self
             .domain
@@ -221,10 +221,10 @@ impl ClientBus {
         Ok(InputSender { publisher })
     }
 
-    /// Looks on at the inputs from the next message on; the core's own watch does not see this reader.
+    /// Reads the inputs from the next message on, in addition to the core.
     ///
     /// # Errors
-    /// The service is not there, or all places are taken.
+    /// The service does not exist, or all connections are taken.
     pub fn inputs(&self) -> Result<InputReader, BusError> {
         let service = self
             .domain
@@ -234,10 +234,10 @@ impl ClientBus {
         })
     }
 
-    /// Opens the way for the feedback of spindles.
+    /// Opens the channel for the feedback of spindles.
     ///
     /// # Errors
-    /// The service is not there, or all places are taken.
+    /// The service does not exist, or all connections are taken.
     pub fn spindle_sender(&self) -> Result<SpindleSender, BusError> {
         let service = self
             .domain
@@ -262,8 +262,8 @@ impl ClientBus {
             .unwrap_or_default()
     }
 
-    /// Turns who only looks on away where no more places are free than are kept for others. iceoryx2 knows no such
-    /// difference: clients that were not written here have to keep to it by themselves.
+    /// Rejects a reader if no more connections are free than are reserved. iceoryx2 has no such distinction:
+    /// foreign clients have to implement it themselves.
     fn leave_places<P: core::fmt::Debug + ZeroCopySend>(
         &self,
         service: &PubSub<P>,
@@ -313,7 +313,7 @@ impl SetpointReader {
     /// The oldest setpoint not read yet; none if there is none. Does not wait.
     ///
     /// # Errors
-    /// The connection is damaged, or the core speaks another version.
+    /// The connection is damaged, or the core uses another version.
     pub fn receive(&mut self) -> Result<Option<Setpoint>, ReceiveError> {
         let setpoint = receive(&self.subscriber, Channel::Setpoint)?;
         if let Some(setpoint) = &setpoint {
@@ -332,17 +332,18 @@ impl SetpointReader {
     }
 }
 
-/// The answers of all bridges, in the order in which they came.
+/// The feedback of all bridges, in the order of arrival.
 #[derive(Debug)]
 pub struct FeedbackReader {
     subscriber: Subscriber<Ipc, Feedback, ()>,
 }
 
 impl FeedbackReader {
-    /// The oldest answer not read yet; none if there is none. Does not wait. Its numbers may be none: they are the bridge's.
+    /// The oldest feedback not read yet; none if there is none. Does not wait. Its values are the bridge's
+    /// and may not be numbers.
     ///
     /// # Errors
-    /// The connection is damaged, or a bridge speaks another version.
+    /// The connection is damaged, or a bridge uses another version.
     pub fn receive(&mut self) -> Result<Option<Feedback>, ReceiveError> {
         receive(&self.subscriber, Channel::Feedback)
     }
@@ -356,11 +357,11 @@ pub struct StatusReader {
 }
 
 impl StatusReader {
-    /// The latest snapshot; none before the core has sent the first since this reader joined. Whether it is stale,
-    /// its `sequence` and `time_ns` tell: after the core's death the last stays for ever.
+    /// The latest snapshot; none before the core has sent the first since this reader joined. `sequence` and
+    /// `time_ns` show whether it is stale: after the core's death the last one stays.
     ///
     /// # Errors
-    /// The connection is damaged, or the core speaks another version.
+    /// The connection is damaged, or the core uses another version.
     pub fn latest(&mut self) -> Result<Option<Status>, ReceiveError> {
         while let Some(status) = receive(&self.subscriber, Channel::Status)? {
             self.latest = Some(status);
@@ -377,8 +378,8 @@ pub struct EventReader {
 }
 
 impl EventReader {
-    /// Sleeps until something happens, time is up, or a signal comes; returns what happened, each kind once, in order of number.
-    /// Without time it only looks.
+    /// Sleeps until an event, the timeout, or a signal; returns the events, each kind once, in the order of
+    /// their numbers. A timeout of zero only polls.
     ///
     /// # Errors
     /// The connection is damaged.
@@ -386,7 +387,7 @@ impl EventReader {
         let mut kinds = Vec::new();
         let note =
             |activation: EventActivation| kinds.extend(EventKind::from_number(activation.id.as_value()));
-        // Of a socket, a timeout of zero microseconds is none: it would wait for ever.
+        // For a socket, a timeout of zero microseconds means none: it would wait forever.
         let waited = if timeout < Duration::from_micros(1) {
             self.listener.try_wait(note)
         } else {
@@ -407,17 +408,17 @@ impl EventReader {
     }
 }
 
-/// Sends a bridge's answers.
+/// Sends a bridge's feedback.
 #[derive(Debug)]
 pub struct FeedbackSender {
     publisher: Publisher<Ipc, Feedback, ()>,
 }
 
 impl FeedbackSender {
-    /// Sends one answer; never waits.
+    /// Sends one feedback message; never waits.
     ///
     /// # Errors
-    /// The answer did not leave.
+    /// The message was not sent.
     pub fn send(&mut self, feedback: &Feedback) -> Result<usize, SendError> {
         self.publisher
             .send_copy(*feedback)
@@ -435,7 +436,7 @@ impl LoadSender {
     /// Sends one value; never waits.
     ///
     /// # Errors
-    /// The value did not leave.
+    /// The value was not sent.
     pub fn send(&mut self, load: &Load) -> Result<usize, SendError> {
         self.publisher
             .send_copy(*load)
@@ -443,7 +444,7 @@ impl LoadSender {
     }
 }
 
-/// The machine's outputs, in the order in which they changed.
+/// The machine's outputs, in the order of their changes.
 #[derive(Debug)]
 pub struct OutputReader {
     subscriber: Subscriber<Ipc, MachineOutputs, ()>,
@@ -453,23 +454,24 @@ impl OutputReader {
     /// The oldest outputs not read yet; none if there are none. Does not wait.
     ///
     /// # Errors
-    /// The connection is damaged, or the core speaks another version.
+    /// The connection is damaged, or the core uses another version.
     pub fn receive(&mut self) -> Result<Option<MachineOutputs>, ReceiveError> {
         receive(&self.subscriber, Channel::Output)
     }
 }
 
-/// The inputs of all bridges, in the order in which they came.
+/// The inputs of all bridges, in the order of arrival.
 #[derive(Debug)]
 pub struct InputReader {
     subscriber: Subscriber<Ipc, MachineInputs, ()>,
 }
 
 impl InputReader {
-    /// The oldest message not read yet; none if there is none. Does not wait. Its numbers may be none: they are the bridge's.
+    /// The oldest message not read yet; none if there is none. Does not wait. Its values are the bridge's and
+    /// may not be numbers.
     ///
     /// # Errors
-    /// The connection is damaged, or a bridge speaks another version.
+    /// The connection is damaged, or a bridge uses another version.
     pub fn receive(&mut self) -> Result<Option<MachineInputs>, ReceiveError> {
         receive(&self.subscriber, Channel::Input)
     }
@@ -485,7 +487,7 @@ impl InputSender {
     /// Sends one message; never waits.
     ///
     /// # Errors
-    /// The message did not leave.
+    /// The message was not sent.
     pub fn send(&mut self, inputs: &MachineInputs) -> Result<usize, SendError> {
         self.publisher
             .send_copy(*inputs)
@@ -503,7 +505,7 @@ impl SpindleSender {
     /// Sends one message; never waits.
     ///
     /// # Errors
-    /// The message did not leave.
+    /// The message was not sent.
     pub fn send(&mut self, feedback: &SpindleFeedback) -> Result<usize, SendError> {
         self.publisher
             .send_copy(*feedback)

@@ -1,14 +1,14 @@
-//! What core and clients say when they open the bus.
+//! Settings with which core and clients open the bus.
 
 use core::time::Duration;
 
-/// The largest setpoint buffer, in setpoints; at 9 axes and 12 places 310 MB of shared memory.
+/// The largest setpoint buffer, in setpoints; with 9 axes and 12 subscribers 310 MB of shared memory.
 pub const MAX_SETPOINT_BUFFER: usize = 65_536;
 
-/// Places at the setpoints that readers leave to bridges: as many as may answer.
+/// Setpoint connections reserved for bridges: the number of bridges that may send feedback.
 pub const PLACES_FOR_BRIDGES: usize = 4;
 
-/// Places at the status and at the control service that screens leave to operators who must get in: to stop, above all.
+/// Status and control connections reserved for operators who must get through, above all to stop.
 pub const PLACES_FOR_OPERATORS: usize = 8;
 
 /// How the core opens the bus.
@@ -16,8 +16,8 @@ pub const PLACES_FOR_OPERATORS: usize = 8;
 pub struct BusConfig {
     /// The machine's name: letters, digits, `-` and `_`, at most 64.
     pub machine_name: String,
-    /// iceoryx2's file prefix. Cores and clients of different prefixes do not see each other. None: iceoryx2's
-    /// own, as set in its configuration file, so that foreign clients need not know one.
+    /// iceoryx2's file prefix. Cores and clients with different prefixes do not see each other. None:
+    /// iceoryx2's own, from its configuration file, so that foreign clients need none.
     pub prefix: Option<String>,
     /// The control period in ns.
     pub period_ns: u64,
@@ -25,15 +25,15 @@ pub struct BusConfig {
     pub axes: String,
     /// Setpoints that a subscriber may lag behind before it loses the oldest.
     pub setpoint_buffer: usize,
-    /// Setpoint subscribers at the same time before onlookers are turned away; [`PLACES_FOR_BRIDGES`] are left for
-    /// bridges then.
+    /// Maximum number of simultaneous setpoint readers; [`PLACES_FOR_BRIDGES`] connections remain for
+    /// bridges.
     pub max_setpoint_subscribers: usize,
-    /// How long opening may wait for other cores to open, and for the remains of a killed run to be cleared.
+    /// Maximum wait for other cores to open, and for the removal of a killed run's resources.
     pub open_timeout: Duration,
 }
 
 impl BusConfig {
-    /// The usual settings: one second of setpoints, but 256 to 16 384 of them, and 8 subscribers.
+    /// The default settings: one second of setpoints, but 256 to 16 384 of them, and 8 subscribers.
     #[must_use]
     pub fn new(machine_name: &str, axes: &str, period_ns: u64) -> Self {
         let per_second = 1_000_000_000 / period_ns.max(1);
@@ -61,12 +61,12 @@ pub struct ClientConfig {
     pub period_ns: Option<u64>,
     /// The axes that the client is made for; any if none.
     pub axes: Option<String>,
-    /// How long to wait for a core that is not up yet.
+    /// Maximum wait for a core that is not up yet.
     pub wait: Duration,
 }
 
 impl ClientConfig {
-    /// A client that takes any period and axes and waits 5 s for the core.
+    /// A client that accepts any period and axes and waits 5 s for the core.
     #[must_use]
     pub fn new(machine_name: &str) -> Self {
         Self {

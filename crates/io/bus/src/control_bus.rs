@@ -20,12 +20,12 @@ type ServerPort = Server<Ipc, ControlRequest, (), ControlAnswer, ()>;
 type Active = ActiveRequest<Ipc, ControlRequest, (), ControlAnswer, ()>;
 type ClientPort = Client<Ipc, ControlRequest, (), ControlAnswer, ()>;
 
-/// How often an answer is looked for.
+/// Poll interval of an answer.
 const POLL: Duration = Duration::from_micros(500);
 
-/// A request that is to be answered, now or later.
+/// A request that has to be answered, now or later.
 ///
-/// One that is dropped without an answer leaves its client waiting until its time limit.
+/// If it is dropped without an answer, its client waits until its timeout.
 #[derive(Debug)]
 pub struct ControlCall {
     request: ControlRequest,
@@ -33,21 +33,21 @@ pub struct ControlCall {
 }
 
 impl ControlCall {
-    /// The request: a copy, so that what a client does to its memory afterwards has no effect.
+    /// The request: a copy, so later changes by the client have no effect.
     #[must_use]
     pub const fn request(&self) -> &ControlRequest {
         &self.request
     }
 
-    /// Sends the answer. A client that has gone meanwhile misses it.
+    /// Sends the answer. A client that has ended meanwhile misses it.
     pub fn answer(self, answer: ControlAnswer) {
         let _gone = self.active.send_copy(answer);
     }
 }
 
-/// The core's end of the control service. It cannot leave the thread that opened it.
+/// The core's end of the control service. It must stay on the thread that opened it.
 ///
-/// A request is copied before it is looked at: what a client does to its memory afterwards has no effect.
+/// A request is copied before it is examined: later changes by the client to its memory have no effect.
 #[derive(Debug)]
 pub struct ControlServer {
     server: ServerPort,
@@ -86,7 +86,7 @@ impl ControlServer {
                     cause: format!("{cause:?}"),
                 });
             }
-            // The place of a killed core is given free by cleaning.
+            // Cleaning frees the connection of a killed core.
             domain.node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
             std::thread::sleep(Duration::from_millis(5));
         };
@@ -99,8 +99,8 @@ impl ControlServer {
         })
     }
 
-    /// Takes the oldest waiting request; `None` where none waits. One of another version is given too, and is to be rejected. Of
-    /// one client at most four can be unanswered at a time.
+    /// Takes the oldest waiting request; `None` if there is none. A request of another version is returned
+    /// too, and has to be rejected. Each client may have at most four unanswered requests.
     ///
     /// # Errors
     /// The connection is damaged.
@@ -121,8 +121,9 @@ impl ControlServer {
         Ok(Some(ControlCall { request, active }))
     }
 
-    /// Has the oldest waiting request answered by `judge`; `false` where none waits. A request of another version
-    /// gets to `judge` too, which is to reject it. A client that has gone meanwhile misses its answer.
+    /// Answers the oldest waiting request with the result of `judge`; `false` if there is none. `judge` also
+    /// receives requests of another version, which it has to reject. A client that has ended meanwhile misses
+    /// its answer.
     ///
     /// # Errors
     /// The connection is damaged.
@@ -138,17 +139,17 @@ impl ControlServer {
         Ok(true)
     }
 
-    /// Requests so far whose version or size was not of this build.
+    /// Number of requests with another version or size than this build.
     #[must_use]
     pub const fn foreign_requests(&self) -> u64 {
         self.foreign
     }
 }
 
-/// Why a command got no answer.
+/// Why a command received no answer.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CommandError {
-    /// It did not leave.
+    /// It was not sent.
     #[error("the command was not sent ({cause}): is the core still there?")]
     NotSent {
         /// iceoryx2's name for the cause.
@@ -156,10 +157,11 @@ pub enum CommandError {
     },
     /// Nobody answered.
     #[error(
-        "no answer within {waited_ms} ms: the core has gone or hangs; whether the command took effect is unknown"
+        "no answer within {waited_ms} ms: the core has ended or hangs; whether the command took effect is \
+         unknown"
     )]
     NoAnswer {
-        /// How long was waited, in ms.
+        /// The time waited, in ms.
         waited_ms: u64,
     },
     /// The connection is damaged.
@@ -167,7 +169,7 @@ pub enum CommandError {
     Receive(#[from] ReceiveError),
 }
 
-/// A client's end of the control service. It cannot leave the thread that opened it.
+/// A client's end of the control service. It must stay on the thread that opened it.
 #[derive(Debug)]
 pub struct ControlClient {
     client: ClientPort,
@@ -178,19 +180,19 @@ pub struct ControlClient {
 }
 
 impl ControlClient {
-    /// Finds the machine, waiting for its core where that is not up yet.
+    /// Finds the machine, waiting for its core if necessary.
     ///
     /// # Errors
-    /// No core in time, one that does not fit, or no place but those that are kept for operators who must get in.
+    /// No core in time, one that does not match, or no connection except those reserved for operators.
     pub fn open(config: &ClientConfig) -> Result<Self, BusError> {
         Self::join(config, PLACES_FOR_OPERATORS)
     }
 
-    /// The same for who comes with one command that must get through, as an emergency stop, and goes again: takes one
-    /// of the places that are kept for that.
+    /// The same for a client that sends one command that must get through, such as an emergency stop: uses
+    /// one of the reserved connections.
     ///
     /// # Errors
-    /// No core in time, one that does not fit, or no place.
+    /// No core in time, one that does not match, or no connection.
     pub fn open_in_need(config: &ClientConfig) -> Result<Self, BusError> {
         Self::join(config, 0)
     }
@@ -208,7 +210,7 @@ impl ControlClient {
             (ATTRIBUTE_AXES, config.axes.clone()),
         ];
         let service = domain.open_control(&wanted, begin + config.wait)?;
-        // A core makes the service first and its own end of it then: a command in between would be lost.
+        // A core creates the service before its own end of it: a command in between would be lost.
         while service.dynamic_config().number_of_servers() == 0 {
             if begin.elapsed() >= config.wait {
                 return Err(no_core(&config.machine_name, prefix, begin));
@@ -232,7 +234,8 @@ impl ControlClient {
                     .unwrap_or_default(),
                 cause: format!("{cause:?}"),
             })?;
-        // Unique among clients on this computer for as long as processes keep different numbers and starts.
+        // Unique among the clients on this computer, because processes have different numbers and start
+        // times.
         let id = u64::from(std::process::id());
         let time = std::time::SystemTime::now()
             .duration_since(std::time::UNIX_EPOCH)
@@ -255,7 +258,7 @@ impl ControlClient {
     /// Sends a command with the next serial number and waits for its answer.
     ///
     /// # Errors
-    /// It did not leave, or nobody answered in time.
+    /// It was not sent, or there was no answer in time.
     pub fn command(
         &mut self,
         request: &ControlRequest,
@@ -270,11 +273,10 @@ impl ControlClient {
         self.send_as_it_is(&request, timeout)
     }
 
-    /// Sends a request with the numbers that stand in it, whatever they are. For tests and for clients that number by
-    /// themselves.
+    /// Sends a request with the given numbers. For tests and for clients with their own numbering.
     ///
     /// # Errors
-    /// It did not leave, or nobody answered in time.
+    /// It was not sent, or there was no answer in time.
     pub fn send_as_it_is(
         &mut self,
         request: &ControlRequest,

@@ -19,10 +19,10 @@ use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
 use std::time::Instant;
 
-/// The ports of one core. It cannot leave the thread that opened it: open it on the publisher's thread.
+/// The ports of one core. It must stay on the thread that opened it: open it on the publisher's thread.
 ///
-/// No method may be called from the real-time cycle: sending allocates once a message, and opens and removes files
-/// when a subscriber joins or leaves.
+/// No method may be called from the real-time cycle: sending allocates once per message, and opens and
+/// removes files when a subscriber joins or leaves.
 #[derive(Debug)]
 pub struct CoreBus {
     // Ports first: they are dropped in this order, before the node.
@@ -47,13 +47,13 @@ pub struct CoreBus {
 }
 
 impl CoreBus {
-    /// Opens every channel of a machine as its one core.
+    /// Opens every channel of a machine as its only core.
     ///
-    /// Clears away first what killed runs have left; takes 15 to 50 ms, so open before the machine is armed.
+    /// First removes the resources of killed runs; takes 15 to 50 ms, so open before the machine is armed.
     ///
     /// # Errors
-    /// [`BusError::AlreadyRunning`] with the process where a core of this name lives; otherwise what is wrong with
-    /// the settings, with services that clients of an earlier run hold, or with shared memory.
+    /// [`BusError::AlreadyRunning`] with the process if a core of this name is alive; otherwise an error of
+    /// the settings, of services that clients of an earlier run hold, or of shared memory.
     pub fn open(config: &BusConfig) -> Result<Self, BusError> {
         check(config)?;
         let machine_name = config.machine_name.as_str();
@@ -66,8 +66,8 @@ impl CoreBus {
         let deadline = Instant::now() + config.open_timeout;
         domain.begin_core(deadline)?;
 
-        // The setpoint publisher comes first: it is the one whose number is limited to one, so it decides which
-        // of two cores that start together lives.
+        // The setpoint publisher comes first: only one is permitted, so it decides which of two cores that
+        // start together survives.
         let sizes = Sizes {
             publishers: 1,
             subscribers: config.max_setpoint_subscribers + PLACES_FOR_BRIDGES,
@@ -125,7 +125,7 @@ impl CoreBus {
         let spindle_service = domain.create::<SpindleFeedback>(Channel::Spindle, &wanted, sizes, deadline)?;
         let spindle = subscriber(&spindle_service, Channel::Spindle, machine_name)?;
 
-        // History 1: a bridge that joins late gets the outputs of now with the next `admit_readers`.
+        // History 1: a bridge that joins late receives the current outputs with the next `admit_readers`.
         let sizes = Sizes {
             publishers: 1,
             subscribers: 8 + PLACES_FOR_BRIDGES,
@@ -168,31 +168,31 @@ impl CoreBus {
         })
     }
 
-    /// Sends a setpoint to every subscriber; never waits for one. Returns how many were reached.
+    /// Sends a setpoint to every subscriber; never waits for one. Returns the number reached.
     ///
     /// # Errors
-    /// The setpoint did not leave, or not to all.
+    /// The setpoint was not sent, or not to all.
     pub fn publish_setpoint(&mut self, setpoint: &Setpoint) -> Result<usize, SendError> {
         self.setpoint
             .send_copy(*setpoint)
             .map_err(|cause| send_error(Channel::Setpoint, cause))
     }
 
-    /// Replaces the snapshot that status readers see. A reader that joins later gets it with the next call, or
+    /// Replaces the snapshot of status readers. A reader that joins later receives it with the next call, or
     /// with [`CoreBus::admit_readers`].
     ///
     /// # Errors
-    /// The status did not leave, or not to all.
+    /// The status was not sent, or not to all.
     pub fn publish_status(&mut self, status: &Status) -> Result<usize, SendError> {
         self.status
             .send_copy(*status)
             .map_err(|cause| send_error(Channel::Status, cause))
     }
 
-    /// Connects to readers that have joined since the last message: late status readers get the latest snapshot
-    /// now, and joining costs the next setpoint no time. Call it a few times a second.
+    /// Connects to readers that have joined since the last message: late status readers receive the latest
+    /// snapshot now, and joining does not delay the next setpoint. Call it a few times per second.
     pub fn admit_readers(&mut self) {
-        // A failure shows up again, as an error, with the next message.
+        // A failure appears again, as an error, with the next message.
         let _ = self.setpoint.update_connections();
         let _ = self.status.update_connections();
         let _ = self.output.update_connections();
@@ -211,10 +211,10 @@ impl CoreBus {
             })
     }
 
-    /// The oldest feedback that was not taken yet. What is not finite is dropped and counted.
+    /// The oldest feedback not taken yet. Feedback that is not finite is dropped and counted.
     ///
     /// # Errors
-    /// The connection is damaged, or a bridge speaks another version.
+    /// The connection is damaged, or a bridge uses another version.
     pub fn feedback(&mut self) -> Result<Option<Feedback>, ReceiveError> {
         while let Some(feedback) = receive(&self.feedback, Channel::Feedback)? {
             if feedback.is_finite() {
@@ -225,18 +225,19 @@ impl CoreBus {
         Ok(None)
     }
 
-    /// The oldest feedback that was not taken yet, whatever its numbers: for a watch that names what is wrong with them.
+    /// The oldest feedback not taken yet, with any values, for monitoring that reports invalid ones.
     ///
     /// # Errors
-    /// The connection is damaged, or a bridge speaks another version.
+    /// The connection is damaged, or a bridge uses another version.
     pub fn unchecked_feedback(&mut self) -> Result<Option<Feedback>, ReceiveError> {
         receive(&self.feedback, Channel::Feedback)
     }
 
-    /// The oldest cutting load that was not taken yet. What is not finite or out of its range is dropped and counted.
+    /// The oldest cutting load not taken yet. A load that is not finite or out of range is dropped and
+    /// counted.
     ///
     /// # Errors
-    /// The connection is damaged, or a sensor speaks another version.
+    /// The connection is damaged, or a sensor uses another version.
     pub fn load(&mut self) -> Result<Option<Load>, ReceiveError> {
         while let Some(load) = receive(&self.load, Channel::Load)? {
             if load.is_valid() {
@@ -247,34 +248,34 @@ impl CoreBus {
         Ok(None)
     }
 
-    /// Sends the outputs to every bridge; never waits for one. Returns how many were reached.
+    /// Sends the outputs to every bridge; never waits for one. Returns the number reached.
     ///
     /// # Errors
-    /// The outputs did not leave, or not to all.
+    /// The outputs were not sent, or not to all.
     pub fn publish_outputs(&mut self, outputs: &MachineOutputs) -> Result<usize, SendError> {
         self.output
             .send_copy(*outputs)
             .map_err(|cause| send_error(Channel::Output, cause))
     }
 
-    /// The oldest inputs that were not taken yet, whatever their numbers: the watch that knows the machine's inputs names what
-    /// is wrong with them.
+    /// The oldest inputs not taken yet, with any values: the monitoring that knows the machine's inputs
+    /// reports invalid ones.
     ///
     /// # Errors
-    /// The connection is damaged, or a bridge speaks another version.
+    /// The connection is damaged, or a bridge uses another version.
     pub fn unchecked_inputs(&mut self) -> Result<Option<MachineInputs>, ReceiveError> {
         receive(&self.input, Channel::Input)
     }
 
-    /// The oldest feedback of a spindle that was not taken yet, likewise.
+    /// The oldest feedback of a spindle not taken yet, with any values.
     ///
     /// # Errors
-    /// The connection is damaged, or a bridge speaks another version.
+    /// The connection is damaged, or a bridge uses another version.
     pub fn unchecked_spindle(&mut self) -> Result<Option<SpindleFeedback>, ReceiveError> {
         receive(&self.spindle, Channel::Spindle)
     }
 
-    /// Messages from outside that were dropped because their numbers made no sense.
+    /// Number of messages that were dropped because of invalid values.
     #[must_use]
     pub const fn rejected_inputs(&self) -> u64 {
         self.rejected
@@ -286,15 +287,15 @@ impl CoreBus {
         self.setpoint_service.dynamic_config().number_of_subscribers()
     }
 
-    /// Waits until at least `count` subscribers listen to setpoints, and connects to them, so that the first
-    /// setpoint reaches them all. Returns how many there are, which is less where time ran out.
+    /// Waits until at least `count` subscribers read setpoints, and connects to them, so that the first
+    /// setpoint reaches them all. Returns their number, which is smaller after a timeout.
     #[must_use]
     pub fn wait_for_setpoint_subscribers(&self, count: usize, timeout: Duration) -> usize {
         let deadline = Instant::now() + timeout;
         loop {
             let found = self.setpoint_subscribers();
             if found >= count || Instant::now() >= deadline {
-                // A failure shows up again, as an error, with the first setpoint.
+                // A failure appears again, as an error, with the first setpoint.
                 let _ = self.setpoint.update_connections();
                 return found;
             }
@@ -332,7 +333,7 @@ fn check(config: &BusConfig) -> Result<(), BusError> {
     Ok(())
 }
 
-/// Creates the one publisher of a service. Where the place is taken, its owner either lives, or is cleared away.
+/// Creates the only publisher of a service. If there is one already, its owner is alive, or it is removed.
 fn publisher<P: Debug + ZeroCopySend + Copy>(
     domain: &Domain,
     service: &PubSub<P>,

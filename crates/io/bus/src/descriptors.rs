@@ -1,9 +1,9 @@
-//! Whether this process may open enough files: iceoryx2 needs one or two for each service, port and peer, and tells of
-//! nothing but an internal failure where it gets none.
+//! Whether this process may open enough files: iceoryx2 needs one or two for each service, port and peer, and
+//! reports only an internal failure if it cannot open one.
 
 use crate::error::BusError;
 
-/// EMFILE: this process has as many files open as it may.
+/// EMFILE: this process has the maximum number of files open.
 const TOO_MANY_FILES: i32 = 24;
 
 /// Services, ports and monitors of a core, and a few clients.
@@ -15,7 +15,7 @@ pub(crate) const OF_A_CLIENT: usize = 16;
 pub(crate) fn check(needed: usize) -> Result<(), BusError> {
     let limit = rustix::process::getrlimit(rustix::process::Resource::Nofile).current;
     let Some(limit) = limit else { return Ok(()) };
-    // Without a list there is nothing to go by; a list itself takes a descriptor.
+    // Without a list nothing can be counted; the list itself takes a descriptor.
     let open = match std::fs::read_dir("/proc/self/fd") {
         Ok(list) => list.count().saturating_sub(1),
         Err(error) if error.raw_os_error() == Some(TOO_MANY_FILES) => limit as usize,

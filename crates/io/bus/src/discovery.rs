@@ -1,4 +1,4 @@
-//! Which machines have a core, and which other users.
+//! Which machines have a core, and which other users have one.
 
 use crate::domain::{Ipc, configuration, pattern};
 use crate::error::BusError;
@@ -8,7 +8,7 @@ use crate::stale_resources;
 use iceoryx2::prelude::*;
 use std::time::Instant;
 
-/// Whether a service is described in a folder. It may be a dead core's.
+/// Whether a service is described in a folder. It may belong to a dead core.
 pub(crate) fn has_service(folder: &BusFolder, name: &str, channel: Channel) -> bool {
     let (Ok(config), Ok(name)) = (configuration(folder), ServiceName::new(name)) else {
         return false;
@@ -16,7 +16,7 @@ pub(crate) fn has_service(folder: &BusFolder, name: &str, channel: Channel) -> b
     stale_resources::service_file(&config, &name, pattern(channel)).exists()
 }
 
-/// Nobody was there in time. A core of another user cannot be seen, but that there is one can.
+/// No core in time. A core of another user is not accessible, but its existence is visible.
 pub(crate) fn no_core(machine_name: &str, prefix: Option<&str>, begin: Instant) -> BusError {
     BusError::NoCore {
         machine_name: machine_name.to_owned(),
@@ -25,7 +25,8 @@ pub(crate) fn no_core(machine_name: &str, prefix: Option<&str>, begin: Instant) 
     }
 }
 
-/// Which other users have cores on this computer and what that means, to go behind a sentence; empty where none has.
+/// The other users with cores on this computer and what that means, appended to a sentence; empty if there
+/// are none.
 #[must_use]
 pub fn cores_of_other_users(prefix: Option<&str>) -> String {
     let users = other_users(prefix);
@@ -44,11 +45,10 @@ pub fn cores_of_other_users(prefix: Option<&str>) -> String {
     )
 }
 
-/// Names of the machines whose control service is there, in order. One that was killed is among them until somebody
-/// clears it away.
+/// Names of the machines with a control service, in order. A killed one is listed until it is removed.
 ///
 /// # Errors
-/// The prefix is none, or iceoryx2 does not start.
+/// The prefix is invalid, or iceoryx2 does not start.
 pub fn list_machines(prefix: Option<&str>) -> Result<Vec<String>, BusError> {
     let mut names = Vec::new();
     for folder in BusFolder::existing(prefix)? {

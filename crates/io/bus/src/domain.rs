@@ -1,4 +1,4 @@
-//! A domain of iceoryx2: node, attributes, and opening that survives the remains of killed runs.
+//! A domain of iceoryx2: node, attributes, and opening despite the resources of killed runs.
 
 use crate::config::PLACES_FOR_OPERATORS;
 use crate::descriptors;
@@ -38,16 +38,16 @@ pub const ATTRIBUTE_PERIOD: &str = "evolvent.period_ns";
 /// Attribute: the letters of the axes in order.
 pub const ATTRIBUTE_AXES: &str = "evolvent.axes";
 
-/// How long to wait between two tries.
+/// Wait between two attempts.
 const RETRY: Duration = Duration::from_millis(5);
 
-/// Processes at one service; clients that have no port count too.
+/// Processes per service; clients without a port count too.
 const MAX_NODES: usize = 128;
 
-/// What is asked of the attributes: each key with its value, or none where any will do.
+/// Required attributes: each key with its value, or none if any value is accepted.
 pub(crate) type Wanted = [(&'static str, Option<String>); 3];
 
-/// Sizes of a service, said by the core only.
+/// Sizes of a service, set only by the core.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sizes {
     pub(crate) publishers: usize,
@@ -65,11 +65,12 @@ pub(crate) struct Domain {
     lock: Option<OpeningLock>,
 }
 
-/// A process that is stopped and continued while it makes a node may be told of an internal error, where the next try succeeds.
+/// A process that is stopped and continued while it creates a node may receive an internal error; the next
+/// attempt succeeds.
 const NODE_ATTEMPTS: u32 = 5;
 
 impl Domain {
-    /// Joins as a core, and clears what dead processes have left.
+    /// Joins as a core, and removes the resources of dead processes.
     pub(crate) fn join(machine_name: &str, prefix: Option<&str>, role: &str) -> Result<Self, BusError> {
         crate::check_machine_name(machine_name)?;
         descriptors::check(descriptors::OF_A_CORE)?;
@@ -136,7 +137,7 @@ impl Domain {
         })
     }
 
-    /// Keeps other cores from opening at the same time, and removes what a killed one has left half made.
+    /// Keeps other cores from opening at the same time, and removes the incomplete resources of a killed one.
     pub(crate) fn begin_core(&mut self, deadline: Instant) -> Result<(), BusError> {
         let lock = OpeningLock::acquire(self.node.config(), deadline)?;
         for channel in [
@@ -171,7 +172,7 @@ impl Domain {
         Ok((text, name))
     }
 
-    /// Opens a service as the core does, creating it where it is missing.
+    /// Opens a service as the core does, creating it if it does not exist.
     pub(crate) fn create<P: Payload + ZeroCopySend + Debug>(
         &self,
         channel: Channel,
@@ -267,8 +268,8 @@ impl Domain {
         })
     }
 
-    /// Opens the control service as the core does. Commands of a client that does not wait for its answers overwrite
-    /// each other, and nobody else's.
+    /// Opens the control service as the core does. Commands of a client that does not wait for its answers
+    /// overwrite only each other.
     pub(crate) fn create_control(
         &self,
         wanted: &Wanted,
@@ -321,7 +322,8 @@ impl Domain {
         })
     }
 
-    /// Tries until it works, fails for good, or time is up. Between two tries the dead are cleared away.
+    /// Tries until it succeeds, fails permanently, or times out. Resources of dead processes are removed
+    /// between attempts.
     fn retry<T>(
         &self,
         service: &str,
@@ -374,18 +376,19 @@ impl Domain {
         }
     }
 
-    /// Removes a service that cannot be opened because its maker died before it was complete.
+    /// Removes a service that cannot be opened because its creator died before it was complete.
     fn remove_service(&self, channel: Channel) {
         let (Ok((_, name)), Some(lock)) = (self.name(channel), &self.lock) else {
             return;
         };
         stale_resources::clear_half_made_service(lock, self.node.config(), &name, pattern(channel));
-        // SAFETY: nobody uses the service: it cannot be opened, and only cores make one, of which only the holder
-        // of the lock, this one, is opening. Where it fails, the next attempt to open fails too, and reports it.
+        // SAFETY: the service is not in use: it cannot be opened, and only cores create one, of which only
+        // the holder of the lock, this one, is opening. If it fails, the next attempt to open fails too, and
+        // reports it.
         let _ = unsafe { self.node.force_remove_service(&name, pattern(channel)) };
     }
 
-    /// The other core of this machine's name, if one lives: its process where that can be found out.
+    /// The other live core with this machine's name: its process, if it can be determined.
     pub(crate) fn living_core(&self) -> Option<Option<i32>> {
         let (_, name) = self.name(Channel::Setpoint).ok()?;
         let service = self
@@ -401,7 +404,7 @@ impl Domain {
         });
         let owner = owner?;
         let mut found = None;
-        // A publisher whose node is dead is none: it is about to be cleared away.
+        // A publisher of a dead node does not count: it is about to be removed.
         let listed = service.nodes(|state| {
             if *state.node_id() != owner {
                 return CallbackProgression::Continue;
@@ -420,7 +423,7 @@ impl Domain {
         listed.ok().and(found)
     }
 
-    /// Every attribute that is not as wanted, with both values.
+    /// Every attribute that differs from the required one, with both values.
     fn differences(&self, channel: Channel, wanted: &Wanted) -> String {
         let Ok((_, name)) = self.name(channel) else {
             return String::new();
@@ -461,9 +464,9 @@ pub(crate) fn pattern(channel: Channel) -> MessagingPattern {
     }
 }
 
-/// iceoryx2's configuration in a folder. The user's own configuration file of iceoryx2 counts for the rest.
+/// iceoryx2's configuration in a folder. The user's own configuration file of iceoryx2 applies to the rest.
 pub(crate) fn configuration(folder: &BusFolder) -> Result<Config, BusError> {
-    // iceoryx2 reports on standard error what our errors say already.
+    // iceoryx2 reports on standard error what our errors already report.
     set_log_level_from_env_or(LogLevel::Fatal);
     let mut config = Config::global_config().clone();
     let bad = |cause: &dyn Debug| BusError::Folder {
@@ -475,7 +478,7 @@ pub(crate) fn configuration(folder: &BusFolder) -> Result<Config, BusError> {
     config
         .global
         .set_root_path(&Path::new(root.as_bytes()).map_err(|cause| bad(&cause))?);
-    // A core that stops must not stumble over what another machine's killed core has left.
+    // A core that stops must not fail because of another machine's killed core.
     config.global.node.cleanup_dead_nodes_on_destruction = false;
     Ok(config)
 }

@@ -1,4 +1,4 @@
-//! What can go wrong, one enum per operation.
+//! Errors, one enum per operation.
 
 use crate::name::NameError;
 use thiserror::Error;
@@ -6,23 +6,23 @@ use thiserror::Error;
 /// Why core or client could not open the bus.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum BusError {
-    /// The machine's name cannot stand in a service's name.
+    /// The machine's name is not valid in a service name.
     #[error(transparent)]
     Name(#[from] NameError),
-    /// The prefix cannot begin a file name.
+    /// The prefix is not valid at the start of a file name.
     #[error("the prefix {prefix:?} cannot begin a file name: use 1 to 32 letters, digits, '-' and '_'")]
     Prefix {
         /// The prefix.
         prefix: String,
     },
-    /// The control period is none.
+    /// The control period is invalid.
     #[error("the control period of {period_ns} ns is out of range: it must be 1000 ns to 1 s")]
     Period {
         /// The period in ns.
         period_ns: u64,
     },
-    /// The letters are no set of axes.
-    #[error("the axes {axes:?} are no list of different letters of XYZABCUVW in capitals")]
+    /// The letters are not a set of axes.
+    #[error("the axes {axes:?} are not a list of different capital letters of XYZABCUVW")]
     Axes {
         /// The letters.
         axes: String,
@@ -30,7 +30,7 @@ pub enum BusError {
     /// The buffer is too small or too large.
     #[error("a setpoint buffer of {setpoints} is out of range: it must be 1 to {max}")]
     SetpointBuffer {
-        /// The wanted size, in setpoints.
+        /// The requested size, in setpoints.
         setpoints: usize,
         /// The largest size.
         max: usize,
@@ -38,13 +38,13 @@ pub enum BusError {
     /// The number of subscribers is too small or too large.
     #[error("{subscribers} setpoint subscribers are out of range: it must be 1 to 64")]
     Subscribers {
-        /// The wanted number.
+        /// The requested number.
         subscribers: usize,
     },
     /// iceoryx2 itself does not start.
     #[error(
-        "iceoryx2 cannot start ({cause}): check that this user may write to the bus's folder and /dev/shm and that both \
-         have room"
+        "iceoryx2 cannot start ({cause}): check that this user may write to the bus's folder and /dev/shm \
+         and that both have free space"
     )]
     Domain {
         /// iceoryx2's name for the cause.
@@ -55,23 +55,25 @@ pub enum BusError {
     Folder {
         /// The folder.
         path: String,
-        /// What is wrong, and what to do.
+        /// The error and its remedy.
         reason: String,
     },
-    /// Another user has put a file where one of the bus's belongs.
+    /// Another user has created a file with the name of one of the bus's files.
     #[error(
-        "{path} belongs to {owner} and not to this user, so the bus is not opened: let {owner} or root remove it, or choose \
+        "{path} belongs to {owner} and not to this user, so the bus is not opened: let {owner} or root \
+         remove it, or choose \
          another --bus-prefix for core and clients"
     )]
     Foreign {
         /// The file.
         path: String,
-        /// Whose it is.
+        /// Its owner.
         owner: String,
     },
     /// This process may not open enough files.
     #[error(
-        "this process has {open} files open and may have {limit}, the bus needs {needed} more: raise the limit \
+        "this process has {open} files open and may have {limit}, the bus needs {needed} more: raise the \
+         limit \
          (`ulimit -n 1024`, LimitNOFILE= of a service)"
     )]
     Descriptors {
@@ -79,10 +81,10 @@ pub enum BusError {
         open: usize,
         /// The limit.
         limit: u64,
-        /// How many more the bus needs.
+        /// Number of additional files that the bus needs.
         needed: usize,
     },
-    /// Another core of the same name lives.
+    /// Another core of the same name is alive.
     #[error(
         "machine {machine_name} is already running{}: stop that core, or give this machine another name",
         pid.map(|pid| format!(", pid {pid}")).unwrap_or_default()
@@ -90,7 +92,7 @@ pub enum BusError {
     AlreadyRunning {
         /// The machine's name.
         machine_name: String,
-        /// The process of the other core, where it could be found out.
+        /// The process of the other core, if it could be determined.
         pid: Option<i32>,
     },
     /// The service exists with other attributes.
@@ -105,7 +107,8 @@ pub enum BusError {
     },
     /// The service exists with other sizes, and clients of an earlier run keep it alive.
     #[error(
-        "{service} exists with other settings ({cause}): clients of an earlier run keep it alive, close them and start again"
+        "{service} exists with other settings ({cause}): clients of an earlier run keep it alive, close \
+         them and start again"
     )]
     HeldByClients {
         /// The service.
@@ -113,7 +116,7 @@ pub enum BusError {
         /// iceoryx2's name for the cause.
         cause: String,
     },
-    /// This user must not use the service.
+    /// This user may not use the service.
     #[error(
         "no permission for {service}: a bus belongs to one user, run the core and its clients as the same one"
     )]
@@ -123,37 +126,42 @@ pub enum BusError {
     },
     /// No core was found in time.
     #[error(
-        "no core of machine {machine_name} within {waited_ms} ms: start it, or check name and prefix{elsewhere}"
+        "no core of machine {machine_name} within {waited_ms} ms: start it, or check name and \
+         prefix{elsewhere}"
     )]
     NoCore {
         /// The machine's name.
         machine_name: String,
-        /// How long was waited, in ms.
+        /// The time waited, in ms.
         waited_ms: u64,
-        /// Which other users have cores, and what that means; empty where none has.
+        /// The other users with cores, and what that means; empty if there are none.
         elsewhere: String,
     },
-    /// All places are taken, or those that are left are kept for others.
-    #[error("{service} has no place for another {port} (some are kept for bridges and operators): close one")]
+    /// All connections are taken, or the free ones are reserved.
+    #[error(
+        "{service} has no capacity for another {port} (some connections are reserved for bridges and \
+     operators): close one"
+    )]
     NoPlace {
         /// The service.
         service: String,
-        /// What was to be added.
+        /// The port to be added.
         port: &'static str,
     },
-    /// The memory for the samples could not be had.
+    /// The memory for the samples could not be allocated.
     #[error(
-        "no shared memory for {service}, about {needed_mib} MiB ({cause}): enlarge /dev/shm or choose a smaller setpoint buffer"
+        "no shared memory for {service}, about {needed_mib} MiB ({cause}): enlarge /dev/shm or choose a \
+         smaller setpoint buffer"
     )]
     SharedMemory {
         /// The service.
         service: String,
-        /// The size wanted, in MiB.
+        /// The required size, in MiB.
         needed_mib: usize,
         /// iceoryx2's name for the cause.
         cause: String,
     },
-    /// The service could not be opened, and waiting did not help.
+    /// The service could not be opened, even after waiting.
     #[error("{service} cannot be opened ({cause}): stop every process of this machine and start again")]
     Service {
         /// The service.
@@ -163,12 +171,13 @@ pub enum BusError {
     },
 }
 
-/// Why a message did not leave.
+/// Why a message was not sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum SendError {
-    /// The message could not be handed over; the next may.
+    /// The message could not be passed on; the next one may succeed.
     #[error(
-        "the message was not sent on {channel} ({cause}): the bus is damaged or out of memory, restart the core if it persists"
+        "the message was not sent on {channel} ({cause}): the bus is damaged or out of memory, restart the \
+         core if it persists"
     )]
     NotSent {
         /// The channel.
@@ -178,7 +187,7 @@ pub enum SendError {
     },
 }
 
-/// Why a message could not be taken in.
+/// Why a message could not be received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum ReceiveError {
     /// The connection to a sender is damaged.
@@ -191,7 +200,8 @@ pub enum ReceiveError {
     },
     /// The sender was built for another version of the contract.
     #[error(
-        "a message on {channel} has interface version {version} and {size} bytes, this build knows {known_version} and {known_size}: update the older side"
+        "a message on {channel} has interface version {version} and {size} bytes, this build knows \
+         {known_version} and {known_size}: update the older side"
     )]
     Version {
         /// The channel.

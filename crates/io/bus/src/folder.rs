@@ -1,9 +1,9 @@
-//! The folder of the bus: where iceoryx2 keeps its files, and whose it is.
+//! The folder of the bus: where iceoryx2 keeps its files, and who owns it.
 //!
-//! iceoryx2's own default is `/tmp/iceoryx2`, one folder for everybody, owned by whoever came first. Here each user has
-//! one that nobody else can write to. Segments of shared memory always lie in `/dev/shm`, which is everybody's, so their
-//! names begin with a number that is made of the folder's path and inode: two folders never share a segment, and a name
-//! cannot be taken before its folder is there.
+//! iceoryx2's own default is `/tmp/iceoryx2`, one folder for everybody, owned by the first user. Here each
+//! user has a folder that nobody else can write to. Segments of shared memory are always in `/dev/shm`, which
+//! belongs to everybody, so their names start with a number derived from the folder's path and inode: two
+//! folders never share a segment, and a name cannot be taken before its folder exists.
 
 use std::fs::{DirBuilder, Metadata};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
@@ -17,16 +17,16 @@ pub const RUNTIME_FOLDER: &str = "EVOLVENT_RUNTIME_DIR";
 /// A service manager makes this for the user of the service (`RuntimeDirectory=evolvent`).
 const SERVICE_FOLDER: &str = "/run/evolvent";
 
-/// Folders whose users' own folders logind makes and removes.
+/// Parent of the users' folders that logind creates and removes.
 const SESSION_FOLDERS: &str = "/run/user";
 
 /// Shared memory of all users.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 
-/// What segments' names begin with where no prefix is given.
+/// Start of the segment names if no prefix is given.
 const DEFAULT_PREFIX: &str = "evolvent-";
 
-/// Names of sockets are at most 107 bytes long, and iceoryx2 puts 37 behind folder and prefix.
+/// Names of sockets are at most 107 bytes long, and iceoryx2 appends 37 to folder and prefix.
 const MAX_FOLDER_AND_PREFIX: usize = 70;
 
 /// The user of this process.
@@ -34,26 +34,26 @@ pub(crate) fn this_user() -> u32 {
     rustix::process::geteuid().as_raw()
 }
 
-/// A folder of this user, checked.
+/// A folder of this user that has been checked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct BusFolder {
     pub(crate) path: PathBuf,
-    /// What names of segments begin with.
+    /// Start of the segment names.
     pub(crate) prefix: String,
 }
 
 impl BusFolder {
-    /// The folder in which a core of this user opens its services, made where it is missing.
+    /// The folder in which a core of this user opens its services, created if necessary.
     pub(crate) fn of_core(prefix: Option<&str>) -> Result<Self, BusError> {
         check_prefix(prefix)?;
         let candidates = candidates()?;
-        // There always is one: the last needs nothing but /dev/shm.
+        // There always is one: the last needs only /dev/shm.
         let first = candidates.into_iter().next().unwrap_or_else(last_resort);
         Self::enter(&first, prefix)
     }
 
-    /// Every folder of this user that is there: a core that was started in a session, and one that was not, use
-    /// different ones. One that somebody else has taken is an error only where there is no other.
+    /// Every existing folder of this user: a core that was started in a session and one that was not use
+    /// different ones. A folder taken by another user is an error only if there is no other.
     pub(crate) fn existing(prefix: Option<&str>) -> Result<Vec<Self>, BusError> {
         check_prefix(prefix)?;
         let (mut found, mut wrong) = (Vec::new(), None);
@@ -71,7 +71,7 @@ impl BusFolder {
         }
     }
 
-    /// Checks a folder, making it where it is missing.
+    /// Checks a folder, creating it if necessary.
     fn enter(path: &Path, prefix: Option<&str>) -> Result<Self, BusError> {
         let failed = |reason: String| BusError::Folder {
             path: path.display().to_string(),
@@ -82,19 +82,20 @@ impl BusFolder {
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
             Err(error) => {
                 return Err(failed(format!(
-                    "cannot be made ({error}): make it, or name another folder in {RUNTIME_FOLDER}"
+                    "cannot be created ({error}): create it, or name another folder in {RUNTIME_FOLDER}"
                 )));
             }
         }
-        // Not through a link: it may point anywhere tomorrow.
+        // Not through a link, whose target may change.
         let facts = path
             .symlink_metadata()
-            .map_err(|error| failed(format!("cannot be looked at ({error})")))?;
+            .map_err(|error| failed(format!("cannot be examined ({error})")))?;
         check(&facts, this_user()).map_err(&failed)?;
         let prefix = full_prefix(prefix, path, &facts);
         if path.as_os_str().len() + 1 + prefix.len() > MAX_FOLDER_AND_PREFIX {
             return Err(failed(format!(
-                "and the prefix {prefix} are longer than {MAX_FOLDER_AND_PREFIX} bytes together, which is too long for \
+                "and the prefix {prefix} are longer than {MAX_FOLDER_AND_PREFIX} bytes together, which is \
+                 too long for \
                  sockets: shorten the prefix, or name a shorter folder in {RUNTIME_FOLDER}"
             )));
         }
@@ -105,14 +106,14 @@ impl BusFolder {
     }
 }
 
-/// Folders that may be this user's, the one that a core takes first.
+/// Possible folders of this user; a core uses the first.
 fn candidates() -> Result<Vec<PathBuf>, BusError> {
     if let Some(path) = std::env::var_os(RUNTIME_FOLDER).filter(|path| !path.is_empty()) {
         let path = PathBuf::from(path);
         if !path.is_absolute() || path.to_str().is_none() {
             return Err(BusError::Folder {
                 path: path.display().to_string(),
-                reason: format!("stands in {RUNTIME_FOLDER} and is no absolute path in UTF-8: write one"),
+                reason: format!("in {RUNTIME_FOLDER} is not an absolute UTF-8 path: use one"),
             });
         }
         return Ok(vec![path]);
@@ -126,7 +127,7 @@ fn candidates() -> Result<Vec<PathBuf>, BusError> {
     if is_ours(Path::new(SERVICE_FOLDER)) {
         found.push(PathBuf::from(SERVICE_FOLDER));
     }
-    // `su` and `sudo -E` hand on the variable of another user.
+    // `su` and `sudo -E` pass on the variable of another user.
     let session = std::env::var_os("XDG_RUNTIME_DIR")
         .map(PathBuf::from)
         .filter(|path| path.is_absolute() && path.to_str().is_some() && is_ours(path))
@@ -144,15 +145,15 @@ fn last_resort() -> PathBuf {
 fn check(facts: &Metadata, user: u32) -> Result<(), String> {
     if !facts.is_dir() {
         return Err(format!(
-            "is no folder but something that {} has put there: let that user or root remove it",
+            "is not a folder; {} created it: let that user or root remove it",
             user_name(facts.uid())
         ));
     }
     if facts.uid() != user {
         let owner = user_name(facts.uid());
         return Err(format!(
-            "belongs to {owner} and not to {}: run this as {owner}, or let {owner} or root remove it, or name a folder \
-             of your own in {RUNTIME_FOLDER}",
+            "belongs to {owner} and not to {}: run this as {owner}, or let {owner} or root remove it, or \
+             name your own folder in {RUNTIME_FOLDER}",
             user_name(user)
         ));
     }
@@ -165,7 +166,7 @@ fn check(facts: &Metadata, user: u32) -> Result<(), String> {
     Ok(())
 }
 
-/// What segments' names begin with: the given prefix and eight digits of this very folder.
+/// Start of the segment names: the given prefix and eight digits of this folder.
 fn full_prefix(prefix: Option<&str>, path: &Path, facts: &Metadata) -> String {
     let prefix = prefix.unwrap_or(DEFAULT_PREFIX);
     let identity = format!("{}:{}:{}", path.display(), facts.dev(), facts.ino());
@@ -198,12 +199,13 @@ pub(crate) fn login_name(user: u32) -> Option<String> {
     })
 }
 
-/// `user evolvent (998)`, as far as the system's list of users tells.
+/// `user evolvent (998)`, if the system's list of users has the name.
 pub(crate) fn user_name(user: u32) -> String {
     login_name(user).map_or_else(|| format!("user {user}"), |name| format!("user {name} ({user})"))
 }
 
-/// Who else has services with this prefix on this computer: users by their segments, which everybody can see.
+/// Other users that have services with this prefix on this computer, found by their segments, which are
+/// visible to everybody.
 pub(crate) fn other_users(prefix: Option<&str>) -> Vec<u32> {
     let prefix = prefix.unwrap_or(DEFAULT_PREFIX);
     let user = this_user();
@@ -225,11 +227,11 @@ pub(crate) fn other_users(prefix: Option<&str>) -> Vec<u32> {
     others
 }
 
-/// The folders of this user's bus that are there, and what names of segments begin with in each: for tools that look for
-/// leftovers.
+/// The existing folders of this user's bus, and the start of the segment names in each, for tools that look
+/// for leftovers.
 ///
 /// # Errors
-/// A folder that another user has taken, or a prefix that is none.
+/// A folder taken by another user, or an invalid prefix.
 pub fn bus_folders(prefix: Option<&str>) -> Result<Vec<(PathBuf, String)>, BusError> {
     let folders = BusFolder::existing(prefix)?;
     Ok(folders

@@ -41,14 +41,15 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //! The messages themselves are in `evolvent-wire`, re-exported here: plain numbers in a fixed layout.
-//! Version, period and axes are also attributes of the services, so a client that does not fit fails when it
-//! opens and not when it moves.
+//! Version, period and axes are also attributes of the services, so a client that does not match fails when
+//! it opens, before anything moves.
 //!
-//! The core never waits for a reader: one that lags behind by more than its buffer loses the oldest and sees a
-//! gap in the sequence. Who is killed leaves files; whoever opens next clears them away. One name, one core.
+//! The core never waits for a reader: readers that lag behind by more than their buffer lose the oldest
+//! samples and see a gap in the sequence. A killed process leaves files; the next one that opens removes
+//! them. Each name belongs to one core.
 //!
-//! This is the only crate that calls iceoryx2. The control service has ports of its own, [`ControlServer`] and
-//! [`ControlClient`], so that commands need not pass through the thread that publishes setpoints.
+//! This is the only crate that calls iceoryx2. The control service has separate ports, [`ControlServer`] and
+//! [`ControlClient`], so commands do not pass through the thread that publishes setpoints.
 
 mod bindings;
 mod client_bus;

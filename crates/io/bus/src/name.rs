@@ -5,7 +5,7 @@ use thiserror::Error;
 /// The longest name of a machine, in characters.
 pub const MAX_MACHINE_NAME: usize = 64;
 
-/// Why a name cannot stand in the name of a service.
+/// Why a name is not valid in a service name.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum NameError {
     /// There is no name.
@@ -19,22 +19,23 @@ pub enum NameError {
         /// Number of characters.
         length: usize,
     },
-    /// The name holds a character that it must not.
+    /// The name contains an invalid character.
     #[error(
-        "the machine's name holds {character:?} at position {position}: use letters a-z A-Z, digits, '-' and '_' only"
+        "the machine's name contains {character:?} at position {position}: use letters a-z A-Z, digits, '-' \
+         and '_' only"
     )]
     Character {
         /// The character.
         character: char,
-        /// Its place, counted from 1.
+        /// Its position, counted from 1.
         position: usize,
     },
 }
 
-/// Checks that a name can be a machine's: 1 to 64 of `a-z A-Z 0-9 - _`.
+/// Checks that a name is valid for a machine: 1 to 64 of `a-z A-Z 0-9 - _`.
 ///
 /// # Errors
-/// The rule that the name breaks.
+/// The rule that the name violates.
 pub fn check_machine_name(name: &str) -> Result<(), NameError> {
     if name.is_empty() {
         return Err(NameError::Empty);
@@ -57,7 +58,7 @@ pub fn check_machine_name(name: &str) -> Result<(), NameError> {
 pub enum Channel {
     /// Setpoints, from the core.
     Setpoint,
-    /// The drives' answers, to the core.
+    /// The drives' feedback, to the core.
     Feedback,
     /// Cutting loads, to the core.
     Load,
@@ -95,7 +96,7 @@ impl Channel {
     /// The full name of the iceoryx2 service: `evolvent/NAME/CHANNEL`.
     ///
     /// # Errors
-    /// The rule that the machine's name breaks.
+    /// The rule that the machine's name violates.
     pub fn service_name(self, machine_name: &str) -> Result<String, NameError> {
         check_machine_name(machine_name)?;
         Ok(format!("evolvent/{machine_name}/{}", self.name()))

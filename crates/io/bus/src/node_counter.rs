@@ -1,8 +1,9 @@
-//! iceoryx2's node counter: the one segment whose name is known beforehand and whose mode iceoryx2 sets to 0666.
+//! iceoryx2's node counter: the one segment whose name is known beforehand and whose mode iceoryx2 sets to
+//! 0666.
 //!
-//! iceoryx2 0.10.0 keeps a counter of nodes for each prefix and maps it whenever a node is made. With its mode everybody
-//! may truncate it, and then every client of every user waits for its size without end. So it is made here, complete and
-//! for its owner alone, before iceoryx2 looks for it; one of another user is never mapped.
+//! iceoryx2 0.10.0 keeps a counter of nodes per prefix and maps it whenever a node is created. With its mode
+//! anybody may truncate it, and then every client of every user waits for its size forever. So it is created
+//! here, complete and for its owner only, before iceoryx2 looks for it; one of another user is never mapped.
 
 use std::fs::{File, OpenOptions, Permissions, hard_link, remove_file};
 use std::io::Write;
@@ -16,20 +17,20 @@ use crate::folder::{SHARED_MEMORY, this_user, user_name};
 /// name.
 const NAME: &str = "9204dd183d1c4d8e1ff592a30766ffa6765aa8b5_node.0_10_0.global_mgmt";
 
-/// iceoryx2's version, by which a reader knows that the segment is complete: major, minor, patch in 16 bits each.
+/// iceoryx2's version, by which a reader recognizes a complete segment: major, minor, patch in 16 bits each.
 const VERSION: u64 = 10 << 16;
 
-/// What all names of such segments end with.
+/// End of the names of such segments.
 const SUFFIX: &str = ".global_mgmt";
 
-/// Makes the counter of a prefix, or checks and repairs the one that is there.
+/// Creates the counter of a prefix, or checks and repairs the existing one.
 pub(crate) fn secure(prefix: &str) -> Result<(), BusError> {
     secure_in(Path::new(SHARED_MEMORY), prefix)
 }
 
 fn secure_in(folder: &Path, prefix: &str) -> Result<(), BusError> {
     let path = folder.join(format!("{prefix}{NAME}"));
-    // Another process may remove or make it meanwhile; three times in a row it does not.
+    // Another process may remove or create it meanwhile; that does not happen three times in a row.
     for _ in 0..3 {
         check_all(folder, prefix)?;
         if path.symlink_metadata().is_ok() {
@@ -42,7 +43,8 @@ fn secure_in(folder: &Path, prefix: &str) -> Result<(), BusError> {
     Ok(())
 }
 
-/// Checks owner and mode of every counter of a prefix; iceoryx2's own may have another name with another compiler.
+/// Checks owner and mode of every counter of a prefix; with another compiler iceoryx2's own may have another
+/// name.
 pub(crate) fn check(prefix: &str) -> Result<(), BusError> {
     check_all(Path::new(SHARED_MEMORY), prefix)
 }
@@ -69,8 +71,8 @@ fn check_one(path: &Path) -> Result<(), BusError> {
             owner: user_name(facts.uid()),
         });
     }
-    // A counter that was cut off counts nothing; one without a size keeps who maps it waiting for ever. Owned by this
-    // user, it may be replaced: numbers of nodes hold the process's number and time besides.
+    // A truncated counter counts nothing; one without a size makes its readers wait forever. Owned by this
+    // user, it may be replaced: node numbers also contain the process's number and time.
     if facts.len() < 16 {
         let _gone = remove_file(path);
         return Ok(());
@@ -81,7 +83,7 @@ fn check_one(path: &Path) -> Result<(), BusError> {
     Ok(())
 }
 
-/// Makes it under another name first: nobody ever sees a part of it.
+/// Creates it under another name first, so that it is never visible in part.
 fn make(path: &Path) -> std::io::Result<()> {
     let aside = aside(path);
     let mut file = OpenOptions::new()

@@ -1,14 +1,14 @@
-//! How an attempt to open a service ends: iceoryx2's errors by what to do about them.
+//! Results of an attempt to open a service: iceoryx2's errors by their remedy.
 
 use iceoryx2::service::builder::event::EventOpenError;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError as OpenError;
 use iceoryx2::service::builder::request_response::RequestResponseOpenError;
 
-/// How an attempt to open ended.
+/// Result of an attempt to open.
 pub(crate) enum OpenFailure {
-    /// May go away: another process is just creating, removing or cleaning up.
+    /// May disappear: another process is creating, removing or cleaning up.
     Passing(String),
-    /// Half made, and nobody goes on making it.
+    /// Incomplete, and no process completes it.
     Hung(String),
     Missing,
     Attributes,

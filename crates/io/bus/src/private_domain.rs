@@ -1,4 +1,4 @@
-//! Removal of a domain that a test or a tool has made up.
+//! Removal of the domain of a test or a tool.
 
 use crate::domain::{Domain, Ipc, configuration};
 use crate::error::BusError;
@@ -7,16 +7,16 @@ use crate::stale_resources;
 use core::time::Duration;
 use iceoryx2::prelude::*;
 
-/// How often a domain is cleaned at the most: others may be cleaning it too, or just be ending.
+/// Maximum number of cleanings of a domain: other processes may be cleaning it too, or be ending.
 const CLEANINGS: u32 = 5;
 
-/// Clears a domain of one's own away: what killed processes have left, and iceoryx2's node counter, a file of
-/// 16 bytes that it keeps per prefix for ever. Does nothing while a node of that prefix lives.
+/// Removes a private domain: the resources of killed processes, and iceoryx2's node counter, a file of 16
+/// bytes that it keeps per prefix forever. Does nothing while a node of that prefix is alive.
 ///
-/// For tests and tools that make up a prefix. The machine's usual domain needs it never.
+/// For tests and tools with their own prefix. The machine's default domain never needs it.
 ///
 /// # Errors
-/// The prefix is none, or iceoryx2 does not start.
+/// The prefix is invalid, or iceoryx2 does not start.
 pub fn remove_private_domain(prefix: &str) -> Result<(), BusError> {
     for folder in BusFolder::existing(Some(prefix))? {
         remove_domain(&folder)?;
@@ -33,7 +33,7 @@ fn remove_domain(folder: &BusFolder) -> Result<(), BusError> {
             match state {
                 NodeState::Alive(_) => alive += 1,
                 NodeState::Dead(_) => dead += 1,
-                // Nothing lives there; see `clear_unborn_nodes`.
+                // No process uses it; see `clear_unborn_nodes`.
                 NodeState::Inaccessible(_) | NodeState::Undefined(_) => {}
             }
             CallbackProgression::Continue

@@ -36,7 +36,7 @@ pub(crate) fn receive<P: Payload + ZeroCopySend + Debug>(
     })
 }
 
-/// iceoryx2's name of a cause, without allocation: it may be asked for every cycle.
+/// iceoryx2's name of a cause, without allocation: it may be called every cycle.
 pub(crate) fn send_error(channel: Channel, cause: iceoryx2::port::SendError) -> SendError {
     use iceoryx2::port::SendError as Cause;
     let cause = match cause {

@@ -1,16 +1,18 @@
-//! What killed processes leave and iceoryx2 0.10.0 does not clear away by itself.
+//! Resources of killed processes that iceoryx2 0.10.0 does not remove.
 //!
-//! Five things stay for ever where a process dies within the microseconds in which it makes them:
-//! - the description of a service that was written but not released: every later opening waits for it and fails;
-//! - the folder of a node in which a tag was begun: every later cleaning stumbles over it;
-//! - the folder of a node that has no monitor yet: nobody looks for it;
-//! - the files of a node whose monitor is not whole: nobody can tell whether it lives;
-//! - a segment of shared memory that has no size (any more): who opens it waits for its size without end.
+//! Five kinds persist if a process dies within the microseconds in which it creates them:
+//! - the description of a service that was written but not released: every later opening waits for it and
+//!   fails;
+//! - the folder of a node in which a tag was started: every later cleaning fails on it;
+//! - the folder of a node that has no monitor yet: nothing looks for it;
+//! - the files of a node whose monitor is incomplete: whether it is alive cannot be determined;
+//! - a segment of shared memory without a size: a process that opens it waits for its size forever.
 //!
-//! What is half made is told by its mode: iceoryx2 makes a file read-only, a segment readable, when it is complete.
+//! The mode marks incomplete resources: iceoryx2 makes a file read-only, a segment readable, when it is
+//! complete.
 //!
-//! Only cores make services, and they do so under the [`OpeningLock`]: who holds it knows that whatever is half
-//! made was left.
+//! Only cores create services, and they do so under the [`OpeningLock`]: its holder knows that every
+//! incomplete resource is left over.
 
 use crate::domain::Ipc;
 use crate::error::BusError;
@@ -24,7 +26,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path as StdPath, PathBuf};
 use std::time::Instant;
 
-/// Lets one core at a time open its services. The operating system gives it back when the process dies.
+/// Lets one core at a time open its services. The operating system releases it when the process dies.
 #[derive(Debug)]
 pub(crate) struct OpeningLock {
     _folder: File,
@@ -51,10 +53,11 @@ impl OpeningLock {
     }
 }
 
-/// Removes segments of shared memory whose maker died before they had a size. iceoryx2 would wait for one without end,
-/// so this comes before anything else is asked of it.
+/// Removes segments of shared memory whose creator died before they had a size. iceoryx2 would wait for one
+/// forever, so this comes before any other call.
 ///
-/// A living maker is in that state for microseconds; what is younger than a quarter of a second is waited for.
+/// A live creator is in that state for microseconds; a segment younger than a quarter of a second is waited
+/// for.
 pub(crate) fn clear_unborn_segments(config: &Config) {
     const AGE: Duration = Duration::from_millis(250);
     let prefix = config.global.prefix.to_string();
@@ -73,7 +76,7 @@ pub(crate) fn clear_unborn_segments(config: &Config) {
     }
 }
 
-/// Removes the description of a service that was begun and not finished. The lock must be held.
+/// Removes the description of a service that was started and not finished. The lock must be held.
 pub(crate) fn clear_half_made_service(
     _lock: &OpeningLock,
     config: &Config,
@@ -82,12 +85,12 @@ pub(crate) fn clear_half_made_service(
 ) {
     let file = service_file(config, name, pattern);
     if is_half_made(&file) {
-        // Where it cannot be removed, opening fails and says so.
+        // If it cannot be removed, opening fails and reports it.
         let _ = remove_file(file);
     }
 }
 
-/// Where a service is described.
+/// The file that describes a service.
 pub(crate) fn service_file(config: &Config, name: &ServiceName, pattern: MessagingPattern) -> PathBuf {
     let hash = ServiceHash::new::<<Ipc as Service>::ServiceNameHasher>(name, pattern);
     let file = format!(
@@ -99,11 +102,11 @@ pub(crate) fn service_file(config: &Config, name: &ServiceName, pattern: Messagi
     path(&config.global.service_dir()).join(file)
 }
 
-/// Removes the folders of dead nodes that iceoryx2's own cleaning has left, where nothing in them is complete and
-/// so nothing depends on them.
+/// Removes the folders of dead nodes that iceoryx2's own cleaning has left, if nothing in them is complete
+/// and so nothing depends on them.
 pub(crate) fn clear_dead_nodes(config: &Config) {
     let mut dead = Vec::new();
-    // A domain that cannot be listed keeps its files; nothing else depends on it.
+    // If a domain cannot be listed, its files stay; nothing else depends on it.
     let _ = Node::<Ipc>::list(config, |state| {
         if let NodeState::Dead(view) = state {
             dead.push(view.id().value());
@@ -121,7 +124,7 @@ pub(crate) fn clear_dead_nodes(config: &Config) {
         for file in files(&folder).filter(|file| begins_with(file, &prefix)) {
             let _ = remove_file(file);
         }
-        // The monitor goes last: without it nobody would find the rest again.
+        // The monitor comes last: without it the rest could not be found again.
         if remove_dir(&folder).is_ok() || !folder.exists() {
             let monitor = format!("{prefix}{id}.");
             for file in files(&nodes).filter(|file| begins_with(file, &monitor)) {
@@ -131,18 +134,20 @@ pub(crate) fn clear_dead_nodes(config: &Config) {
     }
 }
 
-/// Nobody makes a node this slowly: what is older and still not whole was left.
+/// No process takes this long to create a node: an older incomplete one is left over.
 pub(crate) const LEFT_AFTER: Duration = Duration::from_secs(60);
 
-/// Removes what is left of nodes that died before they could be seen: described, but without a monitor that tells whether they
-/// live. A living node is in that state for less than a millisecond; only what is at least this old is taken for left.
+/// Removes the remains of nodes that died before they were visible: described, but without a monitor that
+/// shows whether they are alive. A live node is in that state for less than a millisecond; only nodes at
+/// least this old count as left over.
 ///
-/// Folders bear no prefix, and domains share the folder they lie in. One in which nothing lies may be anybody's: it goes
-/// with its monitor, and where it has none, once it is so old that nobody can be making it.
+/// Folders have no prefix, and domains share their parent folder. An empty folder may belong to any domain:
+/// it is removed with its monitor, or, if it has none, once it is so old that no process can be creating it.
 pub(crate) fn clear_unborn_nodes(config: &Config, at_least: Duration) {
     let nodes = path(&config.global.node_dir());
     let prefix = config.global.prefix.to_string();
-    // Some monitors are complete and tell nothing all the same: their maker died before it held their lock.
+    // Some monitors are complete and still carry no information: their creator died before it held their
+    // lock.
     let mut told = Vec::new();
     let listed = Node::<Ipc>::list(config, |state| {
         if !matches!(state, NodeState::Undefined(_)) {
@@ -164,16 +169,16 @@ pub(crate) fn clear_unborn_nodes(config: &Config, at_least: Duration) {
         };
         let is_old = |file: &StdPath| {
             let made = file.metadata().and_then(|facts| facts.modified());
-            // A clock that was set back makes it look younger: it is taken later.
+            // If the clock was set back it looks younger: it is removed later.
             made.is_ok_and(|made| made.elapsed().is_ok_and(|age| age >= age_that_counts))
         };
-        // Of some, the folder is gone and the monitor is not.
+        // Some have no folder any more but still a monitor.
         let is_left = if folder.is_dir() {
             is_old(&folder)
         } else {
             monitors.iter().all(|file| is_old(file))
         };
-        // Its owner may not read a monitor that is being made.
+        // Its owner may not read a monitor that is being created.
         let is_complete = |file: PathBuf| {
             file.metadata()
                 .is_ok_and(|facts| facts.permissions().mode() & 0o400 != 0)
@@ -185,7 +190,7 @@ pub(crate) fn clear_unborn_nodes(config: &Config, at_least: Duration) {
         for file in content {
             let _ = remove_file(file);
         }
-        // The monitor goes last: without it nobody would know whose the folder is.
+        // The monitor comes last: without it the owner of the folder would be unknown.
         if remove_dir(&folder).is_ok() || !folder.exists() {
             for file in monitors {
                 let _ = remove_file(file);
@@ -233,8 +238,8 @@ fn is_half_made(file: &StdPath) -> bool {
     file.metadata().is_ok_and(|facts| !facts.permissions().readonly())
 }
 
-/// iceoryx2 keeps a segment and a monitor unreadable, for its owner too, while it makes them. One that is readable and has
-/// no size was cut off: who opens it would wait for its size without end.
+/// iceoryx2 keeps a segment and a monitor unreadable, for its owner too, while it creates them. One that is
+/// readable and has no size was truncated: a process that opens it would wait for its size forever.
 fn is_unborn(facts: &Metadata) -> bool {
     facts.permissions().mode() & 0o400 == 0 || facts.len() == 0
 }

@@ -1,4 +1,4 @@
-//! What can be wrong with drives or bridge, with the numbers that tell it.
+//! Faults of drives or bridge, with their alarm numbers.
 
 use thiserror::Error;
 
@@ -13,45 +13,48 @@ fn ms(ns: u64) -> f64 {
     (ns / 1000) as f64 / 1000.0
 }
 
-/// Why the machine must stop: the first thing that was found wrong with what comes back. `Copy`, so that the cycle may
-/// make and return it. Axes are indices into X Y Z A B C U V W; lengths are mm or degrees.
+/// Why the machine must stop: the first fault found in the feedback. `Copy`, so that the cycle can create and
+/// return it. Axes are indices into X Y Z A B C U V W; lengths are mm or degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum DriveAlarm {
-    /// No feedback ever came.
-    #[error("no feedback within {:.0} ms: start the drive bridge, or see why it does not answer", ms(*waited_ns))]
+    /// No feedback has arrived.
+    #[error("no feedback within {:.0} ms: start the drive bridge, or check why it does not reply", ms(*waited_ns))]
     Missing {
         /// Time since power was requested.
         waited_ns: u64,
     },
-    /// Feedback came, and comes no more.
+    /// Feedback arrived before, and has stopped.
     #[error(
-        "the last feedback is {:.1} ms old, {:.1} ms are allowed (it answered setpoint {sequence}): the bridge has died \
+        "the last feedback is {:.1} ms old, {:.1} ms are permitted (it replied to setpoint {sequence}): the \
+         bridge has died \
          or is cut off, restart it",
         ms(*age_ns), ms(*limit_ns)
     )]
     Stale {
         /// Age of the newest sample.
         age_ns: u64,
-        /// The oldest allowed.
+        /// The maximum age permitted.
         limit_ns: u64,
-        /// The setpoint that it answered.
+        /// The setpoint that it replied to.
         sequence: u64,
     },
-    /// Messages come, but their samples do not grow younger.
+    /// Messages arrive, but their samples do not become newer.
     #[error(
-        "feedback comes, but has repeated the sample of setpoint {sequence} for {:.1} ms: the bridge runs without its \
+        "feedback comes, but has repeated the sample of setpoint {sequence} for {:.1} ms: the bridge runs \
+         without its \
          drives, check the fieldbus",
         ms(*age_ns)
     )]
     Frozen {
         /// Age of the newest sample.
         age_ns: u64,
-        /// The setpoint that it answered.
+        /// The setpoint that it replied to.
         sequence: u64,
     },
-    /// An axis was commanded to move and its encoder shows the same number.
+    /// An axis was commanded to move and its encoder shows the same value.
     #[error(
-        "axis {} was moved by {commanded:.3} and its feedback stayed at {position:.3} to the last bit: check its encoder",
+        "axis {} was moved by {commanded:.3} and its feedback stayed at {position:.3} to the last bit: \
+         check its encoder",
         letter(*axis)
     )]
     FrozenAxis {
@@ -62,21 +65,22 @@ pub enum DriveAlarm {
         /// The position that does not change.
         position: f64,
     },
-    /// A number is none.
+    /// A value is not a number.
     #[error("the feedback of axis {} is not a number: check its encoder and the bridge", letter(*axis))]
     NotFinite {
         /// The axis.
         axis: usize,
     },
-    /// The bridge does not speak of an axis that the machine has.
-    #[error("the bridge sends nothing of axis {}: give it the machine's axes", letter(*axis))]
+    /// The bridge sends no values for an axis of the machine.
+    #[error("the bridge sends no values for axis {}: configure it for the machine's axes", letter(*axis))]
     AxisMissing {
         /// The axis.
         axis: usize,
     },
     /// A drive is in fault.
     #[error(
-        "the drive of axis {} is in fault (status word {status_word:#06x}, error code {error_code:#06x}): see the \
+        "the drive of axis {} is in fault (status word {status_word:#06x}, error code {error_code:#06x}): \
+         see the \
          drive's manual, remove the cause, reset",
         letter(*axis)
     )]
@@ -88,10 +92,10 @@ pub enum DriveAlarm {
         /// Object 603Fh of the first axis in fault.
         error_code: u32,
     },
-    /// A drive that was in operation is so no more, without a fault.
+    /// A drive has left operation without a fault.
     #[error(
-        "the drive of axis {} has switched off by itself (status word {status_word:#06x}): check its enabling input and \
-         its supply",
+        "the drive of axis {} has switched itself off (status word {status_word:#06x}): check its enable \
+         input and its supply",
         letter(*axis)
     )]
     DriveOff {
@@ -102,7 +106,8 @@ pub enum DriveAlarm {
     },
     /// A drive does not come into operation.
     #[error(
-        "the drive of axis {} was not ready within {:.0} ms (status word {status_word:#06x}): check supply, safety \
+        "the drive of axis {} was not ready within {:.0} ms (status word {status_word:#06x}): check supply, \
+         safety \
          circuit and bridge",
         letter(*axis), ms(*waited_ns)
     )]
@@ -116,7 +121,8 @@ pub enum DriveAlarm {
     },
     /// The position stepped further than the axis can move.
     #[error(
-        "the feedback of axis {} jumped by {step:.3} in {:.2} ms, {bound:.3} are possible: check encoder and cable, and \
+        "the feedback of axis {} jumped by {step:.3} in {:.2} ms, {bound:.3} are possible: check encoder \
+         and cable, and \
          home again",
         letter(*axis), ms(*interval_ns)
     )]
@@ -125,15 +131,15 @@ pub enum DriveAlarm {
         axis: usize,
         /// The step.
         step: f64,
-        /// The largest possible.
+        /// The maximum possible.
         bound: f64,
         /// Time between the two samples.
         interval_ns: u64,
     },
-    /// The axis is not where it was commanded.
+    /// The axis is not at its commanded position.
     #[error(
-        "axis {} is {error:.3} off its setpoint, {bound:.3} are allowed at {velocity:.1} a second: look for a blocked \
-         axis or a weak drive, or allow more (following_error_* in the machine file)",
+        "axis {} is {error:.3} off its setpoint, {bound:.3} is permitted at {velocity:.1} per second: check \
+         for a blocked axis or a weak drive, or permit more (following_error_* in the machine file)",
         letter(*axis)
     )]
     FollowingError {
@@ -141,12 +147,12 @@ pub enum DriveAlarm {
         axis: usize,
         /// Demanded minus actual.
         error: f64,
-        /// The largest allowed at this velocity.
+        /// The maximum permitted at this velocity.
         bound: f64,
         /// Commanded velocity, the recent peak.
         velocity: f64,
     },
-    /// A limit switch was run onto.
+    /// The axis has run onto a limit switch.
     #[error(
         "axis {} has run onto its {} limit switch: jog it off the other way",
         letter(*axis), if *positive { "positive" } else { "negative" }
@@ -157,15 +163,16 @@ pub enum DriveAlarm {
         /// Which end.
         positive: bool,
     },
-    /// The bridge was started anew under power.
+    /// The bridge was restarted under power.
     #[error(
-        "the bridge was restarted while power was on: switch off and on again, and home if it has lost its positions"
+        "the bridge was restarted while power was on: switch off and on again, and home if it has lost its \
+         positions"
     )]
     BridgeRestarted,
     /// The bridge stopped following.
     #[error(
-        "the bridge has stopped the axes by itself (bridge state {state}, note {note}): it got no usable setpoints; see \
-         the core's lateness and the bridge's messages"
+        "the bridge has stopped the axes (bridge state {state}, note {note}): it received no usable \
+         setpoints; check the core's lateness and the bridge's messages"
     )]
     BridgeStopped {
         /// A number of the bus's list of bridge states.
@@ -173,44 +180,46 @@ pub enum DriveAlarm {
         /// A number of the bus's list of notes.
         note: u32,
     },
-    /// Answers to what was never asked.
+    /// Replies to setpoints that were never sent.
     #[error(
-        "the bridge answers setpoint {sequence}, the last sent is {sent}: it belongs to another core, restart it"
+        "the bridge answers setpoint {sequence}, the last sent is {sent}: it belongs to another core, \
+         restart it"
     )]
     Implausible {
-        /// The setpoint that is answered.
+        /// The setpoint that it replies to.
         sequence: u64,
-        /// The newest that was sent.
+        /// The newest one sent.
         sent: u64,
     },
     /// A sample is from the future.
     #[error(
-        "the feedback's time_ns is {:.1} ms ahead of this computer's CLOCK_MONOTONIC, so its age cannot be told: let the \
-         bridge send the time at which it sampled, in ns of that clock",
+        "the feedback's time_ns is {:.1} ms ahead of this computer's CLOCK_MONOTONIC, so its age is \
+         unknown: the bridge has to send the time at which it sampled, in ns of that clock",
         ms(*ahead_ns)
     )]
     AheadOfTime {
         /// By how much.
         ahead_ns: u64,
     },
-    /// A field has a value that it cannot have.
+    /// A field has an impossible value.
     #[error(
-        "the feedback's {field}{} is {value:.6e}, at most {bound:.6e} is possible: check encoder and bridge, nothing of \
+        "the feedback's {field}{} is {value:.6e}, at most {bound:.6e} is possible: check encoder and \
+         bridge, nothing of \
          this message was used",
         axis.map(|axis| format!(" of axis {}", letter(axis))).unwrap_or_default()
     )]
     Unbelievable {
         /// Its name on the bus.
         field: &'static str,
-        /// The axis, of a field that has a value for each.
+        /// The axis, for a field with one value per axis.
         axis: Option<usize>,
         /// The value.
         value: f64,
-        /// The largest magnitude.
+        /// The maximum magnitude.
         bound: f64,
     },
-    /// Positions are named by another datum.
-    #[error("the bridge still names positions by datum {found}, the core by {expected}: home again")]
+    /// Positions refer to another datum.
+    #[error("the bridge still uses datum {found}, the core datum {expected}: home again")]
     Datum {
         /// The core's.
         expected: u64,
@@ -245,8 +254,8 @@ impl DriveAlarm {
         }
     }
 
-    /// Whether the drives themselves still follow setpoints as far as is known, so that a stop along the path is worth
-    /// commanding; otherwise a quick stop of the drives is all that is left.
+    /// Whether the drives still follow setpoints as far as is known, so that a stop along the path can be
+    /// commanded; otherwise only a quick stop of the drives is left.
     #[must_use]
     pub const fn drives_follow(&self) -> bool {
         matches!(

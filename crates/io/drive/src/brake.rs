@@ -1,4 +1,4 @@
-//! Braking an axis by itself to rest, within its acceleration and jerk.
+//! Braking a single axis to rest, within its acceleration and jerk.
 
 /// Position, velocity and acceleration of one axis; mm or degrees, and s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -39,8 +39,8 @@ pub struct Brake {
 }
 
 impl Brake {
-    /// From a state to rest. Limits are positive and finite; a limit or state that is not makes the brake stand still at the
-    /// start, at once.
+    /// From a state to rest. Limits are positive and finite; with an invalid limit or state the brake stands
+    /// still at the start, at once.
     #[must_use]
     pub fn new(start: BrakeState, max_acceleration: f64, max_jerk: f64) -> Self {
         let usable = |limit: f64| limit.is_finite() && limit > 0.0;
@@ -49,13 +49,13 @@ impl Brake {
         if !usable(max_acceleration) || !usable(max_jerk) || !known {
             return Self::at_once(start);
         }
-        // Velocity that is left when the acceleration is taken back with full jerk, and nothing else done.
+        // Velocity that remains when the acceleration is reduced to zero with full jerk.
         let coasting = start.velocity + start.acceleration * start.acceleration.abs() / (2.0 * max_jerk);
         let direction = if coasting > 0.0 { -1.0 } else { 1.0 };
         let velocity = direction * start.velocity;
         let acceleration = direction * start.acceleration;
         let jerk = direction * max_jerk;
-        // Beyond the limit at the start already: it is what there is, and only falls.
+        // Already beyond the limit at the start: it only decreases.
         let limit = max_acceleration.max(acceleration);
         let rise = |peak: f64| (peak - acceleration) / max_jerk;
         let free_peak = libm::sqrt((0.5 * acceleration * acceleration - max_jerk * velocity).max(0.0));
@@ -85,13 +85,13 @@ impl Brake {
         }
     }
 
-    /// How long it takes, s.
+    /// Its duration, s.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         self.time[0] + self.time[1] + self.time[2]
     }
 
-    /// The state so long after the start; behind the end the axis stands.
+    /// The state this long after the start; after the end the axis is at rest.
     #[must_use]
     pub fn at(&self, time_s: f64) -> BrakeState {
         let mut state = self.start;
@@ -107,7 +107,7 @@ impl Brake {
             rest -= t;
         }
         if time_s >= self.duration_s() {
-            // What rounding has left over.
+            // The remainder due to rounding.
             state.velocity = 0.0;
             state.acceleration = 0.0;
         }

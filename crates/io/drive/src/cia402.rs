@@ -6,7 +6,7 @@ use crate::status_word::DriveState;
 /// Modes of operation (object 6060h): cyclic synchronous position, the only one used here.
 pub const CYCLIC_SYNCHRONOUS_POSITION: i8 = 8;
 
-/// Control words (object 6040h), one for each command of the standard.
+/// Control words (object 6040h), one per command of the standard.
 pub mod control {
     /// Transitions 7, 9, 10 and 12: no torque, switch on disabled.
     pub const DISABLE_VOLTAGE: u16 = 0x00;
@@ -22,7 +22,7 @@ pub mod control {
     pub const FAULT_RESET: u16 = 0x80;
 }
 
-/// What one drive gets for one period.
+/// Commands to one drive for one period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriveOrder {
     /// Object 6040h.
@@ -35,10 +35,10 @@ pub struct DriveOrder {
     pub follows: bool,
 }
 
-/// Brings one drive to the power state that is asked for, one transition a period, and feeds it targets.
+/// Brings one drive to the requested power state, one transition per period, and supplies its targets.
 ///
-/// Rules that keep an axis from moving by surprise:
-/// - until operation is enabled the target is the actual position, so that enabling moves nothing;
+/// Rules that prevent unexpected motion:
+/// - until operation is enabled the target is the actual position, so that enabling causes no motion;
 /// - after a fault or a quick stop power stays off until the request has once been *off*;
 /// - a fault is reset only when the counter of resets has grown, by one edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,7 +49,7 @@ pub struct Cia402 {
 }
 
 impl Cia402 {
-    /// A drive of which nothing is known. Resets up to the given count of the core's counter are over.
+    /// A drive in an unknown state. Resets up to the given count of the core's counter count as done.
     #[must_use]
     pub const fn new(resets_done: u32) -> Self {
         Self {
@@ -59,7 +59,7 @@ impl Cia402 {
         }
     }
 
-    /// The last reset that was carried out.
+    /// The last reset that was executed.
     #[must_use]
     pub const fn resets_done(&self) -> u32 {
         self.resets_done
@@ -71,10 +71,10 @@ impl Cia402 {
         self.locked_out
     }
 
-    /// One period: from the drive's status word and what the core wants to what the drive gets.
+    /// One period: from the drive's status word and the core's request to the commands of the drive.
     ///
-    /// `fault_reset` is the core's counter; `setpoint` and `actual` are in one unit. A status word that fits no state
-    /// takes the voltage off.
+    /// `fault_reset` is the core's counter; `setpoint` and `actual` are in one unit. A status word that
+    /// matches no state removes the voltage.
     pub fn step(
         &mut self,
         status_word: u16,
@@ -110,14 +110,14 @@ impl Cia402 {
                 PowerRequest::On | PowerRequest::Off => control::SWITCH_ON,
                 PowerRequest::QuickStop => control::QUICK_STOP,
             },
-            // Never by transition 16 back into motion: what was stopped is switched on anew.
+            // Never by transition 16 back into motion: after a stop the drive is switched on again.
             Some(DriveState::QuickStopActive) => match request {
                 PowerRequest::QuickStop => control::QUICK_STOP,
                 PowerRequest::On | PowerRequest::Off => control::DISABLE_VOLTAGE,
             },
         };
         if state != Some(DriveState::Fault) {
-            // Nothing to reset: what was asked for is over.
+            // Nothing to reset: the request is done.
             self.resets_done = fault_reset;
             self.reset_edge = false;
         }

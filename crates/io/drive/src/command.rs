@@ -1,11 +1,11 @@
-//! What the core commands at one instant, as the watch needs it.
+//! The core's command at one instant, as the monitoring needs it.
 
 use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Setpoint};
 
 use crate::power::PowerRequest;
 
-/// One setpoint, without what only people want to know.
+/// One setpoint, without the fields for displays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Command {
     /// Index of the setpoint.
@@ -14,18 +14,18 @@ pub struct Command {
     pub position: [f64; AXES],
     /// Velocity, mm/s or degrees/s.
     pub velocity: [f64; AXES],
-    /// By which datum the position is named.
+    /// The datum that the position refers to.
     pub datum: u64,
-    /// What the power stages shall do.
+    /// Requested state of the power stages.
     pub power: PowerRequest,
     /// The counter of fault resets.
     pub fault_reset: u32,
-    /// Bit i set: limit switches of axis i are looked at by somebody else, as in homing.
+    /// Bit i set: limit switches of axis i are checked elsewhere, as in homing.
     pub switches_expected: AxisMask,
 }
 
 impl Command {
-    /// What a setpoint of the bus commands; no limit switch is expected.
+    /// The command of a setpoint on the bus; no limit switch is expected.
     #[must_use]
     pub const fn of(setpoint: &Setpoint) -> Self {
         Self {

@@ -1,8 +1,8 @@
-//! The drive's own side of CiA 402: how it answers control words. For simulated drives and tests.
+//! The drive's own side of CiA 402: its reaction to control words. For simulated drives and tests.
 
 use crate::status_word::{DriveState, bits};
 
-/// Quick stop option code (object 605Ah), as far as it decides about states.
+/// Quick stop option code (object 605Ah), as far as it affects states.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum QuickStopOption {
     /// Codes 1 to 4: brake, then switch on disabled.
@@ -12,18 +12,18 @@ pub enum QuickStopOption {
     ThenStay,
 }
 
-/// What the drive sees of the world in one period.
+/// The drive's inputs in one period.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DriveEvents {
-    /// Self-test is over.
+    /// The self-test has ended.
     pub ready: bool,
-    /// A fault is there now: its error code (object 603Fh).
+    /// A present fault: its error code (object 603Fh).
     pub fault: Option<u16>,
-    /// The axis stands.
+    /// The axis is at rest.
     pub at_rest: bool,
 }
 
-/// The state machine of one drive. The numbers in the code are the standard's numbers of transitions.
+/// The state machine of one drive. The numbers in the code are the standard's transition numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DriveMachine {
     state: DriveState,
@@ -33,7 +33,7 @@ pub struct DriveMachine {
 }
 
 impl DriveMachine {
-    /// A drive that was just supplied: transition 0.
+    /// A drive that was just supplied with power: transition 0.
     #[must_use]
     pub const fn new(option: QuickStopOption) -> Self {
         Self {
@@ -127,7 +127,7 @@ impl DriveMachine {
         if matches!(self.state, DriveState::OperationEnabled) {
             word |= bits::FOLLOWS_TARGET;
         }
-        // Set while there is no quick stop, also where the state does not ask for it.
+        // Set while there is no quick stop, also if the state does not require it.
         if matches!(self.state, DriveState::SwitchOnDisabled) {
             word |= bits::QUICK_STOP;
         }

@@ -1,42 +1,42 @@
-//! The check of feedback at entry: what a bridge says is believed only where it can be true.
+//! The check of feedback on arrival: a bridge's message is used only if it can be true.
 //!
-//! A message that fails is not used at all. One wrong field means that sender and receiver do not understand each other,
-//! so its other fields are not worth more.
+//! A message that fails is not used at all. One invalid field means that sender and receiver disagree, so its
+//! other fields are not reliable either.
 
 use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Feedback};
 
 use crate::alarm::DriveAlarm;
 
-/// A datum above this was never counted up one by one by homing.
+/// Homing increments the datum one by one, so it never exceeds this.
 const MAX_DATUM: u64 = u32::MAX as u64;
-/// A velocity is differentiated from encoder steps and a collision adds to it: this many times the axis's limit is
-/// still believed.
+/// A velocity is differentiated from encoder steps and a collision adds to it: plausible up to this multiple
+/// of the axis's limit.
 const VELOCITY_FACTOR: f64 = 10.0;
 /// Drives deliver a few times their rated torque.
 const MAX_TORQUE_RATIO: f64 = 100.0;
-/// A phase error beyond a second is no phase.
+/// A phase error above a second is implausible.
 const MAX_PHASE_ERROR_NS: u64 = 1_000_000_000;
-/// An axis that was never referenced counts from anywhere near its zero: its travel's farthest end, and this many times
-/// the travel beyond it.
+/// An axis that was never referenced counts from anywhere near its zero: the far end of its travel, plus this
+/// multiple of the travel.
 const REACH_FACTOR: f64 = 2.0;
 
-/// What a machine's feedback can say at all. Lengths are mm or degrees.
+/// The possible values of a machine's feedback. Lengths are mm or degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FeedbackBounds {
-    /// Bit i set: the machine has axis i. What is said of other axes is not looked at.
+    /// Bit i set: the machine has axis i. Other axes are ignored.
     pub axes: AxisMask,
-    /// By how much `time_ns` may be ahead of the receiver's clock, ns: the receiver may have been kept from running
-    /// since it read its clock, and a bridge may convert a fieldbus time.
+    /// Maximum lead of `time_ns` over the receiver's clock, ns: the receiver may have been suspended since it
+    /// read its clock, and a bridge may convert a fieldbus time.
     pub ahead_ns: u64,
     /// Largest distance of a position from zero.
     pub reach: [f64; AXES],
-    /// Largest velocity that the axis may be commanded, per second.
+    /// Maximum commanded velocity of the axis, per second.
     pub max_velocity: [f64; AXES],
 }
 
 impl FeedbackBounds {
-    /// Bounds of a machine of which nothing but its axes is known: 20 ms, 1 km, 1 km/s.
+    /// Bounds for a machine of which only the axes are known: 20 ms, 1 km, 1 km/s.
     #[must_use]
     pub const fn new(axes: AxisMask) -> Self {
         Self {
@@ -47,7 +47,7 @@ impl FeedbackBounds {
         }
     }
 
-    /// Takes over travel and velocity limit of one axis.
+    /// Sets travel and velocity limit of one axis.
     pub fn set_axis(&mut self, axis: usize, travel: [f64; 2], max_velocity: f64) {
         let [min, max] = travel;
         if axis < AXES {
@@ -56,10 +56,10 @@ impl FeedbackBounds {
         }
     }
 
-    /// Checks every field of a message that has just been received, `now_ns` by the clock of `time_ns`.
+    /// Checks every field of a message that has just been received, at `now_ns` of the clock of `time_ns`.
     ///
     /// # Errors
-    /// The first field that cannot be true: [`DriveAlarm::NotFinite`], [`DriveAlarm::AheadOfTime`] or
+    /// The first impossible field: [`DriveAlarm::NotFinite`], [`DriveAlarm::AheadOfTime`] or
     /// [`DriveAlarm::Unbelievable`].
     pub fn check(&self, now_ns: u64, feedback: &Feedback) -> Result<(), DriveAlarm> {
         if feedback.time_ns > now_ns.saturating_add(self.ahead_ns) {

@@ -1,4 +1,4 @@
-//! The bridge's way from setpoints, as they happen to come, to a target for every period of the drives.
+//! A bridge's conversion of arriving setpoints to a target for every period of the drives.
 
 use evolvent_path::AxisMask;
 use std::collections::VecDeque;
@@ -9,19 +9,20 @@ use thiserror::Error;
 use crate::brake::{Brake, BrakeState};
 use crate::power::{BridgeState, Note, PowerRequest};
 
-/// Setpoints that are kept for later: the longest lead and what a burst adds.
+/// Capacity for future setpoints: the longest lead plus a burst.
 const ROOM: usize = 2048;
-/// Nobody computes setpoints further ahead, ns.
+/// No core computes setpoints further ahead, ns.
 const FURTHEST_NS: u64 = 10_000_000_000;
-/// How much faster than an axis can be a setpoint may ask it to be: rounding, and a guard that allows a thousandth.
+/// Factor by which a setpoint may exceed the velocity of an axis: rounding, and a guard that permits a
+/// thousandth.
 const TOLERATED: f64 = 1.1;
 
-/// What a follower may do. Lengths are mm or degrees.
+/// The limits of a follower. Lengths are mm or degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FollowerSettings {
     /// The period of the setpoints, ns.
     pub period_ns: u64,
-    /// For how many periods the last motion goes on where setpoints are missing.
+    /// Number of periods for which the last motion continues if setpoints are missing.
     pub bridge_cycles: u32,
     /// Bit i set: axis i is driven.
     pub axes: AxisMask,
@@ -31,14 +32,14 @@ pub struct FollowerSettings {
     pub max_acceleration: [f64; AXES],
     /// Largest jerk.
     pub max_jerk: [f64; AXES],
-    /// How far from the axis a setpoint may lie with which following begins.
+    /// Maximum distance of a setpoint from the axis at which following starts.
     pub sync_tolerance: [f64; AXES],
 }
 
-/// Why settings are none.
+/// Why settings are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum SettingsError {
-    /// A number of an axis is no limit.
+    /// A value of an axis is not a valid limit.
     #[error("axis {axis} has {value} as a limit: it must be a positive number")]
     Limit {
         /// The axis.
@@ -46,30 +47,30 @@ pub enum SettingsError {
         /// The number.
         value: f64,
     },
-    /// The period is none.
+    /// The period is invalid.
     #[error("a period of {period_ns} ns is out of range: it must be 1000 ns to 1 s")]
     Period {
         /// The period in ns.
         period_ns: u64,
     },
     /// Too many periods without setpoints.
-    #[error("{cycles} periods without setpoints are too many to go on: at most 100")]
+    #[error("{cycles} periods without setpoints are too many to continue: at most 100")]
     BridgeCycles {
         /// The number.
         cycles: u32,
     },
 }
 
-/// Why a setpoint was not taken.
+/// Why a setpoint was not accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rejection {
     /// A number is not finite.
     NotFinite,
-    /// It came when it was of no use any more, or not after the one before it.
+    /// It arrived too late, or not after the previous one.
     Late,
-    /// It lies absurdly far ahead.
+    /// It is implausibly far ahead.
     Future,
-    /// No axis can get there from the setpoint before.
+    /// No axis can get there from the previous setpoint.
     Jump,
 }
 
@@ -83,7 +84,7 @@ impl Rejection {
     }
 }
 
-/// What the drives get for one period.
+/// Commands to the drives for one period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target {
     /// Position of every axis.
@@ -94,17 +95,17 @@ pub struct Target {
     pub acceleration: [f64; AXES],
     /// What the follower is doing.
     pub state: BridgeState,
-    /// What the core asks of the power stages.
+    /// The core's request to the power stages.
     pub power: PowerRequest,
     /// The core's counter of fault resets.
     pub fault_reset: u32,
     /// The setpoint that came due last.
     pub sequence: u64,
-    /// The drives' time minus the due time of the setpoint nearest to it, ns.
+    /// The drives' time minus the due time of the nearest setpoint, ns.
     pub phase_error_ns: i64,
-    /// By which datum positions are named from now on.
+    /// The datum that positions refer to from now on.
     pub datum: u64,
-    /// Where the datum has changed in this period: what is to be added to every position that the bridge keeps.
+    /// If the datum has changed in this period: the amount to add to every position that the bridge keeps.
     pub datum_shift: Option<[f64; AXES]>,
 }
 
@@ -126,11 +127,12 @@ impl Point {
     }
 }
 
-/// Follows setpoints by their due times. Where they are missing the last motion goes on for a few periods, never
-/// longer; then every axis brakes within its limits and holds. From there following begins again only with a setpoint
-/// that stands where the axes stand: the core has to come to the machine, not the machine to the core.
+/// Follows setpoints by their due times. If they are missing the last motion continues for a few periods,
+/// never longer; then every axis brakes within its limits and holds. From there following starts again only
+/// with a setpoint at the position of the axes: the core has to adapt to the machine, not the machine to the
+/// core.
 ///
-/// May be called by a real-time cycle; [`Follower::new`] allocates, nothing else does.
+/// May be called by a real-time cycle; only [`Follower::new`] allocates.
 #[derive(Clone, Debug)]
 pub struct Follower {
     settings: FollowerSettings,
@@ -151,7 +153,7 @@ impl Follower {
     /// A follower that waits for its first setpoint.
     ///
     /// # Errors
-    /// A limit that is none.
+    /// An invalid limit.
     pub fn new(settings: FollowerSettings) -> Result<Self, SettingsError> {
         if !(1_000..=1_000_000_000).contains(&settings.period_ns) {
             return Err(SettingsError::Period {
@@ -191,19 +193,19 @@ impl Follower {
         })
     }
 
-    /// What was wrong last.
+    /// The last problem with setpoints.
     #[must_use]
     pub const fn note(&self) -> Note {
         self.note
     }
 
-    /// Setpoints that were missing, late or refused.
+    /// Setpoints that were missing, late or rejected.
     #[must_use]
     pub const fn missed(&self) -> u32 {
         self.missed
     }
 
-    /// A message came that could not even be read: another interface version.
+    /// A message arrived that could not be read: another interface version.
     pub fn refuse_version(&mut self) {
         self.refuse(Note::Version);
     }
@@ -213,12 +215,12 @@ impl Follower {
         self.missed = self.missed.saturating_add(1);
     }
 
-    /// Takes a setpoint in, in the order of arrival. `now_ns` is of the clock of the due times.
+    /// Accepts a setpoint, in the order of arrival. `now_ns` is of the clock of the due times.
     ///
     /// # Errors
-    /// It is of no use; it counts as missing then.
+    /// It cannot be used; it then counts as missing.
     pub fn offer(&mut self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Rejection> {
-        // Whatever else is wrong with it: a quick stop is one.
+        // Whatever else is wrong with it: it may request a quick stop.
         self.quick_stop = PowerRequest::from_number(setpoint.power_request) == PowerRequest::QuickStop;
         let result = self.accept(now_ns, setpoint);
         if let Err(refusal) = result {
@@ -266,7 +268,7 @@ impl Follower {
         }
         if let Some(tail) = self.queue.back().or(self.current.as_ref()).copied() {
             if point.sequence < tail.sequence {
-                // Another core. What the old one had ordered is void.
+                // Another core. The orders of the previous one are void.
                 self.note = Note::Restart;
                 self.queue.clear();
                 self.current = None;
@@ -291,13 +293,13 @@ impl Follower {
         Ok(())
     }
 
-    /// Whether every axis can get from one setpoint to the next, where the first is being followed.
+    /// Whether every axis can get from one setpoint to the next, if the first is being followed.
     fn check_step(&self, tail: &Point, point: &Point) -> Result<(), Rejection> {
         if !matches!(self.state, BridgeState::Following | BridgeState::Bridging) {
             return Ok(());
         }
         if point.datum != tail.datum {
-            // A new name for the place where the axes stand.
+            // A new coordinate for the position of the axes.
             return if point.stands() && tail.stands() {
                 Ok(())
             } else {
@@ -316,8 +318,8 @@ impl Follower {
         Ok(())
     }
 
-    /// One period of the drives at their time `now_ns`. `enabled` tells whether every drive follows its target, `actual`
-    /// where the axes are.
+    /// One period of the drives at their time `now_ns`. `enabled` tells whether every drive follows its
+    /// target, `actual` the position of the axes.
     pub fn step(&mut self, now_ns: u64, enabled: bool, actual: &[f64; AXES]) -> Target {
         let datum_shift = self.come_due(now_ns, enabled);
         self.mind_pause(now_ns);
@@ -354,8 +356,8 @@ impl Follower {
         self.target(now_ns, &states, datum_shift)
     }
 
-    /// A bridge that was kept from running for longer than it may go on without setpoints does not jump to where the axes should
-    /// be by now: they brake from the last target.
+    /// A bridge that was suspended for longer than it may continue without setpoints does not jump to where
+    /// the axes should be by now: they brake from the last target.
     fn mind_pause(&mut self, now_ns: u64) {
         let period_ns = self.settings.period_ns;
         let paused_ns = now_ns.saturating_sub(self.stepped_ns);
@@ -376,7 +378,7 @@ impl Follower {
         }
     }
 
-    /// Lets setpoints whose time has come be the current one. Returns the shift of a datum that has changed.
+    /// Makes setpoints whose time has come the current ones. Returns the shift of a changed datum.
     fn come_due(&mut self, now_ns: u64, enabled: bool) -> Option<[f64; AXES]> {
         let mut shift = None;
         while let Some(point) = self.queue.front().filter(|point| point.due_ns <= now_ns).copied() {
@@ -396,10 +398,10 @@ impl Follower {
         shift
     }
 
-    /// Where the setpoints have the axes now; false where they have run out.
+    /// The target positions of the setpoints now; false if they have run out.
     fn follow(&mut self, now_ns: u64, states: &mut [BrakeState; AXES]) -> bool {
         let Some(last) = self.current else {
-            // The old core's motion is void, and of where the axes are only the last target is known.
+            // The motion of the previous core is void, and only the last target of the axes is known.
             for axis in 0..AXES {
                 states[axis] = self.brakes[axis].at(0.0);
             }
@@ -449,7 +451,7 @@ impl Follower {
                 return false;
             }
         }
-        // From here a brake would start, if the core were replaced by another.
+        // A brake would start here if another core replaced this one.
         for axis in self.axes() {
             self.brakes[axis] = self.brake_of(axis, states[axis]);
         }
@@ -470,7 +472,7 @@ impl Follower {
             self.brakes[axis] = self.brake_of(axis, states[axis]);
         }
         self.state = BridgeState::Braking;
-        // What comes after a pause is no continuation.
+        // A setpoint after a pause does not continue the previous one.
         self.queue.clear();
     }
 
@@ -487,7 +489,7 @@ impl Follower {
         }
     }
 
-    /// Whether the setpoint that is in force stands where the axes stand.
+    /// Whether the current setpoint is at the position of the axes.
     fn synchronise(&mut self, now_ns: u64) -> bool {
         let Some(current) = self.current else { return false };
         let patience_ns = self.settings.period_ns * u64::from(self.settings.bridge_cycles.max(1));
@@ -497,7 +499,7 @@ impl Follower {
         for axis in self.axes() {
             let off = (current.position[axis] - self.hold[axis]).abs();
             let slow = current.velocity[axis].abs() <= 0.001 * self.settings.max_velocity[axis];
-            // Written so that what is no number does not match.
+            // Written so that a value that is not a number does not match.
             if !(off <= self.settings.sync_tolerance[axis] && slow) {
                 self.note = Note::Jump;
                 return false;
@@ -521,7 +523,7 @@ impl Follower {
         };
         let silent = self.current.is_none() && self.state == BridgeState::Holding;
         if self.state == BridgeState::Braking || silent {
-            // Torque is needed for braking, and for holding until another core has spoken.
+            // Torque is needed for braking, and for holding until another core sends setpoints.
             target.power = PowerRequest::On;
         }
         if self.quick_stop {
@@ -540,8 +542,8 @@ impl Follower {
     }
 }
 
-/// The motion that goes on behind a setpoint: the acceleration is taken back with full jerk. A motion that keeps its limits
-/// could do so at any moment, so this neither exceeds a velocity nor turns back.
+/// The motion that continues after a setpoint: the acceleration is reduced to zero with full jerk. A motion
+/// within its limits could do so at any moment, so this neither exceeds a velocity nor reverses.
 fn onward(point: &Point, axis: usize, max_jerk: f64, time_s: f64) -> BrakeState {
     let (position, velocity, acceleration) = (
         point.position[axis],
@@ -570,7 +572,7 @@ fn onward(point: &Point, axis: usize, max_jerk: f64, time_s: f64) -> BrakeState 
     }
 }
 
-/// Between two setpoints: the quintic that has position, velocity and acceleration of both.
+/// Between two setpoints: the quintic with position, velocity and acceleration of both.
 fn between(a: &Point, b: &Point, axis: usize, time_s: f64, interval_s: f64) -> BrakeState {
     let h = interval_s;
     let u = (time_s / h).clamp(0.0, 1.0);

@@ -1,27 +1,28 @@
-//! What bridges say of the machine's inputs, checked where it enters.
+//! Messages about the machine's inputs, checked on arrival.
 
 use evolvent_wire::{ANALOG_SIGNALS, AXES, MachineInputs, PROBE_STATES};
 
-/// Bridges that read inputs at the same time, at most: as many as the bus has places for.
+/// Maximum number of bridges that read inputs at the same time: the connections of the bus.
 const SOURCES: usize = 4;
-/// States of the probe, as of [`PROBE_STATES`].
+/// States of the probe, as in [`PROBE_STATES`].
 const PROBE_NONE: u32 = 0;
 const PROBE_TRIPPED: u32 = 2;
 
-/// Why a message was not used. The inputs stay as they are, and are unknown when no better message comes in time.
+/// Why a message was not used. The inputs keep their values, and become unknown if no valid message arrives
+/// in time.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum InputFault {
-    /// A value is none.
+    /// A value is not a number.
     #[error("an analog value or a latched position is not a number")]
     NotFinite,
     /// The time is ahead of this computer's clock.
     #[error("its time is {0} ns ahead of this computer's clock")]
     Ahead(u64),
-    /// The time is longer ago than inputs may be.
+    /// The time is too long ago.
     #[error("its time is {0} ns ago")]
     Past(u64),
     /// The number or the time does not grow.
-    #[error("its number or time is not above that of the message before")]
+    #[error("its number or time is not above that of the previous message")]
     Repeated,
     /// The machine file has no such digital input.
     #[error("the machine has no digital input {0}")]
@@ -37,27 +38,28 @@ pub enum InputFault {
         /// Its value.
         value: f64,
     },
-    /// The probe's state is none that is known.
-    #[error("{0} is no state of a probe")]
+    /// The state of the probe is unknown.
+    #[error("{0} is not a state of a probe")]
     Probe(u32),
     /// Another bridge reads the same input.
     #[error("another bridge reads one of its inputs")]
     Claimed,
-    /// More bridges than there are places for.
+    /// More bridges than connections.
     #[error("too many bridges read inputs")]
     TooMany,
 }
 
-/// What a bridge says of the probe.
+/// A bridge's report of the probe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KnownProbe {
     /// It makes contact.
     pub is_tripped: bool,
-    /// Times that it has tripped since the bridge started.
+    /// Number of times that it has tripped since the start of the bridge.
     pub trips: u64,
-    /// When it changed last, ns of CLOCK_MONOTONIC, never ahead of this computer's clock; none where the bridge does not know.
+    /// Time of the last change, ns of CLOCK_MONOTONIC, never ahead of this computer's clock; none if the
+    /// bridge does not know.
     pub time_ns: Option<u64>,
-    /// Positions that the drives latched then.
+    /// Positions that the drives latched at that time.
     pub position: [f64; AXES],
     /// Bit i set: the drive of axis i has.
     pub latched_mask: u32,
@@ -65,7 +67,7 @@ pub struct KnownProbe {
     pub instance: u64,
 }
 
-/// The inputs of a machine, as far as they are known.
+/// The known inputs of a machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct KnownInputs {
     /// Bit i set: the state of digital input i is known.
@@ -74,17 +76,17 @@ pub struct KnownInputs {
     pub digital: u64,
     /// Bit i set: the value of analog input i is known.
     pub analog_known: u32,
-    /// Values of the analog inputs; 0 where they are not known.
+    /// Values of the analog inputs; 0 if unknown.
     pub analog: [f64; ANALOG_SIGNALS],
-    /// The probe; none where nobody says anything of it.
+    /// The probe; none if no bridge reports it.
     pub probe: Option<KnownProbe>,
 }
 
-/// What one bridge has said last.
+/// The last message of one bridge.
 #[derive(Clone, Copy, Debug)]
 struct Source {
     message: MachineInputs,
-    /// Its time, but never later than it came.
+    /// Its time, but never later than its arrival.
     time_ns: u64,
 }
 
@@ -101,7 +103,8 @@ pub struct InputEntry {
 }
 
 impl InputEntry {
-    /// For a machine with these digital inputs, one bit each. `timeout_ns`: how old the newest message may be.
+    /// For a machine with these digital inputs, one bit each. `timeout_ns`: maximum age of the newest
+    /// message.
     #[must_use]
     pub fn new(digital: u64, timeout_ns: u64) -> Self {
         Self {
@@ -115,7 +118,7 @@ impl InputEntry {
         }
     }
 
-    /// With an analog input and its range. Numbers that there are not are left alone.
+    /// Adds an analog input with its range. Numbers out of range are ignored.
     #[must_use]
     pub fn with_analog(mut self, number: u32, range: [f64; 2]) -> Self {
         if let Some(slot) = self.ranges.get_mut(number as usize) {
@@ -125,16 +128,16 @@ impl InputEntry {
         self
     }
 
-    /// Messages that were not used, and why the last was not.
+    /// Number of messages that were not used, and why the last was not.
     #[must_use]
     pub fn refused(&self) -> (u64, Option<InputFault>) {
         (self.refused, self.last_fault)
     }
 
-    /// Takes a message that has come at `now_ns` of CLOCK_MONOTONIC.
+    /// Accepts a message that has arrived at `now_ns` of CLOCK_MONOTONIC.
     ///
     /// # Errors
-    /// What is wrong with it; it is not used then, and counted.
+    /// Its fault; it is then not used, and counted.
     pub fn take(&mut self, message: &MachineInputs, now_ns: u64) -> Result<(), InputFault> {
         let result = self.check(message, now_ns).map(|place| {
             self.sources[place] = Some(Source {
@@ -149,7 +152,7 @@ impl InputEntry {
         result
     }
 
-    /// The inputs at this time: what the bridges said last, where that is not too long ago.
+    /// The inputs at this time: the last values of the bridges that are not too old.
     pub fn known(&mut self, now_ns: u64) -> KnownInputs {
         let mut known = KnownInputs::default();
         for slot in &mut self.sources {
@@ -181,7 +184,7 @@ impl InputEntry {
         known
     }
 
-    /// The place of its source.
+    /// The index of its source.
     fn check(&self, message: &MachineInputs, now_ns: u64) -> Result<usize, InputFault> {
         if !message.is_finite() {
             return Err(InputFault::NotFinite);

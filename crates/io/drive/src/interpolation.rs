@@ -1,4 +1,4 @@
-//! The interpolation time period (object 60C2h): a drive must know how long the way from target to target lasts.
+//! The interpolation time period (object 60C2h): a drive must know the time from target to target.
 
 use thiserror::Error;
 
@@ -11,18 +11,19 @@ pub struct InterpolationTime {
     pub index: i8,
 }
 
-/// Why a period cannot be told to a drive.
+/// Why a drive cannot be given a period.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum InterpolationError {
-    /// The object has no room for the number.
+    /// The object cannot hold the number.
     #[error(
-        "a period of {period_ns} ns is no whole number from 1 to 255 times a power of ten seconds: set the machine's \
+        "a period of {period_ns} ns is not a whole number from 1 to 255 times a power of ten seconds: set \
+         the machine's \
          rate so that it becomes {nearest_ns} ns"
     )]
     NotRepresentable {
         /// The cycle's period in ns.
         period_ns: u64,
-        /// The nearest period that can be told.
+        /// The nearest period that it can hold.
         nearest_ns: u64,
     },
 }

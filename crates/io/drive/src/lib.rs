@@ -28,16 +28,16 @@
 //! assert_eq!(drive.state(), DriveState::OperationEnabled);
 //! ```
 //!
-//! In the core [`FeedbackBounds`] drops feedback that cannot be true, whatever its sender; [`FeedbackWatch`] compares what comes back with what was commanded, and names the first thing that is
-//! wrong as a [`DriveAlarm`]. [`PhaseLock`] turns the phase error of the drives' clock into a correction of the cycle's
-//! period, 0.1 % at the most.
+//! In the core, [`FeedbackBounds`] drops feedback that cannot be true, whatever its sender. [`FeedbackWatch`]
+//! compares the feedback with the commands, and reports the first fault as a [`DriveAlarm`]. [`PhaseLock`]
+//! converts the phase error of the drives' clock to a correction of the cycle's period, at most 0.1 %.
 //!
-//! In a bridge [`Follower`] makes of setpoints that come early, late or not at all a target for every period of the
-//! drives: it bridges a few missing ones, then brakes within the limits ([`Brake`]) and holds; it refuses jumps.
-//! [`Cia402`] brings a drive to the power state that the core asks for. [`DriveMachine`] is the other side, the drive's
+//! In a bridge, [`Follower`] converts setpoints that arrive early, late or not at all to a target for every
+//! period of the drives: it bridges a few missing ones, then brakes within the limits ([`Brake`]) and holds;
+//! it rejects jumps. [`Cia402`] brings a drive to the requested power state. [`DriveMachine`] is the drive's
 //! own state machine, for simulated drives and tests.
 //!
-//! Time comes in as an argument. Everything may be called from a real-time cycle, but for the constructors.
+//! Time is an argument. Everything except the constructors may be called from a real-time cycle.
 
 mod alarm;
 mod brake;

@@ -1,21 +1,22 @@
-//! Outputs as a bridge has to set them: each message when it is due, safe values where the core falls silent.
+//! Outputs as a bridge has to set them: each message when it is due, safe values if the core is silent.
 
 use evolvent_wire::MachineOutputs;
 
-/// Messages that are not due yet, at most. Of more the last is replaced: every message is complete.
+/// Maximum number of messages that are not due yet. Beyond it the last is replaced: every message is
+/// complete.
 const AHEAD: usize = 64;
-/// Without a message for so long the core has gone, ns.
+/// After this time without a message the core has ended, ns.
 const SILENCE_NS: u64 = 200_000_000;
-/// A message that is due later than this was not made by the clock of this computer, ns.
+/// A message that is due later than this does not use the clock of this computer, ns.
 const LONGEST_LEAD_NS: u64 = 10_000_000_000;
 
-/// Why a message of outputs was not used. The outputs stay as they are.
+/// Why a message of outputs was not used. The outputs keep their values.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum OutputFault {
-    /// A value is none.
+    /// A value is not a number.
     #[error("an analog value, or the speed or angle of a spindle, is not a number")]
     NotFinite,
-    /// Due too late to be true.
+    /// Its due time is implausibly late.
     #[error("it is due {0} ns from now")]
     Ahead(u64),
 }
@@ -43,7 +44,7 @@ pub enum OutputFault {
 /// ```
 #[derive(Clone, Debug)]
 pub struct OutputFollower {
-    /// In the order in which they came; the first `count` count.
+    /// In the order of arrival; the first `count` are valid.
     ahead: [MachineOutputs; AHEAD],
     count: usize,
     /// In force; none before the first.
@@ -66,7 +67,7 @@ impl Default for OutputFollower {
 }
 
 impl OutputFollower {
-    /// A message has come. Before the first of a core is due, its safe values are in force.
+    /// Accepts a message. Before the first one of a core is due, its safe values are in force.
     ///
     /// # Errors
     /// It is damaged and was not used.
@@ -84,7 +85,7 @@ impl OutputFollower {
         }
         self.heard_ns = now_ns;
         if message.sequence <= self.newest {
-            // Another core: what the last one has planned comes no more.
+            // Another core: the plans of the previous one are void.
             self.count = 0;
             self.now = None;
         }
@@ -100,8 +101,8 @@ impl OutputFollower {
         Ok(())
     }
 
-    /// The outputs of this moment: of the newest message that is due, or safe ones. `sequence` is that of the message; 0 where
-    /// there was none.
+    /// The present outputs: those of the newest message that is due, or safe ones. `sequence` is that of the
+    /// message; 0 if there was none.
     pub fn step(&mut self, now_ns: u64) -> MachineOutputs {
         let due = self.ahead[..self.count]
             .iter()
@@ -166,11 +167,11 @@ mod tests {
         assert_eq!(at(&mut outputs, 10), (1, 0b01));
         assert_eq!(at(&mut outputs, 25), (3, 0b00));
         assert_eq!(at(&mut outputs, 31), (4, 0b01));
-        // Silence: safe, whatever was planned.
+        // Silence: safe values, whatever was planned.
         outputs.offer(100 * MS, &message(5, 250, 0b01)).unwrap();
         assert_eq!(at(&mut outputs, 300), (5, 0b01));
         assert_eq!(at(&mut outputs, 301), (5, 0b10));
-        // A core that is started again counts from 1.
+        // A core that restarts counts from 1.
         outputs.offer(400 * MS, &message(6, 900, 0b01)).unwrap();
         outputs.offer(410 * MS, &message(1, 420, 0b00)).unwrap();
         assert_eq!(at(&mut outputs, 419), (1, 0b10));

@@ -14,17 +14,18 @@
 //! a row, it stands for all of them, `Ki sum(n e)`. The proportional part needs nothing, its correction stays in force
 //! meanwhile. `n` counts up to `D`, so that `w n <= 0.1` as well: what was unknown for longer is not taken for the last error.
 
-/// The period is never changed by more than this part of it.
+/// The period is never changed by more than this fraction.
 pub const MAX_CORRECTION_RATIO: f64 = 0.001;
 
-/// How the lock is tuned.
+/// Tuning of the lock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PhaseSettings {
     /// The nominal period, ns.
     pub period_ns: u64,
-    /// Cycles from a correction to the first feedback that shows it: the lead, and what bridge and drives add.
+    /// Cycles from a correction to the first feedback that shows it: the lead, plus the delay of bridge and
+    /// drives.
     pub delay_cycles: u32,
-    /// The phase error that is wanted, ns.
+    /// The target phase error, ns.
     pub target_ns: i64,
 }
 
@@ -48,21 +49,21 @@ pub struct PhaseLock {
     target_ns: i64,
     proportional: f64,
     integral: f64,
-    /// The integral's share of the correction, ns a cycle: in the steady state the drift of the clocks.
+    /// The integral part of the correction, ns per cycle: in the steady state the drift of the clocks.
     drift_ns: f64,
-    /// The correction in force, ns a cycle.
+    /// The correction in force, ns per cycle.
     correction_ns: f64,
-    /// What whole ns have left over.
+    /// The remainder of rounding to whole ns.
     remainder_ns: f64,
-    /// Cycles since the last error came.
+    /// Cycles since the last error arrived.
     silent_cycles: u32,
-    /// For so many cycles an error stands at most.
+    /// Maximum number of cycles that an error applies to.
     max_cycles: u32,
     hold_cycles: u32,
 }
 
 impl PhaseLock {
-    /// A lock that does nothing yet.
+    /// A lock without a correction.
     #[must_use]
     pub fn new(settings: PhaseSettings) -> Self {
         let bandwidth = (0.1 / f64::from(settings.delay_cycles.max(1))).min(0.01);
@@ -80,16 +81,17 @@ impl PhaseLock {
         }
     }
 
-    /// The drift of the drives' clock as far as it is known, as a ratio: positive where it is slower.
+    /// The known drift of the drives' clock, as a ratio: positive if it is slower.
     #[must_use]
     pub fn drift_ratio(&self) -> f64 {
         self.drift_ns * MAX_CORRECTION_RATIO / self.limit_ns.max(1.0)
     }
 
-    /// One cycle: the newest phase error, if one came. Returns by how many ns this period is longer than the nominal one.
+    /// One cycle: the newest phase error, if one arrived. Returns by how many ns this period is longer than
+    /// the nominal one.
     ///
-    /// Positive errors (the drives run late) lengthen the period. Without news the correction falls back to the drift
-    /// that was found: the clocks differ as before.
+    /// Positive errors (the drives run late) lengthen the period. Without a new error the correction returns
+    /// to the drift that was found: the clocks differ as before.
     pub fn step(&mut self, phase_error_ns: Option<i64>) -> i64 {
         if let Some(error_ns) = phase_error_ns {
             let cycles = self.silent_cycles.saturating_add(1).min(self.max_cycles);
@@ -98,7 +100,7 @@ impl PhaseLock {
             let proportional = self.proportional * error;
             let wanted = proportional + self.drift_ns;
             self.correction_ns = wanted.clamp(-self.limit_ns, self.limit_ns);
-            // Anti-windup: the integral grows only where that does not push further into the limit.
+            // Anti-windup: the integral grows only if that does not push further into the limit.
             let saturated =
                 (wanted > self.limit_ns && error > 0.0) || (wanted < -self.limit_ns && error < 0.0);
             if !saturated {
@@ -111,7 +113,7 @@ impl PhaseLock {
                 self.correction_ns = self.drift_ns;
             }
         }
-        // The error that whole ns make is carried on, so that the mean is exact.
+        // The rounding error of whole ns is carried over, so that the mean is exact.
         let exact = (self.correction_ns + self.remainder_ns).clamp(-self.limit_ns, self.limit_ns);
         let whole = libm::trunc(exact);
         self.remainder_ns = exact - whole;

@@ -1,4 +1,4 @@
-//! What the core asks of the power stages, and what a bridge says about itself: the numbers of the bus as enums.
+//! The core's request to the power stages, and a bridge's state: the numbers of the bus as enums.
 
 /// What the drives' power stages shall do.
 ///
@@ -28,8 +28,8 @@ impl PowerRequest {
         self as u32
     }
 
-    /// Reads the number of the bus. What nobody has defined asks for the safest that keeps the axes from falling: a
-    /// quick stop.
+    /// Reads the number of the bus. An undefined number requests the safest state that keeps the axes from
+    /// falling: a quick stop.
     #[must_use]
     pub const fn from_number(number: u32) -> Self {
         match number {
@@ -40,20 +40,20 @@ impl PowerRequest {
     }
 }
 
-/// What a bridge is doing.
+/// State of a bridge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u32)]
 pub enum BridgeState {
-    /// No setpoint has come yet.
+    /// No setpoint has arrived yet.
     #[default]
     Waiting = 0,
     /// The drives follow the setpoints.
     Following = 1,
-    /// Setpoints are missing; the last motion goes on for a few periods.
+    /// Setpoints are missing; the last motion continues for a few periods.
     Bridging = 2,
     /// Too many are missing: every axis brakes within its limits.
     Braking = 3,
-    /// At rest under power, until setpoints come that begin where the axes stand.
+    /// At rest under power, until setpoints arrive that start at the position of the axes.
     Holding = 4,
     /// The power stages are off.
     Off = 5,
@@ -66,7 +66,7 @@ impl BridgeState {
         self as u32
     }
 
-    /// Reads the number of the bus; none where nobody has defined it.
+    /// Reads the number of the bus; none if it is undefined.
     #[must_use]
     pub const fn from_number(number: u32) -> Option<Self> {
         Some(match number {
@@ -81,7 +81,7 @@ impl BridgeState {
     }
 }
 
-/// What a bridge found wrong with the setpoints last.
+/// A bridge's last problem with setpoints.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Note {
@@ -90,13 +90,13 @@ pub enum Note {
     None = 0,
     /// Numbers are missing in the sequence.
     Gap = 1,
-    /// No setpoints come.
+    /// No setpoints arrive.
     Silence = 2,
-    /// A setpoint came too late to be used.
+    /// A setpoint arrived too late to be used.
     Late = 3,
-    /// A setpoint lies where the axes cannot be by then.
+    /// A setpoint that the axes cannot reach in time.
     Jump = 4,
-    /// The sequence began anew: the core was restarted.
+    /// The sequence restarted: the core was restarted.
     Restart = 5,
     /// A number is not finite.
     NotFinite = 6,

@@ -1,20 +1,21 @@
-//! What bridges say of spindles, checked where it enters.
+//! Messages about spindles, checked on arrival.
 
 use evolvent_wire::{SPINDLES, SpindleFeedback};
 
-/// A speed above the spindle's highest by more than this factor is none that was measured.
+/// A speed above the spindle's maximum by more than this factor is implausible.
 const MOST_OVERSPEED: f64 = 2.0;
 
-/// Why a message was not used. The spindle stays as it was, and is unknown when no better message comes in time.
+/// Why a message was not used. The spindle keeps its state, and becomes unknown if no valid message arrives
+/// in time.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SpindleFault {
-    /// A number that cannot be: spindle, flags, fraction of a turn or speed.
-    #[error("its spindle, flags, fraction of a turn or speed cannot be")]
+    /// An invalid spindle, flag, fraction of a turn or speed.
+    #[error("its spindle, flags, fraction of a turn or speed is invalid")]
     Invalid,
     /// The machine file has no such spindle.
     #[error("the machine has no spindle {0} with feedback")]
     NoSpindle(u32),
-    /// More than twice its highest speed.
+    /// More than twice its maximum speed.
     #[error("spindle {spindle} turns at {speed_rpm} rpm, more than twice its max_rpm")]
     Overspeed {
         /// Which.
@@ -25,14 +26,14 @@ pub enum SpindleFault {
     /// The time is ahead of this computer's clock.
     #[error("its time is {0} ns ahead of this computer's clock")]
     Ahead(u64),
-    /// The time is longer ago than feedback may be.
+    /// The time is too long ago.
     #[error("its time is {0} ns ago")]
     Past(u64),
     /// The number or the time does not grow.
-    #[error("its number or time is not above that of the message before")]
+    #[error("its number or time is not above that of the previous message")]
     Repeated,
-    /// Another bridge speaks for the same spindle.
-    #[error("another bridge speaks for its spindle")]
+    /// Another bridge reports the same spindle.
+    #[error("another bridge reports its spindle")]
     Claimed,
 }
 
@@ -53,7 +54,7 @@ pub enum SpindleFault {
 /// ```
 #[derive(Clone, Debug)]
 pub struct SpindleEntry {
-    /// Highest speed of each spindle that has feedback, rpm.
+    /// Maximum speed of each spindle that has feedback, rpm.
     max_rpm: [Option<f64>; SPINDLES],
     timeout_ns: u64,
     newest: [Option<SpindleFeedback>; SPINDLES],
@@ -62,7 +63,7 @@ pub struct SpindleEntry {
 }
 
 impl SpindleEntry {
-    /// For a machine without spindles. `timeout_ns`: how old the newest message of a spindle may be.
+    /// For a machine without spindles. `timeout_ns`: maximum age of the newest message of a spindle.
     #[must_use]
     pub const fn new(timeout_ns: u64) -> Self {
         Self {
@@ -74,7 +75,7 @@ impl SpindleEntry {
         }
     }
 
-    /// With a spindle that has feedback. Numbers that there are not are left alone.
+    /// Adds a spindle that has feedback. Numbers out of range are ignored.
     #[must_use]
     pub fn with_spindle(mut self, number: u32, max_rpm: f64) -> Self {
         if let Some(slot) = self.max_rpm.get_mut(number as usize) {
@@ -83,22 +84,22 @@ impl SpindleEntry {
         self
     }
 
-    /// Messages that were not used, and why the last was not.
+    /// Number of messages that were not used, and why the last was not.
     #[must_use]
     pub const fn refused(&self) -> (u64, Option<SpindleFault>) {
         (self.refused, self.last_fault)
     }
 
-    /// Takes a message that has come at `now_ns` of CLOCK_MONOTONIC.
+    /// Accepts a message that has arrived at `now_ns` of CLOCK_MONOTONIC.
     ///
     /// # Errors
-    /// What is wrong with it; it is not used then, and counted.
+    /// Its fault; it is then not used, and counted.
     pub fn take(&mut self, message: &SpindleFeedback, now_ns: u64) -> Result<(), SpindleFault> {
         let result = self.check(message, now_ns);
         match result {
             Ok(()) => {
                 let mut message = *message;
-                // Never later than it came.
+                // Never later than its arrival.
                 message.time_ns = message.time_ns.min(now_ns);
                 self.newest[message.spindle as usize] = Some(message);
             }
@@ -110,7 +111,7 @@ impl SpindleEntry {
         result
     }
 
-    /// What was said last of a spindle, where that is not too long ago.
+    /// The last report of a spindle, if it is not too old.
     #[must_use]
     pub fn known(&self, now_ns: u64, spindle: u32) -> Option<SpindleFeedback> {
         let newest = (*self.newest.get(spindle as usize)?)?;

@@ -1,4 +1,4 @@
-//! The status word (object 6041h) of CiA 402: which state a drive is in.
+//! The status word (object 6041h) of CiA 402: the state of a drive.
 
 /// Bits of the status word.
 pub mod bits {
@@ -50,7 +50,7 @@ pub enum DriveState {
 }
 
 impl DriveState {
-    /// All states with the mask that is laid over a status word and the value that is then left.
+    /// All states with the mask applied to a status word and the resulting value.
     pub const TABLE: [(Self, u16, u16); 8] = [
         (Self::NotReadyToSwitchOn, 0x4F, 0x00),
         (Self::SwitchOnDisabled, 0x4F, 0x40),
@@ -62,7 +62,7 @@ impl DriveState {
         (Self::Fault, 0x4F, 0x08),
     ];
 
-    /// The state that a status word tells; none where the bits fit no state.
+    /// The state of a status word; none if the bits match no state.
     #[must_use]
     pub fn decode(status_word: u16) -> Option<Self> {
         Self::TABLE
@@ -71,7 +71,7 @@ impl DriveState {
             .map(|(state, _, _)| *state)
     }
 
-    /// A status word of this state, with every bit clear that says nothing about it.
+    /// A status word of this state, with every unrelated bit clear.
     #[must_use]
     pub const fn code(self) -> u16 {
         match self {

@@ -1,4 +1,4 @@
-//! The core's watch over what comes back from the drives.
+//! The core's monitoring of the drives' feedback.
 
 use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Feedback};
@@ -9,22 +9,22 @@ use crate::entry::FeedbackBounds;
 use crate::power::{BridgeState, PowerRequest};
 use crate::status_word::DriveState;
 
-/// A bridge that is silent for longer is gone.
+/// A bridge that is silent for longer has ended.
 const LINK_LOST_NS: u64 = 1_000_000_000;
 
 /// Whether a bridge is expected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum WatchMode {
-    /// What comes back is not looked at.
+    /// Feedback is ignored.
     Ignore,
-    /// A bridge that has answered once must go on answering while power is on.
+    /// A bridge that has sent feedback must continue to do so while power is on.
     #[default]
     IfPresent,
     /// Without a bridge there is no power.
     Required,
 }
 
-/// How strict the watch is. Lengths are mm or degrees.
+/// Settings of the monitoring. Lengths are mm or degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WatchSettings {
     /// Whether a bridge is expected.
@@ -33,24 +33,24 @@ pub struct WatchSettings {
     pub period_ns: u64,
     /// Bit i set: the machine has axis i.
     pub axes: AxisMask,
-    /// What feedback can say at all.
+    /// The possible values of feedback.
     pub bounds: FeedbackBounds,
-    /// The oldest sample allowed under power, ns.
+    /// Maximum age of a sample under power, ns.
     pub stale_ns: u64,
-    /// How long the drives may take to come into operation, ns.
+    /// Maximum time for the drives to come into operation, ns.
     pub enable_timeout_ns: u64,
-    /// Following error that is allowed at rest.
+    /// Following error permitted at rest.
     pub following_floor: [f64; AXES],
-    /// Following error that is allowed for each unit of velocity, s: the bound is the larger of this times the velocity
+    /// Following error permitted per unit of velocity, s: the bound is the larger of this times the velocity
     /// and the floor.
     pub following_time_s: [f64; AXES],
-    /// For how long a velocity counts after it has gone: the following error dies away behind it, s.
+    /// How long a velocity counts after it has ended, because the following error decays with a delay, s.
     pub memory_s: f64,
 }
 
 impl WatchSettings {
-    /// The usual settings: samples up to 20 ms old, 2 s to come into operation, a following error of 0.5 mm at rest and
-    /// 20 ms of way in motion.
+    /// The default settings: samples up to 20 ms old, 2 s to come into operation, a following error of 0.5 mm
+    /// at rest and the distance of 20 ms in motion.
     #[must_use]
     pub const fn new(period_ns: u64, axes: AxisMask) -> Self {
         Self {
@@ -67,16 +67,16 @@ impl WatchSettings {
     }
 }
 
-/// What is known of the bridge after a step without an alarm.
+/// The known state of the bridge after a step without an alarm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Presence {
-    /// No bridge answers, and none is needed now.
+    /// No bridge sends feedback, and none is needed now.
     Absent,
-    /// A bridge answers; power is not requested.
+    /// A bridge sends feedback; power is not requested.
     Idle,
     /// Power is requested; the drives are coming into operation. Nothing may be moved yet.
     Enabling,
-    /// Every drive is in operation and watched.
+    /// Every drive is in operation and monitored.
     Operational,
 }
 
@@ -87,7 +87,7 @@ enum Phase {
     Armed,
 }
 
-/// A setpoint that may still be answered.
+/// A setpoint for which feedback may still arrive.
 #[derive(Clone, Copy, Debug)]
 struct Sent {
     sequence: u64,
@@ -97,38 +97,39 @@ struct Sent {
     peak: [f64; AXES],
 }
 
-/// Compares what comes back with what was commanded, once a cycle.
+/// Compares the feedback with the commands, once per cycle.
 ///
-/// A message that cannot be true ([`FeedbackBounds`]) is never used. Only while power is requested can anything else be
-/// wrong. From the request on the drives have their time to come into operation; from then on everything is watched until
-/// power is no longer requested. An alarm is not latched here: it comes again each step while its cause lasts.
+/// A message that cannot be true ([`FeedbackBounds`]) is never used. Everything else is checked only while
+/// power is requested. From the request on the drives have their time to come into operation; from then on
+/// everything is monitored until power is no longer requested. An alarm is not latched here: it is returned
+/// in each step while its cause lasts.
 #[derive(Clone, Debug)]
 pub struct FeedbackWatch {
     settings: WatchSettings,
     sent: Box<[Sent]>,
     phase: Phase,
     last: Option<Feedback>,
-    /// When the last message came, whatever it said.
+    /// When the last message arrived, whatever its contents.
     message_ns: u64,
-    /// When the newest sample was taken, by its bridge's word, but never after it came: a clock that is ahead must not
-    /// make a sample younger than it is.
+    /// When the newest sample was taken, as its bridge reports, but never after its arrival: a clock that is
+    /// ahead must not make a sample newer than it is.
     sampled_ns: u64,
     /// `time_ns` of the newest sample.
     newest_time_ns: u64,
     /// Whether the last message brought no newer sample.
     repeats: bool,
-    /// Axes whose reference may have moved since it was last asked for.
+    /// Axes whose reference may have moved since the last query.
     reference_lost: AxisMask,
-    /// Commanded travel, as far as it was answered, since an axis's position last changed.
+    /// Commanded travel, as far as feedback has arrived, since an axis's position last changed.
     unanswered: [f64; AXES],
-    /// Datum and commanded position of the setpoint that was answered last.
+    /// Datum and commanded position of the last setpoint with feedback.
     answered: Option<(u64, [f64; AXES])>,
     instance: Option<u64>,
     datum_since_ns: Option<u64>,
 }
 
 impl FeedbackWatch {
-    /// A watch that remembers the last 4096 setpoints. Allocates here and never again.
+    /// A monitor that remembers the last 4096 setpoints. Allocates here and never again.
     #[must_use]
     pub fn new(settings: WatchSettings) -> Self {
         const NONE: Sent = Sent {
@@ -154,18 +155,19 @@ impl FeedbackWatch {
         }
     }
 
-    /// The newest feedback; none while no bridge answers.
+    /// The newest feedback; none while no bridge sends any.
     #[must_use]
     pub const fn last(&self) -> Option<&Feedback> {
         self.last.as_ref()
     }
 
-    /// One cycle: the setpoint that was just computed, and the newest feedback since the last step, if one came.
+    /// One cycle: the setpoint that was just computed, and the newest feedback since the last step, if any
+    /// arrived.
     ///
     /// `now_ns` is of the clock of the feedback's `time_ns`. Call it every cycle, also without power.
     ///
     /// # Errors
-    /// The first thing that is wrong.
+    /// The first fault.
     pub fn step(
         &mut self,
         now_ns: u64,
@@ -198,19 +200,20 @@ impl FeedbackWatch {
         Ok(Presence::Enabling)
     }
 
-    /// Whether a message that came now can be true. See [`FeedbackBounds::check`].
+    /// Whether a message that arrives now can be true. See [`FeedbackBounds::check`].
     #[must_use]
     pub fn believes(&self, now_ns: u64, feedback: &Feedback) -> bool {
         self.settings.bounds.check(now_ns, feedback).is_ok()
     }
 
-    /// Bit i set: since the last call the link was lost or axis i was moved faster than it can, so that its positions
-    /// may count from another zero. Axes whose bridge calls them absolute are not among them, unless they jumped.
+    /// Bit i set: since the last call the link was lost or axis i was moved faster than it can, so that its
+    /// positions may refer to another zero. Axes that their bridge reports as absolute are excluded, unless
+    /// they jumped.
     pub fn take_reference_lost(&mut self) -> AxisMask {
         core::mem::take(&mut self.reference_lost)
     }
 
-    /// Takes over a message that was found believable.
+    /// Stores a plausible message.
     fn take(&mut self, now_ns: u64, feedback: &Feedback, previous: Option<&Feedback>) {
         let same = previous.filter(|previous| previous.instance == feedback.instance);
         if let (Some(previous), None) = (previous, same) {
@@ -227,7 +230,7 @@ impl FeedbackWatch {
         self.last = Some(*feedback);
     }
 
-    /// Without power nothing limits how an axis is moved but its mechanics: a step beyond that is of the encoder.
+    /// Without power only its mechanics limit the motion of an axis: a step beyond that is the encoder's.
     fn watch_steps(&mut self, previous: &Feedback, feedback: &Feedback) {
         let interval_s = feedback.time_ns.saturating_sub(previous.time_ns) as f64 * 1e-9;
         let both = AxisMask::from_bits(previous.axes_mask & feedback.axes_mask);
@@ -247,7 +250,7 @@ impl FeedbackWatch {
             .without(AxisMask::from_bits(last.absolute_mask & still_absolute));
     }
 
-    /// Files the setpoint.
+    /// Stores the setpoint.
     fn remember(&mut self, command: &Command) {
         let size = self.sent.len() as u64;
         let decay = libm::exp(-(self.settings.period_ns as f64) * 1e-9 / self.settings.memory_s.max(1e-6));
@@ -308,7 +311,7 @@ impl FeedbackWatch {
         let limit_ns = self.settings.stale_ns;
         let mut age_ns = now_ns.saturating_sub(self.sampled_ns);
         if let Phase::Enabling { since_ns, .. } = self.phase {
-            // What came before the request may be old.
+            // Samples from before the request may be old.
             age_ns = age_ns.min(now_ns.saturating_sub(since_ns));
         }
         if age_ns > limit_ns {
@@ -335,7 +338,7 @@ impl FeedbackWatch {
         }
     }
 
-    /// Power states of the drives; arms the watch when all are in operation.
+    /// Power states of the drives; enables the monitoring when all are in operation.
     fn check_drives(&mut self, now_ns: u64, command: &Command, last: &Feedback) -> Result<(), DriveAlarm> {
         let mut waiting = None;
         for axis in self.axes() {
@@ -402,7 +405,7 @@ impl FeedbackWatch {
         Ok(())
     }
 
-    /// A switch stops motion towards it; away from it the axis may go.
+    /// A switch stops motion towards it; the axis may move away from it.
     fn check_switches(&self, command: &Command, last: &Feedback) -> Result<(), DriveAlarm> {
         for axis in self.axes() {
             if command.switches_expected.contains(axis) {
@@ -434,7 +437,7 @@ impl FeedbackWatch {
             return Ok(());
         }
         if sent.datum != last.datum {
-            // While homing names positions anew, answers by the old names are on their way.
+            // While homing assigns new coordinates, feedback with the previous ones is under way.
             let since_ns = *self.datum_since_ns.get_or_insert(now_ns);
             if now_ns.saturating_sub(since_ns) > self.settings.stale_ns {
                 return Err(DriveAlarm::Datum {
@@ -445,7 +448,7 @@ impl FeedbackWatch {
             return Ok(());
         }
         self.datum_since_ns = None;
-        // Setpoints are sent ahead: only what was answered can have moved the axes.
+        // Setpoints are sent ahead: only those with feedback can have moved the axes.
         if let Some((datum, before)) = self.answered.replace((sent.datum, sent.position))
             && datum == sent.datum
         {
@@ -474,7 +477,7 @@ impl FeedbackWatch {
                 }
             }
             let commanded = self.unanswered[axis];
-            // Beyond what the way to the answer already explains.
+            // Beyond what the delay of the feedback explains.
             let on_the_way = velocity * self.settings.following_time_s[axis];
             if commanded > 0.5 * floor + on_the_way {
                 return Err(DriveAlarm::FrozenAxis {

@@ -15,7 +15,8 @@ const MAX_INCREMENTS_PER_S: f64 = 1e9;
 pub enum FitError {
     /// The file is as a scan wrote it.
     #[error(
-        "`unchecked` is true: the axes hold guesses; check increments, gear, turn and direction of each, then remove that line"
+        "`unchecked` is true: the axes have guessed values; check increments, gear, turn and direction of \
+         each, then remove that line"
     )]
     Unchecked,
     /// A device drives an axis that the machine has not.
@@ -27,14 +28,15 @@ pub enum FitError {
         letter: char,
     },
     /// An axis has no device.
-    #[error("no device drives {letter}: add one with this axis, because the core speaks to one bridge")]
+    #[error("no device drives {letter}: add one with this axis, because the core uses one drive bridge")]
     NoDevice {
         /// The axis.
         letter: char,
     },
     /// The drive's increments are coarser than the machine's.
     #[error(
-        "the drive of {letter} has {drive} increments per unit, the machine file {machine}: lower increments_per_mm or increments_per_degree there"
+        "the drive of {letter} has {drive} increments per unit, the machine file {machine}: lower \
+         increments_per_mm or increments_per_degree there"
     )]
     Coarse {
         /// The axis.
@@ -46,7 +48,8 @@ pub enum FitError {
     },
     /// The travel does not fit the drive's position.
     #[error(
-        "the travel of {letter} takes {increments:.0} increments of its drive, of which 32 bits hold 4294967296: choose fewer increments per turn in the drive"
+        "the travel of {letter} takes {increments:.0} increments of its drive, of which 32 bits hold \
+         4294967296: choose fewer increments per turn in the drive"
     )]
     Travel {
         /// The axis.
@@ -56,7 +59,8 @@ pub enum FitError {
     },
     /// The largest velocity is more than the drive's units hold.
     #[error(
-        "{letter} at its largest velocity takes {increments:.0} increments a second, more than 10^9: choose fewer increments per turn in the drive"
+        "{letter} at its largest velocity takes {increments:.0} increments per second, more than 10^9: \
+         choose fewer increments per turn in the drive"
     )]
     Velocity {
         /// The axis.
@@ -66,7 +70,8 @@ pub enum FitError {
     },
     /// Both the core and the drive would home it.
     #[error(
-        "{letter} is homed by its drive and has [[homing]] in the machine file: remove one of them, and set drives.enable_timeout_ms there as long as homing takes"
+        "{letter} is homed by its drive and has [[homing]] in the machine file: remove one of them, and set \
+         drives.enable_timeout_ms there as long as homing takes"
     )]
     HomedTwice {
         /// The axis.
@@ -74,7 +79,8 @@ pub enum FitError {
     },
     /// A device has a signal that the machine has not.
     #[error(
-        "device `{device}` has the {direction} `{name}`, which the machine file does not have: check the name, or add [[{direction}]] there"
+        "device `{device}` has the {direction} `{name}`, which the machine file does not have: check the \
+         name, or add [[{direction}]] there"
     )]
     NoSignal {
         /// The device.
@@ -86,7 +92,8 @@ pub enum FitError {
     },
     /// One file says digital and the other analog.
     #[error(
-        "device `{device}`: the {direction} `{name}` is {machine} in the machine file; an entry with `values` is analog, one without is digital"
+        "device `{device}`: the {direction} `{name}` is {machine} in the machine file; an entry with \
+         `values` is analog, one without is digital"
     )]
     SignalKind {
         /// The device.
@@ -100,7 +107,8 @@ pub enum FitError {
     },
     /// The machine file lets programs ask for more than the channel gives.
     #[error(
-        "device `{device}`: the output `{name}` may be {asked} by the machine file, its channel gives {least} to {most}: set min and max there, or `raw` and `values` here"
+        "device `{device}`: the output `{name}` may be {asked} by the machine file, its channel gives \
+         {least} to {most}: set min and max there, or `raw` and `values` here"
     )]
     SignalRange {
         /// The device.

@@ -110,7 +110,8 @@ pub fn scan_text(devices: &[FoundDevice]) -> String {
         let sii = &device.sii;
         let _written = writeln!(
             text,
-            "{position}: {}{}\n   vendor {:#x} product {:#x} revision {:#x} serial {} alias {}\n   {}{}, clock: {}{}",
+            "{position}: {}{}\n   vendor {:#x} product {:#x} revision {:#x} serial {} alias {}\n   {}{}, \
+             clock: {}{}",
             device.title(),
             if sii.name.is_empty() || sii.order.is_empty() {
                 String::new()
@@ -197,7 +198,8 @@ pub fn scan_json(devices: &[FoundDevice]) -> Value {
 pub fn network_text(devices: &[FoundDevice], interface: &str, letters: &[AxisLetter]) -> Option<String> {
     let mut text = format!(
         "# What `evolvent bridge ethercat --scan` found. See docs/ethercat.md.\n\n\
-         # A wire does not tell screws, gears and directions: check each [device.axis], then remove this line.\n\
+         # A scan cannot find screws, gear ratios and directions: check each [device.axis], then remove \
+         this line.\n\
          unchecked = true\n\
          interface = {}\n",
         quoted(interface)
@@ -244,7 +246,8 @@ pub fn network_text(devices: &[FoundDevice], interface: &str, letters: &[AxisLet
         let increments = told.unwrap_or(USUAL_INCREMENTS);
         let _written = write!(
             text,
-            "\n[device.axis]\nletter = \"{}\"\nincrements_per_turn = {increments} # {}\n{} = {turn} # a guess\n",
+            "\n[device.axis]\nletter = \"{}\"\nincrements_per_turn = {increments} # {}\n{} = {turn} # a \
+             guess\n",
             letter.letter(),
             if told.is_some() { "by 608Fh" } else { "a guess" },
             if letter.is_rotary() { "turn_deg" } else { "turn_mm" },

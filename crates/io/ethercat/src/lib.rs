@@ -7,8 +7,8 @@
 //!   bus ── MachineOutputs ──► OutputFollower ── bits and numbers ──► terminals ── MachineInputs ──► bus, by the same queues
 //! ```
 //!
-//! [`Network`] is what a network file says: devices with identity, start-up objects, and the axis of each drive with its [`Scale`],
-//! an exact fraction:
+//! [`Network`] is a network file: devices with identity, start-up objects, and the axis of each drive with
+//! its [`Scale`], an exact fraction:
 //!
 //! ```
 //! use evolvent_ethercat::Network;
@@ -22,11 +22,12 @@
 //! # Ok::<(), evolvent_config::ConfigError>(())
 //! ```
 //!
-//! [`scan`] lists what is on the wire, and [`network_text`] makes a network file of it to start from.
+//! [`scan`] lists the devices on the wire, and [`network_text`] writes a network file to start from.
 //!
-//! [`run`] is the bridge. The MainDevice is `ethercrab`, driven by the thread of the cycle itself: a future is polled until its
-//! frames are back, so a cycle has no other thread to wait for. Whatever ends a session (frames lost, a device gone) stops the
-//! feedback, which for the core is a stop; then the network is brought up again, under a new instance.
+//! [`run`] is the bridge. The MainDevice is `ethercrab`, driven by the thread of the cycle itself: a future
+//! is polled until its frames have returned, so a cycle has no other thread to wait for. The end of a session
+//! (frames lost, a device gone) stops the feedback, which is a stop for the core; then the network is brought
+//! up again, under a new instance.
 
 mod axis;
 mod cycle_times;

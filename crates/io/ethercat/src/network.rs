@@ -348,7 +348,7 @@ impl Network {
         let read: NetworkFile = sheet.read()?;
         sheet.number("max_lost_cycles", f64::from(read.max_lost_cycles), 1.0, 50.0)?;
         if read.device.is_empty() || read.device.len() > MAX_DEVICES {
-            let what = format!("{} devices are no network", read.device.len());
+            let what = format!("{} devices are not a network", read.device.len());
             return Err(sheet.error(
                 "device",
                 what,
@@ -359,7 +359,7 @@ impl Network {
         for (i, device) in read.device.into_iter().enumerate() {
             let key = format!("device[{i}]");
             if devices.iter().any(|other| other.name == device.name) {
-                let what = format!("`{}` is the name of another device, too", device.name);
+                let what = format!("`{}` is also the name of another device", device.name);
                 return Err(sheet.error(&format!("{key}.name"), what, "give each its own name"));
             }
             let startup = device.startup.iter().enumerate();
@@ -425,7 +425,7 @@ impl Network {
             return Err(sheet.error(
                 "device",
                 "no device has an axis".to_owned(),
-                "say which axis each drive turns: [device.axis]",
+                "assign an axis to each drive: [device.axis]",
             ));
         }
         Ok(Self {
@@ -468,11 +468,11 @@ fn check_signals(
 ) -> Result<(Vec<NetworkInput>, Vec<NetworkOutput>), ConfigError> {
     let is_drive = device.axis.is_some();
     let twice = |key: String, name: &str| {
-        let what = format!("`{name}` is a signal of another entry, too");
-        sheet.error(&key, what, "give each signal one place")
+        let what = format!("`{name}` is also a signal of another entry");
+        sheet.error(&key, what, "assign each signal once")
     };
     let shared = |key: String, bit: u32| {
-        let what = format!("bit {bit} belongs to another signal of this device, too");
+        let what = format!("bit {bit} also belongs to another signal of this device");
         sheet.error(&key, what, "give each signal its own bits")
     };
     let mut inputs: Vec<NetworkInput> = Vec::new();
@@ -513,7 +513,7 @@ fn check_signals(
 impl StartupFile {
     fn check(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<Startup, ConfigError> {
         if !matches!(self.bytes, 1 | 2 | 4) {
-            let what = format!("{} bytes is the size of no number", self.bytes);
+            let what = format!("{} bytes is not the size of a number", self.bytes);
             return Err(sheet.error(&format!("{key}.bytes"), what, "give 1, 2 or 4"));
         }
         let bits = u32::from(self.bytes) * 8;
@@ -542,7 +542,7 @@ impl AxisFile {
             _ => {
                 return Err(sheet.error(
                     &at("letter"),
-                    format!("`{}` is no axis", self.letter),
+                    format!("`{}` is not an axis", self.letter),
                     "give one of X Y Z A B C U V W",
                 ));
             }
@@ -567,7 +567,7 @@ impl AxisFile {
         let scale = Scale::new(self.increments_per_turn, self.gear, turn).map_err(|error| {
             sheet.error(
                 key,
-                format!("increments_per_turn, gear and turn make no scale: {error}"),
+                format!("increments_per_turn, gear and turn give no valid scale: {error}"),
                 "give the numbers of the drive's encoder and the gear",
             )
         })?;
@@ -578,7 +578,7 @@ impl AxisFile {
                 return Err(sheet.error(
                     &at("inertia_kg_m2"),
                     "an inertia needs a rated torque".to_owned(),
-                    "give rated_torque_n_m, too",
+                    "give rated_torque_n_m as well",
                 ));
             }
             (Some(inertia), Some(torque)) => {
@@ -667,7 +667,7 @@ impl HomingFile {
             if !(1.0..=f64::from(u32::MAX)).contains(&increments) {
                 return Err(sheet.error(
                     key,
-                    format!("{name} is {increments:.0} increments, which is none of 1 to 4294967295"),
+                    format!("{name} is {increments:.0} increments, which is not within 1 to 4294967295"),
                     "give another speed or acceleration",
                 ));
             }

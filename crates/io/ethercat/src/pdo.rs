@@ -89,7 +89,8 @@ pub(crate) fn wanted_inputs(extras: Extras) -> Vec<Mapped> {
 pub enum PdoError {
     /// An object is missing.
     #[error(
-        "object {index:04X}h is not in its process data: let the bridge map them (map = true), or map it by start-up objects"
+        "object {index:04X}h is not in its process data: let the bridge map them (map = true), or map it by \
+         start-up objects"
     )]
     Missing {
         /// Index.
@@ -97,7 +98,8 @@ pub enum PdoError {
     },
     /// An object does not begin with a byte, or has an unusual size.
     #[error(
-        "object {index:04X}h lies in its process data with {bits} bits at bit {at}: the bridge needs whole bytes"
+        "object {index:04X}h is in its process data with {bits} bits at bit {at}: the bridge needs whole \
+         bytes"
     )]
     Unaligned {
         /// Index.

@@ -57,7 +57,8 @@ pub enum RunError {
     Bridge(#[from] BridgeError),
     /// The interface cannot be opened.
     #[error(
-        "the network interface {interface} cannot be opened: {source}; raw sockets need CAP_NET_RAW, and the interface must be up"
+        "the network interface {interface} cannot be opened: {source}; raw sockets need CAP_NET_RAW, and \
+         the interface must be up"
     )]
     Interface {
         /// Its name.
@@ -147,7 +148,8 @@ impl Hardware for RunSettings {
                 format!("drive of {letter}: fault {code:04X}h: {}", fault_text(code))
             }
             Notice::Apart { axis, by } => format!(
-                "gantry of {}: the second drive is {by:.3} from the first, more than max_difference: all drives stop; find what holds it, then make the beam square by hand or home again",
+                "gantry of {}: the second drive is {by:.3} from the first, more than max_difference: all \
+                 drives stop; find what holds it, then make the beam square by hand or home again",
                 letter(axis)
             ),
             Notice::Homed { axis, found: true } => {
@@ -157,7 +159,8 @@ impl Hardware for RunSettings {
                 )
             }
             Notice::Homed { axis, found: false } => format!(
-                "drive of {}: homing failed: all drives stop; check its switch, method and timeout_s, then switch power off and on",
+                "drive of {}: homing failed: all drives stop; check its switch, method and timeout_s, then \
+                 switch power off and on",
                 letter(axis)
             ),
             Notice::DeviceLost { device } => {
@@ -166,7 +169,7 @@ impl Hardware for RunSettings {
                     .devices
                     .get(device)
                     .map_or("?", |device| device.name.as_str());
-                format!("network: `{name}` does not answer, or has left OP: all drives stop")
+                format!("network: `{name}` does not reply, or has left OP: all drives stop")
             }
             Notice::Short { found, expected } => {
                 format!("network: working counter {found} instead of {expected}: all drives stop")

@@ -32,7 +32,8 @@ const MAX_ENTRIES: u8 = 64;
 pub enum ScanError {
     /// The interface cannot be opened.
     #[error(
-        "the network interface {interface} cannot be opened: {source}; raw sockets need CAP_NET_RAW, and the interface must be up"
+        "the network interface {interface} cannot be opened: {source}; raw sockets need CAP_NET_RAW, and \
+         the interface must be up"
     )]
     Interface {
         /// Its name.
@@ -41,7 +42,7 @@ pub enum ScanError {
         source: std::io::Error,
     },
     /// Nobody answers.
-    #[error("no device answers: check cable, interface and supply")]
+    #[error("no device replies: check cable, interface and supply")]
     NoDevices,
     /// More than fit.
     #[error("more than {MAX_DEVICES} devices are on the wire: split the network")]
@@ -56,7 +57,8 @@ pub enum ScanError {
     },
     /// The library gave up.
     #[error(
-        "a device answered what the EtherCAT library cannot handle (an emergency message, or a broken EEPROM): {what}; try again, or leave devices out one by one"
+        "a device sent data that the EtherCAT library cannot handle (an emergency message, or a broken \
+         EEPROM): {what}; try again, or leave devices out one by one"
     )]
     Library {
         /// What it said.

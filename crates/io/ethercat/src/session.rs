@@ -53,7 +53,7 @@ type Group<S> = SubDeviceGroup<MAX_DEVICES, IMAGE, DefaultLock, Op, S>;
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum SessionError {
     /// Nobody answers.
-    #[error("no device answers: check cable, interface and supply")]
+    #[error("no device replies: check cable, interface and supply")]
     NoDevices,
     /// Another number of devices than in the file.
     #[error("{found} devices are on the wire, the network file lists {expected}: check cables and the file")]
@@ -65,7 +65,8 @@ pub enum SessionError {
     },
     /// A device is another one.
     #[error(
-        "device {position} (`{name}`): {what} is {found:#x} on the wire and {expected:#x} in the network file: check the order of the devices"
+        "device {position} (`{name}`): {what} is {found:#x} on the wire and {expected:#x} in the network \
+         file: check the order of the devices"
     )]
     Identity {
         /// Place on the wire, from 1.
@@ -103,7 +104,8 @@ pub enum SessionError {
     },
     /// A signal of the file lies beyond the process data.
     #[error(
-        "`{name}`: the network file has a signal up to bit {bit} of its {direction}s, of which there are {bits}: `--scan` lists them"
+        "`{name}`: the network file has a signal up to bit {bit} of its {direction}s, of which there are \
+         {bits}: `--scan` lists them"
     )]
     SignalPlace {
         /// Name in the file.
@@ -138,21 +140,22 @@ pub enum SessionError {
         why: String,
     },
     /// Frames stopped coming back.
-    #[error("{frames} frames in a row did not come back: check the cable")]
+    #[error("{frames} frames in a row did not return: check the cable")]
     Lost {
         /// How many.
         frames: u32,
     },
     /// The library gave up.
     #[error(
-        "a device answered what the EtherCAT library cannot handle (an emergency message, or a broken EEPROM): {what}"
+        "a device sent data that the EtherCAT library cannot handle (an emergency message, or a broken \
+         EEPROM): {what}"
     )]
     Library {
         /// What it said.
         what: String,
     },
     /// A device left OP, or does not answer.
-    #[error("the network broke: {states}")]
+    #[error("the network failed: {states}")]
     Broken {
         /// What each device says.
         states: String,
@@ -353,7 +356,7 @@ fn tell_states<'m>(pump: &mut Pump<'_>, main: &'m MainDevice<'m>, network: &Netw
                 }
             }
             _ => told.push(format!(
-                "`{name}` does not answer: check its supply and the cable before it"
+                "`{name}` does not reply: check its supply and the cable before it"
             )),
         }
     }
@@ -474,10 +477,10 @@ struct Objects<'a, 'm, S> {
 impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
     fn refused(&self, index: u16, sub_index: u8, action: &'static str, error: Error) -> SessionError {
         let why = match error {
-            Error::Mailbox(MailboxError::Aborted { code, .. }) => format!("the device refuses it: {code}"),
-            Error::Timeout(_) => "the device does not answer".to_owned(),
+            Error::Mailbox(MailboxError::Aborted { code, .. }) => format!("the device rejects it: {code}"),
+            Error::Timeout(_) => "the device does not reply".to_owned(),
             // What ethercrab makes of an emergency message, where it does not assert that there is none.
-            Error::Wire(_) => "what came is no answer to it; an emergency message, perhaps".to_owned(),
+            Error::Wire(_) => "the reply does not belong to it; possibly an emergency message".to_owned(),
             error => error.to_string(),
         };
         SessionError::Object {
@@ -689,7 +692,7 @@ impl<'m> Cycle<'_, 'm> {
     fn count(&self) -> Result<u16, SessionError> {
         let mut expected = 0;
         let failed = |error: Error| SessionError::Main {
-            doing: "looking at process data",
+            doing: "reading process data",
             why: error.to_string(),
         };
         for (device, listed) in self.network.devices.iter().enumerate() {

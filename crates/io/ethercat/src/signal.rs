@@ -227,7 +227,7 @@ impl ChannelFile {
                 return Err(sheet.error(
                     &at(name),
                     "this is a key of analog signals".to_owned(),
-                    "give `values`, too, or remove it",
+                    "give `values` as well, or remove it",
                 ));
             }
             return Ok(Channel {
@@ -363,7 +363,7 @@ impl OutputFile {
             (Some(_), None) | (None, Some(_)) => {
                 return Err(sheet.error(
                     &format!("{key}.spindle"),
-                    "this output is none of a spindle".to_owned(),
+                    "this output does not belong to a spindle".to_owned(),
                     "remove the number",
                 ));
             }

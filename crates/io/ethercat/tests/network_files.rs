@@ -41,7 +41,7 @@ fn each_error_names_its_place() {
                 to: "bytes = 3",
                 line: "    { index",
                 column: 23,
-                key: "3 bytes is the size of no number",
+                key: "3 bytes is not the size of a number",
             },
             Edit {
                 from: "value = 1048576 }",
@@ -144,7 +144,7 @@ fn signals_are_refused_where_they_are_wrong() {
         (
             "name = \"level\"",
             "name = \"door\"",
-            "`door` is a signal of another entry, too",
+            "`door` is also a signal of another entry",
         ),
         (
             "bit = 8, values = [0, 10]",
@@ -329,7 +329,8 @@ fn homing_on_the_drive_is_checked_and_never_twice() {
         );
     }
     let machine = format!(
-        "{}\n[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 20\nlatch_mm_s = 1\nswitch_mm = -399\n",
+        "{}\n[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 20\nlatch_mm_s = 1\nswitch_mm \
+         = -399\n",
         shipped("machines/mill-3axis.toml")
     );
     let machine = Machine::parse(&machine, "mill.toml").expect("a machine");

@@ -403,7 +403,7 @@ impl BoardSettings {
         let sheet = ConfigDocument::toml(text, file)?;
         let read: BoardFile = sheet.read()?;
         let address: IpAddr = read.address.parse().map_err(|_| {
-            let what = format!("`{}` is no address", read.address);
+            let what = format!("`{}` is not an address", read.address);
             sheet.error("address", what, "give the board's, such as \"192.168.1.121\"")
         })?;
         sheet.number("max_lost_packets", f64::from(read.max_lost_packets), 1.0, 50.0)?;
@@ -420,11 +420,7 @@ impl BoardSettings {
             axes.push(checked);
         }
         if axes.is_empty() {
-            return Err(sheet.error(
-                "axis",
-                "no axis is listed".to_owned(),
-                "say what moves each axis: [[axis]]",
-            ));
+            return Err(sheet.error("axis", "no axis is listed".to_owned(), "list each axis: [[axis]]"));
         }
         let mut inputs = Vec::new();
         for (i, input) in read.input.iter().enumerate() {
@@ -566,7 +562,7 @@ impl AxisFile {
             _ => {
                 return Err(sheet.error(
                     &at("letter"),
-                    format!("`{}` is no axis", self.letter),
+                    format!("`{}` is not an axis", self.letter),
                     "give one of X Y Z A B C U V W",
                 ));
             }

@@ -19,7 +19,7 @@ pub enum FitError {
     },
     /// Nothing moves an axis.
     #[error(
-        "nothing moves {letter}: add an [[axis]] with this letter, because the core speaks to one bridge"
+        "nothing moves {letter}: add an [[axis]] with this letter, because the core uses one drive bridge"
     )]
     NoEntry {
         /// The axis.
@@ -27,8 +27,9 @@ pub enum FitError {
     },
     /// The step times do not allow the largest velocity.
     #[error(
-        "{letter}: {needed:.0} steps/s needed, {possible:.0} possible: shorten step_length_ns or step_space_ns if the drive \
-         allows, take fewer steps a unit, or lower max_velocity in the machine file"
+        "{letter}: {needed:.0} steps/s needed, {possible:.0} possible: shorten step_length_ns or \
+         step_space_ns if the drive permits, use fewer steps per unit, or lower max_velocity in the machine \
+         file"
     )]
     StepRate {
         /// The axis.
@@ -40,7 +41,8 @@ pub enum FitError {
     },
     /// The largest velocity is more than the drive has at full output.
     #[error(
-        "{letter}: a velocity of {needed:.3} a second needed, {possible:.3} possible at full output: lower max_velocity in the \
+        "{letter}: a velocity of {needed:.3} per second needed, {possible:.3} possible at full output: \
+         lower max_velocity in the \
          machine file, or correct full_velocity"
     )]
     FullVelocity {
@@ -53,7 +55,8 @@ pub enum FitError {
     },
     /// A name that the machine file does not have.
     #[error(
-        "`{name}` is no {kind} {direction} of the machine file: correct the name, or add [[{direction}]] there"
+        "`{name}` is not a {kind} {direction} of the machine file: correct the name, or add [[{direction}]] \
+         there"
     )]
     NoSignal {
         /// The name.
@@ -64,7 +67,7 @@ pub enum FitError {
         direction: &'static str,
     },
     /// A spindle that the machine file does not have.
-    #[error("spindle {number} is none of the machine file: correct its number, or add [[spindle]] there")]
+    #[error("spindle {number} is not in the machine file: correct its number, or add [[spindle]] there")]
     NoSpindle {
         /// Its number.
         number: usize,
@@ -176,7 +179,8 @@ pub fn fit_notes(machine: &Machine, board: &BoardSettings) -> Vec<String> {
     coarse
         .map(|axis| {
             format!(
-                "{}: the motor has {} steps or counts a unit, the machine file {} increments: finer positions are between two steps",
+                "{}: the motor has {} steps or counts per unit, the machine file {} increments: finer \
+                 positions are between two steps",
                 letter_of(axis.axis),
                 axis.per_unit,
                 increments[axis.axis]

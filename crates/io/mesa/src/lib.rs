@@ -6,8 +6,8 @@
 //!    └───── Feedback ───────┴═════ queue ═══════ accumulators, counts, pins ◄────────────────────────┘
 //! ```
 //!
-//! [`BoardSettings`] is what a board file says: which step generator, or encoder and PWM generator, moves which axis, and what is at
-//! the pins:
+//! [`BoardSettings`] is a board file: the step generator, or encoder and PWM generator, of each axis, and the
+//! pins:
 //!
 //! ```
 //! use evolvent_mesa::BoardSettings;
@@ -28,10 +28,10 @@
 //! # Ok::<(), evolvent_config::ConfigError>(())
 //! ```
 //!
-//! [`Link`] asks a board what it is ([`Description`]); [`Packet`] is the protocol. [`run`] is the bridge: one packet that reads and one
-//! that writes in each period. Whatever ends a session (packets lost, the watchdog, a board that has started again) stops the axes
-//! within their limits as far as the board hears, then the feedback, which for the core is a stop; then the board is set up again,
-//! under a new instance.
+//! [`Link`] reads the [`Description`] of a board; [`Packet`] is the protocol. [`run`] is the bridge: one
+//! packet that reads and one that writes in each period. The end of a session (packets lost, the watchdog, a
+//! board that has restarted) stops the axes within their limits as long as the board receives packets, and
+//! then the feedback, which is a stop for the core; then the board is set up again, under a new instance.
 
 mod axis;
 mod axis_set;

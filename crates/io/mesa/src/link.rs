@@ -29,7 +29,8 @@ pub enum LinkError {
     },
     /// Nobody answers.
     #[error(
-        "no board answers at {address}: check supply, cable, and that this computer has an address of the same network; boards \
+        "no board replies at {address}: check supply, cable, and that this computer has an address of the \
+         same network; boards \
          come with 192.168.1.121 or 10.10.10.10, by jumper"
     )]
     Silent {

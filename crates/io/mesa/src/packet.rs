@@ -35,7 +35,7 @@ impl Space {
 
 /// A packet or a reply has no room for what it shall carry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
-#[error("the packet is full: {MAX_PACKET} bytes are the most that one frame carries")]
+#[error("the packet is full: {MAX_PACKET} bytes are the maximum that one frame carries")]
 pub struct PacketFull;
 
 const fn command(space: Space, count: usize, is_write: bool) -> u16 {

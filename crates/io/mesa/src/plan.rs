@@ -42,7 +42,8 @@ pub enum PlanError {
     },
     /// A kind of module is missing, or has too few instances.
     #[error(
-        "the board file asks for {what} {unit}, and the firmware of this {board} has {instances}: correct the number, or write a \
+        "the board file asks for {what} {unit}, and the firmware of this {board} has {instances}: correct \
+         the number, or write a \
          bit file with more of them"
     )]
     Module {
@@ -57,7 +58,8 @@ pub enum PlanError {
     },
     /// A module that the bridge does not know how to use.
     #[error(
-        "the {what} module is of a kind that is not known (version {version}, {registers} registers, stride {stride}): the \
+        "the {what} module is of a kind that is not known (version {version}, {registers} registers, stride \
+         {stride}): the \
          firmware is newer than this software"
     )]
     Kind {
@@ -79,7 +81,7 @@ pub enum PlanError {
         unit: usize,
     },
     /// A pin that the board has not.
-    #[error("pin {pin} is none of this board, which has {pins}: correct the number")]
+    #[error("pin {pin} is not a pin of this board, which has {pins}: correct the number")]
     Pin {
         /// The pin.
         pin: usize,
@@ -87,14 +89,15 @@ pub enum PlanError {
         pins: usize,
     },
     /// A pin that is used twice.
-    #[error("pin {pin} is asked for twice: give each use its own")]
+    #[error("pin {pin} is used twice: give each use its own")]
     Taken {
         /// The pin.
         pin: usize,
     },
     /// A time that is too long.
     #[error(
-        "{what} of {time_ns} ns is more than the step generators of this board can ({most_ns:.0} ns): shorten it"
+        "{what} of {time_ns} ns is more than the step generators of this board can ({most_ns:.0} ns): \
+         shorten it"
     )]
     Time {
         /// Which.
@@ -106,7 +109,8 @@ pub enum PlanError {
     },
     /// Rounded up to clocks, the times do not allow the largest velocity.
     #[error(
-        "step generator {unit}: {needed:.0} steps/s needed, {possible:.0} possible at this board's clock: shorten its times"
+        "step generator {unit}: {needed:.0} steps/s needed, {possible:.0} possible at this board's clock: \
+         shorten its times"
     )]
     StepRate {
         /// Its number.

@@ -116,7 +116,7 @@ impl Hardware for RunSettings {
                     .map_or('?', |letter| letter.letter());
                 let what = match code {
                     EXTERNAL => "its drive reports a fault at the board's input",
-                    COMMUNICATION => "the board does not answer, or cannot be trusted",
+                    COMMUNICATION => "the board does not reply, or its data are implausible",
                     _ => "fault",
                 };
                 format!("{letter}: {code:04X}h: {what}")

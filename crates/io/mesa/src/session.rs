@@ -41,9 +41,7 @@ pub enum SessionError {
     #[error(transparent)]
     Full(#[from] PacketFull),
     /// Packets stopped coming back.
-    #[error(
-        "{packets} packets in a row did not come back in time: check cable, supply and network interface"
-    )]
+    #[error("{packets} packets in a row did not return in time: check cable, supply and network interface")]
     Lost {
         /// How many.
         packets: u32,
@@ -56,8 +54,8 @@ pub enum SessionError {
     },
     /// The watchdog of the board has taken its pins away.
     #[error(
-        "the board's watchdog has bitten: no packet came for {watchdog_ms:.0} ms; see what kept this computer from running \
-         (evolvent doctor), or allow more (watchdog_ms)"
+        "the board's watchdog has tripped: no packet arrived for {watchdog_ms:.0} ms; check what suspended \
+         this computer's processes (`evolvent doctor`), or permit more (watchdog_ms)"
     )]
     Bitten {
         /// Its time.
@@ -65,7 +63,8 @@ pub enum SessionError {
     },
     /// The board has started again, or somebody else writes to it.
     #[error(
-        "the board does not know this session any more: it has lost its supply and started again, or another program writes to it"
+        "the board no longer has this session: it has restarted after a loss of its supply, or another \
+         program writes to it"
     )]
     Restarted,
 }

@@ -1,8 +1,9 @@
 //! Many cycles in one message, column by column: channel `/cycles`.
 //!
-//! A message a cycle with plain numbers is what every reader can read, but large. Where size matters `/cycles` is the record, and
-//! `/cycle` carries only each n-th cycle, for viewers. `/cycles` has them all, to the last bit, in a quarter of the size. Jerk alone is rounded, to a single: it is
-//! not published, steps at every knot of the plan, and took half of the size.
+//! One message per cycle with plain numbers is readable for every reader, but large. If size matters,
+//! `/cycles` has all cycles, to the last bit, in a quarter of the size, and `/cycle` has only every n-th
+//! cycle, for viewers. Only jerk is rounded, to a single: it is not published, steps at every knot of the
+//! plan, and took half of the size.
 
 use crate::column::{Derivatives, Kind, PackedRef, pack, unpack};
 use crate::record::CycleRecord;
@@ -34,7 +35,7 @@ enum Quantity {
     DrivePosition = 19,
 }
 
-/// In the order in which they are written: derivatives before what they predict.
+/// In the order of writing: derivatives before the quantities that they predict.
 const ORDER: [Quantity; 16] = [
     Quantity::Jerk,
     Quantity::Acceleration,
@@ -77,7 +78,7 @@ impl Quantity {
         )
     }
 
-    /// What a column that is left out is full of.
+    /// The value of an omitted column.
     const fn absent(self) -> u64 {
         match self {
             Self::Load | Self::FollowingError | Self::DrivePosition => f64::NAN.to_bits(),
@@ -106,11 +107,11 @@ impl Quantity {
         }
     }
 
-    /// Of all cycles at once. `None` if a number does not fit.
+    /// Sets all cycles at once. `None` if a number does not fit.
     fn set_all(self, records: &mut [CycleRecord], axis: usize, values: &[u64]) -> Option<()> {
         let pairs = records.iter_mut().zip(values);
         match self {
-            // Those of which there are most, without asking which it is at every one.
+            // The most frequent quantities first, without a test per cycle.
             Self::Position => {
                 pairs.for_each(|(record, &value)| record.position[axis] = f64::from_bits(value));
             }
@@ -163,7 +164,7 @@ struct Known {
 }
 
 impl Known {
-    /// Puts a column that others are predicted by.
+    /// Stores a column that predicts others.
     fn keep(&mut self, quantity: Quantity, column: &mut Vec<u64>) {
         match quantity {
             Quantity::Jerk => std::mem::swap(&mut self.jerk, column),
@@ -188,7 +189,7 @@ impl Known {
     }
 }
 
-/// Gathers cycles that follow one another.
+/// Gathers consecutive cycles.
 #[derive(Debug)]
 pub(crate) struct Batch {
     records: Vec<CycleRecord>,
@@ -205,7 +206,7 @@ impl Batch {
         }
     }
 
-    /// Whether the batch has to go out before this cycle can be added.
+    /// Whether the batch has to be written before this cycle can be added.
     pub(crate) fn must_go_before(&self, record: &CycleRecord) -> bool {
         let Some(last) = self.records.last() else {
             return false;
@@ -294,7 +295,7 @@ pub(crate) fn cycles(message: &evolvent::Cycles, axes: &[usize]) -> Option<Vec<C
         .collect();
     let mut values = zeros();
     for column in &message.column {
-        // Quantities of a later version are passed over.
+        // Quantities of a later version are skipped.
         let Some(quantity) = ORDER.into_iter().find(|known| *known as u32 == column.field) else {
             continue;
         };

@@ -4,10 +4,10 @@
 //! universal noiseless coding techniques", JPL 79-22, 1979): its upper part in unary, its lower `k` bits as they are.
 //! `k` follows the mean of the numbers before, which both sides know. A number far above the mean goes out whole.
 
-/// An upper part from here on goes out as that many ones, a length of six bits and the number itself.
+/// An upper part from here on is written as that many ones, a length of six bits and the number itself.
 const ESCAPE: u32 = 20;
 
-/// Follows the mean of the numbers, and says how many low bits to take as they are.
+/// Follows the mean of the numbers, and gives the number of low bits that are written unchanged.
 #[derive(Clone, Copy, Debug, Default)]
 struct Mean {
     /// Sixteen times the mean.
@@ -69,7 +69,7 @@ impl BitWriter {
         self.mean.see(value, low_bits);
     }
 
-    /// All that was written, the last byte filled up with zeros.
+    /// All bytes written, the last padded with zeros.
     pub(crate) fn finish(mut self) -> Vec<u8> {
         if self.filled > 0 {
             self.bytes.push(self.open as u8);

@@ -1,5 +1,5 @@
-//! Metadata with a checksum of its own: the format guards chunks and attachments, but not metadata, and a flipped bit
-//! in a period or an axis letter gives wrong figures.
+//! Metadata with their own checksum: the format protects chunks and attachments, but not metadata, and a
+//! flipped bit in a period or an axis letter gives wrong figures.
 
 use std::collections::BTreeMap;
 
@@ -26,7 +26,7 @@ pub(crate) fn with_checksum(mut map: BTreeMap<String, String>) -> BTreeMap<Strin
     map
 }
 
-/// Takes the checksum off; `None` if it is missing or does not fit.
+/// Removes the checksum; `None` if it is missing or wrong.
 pub(crate) fn without_checksum(mut map: BTreeMap<String, String>) -> Option<BTreeMap<String, String>> {
     let found = map.remove(KEY)?;
     (found == checksum(&map)).then_some(map)

@@ -1,4 +1,4 @@
-//! The records of a chunk, with its checksum verified before the first is given.
+//! The records of a chunk, with its checksum verified before the first is returned.
 
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -10,7 +10,7 @@ pub(crate) const MAX_CHUNK_BYTES: u64 = 256 * 1024 * 1024;
 /// The content of a chunk record but for the compression's name and the data.
 const CHUNK_HEADER_BYTES: u64 = 8 + 8 + 8 + 4 + 4 + 8;
 
-/// A chunk does not match its checksum, or what is in it is no sequence of records.
+/// A chunk does not match its checksum, or its content is not a sequence of records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Damaged;
 
@@ -33,7 +33,7 @@ impl ChunkRecords {
     /// Of a whole chunk record, opcode and length included.
     ///
     /// # Errors
-    /// It is no chunk record.
+    /// It is not a chunk record.
     pub(crate) fn new(record: &[u8]) -> Result<Self, Damaged> {
         let (opcode, content) = whole_record(record).ok_or(Damaged)?;
         let Some(Record::Chunk { header, data }) = parse(opcode, content) else {
@@ -98,7 +98,8 @@ pub(crate) fn whole_record(bytes: &[u8]) -> Option<(u8, &[u8])> {
     rest.is_empty().then_some((opcode, content))
 }
 
-/// A record by the crate. `None` for attachments too, at which the crate panics where they end within their checksum.
+/// A record decoded by the crate. `None` for attachments too, on which the crate panics if they end within
+/// their checksum.
 pub(crate) fn parse(opcode: u8, content: &[u8]) -> Option<Record<'_>> {
     if opcode == op::ATTACHMENT {
         return None;
@@ -163,7 +164,7 @@ mod tests {
             let read = ChunkRecords::new(&bad).and_then(|mut chunk| chunk.next().map(|_| ()));
             assert_eq!(read, Err(Damaged), "byte {at}");
         }
-        // "Not computed" is no checksum.
+        // "Not computed" is not a checksum.
         let mut unchecked = good.clone();
         unchecked[33..37].fill(0);
         assert!(ChunkRecords::new(&unchecked).is_err());

@@ -1,12 +1,12 @@
-//! One quantity over many cycles: predicted from what came before, the rest as few bits.
+//! One quantity over many cycles: predicted from the previous values, with the residual in few bits.
 //!
-//! What a motion does next is nearly known: a position goes on as velocity, acceleration and jerk say. What a
-//! prediction leaves is a few units in the last place, whatever the number's size, and that is all that is written.
-//! Nothing is rounded here: the prediction is made again by the reader, from the same bits with the same operations of IEEE
-//! 754 in the same order, and the rest added, as integers.
+//! The next value of a motion is almost known: a position continues as velocity, acceleration and jerk say.
+//! The residual of the prediction is a few units in the last place, for any magnitude, and only the residual
+//! is written. Nothing is rounded here: the reader repeats the prediction, from the same bits with the same
+//! IEEE 754 operations in the same order, and adds the residual, as integers.
 //!
-//! Predictions: the polynomial through the last `n` values (orders 0 to 5), or the integral of the derivatives, which
-//! stand in columns of their own that are read before, by the Euler-Maclaurin formula.
+//! Predictions: the polynomial through the last `n` values (orders 0 to 5), or the integral of the
+//! derivatives, which have their own columns, read before, by the Euler-Maclaurin formula.
 
 use crate::bits::{BitReader, BitWriter, folded, unfolded};
 
@@ -15,10 +15,10 @@ pub(crate) const MAX_ORDER: u32 = 5;
 /// The prediction by derivatives.
 pub(crate) const BY_DERIVATIVES: u32 = 6;
 
-/// What a column holds.
+/// The type of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// Whole numbers, as `i64`.
+    /// Integers, as `i64`.
     Whole,
     /// Doubles, as their bits.
     Double,
@@ -38,7 +38,7 @@ pub(crate) struct Derivatives<'a> {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Packed {
     pub(crate) predictor: u32,
-    /// How many values have a rest that is written; the others are as predicted.
+    /// Number of values with a written residual; the others are as predicted.
     pub(crate) coded: u32,
     pub(crate) rests: Vec<u8>,
 }
@@ -74,8 +74,8 @@ fn ordered_single(bits: u32) -> i32 {
     bits ^ ((bits >> 31) as u32 >> 1) as i32
 }
 
-/// The polynomial of `order` through the last values, newest last, at the next step. What has not come yet is
-/// left out of the order.
+/// The polynomial of `order` through the last values, newest last, at the next step. If fewer values exist,
+/// the order is reduced.
 #[inline(always)]
 fn polynomial(past: &[u64], order: u32) -> f64 {
     let n = past.len();
@@ -106,7 +106,7 @@ fn integral(past: &[u64], derivatives: &Derivatives<'_>) -> f64 {
     }
 }
 
-/// What the next value would be, as an ordered integer. Inlined, so that what is constant is decided once a column.
+/// The predicted next value, as an ordered integer. Inlined, so that constants are evaluated once per column.
 #[inline(always)]
 fn predicted(kind: Kind, predictor: u32, past: &[u64], derivatives: Option<&Derivatives<'_>>) -> i64 {
     match kind {
@@ -120,7 +120,7 @@ fn predicted(kind: Kind, predictor: u32, past: &[u64], derivatives: Option<&Deri
                 Some(derivatives) if predictor == BY_DERIVATIVES => integral(past, derivatives),
                 _ => polynomial(past, predictor),
             };
-            // What is no number has no bits that two computers agree on.
+            // A value that is not a number has no bits that two computers agree on.
             let bits = if value.is_finite() {
                 value.to_bits()
             } else {
@@ -145,12 +145,12 @@ fn from_integer(kind: Kind, whole: i64) -> u64 {
     match kind {
         Kind::Whole => whole as u64,
         Kind::Double => ordered(whole as u64) as u64,
-        // What is written fits; a damaged number is cut.
+        // A written value fits; a damaged one is truncated.
         Kind::Single => f64::from(f32::from_bits(ordered_single(whole as u32) as u32)).to_bits(),
     }
 }
 
-/// Packs a column in the way that takes least.
+/// Packs a column with the smallest encoding.
 pub(crate) fn pack(kind: Kind, values: &[u64], derivatives: Option<&Derivatives<'_>>) -> Packed {
     let changes = values.windows(2).any(|pair| pair[0] != pair[1]);
     let orders = match (kind, changes) {
@@ -210,7 +210,7 @@ pub(crate) fn unpack(
     }
     let mut reader = BitReader::new(packed.rests);
     values.reserve(count);
-    // One loop for each way of predicting, in which nothing is left to decide.
+    // One loop per predictor, without decisions inside.
     macro_rules! fill {
         ($kind:expr, $predictor:expr, $derivatives:expr) => {
             for n in 0..count {
@@ -315,7 +315,7 @@ mod tests {
         let constant = bits(&[std::f64::consts::PI; 1000]);
         let packed = check(Kind::Double, &constant, None);
         assert!(packed.coded == 1 && packed.rests.len() < 13, "{packed:?}");
-        // Exact quadratics in exact arithmetic: the third order leaves nothing.
+        // Exact quadratics in exact arithmetic: the third order leaves no residual.
         let quadratic: Vec<f64> = (0..1000).map(|n| f64::from(n * n) * 0.25).collect();
         let packed = check(Kind::Double, &bits(&quadratic), None);
         assert!(packed.coded <= 3, "{} coded", packed.coded);

@@ -24,8 +24,8 @@ pub(crate) const CHUNK_BYTES: usize = 512 * 1024;
 const ZSTD_LEVEL: u32 = 1;
 /// Opcode, length and header of a message.
 const MESSAGE_OVERHEAD_BYTES: usize = 9 + 22;
-/// A writer of the crate is replaced after this many chunks, a minute's at four a second: until then it holds an index
-/// of each, some 350 bytes.
+/// A writer of the crate is replaced after this many chunks, a minute's at four per second: until then it
+/// keeps an index of each, some 350 bytes.
 const SECTION_CHUNKS: u32 = 256;
 /// Attachments are copied in pieces of this size.
 const PIECE_BYTES: usize = 256 * 1024;
@@ -53,7 +53,7 @@ impl Memory {
         self.lock().discards = discards;
     }
 
-    /// Position in the file of what is encoded next.
+    /// Position in the file of the next encoded byte.
     fn position(&self) -> u64 {
         let encoded = self.lock();
         encoded.start + encoded.bytes.len() as u64
@@ -80,7 +80,7 @@ impl Write for Memory {
     }
 }
 
-/// Tells positions in the file, not in the section, so that the crate's indexes are those of the file.
+/// Reports positions in the file, not in the section, so that the crate's indexes are those of the file.
 impl Seek for Memory {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         match to {
@@ -108,7 +108,7 @@ pub(crate) struct Container {
     summary: Summary,
     /// An error of the crate that the next close of a chunk reports.
     deferred: Option<io::Error>,
-    /// From here on the capacity that was reserved for the end may be used.
+    /// From here on the capacity reserved for the end may be used.
     ending: bool,
 }
 
@@ -175,7 +175,7 @@ impl Container {
         self.open_bytes >= CHUNK_BYTES
     }
 
-    /// Declares a schema; the first of a number counts.
+    /// Declares a schema; the first with a number applies.
     pub(crate) fn schema(&mut self, id: u16, name: &str, encoding: &str, data: &[u8]) {
         if self.summary.add_schema(id, name, encoding, data)
             && let Some(section) = &mut self.section
@@ -212,7 +212,7 @@ impl Container {
         self.summary.schemas().contains_key(&id)
     }
 
-    /// Declares a channel; the first of a number counts.
+    /// Declares a channel; the first with a number applies.
     pub(crate) fn channel(&mut self, channel: mcap::records::Channel) {
         if let (Some(channel), Some(section)) = (self.summary.add_channel(channel), &mut self.section) {
             let added = add_channel(section, channel);
@@ -258,7 +258,7 @@ impl Container {
         section.map_err(io_error)
     }
 
-    /// Ends a writer of the crate, discards what it writes then and gives its indexes.
+    /// Ends a writer of the crate, discards its output and returns its indexes.
     fn close_section(&self, mut section: Section) -> io::Result<mcap::Summary> {
         self.memory.discard(true);
         let summary = section.finish();
@@ -273,7 +273,7 @@ impl Container {
         }
     }
 
-    /// What summary and footer will take, at most.
+    /// Maximum size of summary and footer.
     fn reserve_for_end(&self) -> u64 {
         if self.ending {
             0
@@ -306,7 +306,7 @@ impl Container {
         section.flush().map_err(io_error)?;
         self.append_encoded()?;
         self.position = self.memory.position();
-        // Only now: the summary is of what is in the file.
+        // Only now: the summary describes what is in the file.
         self.summary.count_messages(&self.open_counts, self.open_times);
         self.forget_chunk();
         self.section_chunks += 1;
@@ -412,11 +412,11 @@ impl Container {
         self.sink.sync()
     }
 
-    /// After a failed write: cuts off what it left incomplete, and drops the open chunk. All that can follow is
-    /// metadata and the end.
+    /// After a failed write: truncates its incomplete output, and drops the open chunk. Only metadata and the
+    /// end can follow.
     ///
     /// # Errors
-    /// The sink cannot be cut, or the indexes of the chunks are lost: the file needs a recovery.
+    /// The sink cannot be truncated, or the indexes of the chunks are lost: the file needs a recovery.
     pub(crate) fn cut_back(&mut self) -> io::Result<()> {
         self.ending = true;
         let ended = self.end_section();
@@ -459,7 +459,7 @@ fn add_channel(section: &mut Section, channel: &mcap::records::Channel) -> io::R
     added.map(drop).map_err(io_error)
 }
 
-/// The cause where it is one of the operating system, else the crate's words.
+/// The cause if it is one of the operating system, otherwise the crate's message.
 fn io_error(error: McapError) -> io::Error {
     match error {
         McapError::Io(error) => error,

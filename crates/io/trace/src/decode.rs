@@ -1,4 +1,4 @@
-//! Messages as records: what a channel's protobuf says.
+//! Messages as records: decoding of a channel's protobuf.
 
 use std::collections::BTreeMap;
 use std::collections::VecDeque;
@@ -10,7 +10,7 @@ use crate::reader::TraceMessage;
 use crate::record::{BlockKind, BlockRecord, CycleRecord, EventKind, EventRecord};
 use crate::schema::{Channel, evolvent, time_ns};
 
-/// What a message holds.
+/// The content of a message.
 #[expect(
     clippy::large_enum_variant,
     reason = "it lives for the moment of being looked at"
@@ -23,13 +23,13 @@ pub(crate) enum Decoded {
 /// Why a message is not decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Undecoded {
-    /// It is no message of its channel.
+    /// It is not a message of its channel.
     Damaged,
-    /// It needs the axes, which the trace does not say.
+    /// It needs the axes, which the trace does not have.
     NoAxes,
 }
 
-/// Knows a trace's channels and axes.
+/// The channels and axes of a trace.
 #[derive(Clone, Debug)]
 pub(crate) struct Decoder {
     /// The axes that cycles carry, in their order. `None` where what was run is lost.
@@ -40,7 +40,7 @@ pub(crate) struct Decoder {
 }
 
 impl Decoder {
-    /// The number of a channel; one that no channel has where there is none.
+    /// The number of a channel; if there is none, a number that no channel has.
     pub(crate) fn number_of(&self, channel: Channel) -> u16 {
         self.topics
             .iter()
@@ -95,7 +95,7 @@ pub(crate) fn cycle(message: &evolvent::Cycle, axes: &[usize]) -> Option<CycleRe
             nine
         })
     };
-    // Of no axis where it is left out, and never of an axis that there is not.
+    // NaN on every axis if it is omitted, and never a value for an axis that does not exist.
     let known = |values: &[f64]| {
         let mut nine = [f64::NAN; 9];
         if !values.is_empty() {
@@ -140,7 +140,7 @@ fn event(message: evolvent::Event) -> Option<EventRecord> {
 
 fn event_kind(number: i32) -> Option<EventKind> {
     let known = EventKind::ALL.into_iter().find(|kind| *kind as i32 == number);
-    // Numbers are given in their order: one above all is of a later version.
+    // Numbers are assigned in order: one above all is of a later version.
     known.or((number > EventKind::ALL.len() as i32).then_some(EventKind::Later))
 }
 

@@ -21,7 +21,7 @@ fn put_number(out: &mut Vec<u8>, field: u8, value: u64) {
 }
 
 fn put_double(out: &mut Vec<u8>, field: u8, value: f64) {
-    // Negative zero is not left out: the bits must survive.
+    // Negative zero is not omitted: the bits must survive.
     if value.to_bits() != 0 {
         out.push(field << 3 | FIXED64);
         out.extend_from_slice(&value.to_le_bytes());
@@ -174,7 +174,7 @@ mod tests {
                 line: number() as u32,
                 state: number() as u8,
                 flags: number() as u32,
-                // prost leaves out a negative zero, which would lose its sign.
+                // prost omits a negative zero, which would lose its sign.
                 override_: f64::from_bits(number() | 1),
                 load: if round % 3 == 0 {
                     f64::NAN

@@ -1,9 +1,9 @@
-//! A histogram of times that costs a few nanoseconds a value and no allocation.
+//! A histogram of times that costs a few nanoseconds per value and no allocation.
 
 /// Sub-buckets per power of two: values within one bucket differ by less than 1/16.
 const SUB_BITS: u32 = 4;
 const SUB: usize = 1 << SUB_BITS;
-/// Values up to 2⁴⁰ ns, eighteen minutes, are distinguished; greater ones share the last bucket.
+/// Values up to 2⁴⁰ ns, eighteen minutes, are distinguished; larger ones share the last bucket.
 const MAX_BITS: u32 = 40;
 const BUCKETS: usize = (MAX_BITS - SUB_BITS + 1) as usize * SUB;
 
@@ -63,7 +63,7 @@ fn bucket_of(ns: u64) -> usize {
     (top - SUB_BITS + 1) as usize * SUB + sub
 }
 
-/// The greatest value of a bucket.
+/// The largest value of a bucket.
 fn upper_ns(bucket: usize) -> u64 {
     if bucket < SUB {
         return bucket as u64;
@@ -102,19 +102,19 @@ impl Histogram {
         self.sum_ns = 0;
     }
 
-    /// How many times have been counted.
+    /// Number of times counted.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.total
     }
 
-    /// The least time, ns; 0 if there is none.
+    /// The minimum, ns; 0 if there is none.
     #[must_use]
     pub fn min_ns(&self) -> i64 {
         if self.total == 0 { 0 } else { self.min_ns }
     }
 
-    /// The greatest time, ns; 0 if there is none.
+    /// The maximum, ns; 0 if there is none.
     #[must_use]
     pub fn max_ns(&self) -> i64 {
         if self.total == 0 { 0 } else { self.max_ns }
@@ -126,7 +126,7 @@ impl Histogram {
         i64::try_from(self.sum_ns).unwrap_or(if self.sum_ns < 0 { i64::MIN } else { i64::MAX })
     }
 
-    /// The time that `percent` of all do not exceed, ns, at most 1/16 too great; 0 if there is none.
+    /// The time that `percent` of all do not exceed, ns, too large by at most 1/16; 0 if there is none.
     #[must_use]
     pub fn percentile_ns(&self, percent: f64) -> i64 {
         if self.total == 0 {

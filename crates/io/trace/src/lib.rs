@@ -1,7 +1,7 @@
-//! Traces: every cycle of a run in one MCAP file that can be read for years, and by others.
+//! Traces: every cycle of a run in one MCAP file that can be read for years, and by other programs.
 //!
-//! In go the cycles, events and blocks of a run, with what was run; out comes a file from which the run can be computed again,
-//! and which Foxglove, Rerun and readers of MCAP in any language open.
+//! The input is the cycles, events and blocks of a run, with its program and machine; the output is a file
+//! from which the run can be recomputed, and which Foxglove, Rerun and MCAP readers in any language open.
 //!
 //! ```
 //! use evolvent_path::AxisLetter;

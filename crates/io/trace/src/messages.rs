@@ -12,7 +12,7 @@ use crate::reader::{Source, TraceMessage};
 use crate::record::CycleRecord;
 use crate::schema::Channel;
 
-/// Goes through the messages of a trace, chunk by chunk. Ends after an error.
+/// Iterates over the messages of a trace, chunk by chunk. Ends after an error.
 #[derive(Debug)]
 pub struct Messages<'a> {
     source: &'a mut Source,
@@ -22,7 +22,7 @@ pub struct Messages<'a> {
     only: Option<u16>,
     /// Chunks outside need not be read.
     span_ns: (u64, u64),
-    /// How far the cycles of a batch reach beyond the time of its message.
+    /// By how much the cycles of a batch extend beyond the time of its message.
     longest_ns: u64,
     /// The open chunk and its offset in the file, for errors.
     chunk: Option<ChunkRecords>,

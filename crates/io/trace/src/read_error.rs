@@ -1,4 +1,4 @@
-//! Why a trace cannot be read, and what to do then.
+//! Why a trace cannot be read, and the remedy.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -16,26 +16,27 @@ pub enum ReadError {
         /// Why.
         source: io::Error,
     },
-    /// No MCAP file.
-    #[error("{} is no trace: {}; give a file written by `evolvent run` or `evolvent serve`", .path.display(), no_trace(*.bytes))]
+    /// Not an MCAP file.
+    #[error("{} is not a trace: {}; give a file written by `evolvent run` or `evolvent serve`", .path.display(), no_trace(*.bytes))]
     NotATrace {
         /// The file.
         path: PathBuf,
         /// Its size.
         bytes: u64,
     },
-    /// The file has no end: it is still being written or torn.
+    /// The file has no end: it is still being written or truncated.
     #[error(
-        "{} has no end: it is still being written, or torn; if it is torn, run `evolvent trace recover` on it",
+        "{} has no end: it is still being written, or truncated; if it is truncated, run `evolvent trace \
+         recover` on it",
         .path.display()
     )]
     Unfinished {
         /// The file.
         path: PathBuf,
     },
-    /// Something in the file is not as it was written.
+    /// A part of the file is damaged.
     #[error(
-        "{} is damaged at byte {offset}: {what}; save what is whole with `evolvent trace recover`", .path.display()
+        "{} is damaged at byte {offset}: {what}; save the intact part with `evolvent trace recover`", .path.display()
     )]
     Damaged {
         /// The file.
@@ -45,9 +46,10 @@ pub enum ReadError {
         /// What is damaged.
         what: &'static str,
     },
-    /// An MCAP file of something else, or one whose description was lost.
+    /// An MCAP file of another program, or one whose description was lost.
     #[error(
-        "{} does not say what was run: its metadata `evolvent.run` is missing; it is another program's, or was lost before it \
+        "{} does not say what was run: its metadata `evolvent.run` is missing; it is another program's, or \
+         was lost before it \
          was recovered: take another copy", .path.display()
     )]
     NoRun {
@@ -79,11 +81,11 @@ pub(crate) fn is_wrong_name(source: &io::Error) -> bool {
 fn no_trace(bytes: u64) -> &'static str {
     match bytes {
         0 => "it is empty",
-        _ => "it does not begin as an MCAP file",
+        _ => "it does not start as an MCAP file",
     }
 }
 
-/// What is wrong with a file that cannot be opened or read, and what to do.
+/// Why a file cannot be opened or read, and the remedy.
 pub(crate) fn unreadable(path: &Path, source: &io::Error) -> String {
     let name = path.display();
     let part = part_path(path);
@@ -91,20 +93,19 @@ pub(crate) fn unreadable(path: &Path, source: &io::Error) -> String {
         io::ErrorKind::NotFound if part.exists() => {
             let part = part.display();
             format!(
-                "{name} is not there, but {part} is: its run goes on, or was broken off; end the run, or save what was \
-                 written with `evolvent trace recover {part}`"
+                "{name} is not there, but {part} is: its run continues, or was aborted; end the run, or \
+                 save the recorded part with `evolvent trace recover {part}`"
             )
         }
         io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => format!(
-            "{name} is not there; check the name: runs write traces/PROGRAM-TIME.mcap in the folder where they were \
+            "{name} is not there; check the name: runs write traces/PROGRAM-TIME.mcap in the folder where \
+             they were \
              started, unless --trace says otherwise"
         ),
         io::ErrorKind::IsADirectory => format!("{name} is a folder; name one of the traces in it"),
         io::ErrorKind::PermissionDenied => {
             format!("{name} may not be read by you: {source}; ask its owner to make it readable, or copy it")
         }
-        _ => format!(
-            "{name} cannot be read: {source}; look after the disk or the network it lies on, and try again"
-        ),
+        _ => format!("{name} cannot be read: {source}; check its disk or network, and try again"),
     }
 }

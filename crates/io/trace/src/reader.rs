@@ -111,14 +111,14 @@ impl Source {
         }
     }
 
-    /// The error of a trace that does not say what was run.
+    /// The error of a trace without a description of the run.
     pub(crate) fn no_run(&self) -> ReadError {
         ReadError::NoRun {
             path: self.path.clone(),
         }
     }
 
-    /// Reads `length` bytes; `what` they are is for the error of a file that has not as many.
+    /// Reads `length` bytes; `what` names them in the error of a file that is too short.
     pub(crate) fn read(
         &mut self,
         offset: u64,
@@ -163,7 +163,7 @@ impl TraceFile {
         parts.assemble(source)
     }
 
-    /// What the trace holds.
+    /// The contents of the trace.
     #[must_use]
     pub fn info(&self) -> &TraceInfo {
         &self.info
@@ -185,8 +185,8 @@ impl TraceFile {
         }
     }
 
-    /// All messages in the order in which they were written; cycles come in batches, so an event may come before its
-    /// cycle. Each cycle comes once, whole, though viewers find it in two channels.
+    /// All messages in the order of writing. Cycles come in batches, so an event may precede its cycle. Each
+    /// cycle is returned once, complete, although viewers find it in two channels.
     pub fn messages(&mut self) -> Messages<'_> {
         self.messages_of(None)
     }
@@ -210,8 +210,8 @@ impl TraceFile {
         self.cycles_between(0, u64::MAX)
     }
 
-    /// The cycles that were due from the first time to the last, both included, Unix time in ns. Chunks that hold none
-    /// are not read.
+    /// The cycles that were due from the first time to the last, both included, Unix time in ns. Chunks
+    /// without such cycles are not read.
     pub fn cycles_between(
         &mut self,
         first_ns: u64,
@@ -228,11 +228,11 @@ impl TraceFile {
             })
     }
 
-    /// Shows every cycle that was due from the first time to the last, both included, to `see`, in order and without
-    /// a copy: faster than [`Self::cycles_between`]. Ends early where `see` says so.
+    /// Passes every cycle that was due from the first time to the last, both included, to `see`, in order and
+    /// without a copy: faster than [`Self::cycles_between`]. Ends early if `see` requests it.
     ///
     /// # Errors
-    /// [`ReadError`]; what is whole has been seen by then. And what `see` fails with.
+    /// [`ReadError`], after the intact part has been passed; and the errors of `see`.
     pub fn each_cycle<E: From<ReadError>>(
         &mut self,
         first_ns: u64,
@@ -272,7 +272,7 @@ impl TraceFile {
     }
 }
 
-/// The records of the summary section, held against its checksum, and their position.
+/// The records of the summary section, verified by its checksum, and their position.
 fn summary(source: &mut Source) -> Result<(u64, Vec<u8>), ReadError> {
     let magic = MAGIC.len() as u64;
     if source.length < magic || source.read(0, magic, "its first bytes")? != MAGIC {
@@ -311,7 +311,7 @@ fn summary(source: &mut Source) -> Result<(u64, Vec<u8>), ReadError> {
     Ok((start, bytes))
 }
 
-/// What the summary section holds.
+/// The contents of the summary section.
 #[derive(Debug, Default)]
 struct Parts {
     schemas: BTreeMap<u16, String>,
@@ -420,7 +420,7 @@ impl Parts {
     }
 }
 
-/// The data of an attachment record, if it fits its checksum.
+/// The data of an attachment record, if it matches its checksum.
 fn attachment_data(record: &[u8]) -> Option<&[u8]> {
     let (op::ATTACHMENT, content) = whole_record(record)? else {
         return None;

@@ -14,7 +14,7 @@ pub struct CycleRecord {
     pub due_time_ns: u64,
     /// How late the cycle woke up, ns; negative if early.
     pub wake_lateness_ns: i64,
-    /// How long the cycle's own work took, ns.
+    /// Own work of the cycle, ns.
     pub work_ns: u32,
     /// Length of path travelled since the start of the run, mm.
     pub path_mm: f64,
@@ -30,7 +30,7 @@ pub struct CycleRecord {
     pub jerk: [f64; AXES],
     /// Line of the program that the setpoint belongs to, from 1; 0 if none.
     pub line: u32,
-    /// What the cycle was doing: the number of the state on the bus.
+    /// State of the cycle: the number on the bus.
     pub state: u8,
     /// Bits as on the bus.
     pub flags: u32,
@@ -38,36 +38,36 @@ pub struct CycleRecord {
     pub override_: f64,
     /// Cutting load in the unit of its sensor; NaN without a sensor.
     pub load: f64,
-    /// What came in from outside at this cycle: bits of [`inputs`].
+    /// Inputs of this cycle: bits of [`inputs`].
     pub inputs: u32,
-    /// Commanded less actual position per axis as measured last, mm, degrees; NaN without feedback.
+    /// Commanded minus actual position per axis as last measured, mm, degrees; NaN without feedback.
     pub following_error: [f64; AXES],
-    /// Position per axis as the drives were sent it, corrected for the errors of the machine, mm, degrees; NaN where nothing is
-    /// corrected.
+    /// Position per axis as sent to the drives, corrected for the errors of the machine, mm, degrees; NaN if
+    /// nothing is corrected.
     pub drive_position: [f64; AXES],
 }
 
-/// Bits of [`CycleRecord::inputs`]. With the override they are all that a run depends on beside program and machine.
+/// Bits of [`CycleRecord::inputs`]. A run depends only on these, the override, program and machine.
 pub mod inputs {
-    /// A feed hold was asked for.
+    /// A feed hold was requested.
     pub const HOLD: u32 = 1;
-    /// A stop was asked for.
+    /// A stop was requested.
     pub const STOP: u32 = 2;
-    /// Going on after a program stop was asked for.
+    /// A resume after a program stop was requested.
     pub const RESUME: u32 = 4;
-    /// The planner had not finished what the cycle looked for: it stood, or drove on as planned before.
+    /// The planner had not finished what the cycle needed: it stood still, or continued the previous plan.
     pub const WAITED: u32 = 8;
-    /// The planner's answer to a hold or another override came to nothing.
+    /// The planner's answer to a hold or another override was discarded.
     pub const REFUSED: u32 = 16;
-    /// A new reading of the cutting load had come: [`load`](super::CycleRecord::load).
+    /// A new reading of the cutting load had arrived: [`load`](super::CycleRecord::load).
     pub const LOAD: u32 = 32;
-    /// The load stood at the end of its sensor's range.
+    /// The load was at the end of its sensor's range.
     pub const LOAD_AT_END: u32 = 64;
-    /// Of a served machine: the setpoint is of a job along a plan.
+    /// Served machine: the setpoint belongs to a job along a plan.
     pub const FOLLOWS: u32 = 128;
-    /// Of a served machine: the setpoint is of a jog or of homing.
+    /// Served machine: the setpoint belongs to a jog or to homing.
     pub const STEERS: u32 = 256;
-    /// Of a served machine: at rest, the axes got other coordinates, or were moved without power.
+    /// Served machine: at rest, the axes received other coordinates, or were moved without power.
     pub const RELOCATED: u32 = 512;
 }
 
@@ -96,7 +96,7 @@ impl Default for CycleRecord {
     }
 }
 
-/// What an event is about. The numbers are those of the trace.
+/// Kind of an event. The numbers are those of the trace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum EventKind {
@@ -104,36 +104,38 @@ pub enum EventKind {
     State = 1,
     /// A fault; the code is its stable number.
     Alarm = 2,
-    /// A command as received from outside.
+    /// A command that was received.
     Command = 3,
     /// A new feed override; the value is the factor.
     Override = 4,
-    /// A feed hold was asked for.
+    /// A feed hold was requested.
     Hold = 5,
     /// Motion was resumed.
     Resume = 6,
-    /// The planner had not finished the next stretch; the machine ran slower than it could.
+    /// The planner had not finished the next part of the path; the machine was slower than possible.
     Starvation = 7,
-    /// Setpoints left late.
+    /// Setpoints were late.
     Late = 8,
     /// Records were lost because their queue was full; the value is their number.
     Loss = 9,
     /// A message of the program, `(MSG,...)`.
     Message = 10,
-    /// A stop was asked for.
+    /// A stop was requested.
     Stop = 11,
     /// A warning that did not stop motion; the code is its stable number.
     Warning = 12,
-    /// A job of a served machine began, or a jog was turned over; the code is the job's number, the text what it begins with.
+    /// A job of a served machine started, or a jog was replaced; the code is the job's number, the text its
+    /// initial state.
     Job = 13,
-    /// The planner of a job read on with other switches, ahead of the machine; the code is the job's number, the text from
-    /// which command on and how they stand.
+    /// The planner of a job continued to read with other switches, ahead of the machine; the code is the
+    /// job's number, the text the command from which they apply, and their states.
     Switched = 14,
-    /// An input changed; the code is its number, 64 more of an analog one, the value what it is, none while it is not known.
+    /// An input changed; the code is its number, plus 64 for an analog one, the value is its value, none
+    /// while it is unknown.
     Input = 15,
-    /// An output changed; likewise.
+    /// An output changed; the same.
     Output = 16,
-    /// Of a kind that a later version recorded: its text tells what it is about. Readers give it, nobody records it.
+    /// A kind that a later version recorded: its text describes it. Only readers return it.
     Later = 255,
 }
 
@@ -159,12 +161,12 @@ impl EventKind {
     ];
 }
 
-/// Something that came in from outside or went wrong, channel `/event`.
+/// An input or a fault, channel `/event`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EventRecord {
     /// When it took effect, Unix time in ns.
     pub time_ns: u64,
-    /// The cycle where it took effect.
+    /// The cycle in which it took effect.
     pub sequence: u64,
     /// What it is about.
     pub kind: EventKind,
@@ -172,7 +174,7 @@ pub struct EventRecord {
     pub code: u32,
     /// For the operator.
     pub text: String,
-    /// The number that came in (an override factor, a count), so that a run can be computed again.
+    /// The value (an override factor, a count), so that a run can be recomputed.
     pub value: Option<f64>,
 }
 

@@ -42,13 +42,14 @@ pub enum RecordError {
         part: PathBuf,
     },
     /// The name is that of a folder.
-    #[error("{} is a folder, and a trace is one file: name it, as in {}", .path.display(), .path.join("session.mcap").display())]
+    #[error("{} is a folder, and a trace is one file: name it, as in \
+     {}", .path.display(), .path.join("session.mcap").display())]
     Folder {
         /// As it was given.
         path: PathBuf,
     },
     /// The file cannot be created.
-    #[error("the trace {} cannot be created: {source}; choose another place with --trace", .path.display())]
+    #[error("the trace {} cannot be created: {source}; choose another file with --trace", .path.display())]
     Create {
         /// The part file.
         path: PathBuf,
@@ -65,7 +66,7 @@ pub enum RecordError {
     },
     /// The disk is full.
     #[error(
-        "no room left for the trace {} after {bytes} bytes: {source}; free some or choose another disk \
+        "no space left for the trace {} after {bytes} bytes: {source}; free some or choose another disk \
          with --trace; {remains}", .path.display()
     )]
     DiskFull {

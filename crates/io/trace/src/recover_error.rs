@@ -31,7 +31,7 @@ pub enum RecoverError {
         bytes: u64,
     },
     /// The recovered file cannot be written.
-    #[error("{} cannot be written: {source}; free some room or name another place with -o", .path.display())]
+    #[error("{} cannot be written: {source}; free some space or name another file with -o", .path.display())]
     Write {
         /// The file.
         path: PathBuf,
@@ -61,12 +61,12 @@ fn nothing_left(path: &Path, bytes: u64) -> String {
     let name = path.display();
     if is_part(path) {
         return format!(
-            "{name} has {bytes} bytes, but they do not begin as a trace: the run was broken off before anything was \
-             written; there is nothing to recover, remove it"
+            "{name} has {bytes} bytes, but they do not start as a trace: the run was aborted before \
+             anything was written; there is nothing to recover, remove it"
         );
     }
     format!(
-        "{name} is no trace: its {bytes} bytes do not begin as an MCAP file; name a torn trace, such as the NAME.mcap.part \
-         that a broken run leaves"
+        "{name} is no trace: its {bytes} bytes do not start as an MCAP file; name a truncated trace, such \
+         as the NAME.mcap.part of an aborted run"
     )
 }

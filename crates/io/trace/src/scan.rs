@@ -1,4 +1,4 @@
-//! Looks for records in a file that may be torn or damaged anywhere.
+//! Searches records in a file that may be truncated or damaged anywhere.
 
 use std::fs::File;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
@@ -7,7 +7,7 @@ use mcap::records::op;
 
 use crate::chunk::RECORD_HEAD;
 
-/// The compression's name in a chunk record, with its length: what a chunk is known by.
+/// The compression's name in a chunk record, with its length: the mark of a chunk.
 const MARK: &[u8] = b"\x04\0\0\0zstd";
 /// What is before the compression's name in a chunk record: head, two times, size, checksum.
 const BEFORE_COMPRESSION: usize = RECORD_HEAD + 8 + 8 + 8 + 4;
@@ -28,7 +28,7 @@ impl Scan {
         Ok(bytes)
     }
 
-    /// Opcode and content's length of the record at `offset`, if one can be there.
+    /// Opcode and content length of the record at `offset`, if one can be there.
     pub(crate) fn head(&mut self, offset: u64) -> io::Result<Option<(u8, u64)>> {
         if self.length.saturating_sub(offset) < RECORD_HEAD as u64 {
             return Ok(None);
@@ -42,7 +42,7 @@ impl Scan {
         Ok(((op::HEADER..=op::DATA_END).contains(&opcode) && length <= rest).then_some((opcode, length)))
     }
 
-    /// The next position from `offset` on where a chunk may begin: known by the name of its compression.
+    /// The next position from `offset` on at which a chunk may start, by the name of its compression.
     pub(crate) fn next_chunk(&mut self, offset: u64) -> io::Result<Option<u64>> {
         let mut from = offset + BEFORE_COMPRESSION as u64;
         while from + MARK.len() as u64 <= self.length {

@@ -1,16 +1,16 @@
-//! What general viewers show at once: the tool and its path so far, a few times a second.
+//! Channels for general viewers: the tool and its path so far, a few times per second.
 
 use crate::record::CycleRecord;
 use crate::schema::{foxglove, timestamp};
 
-/// The tool is shown twenty times a second.
+/// The tool pose is written twenty times per second.
 const POSE_SPAN_NS: u64 = 50_000_000;
-/// The path has a point each 20 ms and goes out each second.
+/// The path has a point every 20 ms and is written every second.
 const POINT_SPAN_NS: u64 = 20_000_000;
 const PATH_POINTS: usize = 51;
 /// Viewers draw in metres.
 const METRES_PER_MM: f64 = 1e-3;
-/// The frame of everything that is drawn.
+/// The coordinate frame of the pictures.
 const FRAME: &str = "machine";
 
 /// Follows the cycles and draws.
@@ -57,7 +57,7 @@ impl Scene {
         ))
     }
 
-    /// Adds a point of the path; gives the path since the last time, if it is long enough.
+    /// Adds a point of the path; returns the path since the last time, if it is long enough.
     pub(crate) fn path(&mut self, record: &CycleRecord) -> Option<foxglove::SceneUpdate> {
         if record.due_time_ns < self.next_point_ns {
             return None;
@@ -70,7 +70,7 @@ impl Scene {
             .flatten()
     }
 
-    /// What is left of the path, at the end.
+    /// The rest of the path, at the end.
     pub(crate) fn stretch(&mut self, time_ns: u64) -> Option<foxglove::SceneUpdate> {
         let last = *self.points.last()?;
         if self.points.len() < 2 {
@@ -96,7 +96,7 @@ impl Scene {
                 a: 1.0,
             }),
         };
-        // The next stretch begins where this one ends.
+        // The next part starts where this one ends.
         self.points.clear();
         self.points.push(last);
         self.stretches += 1;

@@ -23,11 +23,11 @@ const FOXGLOVE: &[u8] = include_bytes!("generated/foxglove.fds");
 pub(crate) const PROFILE: &str = "evolvent.v1";
 /// Header of every file.
 pub(crate) const LIBRARY: &str = concat!("evolvent-trace/", env!("CARGO_PKG_VERSION"));
-/// The metadata that says what the run is.
+/// The metadata that describe the run.
 pub(crate) const RUN: &str = "evolvent.run";
-/// The metadata that says how the run went.
+/// The metadata with the result of the run.
 pub(crate) const SUMMARY: &str = "evolvent.summary";
-/// The metadata that says what a recovery found.
+/// The metadata with the result of a recovery.
 pub(crate) const RECOVERY: &str = "evolvent.recovery";
 
 /// A channel. Its number, which is also its schema's, never changes.
@@ -98,11 +98,11 @@ impl Channel {
     }
 }
 
-/// How schemas and messages are encoded, by the format's registry.
+/// The encoding of schemas and messages, in the format's registry.
 const PROTOBUF: &str = "protobuf";
 
-/// Declares all schemas and channels. `axes` are the letters of the axes that cycles carry, `every` says
-/// which cycles `/cycle` has, `columns` whether there is `/cycles`.
+/// Declares all schemas and channels. `axes` are the letters of the axes in the cycles, `every` tells which
+/// cycles `/cycle` has, `columns` whether there is `/cycles`.
 pub(crate) fn declare_channels(container: &mut Container, axes: &str, every: u64, columns: bool) {
     for channel in Channel::ALL {
         if channel == Channel::Cycles && !columns {

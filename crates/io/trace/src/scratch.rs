@@ -1,5 +1,5 @@
-//! Bytes that are needed again at a trace's end only. A machine that is served records for weeks with its memory locked: what
-//! grows with the trace is stored on disk meanwhile.
+//! Bytes that are needed again only at the end of a trace. A served machine records for weeks with its memory
+//! locked: data that grow with the trace are stored on disk meanwhile.
 
 use std::fs::File;
 use std::io;
@@ -8,14 +8,14 @@ use std::path::PathBuf;
 /// Gathered in memory before it goes to the file.
 const PIECE_BYTES: usize = 8 * 1024;
 
-/// Bytes in the order in which they came: most of them in a file without a name, which is gone with the process, the rest in
-/// memory. Where there can be no such file, or the disk is full, they stay in memory.
+/// Bytes in the order of arrival: most of them in an unnamed file, which disappears with the process, the
+/// rest in memory. If there can be no such file, or the disk is full, they stay in memory.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    /// Where to create the file; none once that was tried.
+    /// Where to create the file; none after the attempt.
     folder: Option<PathBuf>,
     file: Option<File>,
-    /// How many bytes the file holds for certain.
+    /// Number of bytes that are safely in the file.
     filed: u64,
     tail: Vec<u8>,
 }
@@ -25,7 +25,7 @@ impl Scratch {
     pub(crate) fn in_folder(folder: PathBuf) -> Self {
         Self {
             folder: Some(folder),
-            // Locked memory is taken as soon as it is reserved: all of it now rather than in steps later.
+            // Locked memory is used as soon as it is reserved: all of it now rather than in steps later.
             tail: Vec::with_capacity(2 * PIECE_BYTES),
             ..Self::default()
         }
@@ -36,7 +36,7 @@ impl Scratch {
         self.filed + self.tail.len() as u64
     }
 
-    /// Those of them that take memory.
+    /// The part of them in memory.
     #[cfg(test)]
     pub(crate) fn in_memory(&self) -> usize {
         self.tail.len()
@@ -57,14 +57,14 @@ impl Scratch {
             self.file = nameless_file(&folder);
         }
         let Some(file) = &self.file else { return };
-        // A disk that is full now may not be later: the next attempt overwrites what this one has left incomplete.
+        // A full disk may have space later: the next attempt overwrites the incomplete output of this one.
         if write_at(file, &self.tail, self.filed).is_ok() {
             self.filed += self.tail.len() as u64;
             self.tail.clear();
         }
     }
 
-    /// Hands over all bytes, piece by piece.
+    /// Passes all bytes to `take`, piece by piece.
     ///
     /// # Errors
     /// The file cannot be read, and those of `take`.

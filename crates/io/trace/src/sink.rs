@@ -1,4 +1,5 @@
-//! Where a trace goes: a file that is synchronised in the background, or another sink, such as a test's.
+//! The destination of a trace: a file that is synchronized in the background, or another sink, such as a
+//! test's.
 
 use std::fs::File;
 use std::io::{self, Seek as _, SeekFrom, Write as _};
@@ -6,32 +7,32 @@ use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-/// Takes the bytes of a trace in order.
+/// Accepts the bytes of a trace in order.
 ///
-/// A trace is only ever appended to, so that what is on disk is right at every moment up to the last complete
-/// record; nothing is written twice.
+/// A trace is only ever appended to, so the disk is valid at every moment up to the last complete record;
+/// nothing is written twice.
 pub trait TraceSink: Send {
-    /// Appends all bytes. `reserve` more may be needed to end the file; a sink that knows that the disk cannot take
-    /// both fails at once and appends nothing, so that the file can still be ended.
+    /// Appends all bytes. `reserve` more may be needed to end the file; a sink that knows that the disk
+    /// cannot take both fails at once and appends nothing, so that the file can still be ended.
     ///
     /// # Errors
     /// The reason why the bytes could not all be appended; some of them may have been.
     fn append(&mut self, bytes: &[u8], reserve: u64) -> io::Result<()>;
 
-    /// Forgets everything from `length` on; what is appended next begins there. Called after a failed
-    /// append, to cut off what it left half done.
+    /// Drops everything from `length` on; the next append starts there. Called after a failed append, to
+    /// remove its incomplete output.
     ///
     /// # Errors
-    /// The reason why the sink cannot forget.
+    /// The reason why the sink cannot be truncated.
     fn truncate(&mut self, length: u64) -> io::Result<()>;
 
-    /// Makes what has been appended survive a loss of power: soon, and without holding the caller up.
+    /// Makes the appended bytes survive a loss of power: soon, and without delaying the caller.
     ///
     /// # Errors
-    /// A failure of this or of an earlier synchronisation.
+    /// A failure of this or of an earlier synchronization.
     fn sync(&mut self) -> io::Result<()>;
 
-    /// The file is complete: waits until all of it is where it survives a loss of power.
+    /// The file is complete: waits until all of it survives a loss of power.
     ///
     /// # Errors
     /// The reason why it may not survive.
@@ -42,14 +43,14 @@ pub trait TraceSink: Send {
 #[cfg(target_os = "linux")]
 const ALLOCATION_STEP_BYTES: u64 = 1 << 20;
 
-/// A file. Its end is allocated on the disk before each append where the file system can do that, so that
-/// a trace on a full disk still gets its index. Its synchronisation with the disk runs in a thread of its own, because on a slow disk it takes longer
-/// than the queue before the recorder lasts.
+/// A file. Its end is allocated on the disk before each append if the file system supports it, so that a
+/// trace on a full disk still receives its index. A separate thread synchronizes it with the disk, because on
+/// a slow disk that takes longer than the queue to the recorder lasts.
 #[derive(Debug)]
 pub struct FileSink {
     file: File,
     length: u64,
-    /// How far the file is allocated; `None` where the file system cannot.
+    /// How far the file is allocated; `None` if the file system does not support it.
     allocated: Option<u64>,
     requests: Option<SyncSender<()>>,
     failure: Arc<Mutex<Option<io::Error>>>,
@@ -57,7 +58,7 @@ pub struct FileSink {
 }
 
 impl FileSink {
-    /// Takes over an empty file that is open for writing.
+    /// Takes an empty file that is open for writing.
     ///
     /// # Errors
     /// If the file handle cannot be duplicated or the thread cannot be started.
@@ -98,7 +99,7 @@ impl FileSink {
         if end <= allocated {
             return Ok(());
         }
-        // The step first; on a disk that is nearly full just what is needed.
+        // The step first; on an almost full disk only the necessary amount.
         for goal in [end.saturating_add(ALLOCATION_STEP_BYTES), end] {
             match fallocate(&self.file, FallocateFlags::KEEP_SIZE, allocated, goal - allocated) {
                 Ok(()) => {
@@ -107,7 +108,7 @@ impl FileSink {
                 }
                 Err(Errno::NOSPC | Errno::DQUOT | Errno::FBIG) => {}
                 Err(_) => {
-                    // A device or a file system that cannot: appends will tell when it is full.
+                    // A device or a file system without support: appends fail when it is full.
                     self.allocated = None;
                     return Ok(());
                 }
@@ -124,7 +125,7 @@ impl FileSink {
     }
 }
 
-/// Devices such as pipes and /dev/null cannot be synchronised, which is no failure of theirs.
+/// Devices such as pipes and /dev/null cannot be synchronized, which is not a failure.
 fn sync_data(file: &File) -> io::Result<()> {
     match file.sync_data() {
         Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
@@ -135,13 +136,13 @@ fn sync_data(file: &File) -> io::Result<()> {
 impl TraceSink for FileSink {
     fn append(&mut self, bytes: &[u8], reserve: u64) -> io::Result<()> {
         self.allocate((self.length + bytes.len() as u64).saturating_add(reserve))?;
-        // Counted before: of a failed write an unknown part is in the file.
+        // Counted before: after a failed write an unknown part is in the file.
         self.length += bytes.len() as u64;
         self.file.write_all(bytes)
     }
 
     fn truncate(&mut self, length: u64) -> io::Result<()> {
-        // Not without need: it gives up what is allocated.
+        // Only if necessary: it releases the allocation.
         if length != self.length {
             self.file.set_len(length)?;
             self.file.seek(SeekFrom::Start(length))?;
@@ -152,7 +153,7 @@ impl TraceSink for FileSink {
     }
 
     fn end(&mut self) -> io::Result<()> {
-        // Gives up what was not needed.
+        // Releases the unused allocation.
         if self.allocated.is_some() {
             self.file.set_len(self.length)?;
         }
@@ -164,7 +165,7 @@ impl TraceSink for FileSink {
             return Err(error);
         }
         match self.requests.as_ref().map(|requests| requests.try_send(())) {
-            // A full queue means that a synchronisation is already due, which will cover these bytes too.
+            // A full queue means that a synchronization is already due, which will cover these bytes too.
             None | Some(Ok(()) | Err(TrySendError::Full(()))) => Ok(()),
             Some(Err(TrySendError::Disconnected(()))) => sync_data(&self.file),
         }

@@ -1,11 +1,11 @@
-//! What a run adds up to: gaps, late cycles, alarms, percentiles.
+//! Totals of a run: gaps, late cycles, alarms, percentiles.
 
 use std::collections::BTreeMap;
 
 use crate::histogram::Histogram;
 use crate::record::{CycleRecord, EventKind, TimingRecord};
 
-/// Bit of `flags` in a cycle: the setpoint left after it was due. The same on the bus.
+/// Bit of `flags` in a cycle: the setpoint was published after its due time. The same on the bus.
 pub(crate) const FLAG_LATE: u32 = 1;
 /// A second of cycles goes into one `/timing` message.
 const TIMING_SPAN_NS: u64 = 1_000_000_000;
@@ -19,11 +19,11 @@ pub struct RunStatistics {
     pub first_sequence: Option<u64>,
     /// The last cycle's number.
     pub last_sequence: Option<u64>,
-    /// Places where the next number was not the last plus one.
+    /// Number of positions at which the next number was not the last plus one.
     pub gaps: u64,
-    /// Numbers left out in all gaps.
+    /// Numbers missing in all gaps.
     pub missing_cycles: u64,
-    /// Cycles whose setpoint left after it was due.
+    /// Cycles whose setpoint was published after its due time.
     pub late_cycles: u64,
     /// Events that were alarms.
     pub alarms: u64,
@@ -34,7 +34,7 @@ pub struct RunStatistics {
 }
 
 impl RunStatistics {
-    /// Counts a cycle but for its times.
+    /// Counts a cycle without its times.
     fn count(&mut self, sequence: u64, flags: u32) {
         if let Some(last) = self.last_sequence {
             let next = last.wrapping_add(1);
@@ -89,10 +89,10 @@ impl RunStatistics {
     }
 }
 
-/// Percentiles that are kept, with their keys.
+/// The stored percentiles, with their keys.
 const PERCENTILES: [(&str, f64); 4] = [("p50", 50.0), ("p90", 90.0), ("p99", 99.0), ("p999", 99.9)];
 
-/// Statistics of the whole run and of the second under way.
+/// Statistics of the whole run and of the current second.
 #[derive(Debug, Default)]
 pub(crate) struct Tally {
     run: RunStatistics,
@@ -100,7 +100,7 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
-    /// Counts a cycle; gives the second before, if this cycle begins a new one.
+    /// Counts a cycle; returns the previous second if this cycle starts a new one.
     pub(crate) fn cycle(&mut self, record: &CycleRecord) -> Option<TimingRecord> {
         let elapsed = record.due_time_ns.wrapping_sub(self.second.time_ns);
         let done = if self.second.cycles > 0 && elapsed >= TIMING_SPAN_NS {
@@ -125,7 +125,7 @@ impl Tally {
         self.run.event(Some(kind));
     }
 
-    /// Ends the second under way, if there are cycles in it.
+    /// Ends the current second, if it has cycles.
     pub(crate) fn end_second(&mut self) -> Option<TimingRecord> {
         if self.second.cycles == 0 {
             return None;

@@ -1,7 +1,7 @@
-//! What a reader finds at a file's end: schemas, channels, counts, and where chunks, attachments and metadata are.
+//! The end of a file: schemas, channels, counts, and the positions of chunks, attachments and metadata.
 //!
-//! The records are those of the `mcap` crate. It can only write them all at once, from memory, at the end of a run
-//! without a failure; here they are stored encoded, on disk, until then.
+//! The records are those of the `mcap` crate. It can only write them all at once, from memory, at the end of
+//! a run without a failure; here they are stored encoded, on disk, until then.
 
 use std::collections::BTreeMap;
 use std::io::{self, Cursor};
@@ -61,7 +61,7 @@ impl Summary {
         &self.channels
     }
 
-    /// Takes in a schema, unless one of its number is there.
+    /// Adds a schema, unless one with its number exists.
     pub(crate) fn add_schema(&mut self, id: u16, name: &str, encoding: &str, data: &[u8]) -> bool {
         if self.schemas.contains_key(&id) {
             return false;
@@ -77,7 +77,7 @@ impl Summary {
         true
     }
 
-    /// Takes in a channel and gives it back, unless one of its number is there.
+    /// Adds a channel and returns it, unless one with its number exists.
     pub(crate) fn add_channel(&mut self, channel: Channel) -> Option<&Channel> {
         if self.channels.contains_key(&channel.id) {
             return None;
@@ -102,25 +102,25 @@ impl Summary {
         }
     }
 
-    /// Takes in where a chunk is.
+    /// Adds the position of a chunk.
     pub(crate) fn add_chunk(&mut self, index: &ChunkIndex) {
         self.statistics.chunk_count += 1;
         self.chunks.push(&record(op::CHUNK_INDEX, index));
     }
 
-    /// Takes in where an attachment is.
+    /// Adds the position of an attachment.
     pub(crate) fn add_attachment(&mut self, index: &AttachmentIndex) {
         self.statistics.attachment_count += 1;
         self.attachments.push(&record(op::ATTACHMENT_INDEX, index));
     }
 
-    /// Takes in where a metadata record is.
+    /// Adds the position of a metadata record.
     pub(crate) fn add_metadata(&mut self, index: &MetadataIndex) {
         self.statistics.metadata_count += 1;
         self.metadata.push(&record(op::METADATA_INDEX, index));
     }
 
-    /// Bytes that [`Self::write`] will append, at most, with this many chunks more.
+    /// Maximum number of bytes that [`Self::write`] will append, with this many more chunks.
     pub(crate) fn size(&self, more_chunks: u64) -> u64 {
         let indexes = self.chunks.len() + self.attachments.len() + self.metadata.len();
         REST_BYTES + self.declared + indexes + CHUNK_INDEX_BYTES * more_chunks
@@ -222,7 +222,7 @@ where
     T: for<'a> BinWrite<Args<'a> = ()>,
 {
     let mut bytes = Cursor::new(Vec::new());
-    // Memory takes everything.
+    // Memory accepts everything.
     let _ = bytes.write_le(content);
     bytes.into_inner()
 }

@@ -1,11 +1,11 @@
-//! What a trace holds, from its summary.
+//! The contents of a trace, from its summary.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use crate::run_info::RunInfo;
 
-/// A channel and what is in it.
+/// A channel and its contents.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChannelInfo {
     /// Its topic, such as `/cycle`.
@@ -16,14 +16,14 @@ pub struct ChannelInfo {
     pub messages: u64,
 }
 
-/// What a trace holds.
+/// The contents of a trace.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TraceInfo {
     /// The file.
     pub path: PathBuf,
     /// Its size.
     pub bytes: u64,
-    /// What was run, without the attachments' content; `None` if it was lost or the file is another's.
+    /// The run, without the attachments' content; `None` if it was lost or the file is another program's.
     pub run: Option<RunInfo>,
     /// Time of the first message, Unix time in ns.
     pub start_time_ns: u64,
@@ -31,16 +31,17 @@ pub struct TraceInfo {
     pub end_time_ns: u64,
     /// The channels by number.
     pub channels: Vec<ChannelInfo>,
-    /// How many chunks.
+    /// Number of chunks.
     pub chunks: u64,
     /// Bytes of all chunks before compression.
     pub uncompressed_bytes: u64,
     /// Names and sizes of the attachments.
     pub attachments: Vec<(String, u64)>,
-    /// How the run went: `cycles`, `gaps`, `missing_cycles`, `late_cycles`, `alarms`, `wake_lateness_p99_ns` and so on, and
-    /// what the daemon added. Empty if the run did not end well.
+    /// Result of the run: `cycles`, `gaps`, `missing_cycles`, `late_cycles`, `alarms`, `wake_lateness_p99_ns`
+    /// and so on, and the additions of the runtime. Empty if the run did not end normally.
     pub summary: BTreeMap<String, String>,
-    /// What a recovery, or the recorder when its disk was full, noted. Empty for a run that was recorded to its end.
+    /// Notes of a recovery, or of the recorder when its disk was full. Empty for a run that was recorded to
+    /// its end.
     pub recovery: BTreeMap<String, String>,
 }
 
@@ -51,7 +52,7 @@ impl TraceInfo {
         self.end_time_ns.saturating_sub(self.start_time_ns) as f64 * 1e-9
     }
 
-    /// How many messages a channel has; 0 if there is no such channel.
+    /// Number of messages of a channel; 0 if there is no such channel.
     #[must_use]
     pub fn messages(&self, topic: &str) -> u64 {
         self.channels

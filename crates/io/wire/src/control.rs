@@ -9,14 +9,14 @@ pub const COMMAND_TEXT_BYTES: usize = 1024;
 pub const ANSWER_TEXT_BYTES: usize = 512;
 
 payload! {
-    /// A command to the core. Whoever sends it chooses a number for itself once, at random, and counts its commands
-    /// from 1 on: a command that is not newer than the last of the same client has no effect.
+    /// A command to the core. A client chooses its number once, at random, and counts its commands from 1: a
+    /// command that is not newer than the client's last one has no effect.
     pub struct ControlRequest = "evolvent.ControlRequest.v1" {
         /// The client's number, not 0.
         client: u64,
         /// Number of the command, growing from 1 for each client.
         serial: u64,
-        /// What is wanted, a number of the list of commands.
+        /// The command, a number of the list of commands.
         command: u32,
         /// Bit i set: the command is about axis i.
         axes_mask: u32,
@@ -36,7 +36,7 @@ payload! {
 }
 
 impl ControlRequest {
-    /// Writes the text; `false`, and nothing is written, where it is too long.
+    /// Writes the text; returns `false` and writes nothing if it is too long.
     #[must_use]
     pub fn set_text(&mut self, text: &str) -> bool {
         let Some(room) = self.text.get_mut(..text.len()) else {
@@ -47,7 +47,7 @@ impl ControlRequest {
         true
     }
 
-    /// The text; none where its length or its bytes are wrong.
+    /// The text; none if its length or its bytes are invalid.
     #[must_use]
     pub fn text(&self) -> Option<&str> {
         let bytes = self.text.get(..self.text_length as usize)?;
@@ -58,23 +58,23 @@ impl ControlRequest {
 payload! {
     /// The core's answer to one command.
     pub struct ControlAnswer = "evolvent.ControlAnswer.v1" {
-        /// The client's number, as it came.
+        /// The client's number, as received.
         client: u64,
-        /// The command's number, as it came.
+        /// The command's number, as received.
         serial: u64,
         /// 0 accepted, 1 rejected, 2 not newer than an earlier command and without effect.
         verdict: u32,
-        /// Why it was rejected, a number of the list of alarms; 0 where it was accepted.
+        /// Why it was rejected, a number of the list of alarms; 0 if it was accepted.
         alarm: u32,
-        /// The setpoint that was computed last when the command was judged.
+        /// The last setpoint computed when the command was evaluated.
         sequence: u64,
-        /// Number of the job that the command has begun; 0 where it has begun none.
+        /// Number of the job that the command has started; 0 if none.
         job: u64,
         /// Bytes of `text` in use.
         text_length: u32,
-        /// What `verdict` is about, the number of the command as it came.
+        /// The command that `verdict` refers to, as received.
         command: u32,
-        /// What was wrong and what to do about it, UTF-8.
+        /// The error and its remedy, UTF-8.
         text: [u8; ANSWER_TEXT_BYTES],
         /// Zero; for later versions.
         reserved: [u64; 8],
@@ -82,12 +82,12 @@ payload! {
 }
 
 impl ControlAnswer {
-    /// Writes the sentence, cut to the room there is at a character's border.
+    /// Writes the sentence, truncated to the capacity at a character boundary.
     pub fn set_text(&mut self, text: &str) {
         self.text_length = crate::status::put_text(&mut self.text, text);
     }
 
-    /// The sentence; empty where there is none or where it is no UTF-8.
+    /// The sentence; empty if there is none or if it is not UTF-8.
     #[must_use]
     pub fn text(&self) -> &str {
         crate::status::get_text(&self.text, self.text_length)
@@ -154,15 +154,16 @@ pub mod switches {
     pub const SINGLE_STEP: u32 = 1 << 0;
     /// M1 stops.
     pub const OPTIONAL_STOP: u32 = 1 << 1;
-    /// Blocks that begin with `/` are skipped.
+    /// Blocks that start with `/` are skipped.
     pub const BLOCK_DELETE: u32 = 1 << 2;
     /// A feed hold is in force.
     pub const HOLD: u32 = 1 << 3;
-    /// The emergency-stop chain is open, or not known.
+    /// The emergency-stop chain is open or unknown.
     pub const CHAIN_OPEN: u32 = 1 << 4;
-    /// The program rests until an input has come (M66).
+    /// The program waits at rest for an input (M66).
     pub const INPUT_WAIT: u32 = 1 << 5;
-    /// The probe has no contact. Neither this nor the next where it is not known, or there is none.
+    /// The probe has no contact. Neither this nor the next bit is set if the state is unknown or there is no
+    /// probe.
     pub const PROBE_OPEN: u32 = 1 << 6;
     /// The probe has contact.
     pub const PROBE_TRIPPED: u32 = 1 << 7;

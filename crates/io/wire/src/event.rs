@@ -1,20 +1,20 @@
 //! Events: numbers that wake sleeping clients.
 
-/// Why a client is woken. What exactly happened is in the status, published before the event.
+/// Why a client is woken. The status, published before the event, has the details.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u32)]
 pub enum EventKind {
     /// A core has opened the bus.
     CoreOpened = 1,
-    /// The core has closed the bus in good order.
+    /// The core has closed the bus normally.
     CoreClosed = 2,
     /// The core was found dead.
     CoreDied = 3,
     /// A run has started.
     Started = 4,
-    /// A feed hold has begun.
+    /// A feed hold has started.
     Hold = 5,
-    /// The run goes on after a hold.
+    /// The run continues after a hold.
     Resumed = 6,
     /// The run was stopped before its end; the machine is at rest.
     Stopped = 7,
@@ -24,12 +24,12 @@ pub enum EventKind {
     Fault = 9,
     /// The faults were reset.
     Reset = 10,
-    /// Something else in the status has changed.
+    /// Another change of the status.
     StatusChanged = 11,
 }
 
 impl EventKind {
-    /// All events in order of their numbers.
+    /// All events in the order of their numbers.
     pub const ALL: [Self; 11] = [
         Self::CoreOpened,
         Self::CoreClosed,
@@ -44,7 +44,7 @@ impl EventKind {
         Self::StatusChanged,
     ];
 
-    /// The largest number that the event service carries, with room for later events.
+    /// The largest number of the event service, with reserve for later events.
     pub const MAX_NUMBER: usize = 63;
 
     /// The number on the bus.
@@ -53,7 +53,7 @@ impl EventKind {
         self as u32
     }
 
-    /// The event of a number; none for a number of a later version.
+    /// The event with a number; none for a number of a later version.
     #[must_use]
     pub fn from_number(number: usize) -> Option<Self> {
         Self::ALL

@@ -1,11 +1,11 @@
-//! What comes back: the drives' answer and the cutting load.
+//! Messages to the core: the drives' feedback and the cutting load.
 
 use crate::layout::{AXES, payload};
 
 payload! {
-    /// A drive bridge's answer to one setpoint.
+    /// A drive bridge's reply to one setpoint.
     pub struct Feedback = "evolvent.Feedback.v1" {
-        /// The setpoint that is answered.
+        /// The setpoint that it replies to.
         sequence: u64,
         /// When the positions were sampled, in ns of CLOCK_MONOTONIC.
         time_ns: u64,
@@ -15,35 +15,35 @@ payload! {
         velocity: [f64; AXES],
         /// Demanded minus actual position: mm, degrees for A B C.
         following_error: [f64; AXES],
-        /// Torque or force as a ratio of the drive's rated one.
+        /// Torque or force as a ratio of the drive's rated value.
         torque_ratio: [f64; AXES],
-        /// Time of the bus clock minus time of the setpoint, in ns: positive where the drives run late.
+        /// Time of the bus clock minus time of the setpoint, in ns: positive if the drives run late.
         phase_error_ns: i64,
         /// CiA 402 status word (object 6041h) per axis.
         status_word: [u32; AXES],
-        /// Bit i set: the numbers of axis i are valid.
+        /// Bit i set: the values of axis i are valid.
         axes_mask: u32,
-        /// Bit i set: the home switch of axis i is pressed.
+        /// Bit i set: the home switch of axis i is actuated.
         home_switch_mask: u32,
-        /// Bit i set: the limit switch at the positive end of axis i is pressed.
+        /// Bit i set: the limit switch at the positive end of axis i is actuated.
         positive_limit_mask: u32,
-        /// Bit i set: the limit switch at the negative end of axis i is pressed.
+        /// Bit i set: the limit switch at the negative end of axis i is actuated.
         negative_limit_mask: u32,
-        /// What the bridge is doing, a number of the list of bridge states.
+        /// State of the bridge, a number of the list of bridge states.
         bridge_state: u32,
-        /// What the bridge found wrong with the setpoints last, a number of the list of notes.
+        /// The last problem with setpoints, a number of the list of notes.
         note: u32,
-        /// CiA 402 error code (object 603Fh) of the first axis in fault; 0 where there is none.
+        /// CiA 402 error code (object 603Fh) of the first axis in fault; 0 if none.
         error_code: u32,
-        /// The setpoints' `fault_reset` that was carried out last.
+        /// The last `fault_reset` of the setpoints that was executed.
         fault_reset_done: u32,
-        /// Setpoints that were missing, late or refused since the bridge started.
+        /// Setpoints that were missing, late or rejected since the start of the bridge.
         missed_setpoints: u32,
-        /// The setpoints' `datum` by which the positions are named.
+        /// The setpoints' `datum` that the positions refer to.
         datum: u64,
-        /// Differs from one start of the bridge to the next.
+        /// Differs at every start of the bridge.
         instance: u64,
-        /// Bit i set: positions of axis i count from the machine's zero whenever bridge or drive start again.
+        /// Bit i set: positions of axis i refer to machine zero after every start of bridge or drive.
         absolute_mask: u32,
         /// Zero; for later versions.
         reserved: [u32; 3],
@@ -73,7 +73,7 @@ pub const BRIDGE_NOTES: [(&str, u32); 8] = [
 ];
 
 impl Feedback {
-    /// Whether every number of the valid axes is finite.
+    /// Whether every value of the valid axes is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         (0..AXES)
@@ -90,19 +90,19 @@ impl Feedback {
 payload! {
     /// A measured cutting load, from a drive or a sensor.
     pub struct Load = "evolvent.Load.v1" {
-        /// Grows by one from one value to the next of the same sensor.
+        /// Grows by one with every value of the same sensor.
         sequence: u64,
         /// When the load was sampled, in ns of CLOCK_MONOTONIC.
         time_ns: u64,
-        /// What `value` is, a number of the list of load kinds.
+        /// Kind of `value`, a number of the list of load kinds.
         kind: u32,
-        /// Where it was measured: 0 to 8 an axis, 9 the spindle, from 16 on sensors of the user.
+        /// Where it was measured: 0 to 8 an axis, 9 the spindle, 16 and above user-defined sensors.
         source: u32,
         /// The load in the unit of its kind.
         value: f64,
-        /// The lowest value that the sensor can show.
+        /// The lowest value that the sensor can report.
         range_min: f64,
-        /// The highest value that the sensor can show.
+        /// The highest value that the sensor can report.
         range_max: f64,
         /// Zero; for later versions.
         reserved: [u64; 4],
@@ -110,7 +110,7 @@ payload! {
 }
 
 impl Load {
-    /// Whether the numbers are finite, the range is one, the value lies in it and the kind is known.
+    /// Whether the numbers are finite, the range is valid and contains the value, and the kind is known.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         LOAD_KINDS.iter().any(|&(_, number)| number == self.kind)

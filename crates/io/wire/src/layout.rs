@@ -60,7 +60,7 @@ impl Scalar {
 pub struct FieldLayout {
     /// The field's name, the same in every language.
     pub name: &'static str,
-    /// What it holds and in which unit.
+    /// Its meaning and unit.
     pub doc: &'static str,
     /// The element type.
     pub scalar: Scalar,
@@ -86,9 +86,9 @@ impl FieldLayout {
 pub struct StructLayout {
     /// The struct's name in Rust and Python.
     pub name: &'static str,
-    /// The type name by which iceoryx2 tells payloads apart.
+    /// The type name by which iceoryx2 distinguishes payloads.
     pub type_name: &'static str,
-    /// What the payload is for.
+    /// The purpose of the payload.
     pub doc: &'static [&'static str],
     /// The size in bytes, a multiple of 8.
     pub size_bytes: usize,
@@ -154,14 +154,14 @@ pub trait Payload: Copy + Sized {
     /// The size that its sender believes the payload has, in bytes.
     fn struct_size(&self) -> u32;
 
-    /// Whether version and size are those of this build. Receivers drop what is not.
+    /// Whether version and size are those of this build. Receivers drop other messages.
     fn is_compatible(&self) -> bool {
         self.interface_version() == crate::INTERFACE_VERSION
             && self.struct_size() as usize == Self::LAYOUT.size_bytes
     }
 }
 
-/// Defines a payload: fields in memory order, after the common head of version and size.
+/// Defines a payload: fields in memory order, after the common header of version and size.
 macro_rules! payload {
     (
         $(#[doc = $struct_doc:literal])*
@@ -173,7 +173,7 @@ macro_rules! payload {
         #[repr(C)]
         #[derive(Clone, Copy, Debug, PartialEq)]
         pub struct $name {
-            /// Version of the bus contract that the sender was built for; receivers refuse another.
+            /// Version of the bus contract that the sender was built for; receivers reject another version.
             pub interface_version: u32,
             /// Size of this payload in bytes.
             pub struct_size: u32,
@@ -181,7 +181,7 @@ macro_rules! payload {
         }
 
         impl Default for $name {
-            /// All zero but the head.
+            /// All zero except the header.
             fn default() -> Self {
                 Self {
                     interface_version: crate::INTERFACE_VERSION,
@@ -200,7 +200,8 @@ macro_rules! payload {
                 fields: &[
                     crate::layout::FieldLayout {
                         name: "interface_version",
-                        doc: " Version of the bus contract that the sender was built for; receivers refuse another.",
+                        doc: " Version of the bus contract that the sender was built for; receivers reject \
+                         another version.",
                         scalar: crate::layout::Scalar::U32,
                         count: None,
                         offset_bytes: core::mem::offset_of!($name, interface_version),
@@ -231,7 +232,8 @@ macro_rules! payload {
             }
         }
 
-        // SAFETY: repr(C), without gaps (asserted below); `Field` admits integers and floats and arrays of them only.
+        // SAFETY: repr(C), without gaps (asserted below); `Field` admits only integers and floats and arrays
+        // of them.
         #[cfg(feature = "zero-copy")]
         unsafe impl iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend for $name {
             unsafe fn type_name() -> &'static str {
@@ -239,7 +241,7 @@ macro_rules! payload {
             }
         }
 
-        // A gap would carry whatever the memory held before to other processes.
+        // A gap would expose previous memory contents to other processes.
         const _: () = assert!(<$name as crate::layout::Payload>::LAYOUT.is_gapless());
         const _: () = assert!(align_of::<$name>() == 8 && size_of::<$name>() % 8 == 0);
     };

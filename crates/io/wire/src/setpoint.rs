@@ -1,12 +1,12 @@
-//! The setpoint: what the drives shall do at one instant.
+//! The setpoint: the target of the drives at one instant.
 
 use crate::layout::{AXES, payload};
 
 payload! {
-    /// Where every axis shall be at one instant, and how it shall move there.
+    /// Target position of every axis at one instant, and its derivatives.
     ///
-    /// Published ahead of time: `due_time_ns` lies `lead` periods after the moment of publishing in a real-time run.
-    /// `sequence` grows by one from one setpoint to the next, so a gap is a lost setpoint and is seen as one.
+    /// Published ahead of time: in a real-time run `due_time_ns` is `lead` periods after publication.
+    /// `sequence` grows by one per setpoint, so a gap is a lost setpoint and is detected as one.
     pub struct Setpoint = "evolvent.Setpoint.v1" {
         /// Index of the cycle; grows by exactly one.
         sequence: u64,
@@ -22,25 +22,25 @@ payload! {
         acceleration: [f64; AXES],
         /// Position rounded to the machine's increments, counted from machine zero.
         position_increments: [i64; AXES],
-        /// What the core is doing, a number of the list of states.
+        /// State of the core, a number of the list of states.
         state: u32,
         /// Bits of the list of setpoint flags.
         flags: u32,
-        /// Line of the program, counted from 1; 0 where there is none.
+        /// Line of the program, counted from 1; 0 if none.
         line: u32,
-        /// Bit i set: axis i is driven, the others' numbers mean nothing.
+        /// Bit i set: axis i is driven; the values of the others have no meaning.
         axes_mask: u32,
         /// Speed along the path, in mm/s.
         feed_mm_s: f64,
         /// Feed override as a ratio: 1 is 100 %.
         override_ratio: f64,
-        /// Way along the path since the start of the run, in mm.
+        /// Distance along the path since the start of the run, in mm.
         path_mm: f64,
-        /// What the drives' power stages shall do, a number of the list of power requests.
+        /// Requested state of the drives' power stages, a number of the list of power requests.
         power_request: u32,
-        /// Grows by one where the drives' faults shall be reset.
+        /// Grows by one to request a reset of the drives' faults.
         fault_reset: u32,
-        /// Grows by one where homing names positions anew: the axes stand, and the step of position is no motion.
+        /// Grows by one when homing assigns new coordinates: the axes are at rest, and the step of position is not a motion.
         datum: u64,
         /// Zero; for later versions.
         reserved: [u64; 3],
@@ -66,7 +66,7 @@ pub const STATES: [(&str, u32); 10] = [
 
 /// Bits of `flags` in [`Setpoint`] and [`Status`](crate::Status), the same in the trace.
 pub mod flags {
-    /// The setpoint left after it was due.
+    /// The setpoint was published after its due time.
     pub const LATE: u32 = 1 << 0;
     /// A feed hold is in force.
     pub const HOLD: u32 = 1 << 1;
@@ -74,11 +74,11 @@ pub mod flags {
     pub const BLEND: u32 = 1 << 2;
     /// A rapid move (G0).
     pub const RAPID: u32 = 1 << 3;
-    /// Within a step of curvature in exact-path mode, where jerk is bounded by the joint rule only.
+    /// Within a step of curvature in exact-path mode, where only the joint rule bounds jerk.
     pub const JOINT: u32 = 1 << 4;
-    /// The planner had not finished the next run: the speed here is lower than it could be.
+    /// The planner had not finished the next part of the plan: the speed is lower than possible.
     pub const STARVED: u32 = 1 << 5;
-    /// The guard refused the planned setpoint.
+    /// The guard rejected the planned setpoint.
     pub const GUARD: u32 = 1 << 6;
     /// The last setpoint of the run.
     pub const LAST: u32 = 1 << 7;

@@ -1,41 +1,42 @@
-//! The machine's signals: outputs with the cycle at which they count, inputs with the time at which they were read.
+//! The machine's signals: outputs with the cycle in which they take effect, inputs with the time at which
+//! they were read.
 
 use crate::layout::{AXES, payload};
 
-/// Digital inputs, and digital outputs, of a machine at most.
+/// Maximum number of digital inputs, and of digital outputs, of a machine.
 pub const DIGITAL_SIGNALS: usize = 64;
-/// Analog inputs, and analog outputs, of a machine at most.
+/// Maximum number of analog inputs, and of analog outputs, of a machine.
 pub const ANALOG_SIGNALS: usize = 16;
-/// Spindles of a machine at most.
+/// Maximum number of spindles of a machine.
 pub const SPINDLES: usize = 4;
 
 payload! {
-    /// Everything that the machine's periphery shall be, from one setpoint on.
+    /// The commanded state of all peripherals, from one setpoint on.
     ///
-    /// Complete in itself: a bridge that has lost a message is right again with the next. Sent at every change and every
-    /// 50 ms.
+    /// Complete in itself: a bridge that has lost a message is correct again with the next. Sent at every
+    /// change and every 50 ms.
     pub struct MachineOutputs = "evolvent.MachineOutputs.v1" {
-        /// Grows by one from one message to the next.
+        /// Grows by one per message.
         sequence: u64,
-        /// The setpoint from which these values count.
+        /// The setpoint with which these values take effect.
         cycle: u64,
-        /// When that setpoint is due, as its `due_time_ns`.
+        /// Due time of that setpoint, as its `due_time_ns`.
         due_time_ns: u64,
         /// Bit i set: the machine has digital output i.
         digital_mask: u64,
         /// Bit i: state of digital output i.
         digital: u64,
-        /// Bit i: state of digital output i that a bridge sets by itself where it has lost its core.
+        /// Bit i: state of digital output i that a bridge sets itself when it has lost its core.
         safe_digital: u64,
         /// Values of the analog outputs.
         analog: [f64; ANALOG_SIGNALS],
-        /// The same, for a bridge that has lost its core.
+        /// The same for the analog outputs.
         safe_analog: [f64; ANALOG_SIGNALS],
         /// Bit i set: the machine has analog output i.
         analog_mask: u32,
         /// Bit i set: the machine has spindle i.
         spindle_mask: u32,
-        /// What each spindle shall do, a number of the list of spindle directions.
+        /// Command of each spindle, a number of the list of spindle directions.
         spindle_direction: [u32; SPINDLES],
         /// Commanded speed of each spindle, rpm, not negative.
         spindle_rpm: [f64; SPINDLES],
@@ -47,9 +48,9 @@ payload! {
         tool_wanted: u32,
         /// Tool in the spindle; 0 for none.
         tool: u32,
-        /// Where a spindle of direction ORIENT shall stand, degrees from its index pulse, 0 up to, not including, 360.
+        /// Orientation angle of a spindle with direction ORIENT, degrees from its index pulse, 0 up to, not including, 360.
         spindle_angle: [f64; SPINDLES],
-        /// Its way there, a number of the list of ways.
+        /// Direction of the orientation, a number of the list of ways.
         spindle_way: [u32; SPINDLES],
         /// Zero; for later versions.
         reserved: [u64; 2],
@@ -57,16 +58,16 @@ payload! {
 }
 
 payload! {
-    /// The machine's inputs at one instant. Sent at every change, and at least four times in the machine file's
-    /// `signals.input_timeout_ms`: older ones are unknown to the core.
+    /// The machine's inputs at one instant. Sent at every change, and at least four times per
+    /// `signals.input_timeout_ms` of the machine file: older ones are unknown to the core.
     pub struct MachineInputs = "evolvent.MachineInputs.v1" {
-        /// Grows by one from one message to the next of the same bridge.
+        /// Grows by one per message of the same bridge.
         sequence: u64,
         /// When the inputs were read, in ns of CLOCK_MONOTONIC.
         time_ns: u64,
-        /// Differs from one start of the bridge to the next.
+        /// Differs at every start of the bridge.
         instance: u64,
-        /// The `sequence` of the outputs that have been set last; 0 for none.
+        /// The `sequence` of the last outputs that were set; 0 for none.
         outputs_sequence: u64,
         /// Bit i set: digital input i was read.
         digital_mask: u64,
@@ -76,17 +77,17 @@ payload! {
         analog: [f64; ANALOG_SIGNALS],
         /// Bit i set: analog input i was read.
         analog_mask: u32,
-        /// What the probe says, a number of the list of probe states.
+        /// State of the probe, a number of the list of probe states.
         probe: u32,
-        /// Times that the probe has tripped since the bridge started.
+        /// Number of times that the probe has tripped since the start of the bridge.
         probe_trips: u64,
-        /// When it tripped or opened last, in ns of CLOCK_MONOTONIC; 0 where that is not known.
+        /// When it last tripped or opened, in ns of CLOCK_MONOTONIC; 0 if unknown.
         probe_time_ns: u64,
-        /// Positions that the drives latched then: mm, degrees for A B C.
+        /// Positions that the drives latched at that time: mm, degrees for A B C.
         probe_position: [f64; AXES],
         /// Bit i set: the drive of axis i has latched its position.
         probe_latched_mask: u32,
-        /// Zero; keeps what follows at multiples of 8 bytes.
+        /// Zero; aligns the following fields to 8 bytes.
         unused: u32,
         /// Zero; for later versions.
         reserved: [u64; 8],
@@ -94,25 +95,25 @@ payload! {
 }
 
 payload! {
-    /// What the encoder and drive of one spindle say at one instant.
+    /// Feedback of the encoder and drive of one spindle at one instant.
     pub struct SpindleFeedback = "evolvent.SpindleFeedback.v1" {
-        /// Grows by one from one message to the next of the same spindle and bridge.
+        /// Grows by one per message of the same spindle and bridge.
         sequence: u64,
         /// When the angle was sampled, in ns of CLOCK_MONOTONIC.
         time_ns: u64,
-        /// Differs from one start of the bridge to the next.
+        /// Differs at every start of the bridge.
         instance: u64,
-        /// Whole turns since the bridge started, falling counter-clockwise.
+        /// Whole turns since the start of the bridge, decreasing counter-clockwise.
         turns: i64,
-        /// The rest of the angle as a fraction of a turn: 0 up to, not including, 1; counted from the index pulse.
+        /// The remaining angle as a fraction of a turn: 0 up to, not including, 1; from the index pulse.
         fraction: f64,
         /// Measured speed, rpm, negative counter-clockwise.
         speed_rpm: f64,
-        /// Which spindle, from 0.
+        /// The spindle, from 0.
         spindle: u32,
         /// Bits of the list of spindle flags.
         flags: u32,
-        /// The `sequence` of the outputs that the spindle obeys, 0 for none: the flags are about these.
+        /// The `sequence` of the outputs that the spindle executes, 0 for none: the flags refer to these.
         outputs_sequence: u64,
         /// Zero; for later versions.
         reserved: [u64; 5],
@@ -139,9 +140,9 @@ pub mod spindle_flags {
     pub const AT_SPEED: u32 = 1 << 0;
     /// The spindle's drive is in fault.
     pub const FAULT: u32 = 1 << 1;
-    /// The index pulse has been seen: `fraction` is counted from it.
+    /// The index pulse has been seen: `fraction` refers to it.
     pub const INDEXED: u32 = 1 << 2;
-    /// The spindle stands at the angle that it was to turn to, and holds it.
+    /// The spindle is at its orientation angle and holds it.
     pub const ORIENTED: u32 = 1 << 3;
 }
 
@@ -168,7 +169,7 @@ impl MachineInputs {
 }
 
 impl SpindleFeedback {
-    /// Whether spindle and flags are known, and angle and speed are numbers that can be.
+    /// Whether spindle and flags are known, and angle and speed are valid.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         let known = SPINDLE_FLAGS.iter().fold(0, |sum, (_, bit)| sum | bit);

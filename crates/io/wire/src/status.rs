@@ -1,26 +1,27 @@
-//! The status: all that a screen needs, of one moment.
+//! The status: everything that a screen shows of one moment.
 
 use crate::layout::{AXES, payload};
 use crate::setpoint::Setpoint;
 
-/// Number of alarms that a status holds at most.
+/// Maximum number of alarms in a status.
 pub const MAX_ALARMS: usize = 16;
 
-/// Bytes of a text field, filled up with zeros.
+/// Bytes of a text field, padded with zeros.
 pub const TEXT_BYTES: usize = 128;
 
-/// Bytes of a sentence, filled up with zeros.
+/// Bytes of a sentence, padded with zeros.
 pub const SENTENCE_BYTES: usize = 256;
 
-/// Number of modal codes that a status holds at most.
+/// Maximum number of modal codes in a status.
 pub const MAX_MODAL_CODES: usize = 16;
 
 payload! {
-    /// One coherent snapshot of the core. A reader gets the latest, never a mixture of two.
+    /// One coherent snapshot of the core. A reader receives the latest, never a mixture of two.
     ///
-    /// The publisher sends at least ten a second; a reader that sees no new `sequence` for longer has lost its core.
+    /// The publisher sends at least ten per second; a reader that sees no new `sequence` for longer has lost
+    /// its core.
     pub struct Status = "evolvent.Status.v1" {
-        /// Grows by one from one snapshot to the next.
+        /// Grows by one per snapshot.
         sequence: u64,
         /// When the snapshot was taken, in ns of CLOCK_MONOTONIC.
         time_ns: u64,
@@ -28,7 +29,7 @@ payload! {
         cycles: u64,
         /// The control period in ns.
         period_ns: u64,
-        /// What the core is doing, a number of the list of states.
+        /// State of the core, a number of the list of states.
         state: u32,
         /// Mode: 0 automatic, 1 manual, 2 MDI.
         mode: u32,
@@ -36,7 +37,7 @@ payload! {
         machine_state: u32,
         /// Bits of the last setpoint's flags.
         flags: u32,
-        /// Line of the program that is running, counted from 1; 0 where there is none.
+        /// Line of the running program, counted from 1; 0 if none.
         line: u32,
         /// Bit i set: the machine has axis i.
         axes_mask: u32,
@@ -52,7 +53,7 @@ payload! {
         position_machine: [f64; AXES],
         /// Position in work coordinates: mm, degrees for A B C.
         position_work: [f64; AXES],
-        /// Way to the end of the running block, per axis: mm, degrees for A B C.
+        /// Distance to the end of the running block, per axis: mm, degrees for A B C.
         distance_to_go: [f64; AXES],
         /// Velocity: mm/s, degrees/s for A B C.
         velocity: [f64; AXES],
@@ -60,9 +61,9 @@ payload! {
         work_offset: [f64; AXES],
         /// Tool offset in force: mm, degrees for A B C.
         tool_offset: [f64; AXES],
-        /// Way along the path since the start of the run, in mm.
+        /// Distance along the path since the start of the run, in mm.
         path_mm: f64,
-        /// Way to the end of what is planned, in mm.
+        /// Distance to the end of the planned path, in mm.
         path_to_go_mm: f64,
         /// Speed along the path, in mm/s.
         feed_mm_s: f64,
@@ -74,13 +75,13 @@ payload! {
         rapid_override_ratio: f64,
         /// Spindle override as a ratio.
         spindle_override_ratio: f64,
-        /// Spindle speed in revolutions a minute, negative counter-clockwise.
+        /// Spindle speed in revolutions per minute, negative counter-clockwise.
         spindle_rpm: f64,
-        /// Setpoints that left after they were due.
+        /// Setpoints that were published after their due time.
         late_cycles: u64,
-        /// Trace records lost for want of room.
+        /// Trace records lost because the queue was full.
         dropped_records: u64,
-        /// Setpoints that could not be handed to the bus.
+        /// Setpoints that could not be passed to the bus.
         dropped_setpoints: u64,
         /// Lateness of the last wake-up, in ns.
         wake_lateness_ns: u64,
@@ -88,15 +89,15 @@ payload! {
         wake_lateness_p50_ns: u64,
         /// 99.9 % of the wake-ups were at most this late, in ns.
         wake_lateness_p999_ns: u64,
-        /// The latest wake-up since the start, in ns.
+        /// Maximum lateness of the wake-ups since the start, in ns.
         wake_lateness_max_ns: u64,
         /// Median time of a cycle's own work, in ns.
         work_p50_ns: u64,
-        /// 99.9 % of the cycles worked at most this long, in ns.
+        /// Own work of 99.9 % of the cycles was at most this long, in ns.
         work_p999_ns: u64,
-        /// The longest work of a cycle since the start, in ns.
+        /// Maximum own work of a cycle since the start, in ns.
         work_max_ns: u64,
-        /// Number of alarms in force; may be more than are listed.
+        /// Number of alarms in force; may exceed the listed ones.
         alarm_count: u32,
         /// Bytes of `program` in use.
         program_length: u32,
@@ -112,49 +113,49 @@ payload! {
         job: u64,
         /// Bits of the list of switches.
         switches: u32,
-        /// What is asked of the drives: 0 off, 1 on, 2 quick stop.
+        /// Power request to the drives: 0 off, 1 on, 2 quick stop.
         power: u32,
-        /// Bit i set: the drive of axis i says that its operation is enabled.
+        /// Bit i set: the drive of axis i reports operation enabled.
         enabled_mask: u32,
         /// Bit 0 mist, bit 1 flood.
         coolant: u32,
-        /// Modal G codes times ten in no particular order, filled up with zeros.
+        /// Modal G codes times ten in no particular order, padded with zeros.
         modal: [u32; MAX_MODAL_CODES],
-        /// Position of machine zero in the drives' coordinates, which homing finds: mm, degrees for A B C.
+        /// Position of machine zero in the drives' coordinates, as found by homing: mm, degrees for A B C.
         home_offset: [f64; AXES],
-        /// Actual position in machine coordinates, as the bridge says: mm, degrees for A B C.
+        /// Actual position in machine coordinates, from the bridge: mm, degrees for A B C.
         position_actual: [f64; AXES],
-        /// Demanded minus actual position, as the bridge says: mm, degrees for A B C.
+        /// Demanded minus actual position, from the bridge: mm, degrees for A B C.
         following_error: [f64; AXES],
-        /// Age of the last feedback, in ns; the largest number where none has come.
+        /// Age of the last feedback, in ns; the largest number if none has arrived.
         feedback_age_ns: u64,
         /// Commands that were accepted.
         commands_accepted: u64,
-        /// Commands that were rejected, stale ones among them.
+        /// Commands that were rejected, including stale ones.
         commands_rejected: u64,
         /// Bytes of `alarm_text` in use.
         alarm_text_length: u32,
         /// Bytes of `message` in use.
         message_length: u32,
-        /// The sentence of the newest alarm in force: what was wrong and what to do, UTF-8.
+        /// The sentence of the newest alarm in force: the error and its remedy, UTF-8.
         alarm_text: [u8; SENTENCE_BYTES],
         /// The program's last message to the operator, UTF-8.
         message: [u8; SENTENCE_BYTES],
-        /// Tool change that the program waits for: 0 none, 1 by the operator (confirmed by RESUME), 2 by the machine's program.
+        /// Tool change that the program waits for: 0 none, 1 by the operator (confirmed by RESUME), 2 by the machine's executable or subroutine.
         tool_change: u32,
-        /// Where `tool_change` is not 0: the tool to put into the spindle; 0 to empty the spindle.
+        /// If `tool_change` is not 0: the tool to put into the spindle; 0 to empty the spindle.
         tool_wanted: u32,
-        /// Longest path that a hold needs to rest at any moment of `job` so far, in mm, with a margin; 0 where none is known.
+        /// Longest path that a hold needs to stop at any moment of `job` so far, in mm, with a margin; 0 if unknown.
         longest_stop_mm: f64,
         /// Time of that stop, in s.
         longest_stop_s: f64,
-        /// Line of the program at which that hold comes.
+        /// Line of the program at which that hold starts.
         longest_stop_line: u32,
-        /// Times that the loaded program has come to its end since it was loaded.
+        /// Number of times that the loaded program has reached its end since it was loaded.
         parts: u32,
-        /// How long the program has run, or ran last, in s.
+        /// Running time of the current or last run of the program, in s.
         program_time_s: f64,
-        /// How much of that it stood at holds and program stops, in s.
+        /// Time of it spent in holds and program stops, in s.
         program_held_s: f64,
         /// Zero; for later versions.
         reserved: [u64; 10],
@@ -162,7 +163,7 @@ payload! {
 }
 
 impl Status {
-    /// Takes over what a setpoint says.
+    /// Copies the values of a setpoint.
     pub fn follow(&mut self, setpoint: &Setpoint) {
         self.state = setpoint.state;
         self.flags = setpoint.flags;
@@ -174,40 +175,40 @@ impl Status {
         self.override_ratio = setpoint.override_ratio;
     }
 
-    /// Writes the program's name, cut to the room there is at a character's border.
+    /// Writes the program's name, truncated to the capacity at a character boundary.
     pub fn set_program(&mut self, name: &str) {
         self.program_length = put_text(&mut self.program, name);
     }
 
-    /// The program's name; empty where there is none or where it is no UTF-8.
+    /// The program's name; empty if there is none or if it is not UTF-8.
     #[must_use]
     pub fn program_name(&self) -> &str {
         get_text(&self.program, self.program_length)
     }
 
-    /// Writes the sentence of the newest alarm, cut like the program's name.
+    /// Writes the sentence of the newest alarm, truncated like the program's name.
     pub fn set_alarm_text(&mut self, text: &str) {
         self.alarm_text_length = put_text(&mut self.alarm_text, text);
     }
 
-    /// The sentence of the newest alarm; empty where there is none.
+    /// The sentence of the newest alarm; empty if there is none.
     #[must_use]
     pub fn alarm_sentence(&self) -> &str {
         get_text(&self.alarm_text, self.alarm_text_length)
     }
 
-    /// Writes the message to the operator, cut like the program's name.
+    /// Writes the message to the operator, truncated like the program's name.
     pub fn set_message(&mut self, text: &str) {
         self.message_length = put_text(&mut self.message, text);
     }
 
-    /// The program's last message to the operator; empty where there is none.
+    /// The program's last message to the operator; empty if there is none.
     #[must_use]
     pub fn operator_message(&self) -> &str {
         get_text(&self.message, self.message_length)
     }
 
-    /// Adds an alarm. Counted even where the list is full.
+    /// Adds an alarm. It counts even if the list is full.
     pub fn push_alarm(&mut self, number: u32) {
         if let Some(slot) = self.alarms.get_mut(self.alarm_count as usize) {
             *slot = number;
@@ -222,7 +223,7 @@ impl Status {
     }
 }
 
-/// Writes a text into a field, cut to the room there is at a character's border, and returns its length.
+/// Writes a text into a field, truncated to the capacity at a character boundary, and returns its length.
 pub(crate) fn put_text(field: &mut [u8], text: &str) -> u32 {
     let length = text.floor_char_boundary_at(field.len());
     field.fill(0);
@@ -230,13 +231,13 @@ pub(crate) fn put_text(field: &mut [u8], text: &str) -> u32 {
     length as u32
 }
 
-/// The text in a field; empty where it is no UTF-8.
+/// The text in a field; empty if it is not UTF-8.
 pub(crate) fn get_text(field: &[u8], length: u32) -> &str {
     let length = (length as usize).min(field.len());
     core::str::from_utf8(&field[..length]).unwrap_or("")
 }
 
-/// The standard library has it from Rust 1.91 on.
+/// The standard library has it since Rust 1.91.
 trait CharBoundary {
     fn floor_char_boundary_at(&self, limit: usize) -> usize;
 }

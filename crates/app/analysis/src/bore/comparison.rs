@@ -135,7 +135,7 @@ impl Comparison<'_> {
                 length_mm: centred.then(|| half_circles_length_mm(radius, turns) + round),
                 remark: if centred {
                     format!(
-                        "curvature steps {} times, by 1/{largest:.3} mm at most",
+                        "curvature steps {} times, by at most 1/{largest:.3} mm",
                         2 * turns
                     )
                 } else {
@@ -189,7 +189,7 @@ impl Comparison<'_> {
             length_mm: fits.then(|| helix_length_mm(radius, self.depth_mm, pitch) + round),
             remark: if !covers {
                 format!(
-                    "needs a tool of {:.3} mm at least: this one leaves a core",
+                    "needs a tool of at least {:.3} mm: this one leaves a core",
                     0.5 * self.hole_mm
                 )
             } else if fits {

@@ -124,7 +124,7 @@ fn assumptions(
         laws.radial_text(asked),
         "no regeneration: waves of the last revolution are not seen, so there are no stability lobes in this"
             .to_owned(),
-        format!("below {} m/min the force law is not trusted", tool.floor_m_min),
+        format!("below {} m/min the force law is not valid", tool.floor_m_min),
     ];
     let outside = |law: &evolvent_cutting::ForceLaw, speed: f64| {
         !law.covers(Cut {

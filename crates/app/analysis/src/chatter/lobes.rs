@@ -66,7 +66,9 @@ pub(crate) fn answers(case: &Case) -> Result<Vec<LobeAnswer>, AnalysisError> {
     if let Some(turning) = &case.turning {
         let at = |rpm: f64| MillingDelay::turning(turning, rpm);
         let assumptions = vec![
-            "regenerative chatter of a linear tool: cutting force in proportion to chip area, one revolution of delay".to_owned(),
+            "regenerative chatter of a linear tool: cutting force in proportion to chip area, one \
+             revolution of delay"
+                .to_owned(),
             "no falling force over speed, no process damping; amplitudes are not predicted".to_owned(),
         ];
         // Both ways are exact for turning: the multiplier would only repeat the limit.
@@ -74,9 +76,12 @@ pub(crate) fn answers(case: &Case) -> Result<Vec<LobeAnswer>, AnalysisError> {
     }
     if let Some(milling) = &case.milling {
         let at = |rpm: f64| MillingDelay::milling(milling, rpm);
-        let assumptions = vec![
-            "regenerative chatter of a linear tool: straight, evenly spaced teeth, force in proportion to chip area".to_owned(),
-            "zero order: only the mean of the cutting force over a tooth; the delay equation takes all of it".to_owned(),
+        let assumptions =
+            vec![
+            "regenerative chatter of a linear tool: straight, evenly spaced teeth, force in proportion to \
+             chip area".to_owned(),
+            "zero order: only the mean of the cutting force over a tooth; the delay equation takes all of \
+             it".to_owned(),
             "no run-out, no process damping; amplitudes are not predicted".to_owned(),
         ];
         all.push(answer(case, milling, "milling", case.lobes.exact, at, assumptions).map_err(failed)?);
@@ -165,9 +170,9 @@ pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
         }
         if !least.is_empty() {
             says += if answer.exact {
-                "; dotted: least limits of the zero order, "
+                "; dotted: minimum limits of the zero order, "
             } else {
-                "; dotted: least limits, "
+                "; dotted: minimum limits, "
             };
             says += &least.join(" and ");
         }

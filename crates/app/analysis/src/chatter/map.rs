@@ -106,7 +106,7 @@ fn legend(svg: &mut Svg, most: f64) -> f64 {
     let mut x = 20.0;
     for (fill, text) in [
         (STABLE, "stable: every disturbance dies out"),
-        (LOST, "grows, by itself or after a blow, until the model ends"),
+        (LOST, "grows, by itself or after an impulse, until the model ends"),
         (NONE, "no steady cut, or no force"),
     ] {
         svg.rect((x, 48.0), (24.0, 12.0), fill);
@@ -118,7 +118,7 @@ fn legend(svg: &mut Svg, most: f64) -> f64 {
         (
             1.0,
             BISTABLE,
-            "bistable: steady until a blow sets it vibrating, amplitude",
+            "bistable: steady until an impulse sets it vibrating, amplitude",
         ),
     ] {
         let y = 68.0 + 20.0 * row;

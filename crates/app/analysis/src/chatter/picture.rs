@@ -203,7 +203,8 @@ fn amplitude(svg: &mut Svg, answer: &Answer) {
         svg,
         "Amplitude over speed",
         "",
-        "of V2, mm; red: vibrates by itself, yellow: steady until a blow sets it vibrating (both branches are there), violet: grows out of the model",
+        "of V2, mm; red: vibrates by itself, yellow: steady until an impulse sets it vibrating (both \
+         branches are there), violet: grows out of the model",
     );
     cycles(svg, &chart, sweep, |cycle| 1e3 * cycle.0);
     chart.upright(svg, answer.tool.speed_m_min);

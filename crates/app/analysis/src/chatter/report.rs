@@ -37,18 +37,20 @@ fn sentence(assessment: &Assessment) -> &'static str {
     match (assessment.verdict, grows, assessment.can_leave()) {
         (Verdict::Stable, ..) => "stable: every disturbance within the model dies out",
         (Verdict::Bistable, _, false) => {
-            "bistable: steady until a blow beyond the unstable cycle sets it vibrating"
+            "bistable: steady until an impulse beyond the unstable cycle sets it vibrating"
         }
         (Verdict::Bistable, _, true) => {
-            "bistable: steady until a blow sets it vibrating, and a large one leaves the model"
+            "bistable: steady until an impulse sets it vibrating, and a large one leaves the model"
         }
         (Verdict::SelfExcited, _, false) => "vibrates by itself",
-        (Verdict::SelfExcited, _, true) => "vibrates by itself, and a large blow leaves the model",
+        (Verdict::SelfExcited, _, true) => "vibrates by itself, and a large impulse leaves the model",
         (Verdict::OutOfModel, true, _) => {
-            "leaves the model by itself: vibration grows until the speed falls to the floor or contact is lost"
+            "leaves the model by itself: vibration grows until the speed falls to the floor or contact is \
+             lost"
         }
         (Verdict::OutOfModel, false, _) => {
-            "leaves the model after a blow: steady until then, but beyond the unstable cycle vibration grows until the \
+            "leaves the model after an impulse: steady until then, but beyond the unstable cycle vibration \
+             grows until the \
              speed falls to the floor or contact is lost"
         }
     }
@@ -155,7 +157,8 @@ fn evidence_text(text: &mut String, assessment: &Assessment) -> std::fmt::Result
     for branch in assessment.branches.iter().filter(|branch| !branch.end.is_known()) {
         writeln!(
             text,
-            "  not known: the branch at {:.2} Hz was followed to {} mm only ({}); larger cycles on it may be missing",
+            "  not known: the branch at {:.2} Hz was followed to {} mm only ({}); larger cycles on it may \
+             be missing",
             branch.mode.frequency_hz,
             branch
                 .points
@@ -177,7 +180,7 @@ fn evidence_text(text: &mut String, assessment: &Assessment) -> std::fmt::Result
             count(|fate| matches!(fate, Fate::Settles(_))),
             "settle on a cycle",
         ),
-        (count(|fate| *fate == Fate::GoesOn), "go on without a cycle"),
+        (count(|fate| *fate == Fate::GoesOn), "continue without a cycle"),
         (count(|fate| *fate == Fate::StillGrows), "still grow"),
         (count(|fate| *fate == Fate::Leaves), "leave the model"),
     ];
@@ -285,11 +288,11 @@ fn lobe_text(text: &mut String, case: &Case, answer: &LobeAnswer) -> std::fmt::R
     // Zero order promises too much; of several modes the first has the least limit.
     let (first, next) = if answer.kind == "milling" {
         (
-            "zero order: least limit",
-            "zero order: least limit of another lobe",
+            "zero order: minimum limit",
+            "zero order: minimum limit of another lobe",
         )
     } else {
-        ("stable at every speed below", "least limit of another mode")
+        ("stable at every speed below", "minimum limit of another mode")
     };
     for (k, limit) in answer.minima.iter().enumerate() {
         let lobes: Vec<String> = (0..4)

@@ -68,7 +68,7 @@ impl Transient {
                 cycle.frequency_hz,
                 1e3 * cycle.amplitude_m[1]
             ),
-            Fate::GoesOn => "goes on without a cycle".to_owned(),
+            Fate::GoesOn => "continues without a cycle".to_owned(),
             Fate::StillGrows => "grows, slower than it was followed".to_owned(),
             Fate::Leaves => "grows out of the model".to_owned(),
             Fate::BeginsOutside => "is too large: it brings the speed to the floor at once".to_owned(),

@@ -51,7 +51,7 @@ impl ChatterWarning {
     /// As one line of text.
     pub fn text(&self, file_name: &str) -> String {
         let what = match self.verdict {
-            "bistable" => "may be set vibrating by a blow",
+            "bistable" => "may be set vibrating by an impulse",
             "self-excited" => "is predicted to vibrate by itself",
             _ => "is predicted to vibrate, beyond what the model can tell",
         };
@@ -67,7 +67,8 @@ impl ChatterWarning {
             format!("nearest stable spindle speeds: {} rpm", stable.join(" and "))
         };
         format!(
-            "{file_name}:{}: warning: this cut {what} at {:.0} rpm ({:.1} m/min on a diameter of {:.2} mm), {:.3} mm deep \
+            "{file_name}:{}: warning: this cut {what} at {:.0} rpm ({:.1} m/min on a diameter of {:.2} mm), \
+             {:.3} mm deep \
              ({}), {:.3} mm/rev; {advice}",
             self.line,
             self.speed_rpm,
@@ -163,7 +164,8 @@ pub fn chatter_warnings(
     let found: Vec<ChatterWarning> = look.found.into_values().collect();
     Ok(ChatterWarnings {
         assumptions: format!(
-            "{} lines with cuts that are predicted to vibrate; assumed: force law {} ({}), {}, no regeneration, depth from G82 D \
+            "{} lines with cuts that are predicted to vibrate; assumed: force law {} ({}), {}, no \
+             regeneration, depth from G82 D \
              or G75 K where there is one and else {} mm, diameter {}",
             found.len(),
             case_laws.definition.name,

@@ -49,7 +49,8 @@ pub(super) fn reasons(program: &Surroundings, seen: &Seen) -> (Vec<String>, Vec<
     }
     if share(Limiting::Nothing) > 0.5 {
         reasons.push(
-            "for most of its time no limit is reached: the planner keeps a reserve between short or curved moves"
+            "for most of its time no limit is reached: the planner keeps a reserve between short or curved \
+             moves"
                 .to_owned(),
         );
     }
@@ -111,7 +112,7 @@ fn reason(place: &Place, side: Option<&Neighbour>, program: &Surroundings) -> Op
     }
     if side.mean_length_mm < SHORT_MM && side.mean_length_mm > 0.0 {
         causes.push(format!(
-            "the moves {} it are {} mm long in the mean",
+            "the moves {} it are {} mm long on average",
             if place.at == Where::Start {
                 "before"
             } else {
@@ -217,7 +218,7 @@ impl Display for Explanation {
         };
         writeln!(
             f,
-            "  speed {:.0} to {:.0} mm/min, {:.0} in the mean; {:.3} s{passes}, {:.1} % of the program's time",
+            "  speed {:.0} to {:.0} mm/min, mean {:.0}; {:.3} s{passes}, {:.1} % of the program's time",
             seen.least_feed_mm_min,
             seen.most_feed_mm_min,
             seen.mean_feed_mm_min,

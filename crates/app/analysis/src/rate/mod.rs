@@ -163,11 +163,12 @@ impl RateReport {
         }
         if rate.rate_hz < MIN_RATE_HZ {
             lines.push(format!(
-                "  the loop runs at no less than {MIN_RATE_HZ} Hz, so it would run at that"
+                "  the minimum rate of the loop is {MIN_RATE_HZ} Hz, so it would run at that"
             ));
         } else if rate.rate_hz > MAX_RATE_HZ {
             lines.push(format!(
-                "  the loop runs at no more than {MAX_RATE_HZ} Hz: there the feed in curves is reduced to keep the error"
+                "  the maximum rate of the loop is {MAX_RATE_HZ} Hz: there the feed in curves is reduced to \
+                 keep the error"
             ));
         }
         lines.push(String::new());

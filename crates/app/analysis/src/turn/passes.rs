@@ -21,8 +21,8 @@ pub(crate) fn program(trial: &TurningTrial) -> String {
     // Writing to a string cannot fail.
     let _ = writeln!(
         text,
-        "(passes of {}, found by self-programmed turning on a simulated stock)\n(they fit that stock only: nothing \
-         watches the load)\nG21 G18 G90 G94 G8 G61\nS{:.0} M3\nG0 X{x:.4}\nG0 Z{z:.4}",
+        "(passes of {}, found by self-programmed turning on a simulated stock)\n(they fit that stock only: \
+         nothing monitors the load)\nG21 G18 G90 G94 G8 G61\nS{:.0} M3\nG0 X{x:.4}\nG0 Z{z:.4}",
         plain(&trial.job.name),
         settings.spindle_rpm
     );
@@ -71,7 +71,8 @@ pub(crate) fn cycle_program(job: &Job, words: TurningWords) -> String {
         format!(" R{} L{z}", unit * x)
     });
     format!(
-        "({}: passes that the cutting load finds)\nG21 G18 G90 G94 G8 G61 G97\nS{} M3\n{first}\n{second}\nF100\n{code} X{end_x} \
+        "({}: load-adaptive passes)\nG21 G18 G90 G94 G8 G61 G97\nS{} M3\n{first}\n{second}\nF100\n{code} \
+         X{end_x} \
          Z{end_z}{cone} Q1\nM5\nM2\n",
         plain(&job.name),
         cut.spindle_rpm

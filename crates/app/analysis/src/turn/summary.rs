@@ -43,7 +43,8 @@ impl TurningTrial {
         let _ = writeln!(
             text,
             "{} on {}: {} (simulated stock and sensor)\n  \
-             set load {:.0} N; feed {:.3} to {:.3} mm/rev; backs off from {:.3} mm to {:.3} mm at {:.4} mm/rev; full feed \
+             set load {:.0} N; feed {:.3} to {:.3} mm/rev; backs off from {:.3} mm to {:.3} mm at {:.4} \
+             mm/rev; full feed \
              below {:.3} mm",
             self.job.name,
             self.machine,
@@ -58,7 +59,8 @@ impl TurningTrial {
         );
         let _ = writeln!(
             text,
-            "  {} passes (equation 5: {}), {} times backed off, {:.1} s, of that {:.1} s in air and {:.1} s moving back",
+            "  {} passes (equation 5: {}), {} times backed off, {:.1} s, of which {:.1} s in air and {:.1} \
+             s moving back",
             figures.passes,
             regime.passes(self.highest_mm),
             figures.back_offs,
@@ -68,7 +70,8 @@ impl TurningTrial {
         );
         let _ = writeln!(
             text,
-            "  load at most {:.3} of the set one, above 1.2 for {:.3} s, above 1.3 for {:.3} s at a stretch (a revolution \
+            "  load at most {:.3} of the set load, above 1.2 for {:.3} s, above 1.3 for {:.3} s at a \
+             stretch (a revolution \
              takes {:.3} s)\n  left standing at most {:.4} mm",
             figures.peak / regime.set_load,
             figures.over_120_s,
@@ -94,7 +97,8 @@ impl TurningTrial {
             for change in &self.changes {
                 let _ = writeln!(
                     text,
-                    "  {:9.3} s  pass {:<3} {:>8.2} mm along, {:>6.3} mm out, {:>6.0} N, {:.3} mm/rev: {:?}, because {}",
+                    "  {:9.3} s  pass {:<3} {:>8.2} mm along, {:>6.3} mm out, {:>6.0} N, {:.3} mm/rev: \
+                     {:?}, because {}",
                     change.cycle as f64 * settings.period_s,
                     change.pass,
                     change.along_mm,

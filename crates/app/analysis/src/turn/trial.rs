@@ -265,18 +265,20 @@ impl TurningTrial {
     fn note(&mut self) {
         if self.is_simulated {
             self.notes.push(format!(
-            "workpiece and sensor are simulated: a height field cut with a lag of one revolution, a sensor with {:.0} ms \
+            "workpiece and sensor are simulated: a height field cut with a lag of one revolution, a sensor \
+             with {:.0} ms \
              of lag and {:.1} % of noise; the force law is taken to hold exactly",
             1e3 * self.job.sensor.lag_s,
             100.0 * self.job.sensor.noise
         ));
         } else {
             self.notes
-                .push("loads are those of the sensor; what is left standing is not measured".into());
+                .push("loads are those of the sensor; the stock left standing is not measured".into());
         }
         if self.job.law_misfit > 0.0 {
             self.notes.push(format!(
-                "the controller uses a power law that differs from the force law by up to {:.1} % over these feeds",
+                "the controller uses a power law that differs from the force law by up to {:.1} % over \
+                 these feeds",
                 100.0 * self.job.law_misfit
             ));
         }

@@ -1,4 +1,4 @@
-//! `evolvent chatter`: will this cut vibrate, how strongly, and at which speed not?
+//! `evolvent chatter`: predicts whether a cut vibrates, how strongly, and at which speeds it does not.
 
 #[cfg(test)]
 mod tests;
@@ -16,8 +16,8 @@ use crate::{CommandError, Ending};
 
 /// Options of `evolvent chatter`.
 ///
-/// A case with [cut], [force] and [tool] asks for self-oscillation; one with [turning] or [milling] asks for stability
-/// lobes. docs/theory-self-oscillation.md leads through an example.
+/// A case with [cut], [force] and [tool] computes self-oscillation; one with [turning] or [milling] computes
+/// stability lobes. docs/theory-self-oscillation.md explains an example.
 #[allow(
     rustdoc::broken_intra_doc_links,
     reason = "sections of a file, and `--help` shows this text as it is"
@@ -32,34 +32,34 @@ pub(crate) struct ChatterArgs {
     /// Write phase portrait, force over speed, and amplitude, frequency and growth over speed into one SVG file
     #[arg(long, value_name = "FILE.svg")]
     pub(crate) plot: Option<PathBuf>,
-    /// Write the map of speed and depth, one for each feed of the case, into one SVG file
+    /// Write the map of speed and depth, one per feed of the case, into one SVG file
     #[arg(long, value_name = "FILE.svg")]
     pub(crate) map: Option<PathBuf>,
     /// Write the diagram of stability lobes into one SVG file
     #[arg(long, value_name = "FILE.svg")]
     pub(crate) lobes: Option<PathBuf>,
-    /// Follow a kick along the cutting speed in time, and write deflections and the spiral in the phase plane into one SVG
-    /// file
+    /// Follow an impulse along the cutting speed in time, and write deflections and the spiral in the phase
+    /// plane into one SVG file
     #[arg(long, value_name = "FILE.svg")]
     pub(crate) transient: Option<PathBuf>,
-    /// Velocity of the kick, m/s; default: 0.3 of what brings the cutting speed to the floor
+    /// Velocity of the impulse, m/s; default: 0.3 of the velocity that brings the cutting speed to the floor
     #[arg(long, value_name = "M_S", requires = "transient", allow_hyphen_values = true)]
     pub(crate) kick: Option<f64>,
-    /// Time that is shown after the kick, s; default: until small vibrations have changed by e^4
+    /// Time shown after the impulse, s; default: until small vibrations have changed by e^4
     #[arg(long, value_name = "S", requires = "transient")]
     pub(crate) seconds: Option<f64>,
-    /// Compare with the least squares in three stages
+    /// Compare with the three-stage least squares of the source
     #[arg(long)]
     pub(crate) least_squares: bool,
-    /// Harmonics that are kept, 1 to 32; default: the case's, or 5
+    /// Number of harmonics, 1 to 32; default: the case's, or 5
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=32))]
     pub(crate) harmonics: Option<u8>,
 }
 
-/// Computes the case and writes it to `out`, as text or as one JSON object; what else there is to say goes to `err`.
+/// Computes the case and writes it to `out`, as text or as one JSON object; notes go to `err`.
 ///
 /// # Errors
-/// `Usage` for a bad case, `Failed` where there is no answer, or where output or a picture cannot be written.
+/// `Usage` for a bad case, `Failed` if there is no result, or if output or a picture cannot be written.
 pub(crate) fn run(
     args: &ChatterArgs,
     out: &mut dyn Write,
@@ -141,13 +141,13 @@ pub(crate) fn run(
 fn write_picture(file: &Path, svg: &str, err: &mut dyn Write) -> Result<(), CommandError> {
     write_whole(file, svg.as_bytes())
         .map_err(|error| CommandError::Failed(format!("{}: cannot write: {error}", file.display())))?;
-    // With standard error gone there is nobody left to tell.
+    // If standard error is closed, nobody is left to inform.
     let _ = writeln!(err, "figures written to {}", file.display());
     Ok(())
 }
 
-/// Writes what was predicted of a program, with what is assumed behind.
+/// Writes the predictions for a program, followed by the assumptions.
 pub(crate) fn write_warnings(warnings: &ChatterWarnings, err: &mut dyn Write, file_name: &str) {
-    // With standard error gone there is nobody left to tell.
+    // If standard error is closed, nobody is left to inform.
     let _ = err.write_all(warnings.text(file_name).as_bytes());
 }

@@ -8,7 +8,7 @@ use evolvent_inspect::{Comparison, compare};
 use super::{inspect_error, write_error};
 use crate::{CommandError, Ending};
 
-/// Lines that people are shown.
+/// Maximum number of lines shown.
 const SHOWN: usize = 12;
 
 pub(super) fn run(a: &Path, b: &Path, json: bool, out: &mut dyn Write) -> Result<Ending, CommandError> {
@@ -48,10 +48,11 @@ fn write_comparison(out: &mut dyn Write, c: &Comparison) -> io::Result<()> {
     };
     writeln!(out, "on the {:.3} mm that both drove, {slower}", c.common_path_mm)?;
     match c.first_deviation {
-        None => writeln!(out, "they are at the same places, within a nanometre")?,
+        None => writeln!(out, "their positions agree within a nanometre")?,
         Some((path_mm, line)) => writeln!(
             out,
-            "they are apart from {path_mm:.3} mm on (line {line}), by {:.6} mm at most, at {:.3} mm (line {})",
+            "their positions differ from {path_mm:.3} mm on (line {line}), by at most {:.6} mm, at {:.3} mm \
+             (line {})",
             c.max_deviation_mm, c.deviation_at_mm, c.deviation_line
         )?,
     }

@@ -11,13 +11,13 @@ use evolvent_trace::TraceFile;
 use super::{read_error, write_error};
 use crate::{CommandError, Ending};
 
-/// Which part of a trace.
+/// A part of a trace.
 #[derive(Debug, Args)]
 pub(super) struct PartArgs {
-    /// From this time on, s since the start of the run.
+    /// Start time, s since the start of the run.
     #[arg(long, value_name = "S")]
     from: Option<f64>,
-    /// Up to this time, s since the start of the run.
+    /// End time, s since the start of the run.
     #[arg(long, value_name = "S")]
     to: Option<f64>,
     /// Only these lines of the program: N, N-M, N- or -M.
@@ -34,7 +34,7 @@ impl PartArgs {
         );
         if from.is_nan() || to.is_nan() || from > to {
             return Err(CommandError::Usage(format!(
-                "--from {from} to --to {to} is no span of time"
+                "--from {from} to --to {to} is not a time span"
             )));
         }
         Ok(Selection {
@@ -49,10 +49,10 @@ impl PartArgs {
 pub(super) struct ExportArgs {
     /// The trace, NAME.mcap.
     file: PathBuf,
-    /// Where the table goes: NAME.csv or NAME.parquet; its name says which.
+    /// Output file: NAME.csv or NAME.parquet; its extension selects the format.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// What the table is of.
+    /// Contents of the table.
     #[arg(long, value_enum, default_value_t = ChannelArg::Cycles)]
     channel: ChannelArg,
     #[command(flatten)]
@@ -63,7 +63,7 @@ pub(super) struct ExportArgs {
 enum ChannelArg {
     /// Every cycle: position, velocity, acceleration, jerk, times.
     Cycles,
-    /// What came in or went wrong.
+    /// Inputs and faults.
     Events,
     /// Executed blocks.
     Blocks,
@@ -74,7 +74,7 @@ fn parse_lines(text: &str) -> Result<RangeInclusive<u32>, String> {
         if text.is_empty() {
             Ok(other)
         } else {
-            text.parse().map_err(|_| format!("{text:?} is no line number"))
+            text.parse().map_err(|_| format!("{text:?} is not a line number"))
         }
     };
     let (first, last) = match text.split_once('-') {
@@ -82,7 +82,9 @@ fn parse_lines(text: &str) -> Result<RangeInclusive<u32>, String> {
         Some((first, last)) => (number(first, 0)?, number(last, u32::MAX)?),
     };
     if text.is_empty() || first > last {
-        return Err(format!("{text:?} is no range of lines; write N, N-M, N- or -M"));
+        return Err(format!(
+            "{text:?} is not a range of lines; write N, N-M, N- or -M"
+        ));
     }
     Ok(first..=last)
 }
@@ -98,7 +100,7 @@ pub(super) fn run(args: &ExportArgs, err: &mut dyn Write) -> Result<Ending, Comm
         "parquet" => ExportFormat::Parquet,
         _ => {
             return Err(CommandError::Usage(format!(
-                "{} does not say what table it is to be: end its name in .csv or .parquet",
+                "{} does not have the extension of a table: use .csv or .parquet",
                 args.output.display()
             )));
         }
@@ -126,7 +128,7 @@ pub(super) fn run(args: &ExportArgs, err: &mut dyn Write) -> Result<Ending, Comm
     if done.rows == 0 {
         writeln!(
             err,
-            "note: the trace has nothing of what was asked for; `evolvent trace info` tells what it holds"
+            "note: the trace has no data in this selection; `evolvent trace info` shows its contents"
         )
         .map_err(write_error)?;
     }

@@ -32,7 +32,7 @@ fn write_info(out: &mut dyn Write, info: &TraceInfo) -> io::Result<()> {
     rows.push((
         "size",
         format!(
-            "{} in {} chunks, {} unpacked",
+            "{} in {} chunks, {} uncompressed",
             bytes(info.bytes),
             info.chunks,
             bytes(info.uncompressed_bytes)
@@ -51,7 +51,7 @@ fn write_info(out: &mut dyn Write, info: &TraceInfo) -> io::Result<()> {
             format!("{}, {} cycles missing", text("gaps"), text("missing_cycles")),
         ));
         rows.push(("alarms", text("alarms")));
-        rows.push(("woke up late by", percentiles(info, "wake_lateness")));
+        rows.push(("wake-up lateness", percentiles(info, "wake_lateness")));
         rows.push(("own work", percentiles(info, "work")));
     }
     if let Some(failure) = info.recovery.get("failure") {

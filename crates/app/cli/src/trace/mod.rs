@@ -1,4 +1,4 @@
-//! `evolvent trace`: looking into traces.
+//! `evolvent trace`: examining traces.
 
 mod compare;
 mod export;
@@ -27,7 +27,8 @@ pub(crate) struct TraceArgs {
 
 #[derive(Debug, Subcommand)]
 enum TraceCommand {
-    /// What a trace holds: the run, the machine, channels, gaps, alarms, lateness. At once, whatever its size.
+    /// Show what a trace contains: the run, the machine, channels, gaps, alarms, lateness. Immediate for any
+    /// size.
     Info {
         /// The trace, NAME.mcap.
         file: PathBuf,
@@ -35,20 +36,22 @@ enum TraceCommand {
         #[arg(long)]
         json: bool,
     },
-    /// One page for a browser: the verdict in words, the path, feed and every axis over time, where the time went.
+    /// Write one page for a browser: the verdict in words, the path, feed and every axis over time, where the
+    /// time went.
     Report {
         /// The trace, NAME.mcap.
         file: PathBuf,
-        /// Where the page goes; else NAME.html.
+        /// Output file; default: NAME.html.
         #[arg(short, long, value_name = "FILE.html")]
         output: Option<PathBuf>,
     },
-    /// A table of cycles, events or blocks: CSV or Parquet, by the name of the output.
+    /// Write a table of cycles, events or blocks: CSV or Parquet, by the extension of the output.
     Export(export::ExportArgs),
-    /// Compute the run, or every job of a served machine, again and compare every setpoint, bit for bit; check every sample
-    /// against limits and path.
+    /// Recompute the run, or every job of a served machine, and compare every setpoint bit for bit; check
+    /// every sample against limits and path.
     ///
-    /// Exit code 0: it comes out the same; 1: it does not, or a limit is broken; 3: nothing is wrong, but cycles are missing, or it is not known what moved the axes.
+    /// Exit code 0: the run is reproduced; 1: it is not, or a limit is exceeded; 3: no error was found, but
+    /// cycles are missing, or what moved the axes is unknown.
     Verify {
         /// The trace, NAME.mcap.
         file: PathBuf,
@@ -58,7 +61,8 @@ enum TraceCommand {
     },
     /// Publish the recorded setpoints on the bus again.
     Replay(replay::ReplayArgs),
-    /// Two runs, aligned by place on the path: where and why one was slower, and where they are apart.
+    /// Compare two runs, aligned by position on the path: where and why one was slower, and where they
+    /// differ.
     Compare {
         /// The first trace.
         a: PathBuf,
@@ -68,11 +72,11 @@ enum TraceCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Make a complete trace of a torn or damaged one. Exit code 3 if something of it was lost.
+    /// Make a complete trace of a truncated or damaged one. Exit code 3 if a part of it was lost.
     Recover {
-        /// The torn trace, NAME.mcap or NAME.mcap.part. It is left as it is.
+        /// The truncated trace, NAME.mcap or NAME.mcap.part. It is not changed.
         file: PathBuf,
-        /// Where the complete trace goes; else NAME.mcap for NAME.mcap.part, or NAME.recovered.mcap.
+        /// Output file; default: NAME.mcap for NAME.mcap.part, or NAME.recovered.mcap.
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
         /// Print one JSON object.
@@ -99,7 +103,7 @@ pub(crate) fn run(
     }
 }
 
-/// A name that was mistyped is wrong usage; a file that is broken is a failure.
+/// A mistyped name is wrong usage; a broken file is a failure.
 fn read_error(error: &ReadError) -> CommandError {
     if error.is_wrong_name() {
         CommandError::Usage(error.to_string())
@@ -137,7 +141,7 @@ mod tests {
         args: TraceArgs,
     }
 
-    /// Runs the command; gives its ending and both outputs.
+    /// Runs the command; returns its ending and both outputs.
     fn trace(arguments: &[&str]) -> (Result<Ending, CommandError>, String, String) {
         let cli = Cli::try_parse_from([&["trace"], arguments].concat()).expect("arguments");
         let (mut out, mut err) = (Vec::new(), Vec::new());
@@ -149,7 +153,7 @@ mod tests {
         )
     }
 
-    /// A folder of its own, gone at the end.
+    /// A separate folder, removed at the end.
     struct Folder(PathBuf);
 
     impl Folder {
@@ -237,7 +241,7 @@ mod tests {
         let output = folder.0.join("whole.mcap").display().to_string();
         let (ending, _, text) = trace(&["recover", &file, "-o", &output]);
         assert_eq!(ending, Ok(Ending::Lossy), "{text}");
-        assert!(text.contains("bytes at the torn end"), "{text}");
+        assert!(text.contains("bytes at the truncated end"), "{text}");
         assert_eq!(trace(&["info", &output]).0, Ok(Ending::Clean));
     }
 

@@ -59,7 +59,7 @@ fn write_recovered(out: &mut dyn Write, recovered: &Recovered) -> io::Result<()>
     let lost = match (recovered.damaged_places, recovered.bytes_dropped) {
         (0, 0) if recovered.was_complete => "nothing, the file was complete".to_owned(),
         (0, 0) => "nothing, only the index was missing".to_owned(),
-        (0, dropped) => format!("{dropped} bytes at the torn end"),
+        (0, dropped) => format!("{dropped} bytes at the truncated end"),
         (places, dropped) => format!("{dropped} bytes; {places} damaged places before the end"),
     };
     rows.push(("lost", lost));

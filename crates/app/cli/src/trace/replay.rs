@@ -20,10 +20,10 @@ pub(super) struct ReplayArgs {
     file: PathBuf,
     #[command(flatten)]
     part: PartArgs,
-    /// Times real time, 0.001 to 1000.
+    /// Speed relative to real time, 0.001 to 1000.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, conflicts_with = "step")]
     speed: f64,
-    /// One setpoint for each line on standard input; a number publishes as many, `q` ends.
+    /// Publish one setpoint per line on standard input; a number publishes that many, `q` ends.
     #[arg(long)]
     step: bool,
     /// The name on the bus. Default: the recorded machine's.
@@ -32,13 +32,13 @@ pub(super) struct ReplayArgs {
     /// Prefix of the bus's files.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// Wait, 10 s at the most, until so many clients listen to setpoints.
+    /// Wait up to 10 s until this many clients subscribe to setpoints.
     #[arg(long, value_name = "N", default_value_t = 0)]
     wait_for_clients: usize,
-    /// Publish even to drives that are on; has to be said together with --yes-machine-is-on.
+    /// Publish even to drives that are on; requires --yes-machine-is-on.
     #[arg(long, requires = "yes_machine_is_on")]
     force: bool,
-    /// The second half of --force.
+    /// Confirms --force.
     #[arg(long, requires = "force")]
     yes_machine_is_on: bool,
     /// Print one JSON object at the end.
@@ -74,7 +74,7 @@ pub(super) fn run(
         &args.file,
         &options,
         |record| {
-            // Nobody may be there to read it.
+            // Perhaps nobody reads it.
             drop(writeln!(
                 err,
                 "cycle {}, line {}, feed {:.3} mm/s; Enter for the next, a number for as many, q to end",

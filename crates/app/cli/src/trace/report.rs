@@ -12,7 +12,7 @@ pub(super) fn run(file: &Path, output: Option<&Path>, err: &mut dyn Write) -> Re
     let output = output.map_or_else(|| file.with_extension("html"), Path::to_path_buf);
     if output == file {
         let text = format!(
-            "{} is the trace itself: name another place with -o",
+            "{} is the trace itself: name another file with -o",
             output.display()
         );
         return Err(CommandError::Usage(text));

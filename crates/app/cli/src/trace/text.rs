@@ -1,10 +1,10 @@
-//! What the commands of `evolvent trace` write in the same way.
+//! Common output of the commands of `evolvent trace`.
 
 use std::io::{self, Write};
 
 use serde_json::{Map, Value, json};
 
-/// Lines of name and value, the values one below another.
+/// Lines of name and value, with the values aligned.
 pub(super) fn write_table(out: &mut dyn Write, rows: &[(&str, String)]) -> io::Result<()> {
     let width = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
     rows.iter()
@@ -52,7 +52,7 @@ pub(super) fn channels_to_json(channels: &[evolvent_trace::ChannelInfo]) -> Valu
         .into()
 }
 
-/// Texts that are numbers become numbers.
+/// Converts texts that are numbers to numbers.
 pub(super) fn map_to_json(map: &std::collections::BTreeMap<String, String>) -> Value {
     map.iter()
         .map(|(key, text)| {
@@ -61,7 +61,7 @@ pub(super) fn map_to_json(map: &std::collections::BTreeMap<String, String>) -> V
                 .map(Value::from)
                 .or_else(|_| text.parse::<u64>().map(Value::from))
                 .or_else(|_| text.parse::<f64>().map(Value::from));
-            // JSON has no infinity: it stays a text.
+            // JSON has no infinity: it stays a string.
             let value = number.ok().filter(|value| !value.is_null());
             (key.clone(), value.unwrap_or_else(|| Value::from(text.clone())))
         })

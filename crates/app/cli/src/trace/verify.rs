@@ -31,20 +31,21 @@ fn write_verified(out: &mut dyn Write, verified: &Verified) -> io::Result<()> {
     match &verified.first_difference {
         None if verified.compared == 0 => writeln!(
             out,
-            "nothing was compared: the trace holds {} cycles, none of which could be computed again",
+            "nothing was compared: the trace holds {} cycles, none of which could be recomputed",
             verified.cycles
         )?,
         None if verified.recomputed => writeln!(
             out,
-            "the same: {} setpoints computed again, every bit of position, velocity, acceleration, jerk, path, feed, line, \
+            "the same: {} setpoints recomputed, every bit of position, velocity, acceleration, jerk, path, \
+             feed, line, \
              state and flags",
             verified.compared
         )?,
-        None => writeln!(out, "not computed again")?,
+        None => writeln!(out, "not recomputed")?,
         Some(difference) => {
             writeln!(
                 out,
-                "NOT the same: {} of {} setpoints differ, positions by {:e} mm or degrees at most",
+                "NOT the same: {} of {} setpoints differ, positions by at most {:e} mm or degrees",
                 verified.differing, verified.cycles, verified.greatest_difference
             )?;
             writeln!(
@@ -73,7 +74,7 @@ fn write_verified(out: &mut dyn Write, verified: &Verified) -> io::Result<()> {
     } else if verified.violations.is_empty() {
         write!(out, "every sample keeps travel, velocity, acceleration and jerk")?;
         match verified.max_path_error_mm {
-            Some(error) => writeln!(out, ", and the path within its tolerance ({error:.6} mm at most)")?,
+            Some(error) => writeln!(out, ", and the path within its tolerance (at most {error:.6} mm)")?,
             None => writeln!(out)?,
         }
     } else {
@@ -87,7 +88,7 @@ fn write_verified(out: &mut dyn Write, verified: &Verified) -> io::Result<()> {
     if verified.uncompared > 0 {
         writeln!(
             out,
-            "{} cycles were not compared: what moved the axes there is not known",
+            "{} cycles were not compared: what moved the axes there is unknown",
             verified.uncompared
         )?;
     }

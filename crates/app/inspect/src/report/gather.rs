@@ -478,7 +478,13 @@ fn series(opened: &Opened, curves: &Curves, axes: &[AxisLetter], has_errors: boo
     }
     list.push(plain("override", "feed override", "%", None, &curves.override_));
     if opened.run.clock == "realtime" {
-        list.push(plain("lateness", "woken late by", "us", None, &curves.lateness));
+        list.push(plain(
+            "lateness",
+            "wake-up lateness",
+            "us",
+            None,
+            &curves.lateness,
+        ));
         list.push(plain("work", "own work", "us", None, &curves.work));
     }
     let load = curves.load.level();

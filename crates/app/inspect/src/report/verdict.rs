@@ -130,7 +130,8 @@ fn punctuality(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, Stri
         say(
             Gravity::Bad,
             format!(
-                "{} of {} setpoints left after they were due; the latest wake-up was {:.1} us late.",
+                "{} of {} setpoints were published after their due time; the latest wake-up was {:.1} us \
+                 late.",
                 g.late,
                 g.cycles,
                 g.lateness.max_ns as f64 * 1e-3
@@ -140,7 +141,7 @@ fn punctuality(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, Stri
         say(
             Gravity::Good,
             format!(
-                "No setpoint left late; the latest wake-up was {:.1} us late.",
+                "No setpoint was late; the latest wake-up was {:.1} us late.",
                 g.lateness.max_ns as f64 * 1e-3
             ),
         );
@@ -170,7 +171,7 @@ fn completeness(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, Str
     } else if let Some(dropped) = recovery.get("bytes_dropped") {
         say(
             Gravity::Note,
-            format!("The file was torn and has been recovered; {dropped} bytes could not be used."),
+            format!("The file was truncated and has been recovered; {dropped} bytes could not be used."),
         );
     }
 }
@@ -180,7 +181,7 @@ fn limits(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) 
         say(
             Gravity::Bad,
             format!(
-                "{} samples broke a limit. The first: {text}, cycle {sequence}, line {line}.",
+                "{} samples exceeded a limit. The first: {text}, cycle {sequence}, line {line}.",
                 g.check.broken()
             ),
         );
@@ -201,7 +202,8 @@ fn limits(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) 
     say(
         Gravity::Good,
         format!(
-            "Every axis kept its travel, velocity, acceleration and jerk, by differences of the recorded positions; the \
+            "Every axis kept its travel, velocity, acceleration and jerk, by differences of the recorded \
+             positions; the \
              closest was {:.1} % of a limit ({}).",
             100.0 * worst.0,
             if worst.1.is_empty() {
@@ -233,7 +235,7 @@ fn where_time_went(g: &Gathered, duration_s: f64, say: &mut impl FnMut(Gravity, 
     if !words.is_empty() {
         say(
             Gravity::Note,
-            format!("What set the pace: {} of the time.", words.join(", ")),
+            format!("Limiting factors: {} of the time.", words.join(", ")),
         );
     }
     let held: f64 = g.times.lines().values().map(|line| line.held_s).sum();

@@ -206,7 +206,7 @@ fn beyond(again: &Again<'_>, records: &mut Records, verified: &mut Verified) {
             time_s: record.sequence as f64 * again.comparing.period_s,
             line: record.line,
             text: text_of(again.lines, record.line),
-            quantity: "end of the run: it is over when computed again".to_owned(),
+            quantity: "end of the run: it ends when recomputed".to_owned(),
             recorded: record.path_mm,
             recomputed: f64::NAN,
         });

@@ -44,7 +44,7 @@ struct Served<'a> {
     /// The last reading of the cutting load.
     load: Option<LoadSample>,
     reasons: usize,
-    /// The user was told that corrections are not computed again.
+    /// The user was told that corrections are not recomputed.
     told_uncorrected: bool,
 }
 
@@ -66,7 +66,7 @@ pub(super) fn verify(
     if let Some(before) = continues_at.and_then(|first| first.checked_sub(1)) {
         watch.last_sequence = Some(before);
         verified.notes.push(format!(
-            "the trace goes on from an earlier file: it begins at cycle {}",
+            "the trace continues an earlier file: it starts at cycle {}",
             before + 1
         ));
     }
@@ -122,7 +122,7 @@ pub(super) fn verify(
         let more = reasons - MAX_REASONS;
         verified
             .notes
-            .push(format!("and {more} more jobs were not computed again"));
+            .push(format!("and {more} more jobs were not recomputed"));
     }
     verified.recomputed = true;
     watch.conclude(&mut verified);
@@ -178,7 +178,7 @@ impl Served<'_> {
         }
         match &start.start {
             None => {
-                self.give_up(start.job, "what it began with is not understood by this version");
+                self.give_up(start.job, "this version does not understand its initial state");
                 self.one(records, None);
             }
             Some(JobStart::Steered(steered)) => {
@@ -220,7 +220,7 @@ impl Served<'_> {
         if self.reasons <= MAX_REASONS {
             self.verified
                 .notes
-                .push(format!("job {job} was not computed again: {why}"));
+                .push(format!("job {job} was not recomputed: {why}"));
         }
     }
 
@@ -416,8 +416,8 @@ impl Served<'_> {
         if is_corrected && self.again.corrected().is_none() && !self.told_uncorrected {
             self.told_uncorrected = true;
             self.verified.notes.push(format!(
-                "from cycle {} on what the drives were sent was checked against the limits only: in which directions the axes \
-                 had moved before is not known",
+                "from cycle {} on the corrected setpoints were only checked against the limits: the \
+                 previous directions of the axes are unknown",
                 record.sequence
             ));
         }
@@ -470,7 +470,8 @@ impl Served<'_> {
         self.reasons += 1;
         if self.reasons <= MAX_REASONS {
             self.verified.notes.push(format!(
-                "from cycle {cycle} on it is not known what moved the axes: the job's beginning is not in the trace"
+                "from cycle {cycle} on what moved the axes is unknown: the start of the job is not in the \
+                 trace"
             ));
         }
     }
