@@ -108,7 +108,7 @@ fn a_device_without_supply_is_named_and_comes_back() {
                             .filter_map(|device| device.as_drive())
                             .all(|drive| drive.state() != DriveState::OperationEnabled)
                     });
-                    assert!(was_told(told, "`z-drive` does not answer"), "{told:?}");
+                    assert!(was_told(told, "`z-drive` does not reply"), "{told:?}");
                     core.power = PowerRequest::Off;
                     core.until("the network again", |feedback| {
                         feedback.instance != before.instance
@@ -153,7 +153,7 @@ fn frames_that_are_lost_stop_the_feedback_and_the_drives_stop_themselves() {
                     core.until("the network again", |_| true);
                     core.fault_reset += 1;
                     core.bring_up();
-                    assert!(was_told(told, "did not come back"), "{told:?}");
+                    assert!(was_told(told, "did not return"), "{told:?}");
                 },
             );
         });
@@ -172,7 +172,7 @@ fn an_emergency_message_at_start_is_told_and_the_network_comes_up_after_it() {
                 |core, _, told| {
                     core.bring_up();
                     assert!(
-                        was_told(told, "what the EtherCAT library cannot handle"),
+                        was_told(told, "that the EtherCAT library cannot handle"),
                         "{told:?}"
                     );
                 },
@@ -200,7 +200,7 @@ fn a_network_that_is_not_the_one_of_the_file_is_told_in_plain_words() {
         ),
         (
             |network| network.devices[1].startup[0].index = 0x5555,
-            "`x-drive`: object 5555h:0 cannot be written: the device refuses it",
+            "`x-drive`: object 5555h:0 cannot be written: the device rejects it",
         ),
         (
             |network| network.devices[1].startup[0].bytes = 2,
@@ -265,7 +265,7 @@ fn a_cable_that_opens_stops_the_drives_before_and_behind_it() {
         FaultKind::Break,
         3,
         |feedback| feedback.error_code == 0x7500 && states(feedback)[2] == Some(DriveState::Fault),
-        &["`z-drive` does not answer"],
+        &["`z-drive` does not reply"],
     );
 }
 

@@ -34,7 +34,7 @@ fn each_error_names_its_place() {
                 "letter = \"X\"",
                 "another device drives this axis",
             ),
-            edit("letter = \"Y\"", "letter = \"Q\"", "`Q` is no axis"),
+            edit("letter = \"Y\"", "letter = \"Q\"", "`Q` is not an axis"),
             edit("inertia_kg_m2 = 0.0003", "inertia_kg_m2 = 0", "inertia_kg_m2"),
             Edit {
                 from: "bytes = 4",
@@ -69,8 +69,8 @@ fn an_axis_without_a_scale_is_refused() {
     let good = shipped("networks/sim-mill.toml");
     for (from, to, what) in [
         ("turn_mm = 5.08", "turn_deg = 5.08", "turn_mm alone"),
-        ("turn_mm = 5.08", "turn_mm = -5", "make no scale"),
-        ("gear = [3, 2]", "gear = [3, 0]", "make no scale"),
+        ("turn_mm = 5.08", "turn_mm = -5", "give no valid scale"),
+        ("gear = [3, 2]", "gear = [3, 0]", "give no valid scale"),
         ("rated_torque_n_m = 2.4\n", "", "rated torque"),
     ] {
         let error = Network::parse(&good.replacen(from, to, 1), "bad.toml")
@@ -193,7 +193,7 @@ fn signals_are_refused_where_they_are_wrong() {
         (
             "name = \"clamp\", bit",
             "name = \"clamp\", spindle = 0, bit",
-            "none of a spindle",
+            "not belong to a spindle",
         ),
         (
             "name = \"clamp\", bit",
@@ -304,8 +304,12 @@ fn homing_on_the_drive_is_checked_and_never_twice() {
             "another unit than the axis",
         ),
         ("search_mm_s = 20\n", "", "needs the speed of the search"),
-        ("latch_mm_s = 0.5", "latch_mm_s = 0", "none of 1 to 4294967295"),
-        ("latch_mm_s = 0.5", "latch_mm_s = nan", "none of 1 to 4294967295"),
+        ("latch_mm_s = 0.5", "latch_mm_s = 0", "not within 1 to 4294967295"),
+        (
+            "latch_mm_s = 0.5",
+            "latch_mm_s = nan",
+            "not within 1 to 4294967295",
+        ),
         ("order = 1", "timeout_s = 0", "out of range"),
         ("order = 1", "order = 101", "out of range"),
         (

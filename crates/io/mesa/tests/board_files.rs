@@ -81,7 +81,11 @@ fn what_does_not_fit_is_named() {
 #[test]
 fn what_makes_no_sense_is_refused_with_its_place() {
     for (from, to, wanted) in [
-        ("address = \"10.10.10.10\"", "address = \"mesa\"", "is no address"),
+        (
+            "address = \"10.10.10.10\"",
+            "address = \"mesa\"",
+            "is not an address",
+        ),
         (
             "stepgen = 0",
             "stepgen = 0\nencoder = 0",
@@ -94,7 +98,7 @@ fn what_makes_no_sense_is_refused_with_its_place() {
             "letter = \"X\"",
             "another entry moves this axis",
         ),
-        ("letter = \"Y\"", "letter = \"Q\"", "is no axis"),
+        ("letter = \"Y\"", "letter = \"Q\"", "is not an axis"),
         ("direction_hold_ns = 5000", "", "direction_hold_ns"),
         ("pin = 14", "pin = 14\npwm = 0", "an output needs"),
         ("pin = 3\n", "pin = 3\nencoder = 1\n", "either `pin` or `encoder`"),

@@ -258,10 +258,10 @@ fn short_losses_are_counted_and_ridden_through() {
 #[test]
 fn longer_losses_and_lost_boards_stop_every_axis() {
     for (kind, wanted) in [
-        (FaultKind::LossOut, "did not come back in time"),
-        (FaultKind::Short, "did not come back in time"),
-        (FaultKind::LossIn, "did not come back in time"),
-        (FaultKind::Bite, "watchdog has bitten"),
+        (FaultKind::LossOut, "did not return in time"),
+        (FaultKind::Short, "did not return in time"),
+        (FaultKind::LossIn, "did not return in time"),
+        (FaultKind::Bite, "watchdog has tripped"),
         (FaultKind::Reset, "in a row"),
     ] {
         let report = with_bridge(
@@ -320,7 +320,7 @@ fn another_program_at_the_board_ends_the_session() {
             assert_eq!(feedback.error_code, 0x7500);
             core.rest(0.3);
             assert!(server.lock().step_rate(0).abs() < 1.0, "it has braked");
-            assert!(was_told(told, "does not know this session"), "{told:?}");
+            assert!(was_told(told, "no longer has this session"), "{told:?}");
             core.until("another session", |later| later.instance != feedback.instance);
         },
     );

@@ -34,7 +34,7 @@ fn a_file_that_cannot_be_read_is_told_with_what_to_do() {
         assert!(text.contains(wanted), "{text}");
         assert_eq!(wrong, is_wrong_name, "{text}");
     }
-    let error = TraceFile::open(folder.path()).expect_err("a folder is no trace");
+    let error = TraceFile::open(folder.path()).expect_err("a folder is not a trace");
     assert!(
         error.to_string().contains("is a folder") && error.is_wrong_name(),
         "{error}"
@@ -49,7 +49,7 @@ fn where_a_run_was_broken_off_its_part_file_is_named() {
     let error = TraceFile::open(&folder.path().join("run.mcap")).expect_err("there is none");
     let advice = format!("`evolvent trace recover {}`", part.display());
     assert!(error.to_string().contains(&advice), "{error}");
-    // What recorders leave may be removed, what is no trace may be anything.
+    // What recorders leave may be removed, what is not a trace may be anything.
     let error = recover(&part, None).expect_err("nothing is in it");
     assert!(
         error.to_string().contains("remove it") && !error.is_wrong_name(),
@@ -57,7 +57,7 @@ fn where_a_run_was_broken_off_its_part_file_is_named() {
     );
     let program = folder.path().join("part.ngc");
     std::fs::write(&program, b"G0 X1").expect("writing");
-    let error = recover(&program, None).expect_err("no trace");
+    let error = recover(&program, None).expect_err("not a trace");
     assert!(
         matches!(error, RecoverError::NotATrace { bytes: 5, .. }),
         "{error}"

@@ -165,7 +165,7 @@ fn cuts_that_leave_the_model_are_said_to_and_depths_are_lengths() {
         ..ChatterArgs::default()
     });
     assert_eq!(result, Ok(Ending::Clean));
-    assert!(out.contains("leaves the model after a blow"), "{out}");
+    assert!(out.contains("leaves the model after an impulse"), "{out}");
     assert!(
         out.contains("2.608 mm deep, 0.2 mm/rev") && out.contains("leave the model"),
         "{out}"
