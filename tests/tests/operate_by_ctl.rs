@@ -53,7 +53,11 @@ fn a_signal_to_ctl_stops_the_axes_that_it_moves() {
             let child = ctl(&scene, &words).spawn().expect("the binary to start");
             let pid = Pid::from_raw(child.id().cast_signed()).expect("a process");
             let moving = operator.waits("motion", |status| status.velocity.iter().any(|v| v.abs() > 5.0));
+            // `timeout` sends one to the process and one to its group: that is one request.
             kill_process(pid, signal).expect("a living process");
+            std::thread::sleep(Duration::from_millis(2));
+            // It may have ended by now.
+            let _gone = kill_process(pid, signal);
             let end = operator.sees_end(moving.job);
             assert_eq!((end.job_result, end.velocity), (STOPPED, [0.0; 9]), "{words:?}");
             let way = (0..2).map(|i| (end.position_machine[i] - moving.position_machine[i]).abs());

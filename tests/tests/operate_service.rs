@@ -74,6 +74,9 @@ fn the_first_signal_stops_on_the_path_and_ends_and_every_command_is_in_the_trace
         });
         operator.waits("less", |status| status.feed_mm_s < 75.0);
         let finished = {
+            // `timeout` sends one to the process and one to its group: that is one request.
+            served.signal(rustix::process::Signal::TERM);
+            std::thread::sleep(Duration::from_millis(2));
             served.signal(rustix::process::Signal::TERM);
             let mut last: Option<Setpoint> = None;
             let end = operator.follows(

@@ -19,6 +19,7 @@ use crate::ctl_request::{
     valued, with_text,
 };
 use crate::ctl_status::{status_to_json, write_status};
+use crate::signals::stop_at_first;
 use crate::{CommandError, Ending};
 
 /// Timeout of an answer: on a busy host the check of a program may take long.
@@ -422,16 +423,10 @@ impl Session {
         Ok(answer.text().to_owned())
     }
 
-    /// From now on signals end the motion of this command. A second one ends the command itself.
+    /// From now on the first signal ends the motion of this command.
     fn catch_signals(&self) -> Result<(), CommandError> {
-        use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
-            // In this order: the first signal sets the flag that makes the second one end the process.
-            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&self.interrupted))
-                .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&self.interrupted)))
-                .map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
-        }
-        Ok(())
+        let interrupted = Arc::clone(&self.interrupted);
+        stop_at_first(move || interrupted.store(true, Ordering::Relaxed))
     }
 
     fn send(&mut self, request: &ControlRequest) -> Result<ControlAnswer, CommandError> {

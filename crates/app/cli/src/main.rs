@@ -23,6 +23,7 @@ mod run;
 mod screen;
 mod screen_args;
 mod serve;
+mod signals;
 mod terminal;
 mod top;
 mod trace;

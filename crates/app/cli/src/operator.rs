@@ -2,50 +2,24 @@
 
 use std::io;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
 use evolvent_runtime::Controls;
 use rustix::process::getpgrp;
 use rustix::termios::{QueueSelector, tcflush, tcgetpgrp};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGTSTP};
 
 use crate::CommandError;
+use crate::signals::{ignore_suspension, stop_at_first};
 
-/// Poll interval of signals.
-const SIGNAL_POLL: Duration = Duration::from_millis(5);
-/// Signals that follow the first within this time count as the same request: `timeout` sends its own to the
-/// process and to its group.
-const SAME_WISH: Duration = Duration::from_millis(500);
 /// Poll interval of program stops.
 const ANSWER_POLL: Duration = Duration::from_millis(20);
 
-/// SIGINT, SIGTERM and a terminal that closes stop within the limits; a second SIGINT or SIGTERM,
-/// [`SAME_WISH`] later or more, ends the process at once. Ctrl-Z does nothing, because it would freeze the
-/// axes at their positions.
+/// The first signal stops within the limits.
 pub(crate) fn watch_signals(controls: &Arc<Controls>) -> Result<(), CommandError> {
-    let (signalled, ends) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
-    let register = || {
-        for signal in [SIGINT, SIGTERM] {
-            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&ends))?;
-            signal_hook::flag::register(signal, Arc::clone(&signalled))?;
-        }
-        // Shells and kernels may both send it: the second one is not a second request.
-        signal_hook::flag::register(SIGHUP, Arc::clone(&signalled))?;
-        signal_hook::flag::register(SIGTSTP, Arc::new(AtomicBool::new(false)))
-    };
-    register().map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
+    ignore_suspension()?;
     let controls = Arc::clone(controls);
-    thread::spawn(move || {
-        while !signalled.load(Ordering::Relaxed) {
-            thread::sleep(SIGNAL_POLL);
-        }
-        controls.stop();
-        thread::sleep(SAME_WISH);
-        ends.store(true, Ordering::Relaxed);
-    });
-    Ok(())
+    stop_at_first(move || controls.stop())
 }
 
 /// Continues after a program stop when Enter is pressed.

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use evolvent_analysis::{install_process_file, load_setup};
@@ -16,6 +16,7 @@ use evolvent_screen::ScreenScope;
 
 use crate::program::parse_rate;
 use crate::screen_args::{ScreenArgs, write_screen};
+use crate::signals::{ignore_suspension, stop_at_first};
 use crate::{CommandError, Ending};
 
 /// Options of `evolvent serve`.
@@ -86,7 +87,9 @@ pub(crate) fn run(
         setup,
     };
     let stop = Arc::new(AtomicBool::new(false));
-    watch_signals(&stop)?;
+    ignore_suspension()?;
+    let stopped = Arc::clone(&stop);
+    stop_at_first(move || stopped.store(true, Ordering::Relaxed))?;
     let scope = ScreenScope::Operate {
         state_folder: config.state_folder.clone(),
     };
@@ -192,21 +195,5 @@ fn write_summary(summary: &ServeSummary, out: &mut dyn Write) -> std::io::Result
     if let Some(trace) = &summary.trace {
         writeln!(out, "  trace {trace}")?;
     }
-    Ok(())
-}
-
-/// The first signal stops within the limits and ends; the second ends at once.
-fn watch_signals(stop: &Arc<AtomicBool>) -> Result<(), CommandError> {
-    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGTSTP};
-    let failed = |error: std::io::Error| CommandError::Failed(format!("signals cannot be caught: {error}"));
-    for signal in [SIGINT, SIGTERM] {
-        // In this order: the first signal finds the flag unset.
-        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(stop)).map_err(failed)?;
-        signal_hook::flag::register(signal, Arc::clone(stop)).map_err(failed)?;
-    }
-    // A terminal that closes ends it too; Ctrl-Z does nothing, because it would freeze the axes at their
-    // positions.
-    signal_hook::flag::register(SIGHUP, Arc::clone(stop)).map_err(failed)?;
-    signal_hook::flag::register(SIGTSTP, Arc::new(AtomicBool::new(false))).map_err(failed)?;
     Ok(())
 }

@@ -146,7 +146,8 @@ impl CaseLaws {
             Some((_, radial)) => format!("radial force by law {}: {}", radial.name, radial.description),
             None => format!(
                 "radial force is {} of the tangential force{}",
-                asked.radial_ratio.unwrap_or_else(|| self.law.radial_ratio()),
+                // As many digits as a measured ratio has.
+                (asked.radial_ratio.unwrap_or_else(|| self.law.radial_ratio()) * 1e4).round() / 1e4,
                 if asked.radial_ratio.is_some() {
                     " (case file)"
                 } else {
