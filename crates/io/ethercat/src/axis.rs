@@ -1,4 +1,4 @@
-//! One drive and its axis: increments of the drive, coordinates of the machine.
+//! One drive and its axis: conversion between increments of the drive and machine coordinates.
 
 use evolvent_drive::{Cia402, DriveState, PowerRequest, Target, bits, control};
 
@@ -8,7 +8,7 @@ use crate::network::NetworkAxis;
 use crate::pdo::{DriveInputs, DriveOutputs};
 use crate::touch_probe::TouchProbe;
 
-/// For how many periods the bit of a fault reset is held: a drive may miss a single one between two frames.
+/// Number of periods for which the fault reset bit is held: a drive may miss a single one between two frames.
 const RESET_PERIODS: u32 = 5;
 
 /// A drive as the bridge sees it. May be called by the cycle.
@@ -17,23 +17,23 @@ pub(crate) struct DriveAxis {
     settings: NetworkAxis,
     controller: Option<Cia402>,
     inputs: DriveInputs,
-    /// The drive's position without wrapping around.
+    /// The drive's position without wrap-around.
     increments: i64,
     has_position: bool,
-    /// Added to the position of the increments for the machine's coordinate.
+    /// Machine coordinate minus position of the increments.
     offset: f64,
     velocity: f64,
     is_lost: bool,
-    /// Periods for which a fault reset is still held.
+    /// Remaining periods of a fault reset.
     reset_periods: u32,
     homing: HomingProgress,
-    /// Where a drive that has homed waits for the others.
+    /// The position at which a homed drive waits for the others.
     hold: i32,
     holds: bool,
     probe: TouchProbe,
-    /// Way since power came, where it is the drive of a gantry.
+    /// Distance since power came on, for the drive of a gantry.
     moved: f64,
-    /// Added to the setpoint, where it is the second drive of a gantry.
+    /// Added to the setpoint, for the second drive of a gantry.
     apart: f64,
     /// It is too far from the other drive of its gantry.
     is_apart: bool,
@@ -103,28 +103,28 @@ impl DriveAxis {
         self.homing
     }
 
-    /// Its place in the sequence of homing.
+    /// Its position in the homing sequence.
     pub(crate) fn homing_order(&self) -> u32 {
         self.settings.homing.map_or(0, |homing| homing.order)
     }
 
-    /// Touch probe: edges, and the machine coordinate that was latched at the last.
+    /// Touch probe: edges, and the machine coordinate latched at the last one.
     pub(crate) fn latched(&self) -> Option<(u64, f64)> {
         self.settings.touch_probe.then(|| {
-            // The latch is next to where the axis is.
+            // The latched position is close to the present one.
             let away = i64::from(self.probe.latched.wrapping_sub(self.inputs.position));
             let position = self.settings.scale.position(self.increments + away);
             (self.probe.trips, self.sign() * position + self.offset)
         })
     }
 
-    /// Whether the probe's input is on, where one is named.
+    /// Whether the probe input is on, if one is configured.
     pub(crate) fn probe_input(&self) -> Option<bool> {
         let bit = self.settings.probe_input_bit?;
         Some(self.inputs.digital_inputs >> bit & 1 == 1)
     }
 
-    /// The following error by the drive itself, where it tells.
+    /// The drive's own following error, if it reports one.
     pub(crate) fn following_error(&self) -> Option<f64> {
         let error = self.inputs.following_error?;
         Some(self.sign() * self.settings.scale.position(i64::from(error)))
@@ -134,7 +134,7 @@ impl DriveAxis {
         self.settings.axis
     }
 
-    /// Its positions count from the machine's zero: by its encoder, or because it has homed.
+    /// Its positions refer to machine zero: by its encoder, or because it has homed.
     pub(crate) fn is_absolute(&self) -> bool {
         self.settings.absolute || self.settings.homing.is_some() && self.homing == HomingProgress::Done
     }
@@ -147,7 +147,7 @@ impl DriveAxis {
         }
     }
 
-    /// Its device does not answer, or is not in OP.
+    /// Its device does not reply, or is not in OP.
     pub(crate) const fn set_lost(&mut self) {
         self.is_lost = true;
     }
@@ -161,7 +161,7 @@ impl DriveAxis {
         self.sign() * self.settings.scale.position(self.increments) + self.offset
     }
 
-    /// The coordinate at which the other drive of a gantry stands while the beam is square.
+    /// The coordinate of the other drive of a gantry when the beam is square.
     pub(crate) fn squared_position(&self) -> f64 {
         self.position() - self.settings.gantry.map_or(0.0, |gantry| gantry.squaring_offset)
     }
@@ -170,20 +170,20 @@ impl DriveAxis {
         self.velocity
     }
 
-    /// Names positions anew.
+    /// Shifts the coordinates.
     pub(crate) fn rename(&mut self, shift: f64) {
         self.offset += shift;
     }
 
-    /// Takes inputs in, `period_s` after the last. Faster than `max_velocity` the axis cannot be.
+    /// Reads the inputs, `period_s` after the last ones. The axis cannot move faster than `max_velocity`.
     pub(crate) fn take(&mut self, inputs: DriveInputs, period_s: f64, max_velocity: f64) {
         if self.has_position {
-            // Counters of 32 bits wrap around.
+            // 32-bit counters wrap around.
             let step = inputs.position.wrapping_sub(self.inputs.position);
             self.increments += i64::from(step);
             let way = self.sign() * self.settings.scale.position(i64::from(step));
             self.velocity = way / period_s;
-            // A drive that has homed counts from elsewhere: that is no way.
+            // A homed drive counts from another zero: this step is not a motion.
             if way.abs() <= max_velocity * period_s {
                 self.moved += way;
             }
@@ -207,7 +207,8 @@ impl DriveAxis {
         }
     }
 
-    /// One period of homing; whether the drive is in mode 6. `power`: the core wants it; `turn`: no axis has to home before it.
+    /// One period of homing; returns whether the drive is in mode 6. `power`: the core requests it; `turn`:
+    /// no axis has to home before this one.
     fn home(&mut self, power: bool, turn: bool, period_s: f64) -> bool {
         let Some(homing) = self.settings.homing else {
             return false;
@@ -238,8 +239,9 @@ impl DriveAxis {
         matches!(self.homing, HomingProgress::Needed | HomingProgress::Running(_))
     }
 
-    /// What the drive gets. Without an order of the core (`target` none) it has no torque. While drives home (`turn` is the order
-    /// of those whose turn it is) those that have homed hold, and those behind wait without torque.
+    /// The outputs of the drive. Without an order of the core (`target` none) it has no torque. While drives
+    /// home (`turn` is the order of the axes that home now), those that have homed hold, and later ones wait
+    /// without torque.
     pub(crate) fn outputs(
         &mut self,
         target: Option<&Target>,
@@ -247,7 +249,7 @@ impl DriveAxis {
         turn: Option<u32>,
         period_s: f64,
     ) -> DriveOutputs {
-        // A homing that has failed is no reason to keep torque on.
+        // A failed homing must not keep torque on.
         let power = if self.homing == HomingProgress::Failed && power == PowerRequest::On {
             PowerRequest::QuickStop
         } else {
@@ -261,7 +263,7 @@ impl DriveAxis {
         let setpoint = target.map_or(f64::NAN, |target| {
             target.position[axis] + squaring_offset + self.apart
         });
-        // Resets that were asked for before this drive was there are over.
+        // Resets requested before this drive was present count as done.
         let controller = self.controller.get_or_insert(Cia402::new(fault_reset));
         let order = controller.step(self.inputs.status_word, power, fault_reset, setpoint, 0.0);
         if order.control_word == control::FAULT_RESET {
@@ -290,7 +292,7 @@ impl DriveAxis {
             if self.settings.homing.is_some() && self.homing == HomingProgress::Done {
                 outputs.target = self.hold;
             } else if self.state() == Some(DriveState::OperationEnabled) {
-                // It held still from its first period in operation on.
+                // It has held its position since its first period in operation.
                 if !self.holds {
                     (self.holds, self.hold) = (true, self.inputs.position);
                 }
@@ -309,12 +311,12 @@ impl DriveAxis {
         outputs
     }
 
-    /// A homing that was broken off by power begins again with it; where it stands is where it will hold.
+    /// A homing interrupted by power off starts again with power on; it holds at its present position.
     pub(crate) const fn forget_hold(&mut self) {
         self.holds = false;
     }
 
-    /// The status word of the feedback. A drive that does not answer is in fault for the core.
+    /// The status word of the feedback. A drive that does not reply is in fault for the core.
     pub(crate) const fn status_word(&self) -> u16 {
         if self.is_lost || self.is_apart {
             DriveState::Fault.code()
@@ -323,7 +325,7 @@ impl DriveAxis {
         }
     }
 
-    /// Object 603Fh while the drive is in fault; 7500h, communication, where it does not answer.
+    /// Object 603Fh while the drive is in fault; 7500h, communication, if it does not reply.
     pub(crate) const fn error_code(&self) -> u16 {
         if self.is_lost {
             0x7500

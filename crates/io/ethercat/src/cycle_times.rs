@@ -5,17 +5,17 @@ use core::sync::atomic::{AtomicU32, AtomicU64, AtomicUsize, Ordering};
 /// One cycle, ns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CycleTime {
-    /// How late the thread woke.
+    /// Lateness of the wake-up.
     pub late_ns: u32,
-    /// From then until it sleeps again, without waiting for the frame.
+    /// Time from then until it sleeps again, without waiting for the frame.
     pub work_ns: u32,
-    /// The same with it.
+    /// The same including the wait.
     pub whole_ns: u32,
-    /// Processor time of the thread in it: what others have taken is not in it.
+    /// Processor time of the thread; excludes time taken by others.
     pub processor_ns: u32,
 }
 
-/// Takes the times of so many cycles with all devices in OP, and no more. Neither allocates nor waits.
+/// Records the times of a limited number of cycles with all devices in OP. Neither allocates nor waits.
 #[derive(Debug)]
 pub struct CycleTimes {
     cycles: Vec<[AtomicU32; 4]>,
@@ -26,7 +26,8 @@ pub struct CycleTimes {
 }
 
 impl CycleTimes {
-    /// Room for so many cycles. `counter` is read on the cycle's thread, after each: of allocations, for example.
+    /// Capacity for this many cycles. `counter` is read on the cycle's thread after each: of allocations, for
+    /// example.
     #[must_use]
     pub fn new(cycles: usize, counter: fn() -> u64) -> Self {
         Self {
@@ -74,7 +75,7 @@ impl CycleTimes {
             .collect()
     }
 
-    /// By how much the counter has grown from the first cycle on.
+    /// Growth of the counter since the first cycle.
     #[must_use]
     pub fn counted(&self) -> u64 {
         self.last.load(Ordering::Relaxed) - self.first.load(Ordering::Relaxed)

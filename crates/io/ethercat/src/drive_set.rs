@@ -11,22 +11,22 @@ use crate::homing::HomingProgress;
 use crate::network::Network;
 use crate::pdo::{DriveInputs, DriveOutputs};
 
-/// For how many periods the last motion goes on where setpoints are missing.
+/// Number of periods for which the last motion continues if setpoints are missing.
 const BRIDGE_CYCLES: u32 = 10;
-/// How far from the axis a setpoint may lie with which following begins, mm or degrees.
+/// Maximum distance of a setpoint from the axis at which following starts, mm or degrees.
 const SYNC_TOLERANCE: f64 = 0.5;
 
-/// What drives say of the probe.
+/// The drives' reports of the probe.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ProbeReading {
-    /// Whether it is tripped, where an input is named.
+    /// Whether it is tripped, if an input is configured.
     pub(crate) input: Option<bool>,
     pub(crate) trips: u64,
     pub(crate) position: [f64; AXES],
     pub(crate) latched_mask: u32,
 }
 
-/// Drives of one session. Nothing but the constructor allocates.
+/// Drives of one session. Only the constructor allocates.
 #[derive(Debug)]
 pub(crate) struct DriveSet {
     follower: Follower,
@@ -35,17 +35,17 @@ pub(crate) struct DriveSet {
     instance: u64,
     axes_mask: u32,
     was_enabled: bool,
-    /// One drive has left operation: the others are stopped until power is requested anew.
+    /// One drive has left operation: the others are stopped until power is requested again.
     group_stop: bool,
     /// The session ends: all drives stop.
     ending: bool,
     /// Order of the axes that home now; none where all have.
     homing: Option<u32>,
-    /// Second drives of gantries: the two drives, and the way to a square beam.
+    /// Second drives of gantries: the two drives, and the squaring motion.
     gantries: Vec<(usize, usize, Squaring)>,
-    /// A gantry whose drives were too far apart, until power is off.
+    /// A gantry whose drives differed too much, until power is off.
     apart: Option<(usize, f64)>,
-    /// Twice the largest velocity of each axis.
+    /// Twice the maximum velocity of each axis.
     max_velocity: [f64; AXES],
     aligned: bool,
     target: Option<Target>,
@@ -124,12 +124,12 @@ impl DriveSet {
         self.axes[axis].set_lost();
     }
 
-    /// From now on all drives stop, whatever the core asks for.
+    /// From now on all drives stop, whatever the core requests.
     pub(crate) const fn end(&mut self) {
         self.ending = true;
     }
 
-    /// Whether a drive has torque, or may have: one that does not answer is not asked.
+    /// Whether a drive has torque, or may have: one that does not reply is ignored.
     pub(crate) fn has_torque(&self) -> bool {
         let gives = |axis: &DriveAxis| {
             matches!(
@@ -149,7 +149,7 @@ impl DriveSet {
         drive.take(inputs, self.period_s, self.max_velocity[drive.index()]);
     }
 
-    /// One period at a time of the bus's clock; then outputs and feedback are those of this period.
+    /// One period at a time of the bus's clock; afterwards outputs and feedback are those of this period.
     pub(crate) fn step(&mut self, now_ns: u64) {
         let homed = self.homing;
         let pending = self
@@ -188,7 +188,7 @@ impl DriveSet {
             || homed.is_some() && self.homing.is_none()
             || self.apart.is_some()
         {
-            // Where drives have found their zero, the core has to see it without power before it follows.
+            // After drives have found their zero, the core has to see it without power before it follows.
             self.group_stop = true;
         }
         self.was_enabled = enabled;
@@ -200,7 +200,7 @@ impl DriveSet {
         self.target = Some(target);
     }
 
-    /// Encoders that do not know their position: the beam is taken as it stands until both drives have homed.
+    /// Encoders without an absolute position: the beam is assumed square until both drives have homed.
     fn align(&mut self) {
         if core::mem::replace(&mut self.aligned, true) {
             return;
@@ -213,7 +213,7 @@ impl DriveSet {
         }
     }
 
-    /// Moves second drives until the beam is square, and stops all where it cannot be.
+    /// Moves second drives until the beam is square, and stops all if that is not possible.
     fn watch_gantries(&mut self, enabled: bool, power: PowerRequest) {
         if power == PowerRequest::Off {
             self.apart = None;
@@ -230,7 +230,7 @@ impl DriveSet {
             let difference = other.squared_position() - one.position();
             let most = settings.square_speed * self.period_s;
             self.axes[*second].set_apart(squaring.step(enabled, difference, most));
-            // Before both drives know where they are it counts from where they began.
+            // Before both drives know their positions the difference is measured from their start.
             let strain = if self.homing.is_some() {
                 other.moved() - one.moved()
             } else {
@@ -244,7 +244,7 @@ impl DriveSet {
         }
     }
 
-    /// The axis of a gantry whose drives are too far apart, and by how much.
+    /// The axis of a gantry whose drives differ too much, and their difference.
     pub(crate) const fn apart(&self) -> Option<(usize, f64)> {
         self.apart
     }
@@ -253,7 +253,7 @@ impl DriveSet {
         self.axes[axis].outputs(self.target.as_ref(), self.power, self.homing, self.period_s)
     }
 
-    /// What touch probes have latched: the state of the probe, edges, and which axes have latched where at the last.
+    /// Results of the touch probes: the state of the probe, edges, and the positions latched at the last one.
     pub(crate) fn probe(&self) -> ProbeReading {
         let inputs = self.axes.iter().filter_map(DriveAxis::probe_input);
         let mut reading = ProbeReading {
@@ -275,7 +275,7 @@ impl DriveSet {
         reading
     }
 
-    /// What the drives have said last.
+    /// The last feedback of the drives.
     pub(crate) fn feedback(&self, now_ns: u64) -> Option<Feedback> {
         let target = self.target.as_ref()?;
         let mut feedback = Feedback {
@@ -302,13 +302,13 @@ impl DriveSet {
                     .following_error()
                     .unwrap_or(target.position[axis] - drive.position());
             }
-            // Of two drives the one that works harder.
+            // Of two drives the larger torque.
             if drive.torque_ratio().abs() >= feedback.torque_ratio[axis].abs() {
                 feedback.torque_ratio[axis] = drive.torque_ratio();
             }
             let homes = self.homing.is_some() && drive.state() == Some(DriveState::OperationEnabled);
             let word = u32::from(if homes {
-                // The core may not send it anywhere yet.
+                // The core may not move it yet.
                 DriveState::SwitchedOn.code()
             } else {
                 drive.status_word()

@@ -1,6 +1,6 @@
-//! Fault codes of drives in plain words.
+//! Fault codes of drives as text.
 
-/// Codes of object 603Fh that CiA 402 and CiA 301 define, by their first and last number.
+/// Codes of object 603Fh defined by CiA 402 and CiA 301, by their first and last number.
 const CODES: [(u16, u16, &str); 26] = [
     (0x0000, 0x0000, "no error"),
     (0x1000, 0x10FF, "generic error"),
@@ -58,7 +58,7 @@ const CODES: [(u16, u16, &str); 26] = [
     (0x8612, 0x8612, "position limit of the drive"),
 ];
 
-/// What an error code (object 603Fh) means.
+/// Meaning of an error code (object 603Fh).
 ///
 /// ```
 /// assert!(evolvent_ethercat::fault_text(0x8611).starts_with("following error"));

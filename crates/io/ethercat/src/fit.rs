@@ -1,4 +1,4 @@
-//! Whether a network fits a machine.
+//! Comparison of a network with a machine.
 
 use evolvent_machine::{Machine, SignalKind};
 use evolvent_path::AxisLetter;
@@ -7,10 +7,10 @@ use thiserror::Error;
 use crate::network::{Network, NetworkDevice};
 use crate::signal::{Channel, ChannelForm, NetworkOutput, OutputSource};
 
-/// Increments a second that fit the velocity offset (60B1h) twice over.
+/// Increments per second that fit the velocity offset (60B1h) twice over.
 const MAX_INCREMENTS_PER_S: f64 = 1e9;
 
-/// Why a network does not fit a machine.
+/// Why a network does not match a machine.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum FitError {
     /// The file is as a scan wrote it.
@@ -19,7 +19,7 @@ pub enum FitError {
          each, then remove that line"
     )]
     Unchecked,
-    /// A device drives an axis that the machine has not.
+    /// A device drives an axis that the machine does not have.
     #[error(
         "a device drives {letter}, which the machine file does not have: remove it, or add the axis there"
     )]
@@ -57,7 +57,7 @@ pub enum FitError {
         /// Increments.
         increments: f64,
     },
-    /// The largest velocity is more than the drive's units hold.
+    /// The maximum velocity exceeds the drive's units.
     #[error(
         "{letter} at its largest velocity takes {increments:.0} increments per second, more than 10^9: \
          choose fewer increments per turn in the drive"
@@ -65,7 +65,7 @@ pub enum FitError {
     Velocity {
         /// The axis.
         letter: char,
-        /// Increments a second.
+        /// Increments per second.
         increments: f64,
     },
     /// Both the core and the drive would home it.
@@ -77,7 +77,7 @@ pub enum FitError {
         /// The axis.
         letter: char,
     },
-    /// A device has a signal that the machine has not.
+    /// A device has a signal that the machine does not have.
     #[error(
         "device `{device}` has the {direction} `{name}`, which the machine file does not have: check the \
          name, or add [[{direction}]] there"
@@ -90,7 +90,7 @@ pub enum FitError {
         /// Name of the signal, or `spindle` with its number.
         name: String,
     },
-    /// One file says digital and the other analog.
+    /// One file has a digital signal and the other an analog one.
     #[error(
         "device `{device}`: the {direction} `{name}` is {machine} in the machine file; an entry with \
          `values` is analog, one without is digital"
@@ -105,7 +105,7 @@ pub enum FitError {
         /// Kind in the machine file.
         machine: &'static str,
     },
-    /// The machine file lets programs ask for more than the channel gives.
+    /// The machine file permits more than the channel provides.
     #[error(
         "device `{device}`: the output `{name}` may be {asked} by the machine file, its channel gives \
          {least} to {most}: set min and max there, or `raw` and `values` here"
@@ -115,7 +115,7 @@ pub enum FitError {
         device: String,
         /// Name of the signal, or `spindle` with its number.
         name: String,
-        /// What may be asked for.
+        /// The permitted value.
         asked: f64,
         /// Lowest value of the channel.
         least: f64,
@@ -124,11 +124,11 @@ pub enum FitError {
     },
 }
 
-/// Compares axes, resolution, travel and velocity of both files, and signals: those of the network file exist in the machine file,
-/// digital ones as digital ones, and analog outputs reach what programs may ask for.
+/// Compares axes, resolution, travel and velocity of both files, and signals: those of the network file exist
+/// in the machine file, with the same kind, and analog outputs reach every value that programs may request.
 ///
 /// # Errors
-/// The first thing that does not fit.
+/// The first difference.
 pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
     if network.is_unchecked {
         return Err(FitError::Unchecked);
@@ -277,7 +277,7 @@ fn check_output(machine: &Machine, device: &NetworkDevice, output: &NetworkOutpu
         return Ok(());
     };
     let [least, most] = analog.range();
-    // Without min and max in the machine file a program may ask for anything; the channel bounds it.
+    // Without min and max in the machine file a program may request any value; the channel clamps it.
     let asked = asked
         .into_iter()
         .find(|asked| asked.is_finite() && !(least..=most).contains(asked));

@@ -1,4 +1,4 @@
-//! What a scan has found, as a list for people, as JSON, and as a network file to start from.
+//! The result of a scan, as text, as JSON, and as a network file to start from.
 
 use core::fmt::Write as _;
 
@@ -10,7 +10,7 @@ use crate::sii::{Pdo, SiiContents};
 
 /// Profile number of drives in the lower half of object 1000h.
 const DRIVE_PROFILE: u32 = 402;
-/// Increments a turn where the drive does not tell.
+/// Increments per turn if the drive does not report them.
 const USUAL_INCREMENTS: u32 = 1 << 20;
 
 /// One device on the wire.
@@ -22,36 +22,36 @@ pub struct FoundDevice {
     pub status_code: u16,
     /// Distributed clock: `none`, `32 bits` or `64 bits`.
     pub clock: &'static str,
-    /// What its EEPROM says.
+    /// The contents of its EEPROM.
     pub sii: SiiContents,
     /// Object 1000h.
     pub device_type: Option<u32>,
-    /// Process data that are assigned now (1C12h), by CoE; none without.
+    /// The assigned process data (1C12h), by CoE; none without.
     pub outputs: Option<Vec<Pdo>>,
     /// The same of 1C13h.
     pub inputs: Option<Vec<Pdo>>,
-    /// Increments and turns of the motor (608Fh), where the drive tells.
+    /// Increments and turns of the motor (608Fh), if the drive reports them.
     pub resolution: Option<[u32; 2]>,
-    /// Turns of the motor and of the shaft (6091h), where the drive tells.
+    /// Turns of the motor and of the shaft (6091h), if the drive reports them.
     pub gear: Option<[u32; 2]>,
-    /// What could not be read, and why.
+    /// The data that could not be read, with the reason.
     pub problems: Vec<String>,
 }
 
 impl FoundDevice {
-    /// What it takes: by CoE, else by its EEPROM.
+    /// Its outputs: by CoE, otherwise by its EEPROM.
     #[must_use]
     pub fn outputs(&self) -> &[Pdo] {
         self.outputs.as_deref().unwrap_or(&self.sii.outputs)
     }
 
-    /// What it gives: by CoE, else by its EEPROM.
+    /// Its inputs: by CoE, otherwise by its EEPROM.
     #[must_use]
     pub fn inputs(&self) -> &[Pdo] {
         self.inputs.as_deref().unwrap_or(&self.sii.inputs)
     }
 
-    /// Whether it is a drive of CiA 402: by object 1000h, else by a control word in its process data.
+    /// Whether it is a drive of CiA 402: by object 1000h, otherwise by a control word in its process data.
     #[must_use]
     pub fn is_drive(&self) -> bool {
         self.device_type.map_or_else(
@@ -102,7 +102,7 @@ fn pdo_lines(device: &FoundDevice, mut line: impl FnMut(String)) {
     }
 }
 
-/// The devices as a list for people.
+/// The devices as text.
 #[must_use]
 pub fn scan_text(devices: &[FoundDevice]) -> String {
     let mut text = String::new();
@@ -190,10 +190,11 @@ pub fn scan_json(devices: &[FoundDevice]) -> Value {
     json!({ "devices": devices })
 }
 
-/// A network file to start from: the drives in their order get the letters in theirs, and what a wire cannot tell (screws, gears,
-/// directions) is a guess. The file says so by `unchecked`, with which no bridge runs.
+/// A network file to start from: the drives receive the letters in their order, and data that a scan cannot
+/// find (screws, gear ratios, directions) are guessed. The file marks this by `unchecked`, with which no
+/// bridge runs.
 ///
-/// None where no device is a drive, or no letter is given.
+/// None if no device is a drive, or no letter is given.
 #[must_use]
 pub fn network_text(devices: &[FoundDevice], interface: &str, letters: &[AxisLetter]) -> Option<String> {
     let mut text = format!(

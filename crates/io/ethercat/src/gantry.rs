@@ -3,15 +3,15 @@
 /// The second drive of an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GantrySettings {
-    /// By how much its coordinate exceeds that of the first where the beam is square.
+    /// Its coordinate minus that of the first drive when the beam is square.
     pub squaring_offset: f64,
-    /// By how much they may be apart beyond that.
+    /// Maximum additional difference.
     pub max_difference: f64,
-    /// Speed at which the beam is made square.
+    /// Speed of squaring.
     pub square_speed: f64,
 }
 
-/// By how much the second drive is apart from the first on purpose, until the beam is square.
+/// The intended difference of the second drive from the first, until the beam is square.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Squaring {
     apart: f64,
@@ -19,7 +19,7 @@ pub(crate) struct Squaring {
 }
 
 impl Squaring {
-    /// One period. `difference` of the positions; what is added to the target of the second drive.
+    /// One period. `difference` of the positions; returns the addition to the target of the second drive.
     pub(crate) fn step(&mut self, enabled: bool, difference: f64, most: f64) -> f64 {
         if !enabled {
             *self = Self::default();

@@ -1,17 +1,17 @@
-//! Homing on the drive (mode of operation 6): the bridge's side of one axis.
+//! Homing by the drive (mode of operation 6): the bridge's side of one axis.
 
 /// The mode of operation.
 pub(crate) const HOMING_MODE: i8 = 6;
-/// Bit 4 of the control word: homing begins at its rising edge.
+/// Bit 4 of the control word: homing starts at its rising edge.
 pub(crate) const START: u16 = 1 << 4;
 /// Bits of the status word in this mode.
 const TARGET_REACHED: u16 = 1 << 10;
 const ATTAINED: u16 = 1 << 12;
 const ERROR: u16 = 1 << 13;
-/// Periods for which what the drive says of an older homing is not believed.
+/// Number of periods in which the drive's report of an older homing is ignored.
 const BLIND_PERIODS: u32 = 10;
 
-/// How one drive finds its machine zero.
+/// Homing settings of one drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HomingOnDrive {
     /// Object 6098h.
@@ -20,32 +20,32 @@ pub struct HomingOnDrive {
     pub search: u32,
     /// Object 6099h:2, increments/s.
     pub latch: u32,
-    /// Object 609Ah, increments/s2; the drive's own where none.
+    /// Object 609Ah, increments/s2; the drive's own if none.
     pub acceleration: Option<u32>,
-    /// Machine coordinate of the place that the drive finds.
+    /// Machine coordinate of the drive's home position.
     pub position: f64,
-    /// Its place in the sequence, the smallest first.
+    /// Its position in the sequence, the smallest first.
     pub order: u32,
-    /// How long it may take, s.
+    /// Maximum duration, s.
     pub timeout_s: f64,
 }
 
-/// How far it is.
+/// Progress of homing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum HomingProgress {
-    /// Not begun since the session began, or broken off.
+    /// Not started since the start of the session, or interrupted.
     #[default]
     Needed,
-    /// For so many periods.
+    /// Running for this many periods.
     Running(u32),
-    /// The drive knows where it is.
+    /// The drive knows its position.
     Done,
-    /// It has given up, or took too long; until power was off.
+    /// It has failed, or took too long; until power was off.
     Failed,
 }
 
 impl HomingProgress {
-    /// One period of a drive in operation in mode 6. `shows_mode`: the drive says that it is in this mode.
+    /// One period of a drive in operation in mode 6. `shows_mode`: the drive reports this mode.
     pub(crate) const fn step(self, status_word: u16, shows_mode: bool, most_periods: u32) -> Self {
         match self {
             Self::Needed if shows_mode => Self::Running(0),

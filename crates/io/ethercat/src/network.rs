@@ -1,4 +1,4 @@
-//! The network file: which devices are on the wire, and which axis each drive turns.
+//! The network file: the devices on the wire, and the axis of each drive.
 
 use std::path::Path;
 
@@ -16,10 +16,10 @@ use crate::signal::{InputFile, NetworkInput, NetworkOutput, OutputFile, OutputSo
 
 /// The largest file that is read, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 20;
-/// Devices that a network may have.
+/// Maximum number of devices in a network.
 pub const MAX_DEVICES: usize = 32;
 
-/// Why a network file was refused.
+/// Why a network file was rejected.
 #[derive(Debug, Error)]
 pub enum NetworkError {
     /// The file cannot be read.
@@ -27,7 +27,7 @@ pub enum NetworkError {
     Read {
         /// The file as given.
         file: String,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// The file is not text.
@@ -36,7 +36,7 @@ pub enum NetworkError {
         /// The file as given.
         file: String,
     },
-    /// A key is unknown, missing, or makes no sense.
+    /// A key is unknown, missing or invalid.
     #[error(transparent)]
     Config(#[from] ConfigError),
 }
@@ -232,7 +232,7 @@ pub struct Network {
     pub max_lost_cycles: u32,
     /// Whether SYNC0 is used.
     pub distributed_clocks: bool,
-    /// Whether its axes hold guesses.
+    /// Whether its axes have guessed values.
     pub is_unchecked: bool,
     /// The devices in their order.
     pub devices: Vec<NetworkDevice>,
@@ -249,9 +249,9 @@ pub struct NetworkDevice {
     pub product: u32,
     /// Revision; none for any.
     pub revision: Option<u32>,
-    /// Objects that are written at start-up.
+    /// Objects written at start-up.
     pub startup: Vec<Startup>,
-    /// What it turns.
+    /// The axis that it drives.
     pub axis: Option<NetworkAxis>,
     /// Inputs that it reads.
     pub inputs: Vec<NetworkInput>,
@@ -277,9 +277,9 @@ pub struct Startup {
 pub struct NetworkAxis {
     /// Index into X Y Z A B C U V W.
     pub axis: usize,
-    /// Increments a unit.
+    /// Increments per unit.
     pub scale: Scale,
-    /// The motor turns against the axis.
+    /// The motor turns opposite to the axis.
     pub inverted: bool,
     /// The encoder knows its position at power-up.
     pub absolute: bool,
@@ -289,7 +289,7 @@ pub struct NetworkAxis {
     pub map: bool,
     /// Whether 60B1h is served.
     pub velocity_offset: bool,
-    /// Torque offset (60B2h) in thousandths of the rated torque an acceleration of one unit/s2; 0 for none.
+    /// Torque offset (60B2h) in thousandths of the rated torque per acceleration of one unit/s2; 0 for none.
     pub torque_per_acceleration: f64,
     /// Bit of the home switch in 60FDh.
     pub home_switch_bit: Option<u8>,
@@ -301,9 +301,9 @@ pub struct NetworkAxis {
     pub touch_probe: bool,
     /// Bit of the probe in 60FDh.
     pub probe_input_bit: Option<u8>,
-    /// How the drive finds its machine zero, where it does.
+    /// Homing by the drive, if configured.
     pub homing: Option<HomingOnDrive>,
-    /// Where it is the second drive of its axis.
+    /// Set for the second drive of its axis.
     pub gantry: Option<GantrySettings>,
 }
 
@@ -328,7 +328,7 @@ impl Network {
     /// Reads a file.
     ///
     /// # Errors
-    /// It cannot be read, or what it says makes no sense.
+    /// It cannot be read, or its contents are invalid.
     pub fn load(path: &Path) -> Result<Self, NetworkError> {
         let file = path.display().to_string();
         let bytes = read_regular(path, MAX_FILE_BYTES).map_err(|source| NetworkError::Read {
@@ -342,7 +342,7 @@ impl Network {
     /// Reads the text of a file; `file` names it in errors.
     ///
     /// # Errors
-    /// Text that is not TOML, keys that are unknown, missing or make no sense: with line and column.
+    /// Text that is not TOML; unknown, missing or invalid keys: with line and column.
     pub fn parse(text: &str, file: &str) -> Result<Self, ConfigError> {
         let sheet = ConfigDocument::toml(text, file)?;
         let read: NetworkFile = sheet.read()?;
@@ -410,7 +410,7 @@ impl Network {
                     "give the first drive of the gantry the same letter, without [device.axis.gantry]",
                 ));
             };
-            // Else one drive would know where it is and the other not.
+            // Otherwise one drive would know its position and the other would not.
             let alike = first.absolute == axis.absolute
                 && first.homing.map(|homing| homing.order) == axis.homing.map(|homing| homing.order);
             if !alike {
@@ -493,7 +493,7 @@ fn check_signals(
         let key = format!("{key}.output[{i}]");
         let output = entry.check(sheet, &key, is_drive)?;
         let mut others = before.iter().flat_map(|device| &device.outputs).chain(&outputs);
-        // What a function shows may be shown twice: a lamp and a valve.
+        // A function may drive two outputs: a lamp and a valve.
         if let OutputSource::Named(name) = &output.source
             && others.any(|other| other.source == output.source)
         {
@@ -649,7 +649,7 @@ impl HomingFile {
         scale: Scale,
         is_rotary: bool,
     ) -> Result<HomingOnDrive, ConfigError> {
-        // Of the axis's unit, in increments.
+        // In the unit of the axis, as increments.
         let increments = |name: &str, mm: Option<f64>, deg: Option<f64>| {
             let unit = if is_rotary { "deg" } else { "mm" };
             let value = match (mm, deg, is_rotary) {

@@ -1,4 +1,4 @@
-//! Process data of a drive: which objects the bridge exchanges, and where they lie.
+//! Process data of a drive: the objects that the bridge exchanges, and their positions.
 
 use thiserror::Error;
 
@@ -19,7 +19,7 @@ impl Mapped {
         }
     }
 
-    /// As objects 1600h and 1A00h hold it.
+    /// As in objects 1600h and 1A00h.
     pub(crate) const fn number(self) -> u32 {
         (self.index as u32) << 16 | (self.sub_index as u32) << 8 | self.bits as u32
     }
@@ -55,7 +55,7 @@ const PROBE_FUNCTION: Mapped = Mapped::new(0x60B8, 16);
 const PROBE_STATUS: Mapped = Mapped::new(0x60B9, 16);
 const PROBE_POSITION: Mapped = Mapped::new(0x60BA, 32);
 
-/// What the network file asks for beyond what every drive needs.
+/// Objects that the network file requests in addition to those of every drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Extras {
     pub(crate) velocity_offset: bool,
@@ -64,7 +64,7 @@ pub(crate) struct Extras {
     pub(crate) touch_probe: bool,
 }
 
-/// What is written as the drive's outputs.
+/// The objects mapped as the drive's outputs.
 pub(crate) fn wanted_outputs(extras: Extras) -> Vec<Mapped> {
     let mut wanted = NEEDED_OUTPUTS.to_vec();
     wanted.extend(extras.velocity_offset.then_some(VELOCITY_OFFSET));
@@ -73,7 +73,7 @@ pub(crate) fn wanted_outputs(extras: Extras) -> Vec<Mapped> {
     wanted
 }
 
-/// What is written as its inputs.
+/// The objects mapped as its inputs.
 pub(crate) fn wanted_inputs(extras: Extras) -> Vec<Mapped> {
     let mut wanted = NEEDED_INPUTS.to_vec();
     wanted.extend([ERROR_CODE, DIGITAL_INPUTS, TORQUE]);
@@ -84,7 +84,7 @@ pub(crate) fn wanted_inputs(extras: Extras) -> Vec<Mapped> {
     wanted
 }
 
-/// Why process data are of no use.
+/// Why process data cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum PdoError {
     /// An object is missing.
@@ -96,7 +96,7 @@ pub enum PdoError {
         /// Index.
         index: u16,
     },
-    /// An object does not begin with a byte, or has an unusual size.
+    /// An object does not start at a byte boundary, or has an unexpected size.
     #[error(
         "object {index:04X}h is in its process data with {bits} bits at bit {at}: the bridge needs whole \
          bytes"
@@ -126,7 +126,7 @@ pub(crate) struct PdoLayout {
     digital_inputs: Option<usize>,
     torque: Option<usize>,
     following_error: Option<usize>,
-    /// Function, status and position of touch probe 1, where they are asked for.
+    /// Function, status and position of touch probe 1, if requested.
     touch_probe: Option<[usize; 3]>,
 }
 
@@ -151,7 +151,7 @@ pub(crate) struct DriveInputs {
     pub(crate) digital_inputs: u32,
     /// Thousandths of the rated torque.
     pub(crate) torque: i16,
-    /// Object 60F4h, where it is asked for.
+    /// Object 60F4h, if requested.
     pub(crate) following_error: Option<i32>,
     pub(crate) probe_status: u16,
     pub(crate) probe_position: i32,
@@ -194,7 +194,7 @@ fn get<const N: usize>(image: &[u8], at: usize) -> [u8; N] {
 }
 
 impl PdoLayout {
-    /// Finds the objects in what a drive has mapped.
+    /// Finds the objects in the mapping of a drive.
     pub(crate) fn new(outputs: &[Mapped], inputs: &[Mapped], extras: Extras) -> Result<Self, PdoError> {
         let [control_word, mode, target] = NEEDED_OUTPUTS;
         let [status_word, mode_display, position] = NEEDED_INPUTS;
@@ -234,7 +234,7 @@ impl PdoLayout {
         })
     }
 
-    /// First bit of the digital inputs; 0 where they are neither there nor needed.
+    /// First bit of the digital inputs; 0 if they are neither present nor needed.
     pub(crate) fn digital_inputs_at(&self, needed: bool) -> Result<u32, PdoError> {
         match self.digital_inputs {
             Some(at) => Ok(8 * at as u32),

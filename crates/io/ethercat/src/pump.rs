@@ -1,4 +1,5 @@
-//! Drives the futures of the MainDevice on the calling thread: polls, sends what they have to send, hands them what comes back.
+//! Drives the futures of the MainDevice on the calling thread: polls, sends their frames, passes them the
+//! replies.
 
 use core::future::Future;
 use core::pin::pin;
@@ -11,10 +12,10 @@ use evolvent_bridge::monotonic_ns;
 use crate::socket::PacketSocket;
 use crate::time_driver::{forget_timers, next_timer_ns};
 
-/// Longest wait for a frame, ns: timers are looked at in between.
+/// Maximum wait for a frame, ns: timers are checked in between.
 const PATIENCE_NS: u64 = 1_000_000;
 
-/// One end of the wire. It allocates nothing.
+/// One end of the wire. It does not allocate.
 pub(crate) struct Pump<'s> {
     tx: PduTx<'s>,
     rx: PduRx<'s>,
@@ -40,7 +41,7 @@ impl<'s> Pump<'s> {
         self.waited_ns
     }
 
-    /// Runs a future to its end, but not beyond `until_ns`: then it is dropped, and what it waited for is lost.
+    /// Runs a future to its end, but not beyond `until_ns`: then it is dropped, and its replies are lost.
     pub(crate) fn complete<T>(&mut self, until_ns: u64, future: impl Future<Output = T>) -> Option<T> {
         let mut future = pin!(future);
         let mut context = Context::from_waker(Waker::noop());
@@ -50,7 +51,7 @@ impl<'s> Pump<'s> {
                 return Some(value);
             }
             while let Some(frame) = self.tx.next_sendable_frame() {
-                // What finds no room is lost, as on any wire; the future runs into its timeout.
+                // A frame that does not fit is lost, as on any wire; the future runs into its timeout.
                 let _lost =
                     frame.send_blocking(|bytes| self.socket.send(bytes).map_err(|_| Error::SendFrame));
             }
@@ -65,7 +66,7 @@ impl<'s> Pump<'s> {
             self.socket.wait(wait_ns);
             self.waited_ns += monotonic_ns() - now_ns;
             while let Some(frame) = self.socket.receive(&mut self.buffer) {
-                // Late frames, of futures that are gone, and other traffic.
+                // Late frames of dropped futures, and other traffic.
                 let _unknown = self.rx.receive_frame(frame);
             }
         }

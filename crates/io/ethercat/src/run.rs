@@ -17,33 +17,33 @@ use crate::scan::panic_text;
 use crate::session::{Counters, Ends, Notice, SessionError, run_session};
 use crate::socket::PacketSocket;
 
-/// How the bridge is run.
+/// Settings of the bridge.
 #[derive(Clone, Debug)]
 pub struct RunSettings {
     /// The machine: name, axes, limits, priority.
     pub machine: Machine,
-    /// Name on the bus, where it is another than the machine's.
+    /// Name on the bus, if it differs from the machine's.
     pub machine_name: Option<String>,
     /// The network.
     pub network: Network,
     /// The network interface.
     pub interface: String,
-    /// iceoryx2's prefix, as of the core.
+    /// iceoryx2's prefix, as for the core.
     pub prefix: Option<String>,
-    /// Ends by itself after so long; never if none.
+    /// Ends after this time; never if none.
     pub duration: Option<Duration>,
 }
 
-/// What the bridge did.
+/// Counts of the bridge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BridgeReport {
-    /// Times at which a core was found.
+    /// Number of times that a core was found.
     pub connections: u32,
-    /// Times at which the network was brought up, or tried to.
+    /// Number of times that the network was brought up, or that it failed.
     pub sessions: u64,
     /// Cycles of the network.
     pub cycles: u64,
-    /// Frames that did not come back in time.
+    /// Frames that did not return in time.
     pub lost_frames: u64,
     /// Frames with a working counter that was too small.
     pub short_frames: u64,
@@ -52,7 +52,7 @@ pub struct BridgeReport {
 /// Why the bridge cannot run.
 #[derive(Debug, Error)]
 pub enum RunError {
-    /// The core does not fit the network, or rights cannot be given up.
+    /// The core does not match the network, or privileges cannot be dropped.
     #[error(transparent)]
     Bridge(#[from] BridgeError),
     /// The interface cannot be opened.
@@ -63,16 +63,16 @@ pub enum RunError {
     Interface {
         /// Its name.
         interface: String,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
 }
 
-/// Runs until `stop` is set or time is up. Waits for its core and its network as long as that takes, outlives both, and finds the
-/// next ones. `tell` is called with what people should know.
+/// Runs until `stop` is set or the time is up. Waits for its core and its network, outlives both, and finds
+/// the next ones. `tell` receives the messages for the log.
 ///
 /// # Errors
-/// The interface cannot be opened, or the core does not fit the network.
+/// The interface cannot be opened, or the core does not match the network.
 pub fn run(
     settings: &RunSettings,
     stop: &AtomicBool,
@@ -81,7 +81,7 @@ pub fn run(
     run_measured(settings, stop, tell, None)
 }
 
-/// As [`run`], and takes the times of its cycles.
+/// Like [`run`], and records the times of its cycles.
 ///
 /// # Errors
 /// As there.
@@ -101,7 +101,7 @@ pub fn run_measured(
             counters: &counters,
             times,
         };
-        // ethercrab asserts what devices answer; drives stop by their watchdogs then.
+        // ethercrab asserts on the replies of devices; drives then stop by their watchdogs.
         catch_unwind(AssertUnwindSafe(|| {
             run_session(&socket, &settings.network, &settings.machine, &mut ends)
         }))

@@ -5,10 +5,10 @@ use thiserror::Error;
 /// Numerators and denominators stay below this, so that both are exact as `f64`.
 const MAX: u128 = 1 << 53;
 
-/// Why numbers make no scale.
+/// Why numbers give no valid scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 pub enum ScaleError {
-    /// A number is no decimal number above zero.
+    /// A number is not a positive decimal number.
     #[error("it must be a positive decimal number with at most 12 digits")]
     Number,
     /// The fraction has more digits than any gear.
@@ -40,7 +40,7 @@ const fn gcd(mut a: u128, mut b: u128) -> u128 {
     a
 }
 
-/// A decimal number as the fraction that its shortest text names.
+/// A decimal number as the fraction of its shortest text.
 fn decimal(value: f64) -> Result<(u128, u128), ScaleError> {
     if !(value.is_finite() && value > 0.0) {
         return Err(ScaleError::Number);
@@ -55,11 +55,11 @@ fn decimal(value: f64) -> Result<(u128, u128), ScaleError> {
 }
 
 impl Scale {
-    /// From increments a turn of the motor, a gear (turns of the motor to turns of its other side), and what one turn behind the
-    /// gear moves the axis, in mm or degrees.
+    /// From increments per turn of the motor, a gear ratio (turns of the motor to turns of its output), and
+    /// the travel per turn of the gear output, in mm or degrees.
     ///
     /// # Errors
-    /// A number is zero, or has more digits than can be kept exactly.
+    /// A number is zero, or has more digits than can be represented exactly.
     pub fn new(increments_per_turn: u32, gear: [u32; 2], turn: f64) -> Result<Self, ScaleError> {
         let (digits, unit) = decimal(turn)?;
         let [motor, shaft] = gear.map(u128::from);
@@ -90,13 +90,13 @@ impl Scale {
         (position * self.numerator as f64 / self.denominator as f64).round() as i64
     }
 
-    /// The position of increments.
+    /// The position for a number of increments.
     #[must_use]
     pub fn position(self, increments: i64) -> f64 {
         increments as f64 * self.denominator as f64 / self.numerator as f64
     }
 
-    /// Increments a unit.
+    /// Increments per unit.
     #[must_use]
     pub fn per_unit(self) -> f64 {
         self.numerator as f64 / self.denominator as f64

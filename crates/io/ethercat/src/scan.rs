@@ -1,4 +1,5 @@
-//! Lists what is on the wire: states as they are, then EEPROMs and, in PRE-OP, objects. Devices end in INIT.
+//! Lists the devices on the wire: their states first, then EEPROMs and, in PRE-OP, objects. Devices end in
+//! INIT.
 
 use core::ops::Deref;
 use core::panic::AssertUnwindSafe;
@@ -21,13 +22,13 @@ use crate::socket::PacketSocket;
 const FRAMES: usize = 16;
 const FRAME_DATA: usize = PduStorage::element_size(1100);
 const IMAGE: usize = 1024;
-/// How long a scan may take, ns.
+/// Maximum duration of a scan, ns.
 const SCAN_NS: u64 = 60_000_000_000;
-/// PDOs that are read of an assignment, and entries of a PDO: the most that a drive was seen with, four times over.
+/// Maximum number of PDOs read per assignment, and of entries per PDO: four times the largest drive seen.
 const MAX_PDOS: u8 = 32;
 const MAX_ENTRIES: u8 = 64;
 
-/// Why nothing was found.
+/// Why a scan failed.
 #[derive(Debug, Error)]
 pub enum ScanError {
     /// The interface cannot be opened.
@@ -38,30 +39,30 @@ pub enum ScanError {
     Interface {
         /// Its name.
         interface: String,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// Nobody answers.
     #[error("no device replies: check cable, interface and supply")]
     NoDevices,
-    /// More than fit.
+    /// More devices than supported.
     #[error("more than {MAX_DEVICES} devices are on the wire: split the network")]
     TooMany,
     /// The network did not come to PRE-OP.
     #[error("{doing}: {why}")]
     Main {
-        /// What was being done.
+        /// The failed step.
         doing: &'static str,
         /// Why it failed.
         why: String,
     },
-    /// The library gave up.
+    /// The library failed.
     #[error(
         "a device sent data that the EtherCAT library cannot handle (an emergency message, or a broken \
          EEPROM): {what}; try again, or leave devices out one by one"
     )]
     Library {
-        /// What it said.
+        /// Its message.
         what: String,
     },
 }
@@ -76,17 +77,18 @@ pub(crate) fn panic_text(panic: &(dyn core::any::Any + Send)) -> String {
         .replace('\n', " ")
 }
 
-/// Looks at every device on an interface. It takes devices out of whatever state they are in: never scan under a bridge.
+/// Examines every device on an interface. It takes devices out of their present state: never scan while a
+/// bridge runs.
 ///
 /// # Errors
-/// The interface cannot be opened, nobody answers, or the network does not come to PRE-OP. What one device does not tell is
-/// among its problems.
+/// The interface cannot be opened, no device replies, or the network does not come to PRE-OP. Data that one
+/// device does not report are listed in its problems.
 pub fn scan(interface: &str) -> Result<Vec<FoundDevice>, ScanError> {
     let socket = PacketSocket::open(interface).map_err(|source| ScanError::Interface {
         interface: interface.to_owned(),
         source,
     })?;
-    // ethercrab asserts what devices answer.
+    // ethercrab asserts on the replies of devices.
     std::panic::catch_unwind(AssertUnwindSafe(|| scan_socket(&socket))).unwrap_or_else(|panic| {
         Err(ScanError::Library {
             what: panic_text(panic.as_ref()),
@@ -171,7 +173,7 @@ async fn scan_main<'m>(main: &'m MainDevice<'m>) -> Result<Vec<FoundDevice>, Sca
             Ok(image) => device.sii = SiiContents::parse(&image),
             Err(error) => device.problems.push(format!("EEPROM: {error}")),
         }
-        // What the library compares with the network file.
+        // The values that the library compares with the network file.
         let identity = subdevice.identity();
         device.sii.vendor = identity.vendor_id;
         device.sii.product = identity.product_id;
@@ -195,7 +197,7 @@ async fn read_sii<S: Deref<Target = SubDevice>>(
     let mut filled = 0;
     loop {
         while filled < image.len() {
-            // A copy of 16 words at a time: an end in the middle of a word is read with it.
+            // Copied in blocks of 16 words: an end in the middle of a word is read with it.
             let begin = filled & !1;
             let end = (begin + 32).min(image.len());
             let read = subdevice
@@ -214,7 +216,7 @@ async fn read_sii<S: Deref<Target = SubDevice>>(
     }
 }
 
-/// Reads what a device with CoE tells of itself; what it does not is among its problems.
+/// Reads the data of a device with CoE; missing ones are listed in its problems.
 async fn read_objects<S: Deref<Target = SubDevice>>(
     subdevice: &SubDeviceRef<'_, S>,
     device: &mut FoundDevice,

@@ -1,4 +1,4 @@
-//! One session with the network: from INIT to OP, the cycle, and what ended it.
+//! One session with the network: from INIT to OP, the cycle, and why it ended.
 
 use core::sync::atomic::{AtomicU64, Ordering};
 use core::time::Duration;
@@ -27,35 +27,35 @@ use crate::signal_set::SignalSet;
 use crate::socket::PacketSocket;
 use crate::time_driver::thread_ns;
 
-/// Frames on their way at once, and the data of each.
+/// Maximum number of frames under way, and the data of each.
 const FRAMES: usize = 16;
 const FRAME_DATA: usize = PduStorage::element_size(1100);
 /// Bytes of process data of all devices.
 const IMAGE: usize = 1024;
-/// How long a network may take to come up, ns.
+/// Maximum time for the network to come up, ns.
 const START_NS: u64 = 60_000_000_000;
-/// How long devices may take from SAFE-OP to OP, ns.
+/// Maximum time for devices from SAFE-OP to OP, ns.
 const OPERATIONAL_NS: u64 = 10_000_000_000;
-/// How long drives may take to stop where the session ends, ns.
+/// Maximum time for drives to stop at the end of the session, ns.
 const STOP_NS: u64 = 1_500_000_000;
-/// The first SYNC0 comes so long after it was asked for.
+/// Delay of the first SYNC0 after its request.
 const SYNC_DELAY: Duration = Duration::from_millis(200);
-/// Times that the reference's time is spread before clocks are used.
+/// Number of times that the reference time is distributed before clocks are used.
 const CLOCK_WARM_UP: u32 = 2_000;
-/// Share of the phase error that a cycle takes away.
+/// The phase error is reduced by one part in this number per cycle.
 const PHASE_GAIN: i64 = 16;
-/// First station address that the MainDevice gives.
+/// First station address assigned by the MainDevice.
 const FIRST_STATION: u16 = 0x1000;
 
 type Group<S> = SubDeviceGroup<MAX_DEVICES, IMAGE, DefaultLock, Op, S>;
 
-/// Why a session did not begin, or why it ended.
+/// Why a session did not start, or why it ended.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum SessionError {
     /// Nobody answers.
     #[error("no device replies: check cable, interface and supply")]
     NoDevices,
-    /// Another number of devices than in the file.
+    /// The number of devices differs from the file.
     #[error("{found} devices are on the wire, the network file lists {expected}: check cables and the file")]
     Count {
         /// On the wire.
@@ -63,13 +63,13 @@ pub enum SessionError {
         /// In the file.
         expected: usize,
     },
-    /// A device is another one.
+    /// A device differs from the file.
     #[error(
         "device {position} (`{name}`): {what} is {found:#x} on the wire and {expected:#x} in the network \
          file: check the order of the devices"
     )]
     Identity {
-        /// Place on the wire, from 1.
+        /// Position on the wire, from 1.
         position: usize,
         /// Name in the file.
         name: String,
@@ -91,18 +91,18 @@ pub enum SessionError {
         sub_index: u8,
         /// "read" or "written".
         action: &'static str,
-        /// What the device or the MainDevice said.
+        /// The message of the device or the MainDevice.
         why: String,
     },
-    /// Process data are of no use.
+    /// Process data cannot be used.
     #[error("`{name}`: {why}")]
     ProcessData {
         /// Name in the file.
         name: String,
-        /// What is wrong.
+        /// The error.
         why: PdoError,
     },
-    /// A signal of the file lies beyond the process data.
+    /// A signal of the file is beyond the process data.
     #[error(
         "`{name}`: the network file has a signal up to bit {bit} of its {direction}s, of which there are \
          {bits}: `--scan` lists them"
@@ -114,68 +114,68 @@ pub enum SessionError {
         direction: &'static str,
         /// The last bit of the signal.
         bit: u32,
-        /// Bits that there are.
+        /// Number of bits available.
         bits: usize,
     },
-    /// The period cannot be told to a drive.
+    /// A drive cannot be given the period.
     #[error(transparent)]
     Period(#[from] InterpolationError),
-    /// A limit of the machine is none.
+    /// A limit of the machine is invalid.
     #[error(transparent)]
     Limits(#[from] SettingsError),
-    /// A device refused a state.
+    /// A device rejected a state.
     #[error("a device did not come into {wanted}: {states}")]
     State {
         /// The state.
         wanted: &'static str,
-        /// What each device says.
+        /// The state of each device.
         states: String,
     },
-    /// The MainDevice cannot go on.
+    /// The MainDevice cannot continue.
     #[error("{doing}: {why}")]
     Main {
-        /// What was being done.
+        /// The failed step.
         doing: &'static str,
         /// Why it failed.
         why: String,
     },
-    /// Frames stopped coming back.
+    /// Frames stopped returning.
     #[error("{frames} frames in a row did not return: check the cable")]
     Lost {
         /// How many.
         frames: u32,
     },
-    /// The library gave up.
+    /// The library failed.
     #[error(
         "a device sent data that the EtherCAT library cannot handle (an emergency message, or a broken \
          EEPROM): {what}"
     )]
     Library {
-        /// What it said.
+        /// Its message.
         what: String,
     },
-    /// A device left OP, or does not answer.
+    /// A device left OP, or does not reply.
     #[error("the network failed: {states}")]
     Broken {
-        /// What each device says.
+        /// The state of each device.
         states: String,
     },
 }
 
-/// What happens during a session, for people.
+/// Events of a session, for the log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Notice {
     /// All devices are in OP.
     Operational { clocks: bool },
     /// A drive is in fault.
     DriveFault { axis: usize, code: u16 },
-    /// The drives of a gantry are too far apart.
+    /// The drives of a gantry differ too much.
     Apart { axis: usize, by: f64 },
     /// A drive has found its machine zero, or has not.
     Homed { axis: usize, found: bool },
-    /// A device does not answer, or has left OP.
+    /// A device does not reply, or has left OP.
     DeviceLost { device: usize },
-    /// Process data came back with a working counter that is too small.
+    /// Process data returned with a working counter that is too small.
     Short { found: u16, expected: u16 },
 }
 
@@ -187,7 +187,7 @@ pub(crate) struct Counters {
     pub(crate) short: AtomicU64,
 }
 
-/// What a session is given: the ends of the bus, and where it counts.
+/// The queues of a session and its counters.
 pub(crate) struct Ends<'a, 'b> {
     pub(crate) bus: &'a mut BusEnds<'b, Notice>,
     pub(crate) counters: &'a Counters,
@@ -256,7 +256,7 @@ impl Devices {
     }
 }
 
-/// Brings the network up and runs the cycle until something ends it; `Ok` where it was asked to stop.
+/// Brings the network up and runs the cycle until something ends it; returns `Ok` if it was asked to stop.
 pub(crate) fn run_session(
     socket: &PacketSocket,
     network: &Network,
@@ -333,7 +333,7 @@ pub(crate) fn run_session(
     }
 }
 
-/// State and AL status code of every device, in words.
+/// State and AL status code of every device, as text.
 fn tell_states<'m>(pump: &mut Pump<'_>, main: &'m MainDevice<'m>, network: &Network) -> String {
     let mut told = Vec::new();
     for (i, device) in network.devices.iter().enumerate() {
@@ -479,7 +479,7 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
         let why = match error {
             Error::Mailbox(MailboxError::Aborted { code, .. }) => format!("the device rejects it: {code}"),
             Error::Timeout(_) => "the device does not reply".to_owned(),
-            // What ethercrab makes of an emergency message, where it does not assert that there is none.
+            // ethercrab's result for an emergency message, where it does not assert that there is none.
             Error::Wire(_) => "the reply does not belong to it; possibly an emergency message".to_owned(),
             error => error.to_string(),
         };
@@ -511,7 +511,7 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
         for (sub_index, value) in [(1, told.value), (2, told.index as u8)] {
             let written = self.subdevice.sdo_write(0x60C2, sub_index, value).await;
             match written {
-                // Drives that take the period from SYNC0 need not have it.
+                // Drives that take the period from SYNC0 may not have it.
                 Ok(()) | Err(Error::Mailbox(MailboxError::Aborted { .. })) => {}
                 Err(error) => return Err(self.refused(0x60C2, sub_index, "written", error)),
             }
@@ -531,7 +531,7 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
             if let Some(acceleration) = homing.acceleration {
                 write(0x609A, 0, 4, acceleration).await?;
             }
-            // What the drive finds is its zero; where that is the network file says.
+            // The network file gives the machine coordinate of the zero that the drive finds.
             write(0x607C, 0, 4, 0).await?;
         }
         let extras = axis.extras();
@@ -600,11 +600,11 @@ struct Cycle<'a, 'm> {
     expected: u16,
     lost: u32,
     short: u32,
-    /// All devices were in OP.
+    /// All devices have been in OP.
     operational: bool,
-    /// Progress of homing when it was looked at last.
+    /// Progress of homing at the last check.
     homing: [HomingProgress; MAX_DEVICES],
-    /// Fault codes that were told.
+    /// Fault codes that were reported.
     reported: [u16; MAX_DEVICES],
     was_apart: bool,
 }
@@ -612,7 +612,7 @@ struct Cycle<'a, 'm> {
 impl<'m> Cycle<'_, 'm> {
     fn run(&mut self, pump: &mut Pump<'_>, ends: &mut Ends<'_, '_>) -> Result<(), SessionError> {
         self.expected = self.count()?;
-        // What was sent while the network came up is void.
+        // Setpoints sent while the network came up are void.
         while ends.bus.incoming.pop().is_ok() {}
         let begin_ns = monotonic_ns();
         let mut next_ns = begin_ns + self.period_ns;
@@ -634,7 +634,7 @@ impl<'m> Cycle<'_, 'm> {
             let correction_ns = match outcome {
                 Ok(correction_ns) => correction_ns,
                 Err(error @ SessionError::Broken { .. }) => {
-                    // Devices that still answer stop first.
+                    // Devices that still reply stop first.
                     self.drives.end();
                     self.signals.end();
                     ending.get_or_insert((now_ns, Err(error)));
@@ -677,7 +677,7 @@ impl<'m> Cycle<'_, 'm> {
                 .wrapping_add_signed(-correction_ns);
             let late_ns = monotonic_ns().saturating_sub(next_ns);
             if late_ns > self.period_ns {
-                // Cycles that were slept through are left out.
+                // Missed cycles are skipped.
                 next_ns += late_ns / self.period_ns * self.period_ns;
             }
         }
@@ -737,7 +737,7 @@ impl<'m> Cycle<'_, 'm> {
         Ok(expected)
     }
 
-    /// One period; by how many ns the next one is shorter, to stay with the reference clock.
+    /// One period; returns by how many ns the next one is shorter, to follow the reference clock.
     fn cycle(
         &mut self,
         pump: &mut Pump<'_>,
@@ -779,7 +779,7 @@ impl<'m> Cycle<'_, 'm> {
                     .lost
                     .fetch_add(u64::from(self.operational), Ordering::Relaxed);
                 self.lost += 1;
-                // While the network comes up, a host that is busy may be late.
+                // While the network comes up, a busy host may be late.
                 let patience = if self.operational {
                     self.network.max_lost_cycles
                 } else {
@@ -795,7 +795,8 @@ impl<'m> Cycle<'_, 'm> {
         self.lost = 0;
         let all = self.all();
         let is_whole = exchanged.working_counter == self.expected;
-        // Where a device is missing the inputs of the others are good; where none is, nobody knows whose are not.
+        // If a device is missing, the inputs of the others are valid; if none is, it is unknown whose are
+        // not.
         let is_known = |device: usize| {
             is_whole || exchanged.operational & all != all && exchanged.operational >> device & 1 == 1
         };
@@ -821,7 +822,7 @@ impl<'m> Cycle<'_, 'm> {
         }
         let judged = self.judge(&exchanged, ends);
         if self.operational {
-            // What finds no room is replaced by the next.
+            // A message that does not fit is replaced by the next.
             if let Some(feedback) = self.drives.feedback(monotonic_ns()) {
                 let _full = ends.bus.feedback.push(feedback);
             }
@@ -867,7 +868,7 @@ impl<'m> Cycle<'_, 'm> {
                 let _full = ends.bus.notices.push(Notice::DeviceLost { device });
             }
             if listed.axis.is_some() {
-                // Where all say that they are in OP nobody knows whose data are missing.
+                // If all report OP, it is unknown whose data are missing.
                 if is_lost || exchanged.operational & all == all {
                     self.drives.set_lost(axis);
                 }
@@ -904,7 +905,7 @@ impl<'m> Cycle<'_, 'm> {
         }
     }
 
-    /// Frames pass the reference half a period after SYNC0. The difference is taken away bit by bit.
+    /// Frames pass the reference half a period after SYNC0. The difference is reduced gradually.
     fn correction_ns(&self, time_ns: u64) -> i64 {
         let half = self.period_ns / 2;
         let phase = (time_ns.wrapping_sub(half)) % self.period_ns;
@@ -922,6 +923,6 @@ fn sleep_until(at_ns: u64) {
         tv_sec: (at_ns / 1_000_000_000) as i64,
         tv_nsec: (at_ns % 1_000_000_000) as i64,
     };
-    // A signal ends the sleep early: the cycle is early then, once.
+    // A signal ends the sleep early: the cycle is early once.
     let _interrupted = clock_nanosleep_absolute(ClockId::Monotonic, &at);
 }

@@ -1,4 +1,4 @@
-//! Signals of a session: outputs of the core into process data, inputs out of them.
+//! Signals of a session: outputs of the core to process data, inputs from them.
 
 use evolvent_bus::{AXES, MachineInputs, MachineOutputs};
 use evolvent_drive::OutputFollower;
@@ -9,7 +9,7 @@ use crate::drive_set::ProbeReading;
 use crate::network::Network;
 use crate::signal::{Channel, ChannelForm, OutputFunction, OutputSource};
 
-/// Time between two messages of inputs that do not change, ns.
+/// Interval between two messages of unchanged inputs, ns.
 const INPUTS_EVERY_NS: u64 = 5_000_000;
 /// Bits of `coolant` in the messages.
 const MIST: u32 = 0b01;
@@ -21,13 +21,13 @@ struct Input {
     number: u32,
     channel: Channel,
     error_bit: Option<u32>,
-    /// The core refuses a message with a value outside.
+    /// The core rejects a message with a value outside.
     range: [f64; 2],
 }
 
 #[derive(Clone, Copy, Debug)]
 enum Source {
-    /// Of the machine file: number, and the value that is safe until the core says so.
+    /// Of the machine file: number, and the safe value until the core sends one.
     Digital {
         number: u32,
         safe: f64,
@@ -47,7 +47,7 @@ struct Output {
     channel: Channel,
 }
 
-/// All signals behind one follower. Nothing but the constructor allocates.
+/// All signals behind one follower. Only the constructor allocates.
 #[derive(Debug)]
 pub(crate) struct SignalSet {
     inputs: Vec<Input>,
@@ -61,7 +61,7 @@ pub(crate) struct SignalSet {
 }
 
 impl SignalSet {
-    /// Signals that the machine does not know are left out; `check_fit` has refused them.
+    /// Signals unknown to the machine are skipped; `check_fit` has rejected them.
     pub(crate) fn new(machine: &Machine, network: &Network, instance: u64) -> Self {
         let kind = |channel: &Channel| {
             if channel.is_analog() {
@@ -119,7 +119,7 @@ impl SignalSet {
         }
     }
 
-    /// The drives' digital inputs lie behind other objects: their bits move up to where 60FDh is.
+    /// The drives' digital inputs follow other objects: their bits are offset by the position of 60FDh.
     pub(crate) fn move_inputs(&mut self, device: usize, by_bits: u32) {
         for input in self.inputs.iter_mut().filter(|input| input.device == device) {
             input.channel.bit += by_bits;
@@ -127,21 +127,21 @@ impl SignalSet {
     }
 
     pub(crate) fn offer(&mut self, now_ns: u64, message: &MachineOutputs) {
-        // What comes damaged is followed by a message that is complete.
+        // A damaged message is followed by a complete one.
         let _damaged = self.follower.offer(now_ns, message);
     }
 
-    /// From now on all outputs are safe, whatever the core says.
+    /// From now on all outputs are safe, whatever the core sends.
     pub(crate) const fn end(&mut self) {
         self.ending = true;
     }
 
-    /// The outputs of this moment are those of this period.
+    /// Updates the outputs for this period.
     pub(crate) fn step(&mut self, now_ns: u64) {
         self.in_force = self.follower.step(now_ns);
     }
 
-    /// Outputs of a device into its process data.
+    /// Writes outputs of a device to its process data.
     pub(crate) fn write(&self, device: usize, image: &mut [u8]) {
         for output in self.outputs.iter().filter(|output| output.device == device) {
             let value = self.value(output.source);
@@ -186,7 +186,7 @@ impl SignalSet {
         }
     }
 
-    /// Inputs of a device out of its process data; unknown where these are (`image` none).
+    /// Reads inputs of a device from its process data; they are unknown if these are (`image` none).
     pub(crate) fn read(&mut self, device: usize, image: Option<&[u8]>) {
         for input in self.inputs.iter().filter(|input| input.device == device) {
             let bit = |at: u32| image.and_then(|image| get_bits(image, at, 1));
@@ -204,7 +204,7 @@ impl SignalSet {
                     let number = image
                         .and_then(|image| get_bits(image, input.channel.bit, analog.bits))
                         .map(|bits| extend(bits, analog.bits, analog.signed));
-                    // One value outside the machine file's range would void the whole message.
+                    // One value outside the machine file's range would invalidate the whole message.
                     let value = number
                         .filter(|_| is_good)
                         .map(|number| analog.value(number))
@@ -220,7 +220,7 @@ impl SignalSet {
         }
     }
 
-    /// What the drives say of the probe.
+    /// Reads the drives' reports of the probe.
     pub(crate) fn read_probe(&mut self, reading: &ProbeReading, now_ns: u64) {
         let message = &mut self.read;
         message.probe = match reading.input {
@@ -235,7 +235,7 @@ impl SignalSet {
             message.probe_latched_mask = 0;
         }
         for (axis, place) in message.probe_position.iter_mut().enumerate() {
-            // Latched once: the datum may change behind it.
+            // Latched once: the datum may change afterwards.
             let is_new = AxisMask::from_bits(reading.latched_mask).contains(axis)
                 && !AxisMask::from_bits(message.probe_latched_mask).contains(axis);
             if is_new {
@@ -245,7 +245,7 @@ impl SignalSet {
         }
     }
 
-    /// The message of this period, where one is due: a change, or the last is old.
+    /// The message of this period, if one is due: a change, or the last one is old.
     pub(crate) fn message(&mut self, now_ns: u64) -> Option<MachineInputs> {
         if !self.speaks {
             return None;
@@ -266,7 +266,7 @@ fn set(bits: &mut u64, mask: u64, is_on: bool) {
     *bits = if is_on { *bits | mask } else { *bits & !mask };
 }
 
-/// Bits of process data, the lowest first; none where there are not so many.
+/// Bits of process data, the lowest first; none if there are not enough.
 fn get_bits(image: &[u8], at: u32, bits: u32) -> Option<u64> {
     (0..bits).try_fold(0, |number, i| {
         let byte = image.get((at + i) as usize / 8)?;

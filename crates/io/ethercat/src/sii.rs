@@ -1,12 +1,13 @@
-//! What a device's EEPROM says of it (SubDevice information interface, ETG.2010): identity, names, mailbox, process data, clock.
+//! The contents of a device's EEPROM (SubDevice information interface, ETG.2010): identity, names, mailbox,
+//! process data, clock.
 //!
-//! The image comes from a device, so nothing in it is trusted: whatever lies beyond its end is left out.
+//! The image comes from a device, so nothing in it is trusted: data beyond its end are skipped.
 
 /// Bytes before the first category.
 pub(crate) const HEAD_BYTES: usize = 0x80;
-/// The largest image that is read: 64 kbit, twice of what EEPROMs of drives have.
+/// Maximum size of an image: 64 kbit, twice that of EEPROMs of drives.
 pub(crate) const MAX_BYTES: usize = 8192;
-/// PDOs of one direction, and entries of a PDO, that are looked at.
+/// Maximum number of PDOs per direction, and of entries per PDO.
 const MAX_PDOS: usize = 64;
 
 const STRINGS: u16 = 10;
@@ -29,7 +30,7 @@ pub struct PdoEntry {
     pub name: String,
 }
 
-/// A PDO with what it maps.
+/// A PDO with its mapping.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Pdo {
     /// Index: from 1600h outputs of the MainDevice, from 1A00h inputs.
@@ -40,7 +41,7 @@ pub struct Pdo {
     pub entries: Vec<PdoEntry>,
 }
 
-/// What an EEPROM says.
+/// The contents of an EEPROM.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct SiiContents {
     /// Vendor.
@@ -63,9 +64,9 @@ pub struct SiiContents {
     pub is_mappable: bool,
     /// Whether it names modes of a distributed clock.
     pub has_clock: bool,
-    /// What it takes.
+    /// Its outputs.
     pub outputs: Vec<Pdo>,
-    /// What it gives.
+    /// Its inputs.
     pub inputs: Vec<Pdo>,
 }
 
@@ -81,7 +82,7 @@ fn u32_at(bytes: &[u8], at: usize) -> u32 {
         .map_or(0, u32::from_le_bytes)
 }
 
-/// Categories with their data, as far as the image goes.
+/// Categories with their data, up to the end of the image.
 fn categories(image: &[u8]) -> impl Iterator<Item = (u16, &[u8])> {
     let mut at = HEAD_BYTES;
     core::iter::from_fn(move || {
@@ -95,7 +96,7 @@ fn categories(image: &[u8]) -> impl Iterator<Item = (u16, &[u8])> {
     })
 }
 
-/// How many bytes have to be there before the next category can be told from the end; none where the image is whole.
+/// Number of bytes required to distinguish the next category from the end; none if the image is complete.
 pub(crate) fn bytes_wanted(image: &[u8]) -> Option<usize> {
     let mut at = HEAD_BYTES;
     loop {
@@ -112,7 +113,7 @@ pub(crate) fn bytes_wanted(image: &[u8]) -> Option<usize> {
     }
 }
 
-/// Text of a device on one line: what is no printable ASCII becomes a question mark.
+/// Text of a device on one line: unprintable characters become question marks.
 pub(crate) fn printable(bytes: &[u8]) -> String {
     bytes
         .iter()
@@ -174,7 +175,7 @@ fn pdos(data: &[u8], text: impl Fn(u8) -> String) -> Vec<Pdo> {
 }
 
 impl SiiContents {
-    /// Reads an image. What is missing in it is empty, zero or false.
+    /// Reads an image. Missing data are empty, zero or false.
     #[must_use]
     pub fn parse(image: &[u8]) -> Self {
         let find = |wanted| {
@@ -214,7 +215,8 @@ impl SiiContents {
 mod tests {
     use super::*;
 
-    /// The wanted length grows until the end is found, and never beyond the bound, whatever an EEPROM holds.
+    /// The required length grows until the end is found, and never beyond the bound, whatever an EEPROM
+    /// contains.
     #[test]
     fn reading_ends() {
         let mut random = evolvent_random::Random::seeded(48);

@@ -7,7 +7,7 @@ use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 /// EtherCAT's Ethernet type.
 const ETHER_TYPE: u16 = 0x88A4;
 
-/// A packet socket; to open one needs CAP_NET_RAW. Neither call allocates.
+/// A packet socket; opening one needs CAP_NET_RAW. Neither call allocates.
 #[derive(Debug)]
 pub(crate) struct PacketSocket {
     descriptor: OwnedFd,
@@ -35,7 +35,7 @@ impl PacketSocket {
         // SAFETY: no memory is passed.
         let raw = unsafe { libc::socket(libc::AF_PACKET, kind, i32::from(protocol)) };
         let raw = i32::try_from(checked(i64::from(raw))?).map_err(io::Error::other)?;
-        // SAFETY: the descriptor was just made and nobody else has it.
+        // SAFETY: the descriptor was just created and has no other owner.
         let descriptor = unsafe { OwnedFd::from_raw_fd(raw) };
         let address = libc::sockaddr_ll {
             sll_family: libc::AF_PACKET as u16,
@@ -47,13 +47,13 @@ impl PacketSocket {
             sll_addr: [0; 8],
         };
         let size = size_of::<libc::sockaddr_ll>() as u32;
-        // SAFETY: the address is one of a packet socket and lives through the call.
+        // SAFETY: the address is one of a packet socket and is valid during the call.
         let bound = unsafe { libc::bind(descriptor.as_raw_fd(), (&raw const address).cast(), size) };
         checked(i64::from(bound))?;
         Ok(Self { descriptor })
     }
 
-    /// Waits until a frame is there, `patience_ns` at the most.
+    /// Waits until a frame is available, at most `patience_ns`.
     pub(crate) fn wait(&self, patience_ns: u64) {
         let mut poll = libc::pollfd {
             fd: self.descriptor.as_raw_fd(),
@@ -68,7 +68,7 @@ impl PacketSocket {
         let _ready = unsafe { libc::ppoll(&raw mut poll, 1, &raw const patience, core::ptr::null()) };
     }
 
-    /// The next frame into a buffer; none where none is there.
+    /// Reads the next frame into a buffer; none if there is none.
     pub(crate) fn receive<'a>(&self, buffer: &'a mut [u8]) -> Option<&'a [u8]> {
         // SAFETY: the buffer has the length that is told.
         let length = unsafe {

@@ -1,4 +1,4 @@
-//! The clock of the MainDevice's timeouts. Its timers wake nobody: the pump polls.
+//! The clock of the MainDevice's timeouts. Its timers wake no task: the pump polls.
 
 use core::sync::atomic::{AtomicU64, Ordering};
 use core::task::Waker;
@@ -13,7 +13,7 @@ pub(crate) fn thread_ns() -> u64 {
     now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
 }
 
-/// When a timer that was polled is over, in ticks.
+/// Expiry of the first polled timer, in ticks.
 static NEXT: AtomicU64 = AtomicU64::new(u64::MAX);
 
 struct MonotonicDriver;
@@ -30,17 +30,17 @@ impl Driver for MonotonicDriver {
 
 time_driver_impl!(static DRIVER: MonotonicDriver = MonotonicDriver);
 
-/// Forgets timers, before futures are polled.
+/// Clears the timers before futures are polled.
 pub(crate) fn forget_timers() {
     NEXT.store(u64::MAX, Ordering::Relaxed);
 }
 
-/// When the first timer is over of those that were polled since, ns.
+/// Expiry of the first timer polled since then, ns.
 pub(crate) fn next_timer_ns() -> u64 {
     let ticks = NEXT.load(Ordering::Relaxed);
     if ticks == u64::MAX {
         return u64::MAX;
     }
-    // One tick more: the present one may have begun.
+    // One tick more: the present one may have started.
     ((u128::from(ticks) + 1) * 1_000_000_000 / u128::from(TICK_HZ)) as u64
 }

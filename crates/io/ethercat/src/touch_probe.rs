@@ -1,4 +1,4 @@
-//! Touch probe 1 of a drive (60B8h, 60B9h, 60BAh): armed for the next rising edge, always.
+//! Touch probe 1 of a drive (60B8h, 60B9h, 60BAh): always armed for the next rising edge.
 
 /// Enabled, first event, probe input, rising edge.
 const ARM: u16 = 1 | 1 << 4;
@@ -6,18 +6,18 @@ const ARM: u16 = 1 | 1 << 4;
 const ENABLED: u16 = 1;
 const STORED: u16 = 1 << 1;
 
-/// What one drive has latched.
+/// Latched data of one drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct TouchProbe {
     pub(crate) is_armed: bool,
-    /// Edges since the session began.
+    /// Edges since the start of the session.
     pub(crate) trips: u64,
-    /// Increments at the last.
+    /// Increments at the last one.
     pub(crate) latched: i32,
 }
 
 impl TouchProbe {
-    /// One period: status and latched position of the drive. Whether an edge has come.
+    /// One period: status and latched position of the drive. Returns whether an edge has occurred.
     pub(crate) fn step(&mut self, status: u16, latched: i32) -> bool {
         if !self.is_armed {
             // The last edge is stored until the function has been off.
@@ -42,7 +42,8 @@ impl TouchProbe {
 mod tests {
     use super::*;
 
-    /// A drive as CiA 402 has it: what is stored stays until the function is off, and is off when it is on again.
+    /// A drive according to CiA 402: the latched data persist until the function is off, and are cleared when
+    /// it is on again.
     #[test]
     fn each_edge_counts_once_and_it_is_armed_again() {
         let (mut probe, mut stored) = (TouchProbe::default(), Some(5));

@@ -6,14 +6,15 @@ use evolvent_drive::{
 
 use crate::board_file::{Actuator, BoardAxis};
 
-/// Share of the position error that a stepper takes away in one period. Where a rate counts a whole period after the reading it is
-/// made of, the error follows e' = e - g e(one before), whose roots are real up to g = 1/4: the fastest without overshoot.
+/// Fraction of the position error that a stepper removes in one period. If a rate applies for a whole period
+/// after its reading, the error follows e' = e - g e(previous), whose roots are real up to g = 1/4: the
+/// fastest response without overshoot.
 const GAIN: f64 = 0.25;
-/// Velocity that the correction may add, as a fraction of the largest.
+/// Maximum velocity of the correction, as a fraction of the maximum velocity.
 const CORRECTION: f64 = 0.2;
-/// Highest velocity command, as a fraction of the largest.
+/// Maximum velocity command, as a fraction of the maximum velocity.
 const HIGHEST: f64 = 1.2;
-/// Largest contribution of the integral, as a fraction of the largest velocity.
+/// Maximum contribution of the integral, as a fraction of the maximum velocity.
 const INTEGRAL: f64 = 0.2;
 
 /// Object 603Fh: external error, by the drive's fault output.
@@ -21,7 +22,7 @@ pub(crate) const EXTERNAL: u16 = 0x9000;
 /// Object 603Fh: communication.
 pub(crate) const COMMUNICATION: u16 = 0x7500;
 
-/// What an axis gets for one period.
+/// The outputs of an axis for one period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct AxisOrder {
     /// Steps/s, or -1 to 1 of a servo.
@@ -30,7 +31,7 @@ pub(crate) struct AxisOrder {
     pub(crate) is_enabled: bool,
 }
 
-/// Limits of an axis, a second.
+/// Limits of an axis, per second.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AxisLimits {
     pub(crate) max_velocity: f64,
@@ -48,13 +49,13 @@ pub(crate) struct MesaAxis {
     raw: Option<u32>,
     /// 1/65536 of a step, or counts.
     total: i64,
-    /// Added to the position of the counts for the machine's coordinate.
+    /// Machine coordinate minus position of the counts.
     offset: f64,
     velocity: f64,
     measured_ns: u64,
-    /// Velocity that was commanded last, of the axis.
+    /// The last commanded velocity, of the axis.
     commanded: f64,
-    /// The axis's own ramp, and for how long it has gone on.
+    /// The axis's own ramp, and its elapsed time.
     ramp: Option<(Brake, f64)>,
     integral: f64,
     last_error: f64,
@@ -121,7 +122,7 @@ impl MesaAxis {
         self.velocity
     }
 
-    /// Its board does not answer any more.
+    /// Its board no longer replies.
     pub(crate) const fn set_lost(&mut self) {
         self.is_lost = true;
     }
@@ -129,7 +130,7 @@ impl MesaAxis {
     pub(crate) fn rename(&mut self, shift: f64) {
         self.offset += shift;
         if let Some((brake, time_s)) = &mut self.ramp {
-            // The ramp is by the old names; it goes on from where it is.
+            // The ramp uses the previous coordinates; it continues from its position.
             let state = brake.at(*time_s);
             *brake = Brake::new(
                 BrakeState {
@@ -159,7 +160,7 @@ impl MesaAxis {
         self.sign() * self.total as f64 / self.counts_per_unit() + self.offset
     }
 
-    /// Takes a reading in.
+    /// Evaluates a reading.
     pub(crate) fn take(&mut self, raw: u32, measured_ns: u64, has_fault: bool, switches: [bool; 3]) {
         let step = match (self.raw, self.settings.actuator) {
             (None, _) => 0,
@@ -188,7 +189,7 @@ impl MesaAxis {
     ) -> AxisOrder {
         let axis = self.settings.axis;
         let setpoint = target.position[axis];
-        // Resets that were asked for before this session are over.
+        // Resets requested before this session count as done.
         let controller = self.controller.get_or_insert(Cia402::new(target.fault_reset));
         let order = controller.step(
             self.machine.status_word(),
@@ -266,11 +267,11 @@ impl MesaAxis {
         }
     }
 
-    /// The velocity that brings the axis to a place that moves. The reading is of another moment than the setpoint: the setpoint is
-    /// taken there.
+    /// The velocity that brings the axis to a moving target. The reading and the setpoint have different
+    /// times: the setpoint is evaluated at the time of the reading.
     fn follow(&mut self, position: f64, velocity: f64, acceleration: f64, now_ns: u64, period_s: f64) -> f64 {
         let later_s = (self.measured_ns as i128 - i128::from(now_ns)) as f64 * 1e-9;
-        // An old reading, of a packet before the last, is brought forward by the commanded velocity.
+        // An old reading, of a packet before the last, is extrapolated with the commanded velocity.
         let (later_s, here) = if later_s < 0.0 {
             (0.0, self.position() - later_s * self.commanded)
         } else {
@@ -278,7 +279,7 @@ impl MesaAxis {
         };
         let error = position + velocity * later_s - here;
         let most = self.limits.max_velocity;
-        // Faster than its times allow a step generator counts what its pins do not show.
+        // Beyond its timing limits a step generator counts steps that its pins do not show.
         let possible = match self.settings.actuator {
             Actuator::Steps { timing, .. } => {
                 0.999e9 / (timing.length_ns + timing.space_ns + 20.0) / self.settings.per_unit

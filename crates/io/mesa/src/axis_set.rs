@@ -9,12 +9,12 @@ use crate::axis::{AxisLimits, MesaAxis};
 use crate::board_file::{Actuator, BoardSettings, Pin};
 use crate::plan::{Inputs, Outputs, Plan};
 
-/// For how many periods the last motion goes on where setpoints are missing.
+/// Number of periods for which the last motion continues if setpoints are missing.
 const BRIDGE_CYCLES: u32 = 10;
-/// How far from the axis a setpoint may lie with which following begins, mm or degrees.
+/// Maximum distance of a setpoint from the axis at which following starts, mm or degrees.
 const SYNC_TOLERANCE: f64 = 0.5;
 
-/// Axes of one session. Nothing but the constructor allocates.
+/// Axes of one session. Only the constructor allocates.
 #[derive(Debug)]
 pub(crate) struct AxisSet {
     follower: Follower,
@@ -88,14 +88,14 @@ impl AxisSet {
         &self.axes
     }
 
-    /// The board does not answer any more, or cannot be trusted.
+    /// The board no longer replies, or its data are implausible.
     pub(crate) fn set_lost(&mut self) {
         for axis in &mut self.axes {
             axis.set_lost();
         }
     }
 
-    /// From now on all axes stop, whatever the core asks for.
+    /// From now on all axes stop, whatever the core requests.
     pub(crate) const fn end(&mut self) {
         self.ending = true;
     }
@@ -168,7 +168,7 @@ impl AxisSet {
         self.target = Some(target);
     }
 
-    /// What the axes have said last.
+    /// The last feedback of the axes.
     pub(crate) fn feedback(&self) -> Option<Feedback> {
         let target = self.target.as_ref()?;
         let mut feedback = Feedback {
@@ -202,7 +202,7 @@ impl AxisSet {
         Some(feedback)
     }
 
-    /// The same where no reading has come: the axes have stopped answering, which is news of now.
+    /// The same without a new reading: the axes have stopped replying, which is current information.
     pub(crate) fn lost_feedback(&self, now_ns: u64) -> Option<Feedback> {
         let feedback = self.feedback()?;
         Some(Feedback {
@@ -218,7 +218,7 @@ pub(crate) const fn level(plan: &Plan, inputs: &Inputs, pin: Pin) -> bool {
     (inputs.ports[port] >> bit & 1 == 1) != pin.inverted
 }
 
-/// Puts a pin on or off.
+/// Switches a pin on or off.
 pub(crate) const fn set(plan: &Plan, outputs: &mut Outputs, pin: Pin, on: bool) {
     let (port, bit) = plan.place(pin.pin);
     outputs.ports[port] &= !(1 << bit);

@@ -1,4 +1,4 @@
-//! The board file: which step generator, or encoder and PWM generator, moves which axis, and what is at the pins.
+//! The board file: the step generator, or encoder and PWM generator, of each axis, and the pins.
 
 use std::net::IpAddr;
 use std::path::Path;
@@ -11,14 +11,14 @@ use thiserror::Error;
 
 /// The largest file that is read, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 20;
-/// Pins of HostMot2 at most.
+/// Maximum number of HostMot2 pins.
 const MAX_PINS: f64 = 143.0;
-/// Units of one module at most.
+/// Maximum number of units of one module.
 const MAX_UNITS: f64 = 15.0;
-/// Longest time of a step generator: 14 bits of 10 ns.
+/// Maximum time of a step generator: 14 bits of 10 ns.
 const MAX_TIME_NS: f64 = 163_830.0;
 
-/// Why a board file was refused.
+/// Why a board file was rejected.
 #[derive(Debug, Error)]
 pub enum BoardFileError {
     /// The file cannot be read.
@@ -26,7 +26,7 @@ pub enum BoardFileError {
     Read {
         /// The file as given.
         file: String,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// The file is not text.
@@ -35,7 +35,7 @@ pub enum BoardFileError {
         /// The file as given.
         file: String,
     },
-    /// A key is unknown, missing, or makes no sense.
+    /// A key is unknown, missing or invalid.
     #[error(transparent)]
     Config(#[from] ConfigError),
 }
@@ -224,7 +224,7 @@ pub fn board_schema() -> serde_json::Value {
 pub struct BoardSettings {
     /// Address of the board.
     pub address: IpAddr,
-    /// What it has to call itself.
+    /// The required name of the board.
     pub name: Option<String>,
     /// Packets in a row that may be lost.
     pub max_lost_packets: u32,
@@ -253,12 +253,12 @@ pub struct Pin {
     pub inverted: bool,
 }
 
-/// Where an input comes from.
+/// The source of an input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputSource {
     /// From a pin.
     Pin(Pin),
-    /// Counts of the encoder of this number since the bridge began; backwards where it is inverted.
+    /// Counts of the encoder of this number since the start of the bridge; reversed if it is inverted.
     Encoder {
         /// Number.
         unit: usize,
@@ -272,11 +272,11 @@ pub enum InputSource {
 pub struct InputPin {
     /// Name in the machine file.
     pub name: String,
-    /// Where it comes from.
+    /// Its source.
     pub source: InputSource,
 }
 
-/// Where an output goes.
+/// The target of an output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OutputTarget {
     /// To a pin.
@@ -295,7 +295,7 @@ pub enum OutputTarget {
 pub struct OutputPin {
     /// Name in the machine file.
     pub name: String,
-    /// Where it goes.
+    /// Its target.
     pub target: OutputTarget,
 }
 
