@@ -1,24 +1,25 @@
-//! Positions against the machine's limits, from nothing but the positions.
+//! Checks positions against the machine's limits, independent of plans.
 
 use evolvent_machine::{Limits, Machine};
 use evolvent_path::{Axes, AxisLetter};
 use evolvent_trace::{CycleRecord, inputs};
 
-/// Velocity and acceleration may exceed their limits by this, jerk by more: differences of rounded numbers.
+/// Velocity and acceleration may exceed their limits by this, jerk by more, because they are differences of
+/// rounded numbers.
 const ALLOWED: [f64; 3] = [1.001, 1.001, 1.02];
-/// Cycles after a joint of exact-path mode in which its step shows in second and third differences.
+/// Number of cycles after a joint of exact-path mode in which its step affects second and third differences.
 const JOINT_CYCLES: u32 = 3;
 /// The flag of such a joint.
 const FLAG_JOINT: u32 = 16;
-/// After a fault the axes brake from wherever they are; the guard's own rules hold there.
+/// After a fault the axes brake from their present positions; the guard's own rules apply there.
 const STATE_FAULT: u8 = 8;
-/// Rounding that the check of travel forgives, mm or degrees.
+/// Rounding tolerance of the travel check, mm or degrees.
 const TRAVEL_SLACK: f64 = 1e-6;
 
-/// The worst of one kind, and where.
+/// The maximum of one kind, and its position.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Worst {
-    /// Its share of the limit; for travel, mm or degrees beyond it.
+    /// Its fraction of the limit; for travel, mm or degrees beyond it.
     pub ratio: f64,
     /// The value, in mm or degrees and seconds.
     pub value: f64,
@@ -28,12 +29,12 @@ pub struct Worst {
     pub line: u32,
 }
 
-/// Differentiates recorded positions and keeps the worst of every axis.
+/// Differentiates recorded positions and keeps the maximum of every axis.
 #[derive(Clone, Debug)]
 pub struct LimitCheck {
     limits: Limits,
     rate_hz: f64,
-    /// The last positions, newest first, and how many of them follow one another up to the present.
+    /// The last positions, newest first, and the number of consecutive ones up to the present.
     past: [[f64; 9]; 3],
     known: u32,
     last_sequence: Option<u64>,
@@ -43,14 +44,14 @@ pub struct LimitCheck {
     travel: [Worst; 9],
     broken: u64,
     first_broken: Option<(u64, u32, String)>,
-    /// Of what the drives were sent, where that is something else.
+    /// For the corrected setpoints, if they differ.
     drives: Option<Box<LimitCheck>>,
-    /// Of which positions, for messages.
+    /// Name of the positions, for messages.
     whose: &'static str,
 }
 
 impl LimitCheck {
-    /// Begins with a machine at rest at `start`.
+    /// Starts with a machine at rest at `start`.
     #[must_use]
     pub fn new(machine: &Machine, period_ns: u64, start: &[f64; 9]) -> Self {
         Self {
@@ -69,7 +70,7 @@ impl LimitCheck {
         }
     }
 
-    /// Of corrected positions: the first ones are wherever they are, the travel is that of ideal positions.
+    /// For corrected positions: the first ones are arbitrary, the travel is that of ideal positions.
     fn of_drives(machine: &Machine, period_ns: u64) -> Self {
         let mut limits = machine.drive_limits();
         (limits.travel_min, limits.travel_max) =
@@ -90,20 +91,20 @@ impl LimitCheck {
         }
     }
 
-    /// From here on the axes may be here.
+    /// Sets the travel from here on.
     pub fn set_travel(&mut self, low: &Axes, high: &Axes) {
         (self.limits.travel_min, self.limits.travel_max) = (*low, *high);
     }
 
-    /// Takes the next cycle in. Behind a gap differences begin anew. Gives the differences by axis: velocity,
-    /// acceleration, jerk; `None` right behind a gap.
+    /// Evaluates the next cycle. After a gap the differences start again. Returns the differences by axis:
+    /// velocity, acceleration, jerk; `None` right after a gap.
     pub fn cycle(&mut self, record: &CycleRecord) -> Option<[[f64; 3]; 9]> {
         if let Some(drives) = &mut self.drives
             && !record.drive_position.iter().all(|position| position.is_nan())
         {
             let mut sent = *record;
             for (axis, position) in record.drive_position.iter().enumerate() {
-                // An axis that the trace does not carry stands.
+                // An axis that the trace does not have is at rest.
                 sent.position[axis] = if position.is_nan() { 0.0 } else { *position };
             }
             drives.cycle(&sent);
@@ -123,7 +124,7 @@ impl LimitCheck {
         };
         let p = &record.position;
         if record.inputs & inputs::RELOCATED != 0 {
-            // At rest, by other names.
+            // At rest, with other coordinates.
             self.past = [*p; 3];
             for axis in 0..9 {
                 self.limits.travel_min[axis] = self.limits.travel_min[axis].min(p[axis]);
@@ -165,7 +166,7 @@ impl LimitCheck {
         if beyond > self.travel[axis].ratio {
             self.travel[axis] = at(beyond, position);
         }
-        // Written so that NaN breaks it.
+        // Written so that NaN violates it.
         if !matches!(beyond.partial_cmp(&TRAVEL_SLACK), Some(std::cmp::Ordering::Less)) {
             self.break_limit(record, || format!("axis {letter} left its travel: {position:.6}"));
         }
@@ -208,19 +209,20 @@ impl LimitCheck {
         }
     }
 
-    /// The worst of an axis, by its index in XYZABCUVW: velocity, acceleration, jerk as shares of the limit.
+    /// The maxima of an axis, by its index in XYZABCUVW: velocity, acceleration, jerk as fractions of the
+    /// limit.
     #[must_use]
     pub fn worst(&self, axis: usize) -> &[Worst; 3] {
         &self.worst[axis]
     }
 
-    /// How many samples broke a limit.
+    /// Number of samples that exceeded a limit.
     #[must_use]
     pub fn broken(&self) -> u64 {
         self.broken + self.drives.as_ref().map_or(0, |drives| drives.broken)
     }
 
-    /// The first that did: cycle, line, and what in words.
+    /// The first of them: cycle, line, and a description.
     #[must_use]
     pub fn first_broken(&self) -> Option<&(u64, u32, String)> {
         let sent = self

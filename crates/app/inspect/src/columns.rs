@@ -1,4 +1,4 @@
-//! What a trace holds, as columns of a table.
+//! The contents of a trace as columns of a table.
 
 use evolvent_path::AxisLetter;
 use evolvent_trace::{BlockRecord, CycleRecord, EventRecord};
@@ -36,7 +36,7 @@ pub(crate) struct Column {
     pub(crate) values: Values,
 }
 
-/// Where a cycle's number comes from.
+/// Source of a cycle's number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Source {
     Sequence,
@@ -150,7 +150,7 @@ impl Table {
         )
     }
 
-    /// The last column is text, the others doubles or whole numbers.
+    /// The last column is text, the others doubles or integers.
     fn plain(names: &[&str], doubles: &[bool], start_time_ns: u64) -> Self {
         let columns = names
             .iter()
@@ -180,7 +180,7 @@ impl Table {
     }
 
     fn time_s(&self, time_ns: u64) -> f64 {
-        // The difference is a whole number of ns, so it is exact before the one rounding.
+        // The difference is a whole number of ns, so it is exact before the single rounding.
         (i128::from(time_ns) - i128::from(self.start_time_ns)) as f64 * 1e-9
     }
 

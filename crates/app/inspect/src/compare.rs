@@ -1,4 +1,4 @@
-//! Two runs, aligned by place on the path.
+//! Comparison of two runs, aligned by position on the path.
 
 use std::path::Path;
 
@@ -7,11 +7,11 @@ use evolvent_trace::{CycleRecord, ReadError};
 use crate::lines::LineTimes;
 use crate::opened::{InspectError, Opened};
 
-/// Lines that are named at most.
+/// Maximum number of lines listed.
 const MAX_LINES: usize = 40;
 /// Points of the curve of the difference.
 const POINTS: usize = 200;
-/// A difference in time below this is none, s.
+/// Differences in time below this are ignored, s.
 const MIN_S: f64 = 1e-9;
 
 /// A line in both runs.
@@ -29,11 +29,11 @@ pub struct LineDifference {
     pub a_limit: String,
     /// What limited the second run longest there.
     pub b_limit: String,
-    /// Why the slower one was slower, as far as the traces tell.
+    /// Why the slower one was slower, as far as the traces show.
     pub why: String,
 }
 
-/// What comparing came to. The first run is A, the second B.
+/// Result of a comparison. The first run is A, the second B.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Comparison {
     /// Path that both have driven, mm.
@@ -44,19 +44,19 @@ pub struct Comparison {
     pub duration_s: [f64; 2],
     /// Time that A and B took for the common path, s.
     pub common_s: [f64; 2],
-    /// Greatest distance of the two at the same place on the path, mm (X, Y, Z).
+    /// Maximum distance of the two at the same position on the path, mm (X, Y, Z).
     pub max_deviation_mm: f64,
-    /// Where: path, mm.
+    /// Its position on the path, mm.
     pub deviation_at_mm: f64,
-    /// Where: line in A.
+    /// Its line in A.
     pub deviation_line: u32,
-    /// The first place where they are more than a nanometre apart: path and line in A.
+    /// The first position at which they differ by more than a nanometre: path and line in A.
     pub first_deviation: Option<(f64, u32)>,
-    /// Lines by difference in time, the greatest first.
+    /// Lines by difference in time, the largest first.
     pub lines: Vec<LineDifference>,
-    /// Path, mm, and how much later B is there than A, s.
+    /// Path, mm, and the delay of B relative to A there, s.
     pub lag: Vec<(f64, f64)>,
-    /// What differs in the surroundings: machine, program, period, planner.
+    /// Other differences: machine, program, period, planner.
     pub notes: Vec<String>,
 }
 
@@ -93,7 +93,7 @@ pub fn compare(a: &Path, b: &Path) -> Result<Comparison, InspectError> {
         let Some((position, sequence)) = place else {
             continue;
         };
-        // Where the path does not go on, no place is another's.
+        // If the path does not advance, positions cannot be matched.
         if record.path_mm <= last_lag.0 {
             continue;
         }
@@ -244,7 +244,7 @@ fn why(a: &crate::LineTime, b: &crate::LineTime) -> String {
     )
 }
 
-/// The second run, read as far as the first one has come.
+/// The second run, read up to the path of the first one.
 struct Ahead<I> {
     cycles: I,
     before: Option<CycleRecord>,
@@ -274,7 +274,7 @@ impl<I: Iterator<Item = Result<CycleRecord, ReadError>>> Ahead<I> {
         Ok(())
     }
 
-    /// Position and cycle, between two cycles, at this place; `None` beyond the end.
+    /// Position and cycle, interpolated between two cycles, at this point of the path; `None` beyond the end.
     fn reach(
         &mut self,
         path_mm: f64,

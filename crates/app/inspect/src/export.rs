@@ -1,4 +1,4 @@
-//! A trace as a table in a file.
+//! Export of a trace as a table.
 
 use std::io::{self, BufWriter, Write};
 use std::ops::ControlFlow;
@@ -11,13 +11,13 @@ use crate::columns::{Table, Values};
 use crate::parquet::ParquetWriter;
 use crate::selection::{ExportChannel, Selection};
 
-/// Rows that are gathered before they go out: few for text, so that they stay near the processor.
+/// Number of rows that are written at once: few for text, so that they stay in the cache.
 const CSV_ROWS: usize = 512;
 const PARQUET_ROWS: usize = 1 << 16;
 const BUFFER_BYTES: usize = 1 << 18;
 const CREATED_BY: &str = concat!("evolvent version ", env!("CARGO_PKG_VERSION"));
 
-/// What kind of file.
+/// Format of the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExportFormat {
     /// Comma-separated text with a header; numbers in the shortest form that reads back to the same bits.
@@ -26,13 +26,13 @@ pub enum ExportFormat {
     Parquet,
 }
 
-/// Why there is no table.
+/// Why an export failed.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     /// The trace.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// The trace does not say what was run, so its axes have no names.
+    /// The trace has no description of the run, so its axes have no names.
     #[error("the trace does not say what was run, so its columns have no names")]
     NoRun,
     /// The table cannot be written.
@@ -45,7 +45,7 @@ pub enum ExportError {
     },
 }
 
-/// What was written.
+/// Size of the export.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Exported {
     /// Rows without the header.
@@ -59,10 +59,10 @@ enum Writer<W: Write + Send> {
     Parquet(ParquetWriter<W>),
 }
 
-/// Writes the selected part of a trace; the file appears under its name when it is whole.
+/// Writes the selected part of a trace; the file receives its name when it is complete.
 ///
 /// # Errors
-/// [`ExportError`]; nothing is left behind.
+/// [`ExportError`]; no file is left behind.
 pub fn export(
     trace: &mut TraceFile,
     channel: ExportChannel,
@@ -86,7 +86,7 @@ pub fn export(
         .map_err(|error| write_error(error.into_error()))?;
     aside.as_file().sync_all().map_err(write_error)?;
     let bytes = aside.as_file().metadata().map_err(write_error)?.len();
-    // A temporary file is its owner's alone; a table is an ordinary file.
+    // A temporary file is private to its owner; a table is an ordinary file.
     make_ordinary(aside.as_file()).map_err(write_error)?;
     aside.persist(output).map_err(|error| write_error(error.error))?;
     Ok(Exported { rows, bytes })
@@ -216,7 +216,7 @@ fn write_csv(out: &mut impl Write, table: &Table) -> io::Result<()> {
     Ok(())
 }
 
-/// What is no number is an empty field.
+/// A value that is not a number is an empty field.
 fn put_double(line: &mut Vec<u8>, value: f64, buffer: &mut zmij::Buffer) {
     if value == 0.0 {
         line.extend_from_slice(if value.is_sign_negative() { b"-0" } else { b"0" });

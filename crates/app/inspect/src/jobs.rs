@@ -1,4 +1,4 @@
-//! The jobs of a served machine, as its trace tells of them.
+//! The jobs of a served machine in its trace.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -7,20 +7,20 @@ use evolvent_path::Axes;
 use evolvent_runtime::{JobStart, Switched};
 use evolvent_trace::{EventKind, ReadError, TraceFile};
 
-/// A job, and the cycle with which it begins.
+/// A job, and its first cycle.
 #[derive(Clone, Debug)]
 pub struct RecordedJob {
     /// Number of its first cycle.
     pub sequence: u64,
     /// The job's number, from 1.
     pub job: u32,
-    /// `None` where this version does not understand it.
+    /// `None` if this version does not understand it.
     pub start: Option<JobStart>,
-    /// What was switched while its program was read, in order.
+    /// Changes of switches while its program was read, in order.
     pub switched: VecDeque<Switched>,
 }
 
-/// Another travel, and the cycle from which it counts.
+/// Another travel, and the cycle from which it applies.
 pub type TravelFrom = (u64, Axes, Axes);
 
 /// Every job in order; none for a run of one program.
@@ -39,7 +39,7 @@ pub fn recorded_jobs(trace: &mut TraceFile) -> Result<VecDeque<RecordedJob>, Rea
                 start: JobStart::parse(&event.text),
                 switched: VecDeque::new(),
             }),
-            // A planner reads ahead: this may stand before the job begins.
+            // A planner reads ahead: this may precede the start of the job.
             EventKind::Switched => {
                 let list = switched.entry(event.code).or_default();
                 list.extend(Switched::parse(&event.text));
@@ -53,7 +53,8 @@ pub fn recorded_jobs(trace: &mut TraceFile) -> Result<VecDeque<RecordedJob>, Rea
     Ok(starts)
 }
 
-/// The travel that a job may use, from its first cycle on: an axis that is not homed may be jogged its travel's length.
+/// The travel of a job, from its first cycle on: an axis that is not homed may be jogged by the length of its
+/// travel.
 #[must_use]
 pub fn travel_of(start: &RecordedJob, machine: &Machine) -> TravelFrom {
     let limits = machine.limits();

@@ -1,4 +1,4 @@
-//! Where time went, line by line, and what limited it.
+//! Time by program line, and what limited it.
 
 use std::collections::BTreeMap;
 
@@ -6,19 +6,19 @@ use evolvent_machine::{Limits, Machine};
 use evolvent_path::AxisLetter;
 use evolvent_trace::CycleRecord;
 
-/// Share of a limit from which on it limits.
+/// Fraction of a limit above which it counts as active.
 const REACHED: f64 = 0.97;
 const STATE_RUNNING: u8 = 1;
 const STATES_HELD: [u8; 2] = [2, 3];
 
-/// What limits the motion at a cycle.
+/// The active limit of a cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Limit {
     /// The feed word and override, or nothing that is recorded.
     Feed,
     /// An axis by its index: velocity (0), acceleration (1) or jerk (2).
     Axis(u8, u8),
-    /// The axes stand: dwell, stop, hold.
+    /// The axes are at rest: dwell, stop, hold.
     Standing,
 }
 
@@ -49,18 +49,18 @@ pub struct LineTime {
     pub time_s: f64,
     /// Time of it in which an axis was at a limit, s.
     pub limited_s: f64,
-    /// Time of it held by a person, s.
+    /// Time of it held by the operator, s.
     pub held_s: f64,
     /// Path in it, mm.
     pub path_mm: f64,
-    /// Greatest speed in it, mm/s.
+    /// Maximum speed in it, mm/s.
     pub max_feed_mm_s: f64,
     /// Sum of the override over its cycles, for the mean.
     override_sum: f64,
     cycles: u64,
     /// The first cycle.
     pub start_sequence: u64,
-    /// Time by what limited, s.
+    /// Time by active limit, s.
     pub by_limit: BTreeMap<Limit, f64>,
 }
 
@@ -85,7 +85,7 @@ impl LineTime {
         }
     }
 
-    /// What limited longest.
+    /// The limit that was active longest.
     #[must_use]
     pub fn main_limit(&self) -> Option<Limit> {
         let longest = self.by_limit.iter().max_by(|a, b| a.1.total_cmp(b.1));
@@ -116,12 +116,12 @@ impl LineTimes {
         }
     }
 
-    /// Path that was travelled before the first cycle is of no line, mm.
+    /// Path travelled before the first cycle belongs to no line, mm.
     pub(crate) fn begin_at(&mut self, path_mm: f64) {
         self.last_path_mm = path_mm;
     }
 
-    /// The limit that this cycle is at.
+    /// The active limit of this cycle.
     #[must_use]
     pub fn limit_of(&self, record: &CycleRecord) -> Limit {
         if record.feed_mm_s == 0.0 && record.velocity.iter().all(|&velocity| velocity == 0.0) {
@@ -143,7 +143,7 @@ impl LineTimes {
         worst.1
     }
 
-    /// Takes the next cycle in.
+    /// Evaluates the next cycle.
     pub fn cycle(&mut self, record: &CycleRecord) {
         let limit = self.limit_of(record);
         *self.by_limit.entry(limit).or_default() += self.period_s;
@@ -172,13 +172,13 @@ impl LineTimes {
         &self.lines
     }
 
-    /// Time of the whole run by what limited it, s.
+    /// Time of the whole run by active limit, s.
     #[must_use]
     pub fn by_limit(&self) -> &BTreeMap<Limit, f64> {
         &self.by_limit
     }
 
-    /// Lines by a measure, the greatest first, at most `count`; those with 0 are left out.
+    /// Lines by a measure, the largest first, at most `count`; those with 0 are omitted.
     #[must_use]
     pub fn top(&self, count: usize, measure: impl Fn(&LineTime) -> f64) -> Vec<(u32, &LineTime)> {
         let mut list: Vec<_> = self

@@ -1,4 +1,4 @@
-//! A trace with what is attached to it.
+//! A trace with its attachments.
 
 use std::io;
 use std::path::Path;
@@ -10,24 +10,24 @@ use evolvent_runtime::{ProgramMemory, Setup, TABLES};
 use evolvent_trace::{ReadError, RunInfo, TraceFile};
 use evolvent_turning::Job as TurningJob;
 
-/// Why a trace cannot be looked into.
+/// Why a trace cannot be examined.
 #[derive(Debug, thiserror::Error)]
 pub enum InspectError {
     /// The trace cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
-    /// Nothing says what was run.
+    /// The description of the run is missing.
     #[error("{file} does not say what was run; without machine and period its cycles mean nothing")]
     NoRun {
         /// The trace.
         file: String,
     },
-    /// An attachment is missing or makes no sense to this version.
+    /// An attachment is missing or invalid for this version.
     #[error("{file}: {what}; record with this version, or use the version that recorded it ({version})")]
     Attachment {
         /// The trace.
         file: String,
-        /// What is wrong.
+        /// The error.
         what: String,
         /// The version that recorded it.
         version: String,
@@ -35,23 +35,23 @@ pub enum InspectError {
     /// Writing or the system failed.
     #[error("{what}: {source}")]
     Io {
-        /// What was attempted.
+        /// The failed step.
         what: String,
         /// Why it failed.
         source: io::Error,
     },
 }
 
-/// A finished trace, the run it is of, and the machine that ran.
+/// A finished trace, its run, and its machine.
 #[derive(Debug)]
 pub struct Opened {
     /// The trace.
     pub trace: TraceFile,
-    /// What was run.
+    /// The description of the run.
     pub run: RunInfo,
     /// The machine, from the attached machine file; with the planner that was chosen.
     pub machine: Machine,
-    /// The attached program; `None` where none was attached.
+    /// The attached program; `None` if there is none.
     pub program: Option<Vec<u8>>,
     /// The machine file's text.
     pub machine_text: String,
@@ -127,7 +127,7 @@ impl Opened {
             .collect()
     }
 
-    /// The machine as it was when the run began, with the tools and parameters that the program found.
+    /// The machine in its state at the start of the run, with the tools and parameters of the program.
     ///
     /// # Errors
     /// An attachment that this version cannot read.
@@ -157,7 +157,7 @@ impl Opened {
         };
         let mut machine = self.machine.clone();
         let tool = self.run.extra.get("tool").and_then(|tool| tool.parse().ok());
-        // Jobs of a served machine say themselves what they began with.
+        // Jobs of a served machine have their own initial state.
         if tool.is_none() && !self.run.extra.contains_key("served") {
             before_tool_changes(&mut machine);
         }
@@ -173,7 +173,7 @@ impl Opened {
             period_ns: self.run.period_ns,
             memory,
             start_line: start_line.filter(|&line| line > 0),
-            // A program that is run by itself begins at home, with spindle and coolant off.
+            // A program run by `run` starts at home, with spindle and coolant off.
             place: None,
             tool: tool.unwrap_or(0),
             selected_tool: None,
@@ -192,7 +192,7 @@ impl Opened {
     }
 }
 
-/// The machine as versions took it that neither waited for tool changes nor missed a tool table.
+/// The machine as interpreted by versions that neither waited for tool changes nor required a tool table.
 pub fn before_tool_changes(machine: &mut Machine) {
     machine.program.tool_change = ToolChange::None;
     machine.program.without_tool_table = WithoutToolTable::Zero;

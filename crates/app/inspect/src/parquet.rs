@@ -41,7 +41,7 @@ impl<W: Write + Send> ParquetWriter<W> {
     fn write_group(&mut self, table: &Table) -> Result<()> {
         let mut group = self.file.next_row_group()?;
         for column in &table.columns {
-            // There is one for each column of the schema, which is the table's.
+            // There is one per column of the schema, which is the table's.
             let Some(mut out) = group.next_column()? else {
                 break;
             };
@@ -59,7 +59,7 @@ impl<W: Write + Send> ParquetWriter<W> {
         Ok(())
     }
 
-    /// Writes the footer; gives what it wrote to.
+    /// Writes the footer; returns the writer.
     pub(crate) fn finish(mut self, notes: &[(String, String)]) -> io::Result<W> {
         for (key, value) in notes {
             self.file
@@ -73,7 +73,7 @@ fn properties(created_by: &str) -> Result<WriterProperties> {
     Ok(WriterProperties::builder()
         .set_created_by(created_by.to_owned())
         .set_compression(Compression::ZSTD(ZstdLevel::try_new(ZSTD_LEVEL)?))
-        // Measured numbers seldom repeat: a dictionary would be tried and given up.
+        // Measured numbers seldom repeat: a dictionary would be tried and abandoned.
         .set_dictionary_enabled(false)
         .set_encoding(Encoding::PLAIN)
         .set_statistics_enabled(EnabledStatistics::None)
@@ -101,7 +101,7 @@ fn field_of(column: &Column) -> Result<TypePtr> {
     Ok(Arc::new(field))
 }
 
-/// The system's own error, such as a full disk, where the crate passed one on.
+/// The system's own error, such as a full disk, if the crate passed one on.
 fn io_error(error: ParquetError) -> io::Error {
     match error {
         ParquetError::External(source) => match source.downcast::<io::Error>() {

@@ -1,10 +1,10 @@
-//! A curve of any length in a bounded room, without losing an extreme.
+//! A curve of any length in bounded memory, without losing an extreme.
 
-/// The least and the greatest of each stretch of a curve, all stretches equally long.
+/// The minimum and maximum of each part of a curve, all parts equally long.
 ///
-/// Samples are gathered in stretches of one; when there are too many stretches, neighbours are joined in pairs, and
-/// stretches are twice as long from then on. So a short curve is kept sample by sample, and of a long one every peak and
-/// every dip, with its place to within a stretch. Numbers that are none are left out.
+/// Parts start with one sample each. When there are too many parts, neighbours are merged in pairs, and parts
+/// are twice as long from then on. A short curve is thus kept sample by sample, and a long one with every
+/// peak and dip, located to within a part. Values that are not numbers are skipped.
 #[derive(Clone, Debug)]
 pub struct Pyramid {
     capacity: usize,
@@ -16,30 +16,30 @@ pub struct Pyramid {
     greatest: f64,
 }
 
-/// What a stretch is before a number has come.
+/// A part without a number.
 const NOTHING: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
 
-/// A [`Pyramid`] in whole numbers for a page.
+/// A [`Pyramid`] as integers for a page.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Level {
-    /// Samples in a stretch.
+    /// Samples per part.
     pub width: u64,
-    /// The value of 0.
+    /// The value of integer 0.
     pub offset: f64,
-    /// From one whole number to the next.
+    /// The step between two integers.
     pub scale: f64,
-    /// Least and greatest of each stretch in turn, 0 to 65534; 65535 and 0 where there was no number. Rounded outwards: what
-    /// was recorded lies within.
+    /// Minimum and maximum of each part in turn, 0 to 65534; 65535 and 0 if there was no number. Rounded
+    /// outwards, so that they include the recorded values.
     #[serde(skip)]
     pub values: Vec<u16>,
-    /// The least of all, exactly.
+    /// The minimum of all, exactly.
     pub least: f64,
-    /// The greatest of all, exactly.
+    /// The maximum of all, exactly.
     pub greatest: f64,
 }
 
 impl Pyramid {
-    /// For at most `capacity` stretches, an even number.
+    /// For at most `capacity` parts, an even number.
     #[must_use]
     pub fn new(capacity: usize) -> Self {
         Self {
@@ -73,28 +73,28 @@ impl Pyramid {
         }
     }
 
-    /// Samples without a number, one for each missing one.
+    /// Adds samples without a number, one per missing sample.
     pub fn skip(&mut self, samples: u64) {
-        // A gap as long as all before would only be blank.
+        // A gap as long as everything before it would only be blank.
         for _ in 0..samples.min(100_000_000) {
             self.push(f64::NAN);
         }
     }
 
-    /// Samples in a stretch.
+    /// Samples per part.
     #[must_use]
     pub fn width(&self) -> u64 {
         self.width
     }
 
-    /// Least and greatest of each stretch, the last one perhaps shorter.
+    /// Minimum and maximum of each part; the last one may be shorter.
     #[must_use]
     pub fn stretches(&self) -> Vec<(f64, f64)> {
         let open = (self.filled > 0).then_some(self.open);
         self.stretches.iter().copied().chain(open).collect()
     }
 
-    /// In whole numbers.
+    /// As integers.
     #[must_use]
     pub fn level(&self) -> Level {
         let (least, greatest) = if self.least <= self.greatest {
@@ -102,11 +102,11 @@ impl Pyramid {
         } else {
             (0.0, 0.0)
         };
-        // Divided first: the difference of two large numbers may not be one.
+        // Divided first: the difference of two large numbers may overflow.
         let scale = (greatest / 65_000.0 - least / 65_000.0).max(f64::MIN_POSITIVE);
         let whole = |value: f64, up: bool| {
             let steps = value / scale - least / scale;
-            // One more than rounding asks for: the division itself rounds.
+            // One more than the rounding requires, because the division itself rounds.
             let rounded = if up { steps.ceil() + 1.0 } else { steps.floor() };
             rounded.clamp(0.0, 65_534.0) as u16
         };
@@ -174,7 +174,7 @@ mod tests {
             let least = samples.iter().copied().fold(f64::INFINITY, f64::min);
             let greatest = samples.iter().copied().fold(f64::NEG_INFINITY, f64::max);
             assert_eq!((level.least, level.greatest), (least, greatest));
-            // The ends of a stretch are samples, not bounds of bounds.
+            // The extremes of a part are samples, not bounds of bounds.
             let found: Vec<f64> = stretches.iter().map(|stretch| stretch.1).collect();
             assert!(found.iter().all(|high| samples.contains(high)));
         }

@@ -1,4 +1,4 @@
-//! Which part of a trace is meant.
+//! Selection of a part of a trace.
 
 use std::ops::RangeInclusive;
 
@@ -16,7 +16,7 @@ pub enum ExportChannel {
     Blocks,
 }
 
-/// A part of a run, by time and by program lines; both have to fit.
+/// A part of a run, by time and by program lines; both have to match.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Selection {
     /// Seconds since the start of the run, both included.
@@ -36,27 +36,27 @@ impl Default for Selection {
 }
 
 impl Selection {
-    /// The times in Unix ns, for a run that started then.
+    /// The times in Unix ns, for a run with this start time.
     #[must_use]
     pub fn span_ns(&self, start_time_ns: u64) -> (u64, u64) {
         let at = |seconds: f64| {
             if seconds == f64::INFINITY {
                 u64::MAX
             } else {
-                // A negative time is before the start; half a nanosecond is no error.
+                // A negative time is before the start; half a nanosecond is negligible.
                 start_time_ns.saturating_add((seconds.max(0.0) * 1e9).round() as u64)
             }
         };
         (at(*self.time_s.start()), at(*self.time_s.end()))
     }
 
-    /// Whether a cycle of the time span is meant.
+    /// Whether a cycle is in the time span.
     #[must_use]
     pub fn has_line(&self, line: u32) -> bool {
         self.lines.contains(&line)
     }
 
-    /// Whether a cycle is meant.
+    /// Whether a cycle is selected.
     #[must_use]
     pub fn has(&self, record: &CycleRecord, start_time_ns: u64) -> bool {
         let (first, last) = self.span_ns(start_time_ns);

@@ -1,4 +1,4 @@
-//! Recorded setpoints on the bus again.
+//! Publishes recorded setpoints on the bus again.
 
 use evolvent_path::{AXES, AxisMask};
 use std::ops::ControlFlow;
@@ -14,28 +14,28 @@ use evolvent_trace::CycleRecord;
 use evolvent_inspect::Selection;
 use evolvent_inspect::{InspectError, Opened};
 
-/// Status snapshots go out this often.
+/// Interval of status snapshots.
 const STATUS_EVERY_NS: u64 = 50_000_000;
-/// How often drives are listened for before the first setpoint, and the pause before each time: half a second. Times are
-/// counted, because a process that was kept from running that long has not listened.
+/// Number of times that drives are listened for before the first setpoint, and the pause between them: half a
+/// second. Times are counted, because a process that was suspended for that long has not listened.
 const LISTEN_TIMES: u32 = 100;
 const LISTEN_EVERY: Duration = Duration::from_millis(5);
-/// Longest sleep, so that a wish to end is heard.
+/// Maximum sleep, so that a request to end is noticed.
 const POLL_INTERVAL_NS: u64 = 20_000_000;
 
-/// How fast recorded time goes by.
+/// Speed of the replay.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pace {
-    /// Times real time; 1 is as recorded.
+    /// Factor on real time; 1 is as recorded.
     Factor(f64),
-    /// So many setpoints each time that the caller says so.
+    /// A number of setpoints at each request of the caller.
     Step,
 }
 
-/// What to publish, and where.
+/// Settings of a replay.
 #[derive(Clone, Debug)]
 pub struct Replay {
-    /// Which part of the trace.
+    /// The part of the trace.
     pub selection: Selection,
     /// How fast.
     pub pace: Pace,
@@ -43,21 +43,21 @@ pub struct Replay {
     pub machine_name: Option<String>,
     /// iceoryx2's prefix; none for iceoryx2's own.
     pub bus_prefix: Option<String>,
-    /// Wait until so many clients listen to setpoints.
+    /// Wait until this many clients subscribe to setpoints.
     pub wait_for_subscribers: usize,
-    /// Publish although drives are on. Both this and `machine_is_on` have to be said.
+    /// Publish although drives are on. Requires both this and `machine_is_on`.
     pub force: bool,
     /// See `force`.
     pub machine_is_on: bool,
 }
 
-/// Why nothing, or not all, was replayed.
+/// Why a replay failed or ended early.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
     /// The trace.
     #[error(transparent)]
     Inspect(#[from] InspectError),
-    /// The bus, for example a core of that name that lives.
+    /// The bus, for example a live core of that name.
     #[error(
         "{0}; a replay uses the name of a core: end that core, or give the replay another name with \
      --as"
@@ -75,24 +75,24 @@ pub enum ReplayError {
         name: String,
         /// Index of the axis, XYZABCUVW.
         axis: usize,
-        /// What its drive says.
+        /// Status word of its drive.
         status_word: u32,
     },
     /// Nothing of the trace is selected.
     #[error("no cycle of the trace is in this time and these lines")]
     Nothing,
-    /// A pace that is none.
+    /// An invalid pace.
     #[error("a speed factor of {0} is not valid; give one from 0.001 to 1000")]
     Pace(f64),
     /// Feedback could not be read.
     #[error("feedback of the drives could not be received: {0}")]
     Listen(#[from] ReceiveError),
-    /// A setpoint did not leave.
+    /// A setpoint was not sent.
     #[error("a setpoint could not be published: {0}")]
     Send(#[from] SendError),
 }
 
-/// What was replayed.
+/// Result of a replay.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Replayed {
     /// Setpoints published.
@@ -101,17 +101,18 @@ pub struct Replayed {
     pub first_sequence: u64,
     /// See `first_sequence`.
     pub last_sequence: u64,
-    /// Time that it took, s.
+    /// Duration, s.
     pub seconds: f64,
-    /// Most clients that listened.
+    /// Maximum number of clients.
     pub subscribers: u64,
 }
 
-/// Publishes recorded setpoints under the recorded machine's name, as its core did. `steps` is asked before each setpoint
-/// of a stepped replay how many to publish, and `stop` often whether to end.
+/// Publishes recorded setpoints under the recorded machine's name, as its core did. `steps` returns how many
+/// to publish, before each setpoint of a stepped replay, and `stop` whether to end.
 ///
-/// Drives that are on are never moved, unless told so twice: before the first setpoint it listens whether a bridge
-/// answers with a drive in "operation enabled". Setpoints carry no power request, so drives that are off stay off.
+/// Drives that are on are never moved unless that is confirmed twice: before the first setpoint the replay
+/// listens whether a bridge reports a drive in "operation enabled". Setpoints carry no power request, so
+/// drives that are off stay off.
 ///
 /// # Errors
 /// [`ReplayError`].
@@ -145,7 +146,7 @@ pub fn replay(
     status.set_program(&format!("replay of {}", opened.run.program_name));
     status.period_ns = opened.run.period_ns;
     status.axes_mask = axes_mask;
-    // Off: what a screen shows of it is a picture, not a machine.
+    // Off: the status shows a replay, not a machine.
     status.machine_state = 1;
     publish_status(&mut bus, &mut status, None)?;
     if !(options.force && options.machine_is_on) {
@@ -232,7 +233,7 @@ pub fn replay(
     Ok(done)
 }
 
-/// Listens whether somebody with drives that are on answers.
+/// Checks whether a bridge with drives that are on sends feedback.
 fn refuse_live_drives(bus: &mut CoreBus, name: &str, stop: &impl Fn() -> bool) -> Result<(), ReplayError> {
     for _ in 0..LISTEN_TIMES {
         if stop() {
@@ -241,7 +242,7 @@ fn refuse_live_drives(bus: &mut CoreBus, name: &str, stop: &impl Fn() -> bool) -
         bus.admit_readers();
         std::thread::sleep(LISTEN_EVERY);
         while let Some(feedback) = bus.feedback()? {
-            // The word's upper half is the bridge's own.
+            // The upper half of the word belongs to the bridge.
             let is_on = |word: u32| DriveState::decode(word as u16) == Some(DriveState::OperationEnabled);
             if let Some(axis) = feedback.status_word.iter().position(|&word| is_on(word)) {
                 return Err(ReplayError::MachineIsOn {
@@ -274,13 +275,13 @@ fn message(
     increments: &evolvent_path::Axes,
     is_last: bool,
 ) -> Setpoint {
-    // What the drives were sent, where the core corrected it. Velocity and acceleration are recorded of the ideal setpoint alone: the
-    // corrections add a tenth of them at the most.
+    // The corrected position, if the core corrected it. Velocity and acceleration are recorded only for the
+    // ideal setpoint: the corrections add at most a tenth of them.
     let position: [f64; AXES] = std::array::from_fn(|i| match record.drive_position[i] {
         sent if sent.is_nan() => record.position[i],
         sent => sent,
     });
-    // A position of a damaged trace could be anything; `as` takes what does not fit to the nearest end.
+    // A position in a damaged trace may be arbitrary; `as` clamps it.
     let grid = std::array::from_fn(|i| (position[i] * increments[i]).round() as i64);
     Setpoint {
         sequence: record.sequence,

@@ -1,4 +1,4 @@
-//! From a page's command to a request on the bus.
+//! Conversion of a page's command to a request on the bus.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use evolvent_control::CommandCode;
 use crate::messages::CommandMessage;
 use crate::programs::is_good_name;
 
-/// Commands that stop: everybody may give them.
+/// Commands that stop: every page may send them.
 pub(crate) const STOPPING: [CommandCode; 5] = [
     CommandCode::Estop,
     CommandCode::Off,
@@ -25,7 +25,7 @@ pub(crate) fn code_of(number: u32) -> Option<CommandCode> {
         .find(|&code| code as u32 == number)
 }
 
-/// The request; what is wrong with the message, where it is none.
+/// The request; or the error of the message.
 pub(crate) fn request_of(message: &CommandMessage, programs: &Path) -> Result<ControlRequest, String> {
     let code = code_of(message.command).ok_or_else(|| format!("{} is not a command", message.command))?;
     let mut request = ControlRequest {
@@ -42,7 +42,7 @@ pub(crate) fn request_of(message: &CommandMessage, programs: &Path) -> Result<Co
             .and_then(|axis: usize| request.values.get_mut(axis));
         *slot.ok_or_else(|| format!("{axis} is not an axis; axes are 0 to {}", AXES - 1))? = value;
     }
-    // A page names programs that were uploaded, never files of the computer.
+    // A page names uploaded programs, never files of the computer.
     let mut text = message.text.clone();
     if code == CommandCode::Load {
         if !is_good_name(&text) {

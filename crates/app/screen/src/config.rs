@@ -1,37 +1,38 @@
-//! What a screen is started with.
+//! Settings of a screen.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use evolvent_runtime::Setup;
 
-/// What a screen is started with.
+/// Settings of a screen.
 #[derive(Clone, Debug)]
 pub struct ScreenConfig {
-    /// Where it listens. Port 0 takes a free one. Beyond loopback connections are encrypted.
+    /// Its address. Port 0 takes a free one. Beyond loopback connections are encrypted.
     pub address: SocketAddr,
-    /// Names by which browsers may address this computer, besides its own name and addresses.
+    /// Names by which browsers may address this computer, in addition to its own name and addresses.
     pub hosts: Vec<String>,
-    /// Certificate chain and private key, PEM. None: beyond loopback a certificate is made and kept in the state folder.
+    /// Certificate chain and private key, PEM. None: beyond loopback a certificate is generated and kept in
+    /// the state folder.
     pub certificate: Option<(PathBuf, PathBuf)>,
-    /// The machine that is served.
+    /// The served machine.
     pub setup: Setup,
     /// Prefix of the bus.
     pub bus_prefix: Option<String>,
-    /// What pages see and do.
+    /// What pages may see and do.
     pub scope: ScreenScope,
 }
 
-/// What pages see and do.
+/// What pages may see and do.
 #[derive(Clone, Debug)]
 pub enum ScreenScope {
-    /// They operate a machine that is served. Offsets and tools are read from this state folder; uploaded programs are
-    /// stored in its folder `programs`, an own certificate in its folder `screen`.
+    /// They operate a served machine. Offsets and tools are read from this state folder; uploaded programs
+    /// are stored in its folder `programs`, a generated certificate in its folder `screen`.
     Operate {
         /// The service's state folder.
         state_folder: PathBuf,
     },
-    /// They watch one program run.
+    /// They watch the run of one program.
     Watch {
         /// The program.
         program: PathBuf,
@@ -62,10 +63,10 @@ pub enum ScreenError {
     Certificate {
         /// The file.
         file: String,
-        /// What is wrong.
+        /// The error.
         cause: String,
     },
-    /// The folder of programs cannot be made, no random numbers, no threads.
+    /// The folder of programs cannot be created, no random numbers, no threads.
     #[error("the screen cannot be started: {0}")]
     Start(#[from] std::io::Error),
 }

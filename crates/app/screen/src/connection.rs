@@ -1,4 +1,4 @@
-//! One page at its WebSocket.
+//! The connection of one page.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -17,16 +17,16 @@ use crate::messages::{CommandMessage, FromPage, LogKind, ToPage};
 use crate::orders::Answer;
 use crate::server::Server;
 
-/// A message that does not leave in this time ends the connection.
+/// A message that is not sent within this time ends the connection.
 const SLOW: Duration = Duration::from_secs(10);
-/// Messages at once, and a second.
+/// Maximum number of messages at once, and per second.
 const BURST: f64 = 400.0;
 const RATE: f64 = 200.0;
-/// A renewal of a jog that has waited longer says nothing of the present.
+/// A jog renewal that has waited longer is out of date.
 const KEEP_AGE: Duration = Duration::from_millis(40);
-/// The same of a jog.
+/// The same for a jog.
 const JOG_AGE: Duration = Duration::from_millis(250);
-/// The same of other commands.
+/// The same for other commands.
 const AGE: Duration = Duration::from_secs(5);
 
 /// Serves a page until its connection ends.
@@ -35,7 +35,7 @@ pub(crate) async fn serve(server: Arc<Server>, socket: WebSocket, session: Strin
         return;
     };
     let (sink, stream) = socket.split();
-    // Whichever ends first ends the other.
+    // The first to end ends the other.
     tokio::select! {
         () = write(&server, sink, messages) => {}
         () = read(&server, stream, number, role) => {}
@@ -45,7 +45,7 @@ pub(crate) async fn serve(server: Arc<Server>, socket: WebSocket, session: Strin
     }
 }
 
-/// A page that held a jog has gone or lost the lease: the core would notice by itself, 90 ms later.
+/// A page that held a jog has disconnected or lost control: the core would notice 90 ms later.
 fn stop_jog(server: &Server) {
     if server.jogged.swap(false, std::sync::atomic::Ordering::Relaxed) {
         server.stops.send(plain(CommandCode::JogStop), AGE);
@@ -129,7 +129,7 @@ async fn read(server: &Arc<Server>, mut stream: SplitStream<WebSocket>, number: 
                 let is_new = command.id > last_id;
                 last_id = last_id.max(command.id);
                 if is_new {
-                    // Others do not wait for its answer.
+                    // Other pages do not wait for its answer.
                     tokio::spawn(carry_out(Arc::clone(server), number, role, command));
                 } else {
                     let text = "a command with this number was given before; it has no effect";
@@ -171,7 +171,7 @@ async fn answer_of(server: &Server, number: u64, role: Role, command: &CommandMe
     let is_code = |code: &CommandCode| *code as u32 == command.command;
     if STOPPING.iter().any(is_code) {
         if is_code(&CommandCode::JogStop) {
-            // Behind a jog that has not been sent yet, too: a short press must not begin after its end.
+            // Also after a jog that has not been sent yet: a short press must not start after its end.
             server.jogs.send(request, JOG_AGE);
         }
         return server.stops.give(request, AGE).await;
@@ -183,7 +183,7 @@ async fn answer_of(server: &Server, number: u64, role: Role, command: &CommandMe
         code if code == CommandCode::Jog as u32 => {
             server.jogged.store(true, std::sync::atomic::Ordering::Relaxed);
             let answer = server.jogs.give(request, JOG_AGE).await;
-            // The page may have gone while the core judged.
+            // The page may have disconnected while the core evaluated the command.
             if !server.hub.holds(number) {
                 stop_jog(server);
             }
@@ -195,7 +195,7 @@ async fn answer_of(server: &Server, number: u64, role: Role, command: &CommandMe
 }
 
 impl crate::hub::Hub {
-    /// Tells a page what became of its command.
+    /// Reports the result of a command to a page.
     pub(crate) fn answer(&self, number: u64, id: u64, answer: Answer) {
         let Answer {
             accepted,

@@ -1,4 +1,4 @@
-//! What is checked before a request is served: key, host, origin.
+//! Checks before a request is served: key, host, origin.
 
 use std::net::{IpAddr, SocketAddr};
 
@@ -11,7 +11,7 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-/// Nothing from elsewhere, nothing inline.
+/// Nothing from other sites, nothing inline.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; \
      worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
@@ -27,9 +27,9 @@ pub(crate) enum Role {
 pub(crate) struct Gate {
     /// First part of every path, and what it permits.
     pub(crate) keys: Vec<(String, Role)>,
-    /// Names that browsers may use; a foreign name that leads here is a rebinding.
+    /// Names that browsers may use; another name that leads here is a rebinding attack.
     names: Vec<String>,
-    /// Whether any numeric address may stand in `Host`: no name service can rebind one.
+    /// Whether `Host` may be any numeric address: no name service can rebind one.
     any_address: bool,
     port: u16,
     scheme: &'static str,
@@ -53,7 +53,7 @@ impl Gate {
     }
 
     fn is_own(&self, host: &str) -> bool {
-        // Browsers leave the scheme's own port out.
+        // Browsers omit the scheme's default port.
         let usual = if self.scheme == "https" { 443 } else { 80 };
         let (name, port) = match host.rsplit_once(':') {
             Some((name, port)) if !port.ends_with(']') => (name, port.parse().ok()),
@@ -95,7 +95,7 @@ impl Gate {
     }
 }
 
-/// In a time that does not depend on where they differ.
+/// In a time that does not depend on the position of the difference.
 fn is_same(given: &str, key: &str) -> bool {
     let differing = given
         .bytes()

@@ -1,4 +1,4 @@
-//! The pages, who of them may command, and what is told to all.
+//! The pages, which of them has control, and the messages to all.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -12,11 +12,11 @@ use crate::gate::Role;
 use crate::messages::{Lease, LogEntry, LogKind, ProgramInfo, ToPage};
 use crate::watcher::Frame;
 
-/// Entries of the log that are kept.
+/// Maximum number of log entries.
 const LOG: usize = 500;
-/// Pages at the same time.
+/// Maximum number of pages at the same time.
 const MAX_PAGES: usize = 64;
-/// Messages that may wait for a page that reads slowly; then it is disconnected.
+/// Maximum number of messages that wait for a slow page; beyond it the page is disconnected.
 const WAITING: usize = 256;
 
 struct Page {
@@ -36,7 +36,7 @@ struct Inner {
     kept: Option<ToPage>,
 }
 
-/// What all threads of the server share. No lock is held while anything is waited for.
+/// Data shared by all threads of the server. No lock is held during a wait.
 pub(crate) struct Hub {
     inner: Mutex<Inner>,
     frames: watch::Sender<Frame>,
@@ -66,7 +66,7 @@ impl Hub {
         self.frames.send_replace(Frame { status, samples });
     }
 
-    /// Adds a page, which finds its snapshot in the channel; none where there are too many.
+    /// Adds a page, which finds its snapshot in the channel; none if there are too many.
     pub(crate) fn join(&self, session: String, role: Role) -> Option<(u64, mpsc::Receiver<Utf8Bytes>)> {
         let mut inner = self.lock();
         if inner.pages.len() >= MAX_PAGES {
@@ -85,7 +85,7 @@ impl Hub {
             entries: inner.log.iter().cloned().collect(),
         });
         for message in &snapshot {
-            // The channel is new and has room.
+            // The channel is new and empty.
             let _sent = sender.try_send(text(message));
         }
         inner.pages.insert(
@@ -99,7 +99,7 @@ impl Hub {
         Some((number, receiver))
     }
 
-    /// Takes a page away; true where it had the lease.
+    /// Removes a page; true if it had control.
     pub(crate) fn leave(&self, number: u64) -> bool {
         let mut inner = self.lock();
         inner.pages.remove(&number);
@@ -121,14 +121,14 @@ impl Hub {
         self.lock().holder == Some(number)
     }
 
-    /// Whether a session is that of the page which may command.
+    /// Whether a session belongs to the page that has control.
     pub(crate) fn session_holds(&self, session: &str) -> bool {
         let inner = self.lock();
         let holder = inner.holder.and_then(|number| inner.pages.get(&number));
         holder.is_some_and(|page| !session.is_empty() && page.session == session)
     }
 
-    /// Hands the lease to a page; true where another one lost it.
+    /// Gives control to a page; true if another one lost it.
     pub(crate) fn take(&self, number: u64, force: bool) -> bool {
         let mut inner = self.lock();
         let before = inner.holder;
@@ -152,7 +152,7 @@ impl Hub {
         before.is_some()
     }
 
-    /// Gives the lease back; true where it was this page's.
+    /// Returns control; true if this page had it.
     pub(crate) fn give(&self, number: u64) -> bool {
         let mut inner = self.lock();
         let had = inner.holder == Some(number);
@@ -190,7 +190,7 @@ impl Hub {
         });
     }
 
-    /// Tells what is wrong with a program, unless another one is loaded by now.
+    /// Reports the errors of a program, unless another one is loaded by now.
     pub(crate) fn tell_checked(&self, found: ProgramInfo) {
         let is_present = |program: &ProgramInfo| program.name == found.name && program.bytes == found.bytes;
         if self.lock().program.as_ref().is_some_and(is_present) {
@@ -208,7 +208,7 @@ impl Hub {
         }
     }
 
-    /// Tells offsets and tools where they have changed.
+    /// Sends offsets and tools if they have changed.
     pub(crate) fn tell_kept(&self, kept: ToPage) {
         let mut inner = self.lock();
         if inner.kept.as_ref() != Some(&kept) {
@@ -276,6 +276,6 @@ impl Inner {
 
 /// A message as JSON.
 pub(crate) fn text(message: &ToPage) -> Utf8Bytes {
-    // Numbers that are none become null; nothing else of these types can fail.
+    // Values that are not numbers become null; nothing else in these types can fail.
     serde_json::to_string(message).unwrap_or_default().into()
 }

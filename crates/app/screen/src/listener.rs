@@ -1,4 +1,4 @@
-//! Connections: how many, how long they may take to say what they want.
+//! Connections: their number, and the time to send a request.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -13,12 +13,13 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio_rustls::TlsAcceptor;
 
-/// Connections at the same time. A page needs up to seven; each is a descriptor of the process that moves the machine.
+/// Maximum number of connections. A page needs up to seven; each is a descriptor of the process that moves
+/// the machine.
 const MAX_CONNECTIONS: usize = 256;
-/// How long the beginning of a connection, and of a request, may take.
+/// Maximum time for establishing a connection and for a request.
 const BEGINNING: Duration = Duration::from_secs(10);
 
-/// Serves connections for ever.
+/// Serves connections forever.
 pub(crate) async fn listen(
     listener: TcpListener,
     router: Router,
@@ -26,12 +27,12 @@ pub(crate) async fn listen(
 ) -> Infallible {
     let places = Arc::new(Semaphore::new(MAX_CONNECTIONS));
     loop {
-        // Closed never; who finds no place waits in the kernel's queue.
+        // Never closed; further connections wait in the kernel's queue.
         let place = Arc::clone(&places).acquire_owned().await;
         let stream = match listener.accept().await {
             Ok((stream, _)) => stream,
             Err(_) => {
-                // No descriptors: others end soon.
+                // No descriptors: other connections end soon.
                 tokio::time::sleep(Duration::from_millis(50)).await;
                 continue;
             }
@@ -45,7 +46,7 @@ pub(crate) async fn listen(
 }
 
 async fn serve(stream: TcpStream, router: Router, encryption: Option<TlsAcceptor>) {
-    // A command is small and shall leave at once.
+    // A command is small and has to be sent at once.
     let _delayed = stream.set_nodelay(true);
     match encryption {
         None => answer(stream, router).await,
@@ -59,7 +60,7 @@ async fn serve(stream: TcpStream, router: Router, encryption: Option<TlsAcceptor
 
 async fn answer(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, router: Router) {
     let service = TowerToHyperService::new(router);
-    // What ends a connection is its client's affair.
+    // The end of a connection concerns only its client.
     let _ended = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(BEGINNING)

@@ -1,4 +1,4 @@
-//! Commands on their way to the core.
+//! Commands to the core.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 use evolvent_bus::{ClientConfig, ControlClient, ControlRequest};
 use tokio::sync::oneshot;
 
-/// How long an answer is waited for: the core reads files for 8 s at most.
+/// Maximum wait for an answer: the core reads files for at most 8 s.
 const ANSWER: Duration = Duration::from_secs(12);
-/// How often a thread looks whether it shall end.
+/// Interval at which a thread checks whether to end.
 const LOOK: Duration = Duration::from_millis(100);
-/// Orders that may wait; more are refused.
+/// Maximum number of waiting orders; more are rejected.
 const WAITING: usize = 16;
 
 /// The core's answer to a command.
@@ -42,8 +42,8 @@ struct Order {
     reply: Option<oneshot::Sender<Answer>>,
 }
 
-/// A thread of normal priority with a client of the control service: it waits for each answer before the next command, because
-/// the core refuses a second command of a client that has no answer yet.
+/// A thread of normal priority with a client of the control service: it waits for each answer before the next
+/// command, because the core rejects a second command of a client that has no answer yet.
 #[derive(Clone)]
 pub(crate) struct Orders {
     sender: SyncSender<Order>,
@@ -62,7 +62,7 @@ impl Orders {
         Ok((Self { sender }, thread))
     }
 
-    /// Sends a command unless it has waited for longer than `max_age` by then.
+    /// Sends a command unless it has then waited for longer than `max_age`.
     pub(crate) async fn give(&self, request: ControlRequest, max_age: Duration) -> Answer {
         let (reply, answer) = oneshot::channel();
         let order = Order {
@@ -80,9 +80,9 @@ impl Orders {
         }
     }
 
-    /// The same without an answer. One that finds no room is lost.
+    /// The same without an answer. If the queue is full, the command is lost.
     pub(crate) fn send(&self, request: ControlRequest, max_age: Duration) {
-        // Who renews a jog does so again soon.
+        // A jog is renewed soon anyway.
         let _lost = self.sender.try_send(Order {
             request,
             given: Instant::now(),
@@ -106,7 +106,7 @@ fn carry(config: &ClientConfig, stop: &AtomicBool, orders: &Receiver<Order>) {
             command(&mut client, config, &order.request)
         };
         if let Some(reply) = order.reply {
-            // The page may have gone.
+            // The page may have disconnected.
             let _gone = reply.send(answer);
         }
     }

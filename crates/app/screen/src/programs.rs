@@ -1,4 +1,4 @@
-//! Programs that pages upload: checked, and planned for the picture, in threads of normal priority.
+//! Uploaded programs: checked, and planned for the picture, in threads of normal priority.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,15 +11,15 @@ use tokio::sync::mpsc;
 
 use crate::messages::{Finding, PathChunk, ProgramInfo, ToPage, ToolEntry, WorkOffset};
 
-/// Errors that are shown at most.
+/// Maximum number of errors shown.
 const ERRORS: usize = 50;
-/// Vertices of a chunk of the path.
+/// Vertices per chunk of the path.
 const CHUNK: usize = 16_384;
-/// The first is small: it is on the screen at once.
+/// The first chunk is small, so that it is shown at once.
 const FIRST_CHUNK: usize = 1024;
 /// Time between two vertices of the path, ns.
 const VERTEX_NS: u64 = 8_000_000;
-/// Longest name of a program, bytes: it fits into the status.
+/// Maximum length of a program name, bytes: it fits into the status.
 const MAX_NAME: usize = 100;
 
 /// Whether a page may use it as the name of a file.
@@ -28,13 +28,13 @@ pub(crate) fn is_good_name(name: &str) -> bool {
     !name.is_empty() && name.len() <= MAX_NAME && !name.starts_with('.') && name.chars().all(good)
 }
 
-/// The machine with the offsets and tools that are kept now.
+/// The machine with the present offsets and tools.
 fn present_setup(setup: &Setup, state_folder: Option<&Path>) -> Setup {
     let mut setup = setup.clone();
     let Some(state_folder) = state_folder else {
         return setup;
     };
-    // Files that cannot be read are the core's to complain of; the picture is made without them.
+    // The core reports unreadable files; the picture is made without them.
     let kept = setup.memory.kept_file.clone();
     let _unread = setup
         .memory
@@ -46,7 +46,7 @@ fn present_setup(setup: &Setup, state_folder: Option<&Path>) -> Setup {
     setup
 }
 
-/// Offsets and tools as they are kept now.
+/// The present offsets and tools.
 pub(crate) fn kept(setup: &Setup, state_folder: Option<&Path>) -> ToPage {
     let memory = present_setup(setup, state_folder).memory;
     let text = memory.kept.map(|kept| kept.to_text()).unwrap_or_default();
@@ -144,10 +144,10 @@ fn unreadable(cause: &std::io::Error) -> Finding {
     }
 }
 
-/// Niceness of what computes for pages: whatever moves the machine goes first.
+/// Niceness of computations for pages: machine control has priority.
 const NICE: i32 = 10;
 
-/// Runs something in a thread of its own that leaves the processor to others.
+/// Runs a function in a separate thread that yields the processor to others.
 pub(crate) fn background(name: &str, work: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
     std::thread::Builder::new().name(name.to_owned()).spawn(move || {
         // On Linux the priority is a thread's own, and its children's.
@@ -165,7 +165,8 @@ impl RunObserver for Quiet {
     fn note(&mut self, _text: &str) {}
 }
 
-/// Plans a program and hands its path over in chunks until nobody takes them any more. Returns the planned time, s, where it came to its end.
+/// Plans a program and passes its path on in chunks until the receiver is dropped. Returns the planned time,
+/// s, if it reached the end.
 pub(crate) fn plan(
     file: PathBuf,
     setup: &Setup,
@@ -210,7 +211,7 @@ pub(crate) fn plan(
         }
     });
     if !chunk.is_empty() {
-        // Nobody may be there any more.
+        // The receiver may be gone.
         let _gone = chunks.blocking_send(chunk.take_bytes().into());
     }
     let outcome = outcome.ok()?;

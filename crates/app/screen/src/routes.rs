@@ -1,4 +1,4 @@
-//! What each address answers.
+//! The response of each address.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -21,9 +21,9 @@ use crate::programs::{background, plan};
 use crate::server::{Server, random_hex};
 use crate::upload::upload;
 
-/// Largest message of a page.
+/// Maximum size of a page's message.
 const MAX_MESSAGE: usize = 16 << 10;
-/// Shown where no page was built.
+/// Shown if no page was built.
 const NO_PAGE: &str = "<!doctype html><title>Evolvent</title><p>The page of the screen is not part of this program: see \
      crates/app/screen/page.</p>";
 
@@ -105,7 +105,7 @@ async fn text(
         return StatusCode::NOT_FOUND.into_response();
     };
     let (sender, receiver) = mpsc::channel(4);
-    // A reader that stalls must not hold a thread of those that all share.
+    // A stalled reader must not block a shared thread.
     let reading = background("screen-text", move || read_chunks(opened, &sender));
     match reading {
         Ok(()) => streamed("text/plain; charset=utf-8", receiver),

@@ -1,4 +1,4 @@
-//! The server: what all of its threads share, its start and its end.
+//! The server: data shared by its threads, its start and its end.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, UdpSocket};
 use std::path::{Path, PathBuf};
@@ -25,32 +25,32 @@ use crate::programs::{is_good_name, kept};
 use crate::routes::router;
 use crate::{tls, watcher};
 
-/// How often offsets and tools are looked at.
+/// Poll interval of offsets and tools.
 const KEPT: Duration = Duration::from_millis(500);
-/// How often the end is looked for.
+/// Poll interval of the end.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// What every request finds.
+/// Data of every request.
 pub(crate) struct Server {
     pub(crate) hub: Arc<Hub>,
     /// Commands that stop.
     pub(crate) stops: Orders,
-    /// Jogs and their renewals, which the core takes from one client only.
+    /// Jogs and their renewals, which the core accepts from one client only.
     pub(crate) jogs: Orders,
     /// All others.
     pub(crate) commands: Orders,
     /// A page has jogged since jogs were stopped.
     pub(crate) jogged: AtomicBool,
     pub(crate) setup: Setup,
-    /// Where uploaded programs are stored; none where pages only watch.
+    /// Folder of uploaded programs; none if pages only watch.
     pub(crate) programs: Option<PathBuf>,
-    /// The service's state; none where a run is watched.
+    /// The service's state; none if a run is watched.
     pub(crate) state_folder: Option<PathBuf>,
-    /// The one program of a run.
+    /// The only program of a run.
     run: Option<PathBuf>,
-    /// Checks and plans one after the other.
+    /// Checks and plans one program after another.
     pub(crate) workers: Arc<Semaphore>,
-    /// Receives one upload after the other.
+    /// Receives one upload after another.
     pub(crate) receiving: Semaphore,
     pub(crate) uploads: AtomicU64,
     pub(crate) is_encrypted: bool,
@@ -74,7 +74,7 @@ fn name_of(file: &Path) -> String {
         .into_owned()
 }
 
-/// A screen at work. It ends when it is dropped.
+/// A running screen. It ends when it is dropped.
 #[derive(Debug)]
 pub struct Screen {
     address: String,
@@ -85,11 +85,12 @@ pub struct Screen {
 }
 
 impl Screen {
-    /// Listens, and starts the threads, which wait for the core. The priority of the caller is theirs: call it before
-    /// the caller becomes a real-time thread.
+    /// Listens, and starts the threads, which wait for the core. They inherit the priority of the caller:
+    /// call it before the caller becomes a real-time thread.
     ///
     /// # Errors
-    /// The address is taken or not this computer's; a certificate that cannot be used; no folder for programs, no threads.
+    /// The address is taken or not this computer's; a certificate that cannot be used; no folder for
+    /// programs, no threads.
     pub fn start(config: ScreenConfig) -> Result<Self, ScreenError> {
         let listening = |source| ScreenError::Listen {
             address: config.address,
@@ -166,7 +167,7 @@ impl Screen {
             .name("screen-web".into())
             .spawn(move || {
                 runtime.block_on(serve(server, gate, listener, encryption, ending));
-                // A plan that nobody takes any more ends by itself.
+                // A plan without a receiver ends by itself.
                 runtime.shutdown_background();
             })?;
         Ok(Self {
@@ -178,23 +179,23 @@ impl Screen {
         })
     }
 
-    /// What to open in a browser. Who has it may command, except where a run is watched.
+    /// The address to open in a browser. It permits operating the machine, except if a run is watched.
     #[must_use]
     pub fn address(&self) -> &str {
         &self.address
     }
 
-    /// The same for who may only watch; none where nobody may command.
+    /// The address that only permits watching; none if no page may operate.
     #[must_use]
     pub fn watch_address(&self) -> Option<&str> {
         self.watch_address.as_deref()
     }
 
-    /// The address as a QR code of block letters, where other computers reach it.
+    /// The address as a QR code of block characters, if other computers can reach it.
     #[must_use]
     pub fn code(&self) -> Option<String> {
         let code = QrCode::new(&self.address).ok().filter(|_| self.is_remote)?;
-        // Terminals are dark as a rule: what is light in the code is drawn.
+        // Terminals are usually dark: the light parts of the code are drawn.
         let mut image = code.render::<Dense1x2>();
         let image = image.dark_color(Dense1x2::Light).light_color(Dense1x2::Dark);
         Some(image.build())
@@ -205,13 +206,13 @@ impl Drop for Screen {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         for thread in self.threads.drain(..) {
-            // One that panicked has ended.
+            // A thread that panicked has ended.
             let _ended = thread.join();
         }
     }
 }
 
-/// The folder of uploaded programs, without what interrupted uploads left.
+/// The folder of uploaded programs, without the remains of interrupted uploads.
 fn programs_folder(state_folder: &Path) -> std::io::Result<PathBuf> {
     let folder = state_folder.join("programs");
     std::fs::create_dir_all(&folder)?;
@@ -242,7 +243,7 @@ fn encryption(
     tls::acceptor(&certificate, &key).map(Some)
 }
 
-/// The address that others reach: of "all addresses" the one by which this computer reaches others.
+/// The address for other computers: for "all addresses" the one by which this computer reaches others.
 fn public_host(local: SocketAddr) -> IpAddr {
     if !local.ip().is_unspecified() {
         return local.ip();
@@ -255,7 +256,7 @@ fn public_host(local: SocketAddr) -> IpAddr {
             Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into(),
         )
     };
-    // Connecting of datagrams chooses a route and sends nothing.
+    // Connecting a datagram socket chooses a route and sends nothing.
     let routed = UdpSocket::bind((any, 0)).and_then(|socket| {
         socket.connect((far, 9))?;
         socket.local_addr()
@@ -278,7 +279,7 @@ fn names(config: &ScreenConfig, host: IpAddr) -> Vec<String> {
     names
 }
 
-/// 128 bits that nobody guesses.
+/// 128 random bits.
 pub(crate) fn random_hex() -> std::io::Result<String> {
     use std::io::Read;
     let mut bytes = [0; 16];

@@ -1,4 +1,4 @@
-//! Encrypted connections: a certificate that is given, or one of this computer's own.
+//! Encrypted connections: a given certificate, or a generated one.
 
 use std::fs;
 use std::io::Write;
@@ -34,7 +34,8 @@ pub(crate) fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, Sc
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
-/// The certificate of this computer's own, made once, so that a browser need accept it once only; made again for other names.
+/// The generated certificate, created once, so that a browser has to accept it only once; created again for
+/// other names.
 pub(crate) fn own_certificate(folder: &Path, names: &[String]) -> Result<(PathBuf, PathBuf), ScreenError> {
     let (certificate, key) = (folder.join("certificate.pem"), folder.join("key.pem"));
     let of_names = folder.join("names");
@@ -56,7 +57,7 @@ pub(crate) fn own_certificate(folder: &Path, names: &[String]) -> Result<(PathBu
     Ok((certificate, key))
 }
 
-/// A file that only its owner reads, whole or not at all.
+/// A file readable only by its owner, complete or not at all.
 fn write_private(file: &Path, text: &str) -> std::io::Result<()> {
     let part = file.with_extension("part");
     let _remains = fs::remove_file(&part);

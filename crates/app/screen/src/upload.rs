@@ -23,13 +23,13 @@ use crate::programs::{background, checked, is_good_name};
 use crate::routes::session_of;
 use crate::server::Server;
 
-/// Largest program, bytes.
+/// Maximum size of a program, bytes.
 const MAX_PROGRAM: u64 = 256 << 20;
-/// All stored programs together, bytes.
+/// Maximum size of all stored programs together, bytes.
 const MAX_STORED: u64 = 4 << 30;
-/// How long an upload may pause.
+/// Maximum pause of an upload.
 const PAUSE: Duration = Duration::from_secs(20);
-/// How long a LOAD may wait for commands before it.
+/// Maximum wait of a LOAD for earlier commands.
 const LOAD_AGE: Duration = Duration::from_secs(12);
 
 type Refusal = (StatusCode, String);
@@ -94,7 +94,7 @@ async fn store(
     let bytes = match receive(body, folder, part.clone()).await {
         Ok(bytes) if may_command() => bytes,
         outcome => {
-            // What came is of no use.
+            // The received part is useless.
             let _removed = std::fs::remove_file(&part);
             return Err(outcome.err().unwrap_or_else(|| {
                 let text = "this page has lost control meanwhile; the program was not loaded".to_owned();
@@ -117,7 +117,7 @@ async fn store(
     server
         .hub
         .log(LogKind::Command, alarm, format!("LOAD {name}: {outcome}"), None);
-    // What is wrong with a program is shown with its lines; START judges it again.
+    // The errors of a program are shown with its lines; START evaluates it again.
     let faults = [Alarm::SoftLimit, Alarm::BadProgram].map(Alarm::number);
     if !answer.accepted && !faults.contains(&answer.alarm) {
         return Ok(answer);
@@ -139,14 +139,14 @@ async fn store(
     })
 }
 
-/// Checks a program when its turn comes.
+/// Checks a program when it is its turn.
 fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInfo) {
     let server = Arc::clone(server);
     tokio::spawn(async move {
         let Ok(permit) = Arc::clone(&server.workers).acquire_owned().await else {
             return;
         };
-        // Without a thread the program stays unchecked; START judges it.
+        // Without a thread the program stays unchecked; START evaluates it.
         let _started = background("screen-check", move || {
             let found = checked(&file, &info, &server.setup, server.state_folder.as_deref());
             server.hub.tell_checked(found);
@@ -155,7 +155,7 @@ fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInfo) {
     });
 }
 
-/// Writes a body to a file, in a thread that the disk may hold up; its size.
+/// Writes a body to a file, in a thread that the disk may block; returns its size.
 async fn receive(body: Body, folder: &Path, part: PathBuf) -> Result<u64, Refusal> {
     let most = stored(folder).map_or(MAX_PROGRAM, |stored| {
         MAX_PROGRAM.min(MAX_STORED.saturating_sub(stored))

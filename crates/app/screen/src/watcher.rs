@@ -1,4 +1,4 @@
-//! What the core says, for pages.
+//! The core's state, for pages.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,21 +13,21 @@ use evolvent_control::{Alarm, AlarmKind};
 use crate::hub::Hub;
 use crate::messages::{LogKind, SAMPLE_BYTES, ScreenStatus, ToPage, put_sample};
 
-/// 60 a second.
+/// 60 per second.
 const FRAME: Duration = Duration::from_micros(16_667);
-/// A core without a status for so long is gone.
+/// A core without a status for this time has ended.
 const SILENCE: Duration = Duration::from_millis(500);
-/// Samples of a frame at most; of more the oldest are left out.
+/// Maximum number of samples per frame; beyond it the oldest are dropped.
 const MAX_SAMPLES: usize = 4096;
 
-/// What pages draw next.
+/// The next picture of the pages.
 #[derive(Clone, Default)]
 pub(crate) struct Frame {
     pub(crate) status: Utf8Bytes,
     pub(crate) samples: Bytes,
 }
 
-/// Starts the thread that reads the bus. It tries again where the core is not there yet.
+/// Starts the thread that reads the bus. It retries if the core does not exist yet.
 pub(crate) fn spawn(
     config: ClientConfig,
     hub: Arc<Hub>,

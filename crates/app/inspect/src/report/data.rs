@@ -1,4 +1,4 @@
-//! What the page's script draws, as JSON.
+//! The data of the page's script, as JSON.
 
 use evolvent_runtime::{JobStart, Switched};
 use evolvent_trace::{EventKind, EventRecord};
@@ -11,15 +11,16 @@ use crate::report::verdict::{letters, time};
 
 /// Lines in a table.
 const MAX_ROWS: usize = 40;
-/// Rows of all jobs of a session together, about.
+/// Approximate number of rows of all jobs of a session together.
 const ALL_ROWS: usize = 2000;
-/// A program up to here is shown whole, of a longer one the surroundings of the lines in the tables.
+/// A program up to this length is shown completely, of a longer one the surroundings of the lines in the
+/// tables.
 const WHOLE_LINES: usize = 3000;
 const SURROUNDINGS: usize = 4;
-/// Longer lines are cut in the page.
+/// Longer lines are truncated in the page.
 const LINE_CHARACTERS: usize = 200;
 
-/// Text that may hold anything, for HTML.
+/// Escapes arbitrary text for HTML.
 pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
@@ -80,8 +81,8 @@ pub(crate) fn run_rows(opened: &Opened, g: &Gathered) -> String {
         .collect()
 }
 
-/// Unix time for people, without a library: days by the civil calendar (H. Hinnant, "chrono-compatible low-level date
-/// algorithms").
+/// Unix time as a date, without a library: days by the civil calendar (H. Hinnant, "chrono-compatible
+/// low-level date algorithms").
 fn utc(time_ns: u64) -> String {
     let seconds = time_ns / 1_000_000_000;
     let (days, rest) = ((seconds / 86_400) as i64, seconds % 86_400);
@@ -102,7 +103,7 @@ fn utc(time_ns: u64) -> String {
     )
 }
 
-/// Lines of all jobs by a measure: the greatest of all, and of each job those that its own table shows.
+/// Lines of all jobs by a measure: the largest of all, and of each job those in its own table.
 fn top(g: &Gathered, measure: impl Fn(&LineTime) -> f64) -> Vec<(&JobPart, u32, &LineTime)> {
     let per_job = (ALL_ROWS / g.jobs.len().max(1)).clamp(1, MAX_ROWS);
     let mut list: Vec<_> = g
@@ -133,7 +134,7 @@ fn row(job: &JobPart, line: u32, time: &LineTime) -> Value {
         list.sort_by(|a, b| b.1.total_cmp(a.1));
         list.iter()
             .take(3)
-            // What rounds to nothing says nothing.
+            // A value that rounds to zero is omitted.
             .filter(|(_, seconds)| **seconds >= 0.005 * time.time_s)
             .map(|(limit, seconds)| format!("{} {:.0} %", limit.name(), 100.0 * **seconds / time.time_s))
             .collect()
@@ -258,7 +259,7 @@ pub(crate) fn json(opened: &Opened, g: &Gathered) -> String {
         "limited": rows(&limited),
         "program": program(opened, &shown),
     });
-    // So that nothing in it can end the script element.
+    // So that no content can end the script element.
     value.to_string().replace('<', "\\u003c")
 }
 
@@ -287,7 +288,7 @@ fn cut(text: &str) -> String {
     text.chars().take(LINE_CHARACTERS).collect()
 }
 
-/// What people are told of an event. A job's beginning is a line for computing it again: its head will do.
+/// The text of an event. The start of a job is a line for recomputing it: its head is enough.
 fn said(event: &EventRecord) -> String {
     if event.kind == EventKind::Switched {
         return Switched::parse(&event.text)

@@ -1,4 +1,4 @@
-//! Everything that a page shows, gathered in one pass.
+//! The data of a page, gathered in one pass.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -13,22 +13,23 @@ use crate::opened::{InspectError, Opened};
 use crate::pyramid::{Level, Pyramid};
 use crate::report::trail::{Spot, Trail};
 
-/// Stretches of a curve that a page carries at most; for machines of many axes fewer, so that the page stays small.
+/// Maximum number of parts of a curve in a page; fewer for machines with many axes, so that the page stays
+/// small.
 const STRETCHES: usize = 65_536;
 const STRETCHES_OF_MANY: usize = 16_384;
 const MANY_AXES: usize = 4;
-/// Spans of states and overrides, and events, that a page carries.
+/// Maximum number of spans of states and overrides, and of events, in a page.
 const MAX_SPANS: usize = 20_000;
 const MAX_EVENTS: usize = 5000;
-/// Jobs of a served machine that are told apart.
+/// Maximum number of jobs of a served machine that are distinguished.
 const MAX_JOBS: usize = 2000;
 const FLAG_RAPID: u32 = evolvent_motion::flags::RAPID;
-/// As the command is recorded.
+/// Text of the recorded command.
 const EMERGENCY_STOP: &str = "emergency stop";
-/// Bars of a histogram for each power of ten of nanoseconds.
+/// Bars of a histogram per power of ten of nanoseconds.
 const BARS: f64 = 10.0;
 
-/// A curve and what belongs to it.
+/// A curve and its description.
 #[derive(Debug)]
 pub(crate) struct Series {
     pub(crate) group: &'static str,
@@ -63,7 +64,7 @@ impl LogBars {
     }
 }
 
-/// A stretch of time in which something held.
+/// A span of time with one value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Span {
     pub(crate) start: u64,
@@ -75,18 +76,18 @@ pub(crate) struct Span {
 pub(crate) struct JobPart {
     /// Its number; 0 for a run of one program.
     pub(crate) number: u32,
-    /// What it was.
+    /// Its name.
     pub(crate) name: String,
-    /// Its first cycle, and the last that a job moved.
+    /// Its first cycle, and its last cycle with motion.
     pub(crate) start: u64,
     pub(crate) end: u64,
     pub(crate) times: LineTimes,
-    /// Planned seconds and texts of lines, as the blocks have them.
+    /// Planned seconds and texts of lines, from the blocks.
     pub(crate) planned: BTreeMap<u32, f64>,
     pub(crate) texts: BTreeMap<u32, String>,
 }
 
-/// All of it.
+/// All gathered data.
 #[derive(Debug)]
 pub(crate) struct Gathered {
     pub(crate) cycles: u64,
@@ -103,7 +104,7 @@ pub(crate) struct Gathered {
     pub(crate) events: Vec<EventRecord>,
     pub(crate) events_left_out: u64,
     pub(crate) alarms: Vec<EventRecord>,
-    /// Cycles with which somebody pressed emergency stop.
+    /// Cycles in which the emergency stop was pressed.
     pub(crate) emergency_stops: Vec<u64>,
     pub(crate) trail: Vec<Spot>,
     pub(crate) lateness: LogBars,
@@ -117,11 +118,11 @@ pub(crate) struct Gathered {
     /// Programs and blocks of MDI of a served machine.
     pub(crate) programs: usize,
     travels: VecDeque<TravelFrom>,
-    /// In order of their beginnings.
+    /// In the order of their start.
     pub(crate) jobs: Vec<JobPart>,
-    /// Jobs that have begun.
+    /// Number of jobs started.
     begun: usize,
-    /// Greatest feed of a cut, mm/s; 0 where nothing was cut.
+    /// Maximum feed of a cut, mm/s; 0 if nothing was cut.
     pub(crate) fastest_cut: f64,
 }
 
@@ -217,7 +218,7 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
     Ok(g)
 }
 
-/// The jobs of a served machine, those of one number as one; a run of one program is a single job.
+/// The jobs of a served machine, with those of one number merged; a run of one program is a single job.
 fn jobs(starts: &VecDeque<RecordedJob>, times: &LineTimes) -> Vec<JobPart> {
     let part = |number: u32, name: String, start: u64| JobPart {
         number,
@@ -311,7 +312,7 @@ impl Gathered {
         Ok(())
     }
 
-    /// What the blocks say of the lines of their jobs.
+    /// Reads the lines of the jobs from the blocks.
     fn take_blocks(&mut self, opened: &mut Opened) -> Result<(), InspectError> {
         for block in opened.trace.blocks() {
             let block = block?;
@@ -321,7 +322,7 @@ impl Gathered {
             };
             *job.planned.entry(block.line).or_default() += block.planned_duration_s;
             if self.programs > 0 {
-                // A run's one program is attached.
+                // The only program of a run is attached.
                 job.texts.entry(block.line).or_insert(block.text);
             }
         }
@@ -337,7 +338,7 @@ impl Gathered {
         {
             let job = &mut self.jobs[self.begun];
             self.begun += 1;
-            // The path of a program counts from its beginning, and stays what it was in a jog.
+            // The path of a program counts from its start, and does not change during a jog.
             if record.inputs & inputs::STEERS != 0 {
                 job.times.begin_at(record.path_mm);
             }

@@ -1,4 +1,4 @@
-//! A run on one page, for a browser without a network.
+//! A run on one self-contained page for a browser.
 
 mod data;
 mod gather;
@@ -16,7 +16,7 @@ const PAGE: &str = include_str!("page.html");
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
-/// Why there is no page.
+/// Why the page could not be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
     /// The trace.
@@ -32,7 +32,7 @@ pub enum ReportError {
     },
 }
 
-/// Writes the page of a trace, whole or not at all; gives its size in bytes.
+/// Writes the page of a trace completely or not at all; returns its size in bytes.
 ///
 /// # Errors
 /// [`ReportError`].
@@ -78,6 +78,6 @@ fn page(opened: &Opened, gathered: &gather::Gathered) -> String {
         .replace("{{run}}", &data::run_rows(opened, gathered))
         .replace("{{style}}", STYLE)
         .replace("{{script}}", SCRIPT)
-        // Last: what comes out of the trace may hold anything.
+        // Last: the contents of the trace are arbitrary.
         .replace("{{data}}", &data::json(opened, gathered))
 }

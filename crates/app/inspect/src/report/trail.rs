@@ -1,31 +1,31 @@
-//! The path for a picture: as few points as show it.
+//! The path for a picture, with as few points as possible.
 
-/// Points that are kept at most.
+/// Maximum number of points.
 const MAX_POINTS: usize = 50_000;
-/// How far a point left out may lie off the line of its neighbours at first, mm.
+/// Initial maximum distance of an omitted point from the line of its neighbours, mm.
 const FIRST_TOLERANCE_MM: f64 = 2e-4;
-/// Points that a line may leave out at first.
+/// Initial maximum number of points that a line may omit.
 const FIRST_SKIPS: usize = 24;
 
-/// A place on the way.
+/// A point of the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Spot {
     pub(crate) place: [f64; 3],
     pub(crate) feed_mm_s: f64,
     pub(crate) error: f64,
     pub(crate) sequence: u64,
-    /// No cut: a rapid, a jog, homing.
+    /// Not a cut: a rapid, a jog, homing.
     pub(crate) is_rapid: bool,
 }
 
-/// Gathers a path. Where it would take too many points, the tolerance doubles.
+/// Gathers a path. If it needs too many points, the tolerance doubles.
 #[derive(Debug)]
 pub(crate) struct Trail {
     kept: Vec<Spot>,
     skipped: Vec<Spot>,
     tolerance_mm: f64,
     skips: usize,
-    /// What is left out must also have about the speed of its neighbours.
+    /// An omitted point must also have about the speed of its neighbours.
     feed_step_mm_s: f64,
 }
 
@@ -48,7 +48,7 @@ impl Trail {
             self.kept.push(spot);
             return;
         };
-        // Standing still adds nothing.
+        // Rest adds nothing.
         if self.skipped.last().unwrap_or(&anchor).place == spot.place {
             return;
         }
@@ -75,7 +75,7 @@ impl Trail {
         self.feed_step_mm_s *= 1.5;
         let all = std::mem::take(&mut self.kept);
         all.into_iter().for_each(|spot| self.push(spot));
-        // What does not get less by tolerance alone gets less by count.
+        // If the tolerance alone does not reduce the points, their number is reduced.
         if self.kept.len() > MAX_POINTS * 3 / 4 {
             let mut at = 0;
             self.kept.retain(|_| {
@@ -91,7 +91,7 @@ impl Trail {
     }
 }
 
-/// Distance of a point from a stretch.
+/// Distance of a point from a line segment.
 fn off_line(point: &[f64; 3], from: &[f64; 3], to: &[f64; 3]) -> f64 {
     let sub = |a: &[f64; 3], b: &[f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     let dot = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

@@ -6,7 +6,7 @@ use crate::lines::Limit;
 use crate::opened::Opened;
 use crate::report::gather::Gathered;
 
-/// How grave a sentence is.
+/// Severity of a sentence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum Gravity {
@@ -22,7 +22,7 @@ pub(crate) struct Sentence {
     pub(crate) text: String,
 }
 
-/// What is to be said of a run, the gravest first.
+/// The sentences about a run, the most severe first.
 pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
     let mut list = Vec::new();
     let mut say = |gravity, text: String| list.push(Sentence { gravity, text });
@@ -60,7 +60,7 @@ pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
         );
     }
     list.sort_by_key(|sentence| std::cmp::Reverse(sentence.gravity == Gravity::Bad));
-    // The first sentence says what this is about, whatever else is grave.
+    // The first sentence describes the run, whatever else is severe.
     if let Some(at) = list.iter().position(|sentence| sentence.text.starts_with(&what)) {
         let first = list.remove(at);
         list.insert(0, first);
@@ -124,7 +124,7 @@ fn failures(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)
     }
 }
 
-/// Whether setpoints left in time.
+/// Whether setpoints were in time.
 fn punctuality(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) {
     if g.late > 0 {
         say(
@@ -148,7 +148,7 @@ fn punctuality(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, Stri
     }
 }
 
-/// Whether the trace has all of the run.
+/// Whether the trace is complete.
 fn completeness(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) {
     let recovery = &opened.trace.info().recovery;
     if g.missing > 0 {
@@ -257,7 +257,7 @@ fn where_time_went(g: &Gathered, duration_s: f64, say: &mut impl FnMut(Gravity, 
     }
 }
 
-/// Seconds for people.
+/// A duration as text.
 pub(crate) fn time(seconds: f64) -> String {
     if seconds < 120.0 {
         format!("{seconds:.3} s")

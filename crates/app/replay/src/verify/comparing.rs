@@ -1,4 +1,4 @@
-//! A recorded cycle against the setpoint computed again.
+//! Comparison of a recorded cycle with the recomputed setpoint.
 
 use evolvent_motion::Setpoint;
 use evolvent_path::{AxisLetter, Jet};
@@ -6,7 +6,7 @@ use evolvent_trace::CycleRecord;
 
 use super::{Difference, Verified, text_of};
 
-/// LATE says when a setpoint left, not where it is.
+/// LATE describes when a setpoint was published, not its position.
 const TIMING_FLAGS: u32 = 1;
 
 pub(super) struct Comparing {
@@ -17,7 +17,7 @@ pub(super) struct Comparing {
 }
 
 impl Comparing {
-    /// Compares; whether they are the same.
+    /// Compares; returns whether they are equal.
     pub(super) fn compare(
         &self,
         record: &CycleRecord,
@@ -36,7 +36,7 @@ impl Comparing {
         for axis in &self.axes {
             let i = axis.index();
             let sent = corrected.map_or(0.0, |jet| (record.drive_position[i] - jet.position[i]).abs());
-            // Not a number where the trace has none.
+            // NaN if the trace has none.
             let off = (record.position[i] - setpoint.position[i]).abs().max(sent);
             if off > verified.greatest_difference {
                 verified.greatest_difference = off;
@@ -56,14 +56,14 @@ impl Comparing {
         false
     }
 
-    /// Whether the drives were sent something else than the setpoint.
+    /// Whether the drives received something else than the setpoint.
     pub(super) fn is_corrected(&self, record: &CycleRecord) -> bool {
         self.axes
             .iter()
             .any(|axis| !record.drive_position[axis.index()].is_nan())
     }
 
-    /// What the drives were sent, where that is something else.
+    /// The corrected setpoint, if it differs.
     fn differs_for_drives(&self, record: &CycleRecord, corrected: &Jet) -> Option<(String, f64, f64)> {
         self.axes.iter().find_map(|axis| {
             let (recorded, computed) = (

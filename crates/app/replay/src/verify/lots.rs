@@ -1,4 +1,4 @@
-//! Recorded cycles, one after another, from the thread that reads them.
+//! Recorded cycles in order, from the thread that reads them.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -7,13 +7,13 @@ use std::thread::Scope;
 
 use evolvent_trace::{CycleRecord, ReadError, TraceFile};
 
-/// Cycles that go from the reader at once, and how many such lots may wait.
+/// Number of cycles that the reader passes at once, and number of such lots that may wait.
 const LOT: usize = 4096;
 const LOTS: usize = 8;
 
 type Lot = Arc<Vec<CycleRecord>>;
 
-/// Reads on a thread of its own, for the one that computes and for the one that checks.
+/// Reads on a separate thread, for the thread that computes and the thread that checks.
 pub(super) fn read<'scope, 'env>(
     scope: &'scope Scope<'scope, 'env>,
     trace: &'env mut TraceFile,
@@ -46,14 +46,14 @@ fn send(trace: &mut TraceFile, to_compute: &SyncSender<Result<Lot, ReadError>>, 
             ControlFlow::Continue(())
         })
     });
-    // An error comes after what is whole.
+    // An error follows the intact part.
     pass_on(&mut lot);
     if let Err(error) = read {
         let _gone = to_compute.send(Err(error));
     }
 }
 
-/// Recorded cycles, one after another.
+/// Recorded cycles in order.
 pub(super) struct Records {
     lots: Receiver<Result<Lot, ReadError>>,
     lot: Lot,
@@ -62,7 +62,7 @@ pub(super) struct Records {
 }
 
 impl Records {
-    /// The next one, which stays the next.
+    /// The next one, without consuming it.
     pub(super) fn peek(&mut self) -> Option<&CycleRecord> {
         while self.at >= self.lot.len() {
             match self.lots.recv() {
@@ -90,7 +90,7 @@ impl Records {
         Some(if next <= sequence { self.next() } else { None })
     }
 
-    /// Why reading ended before the end.
+    /// Why reading ended early.
     pub(super) fn failure(self) -> Option<ReadError> {
         self.failure
     }

@@ -1,4 +1,4 @@
-//! Proof that a run would come out the same again.
+//! Verification that a run is reproducible.
 
 mod comparing;
 mod lots;
@@ -16,7 +16,7 @@ use evolvent_trace::TraceFile;
 use evolvent_inspect::LimitCheck;
 use evolvent_inspect::{InspectError, Opened};
 
-/// The first place where recorded and recomputed setpoint are not the same.
+/// The first position at which recorded and recomputed setpoint differ.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Difference {
     /// The cycle.
@@ -35,30 +35,30 @@ pub struct Difference {
     pub recomputed: f64,
 }
 
-/// What checking a trace came to.
+/// Result of a verification.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 pub struct Verified {
     /// Cycles recorded.
     pub cycles: u64,
-    /// Cycles computed again and compared.
+    /// Cycles recomputed and compared.
     pub compared: u64,
     /// Cycles that are missing in the trace.
     pub missing: u64,
-    /// Whether the run was computed again at all; if not, `notes` say why.
+    /// Whether the run was recomputed at all; if not, `notes` give the reason.
     pub recomputed: bool,
-    /// How many compared setpoints differ.
+    /// Number of compared setpoints that differ.
     pub differing: u64,
     /// The first of them.
     pub first_difference: Option<Difference>,
-    /// Greatest difference of a position, mm or degrees.
+    /// Maximum difference of a position, mm or degrees.
     pub greatest_difference: f64,
-    /// What explains a difference: another version, another kind of processor, a starved planner.
+    /// Possible reasons for a difference: another version, another kind of processor, a starved planner.
     pub explanations: Vec<String>,
-    /// Samples that break a limit, by differences of the recorded positions alone.
+    /// Samples that exceed a limit, by differences of the recorded positions alone.
     pub limit_violations: u64,
-    /// Everything that the independent checks object to, in words.
+    /// All violations found by the independent checks, as text.
     pub violations: Vec<String>,
-    /// Greatest distance from the programmed path, mm; `None` if the path was not checked.
+    /// Maximum distance from the programmed path, mm; `None` if the path was not checked.
     pub max_path_error_mm: Option<f64>,
     /// Jobs of a served machine: programs, blocks of MDI, jogs and moves of homing.
     pub jobs: u64,
