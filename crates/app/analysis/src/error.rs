@@ -1,14 +1,15 @@
-//! Why there is no answer.
+//! The error of an analysis.
 
 use std::fmt::Display;
 
-/// Why there is no answer, in words for the user.
+/// The error of an analysis, as text for the user.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AnalysisError {
-    /// A file or a number is wrong; the text says which and what to do.
+    /// A file or a number is invalid; the text says which, and how to correct it.
     #[error("{0}")]
     Input(String),
-    /// The input makes sense, but there is no result: a program fails, a folder cannot be written, nothing converges.
+    /// The input is valid, but there is no result: a program fails, a directory is not writable, an iteration
+    /// does not converge.
     #[error("{0}")]
     Failed(String),
 }

@@ -1,7 +1,6 @@
-//! The feed word of every block, by interpreting the program once more beside its plan.
+//! The feed word of every block, found by interpreting the program a second time alongside its plan.
 //!
-//! Setpoints come in the order of blocks, so one pass that follows them is enough, and a program of any length needs
-//! no memory.
+//! Setpoints arrive in block order, so one pass is sufficient, and the memory does not grow with the program.
 
 use std::path::Path;
 
@@ -19,10 +18,10 @@ pub struct FeedWords {
 }
 
 impl FeedWords {
-    /// Opens the program once more.
+    /// Opens the program a second time.
     ///
     /// # Errors
-    /// As a run: the program cannot be opened.
+    /// The program cannot be opened.
     pub fn open(program: &Path, setup: &Setup) -> Result<Self, ProgramError> {
         Ok(Self {
             commands: Commands::open(program, setup)?,
@@ -33,10 +32,11 @@ impl FeedWords {
         })
     }
 
-    /// Feed word of a block in mm/s, at most the machine's greatest feed; none on rapids. Blocks must not go back.
+    /// Feed word of a block in mm/s, limited to the machine's maximum feed; `None` on rapids. The block
+    /// number must not decrease.
     pub fn of_block(&mut self, block: u32) -> Option<f64> {
         while self.next <= block && !self.over {
-            // What is wrong with the program is reported by the run.
+            // Errors of the program are reported by the run.
             match self.commands.next() {
                 Some(Ok(command)) => {
                     if let Action::Move(motion) = &command.action {
@@ -51,7 +51,7 @@ impl FeedWords {
     }
 }
 
-/// Feed word of a move in mm/s, at most `most`; none on rapids.
+/// Feed word of a move in mm/s, limited to `most`; `None` on rapids.
 pub(crate) fn feed_word(motion: &Move, most: Option<f64>) -> Option<f64> {
     let feed = most.map_or(motion.feed, |most| motion.feed.min(most));
     (motion.kind == MoveKind::Feed && feed.is_finite() && feed > 0.0).then_some(feed)

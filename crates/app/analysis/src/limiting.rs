@@ -1,18 +1,18 @@
-//! What limits the motion at a setpoint, read from the setpoint itself.
+//! The active limit at a setpoint, derived from the setpoint itself.
 //!
-//! No planner is asked: whatever reaches 97 % of its limit limits, and the largest share wins. So the answer is the
-//! same for every planner, and a planner that leaves something unused is seen as such ([`Limiting::Nothing`]).
+//! The planner is not consulted: a value at or above 97 % of its limit is limiting, and the largest share
+//! decides. The result is the same for every planner, and unused capacity is visible ([`Limiting::Nothing`]).
 
 use evolvent_machine::{Machine, chord_feed_limit_mm_s};
 use evolvent_motion::{Setpoint, State, flags};
 use evolvent_path::AxisLetter;
 
-/// Share of a limit from which on it limits.
+/// Share of a limit at which it counts as active.
 pub(crate) const REACHED: f64 = 0.97;
-/// Slower than this share of an axis' velocity limit is standing still: rounding, not motion.
+/// Below this share of an axis's velocity limit the axis counts as stationary.
 const STANDING: f64 = 1e-9;
 
-/// Which derivative of an axis.
+/// A derivative of the axis position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Order {
     /// First.
@@ -24,10 +24,10 @@ pub enum Order {
 }
 
 impl Order {
-    /// All of them, lowest first.
+    /// All derivatives, lowest first.
     pub const ALL: [Self; 3] = [Self::Velocity, Self::Acceleration, Self::Jerk];
 
-    /// In a word.
+    /// The name.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -51,10 +51,10 @@ impl Order {
     }
 }
 
-/// What limits the motion.
+/// The active limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limiting {
-    /// As fast as the feed word (or the machine's greatest feed) and the override say.
+    /// The feed word (or the machine's maximum feed) and the override.
     Feed,
     /// The limit of an axis.
     Axis(AxisLetter, Order),
@@ -62,17 +62,17 @@ pub enum Limiting {
     ChordError,
     /// A step of curvature or a slight corner of the exact path.
     Joint,
-    /// The axes stand still: dwell, stop, tool change.
+    /// The axes are stationary: dwell, stop, tool change.
     Standing,
     /// No limit is reached: the planner holds back.
     Nothing,
 }
 
 impl Limiting {
-    /// How many there are.
+    /// Number of values.
     pub const COUNT: usize = 5 + 27;
 
-    /// A number below [`Self::COUNT`].
+    /// An index below [`Self::COUNT`].
     #[must_use]
     pub const fn index(self) -> usize {
         match self {
@@ -85,7 +85,7 @@ impl Limiting {
         }
     }
 
-    /// The one with this number.
+    /// The value with this index.
     #[must_use]
     pub fn of_index(index: usize) -> Self {
         match index {
@@ -117,21 +117,21 @@ impl Limiting {
     }
 }
 
-/// A setpoint against every limit, as shares.
+/// The utilization of every limit at a setpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shares {
-    /// Speed along the path over the feed word; 0 without one.
+    /// Path speed relative to the feed word; 0 without one.
     pub feed: f64,
-    /// Speed over what the chord error permits; 0 where nothing curves.
+    /// Path speed relative to the speed permitted by the chord error; 0 on straight paths.
     pub chord: f64,
-    /// Velocity, acceleration and jerk of each axis over their limits.
+    /// Velocity, acceleration and jerk of each axis relative to their limits.
     pub axes: [[f64; 3]; 9],
 }
 
-/// Finds what limits.
+/// Finds the active limit.
 #[derive(Clone, Debug)]
 pub struct LimitClassifier {
-    /// Reciprocal limits, 0 where the machine has no such axis.
+    /// Reciprocal limits; 0 for axes that the machine does not have.
     inverse: [[f64; 3]; 9],
     rate_hz: f64,
     increments_per_mm: f64,
@@ -139,7 +139,7 @@ pub struct LimitClassifier {
 }
 
 impl LimitClassifier {
-    /// For a machine at a control period, s.
+    /// A classifier for a machine and a control period, s.
     #[must_use]
     pub fn new(machine: &Machine, period_s: f64) -> Self {
         let mut inverse = [[0.0; 3]; 9];
@@ -158,7 +158,7 @@ impl LimitClassifier {
         }
     }
 
-    /// Fractions of every limit. `feed_word` is in mm/s before override; none on rapids.
+    /// The utilization of every limit. `feed_word` is in mm/s before override; `None` on rapids.
     #[must_use]
     pub fn shares(&self, setpoint: &Setpoint, feed_word: Option<f64>) -> Shares {
         let mut axes = [[0.0; 3]; 9];
@@ -189,13 +189,13 @@ impl LimitClassifier {
         }
     }
 
-    /// What limits at this setpoint: the feed word first, then what is nearest to its limit or beyond it.
+    /// The active limit at this setpoint: the feed word first, then the limit with the largest share.
     #[must_use]
     pub fn classify(&self, setpoint: &Setpoint, feed_word: Option<f64>) -> Limiting {
         self.judge(setpoint, &self.shares(setpoint, feed_word))
     }
 
-    /// As [`Self::classify`], of fractions that are known.
+    /// As [`Self::classify`], for known shares.
     #[must_use]
     pub fn judge(&self, setpoint: &Setpoint, shares: &Shares) -> Limiting {
         let still = shares
@@ -208,7 +208,7 @@ impl LimitClassifier {
         if shares.feed >= REACHED {
             return Limiting::Feed;
         }
-        // At a joint jerk is bounded by the joint rule alone: whatever it amounts to, the joint is why.
+        // At a joint, the jerk is bounded only by the joint rule: whatever its value, the joint is the cause.
         if setpoint.flags & flags::JOINT != 0 {
             return Limiting::Joint;
         }
@@ -227,7 +227,7 @@ impl LimitClassifier {
     }
 }
 
-/// Speed and curvature of the path of X, Y and Z, mm/s and 1/mm.
+/// Speed, mm/s, and curvature, 1/mm, of the path of X, Y and Z.
 pub(crate) fn bend(setpoint: &Setpoint) -> (f64, f64) {
     let (v, a) = (&setpoint.velocity, &setpoint.acceleration);
     let cross = [

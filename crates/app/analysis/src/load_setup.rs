@@ -1,4 +1,4 @@
-//! Set-ups without a program.
+//! Setups without a program.
 
 use std::path::Path;
 
@@ -8,10 +8,10 @@ use evolvent_runtime::Setup;
 use crate::error::AnalysisError;
 use crate::user_file::read_text;
 
-/// A machine without a program: its file read and checked, at the rate that is given or that the file says.
+/// Reads and checks a machine file without a program, at the given rate or that of the file.
 ///
 /// # Errors
-/// The file cannot be read, or is wrong.
+/// An unreadable or invalid file.
 pub fn load_setup(file: &Path, rate: Option<ControlRate>) -> Result<Setup, AnalysisError> {
     let usage = |text: String| AnalysisError::Input(text);
     let machine = Machine::load(file).map_err(|error| usage(error.to_string()))?;

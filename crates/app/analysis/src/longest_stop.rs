@@ -1,14 +1,15 @@
-//! The hold of a plan that takes the longest path to stop.
+//! The feed hold with the longest stopping distance of a plan.
 
 use evolvent_motion::StoppingDistance;
 use serde::Serialize;
 
-/// The hold that needs the longest path. Absent for the classic planner, whose holds are profiles of their own.
+/// The feed hold with the longest stopping distance. Absent for the classic planner, whose holds have
+/// separate profiles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct LongestStop {
-    /// Path from the hold to rest.
+    /// Stopping distance along the path.
     pub longest_stop_mm: Option<f64>,
-    /// Time from the hold to rest.
+    /// Stopping time.
     pub longest_stop_s: Option<f64>,
     /// Program line at the hold.
     pub longest_stop_line: Option<u32>,
@@ -17,7 +18,7 @@ pub struct LongestStop {
 }
 
 impl LongestStop {
-    /// Of the setpoints that were seen, with the control period in s.
+    /// Evaluates setpoints, with the control period in s.
     #[must_use]
     pub fn new(stops: Option<&StoppingDistance>, period_s: f64) -> Self {
         let Some(longest) = stops.and_then(StoppingDistance::longest) else {
@@ -31,7 +32,7 @@ impl LongestStop {
         }
     }
 
-    /// In words; none where there is nothing to stop.
+    /// A text; `None` if nothing moves.
     #[must_use]
     pub fn text(&self) -> Option<String> {
         let (path, seconds, line) = (

@@ -1,4 +1,4 @@
-//! The control rate that a plan needs.
+//! The control rate that a plan requires.
 
 use std::fmt::{self, Display, Formatter};
 
@@ -8,14 +8,15 @@ use serde::Serialize;
 
 use crate::limiting::bend;
 
-/// What the plan of a program needs of the control rate, equation (4) over the planned feed and the true curvature.
+/// The control rate that the plan of a program requires: equation (4) with the planned feed and the actual
+/// curvature.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct NeededRate {
     /// The rate that keeps the permitted chord error along this plan.
     pub needed_rate_hz: f64,
-    /// Where the plan needs it: program line.
+    /// Program line that requires it.
     pub needed_at_line: u32,
-    /// Radius of curvature there; 0 where nothing curves.
+    /// Radius of curvature there; 0 on straight paths.
     pub needed_at_radius_mm: f64,
     /// Feed there.
     pub needed_at_feed_mm_min: f64,

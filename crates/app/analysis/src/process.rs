@@ -1,4 +1,4 @@
-//! Process files: what a cut is like, for turning cycles that find their passes; files of adaptive feed control.
+//! Process files: cutting data for self-programmed turning cycles, and files of adaptive feed control.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -12,25 +12,25 @@ use crate::user_file::read_text;
 /// Reads and checks a process file.
 ///
 /// # Errors
-/// A file that cannot be read, or does not make sense.
+/// An unreadable or invalid file.
 pub fn read_process(file: &Path) -> Result<Job, AnalysisError> {
     let text = read_text(file, "process file")?;
     Job::parse(&text, &file.display().to_string()).map_err(|error| AnalysisError::Input(error.to_string()))
 }
 
-/// Puts a process file in, for a machine that moves.
+/// Adds a process file to the setup of a machine that moves.
 ///
 /// # Errors
-/// As [`read_process`]; a machine whose load nobody measures, or with the virtual clock a file without stock.
+/// As [`read_process`]; a machine without load measurement, or a file without stock with the virtual clock.
 pub fn install_process_file(setup: &mut Setup, file: &Path, clock: Clock) -> Result<(), AnalysisError> {
     let job = read_process(file)?;
     install_process(setup, job, &file.display().to_string(), clock)
 }
 
-/// Puts a process in; `name` names it in errors.
+/// Adds a process to the setup; `name` identifies it in errors.
 ///
 /// # Errors
-/// A machine whose load nobody measures, or with the virtual clock a process without stock.
+/// A machine without load measurement, or a process without stock with the virtual clock.
 pub(crate) fn install_process(
     setup: &mut Setup,
     job: Job,
@@ -55,11 +55,11 @@ pub(crate) fn install_process(
     Ok(())
 }
 
-/// Tells the files of `--process` apart, for commands that move nothing: a process file of turning cycles goes into the
-/// set-up, a case file of `evolvent chatter` is returned.
+/// Distinguishes the files of `--process` for commands without motion: a process file of turning cycles is
+/// added to the setup, a case file of `evolvent chatter` is returned.
 ///
 /// # Errors
-/// As [`read_process`]; two of a kind.
+/// As [`read_process`]; two files of one kind.
 pub fn sort_process_files<'a>(
     setup: &mut Setup,
     files: &'a [PathBuf],
@@ -92,10 +92,10 @@ pub fn sort_process_files<'a>(
     Ok(case)
 }
 
-/// Reads and checks a file of adaptive feed control, for a control period.
+/// Reads and checks a file of adaptive feed control for a control period.
 ///
 /// # Errors
-/// A file that cannot be read, keys that are unknown, missing or make no sense.
+/// An unreadable file, or keys that are unknown, missing or invalid.
 pub fn read_adaptive(file: &Path, period_ns: u64) -> Result<AdaptiveSettings, AnalysisError> {
     let name = file.display().to_string();
     let text = read_text(file, "adaptive file")?;

@@ -1,15 +1,15 @@
-//! A folder for the time of a command.
+//! A temporary directory.
 
 use std::path::{Path, PathBuf};
 
-/// A folder of its own among the temporary ones; removed at the end.
+/// A unique temporary directory, removed on drop.
 pub(crate) struct Folder(PathBuf);
 
 impl Folder {
-    /// A new folder, whose name begins as said.
+    /// Creates a directory whose name begins with the given prefix.
     ///
     /// # Errors
-    /// The temporary folder cannot be written to.
+    /// The temporary directory is not writable.
     pub(crate) fn new(name: &str) -> std::io::Result<Self> {
         for number in 0..1000 {
             let folder = std::env::temp_dir().join(format!("{name}-{}-{number}", std::process::id()));
@@ -22,7 +22,7 @@ impl Folder {
         Err(std::io::Error::other("no room for a folder in the temporary one"))
     }
 
-    /// Where it is.
+    /// The path.
     pub(crate) fn path(&self) -> &Path {
         &self.0
     }
@@ -30,7 +30,7 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // What cannot be removed is left to who keeps the temporary folder.
+        // A directory that cannot be removed is left to the system's cleanup.
         let _left = std::fs::remove_dir_all(&self.0);
     }
 }

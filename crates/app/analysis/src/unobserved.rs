@@ -1,8 +1,8 @@
-//! Runs that nobody watches.
+//! Runs without an observer.
 
 use evolvent_runtime::{Controls, Notice, RunObserver};
 
-/// Drops what a run tells.
+/// Discards the events of a run.
 pub(crate) struct Unobserved;
 
 impl RunObserver for Unobserved {

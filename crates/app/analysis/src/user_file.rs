@@ -1,4 +1,5 @@
-//! User-written files: regular ones only, within a time limit, as long as such a file can be. Results: whole files or none.
+//! User-written files: regular files only, with a time limit and a maximum size. Results are written
+//! atomically.
 
 use std::io::Write as _;
 use std::path::Path;
@@ -7,13 +8,13 @@ use evolvent_config::read_regular;
 
 use crate::error::AnalysisError;
 
-/// Longest file of settings, bytes: as of the machine file.
+/// Maximum size of a settings file, bytes: as for the machine file.
 const MAX_FILE_BYTES: u64 = 1 << 20;
 
-/// The text of a file of settings; `kind` names it in errors.
+/// The text of a settings file; `kind` names it in errors.
 ///
 /// # Errors
-/// A file that cannot be read in time, is no regular file, is too long, or is no text.
+/// A file that cannot be read in time, is not a regular file, is too long, or is not text.
 pub fn read_text(file: &Path, kind: &str) -> Result<String, AnalysisError> {
     let usage = |what: String| AnalysisError::Input(format!("{}: {what}", file.display()));
     let bytes = read_regular(file, MAX_FILE_BYTES).map_err(|error| {
@@ -32,10 +33,10 @@ pub fn read_text(file: &Path, kind: &str) -> Result<String, AnalysisError> {
     })
 }
 
-/// Writes a file so that there is the old one or the whole new one, never a part: beside it, then renamed.
+/// Writes a file atomically: into a temporary file beside it, which is then renamed.
 ///
 /// # Errors
-/// The folder cannot be written to, or the disk is full.
+/// The directory is not writable, or the disk is full.
 pub fn write_whole(file: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let mut name = std::ffi::OsString::from(".");
     name.push(file.file_name().unwrap_or_default());
@@ -47,7 +48,7 @@ pub fn write_whole(file: &Path, bytes: &[u8]) -> std::io::Result<()> {
         std::fs::rename(&beside, file)
     });
     if written.is_err() {
-        // Nothing to add if this fails too: the first error says why.
+        // A second failure adds nothing: the first error gives the cause.
         let _ = std::fs::remove_file(&beside);
     }
     written

@@ -1,4 +1,4 @@
-//! The numbers of the blocks, and the involute beside other paths.
+//! The geometry of the blocks, and a comparison of the involute with other paths.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -16,12 +16,12 @@ use crate::load_setup::load_setup;
 use crate::scratch::Folder;
 use crate::unobserved::Unobserved;
 
-/// By how much the polyline of the Archimedean spiral may leave it, mm.
+/// Maximum deviation of the polyline from the Archimedean spiral, mm.
 const POLYLINE_MM: f64 = 0.001;
-/// Tolerance within which every path of the comparison is blended, mm, where none is asked for.
+/// Blending tolerance of every path of the comparison, mm, if the request has none.
 const BLEND_MM: f64 = 0.01;
 
-/// The six numbers of a block (12), (13), and what they follow from.
+/// The six numbers of a block (12), (13), and the values derived from them.
 pub(crate) fn block_json(block: &HoleBlock) -> Value {
     let figures = &block.figures;
     let involute = matches!(block.curve, Curve::Involute(_));
@@ -67,7 +67,7 @@ pub(crate) fn pass_json(title: &str, z_mm: f64, feed_mm_min: f64, pass: &HolePas
     })
 }
 
-/// The first pass of a hole beside other paths that clear it.
+/// The first pass of a hole compared with other paths that clear it.
 #[derive(Debug, Default)]
 pub struct BoreComparison {
     feed_mm_min: f64,
@@ -79,14 +79,14 @@ pub struct BoreComparison {
 struct Alternative {
     name: &'static str,
     length_mm: Option<f64>,
-    /// What keeps it from being used, or what it costs.
+    /// A limitation or drawback of the path.
     remark: String,
-    /// Time under the machine's limits, s.
+    /// Duration under the machine's limits, s.
     time_s: Option<f64>,
     program: Option<String>,
 }
 
-/// What is compared.
+/// Input of the comparison.
 pub(crate) struct Comparison<'a> {
     pub(crate) pass: &'a HolePass,
     pub(crate) hole_mm: f64,
@@ -97,11 +97,11 @@ pub(crate) struct Comparison<'a> {
 }
 
 impl Comparison<'_> {
-    /// The involute and three other paths from the same start to the same circle, once round at the end; with a machine
-    /// also the time of each, planned under its limits.
+    /// Compares the involute with three other paths from the same start to the same circle, each with a full
+    /// circle at the end. With a machine, the duration of each path is planned under its limits.
     ///
     /// # Errors
-    /// A machine file that is wrong, or a path that the machine cannot go.
+    /// An invalid machine file, or a path that the machine cannot follow.
     pub(crate) fn alternatives(&self, machine: Option<&Path>) -> Result<BoreComparison, AnalysisError> {
         let pass = self.pass;
         let (radius, turns) = (pass.radius_mm, pass.turns);
@@ -167,7 +167,7 @@ impl Comparison<'_> {
         })
     }
 
-    /// A helix clears a hole in one go where the tool covers its middle; its turns go down, not out.
+    /// A helix clears a hole in one pass if the tool covers the centre; its turns lead down, not outwards.
     fn helix(&self, radius: f64) -> Alternative {
         let covers = self.tool_mm >= 0.5 * self.hole_mm;
         let fits = covers && self.depth_mm > 0.0;
@@ -244,8 +244,8 @@ impl Comparison<'_> {
         self.text(from, &text)
     }
 
-    /// The machine stands at the start already: only the path itself is timed. The others are about the
-    /// machine's zero, wherever the hole is.
+    /// The machine is already at the start: only the path itself is timed. The paths are placed around the
+    /// machine zero, wherever the hole is.
     fn text(&self, from: [f64; 2], path: &str) -> String {
         let tolerance = self.tolerance_mm.unwrap_or(BLEND_MM);
         format!(
@@ -255,7 +255,7 @@ impl Comparison<'_> {
     }
 }
 
-/// Time that a path takes under the limits of a machine, s: without the way to its start.
+/// Duration of a path under the limits of a machine, s, without the approach to its start.
 fn planned_s(setup: &Setup, name: &str, text: &str) -> Result<f64, AnalysisError> {
     let failed = |error: &dyn std::fmt::Display| AnalysisError::Failed(format!("{name}: {error}"));
     let folder = Folder::new("evolvent-bore").map_err(|error| failed(&error))?;
@@ -274,7 +274,7 @@ fn planned_s(setup: &Setup, name: &str, text: &str) -> Result<f64, AnalysisError
         optional_stop: false,
         stop_at_program_stops: false,
     };
-    // The path begins behind the dwell, in line 4.
+    // The path begins after the dwell, in line 4.
     let mut cycles = 0_u64;
     let outcome = evolvent_runtime::run(&job, &Arc::new(Controls::new(1.0)), &mut Unobserved, |setpoint| {
         cycles += u64::from(setpoint.line > 3);

@@ -1,8 +1,8 @@
 //! Part programs that mill a hole along involutes.
 //!
-//! Climb milling of a hole with a spindle that turns clockwise (M3) goes round counter-clockwise (G3, G3.2);
-//! conventional milling goes round clockwise (G2, G2.2). All coordinates are those of the tool's centre; tool
-//! compensation is not used.
+//! With a clockwise spindle (M3), climb milling of a hole runs counter-clockwise (G3, G3.2) and conventional
+//! milling clockwise (G2, G2.2). All coordinates are those of the tool centre; cutter compensation is not
+//! used.
 
 mod comparison;
 
@@ -19,69 +19,69 @@ pub use comparison::BoreComparison;
 use crate::error::AnalysisError;
 use comparison::{Comparison, pass_json};
 
-/// Clearance above material, in mm, down to which the tool is lowered in rapid.
+/// Clearance above the material at which the rapid downward move ends, mm.
 const CLEARANCE_MM: f64 = 1.0;
 
-/// A hole to mill, and how.
+/// A hole and the way it is milled.
 #[derive(Clone, Debug)]
 pub struct BoreRequest {
     /// Diameter of the hole, mm.
     pub hole_mm: f64,
     /// Diameter of the tool, mm.
     pub tool_mm: f64,
-    /// Climb or conventional, with M3.
+    /// Climb or conventional milling, with M3.
     pub milling: Milling,
     /// X and Y of the hole's centre, mm.
     pub centre_mm: [f64; 2],
     /// Z of the hole's top, mm.
     pub top_mm: f64,
-    /// Depth below the top, mm; 0 runs once at the top, for a trial.
+    /// Depth below the top, mm; 0 makes one pass at the top, as a trial.
     pub depth_mm: f64,
-    /// Largest step in depth, mm; none is the whole depth.
+    /// Maximum depth per pass, mm; `None` mills the whole depth at once.
     pub step_mm: Option<f64>,
-    /// Height above the top for moves in rapid, mm.
+    /// Height of rapid moves above the top, mm.
     pub safe_mm: f64,
-    /// How it is roughed; none where that has been done before.
+    /// Roughing; `None` if the hole is already roughed.
     pub roughing: Option<BoreRoughing>,
-    /// How its wall is finished; none where it is not.
+    /// Finishing of the wall; `None` omits it.
     pub finishing: Option<BoreFinishing>,
-    /// Feed of the tool's centre, mm/min.
+    /// Feed of the tool centre, mm/min.
     pub feed_mm_min: f64,
-    /// Feed of finishing, mm/min; none is the same.
+    /// Feed of finishing, mm/min; `None` uses the same feed.
     pub finish_feed_mm_min: Option<f64>,
-    /// Feed of plunging, mm/min.
+    /// Plunge feed, mm/min.
     pub plunge_feed_mm_min: f64,
-    /// Speed of the spindle, rev/min.
+    /// Spindle speed, rev/min.
     pub spindle_rpm: f64,
-    /// The tool to change to (T, M6); none is no change.
+    /// Tool number for T and M6; `None` omits the tool change.
     pub tool_number: Option<u32>,
-    /// Blend corners within this tolerance (G64 P), mm; none is the exact path (G61).
+    /// Blending tolerance (G64 P), mm; `None` selects the exact path (G61).
     pub tolerance_mm: Option<f64>,
 }
 
-/// How a hole is roughed: out along an involute, and once round.
+/// Roughing outwards along an involute, followed by a full circle.
 #[derive(Clone, Copy, Debug)]
 pub struct BoreRoughing {
-    /// Largest radial pitch of the involute, mm per turn.
+    /// Maximum radial pitch of the involute, mm per turn.
     pub pitch_mm: f64,
-    /// Turns of the whole involute; none is as many as the pitch needs.
+    /// Turns of the whole involute; `None` derives them from the pitch.
     pub turns: Option<u32>,
-    /// Material that is left on the wall, mm.
+    /// Material left on the wall, mm.
     pub allowance_mm: f64,
-    /// Where it starts.
+    /// Where the involute starts.
     pub start: HoleStart,
 }
 
-/// How a wall is finished: involute approach, once round, mirrored departure.
+/// Finishing of a wall: involute approach, full circle, mirrored departure.
 #[derive(Clone, Copy, Debug)]
 pub struct BoreFinishing {
-    /// Turns of the whole involute: 1 or 2 are usual.
+    /// Turns of the whole involute, usually 1 or 2.
     pub turns: u32,
-    /// Where the approach starts; none is half way out.
+    /// Where the approach starts; `None` starts half way out.
     pub start: Option<HoleStart>,
 }
 
-/// Why there is no program.
+/// Why no program could be made.
 #[derive(Debug, thiserror::Error)]
 pub enum BoreError {
     /// The hole cannot be milled as requested.
@@ -90,9 +90,9 @@ pub enum BoreError {
     /// A number that is not positive and finite.
     #[error("{name} {value} is impossible: give a positive, finite number")]
     Number {
-        /// Which one: `feed`, `finish-feed`, `plunge-feed`, `spindle`, `safe`, `tolerance` or `top`.
+        /// Name of the number: `feed`, `finish-feed`, `plunge-feed`, `spindle`, `safe`, `tolerance` or `top`.
         name: &'static str,
-        /// What was given.
+        /// The value given.
         value: f64,
     },
 }
@@ -101,7 +101,7 @@ pub enum BoreError {
 struct Level {
     pass: HolePass,
     z: f64,
-    /// Down to where the tool may go in rapid.
+    /// Z at which the rapid downward move ends.
     clear_z: f64,
     feed: f64,
     title: &'static str,
@@ -115,10 +115,10 @@ pub struct BoreProgram {
 }
 
 impl BoreProgram {
-    /// Works the passes out.
+    /// Computes the passes.
     ///
     /// # Errors
-    /// What is impossible, with its numbers.
+    /// What is impossible, with the numbers that make it so.
     pub fn new(request: BoreRequest) -> Result<Self, BoreError> {
         let positive = [
             ("feed", Some(request.feed_mm_min)),
@@ -182,13 +182,14 @@ impl BoreProgram {
         if let Some(finishing) = &request.finishing {
             let start = match finishing.start {
                 Some(start) => start,
-                // Half way out: clear of the wall, with more than a quarter turn to build the force up.
+                // Half way out: clear of the wall, with more than a quarter turn for the cutting force to
+                // build up.
                 None => HoleStart::CurvatureRadius(0.5 * hole.path_radius_mm(0.0)?),
             };
             let feed = request.finish_feed_mm_min.unwrap_or(request.feed_mm_min);
             for &z in &depths {
                 let pass = hole.finish(finishing.turns, 0.0, start, &resting(z))?;
-                // In what roughing has cleared the tool may come down in rapid, elsewhere it plunges.
+                // In the roughed area the tool moves down in rapid, elsewhere it plunges.
                 let cleared = pass.blocks.first().zip(roughed_mm).is_some_and(|(block, limit)| {
                     let [x, y] = block.figures.start_mm;
                     x.hypot(y) <= limit
@@ -210,16 +211,16 @@ impl BoreProgram {
         })
     }
 
-    /// The blocks of all passes, in their order.
+    /// The blocks of all passes in order.
     pub fn blocks(&self) -> impl Iterator<Item = &HoleBlock> {
         self.levels.iter().flat_map(|level| &level.pass.blocks)
     }
 
-    /// The first pass beside half circles, an Archimedean spiral and a helix; with a machine file also the time of
-    /// each, planned under the machine's limits.
+    /// Compares the first pass with half circles, an Archimedean spiral and a helix. With a machine file, the
+    /// duration of each path is planned under the machine's limits.
     ///
     /// # Errors
-    /// A machine file that is wrong, or a path that the machine cannot go.
+    /// An invalid machine file, or a path that the machine cannot follow.
     pub fn compare(&self, machine: Option<&Path>) -> Result<BoreComparison, AnalysisError> {
         let Some(first) = self.levels.first() else {
             return Ok(BoreComparison::default());
@@ -236,7 +237,8 @@ impl BoreProgram {
         comparison.alternatives(machine)
     }
 
-    /// The numbers of every block (phi0, psi, radii of curvature, length) as one object, and the comparison.
+    /// The geometry of every block (phi0, psi, radii of curvature, length) and the comparison as a JSON
+    /// object.
     #[must_use]
     pub fn json(&self, comparison: Option<&BoreComparison>) -> Value {
         let request = &self.request;
@@ -371,7 +373,7 @@ fn title(role: Role) -> &'static str {
     }
 }
 
-/// One block as a line of the program.
+/// One block as a program line.
 fn line(block: &HoleBlock, feed: f64) -> String {
     let (start, end) = (block.curve.start(), block.curve.end());
     let involute = matches!(block.curve, Curve::Involute(_));
@@ -395,8 +397,8 @@ fn line(block: &HoleBlock, feed: f64) -> String {
     )
 }
 
-/// A number as the shortest decimal that reads back as the same bits, never with an exponent; what is below
-/// 1e-15 is a rounding and reads as zero.
+/// A number as the shortest decimal that reads back as the same bits, never with an exponent. Magnitudes
+/// below 1e-15 are rounding errors and print as zero.
 fn word(value: f64) -> String {
     if value.abs() < 1e-15 {
         "0".to_owned()

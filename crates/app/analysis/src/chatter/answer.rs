@@ -1,4 +1,4 @@
-//! What is computed of a case of self-oscillation.
+//! The results computed for a case of self-oscillation.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -13,33 +13,33 @@ use super::transient::{Transient, transient};
 use super::{CaseLaws, ChatterRequest};
 use crate::error::AnalysisError;
 
-/// Columns of a map that one thread computes together.
+/// Columns of a map computed together by one thread.
 const STRIP: usize = 25;
 
-/// Everything that pictures and reports show.
+/// All results that pictures and reports show.
 pub(crate) struct Answer {
     pub(crate) asked: OscillationCase,
     pub(crate) tool: CuttingTool,
     pub(crate) laws: CaseLaws,
     pub(crate) assessment: Assessment,
-    /// Nearest stable speeds below and above, m/min; only where the cut is not stable.
+    /// Nearest stable speeds below and above, m/min; only if the cut is not stable.
     pub(crate) stable_m_min: [Option<f64>; 2],
     pub(crate) fits: Option<Vec<(Measure, Vec<Fit>)>>,
     pub(crate) sweep: Vec<SweepPoint>,
-    /// A map for each feed, cells column by column (speeds), from the lowest depth up.
+    /// One map per feed; cells column by column (speed), from the lowest depth up.
     pub(crate) maps: Vec<(f64, Vec<MapCell>)>,
-    /// Of the kick, where one was requested.
+    /// Response to the impulse, if one was requested.
     pub(crate) transient: Option<Transient>,
     pub(crate) assumptions: Vec<String>,
 }
 
-/// The cycles at a speed.
+/// The limit cycles at one speed.
 pub(crate) struct SweepPoint {
     pub(crate) speed_m_min: f64,
-    /// None where there is no steady cut or no force.
+    /// `None` without a steady cut or without force.
     pub(crate) growth_per_s: Option<f64>,
     pub(crate) verdict: Option<Verdict>,
-    /// Amplitude of V2, m; frequency, Hz; whether it is stable. The largest first.
+    /// Amplitude of V2, m, frequency, Hz, and stability of each cycle, largest first.
     pub(crate) cycles: Vec<(f64, f64, bool)>,
 }
 
@@ -111,7 +111,7 @@ pub(crate) fn answer(
     })
 }
 
-/// What the result rests on: shown wherever it is.
+/// The assumptions of the result; shown with every output.
 fn assumptions(
     asked: &OscillationCase,
     tool: &CuttingTool,
@@ -151,7 +151,7 @@ fn assumptions(
     all
 }
 
-/// Calls `each` for 0 to `count`, on as many threads as there are processors; results in order.
+/// Calls `each` for 0 to `count` on as many threads as there are processors; returns the results in order.
 fn in_parallel<T: Send>(
     count: usize,
     each: impl Fn(&mut Mapper, usize) -> T + Sync,
@@ -176,7 +176,7 @@ fn in_parallel<T: Send>(
         let others: Vec<_> = (1..threads).map(|_| scope.spawn(work)).collect();
         let mut all = work();
         for other in others {
-            // A thread that panicked has nothing to add; its columns stay empty.
+            // A thread that panicked contributes nothing; its columns stay empty.
             all.extend(other.join().unwrap_or_default());
         }
         all
@@ -208,7 +208,7 @@ fn sweep(asked: &OscillationCase, tool: CuttingTool, law: Laws<'_>) -> Vec<Sweep
 
 fn map(asked: &OscillationCase, tool: CuttingTool, law: Laws<'_>) -> Vec<MapCell> {
     let range = &asked.map;
-    // Cells lie around their middle.
+    // Cells are centred on their values.
     let middle = |range: [f64; 2], k: usize, count: usize| {
         range[0] + (range[1] - range[0]) * (k as f64 + 0.5) / count as f64
     };

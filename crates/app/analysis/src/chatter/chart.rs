@@ -1,4 +1,4 @@
-//! A plot area with scales, grid and names.
+//! A plot area with scales, grid and labels.
 
 use crate::figure::scale::{Scale, grouped, nice_ticks};
 use crate::figure::svg::{Anchor, Pen, Svg};
@@ -8,7 +8,7 @@ pub(crate) const STYLE: &str = "text{font:12px sans-serif;fill:#222}.title{font-
     .head{font-size:14px;font-weight:bold}.small{font-size:11px;fill:#555}.frame{fill:none;stroke:#999}\
     .grid{stroke:#e4e4e4}.zero{stroke:#888}.mark{fill:#fff;stroke:#222;stroke-width:1.5}\
     .here{stroke:#222;stroke-dasharray:4 3}";
-/// Stable, unstable, and the law.
+/// Colours of stable, unstable and the law.
 pub(crate) const STABLE: &str = "#1f5fa8";
 pub(crate) const UNSTABLE: &str = "#c8501e";
 
@@ -23,7 +23,7 @@ pub(crate) struct Chart {
 }
 
 impl Chart {
-    /// An area from `at` (left, top) of a size, for these ranges.
+    /// A plot area at `at` (left, top) with a size and value ranges.
     pub(crate) fn new(at: (f64, f64), size: (f64, f64), x: [f64; 2], y: [f64; 2]) -> Self {
         let (left, top) = at;
         let (right, bottom) = (left + size.0, top + size.1);
@@ -37,7 +37,7 @@ impl Chart {
         }
     }
 
-    /// Grid, frame, numbers and names.
+    /// Draws grid, frame, numbers and labels.
     pub(crate) fn frame(&self, svg: &mut Svg, head: &str, x: &str, y: &str) {
         self.grid(svg);
         self.border(svg, head, x, y);
@@ -57,7 +57,7 @@ impl Chart {
         }
     }
 
-    /// Frame, numbers and names, over what was drawn.
+    /// Draws frame, numbers and labels over the plot.
     pub(crate) fn border(&self, svg: &mut Svg, head: &str, x: &str, y: &str) {
         for tick in nice_ticks(self.x.low(), self.x.high(), 8) {
             svg.text(
@@ -88,7 +88,7 @@ impl Chart {
         (self.x.at(x), self.y.at(y))
     }
 
-    /// A line through points; broken where one is None, cut off at the frame's top and bottom.
+    /// Draws a line through points, interrupted at `None` and clipped at the top and bottom of the frame.
     pub(crate) fn line(
         &self,
         svg: &mut Svg,
@@ -116,12 +116,12 @@ impl Chart {
         svg.stroke(&pen, colour, width, more);
     }
 
-    /// A vertical line through the whole area.
+    /// Draws a vertical line through the whole area.
     pub(crate) fn upright(&self, svg: &mut Svg, x: f64) {
         svg.line((self.x.at(x), self.top), (self.x.at(x), self.bottom), "here");
     }
 
-    /// A band over a range of x.
+    /// Draws a band over a range of x.
     pub(crate) fn band(&self, svg: &mut Svg, from: f64, to: f64, colour: &str) {
         let (a, b) = (self.x.at(from).max(self.left), self.x.at(to).min(self.right));
         if b > a {
@@ -130,7 +130,7 @@ impl Chart {
     }
 }
 
-/// A range that holds all values with some room, none of it below `least`.
+/// A range that holds all values with a margin and does not extend below `least`.
 pub(crate) fn range_of(values: impl Iterator<Item = f64>, least: f64) -> [f64; 2] {
     let finite = values.filter(|value| value.is_finite());
     let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
@@ -143,7 +143,7 @@ pub(crate) fn range_of(values: impl Iterator<Item = f64>, least: f64) -> [f64; 2
     [(low - room).max(least), high + room]
 }
 
-/// The lines at the foot of a picture; the height of the whole.
+/// Draws the lines at the foot of a picture; returns the total height.
 pub(crate) fn foot(svg: &mut Svg, top: f64, lines: &[String]) -> f64 {
     svg.text((60.0, top), Anchor::Start, "head", "Assumed");
     let mut y = top;

@@ -1,4 +1,4 @@
-//! Stability lobes: what is computed, and their picture.
+//! Stability lobes: computation and picture.
 
 use evolvent_chatter::{Case, Chatter, ChatterError, ChatterKind, Limit, Lobes, MillingDelay};
 
@@ -13,12 +13,12 @@ const FLIP: &str = "#8a3ffc";
 pub(crate) struct LobeAnswer {
     /// "turning" or "milling".
     pub(crate) kind: &'static str,
-    /// Depths that are stable at every speed, mode by mode, the smallest first.
+    /// Depths that are stable at every speed, per mode, in ascending order.
     pub(crate) minima: Vec<Limit>,
-    /// Cuts in a revolution.
+    /// Cuts per revolution.
     pub(crate) cuts_per_rev: u32,
     pub(crate) points: Vec<LobePoint>,
-    /// The largest depth looked at, m.
+    /// Maximum depth considered, m.
     pub(crate) most_m: f64,
     /// Whether the delay equation was solved.
     pub(crate) exact: bool,
@@ -29,9 +29,9 @@ pub(crate) struct LobeAnswer {
 #[derive(Clone, Copy)]
 pub(crate) struct LobePoint {
     pub(crate) speed_rpm: f64,
-    /// By the frequency domain.
+    /// From the frequency domain.
     pub(crate) quick: Option<Limit>,
-    /// By the delay equation: depth, m, and what the cut does there.
+    /// From the delay equation: depth, m, and the kind of chatter there.
     pub(crate) exact: Option<(f64, Chatter)>,
 }
 
@@ -44,12 +44,12 @@ impl LobePoint {
         self.exact.map(|(depth, _)| depth)
     }
 
-    /// The limit that counts, m.
+    /// The decisive limit, m.
     pub(crate) fn limit_m(&self, exact: bool) -> Option<f64> {
         if exact { self.exact_m() } else { self.quick_m() }
     }
 
-    /// Kind and frequency, Hz, of the limit that counts. In the frequency domain only vibrations of their own are seen.
+    /// Kind and frequency, Hz, of the decisive limit. The frequency domain yields only Hopf limits.
     pub(crate) fn chatter(&self, exact: bool) -> Option<(ChatterKind, f64)> {
         if exact {
             self.exact
@@ -71,7 +71,7 @@ pub(crate) fn answers(case: &Case) -> Result<Vec<LobeAnswer>, AnalysisError> {
                 .to_owned(),
             "no falling force over speed, no process damping; amplitudes are not predicted".to_owned(),
         ];
-        // Both ways are exact for turning: the multiplier would only repeat the limit.
+        // Both methods are exact for turning: the multiplier would only repeat the limit.
         all.push(answer(case, turning, "turning", false, at, assumptions).map_err(failed)?);
     }
     if let Some(milling) = &case.milling {
@@ -123,7 +123,7 @@ fn answer(
             exact,
         })
     };
-    // Two halves on two threads, interleaved so that both take the same time.
+    // Two threads take interleaved halves, so that both take the same time.
     let count = case.lobes.points;
     let every_second = |first: usize| (first..count).step_by(2).map(point).collect::<Vec<_>>();
     let (even, odd) = std::thread::scope(|scope| {
@@ -179,7 +179,7 @@ pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
         let head = format!("Stability lobes, {}", answer.kind);
         chart.frame(&mut svg, &head, "spindle speed, rpm", &says);
         let line = |of: &dyn Fn(&LobePoint) -> Option<f64>| -> Vec<Option<(f64, f64)>> {
-            // Nothing found means above the picture.
+            // No limit found: it lies above the picture.
             let point =
                 |point: &LobePoint| (point.speed_rpm, of(point).map_or(2.0 * most, |depth| 1e3 * depth));
             answer.points.iter().map(|p| Some(point(p))).collect()

@@ -6,14 +6,14 @@ use super::answer::Answer;
 use super::chart::{Chart, STYLE, WIDTH, foot};
 use crate::figure::svg::{Anchor, Svg};
 
-/// Steps of the amplitude in colour.
+/// Colour steps of the amplitude.
 const TONES: usize = 9;
 const STABLE: &str = "#e9f3ec";
 const LOST: &str = "#7b5a86";
 const NONE: &str = "#cccccc";
-/// From small to large amplitude, where the cut vibrates by itself.
+/// From small to large amplitude, where the cut is self-excited.
 const EXCITED: [[f64; 3]; 2] = [[252.0, 216.0, 190.0], [166.0, 30.0, 20.0]];
-/// ... and where it is bistable.
+/// The same where the cut is bistable.
 const BISTABLE: [[f64; 3]; 2] = [[255.0, 244.0, 190.0], [196.0, 140.0, 0.0]];
 
 pub(crate) fn svg(case: &Case, answer: &Answer) -> String {
@@ -76,7 +76,7 @@ fn colour(cell: &MapCell, most: f64) -> String {
     }
 }
 
-/// Cells of one colour that touch in a column are one rectangle.
+/// Draws adjacent cells of one colour in a column as one rectangle.
 fn draw(svg: &mut Svg, chart: &Chart, range: &MapRange, cells: &[MapCell], most: f64) {
     let edge =
         |range: [f64; 2], k: usize, count: usize| range[0] + (range[1] - range[0]) * k as f64 / count as f64;
@@ -95,7 +95,7 @@ fn draw(svg: &mut Svg, chart: &Chart, range: &MapRange, cells: &[MapCell], most:
                 chart.y.at(edge(range.depth_mm, start, range.rows)),
                 chart.y.at(edge(range.depth_mm, k + 1, range.rows)),
             );
-            // A hair wider, so that no white shows between columns.
+            // Slightly wider, so that no gap shows between columns.
             svg.rect((left, above), (right - left + 0.3, below - above + 0.3), &here);
             start = k + 1;
         }

@@ -1,4 +1,4 @@
-//! Will this cut vibrate, how strongly, and at which speed not?
+//! Prediction of chatter: whether a cut vibrates, the amplitude, and the nearest stable speeds.
 
 mod answer;
 mod chart;
@@ -22,29 +22,29 @@ use crate::user_file::read_text;
 use answer::Answer;
 use lobes::LobeAnswer;
 
-/// What is computed of a case beside its verdict: each takes time.
+/// Optional results of a case beside the verdict; each takes time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChatterRequest {
-    /// Cycles over speed.
+    /// Limit cycles over speed.
     pub sweep: bool,
     /// Maps of speed and depth.
     pub maps: bool,
-    /// A kick followed in time.
+    /// An impulse whose response is simulated in time.
     pub kick: Option<ChatterKick>,
     /// The comparison with least squares in three stages.
     pub least_squares: bool,
 }
 
-/// A kick along the cutting speed.
+/// An impulse in the direction of the cutting speed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChatterKick {
-    /// Its velocity, m/s; none is 0.3 of what brings the cutting speed to the floor.
+    /// Its velocity, m/s; `None` uses 0.3 of the impulse that lowers the cutting speed to the minimum.
     pub velocity_m_s: Option<f64>,
-    /// For how long it is followed, s; none is until small vibrations have changed by e^4.
+    /// Simulated duration, s; `None` simulates until small vibrations have changed by the factor e^4.
     pub seconds: Option<f64>,
 }
 
-/// A case of self-oscillation or of stability lobes, computed.
+/// The computed results of a case of self-oscillation or of stability lobes.
 pub struct ChatterAnswer {
     case: Case,
     oscillation: Option<Answer>,
@@ -52,10 +52,10 @@ pub struct ChatterAnswer {
 }
 
 impl ChatterAnswer {
-    /// Computes a case; law files are read beside `case_file`.
+    /// Computes a case; law files are read from the directory of `case_file`.
     ///
     /// # Errors
-    /// A law that is wrong, or a case that has no answer.
+    /// An invalid law, or a case without a solution.
     pub fn new(case_file: &Path, case: Case, request: &ChatterRequest) -> Result<Self, AnalysisError> {
         let oscillation = match &case.oscillation {
             Some(asked) => {
@@ -72,31 +72,31 @@ impl ChatterAnswer {
         })
     }
 
-    /// The answer in words.
+    /// The answer as text.
     #[must_use]
     pub fn text(&self) -> String {
         report::text(&self.case, self.oscillation.as_ref(), &self.lobes)
     }
 
-    /// The answer as one object.
+    /// The answer as a JSON object.
     #[must_use]
     pub fn json(&self) -> Value {
         report::json(&self.case, self.oscillation.as_ref(), &self.lobes)
     }
 
-    /// Phase portrait, force over speed, and cycles over speed as one SVG; none without self-oscillation.
+    /// Phase portrait, force over speed, and cycles over speed as one SVG; `None` without self-oscillation.
     #[must_use]
     pub fn cycles_svg(&self) -> Option<String> {
         Some(picture::svg(&self.case, self.oscillation.as_ref()?))
     }
 
-    /// The maps of speed and depth as one SVG; none without self-oscillation.
+    /// The maps of speed and depth as one SVG; `None` without self-oscillation.
     #[must_use]
     pub fn map_svg(&self) -> Option<String> {
         Some(map::svg(&self.case, self.oscillation.as_ref()?))
     }
 
-    /// The kick as one SVG; none where none was followed.
+    /// The response to the impulse as one SVG; `None` if no impulse was requested.
     #[must_use]
     pub fn transient_svg(&self) -> Option<String> {
         let answer = self.oscillation.as_ref()?;
@@ -113,7 +113,7 @@ impl ChatterAnswer {
 /// Reads a case file.
 ///
 /// # Errors
-/// It cannot be read, or is wrong: with file, line and key.
+/// An unreadable or invalid file, with file, line and key.
 pub fn read_chatter_case(file: &Path) -> Result<Case, AnalysisError> {
     let text = read_text(file, "case file")?;
     Case::parse(&text, &file.display().to_string()).map_err(|error| AnalysisError::Input(error.to_string()))
@@ -128,7 +128,7 @@ fn law(case_file: &Path, asked: &OscillationCase) -> Result<(ForceLaw, LawDefini
 pub(crate) struct CaseLaws {
     law: ForceLaw,
     definition: LawDefinition,
-    /// Of the radial force, if it has one of its own.
+    /// The law of the radial force, if it has its own.
     radial: Option<(ForceLaw, LawDefinition)>,
 }
 
@@ -140,7 +140,7 @@ impl CaseLaws {
         }
     }
 
-    /// What is assumed of the radial force.
+    /// Describes the assumption about the radial force.
     pub(crate) fn radial_text(&self, asked: &OscillationCase) -> String {
         match &self.radial {
             Some((_, radial)) => format!("radial force by law {}: {}", radial.name, radial.description),

@@ -1,4 +1,4 @@
-//! The picture of a cut that may vibrate: phase portrait, force, and what happens over the speed.
+//! The picture of a cut that may vibrate: phase portrait, force, and cycles over speed.
 
 use evolvent_chatter::{Case, Model, Verdict};
 
@@ -82,7 +82,7 @@ fn portrait(svg: &mut Svg, answer: &Answer) {
     }
 }
 
-/// The force over the speed, and which part of it the vibration runs through.
+/// The force over the speed, with the part covered by the vibration.
 fn force(svg: &mut Svg, answer: &Answer) {
     let tool = &answer.tool;
     let Ok(section) = answer.laws.law.section(tool.feed_mm_rev) else {
@@ -139,7 +139,7 @@ fn bands(svg: &mut Svg, chart: &Chart, sweep: &[SweepPoint]) {
         [first, second, ..] => 0.5 * (second.speed_m_min - first.speed_m_min),
         _ => return,
     };
-    // Neighbours of one verdict are one band: no seams.
+    // Adjacent ranges with the same verdict form one band, without seams.
     let mut start = 0;
     for k in 0..sweep.len() {
         let ends = k + 1 == sweep.len() || sweep[k + 1].verdict != sweep[k].verdict;
@@ -161,7 +161,7 @@ fn bands(svg: &mut Svg, chart: &Chart, sweep: &[SweepPoint]) {
     }
 }
 
-/// Lines through the cycles of each kind: the largest stable, the largest unstable, and so on.
+/// Draws lines through the cycles of each kind: the largest stable, the largest unstable, and so on.
 fn cycles(svg: &mut Svg, chart: &Chart, sweep: &[SweepPoint], value: impl Fn(&(f64, f64, bool)) -> f64) {
     for stable in [false, true] {
         for rank in 0..4 {
@@ -209,7 +209,7 @@ fn amplitude(svg: &mut Svg, answer: &Answer) {
     cycles(svg, &chart, sweep, |cycle| 1e3 * cycle.0);
     chart.upright(svg, answer.tool.speed_m_min);
     let [slower, faster] = answer.stable_m_min;
-    // Rounded away from the border, as in the text.
+    // Rounded away from the stability limit, as in the text.
     let slower = slower.map(|at| (at, 0.1 * f64::floor(10.0 * at)));
     let faster = faster.map(|at| (at, 0.1 * f64::ceil(10.0 * at)));
     for (stable, said) in slower.into_iter().chain(faster) {
@@ -234,7 +234,7 @@ fn frequency(svg: &mut Svg, answer: &Answer) {
         .flat_map(|point| point.cycles.iter().map(|cycle| cycle.1));
     let [low, high] = range_of(all, 0.0);
     let middle = 0.5 * (low + high);
-    // A line that hardly moves shall look like one.
+    // A nearly constant line is drawn as constant.
     let half = (0.5 * (high - low)).max(1e-3 * middle);
     let chart = Chart::new(
         (70.0, 872.0),

@@ -56,7 +56,7 @@ fn sentence(assessment: &Assessment) -> &'static str {
     }
 }
 
-/// A length in mm as a drawing has it: to 0.1 um, without zeros behind.
+/// A length in mm as in a drawing: to 0.1 um, without trailing zeros.
 fn length(mm: f64) -> String {
     let text = format!("{mm:.4}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
@@ -110,7 +110,7 @@ fn oscillation_text(text: &mut String, case: &Case, answer: &Answer) -> std::fmt
         text.push_str(&transient.text());
     }
     if answer.assessment.verdict != Verdict::Stable {
-        // Rounded away from the border, so that what is read is stable.
+        // Rounded away from the stability limit, so that the printed value is stable.
         let rounded = |at: f64, round: fn(f64) -> f64| {
             let rpm = rpm(answer, at).map_or(String::new(), |rpm| format!(" ({:.0} rpm)", round(rpm)));
             format!("{:.1} m/min{rpm}", 0.1 * round(10.0 * at))
@@ -136,11 +136,11 @@ fn oscillation_text(text: &mut String, case: &Case, answer: &Answer) -> std::fmt
     assumptions_text(text, &answer.assumptions)
 }
 
-/// What was looked at, and what is not known.
+/// Appends the range examined and what remains unknown.
 fn evidence_text(text: &mut String, assessment: &Assessment) -> std::fmt::Result {
     for dropped in &assessment.dropped {
         let why = match &dropped.reason {
-            // What is there already need not be told.
+            // The identical cycle is already reported.
             DropReason::Duplicate => continue,
             DropReason::Landed => "in time it is another one".to_owned(),
             DropReason::Outside => "in time it lies beyond the model".to_owned(),
@@ -285,7 +285,7 @@ fn assumptions_text(text: &mut String, assumptions: &[String]) -> std::fmt::Resu
 
 fn lobe_text(text: &mut String, case: &Case, answer: &LobeAnswer) -> std::fmt::Result {
     writeln!(text, "{}: stability lobes, {}", case.name, answer.kind)?;
-    // Zero order promises too much; of several modes the first has the least limit.
+    // The zero-order solution is optimistic; of several modes the first has the lowest limit.
     let (first, next) = if answer.kind == "milling" {
         (
             "zero order: minimum limit",

@@ -1,4 +1,4 @@
-//! What a kick does: deflection over time, and its spiral in the phase plane.
+//! The response to an impulse: deflection over time, and its spiral in the phase plane.
 
 use evolvent_chatter::{Assessment, Case, CuttingTool, Fate, Follower, Laws, Model, State};
 use serde_json::{Value, json};
@@ -7,14 +7,14 @@ use super::answer::Answer;
 use super::chart::{Chart, STABLE, STYLE, UNSTABLE, WIDTH, foot, range_of};
 use crate::figure::svg::{Anchor, Svg};
 
-/// Size of a kick where none is asked for, of the largest that keeps the speed above the floor.
+/// Default size of the impulse, relative to the largest one that keeps the speed above the minimum.
 const DEFAULT_PART: f64 = 0.3;
-/// Periods of the slowest vibration that are shown, least and most.
+/// Minimum and maximum number of periods of the slowest vibration shown.
 const PERIODS: [f64; 2] = [30.0, 400.0];
-/// Points of a curve in the picture.
+/// Maximum number of points of a curve in the picture.
 const MAX_POINTS: usize = 8000;
 
-/// The motion after a kick along the cutting speed.
+/// The motion after an impulse in the direction of the cutting speed.
 pub(crate) struct Transient {
     kick_m_s: f64,
     fate: Fate,
@@ -22,7 +22,7 @@ pub(crate) struct Transient {
     samples: Vec<(f64, State)>,
 }
 
-/// Follows a kick, m/s: for `seconds`, or as long as small vibrations take to change by e^4.
+/// Simulates the response to an impulse, m/s, for `seconds`, or until small vibrations have changed by e^4.
 pub(crate) fn transient(
     tool: CuttingTool,
     laws: Laws<'_>,
@@ -59,7 +59,7 @@ fn fate_word(fate: &Fate) -> &'static str {
 }
 
 impl Transient {
-    /// What became of it, as a line of the report.
+    /// The outcome as a line of the report.
     pub(crate) fn text(&self) -> String {
         let fate = match &self.fate {
             Fate::DiesOut => "dies out".to_owned(),

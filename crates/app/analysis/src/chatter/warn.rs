@@ -1,4 +1,4 @@
-//! ChatterWarnings about cuts of a turning program that are predicted to vibrate.
+//! Warnings about cuts of a turning program that are predicted to vibrate.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -15,14 +15,14 @@ use serde::Serialize;
 use super::{CaseLaws, laws, read_chatter_case};
 use crate::error::AnalysisError;
 
-/// Places along a move at which it is looked at: facing changes the speed.
+/// Points of a move at which the cut is evaluated: facing changes the speed.
 const PLACES: usize = 5;
-/// Different cuts that are computed; a program with more is looked at up to there.
+/// Maximum number of different cuts computed; the rest of the program is not evaluated.
 const MAX_CUTS: usize = 20_000;
-/// Different cuts that are warned of.
+/// Maximum number of warnings.
 const MAX_WARNINGS: usize = 1000;
 
-/// A cut that is predicted not to be stable.
+/// A cut that is predicted to be unstable.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ChatterWarning {
     /// Line of the program.
@@ -33,17 +33,17 @@ pub struct ChatterWarning {
     pub speed_m_min: f64,
     /// Spindle speed, rpm.
     pub speed_rpm: f64,
-    /// Diameter that is cut, mm.
+    /// Diameter of the cut, mm.
     pub diameter_mm: f64,
     /// Feed, mm/rev.
     pub feed_mm_rev: f64,
     /// Depth of cut, mm.
     pub depth_mm: f64,
-    /// Where the depth is from.
+    /// Source of the depth.
     pub depth_from: &'static str,
-    /// Amplitude of V2 on the largest stable cycle, mm; 0 where there is none within the model.
+    /// Amplitude of V2 on the largest stable cycle, mm; 0 if the model has none.
     pub amplitude_mm: f64,
-    /// Nearest stable spindle speeds, slower and faster, rpm.
+    /// Nearest stable spindle speeds below and above, rpm.
     pub stable_rpm: [Option<f64>; 2],
 }
 
@@ -81,20 +81,20 @@ impl ChatterWarning {
     }
 }
 
-/// What was found, and what it rests on.
+/// The warnings and their assumptions.
 pub struct ChatterWarnings {
     found: Vec<ChatterWarning>,
     assumptions: String,
 }
 
 impl ChatterWarnings {
-    /// What was found, by line.
+    /// The warnings, ordered by line.
     #[must_use]
     pub fn found(&self) -> &[ChatterWarning] {
         &self.found
     }
 
-    /// A line for each, and one with what is assumed.
+    /// One line of text per warning, and one with the assumptions.
     #[must_use]
     pub fn text(&self, file_name: &str) -> String {
         let mut text = String::new();
@@ -107,10 +107,10 @@ impl ChatterWarnings {
     }
 }
 
-/// Looks at every cut of a turning program. Errors of the program are left to who reports them.
+/// Evaluates every cut of a turning program. Errors of the program are reported by the run, not here.
 ///
 /// # Errors
-/// `Usage` for a machine that is no lathe, or a case file that has no self-oscillation.
+/// `Usage` for a machine that is not a lathe, or a case file without self-oscillation.
 pub fn chatter_warnings(
     program: &Path,
     setup: &Setup,
@@ -192,9 +192,9 @@ struct Look<'a> {
     asked: &'a OscillationCase,
     laws: &'a CaseLaws,
     mapper: Mapper,
-    /// Cuts that were computed: speed, depth and feed, in parts of a thousand.
+    /// Cuts already computed: speed, depth and feed, in parts per thousand.
     known: BTreeMap<[i64; 3], MapCell>,
-    /// The worst of each line.
+    /// The worst warning of each line.
     found: BTreeMap<u32, ChatterWarning>,
 }
 
@@ -213,7 +213,7 @@ impl Look<'_> {
                 }
                 Spindle::Still => return,
             };
-            // A drill on the axis, a crawl: no cut that this model knows.
+            // Drilling on the axis or a crawl feed: outside the model.
             let speed_m_min = around * speed_rpm;
             let feed_mm_rev = 60.0 * motion.feed / speed_rpm;
             if !(speed_m_min > self.asked.tool.floor_m_min && feed_mm_rev.is_finite() && feed_mm_rev > 1e-4) {
@@ -260,7 +260,7 @@ impl Look<'_> {
                         "of the process file"
                     },
                     amplitude_mm: 1e3 * cell.amplitude_m,
-                    // Rounded away from the border.
+                    // Rounded away from the stability limit.
                     stable_rpm: [
                         stable[0].map(|speed| (speed / around).floor()),
                         stable[1].map(|speed| (speed / around).ceil()),
@@ -270,7 +270,7 @@ impl Look<'_> {
         }
     }
 
-    /// The prediction of a cut, computed once for cuts that are alike to a thousandth.
+    /// The prediction for a cut, computed once for cuts that agree to a thousandth.
     fn cell(&mut self, tool: CuttingTool) -> Option<MapCell> {
         let part = |value: f64| (1000.0 * value.ln()).round() as i64;
         let key = [
@@ -287,7 +287,8 @@ impl Look<'_> {
     }
 }
 
-/// Depths of a pass, mm, that lines with G82 D or G75 K give as plain numbers; none in a program that speaks of inches.
+/// Depths of cut, mm, given as plain numbers in lines with G82 D or G75 K; empty for programs that use
+/// inches.
 fn cycle_depths(program: &Path) -> BTreeMap<u32, f64> {
     let mut depths = BTreeMap::new();
     let Ok(file) = evolvent_config::open_regular(program) else {
@@ -320,7 +321,7 @@ fn cycle_depths(program: &Path) -> BTreeMap<u32, f64> {
     depths
 }
 
-/// Words of a line with plain numbers; comments and formulas are passed over.
+/// Words of a line with plain numbers; skips comments and expressions.
 fn words_of(line: &[u8]) -> Vec<(char, f64)> {
     let mut words = Vec::new();
     let mut in_comment = false;

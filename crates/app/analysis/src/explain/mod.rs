@@ -1,7 +1,7 @@
-//! Why the machine is as slow on a line as it is, and what would help.
+//! Why the machine is slow on a program line, and which change would help.
 //!
-//! Three sources: the setpoints of the line ([`Watch`]), the program around it ([`Surroundings`]), and plans made once
-//! more with one thing changed ([`Remedy`]): what helps is measured, not guessed.
+//! Three sources: the setpoints of the line ([`Watch`]), the surrounding program ([`Surroundings`]), and
+//! plans repeated with one change each ([`Remedy`]): the benefit of a change is measured, not estimated.
 
 mod remedy;
 mod surroundings;
@@ -18,7 +18,7 @@ use remedy::{Remedy, remedies};
 use surroundings::Surroundings;
 use watch::{Seen, Watch};
 
-/// All that is said of a line; displayed in sentences, or as JSON.
+/// The explanation of a line; displayed as text, or serialized as JSON.
 #[derive(Debug, Serialize)]
 pub struct Explanation {
     pub(crate) line: u32,
@@ -26,11 +26,11 @@ pub struct Explanation {
     pub(crate) program: Surroundings,
     #[serde(flatten)]
     pub(crate) seen: Seen,
-    /// Why it is slow, in sentences.
+    /// Why the line is slow, in sentences.
     pub(crate) reasons: Vec<String>,
-    /// What would help, measured.
+    /// Changes that help, measured.
     pub(crate) remedies: Vec<Remedy>,
-    /// What would help, not measured.
+    /// Changes that may help, not measured.
     pub(crate) advice: Vec<String>,
 }
 
@@ -48,7 +48,7 @@ impl Explanation {
     }
 }
 
-/// Explains one line of a program, from the setpoints of its plan.
+/// Explains one program line from the setpoints of its plan.
 pub struct LineExplainer {
     line: u32,
     program: Surroundings,
@@ -56,10 +56,10 @@ pub struct LineExplainer {
 }
 
 impl LineExplainer {
-    /// Reads what the program says around the line.
+    /// Reads the program around the line.
     ///
     /// # Errors
-    /// The program cannot be opened, or has no such line.
+    /// The program cannot be opened, or does not have the line.
     pub fn new(line: u32, job: &Job, machine: &Machine, period_s: f64) -> Result<Self, AnalysisError> {
         let program = Surroundings::read(&job.program, &job.setup, line).map_err(AnalysisError::failed)?;
         if line > program.lines {
@@ -76,13 +76,13 @@ impl LineExplainer {
         })
     }
 
-    /// Takes the next setpoint, with the feed word of its block in mm/s; none on rapids.
+    /// Takes the next setpoint, with the feed word of its block in mm/s; `None` on rapids.
     pub fn see(&mut self, setpoint: &Setpoint, feed_word_mm_s: Option<f64>) {
         self.watch.see(setpoint, feed_word_mm_s);
     }
 
-    /// The explanation. Where the plan `is_whole` it is made again with one thing changed at a time, to measure what
-    /// helps: nothing can be compared with a plan that failed.
+    /// The explanation. If the plan `is_whole`, it is repeated with one change at a time to measure the
+    /// benefit; a plan that failed cannot be compared.
     #[must_use]
     pub fn finish(self, job: &Job, is_whole: bool) -> Explanation {
         let is_measured = is_whole && !self.watch.is_empty();

@@ -1,4 +1,4 @@
-//! What would help: the program planned again with one thing changed.
+//! Remedies: the program planned again with one change.
 
 use std::sync::Arc;
 
@@ -12,19 +12,19 @@ use super::watch::Seen;
 use crate::limiting::{Limiting, Order};
 use crate::unobserved::Unobserved;
 
-/// Plans are made again for so many changes at most.
+/// Maximum number of changes that are planned.
 const MOST: usize = 3;
-/// A cause below this share of the line's time is not worth a plan.
+/// Causes below this share of the line's duration are not planned.
 const WORTH: f64 = 0.05;
 
-/// One change and what came of it.
+/// One change and its effect.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Remedy {
-    /// What was changed.
+    /// The change.
     pub(crate) change: String,
-    /// Time on the line with it.
+    /// Duration of the line with the change.
     pub(crate) time_s: f64,
-    /// Time of the whole program with it.
+    /// Duration of the whole program with the change.
     pub(crate) program_s: f64,
 }
 
@@ -36,7 +36,7 @@ enum Change {
     Rate,
 }
 
-/// Plans the program again for what limits the line most.
+/// Plans the program again for the causes that limit the line most.
 pub(crate) fn remedies(job: &Job, line: u32, program: &Surroundings, seen: &Seen) -> Vec<Remedy> {
     candidates(job, program, seen)
         .into_iter()
@@ -68,7 +68,7 @@ fn candidates(job: &Job, program: &Surroundings, seen: &Seen) -> Vec<Change> {
             _ => {}
         }
     }
-    // The tolerance of the machine file can be changed here, one of the program cannot.
+    // The tolerance of the machine file can be changed here, a programmed one cannot.
     let default = |corner: Corner| matches!(corner, Corner::WithinDefault(_));
     let blended = program.moves.iter().any(|block| default(block.corner_after))
         || program
@@ -82,7 +82,7 @@ fn candidates(job: &Job, program: &Surroundings, seen: &Seen) -> Vec<Change> {
     changes
 }
 
-/// A description, and the job with the change.
+/// The description of a change, and the changed job.
 fn changed(job: &Job, change: Change) -> Option<(String, Job)> {
     let mut job = job.clone();
     let text = match change {
@@ -113,7 +113,7 @@ fn changed(job: &Job, change: Change) -> Option<(String, Job)> {
     Some((text, job))
 }
 
-/// Seconds on the line and in all; none if the plan fails.
+/// Seconds on the line and in total; `None` if the plan fails.
 fn timed(job: &Job, line: u32) -> Option<(f64, f64)> {
     let controls = Arc::new(Controls::new(job.feed_override));
     let (mut on_line, mut all) = (0_u64, 0_u64);

@@ -1,4 +1,4 @@
-//! What the program says on a line and around it.
+//! The program at a line and around it.
 
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader};
@@ -11,12 +11,12 @@ use serde::Serialize;
 
 use crate::feed_words::feed_word;
 
-/// Moves on each side whose lengths are looked at.
+/// Moves on each side whose lengths are considered.
 const CHAIN: usize = 20;
-/// Longest source line that is shown, characters.
+/// Maximum length of the source line shown, characters.
 const SHOWN: usize = 120;
 
-/// How a corner is taken.
+/// The path mode at a corner.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Corner {
@@ -24,9 +24,9 @@ pub(crate) enum Corner {
     Exact,
     /// G61.1: a stop after every move.
     Stop,
-    /// G64 P, from the program.
+    /// G64 P with the programmed tolerance.
     Within(f64),
-    /// G64 without P: the machine file's tolerance.
+    /// G64 without P: the tolerance of the machine file.
     WithinDefault(f64),
 }
 
@@ -37,7 +37,7 @@ pub(crate) struct Block {
     /// "rapid", "line", "arc" ...
     pub(crate) kind: &'static str,
     pub(crate) length_mm: f64,
-    /// Programmed feed, at most the machine's; none on rapids.
+    /// Programmed feed, limited to the machine's maximum; `None` on rapids.
     pub(crate) feed_mm_min: Option<f64>,
     pub(crate) corner_after: Corner,
 }
@@ -47,20 +47,20 @@ pub(crate) struct Block {
 pub(crate) struct Neighbour {
     #[serde(flatten)]
     pub(crate) block: Block,
-    /// Angle between the two moves; none where X, Y and Z do not move.
+    /// Angle between the two moves; `None` if X, Y and Z do not move.
     pub(crate) corner_degrees: Option<f64>,
-    /// What is done at rest in between, and on which line.
+    /// Action at standstill between the moves, and its line.
     pub(crate) rest: Option<(u32, String)>,
-    /// Mean length of the moves on that side, up to 20 of them.
+    /// Mean length of up to 20 moves on that side.
     pub(crate) mean_length_mm: f64,
 }
 
-/// A line and what surrounds it.
+/// A program line and its surroundings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(crate) struct Surroundings {
     /// The source text.
     pub(crate) text: String,
-    /// Lines of the program.
+    /// Number of lines of the program.
     pub(crate) lines: u32,
     /// The moves of the line in its first pass.
     pub(crate) moves: Vec<Block>,
@@ -84,7 +84,7 @@ impl Surroundings {
             ..Walk::default()
         };
         for command in Commands::open(program, setup)? {
-            // What is wrong with the program is reported by the run.
+            // Errors of the program are reported by the run.
             let Ok(command) = command else {
                 break;
             };
@@ -111,7 +111,7 @@ struct Walk {
     last: Option<(Block, Curve)>,
     rest: Option<(u32, String)>,
     after: Vec<f64>,
-    /// The first pass of the line is over.
+    /// The first pass of the line has ended.
     over: bool,
 }
 
@@ -200,7 +200,7 @@ fn corner(left: &Curve, right: &Curve) -> Option<f64> {
     Some(a.cross(&b).norm().atan2(a.dot(&b)).to_degrees())
 }
 
-/// What the axes must stand still for.
+/// The action for which the axes must stand still.
 fn at_rest(action: &Action) -> Option<String> {
     Some(match action {
         Action::Dwell { seconds } => format!("a dwell of {seconds} s"),
@@ -212,7 +212,7 @@ fn at_rest(action: &Action) -> Option<String> {
     })
 }
 
-/// The text of a line, and how many lines there are.
+/// The text of a line, and the number of lines.
 fn source(program: &Path, line: u32) -> io::Result<(String, u32)> {
     let mut reader = BufReader::with_capacity(256 * 1024, evolvent_config::open_regular(program)?);
     let (mut text, mut lines, mut fresh) = (Vec::new(), 0_u32, true);
@@ -221,7 +221,7 @@ fn source(program: &Path, line: u32) -> io::Result<(String, u32)> {
         if chunk.is_empty() {
             break;
         }
-        // A line may be as long as the file: only its beginning is kept.
+        // A line can be as long as the file: only its beginning is kept.
         let end = chunk.iter().position(|byte| *byte == b'\n');
         let used = end.map_or(chunk.len(), |end| end + 1);
         if fresh {

@@ -1,4 +1,5 @@
-//! What the setpoints of one program line say: speeds, time, causes, and where the line is slow.
+//! Evaluation of the setpoints of one program line: speeds, duration, causes, and the places where it is
+//! slow.
 
 use evolvent_machine::Machine;
 use evolvent_motion::{Setpoint, flags};
@@ -6,20 +7,20 @@ use serde::Serialize;
 
 use crate::limiting::{LimitClassifier, Limiting, Order, Shares, bend};
 
-/// A speed has risen again when it is this much above the lowest.
+/// The speed counts as risen again above this factor of the minimum.
 const RISEN: f64 = 1.01;
-/// Setpoints around the slowest one in which the nearest limit is looked for: at the turn from braking to speeding up
-/// nothing is at its limit for an instant.
+/// Setpoints around the minimum that are searched for the nearest limit: at the change from deceleration to
+/// acceleration no value is at its limit for an instant.
 const AROUND: usize = 4;
-/// A valley that near an end of the line, as a share of its length, belongs to the joint there. Within a rounded
-/// corner, which is half of this line's, it is the nearer end in any case.
+/// A minimum within this share of the line's length from an end belongs to the joint there. A minimum within
+/// a rounded corner, half of which belongs to this line, always belongs to the nearer end.
 const NEAR: f64 = 0.1;
-/// Valleys of one pass that are remembered; more only repeat themselves.
+/// Maximum number of minima stored per pass; further ones only repeat the pattern.
 const VALLEYS: usize = 64;
-/// Slower than this share of the feed word is worth a place of its own.
+/// A place slower than this share of the feed word is reported.
 const SLOW: f64 = 0.97;
 
-/// Where in a line.
+/// Position within the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Where {
@@ -28,12 +29,12 @@ pub(crate) enum Where {
     End,
 }
 
-/// A limit and how much of it is used.
+/// A limit and its utilization.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Used {
     /// What limits.
     pub(crate) limit: String,
-    /// How much is used, 1 for all.
+    /// Utilization, 1 at the limit.
     pub(crate) share: f64,
     /// The limit's value and unit.
     pub(crate) value: f64,
@@ -48,33 +49,33 @@ pub(crate) struct Place {
     #[serde(rename = "where")]
     pub(crate) at: Where,
     pub(crate) time_s: f64,
-    /// Positions of the machine's axes in their order.
+    /// Positions of the machine's axes in order.
     pub(crate) position: Vec<f64>,
     pub(crate) feed_mm_min: f64,
-    /// Radius of curvature; none where the path is straight or at rest.
+    /// Radius of curvature; `None` on straight paths and at standstill.
     pub(crate) radius_mm: Option<f64>,
-    /// The limits used most around there, most first.
+    /// The limits with the highest utilization around the place, in descending order.
     pub(crate) used: Vec<Used>,
 }
 
-/// What was seen of a line.
+/// The evaluation of a line.
 #[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct Seen {
     pub(crate) time_s: f64,
     pub(crate) share_of_program: f64,
-    /// How often the line was passed.
+    /// Number of passes of the line.
     pub(crate) passes: u64,
     pub(crate) least_feed_mm_min: f64,
     pub(crate) mean_feed_mm_min: f64,
     pub(crate) most_feed_mm_min: f64,
-    /// Share of the line's time limited by each cause, most first.
+    /// Share of the line's duration limited by each cause, in descending order.
     pub(crate) limited_by: Vec<(String, f64)>,
     #[serde(skip)]
     pub(crate) causes: Vec<(Limiting, f64)>,
     pub(crate) places: Vec<Place>,
 }
 
-/// One setpoint of the line, as far as it is needed later.
+/// The part of a setpoint that is needed later.
 #[derive(Clone, Copy, Debug)]
 struct Glimpse {
     setpoint: Setpoint,
@@ -82,7 +83,7 @@ struct Glimpse {
     word: Option<f64>,
 }
 
-/// Gathers what is to be said of one line while the program is planned.
+/// Evaluates one line while the program is planned.
 pub(crate) struct Watch {
     line: u32,
     machine: Machine,
@@ -98,15 +99,15 @@ pub(crate) struct Watch {
     recent: Vec<Glimpse>,
     falling: bool,
     lowest: Option<Valley>,
-    /// Where the pass began, mm of path.
+    /// Path length at which the pass began, mm.
     began_mm: f64,
-    /// Valleys of the present pass.
+    /// Speed minima of the current pass.
     valleys: Vec<Valley>,
-    /// The slowest of each kind.
+    /// The slowest minimum of each kind.
     found: Vec<Valley>,
 }
 
-/// A place of least speed with what surrounds it.
+/// A speed minimum with its surroundings.
 #[derive(Clone, Debug)]
 struct Valley {
     at: Where,
@@ -164,7 +165,7 @@ impl Watch {
         }
     }
 
-    /// Takes every setpoint of the run and the feed word of its block.
+    /// Takes every setpoint of the run with the feed word of its block.
     pub(crate) fn see(&mut self, setpoint: &Setpoint, word: Option<f64>) {
         self.all += 1;
         if setpoint.line != self.line {
@@ -206,7 +207,7 @@ impl Watch {
                 .as_ref()
                 .is_some_and(|valley| feed > RISEN * valley.slowest.setpoint.feed_mm_s)
         {
-            // It has risen again: that was a valley. The next one begins where it falls again.
+            // The speed has risen again: the minimum is complete. The next one begins when the speed falls.
             self.keep_lowest();
             self.falling = false;
         }
@@ -224,7 +225,7 @@ impl Watch {
         self.recent.push(glimpse);
     }
 
-    /// The line has been left: now it is known where on it its valleys lie.
+    /// The line has ended: the positions of its minima are now known.
     fn leave(&mut self) {
         if self.falling {
             self.keep_lowest();
@@ -273,12 +274,12 @@ impl Watch {
         }
     }
 
-    /// Whether the line had any setpoint.
+    /// Whether the line has no setpoints.
     pub(crate) fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    /// What there is to say.
+    /// The evaluation.
     pub(crate) fn finish(mut self) -> Seen {
         if self.last_sequence.take().is_some() {
             self.leave();
@@ -315,7 +316,7 @@ impl Watch {
     fn place(&self, valley: &Valley) -> Place {
         let setpoint = &valley.slowest.setpoint;
         let (speed, curvature) = bend(setpoint);
-        // Below a thousandth of the axes' speed, curvature is rounding.
+        // Below a thousandth of the axes' speed, the curvature is a rounding error.
         let fastest = self
             .machine
             .axes
@@ -338,7 +339,7 @@ impl Watch {
         }
     }
 
-    /// Limits of which at least half is used, most first.
+    /// Limits with a utilization of at least one half, in descending order.
     fn used(&self, shares: &Shares) -> Vec<Used> {
         let mut used = Vec::new();
         for axis in &self.machine.axes {

@@ -7,12 +7,12 @@ use super::surroundings::{Block, Corner, Neighbour, Surroundings};
 use super::watch::{Place, Seen, Where};
 use crate::limiting::{Limiting, Order};
 
-/// A corner below this angle is none, degrees.
+/// Corners below this angle are ignored, degrees.
 const SLIGHT_DEGREES: f64 = 0.5;
-/// Stretches shorter than this are worth a word, mm.
+/// Moves shorter than this are mentioned, mm.
 const SHORT_MM: f64 = 2.0;
 
-/// Why the line is slow, and what to do that cannot be measured here.
+/// Why the line is slow, and advice that cannot be measured here.
 pub(super) fn reasons(program: &Surroundings, seen: &Seen) -> (Vec<String>, Vec<String>) {
     let (mut reasons, mut advice) = (Vec::new(), Vec::new());
     let share = |cause: Limiting| {

@@ -1,8 +1,9 @@
-//! The picture of a plan: the path coloured by feed and by what limits it; feed, and velocity, acceleration and jerk
-//! of every axis over time between their limits.
+//! The picture of a plan: the path coloured by feed and by active limit; feed, and velocity, acceleration and
+//! jerk of every axis over time with their limits.
 //!
-//! A run may have millions of setpoints. Over time they are gathered in buckets that keep the extremes
-//! ([`Strips`]), along the path in points that keep its shape ([`Trail`]); so the file stays small and no peak is lost.
+//! A run can have millions of setpoints. Over time they are reduced to buckets that keep the extremes
+//! ([`Strips`]), along the path to points that keep its shape ([`Trail`]): the file stays small, and every
+//! peak is shown.
 
 mod palette;
 pub(crate) mod scale;
@@ -21,7 +22,7 @@ use svg::{Anchor, Pen, Svg};
 use trail::{Trail, TrailPoint};
 
 const WIDTH: f64 = 1200.0;
-/// Plot area of everything over time.
+/// Plot area of the diagrams over time.
 const LEFT: f64 = 168.0;
 const RIGHT: f64 = 1132.0;
 /// Plot areas of the two views of the path.
@@ -30,23 +31,23 @@ const VIEW_HEIGHTS: (f64, f64) = (130.0, 500.0);
 const FEED_HEIGHT: f64 = 120.0;
 const BAND_HEIGHT: f64 = 30.0;
 const STRIP_HEIGHT: f64 = 54.0;
-/// A strip shows a little more than the limits.
+/// Scale of a strip relative to the limits.
 const BEYOND: f64 = 1.15;
-/// Points of the path.
+/// Maximum number of points of the path.
 const POINTS: usize = 12_000;
-/// What a published setpoint may exceed: rounding, and the noise of third differences.
+/// Permitted excess of a published setpoint: rounding, and the noise of third differences.
 const TOLERATED: [f64; 3] = [1.001, 1.001, 1.02];
-/// Causes that the legend names.
+/// Maximum number of causes in the legend.
 const NAMED: usize = 14;
 
 const STYLE: &str = "text{font:12px sans-serif;fill:#222}.title{font-size:19px;font-weight:bold}\
     .head{font-size:14px;font-weight:bold}.axis{font-size:20px;font-weight:bold}.small{font-size:11px;fill:#555}\
     .bad{font-size:11px;fill:#c00;font-weight:bold}.frame{fill:none;stroke:#999}.grid{stroke:#e4e4e4}\
     .limit{stroke:#c00;stroke-dasharray:5 3}.zero{stroke:#bbb}.mark{fill:#fff;stroke:#222;stroke-width:1.5}";
-/// Fill of velocity, acceleration and jerk.
+/// Colours of velocity, acceleration and jerk.
 const ORDERS: [&str; 3] = ["#3a7d2c", "#1f5fa8", "#8a5a9e"];
 
-/// Gathers what is drawn while a plan is computed.
+/// Collects the data of the picture while a plan is computed.
 pub struct PlanFigure {
     machine: Machine,
     period_s: f64,
@@ -56,7 +57,7 @@ pub struct PlanFigure {
 }
 
 impl PlanFigure {
-    /// Of a machine, with setpoints this far apart, s.
+    /// A picture for a machine, with the control period in s.
     #[must_use]
     pub fn new(machine: &Machine, period_s: f64) -> Self {
         Self {
@@ -68,7 +69,7 @@ impl PlanFigure {
         }
     }
 
-    /// Takes the next setpoint, its feed word (none on rapids) and what limits it.
+    /// Takes the next setpoint, its feed word (`None` on rapids) and its active limit.
     pub fn see(&mut self, setpoint: &Setpoint, word: Option<f64>, cause: Limiting) {
         self.strips.see(setpoint, word, cause);
         let rapid = setpoint.flags & flags::RAPID != 0;
@@ -104,7 +105,7 @@ impl PlanFigure {
         svg.finish(y + 34.0, STYLE)
     }
 
-    /// The plane in which the program mostly lies: indices of the axes to the right and up.
+    /// The main plane of the program: indices of the horizontal and the vertical axis.
     fn plane(points: &[TrailPoint]) -> (usize, usize) {
         let span = |i: usize| {
             let range = extent(points.iter().map(|point| point.position[i]));
@@ -124,7 +125,7 @@ impl PlanFigure {
         let (x0, x1) = extent(points.iter().map(|point| point.position[i]));
         let (y0, y1) = extent(points.iter().map(|point| point.position[j]));
         let width = VIEWS[0].1 - VIEWS[0].0;
-        // Equal scales; a long and flat part gets a flat view.
+        // Equal scales; a long, flat part gets a flat view.
         let (dx, dy) = (x1 - x0, y1 - y0);
         let per_px = (1.06 * dx / width).max(1.06 * dy / VIEW_HEIGHTS.1).max(1e-6);
         let height = (1.06 * dy / per_px).clamp(VIEW_HEIGHTS.0, VIEW_HEIGHTS.1);
@@ -197,7 +198,7 @@ impl PlanFigure {
         let pens = pens(FEED_TONES + 1, points, place, |point| {
             point.feed.map_or(FEED_TONES, tone)
         });
-        // Rapids first, then from fast to slow: what is slow is on top.
+        // Rapids first, then from fast to slow: slow sections are on top.
         svg.stroke(&pens[FEED_TONES], "#bbb", 1.0, "stroke-dasharray=\"4 3\"");
         for tone in (0..FEED_TONES).rev() {
             svg.stroke(&pens[tone], &feed_colour(tone), 1.8, "");
@@ -205,12 +206,12 @@ impl PlanFigure {
     }
 
     fn draw_by_cause(&self, svg: &mut Svg, points: &[TrailPoint], place: impl Fn(&TrailPoint) -> (f64, f64)) {
-        // Rapids thinner: they cross the work.
+        // Rapids are thinner: they cross the part.
         let pens = pens(2 * Limiting::COUNT, points, place, |point| {
             usize::from(point.cause) + if point.feed.is_none() { Limiting::COUNT } else { 0 }
         });
         let mut causes = self.strips.causes();
-        // What is usual below, what is rare on top.
+        // Frequent causes below, rare ones on top.
         causes.sort_by(|a, b| b.1.total_cmp(&a.1));
         for (cause, _) in causes {
             let colour = cause_colour(cause);
@@ -310,7 +311,7 @@ impl PlanFigure {
         };
         let (cutting, rapid) = (most(&|bucket| bucket.feed), most(&|bucket| bucket.rapid));
         let word = most(&|bucket| bucket.word);
-        // Neither rapids nor a feed word far above all that is reached may flatten everything else.
+        // Neither rapids nor a feed word far above the achieved feed may flatten the diagram.
         let reached = if cutting > 0.0 { cutting } else { rapid };
         let high = 60.0
             * reached
@@ -356,7 +357,7 @@ impl PlanFigure {
             .collect::<Vec<_>>();
         if !beyond.is_empty() {
             let text = format!("beyond the picture: {}", beyond.join(", "));
-            // Below: above the frame is the heading with its units.
+            // Below the frame: the heading with its units is above it.
             let below = top + FEED_HEIGHT + 14.0;
             svg.text((RIGHT, below), Anchor::End, "small", &text);
         }
@@ -364,7 +365,7 @@ impl PlanFigure {
         top + FEED_HEIGHT
     }
 
-    /// What limits over time: each bucket a column, divided as its setpoints are.
+    /// Active limits over time: each bucket is a column, divided in proportion to its setpoints.
     fn draw_band(&self, svg: &mut Svg, top: f64) -> f64 {
         svg.text((LEFT, top - 8.0), Anchor::Start, "head", "Limited by");
         svg.text(
@@ -489,7 +490,7 @@ impl PlanFigure {
     }
 }
 
-/// One pen for each colour: stretches of like colour in one element keep the file small.
+/// One pen per colour: sections of equal colour share one element to keep the file small.
 fn pens(
     count: usize,
     points: &[TrailPoint],
@@ -512,7 +513,7 @@ fn pens(
     pens
 }
 
-/// From where to where a cause reaches in the column of a bucket, as shares of its height from the top.
+/// The extent of a cause in the column of a bucket, as fractions of the height from the top.
 fn column(bucket: &Bucket, cause: Limiting) -> (f64, f64) {
     let whole = f64::from(bucket.count().max(1));
     let above: u32 = bucket.causes.iter().take(cause.index()).sum();
@@ -555,7 +556,7 @@ mod tests {
         assert!(svg.contains("empty &lt;&amp;&gt;") && !svg.contains("NaN") && !svg.contains("inf"));
     }
 
-    /// An hour at 1 kHz of what is worst for a small file: speed, cause and direction change all the time.
+    /// An hour at 1 kHz in the worst case for the file size: speed, cause and direction change all the time.
     #[test]
     fn an_hour_at_1_khz_is_a_file_of_less_than_two_megabytes() {
         let mut figure = PlanFigure::new(&mill(), 0.001);

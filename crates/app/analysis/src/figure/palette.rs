@@ -1,10 +1,10 @@
-//! Colours on white: distinct in print, dark for slow.
+//! Colours on white: distinguishable in print, dark for slow.
 
 use crate::limiting::Limiting;
 
-/// Steps of the colours of feed.
+/// Number of feed colours.
 pub(crate) const FEED_TONES: usize = 12;
-/// From slow to fast; lightness rises, so it is readable in grey as well.
+/// From slow to fast; lightness increases, so the picture is readable in greyscale.
 const SLOW_TO_FAST: [[f64; 3]; 5] = [
     [13.0, 8.0, 135.0],
     [106.0, 0.0, 168.0],
@@ -15,7 +15,7 @@ const SLOW_TO_FAST: [[f64; 3]; 5] = [
 /// Hue of each axis, X to W, degrees.
 const HUES: [f64; 9] = [355.0, 215.0, 275.0, 30.0, 185.0, 320.0, 60.0, 240.0, 95.0];
 
-/// Colour of a step of feed, 0 for the slowest.
+/// Colour of a feed step, 0 for the slowest.
 pub(crate) fn feed_colour(tone: usize) -> String {
     let at = tone as f64 / (FEED_TONES - 1) as f64 * (SLOW_TO_FAST.len() - 1) as f64;
     let k = (at as usize).min(SLOW_TO_FAST.len() - 2);
@@ -26,7 +26,7 @@ pub(crate) fn feed_colour(tone: usize) -> String {
     format!("#{:02x}{:02x}{:02x}", mix(0), mix(1), mix(2))
 }
 
-/// An axis has a hue; velocity is light, acceleration full, jerk dark.
+/// Each axis has a hue; velocity is light, acceleration saturated, jerk dark.
 pub(crate) fn cause_colour(cause: Limiting) -> String {
     match cause {
         Limiting::Feed => "#3fa34d".to_owned(),

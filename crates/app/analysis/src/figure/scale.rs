@@ -1,4 +1,4 @@
-//! Numbers to pixels, and the numbers that are written beside them.
+//! Conversion of values to pixels, and tick labels.
 
 /// A linear scale.
 #[derive(Clone, Copy, Debug)]
@@ -47,7 +47,7 @@ pub(crate) fn nice_ticks(low: f64, high: f64, count: usize) -> Vec<f64> {
         .unwrap_or(10.0 * power);
     let (first, last) = ((low / step).ceil() as i64, (high / step).floor() as i64);
     (first..=last.min(first + 50))
-        // Dividing by a whole number gives the decimal that is meant.
+        // Division by an integer yields the intended decimal.
         .map(|k| {
             if step < 1.0 {
                 k as f64 / (1.0 / step).round()
@@ -58,9 +58,9 @@ pub(crate) fn nice_ticks(low: f64, high: f64, count: usize) -> Vec<f64> {
         .collect()
 }
 
-/// A number with its thousands set apart by narrow spaces and no needless digits.
+/// A number with thin spaces between thousands and without redundant digits.
 pub(crate) fn grouped(value: f64) -> String {
-    // Six digits, whatever the size.
+    // Six significant digits.
     let digits = 10_f64.powi((5 - value.abs().max(1e-9).log10().floor() as i32).clamp(0, 6));
     let text = format!("{}", (value.abs() * digits).round() / digits);
     let (whole, rest) = text.split_once('.').map_or((text.as_str(), ""), |parts| parts);

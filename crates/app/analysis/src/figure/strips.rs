@@ -1,13 +1,14 @@
-//! What happens over time, in buckets of equal time that keep the extremes of their setpoints.
+//! Time series in buckets of equal duration that keep the extremes of their setpoints.
 //!
-//! When all buckets are full, neighbours are joined: an hour costs as much as a second, and no peak is lost.
+//! When all buckets are full, pairs of neighbours are merged: memory does not grow with the duration, and
+//! every peak is kept.
 
 use evolvent_machine::Machine;
 use evolvent_motion::{Setpoint, flags};
 
 use crate::limiting::Limiting;
 
-/// Buckets over time: one to two a pixel of the picture.
+/// Buckets over time: one to two per pixel of the picture.
 pub(crate) const BUCKETS: usize = 1024;
 
 /// Lowest and highest value.
@@ -33,7 +34,7 @@ impl Range {
         self.high = self.high.max(other.high);
     }
 
-    /// Whether anything was seen.
+    /// Whether the range has a value.
     pub(crate) fn is_some(self) -> bool {
         self.low <= self.high
     }
@@ -51,11 +52,11 @@ impl Range {
 /// Extremes over the setpoints of a bucket.
 #[derive(Clone, Debug)]
 pub(crate) struct Bucket {
-    /// Along the path but on rapids, mm/s.
+    /// Path speed except on rapids, mm/s.
     pub(crate) feed: Range,
-    /// Along the path on rapids, mm/s.
+    /// Path speed on rapids, mm/s.
     pub(crate) rapid: Range,
-    /// Feed words in force, mm/s.
+    /// Active feed words, mm/s.
     pub(crate) word: Range,
     /// Velocity, acceleration and jerk of each axis of the machine.
     pub(crate) axes: Vec<[Range; 3]>,
@@ -88,7 +89,7 @@ impl Bucket {
         }
     }
 
-    /// Setpoints in it.
+    /// Number of setpoints in the bucket.
     pub(crate) fn count(&self) -> u32 {
         self.causes
             .iter()
@@ -101,11 +102,11 @@ impl Bucket {
 pub(crate) struct Strips {
     axes: Vec<usize>,
     buckets: Vec<Bucket>,
-    /// Setpoints of a bucket, and of those in the last one.
+    /// Setpoints per bucket, and in the last one.
     width: u64,
     filled: u64,
     period_s: f64,
-    /// Setpoints in all, and those limited by each cause.
+    /// Total number of setpoints, and of those limited by each cause.
     seen: u64,
     causes: [u64; Limiting::COUNT],
 }
@@ -128,7 +129,7 @@ impl Strips {
             if self.buckets.len() == BUCKETS {
                 self.join_neighbours();
             }
-            // After joining, the last bucket may be only half full.
+            // After merging, the last bucket may be only half full.
             if self.buckets.is_empty() || self.filled == self.width {
                 self.buckets.push(Bucket::new(self.axes.len()));
                 self.filled = 0;
@@ -171,7 +172,7 @@ impl Strips {
         &self.buckets
     }
 
-    /// When a bucket begins, s; of the one after the last, the end of time.
+    /// Start of a bucket, s; for the index after the last one, the end.
     pub(crate) fn start_s(&self, bucket: usize) -> f64 {
         if bucket >= self.buckets.len() {
             return self.end_s();
@@ -183,7 +184,7 @@ impl Strips {
         self.seen as f64 * self.period_s
     }
 
-    /// Share of the time that is limited by each cause, most first; only what occurs.
+    /// Share of the time limited by each cause, in descending order; only causes that occur.
     pub(crate) fn causes(&self) -> Vec<(Limiting, f64)> {
         let mut causes: Vec<(Limiting, f64)> = self
             .causes

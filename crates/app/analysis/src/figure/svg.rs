@@ -1,8 +1,8 @@
-//! SVG text: only what a picture of a plan needs, in few bytes.
+//! A compact SVG writer with the elements that a picture of a plan needs.
 
 use std::fmt::Write as _;
 
-/// Where a text is held.
+/// Anchor of a text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Anchor {
     Start,
@@ -10,7 +10,7 @@ pub(crate) enum Anchor {
     End,
 }
 
-/// A picture as it grows.
+/// A picture under construction.
 #[derive(Debug)]
 pub(crate) struct Svg {
     body: String,
@@ -25,7 +25,7 @@ impl Svg {
         }
     }
 
-    /// The whole file; the height is known only when all is drawn.
+    /// The complete file; the height is known only after drawing.
     pub(crate) fn finish(self, height: f64, style: &str) -> String {
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w:.0}\" height=\"{height:.0}\" viewBox=\"0 0 {w:.0} \
@@ -78,7 +78,7 @@ impl Svg {
         ));
     }
 
-    /// A line of any colour along `pen`; nothing if the pen has drawn nothing.
+    /// Draws a line along `pen`; an empty pen draws nothing.
     pub(crate) fn stroke(&mut self, pen: &Pen, colour: &str, width: f64, more: &str) {
         if !pen.data.is_empty() {
             self.push(format_args!(
@@ -89,10 +89,10 @@ impl Svg {
         }
     }
 
-    /// The area within `pen`.
+    /// Fills the area within `pen`.
     pub(crate) fn fill(&mut self, pen: &Pen, colour: &str) {
         if !pen.data.is_empty() {
-            // A hair of outline keeps areas visible that are narrower than a pixel.
+            // A thin outline keeps areas visible that are narrower than a pixel.
             self.push(format_args!(
                 "<path d=\"{}\" fill=\"{colour}\" stroke=\"{colour}\" stroke-width=\".7\"/>\n",
                 pen.data
@@ -112,7 +112,7 @@ fn escaped(text: &str) -> String {
         .replace('>', "&gt;")
 }
 
-/// Path data in tenths of a pixel, relative: a third of the bytes of absolute decimals.
+/// Relative path data in tenths of a pixel: a third of the bytes of absolute decimals.
 #[derive(Debug, Default)]
 pub(crate) struct Pen {
     data: String,
@@ -155,7 +155,7 @@ impl Pen {
 }
 
 fn tenths(value: f64) -> i64 {
-    // What is not a number is drawn in the corner rather than not at all.
+    // A NaN is drawn in the corner.
     (10.0 * value).round().clamp(-1e7, 1e7) as i64
 }
 

@@ -1,28 +1,28 @@
-//! The path as few points, no farther from the true one than a tolerance.
+//! The path reduced to few points within a tolerance.
 //!
-//! A setpoint is kept where the path leaves a strip around the direction in which it left the last point that was
-//! kept, where it turns back, or where its colour changes. All that was left out lies within two tolerances of what is
-//! drawn. When there are too many points, the tolerance is doubled and the same is done with the points.
+//! A setpoint is kept where the path leaves a strip around its direction at the last kept point, where it
+//! reverses, or where its colour changes. All omitted points lie within two tolerances of the drawn path.
+//! When there are too many points, the tolerance is doubled and the points are reduced again.
 
-/// A point, and the colours of the stretch that begins at it.
+/// A point, and the colours of the section that begins at it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct TrailPoint {
     pub(crate) position: [f64; 3],
-    /// Speed along the path, mm/s; none on rapids.
+    /// Path speed, mm/s; `None` on rapids.
     pub(crate) feed: Option<f64>,
-    /// Number of a `Limiting`.
+    /// Index of a `Limiting`.
     pub(crate) cause: u8,
 }
 
 impl TrailPoint {
     fn colour(&self) -> (Option<u8>, u8) {
-        // Feeds of one colour differ by less than a twelfth: 12 colours are drawn over at least a factor of 2.
+        // Feeds of one colour differ by less than a twelfth: 12 colours cover at least a factor of 2.
         let step = |feed: f64| (8.0 * feed.max(1e-3).log2() + 80.0).clamp(0.0, 255.0) as u8;
         (self.feed.map(step), self.cause)
     }
 }
 
-/// Gathers the path.
+/// Reduces the path.
 #[derive(Debug)]
 pub(crate) struct Trail {
     points: Vec<TrailPoint>,
@@ -34,7 +34,7 @@ pub(crate) struct Trail {
 }
 
 impl Trail {
-    /// Of at most `most` points, not fewer than 8; `tolerance` above zero is only where it begins.
+    /// A trail of at most `most` points, and not fewer than 8; `tolerance`, above zero, is the initial one.
     pub(crate) fn new(most: usize, tolerance: f64) -> Self {
         Self {
             points: Vec::with_capacity(most.max(8)),
@@ -53,7 +53,7 @@ impl Trail {
         points
     }
 
-    /// How far what is drawn may be from the path, mm.
+    /// Maximum deviation of the drawn path, mm.
     pub(crate) fn tolerance(&self) -> f64 {
         2.0 * self.tolerance
     }
@@ -139,7 +139,7 @@ mod tests {
         }
     }
 
-    /// Distance from a stretch.
+    /// Distance from a section.
     fn off(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
         let (way, to) = (minus(b, a), minus(p, a));
         let share = (dot(way, to) / dot(way, way).max(1e-300)).clamp(0.0, 1.0);

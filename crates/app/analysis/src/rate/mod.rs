@@ -1,4 +1,4 @@
-//! The rational control rate of a machine, with that of each axis.
+//! The rational control rate of a machine and of each of its axes.
 
 mod point;
 
@@ -12,8 +12,8 @@ pub use point::{ChordPoint, ChordQuestion, ChordQuestionError};
 
 use crate::error::AnalysisError;
 
-/// The rational control rate: what the machine's own limits need so that no chord between two setpoints misses a curve by
-/// more than the permitted error (theory-control-rate in the documents).
+/// The rational control rate: the rate at which, under the machine's limits, no chord between two setpoints
+/// deviates from the curve by more than the permitted error (docs/theory-control-rate.md).
 #[derive(Clone, Debug)]
 pub struct RateReport {
     machine: Option<String>,
@@ -21,15 +21,15 @@ pub struct RateReport {
     rate: RationalRate,
     /// The limits of each linear axis alone.
     axis_inputs: Vec<(char, RateInput)>,
-    /// What each linear axis alone would need.
+    /// The rational control rate of each linear axis alone.
     axes: Vec<(char, RationalRate)>,
 }
 
 impl RateReport {
-    /// Of these limits; with a machine also for each of its linear axes alone.
+    /// Computes the rates for limits; with a machine, also for each of its linear axes alone.
     ///
     /// # Errors
-    /// A limit that is no positive number, or none at all.
+    /// A limit that is not positive, or no limit at all.
     pub fn new(machine: Option<&Machine>, input: &RateInput) -> Result<Self, AnalysisError> {
         let rate = rational_rate(input).map_err(AnalysisError::input)?;
         let axis_inputs = machine.map_or_else(Vec::new, |machine| axis_inputs(machine, input));
@@ -58,11 +58,11 @@ impl RateReport {
         figures_svg_of_axes(&self.input, &self.axis_inputs, self.name()).map_err(AnalysisError::failed)
     }
 
-    /// All numbers as one object; what is not limited is null.
+    /// All numbers as a JSON object; unlimited values are null.
     #[must_use]
     pub fn json(&self) -> Value {
         let (input, rate) = (&self.input, &self.rate);
-        // Numbers that are not limited are null.
+        // Unlimited numbers are null.
         let limit = |value: f64| {
             if value.is_finite() {
                 json!(value)
@@ -194,7 +194,7 @@ fn axis_inputs(machine: &Machine, input: &RateInput) -> Vec<(char, RateInput)> {
     alone.collect()
 }
 
-/// The rate and period that the loop would run at: fitted into its bounds.
+/// The rate and period of the control loop, within its bounds.
 fn fitted(rate: &RationalRate) -> (f64, u64) {
     let hz = rate.rate_hz.clamp(MIN_RATE_HZ, MAX_RATE_HZ);
     (hz, period_ns_of(hz))

@@ -1,4 +1,4 @@
-//! Chord and chord error of one rate, feed and radius, or the one of them that is missing.
+//! Chord and chord error for a rate, feed and radius, or the missing one of the three.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,8 @@ use evolvent_machine::{
 };
 use serde_json::{Value, json};
 
-/// One point of the paper's diagrams: any two of the three give the third at the permitted error, all three give the error.
+/// One point of the paper's diagrams: two of the three values yield the third at the permitted error, all
+/// three yield the error.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ChordQuestion {
     /// Control rate, Hz.
@@ -18,31 +19,31 @@ pub struct ChordQuestion {
     pub radius_mm: Option<f64>,
 }
 
-/// Why a point could not be worked out.
+/// Why a point could not be computed.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ChordQuestionError {
     /// A number that is not above 0, or too large.
     #[error("{name} {value} is impossible: give a number above 0 and up to {most:e}")]
     Impossible {
-        /// Which number: `rate`, `feed`, `radius`, `increments per mm` or `permitted error`.
+        /// Name of the number: `rate`, `feed`, `radius`, `increments per mm` or `permitted error`.
         name: &'static str,
-        /// What was given.
+        /// The value given.
         value: f64,
-        /// The largest that is accepted.
+        /// The maximum accepted.
         most: f64,
     },
-    /// Fewer than two of the three.
+    /// Fewer than two of the three values.
     #[error("give two of rate, feed and radius for the third, or all three for the chord error")]
     TooFew,
 }
 
-/// What was found for one rate, feed and radius.
+/// The result for one rate, feed and radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChordPoint {
     rate_hz: f64,
     feed_mm_min: f64,
     radius_mm: f64,
-    /// Which of the three was worked out.
+    /// The value that was computed.
     found: Option<&'static str>,
     chord_mm: f64,
     error_increments: f64,
@@ -52,16 +53,16 @@ pub struct ChordPoint {
 }
 
 impl ChordQuestion {
-    /// Whether any of the three is given.
+    /// Whether any of the three values is given.
     #[must_use]
     pub fn is_given(self) -> bool {
         self.rate_hz.is_some() || self.feed_mm_min.is_some() || self.radius_mm.is_some()
     }
 
-    /// Works the point out on the grid and with the permitted error of `input`.
+    /// Computes the point with the increments and the permitted error of `input`.
     ///
     /// # Errors
-    /// Fewer than two of the three, or numbers that make no sense.
+    /// Fewer than two of the three values, or invalid numbers.
     pub fn point(self, input: &RateInput) -> Result<ChordPoint, ChordQuestionError> {
         for (name, value, most) in [
             ("rate", self.rate_hz, 1e9),
@@ -103,7 +104,7 @@ impl ChordQuestion {
             radius_mm,
             found,
             chord_mm,
-            // Without a limit there is no point to tell an error of.
+            // Without a limit there is no point at which an error could be stated.
             error_increments: if chord_mm.is_finite() {
                 chord_error_increments(feed_mm_min / 60.0, rate_hz, radius_mm, k)
             } else {
@@ -118,11 +119,11 @@ impl ChordQuestion {
 
 impl ChordPoint {
     fn is_permitted(&self) -> bool {
-        // What was worked out lies on the limit, but for rounding.
+        // The computed value lies on the limit, except for rounding.
         self.found.is_some() || self.error_increments <= self.permitted
     }
 
-    /// As one object; what is infinite is null.
+    /// As a JSON object; infinite values are null.
     #[must_use]
     pub fn json(&self) -> Value {
         let number = |value: f64| {
@@ -214,7 +215,7 @@ mod tests {
         }
     }
 
-    /// Equation (1) as it is printed, in digits enough for it.
+    /// Equation (1) as printed in the paper, evaluated with sufficient precision.
     fn printed(rate: f64, feed: f64, radius: f64, k: f64) -> f64 {
         let (h, r) = (feed * k / (2.0 * 60.0 * rate), radius * k);
         r - (r * r - h * h).sqrt()

@@ -1,4 +1,4 @@
-//! The passes that were found, as a part program.
+//! The computed passes as a part program.
 
 use std::fmt::Write as _;
 
@@ -7,12 +7,12 @@ use evolvent_turning::{CutKind, Job};
 
 use super::trial::{Stretch, TurningTrial};
 
-/// A feed stretch shorter than this is joined to its neighbour, mm.
+/// Feed sections shorter than this are merged with a neighbour, mm.
 const SHORT_MM: f64 = 0.5;
-/// The same in rapid.
+/// The same for rapids.
 const TINY_MM: f64 = 0.06;
 
-/// RS274/NGC with X as the radius. It fits this stock only: no load is looked at.
+/// RS274/NGC with X as the radius. The program fits this stock only: it does not observe the load.
 pub(crate) fn program(trial: &TurningTrial) -> String {
     let (cut, settings) = (&trial.job.cut, &trial.job.settings);
     let mut text = String::new();
@@ -43,14 +43,15 @@ pub(crate) fn program(trial: &TurningTrial) -> String {
     text
 }
 
-/// The job as a program of one cycle that finds its passes: the tool comes in from outside, and goes back there.
+/// The job as a program of one self-programmed cycle: the tool approaches from outside and returns there.
 pub(crate) fn cycle_program(job: &Job, words: TurningWords) -> String {
     let (cut, settings) = (&job.cut, &job.settings);
     let (x, z) = cut.position_mm(0.0, settings.allowance_max_mm);
     let step_mm = settings.cone.map_or(settings.length_mm, |cone| cone.from_mm);
     let (end_x, end_z) = cut.position_mm(step_mm, 0.0);
     let (code, first, second) = match cut.kind {
-        // Before the face, then down to the stock, then up to the face; or straight to the stock's outside.
+        // In front of the face, down to the stock, then up to the face; or directly to the outside of the
+        // stock.
         CutKind::Longitudinal => {
             let before = z + settings.tool.overhang_mm() + settings.clear_along_mm;
             ("G82", format!("G0 Z{before}\nG0 X{x}"), format!("G0 Z{z}"))
@@ -60,7 +61,7 @@ pub(crate) fn cycle_program(job: &Job, words: TurningWords) -> String {
             ("G75", format!("G0 X{before}\nG0 Z{z}"), format!("G0 X{x}"))
         }
     };
-    // In G8 X is a radius, but for turning cycles of machines where it never is one there.
+    // In G8, X is a radius, except for turning cycles of machines that always program diameters.
     let unit = match words {
         TurningWords::Diameter => 2.0,
         TurningWords::Radius | TurningWords::Mode => 1.0,
@@ -79,7 +80,7 @@ pub(crate) fn cycle_program(job: &Job, words: TurningWords) -> String {
     )
 }
 
-/// Text that a comment can hold.
+/// Text that is valid in a comment.
 fn plain(name: &str) -> String {
     let shown = |c: char| {
         if c.is_ascii_graphic() && !matches!(c, '(' | ')') {
@@ -95,7 +96,8 @@ fn length(from: (f64, f64), to: (f64, f64)) -> f64 {
     (to.0 - from.0).hypot(to.1 - from.1)
 }
 
-/// Joins what is short: feeding starts and ends with many changes of feed, moves across with the end of braking.
+/// Merges short sections: a feed move starts and ends with many feed changes, a cross move with the end of
+/// deceleration.
 fn joined(stretches: &[Stretch], start: (f64, f64)) -> Vec<Stretch> {
     let mut list: Vec<(Stretch, f64)> = Vec::new();
     let mut from = start;

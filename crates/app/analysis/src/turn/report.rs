@@ -1,4 +1,4 @@
-//! The picture: passes over the stock, feed and load over time, time saved.
+//! The picture: passes over the stock, feed and load over time, and time saved.
 
 use std::fmt::Write as _;
 
@@ -12,7 +12,7 @@ const LEFT: f64 = 70.0;
 const RIGHT: f64 = 1070.0;
 const STOCK_HEIGHT: f64 = 250.0;
 const STRIP_HEIGHT: f64 = 150.0;
-/// Colours of passes, in turn.
+/// Colours of the passes, in rotation.
 const PASSES: [&str; 6] = ["#1f5fa8", "#c8501e", "#2e8b57", "#8b3fa8", "#b8860b", "#178a9e"];
 const STYLE: &str = "text{font:12px \
  sans-serif;fill:#222}.title{font-size:19px;font-weight:600}.head{font-size:14px;\
@@ -138,7 +138,7 @@ fn stock(svg: &mut Svg, trial: &TurningTrial, top: f64) -> f64 {
     top + STOCK_HEIGHT
 }
 
-/// What the colours of the passes are, at the right end of a heading.
+/// The legend of the pass colours, at the right end of a heading.
 fn key(svg: &mut Svg, passes: u32, y: f64) {
     let shown = (passes as usize).min(PASSES.len());
     let mut x = RIGHT;
@@ -201,7 +201,7 @@ fn strip(
     for mark in marks {
         svg.line((LEFT, up.at(*mark)), (RIGHT, up.at(*mark)), "set");
     }
-    // Lowest and highest of each pixel: no peak is lost.
+    // Minimum and maximum of each pixel: every peak is shown.
     let columns = (RIGHT - LEFT) as usize;
     let mut ranges: Vec<Option<(f64, f64)>> = vec![None; columns + 1];
     for sample in &trial.samples {
@@ -237,7 +237,7 @@ fn strip(
     top + STRIP_HEIGHT
 }
 
-/// Times against fixed passes.
+/// Durations compared with fixed passes.
 fn bars(svg: &mut Svg, trial: &TurningTrial, top: f64) -> f64 {
     svg.text(
         (LEFT, top - 12.0),
@@ -280,7 +280,7 @@ fn bars(svg: &mut Svg, trial: &TurningTrial, top: f64) -> f64 {
     y
 }
 
-/// The picture with the log of changes, as one page.
+/// The picture with the log of state changes, as one page.
 pub(crate) fn html(trial: &TurningTrial, machine: &str, svg: &str) -> String {
     let escape = |text: &str| {
         text.replace('&', "&amp;")

@@ -1,4 +1,4 @@
-//! A trial in words and as an object.
+//! A trial as text and as a JSON object.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::trial::TurningTrial;
 
-/// One line of the comparison: what, figures, time saved by the job in percent.
+/// One line of the comparison: label, values, time saved by the job in percent.
 pub(crate) fn comparison(trial: &TurningTrial) -> Vec<(&'static str, Figures, f64)> {
     let saved = |figures: &Figures| 100.0 * (1.0 - trial.figures.time_s / figures.time_s);
     trial
@@ -33,7 +33,7 @@ fn figures_object(figures: &Figures, set_load: f64) -> Value {
 }
 
 impl TurningTrial {
-    /// The trial in words; with `log` every change of state and its reason.
+    /// The trial as text; with `log`, every state change and its reason.
     #[must_use]
     pub fn text(&self, log: bool) -> String {
         let (figures, settings) = (&self.figures, &self.job.settings);

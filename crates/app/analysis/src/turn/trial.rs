@@ -1,4 +1,4 @@
-//! The job run as a program of one cycle, as every run is, and fixed passes beside it.
+//! The job run as a program of one cycle, as in any run, compared with fixed passes.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,34 +17,34 @@ use crate::load_setup::load_setup;
 use crate::process::install_process;
 use crate::scratch::Folder;
 
-/// Samples of the report, one in so many seconds.
+/// Interval between samples of the report, s.
 const SAMPLE_S: f64 = 0.01;
 
-/// One instant of the report.
+/// One sample of the report.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sample {
     pub(crate) time_s: f64,
     pub(crate) along_mm: f64,
     pub(crate) out_mm: f64,
     pub(crate) feed_mm_rev: f64,
-    /// Largest true load since the sample before.
+    /// Maximum true load since the previous sample.
     pub(crate) load: f64,
     pub(crate) feeds: bool,
     pub(crate) pass: u32,
 }
 
-/// A straight part of the tool's way.
+/// A straight section of the tool path.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Stretch {
     pub(crate) to_along_mm: f64,
     pub(crate) to_out_mm: f64,
-    /// Revolutions that it takes; none in rapid.
+    /// Revolutions during the section; `None` in rapid.
     pub(crate) turns: Option<f64>,
-    /// Along a cone: both axes move.
+    /// On a cone: both axes move.
     pub(crate) climbs: bool,
 }
 
-/// A job tried on its stock: what came out.
+/// The result of a job tried on its stock.
 pub struct TurningTrial {
     pub(crate) job: Job,
     pub(crate) blank: Blank,
@@ -58,31 +58,31 @@ pub struct TurningTrial {
     pub(crate) notes: Vec<String>,
     /// The machine's name.
     pub(crate) machine: String,
-    /// The stock is simulated, and so is the load.
+    /// Whether the stock and the load are simulated.
     pub(crate) is_simulated: bool,
-    /// Why it was stopped.
+    /// Why the run was stopped.
     pub(crate) fault: Option<String>,
 }
 
 /// How a trial is run.
 pub struct TurningRoute<'a> {
-    /// Virtual on the stock of the job, or in real time by the load on the bus.
+    /// Virtual clock with the stock of the job, or real time with the load on the bus.
     pub clock: Clock,
-    /// Where every cycle is recorded.
+    /// File in which every cycle is recorded.
     pub trace: Option<PathBuf>,
     /// Whether setpoints are published.
     pub bus: bool,
-    /// Prefix of the bus's files.
+    /// Prefix of the bus files.
     pub bus_prefix: Option<&'a str>,
-    /// Called before a run in real time starts, to stop it from outside.
+    /// Called before a run in real time starts; receives the controls that can stop it.
     pub on_start: &'a dyn Fn(&Arc<Controls>) -> Result<(), AnalysisError>,
 }
 
 impl TurningTrial {
-    /// Runs the job as a program of one turning cycle, as `evolvent run` would.
+    /// Runs the job as a program of one turning cycle, as `evolvent run` does.
     ///
     /// # Errors
-    /// A machine that is no lathe, a job that is wrong for it, or a run that cannot start.
+    /// A machine that is not a lathe, a job that does not suit it, or a run that cannot start.
     pub fn run(mut job: Job, machine: &Path, route: &TurningRoute<'_>) -> Result<Self, AnalysisError> {
         let usage = |text: String| AnalysisError::Input(text);
         let mut setup = load_setup(machine, None)?;
@@ -164,7 +164,7 @@ impl TurningTrial {
         let mut is_done = false;
         let outcome = run_seen(&job, &controls, &mut Silent(&mut self.notes), |seen| {
             let Some(output) = seen.turning else { return };
-            // Where no stock is simulated the load is the measured one.
+            // Without simulated stock, the load is the measured one.
             let now = seen.cut.unwrap_or(CutNow {
                 load: output.load,
                 ..CutNow::default()
@@ -242,7 +242,7 @@ impl TurningTrial {
             &settings.tool,
         )
         .unwrap_or(regime);
-        // On stock that is hard in places or not round the nominal feed would overload.
+        // On stock with hard sections or out-of-round stock, the nominal feed would overload.
         let run = |depth: f64, feed: f64| {
             let cut = (depth, feed);
             run_fixed_at_load(&settings, &self.blank, regime.law, cut, regime.set_load)
@@ -288,19 +288,19 @@ impl TurningTrial {
         }
     }
 
-    /// What the user should know of it.
+    /// Notes for the user.
     #[must_use]
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// Whether the job came to size.
+    /// Whether the job reached its final size.
     #[must_use]
     pub fn is_done(&self) -> bool {
         self.figures.done
     }
 
-    /// The passes that were found, as a part program for this stock.
+    /// The computed passes, as a part program for this stock.
     #[must_use]
     pub fn program(&self) -> String {
         super::passes::program(self)
@@ -312,13 +312,13 @@ impl TurningTrial {
         super::report::svg(self, &self.machine)
     }
 
-    /// The same as a page, with the figures.
+    /// The same as a page with the figures.
     #[must_use]
     pub fn html(&self) -> String {
         super::report::html(self, &self.machine, &self.svg())
     }
 
-    /// In a word.
+    /// The outcome in a word.
     pub(crate) fn outcome(&self) -> String {
         if self.figures.done {
             return "done".into();
@@ -328,7 +328,7 @@ impl TurningTrial {
     }
 }
 
-/// Keeps what the user should know.
+/// Collects the notes for the user.
 struct Silent<'a>(&'a mut Vec<String>);
 
 impl RunObserver for Silent<'_> {
@@ -339,7 +339,7 @@ impl RunObserver for Silent<'_> {
     }
 }
 
-/// Makes straight stretches of the cycles.
+/// Combines cycles into straight sections.
 #[derive(Default)]
 struct StretchWriter {
     kind: Option<(u8, bool, bool)>,
