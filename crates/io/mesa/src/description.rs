@@ -1,18 +1,18 @@
-//! What a board is: name, clocks, modules, pins, as it says itself.
+//! The description of a board as read from it: name, clocks, modules, pins.
 
 use thiserror::Error;
 
 /// The cookie of a HostMot2 configuration.
 const COOKIE: u32 = 0x55AA_CAFE;
-/// Modules and pins that a board may have.
+/// Maximum number of modules and pins of a board.
 const MAX_MODULES: usize = 32;
 const MAX_PINS: u32 = 144;
 
-/// Function tags of modules, by Mesa's register map.
+/// Function tags of modules, from Mesa's register map.
 pub mod tag {
     /// Watchdog.
     pub const WATCHDOG: u8 = 0x02;
-    /// Pins that are read and driven.
+    /// Digital inputs and outputs.
     pub const IO_PORT: u8 = 0x03;
     /// Quadrature counters.
     pub const ENCODER: u8 = 0x04;
@@ -58,17 +58,17 @@ pub struct Module {
     pub tag: u8,
     /// Version.
     pub version: u8,
-    /// Hz of its clock.
+    /// Clock frequency, Hz.
     pub clock_hz: u32,
-    /// How many there are.
+    /// Number of instances.
     pub instances: usize,
     /// Address of its first register.
     pub base: u16,
     /// Registers.
     pub registers: u8,
-    /// From one instance to the next, bytes.
+    /// Address distance of two instances, bytes.
     pub instance_stride: u16,
-    /// From one register to the next, bytes.
+    /// Address distance of two registers, bytes.
     pub register_stride: u16,
 }
 
@@ -82,33 +82,33 @@ impl Module {
     }
 }
 
-/// What is at a pin beside plain input and output.
+/// The secondary function of a pin, beside plain input and output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PinFunction {
-    /// Function of the module; 0 for none.
+    /// Function tag of the module; 0 for none.
     pub tag: u8,
     /// Which instance.
     pub unit: u8,
-    /// Which pin of the instance; bit 7: an output.
+    /// Pin number within the instance; bit 7 marks an output.
     pub pin: u8,
 }
 
-/// What a board is.
+/// The description of a board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Description {
-    /// Its name: "7I96S".
+    /// Its name, such as "7I96S".
     pub name: String,
-    /// Pins of one port.
+    /// Pins per port.
     pub port_width: u32,
     /// Ports.
     pub ports: usize,
-    /// Modules in their order.
+    /// Modules in register order.
     pub modules: Vec<Module>,
-    /// Pins in their order.
+    /// Pins in order.
     pub pins: Vec<PinFunction>,
 }
 
-/// Why what a board says describes none.
+/// Why the data read from a board are not a valid description.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DescriptionError {
     /// No HostMot2.
@@ -117,7 +117,7 @@ pub enum DescriptionError {
          none; write its bit file with `mesaflash`"
     )]
     Cookie {
-        /// What is there.
+        /// The value found.
         found: u32,
     },
     /// Another configuration.
@@ -128,7 +128,7 @@ pub enum DescriptionError {
         /// Its name.
         found: String,
     },
-    /// An IDROM that nobody has defined.
+    /// An unknown IDROM type.
     #[error(
         "the IDROM is of type {found}, and 2 or 3 are known: the firmware is newer than this software, or damaged"
     )]
@@ -136,7 +136,7 @@ pub enum DescriptionError {
         /// Its type.
         found: u32,
     },
-    /// A figure that cannot be.
+    /// An invalid value.
     #[error(
         "the IDROM says {what} {value}: the configuration is damaged; write its bit file again with `mesaflash`"
     )]
@@ -148,7 +148,7 @@ pub enum DescriptionError {
     },
 }
 
-/// How registers are read while a board is explored.
+/// Register access during discovery.
 pub(crate) trait Registers {
     type Error: From<DescriptionError>;
 
@@ -156,7 +156,7 @@ pub(crate) trait Registers {
 }
 
 impl Description {
-    /// Explores a board that calls itself `name`.
+    /// Reads the description of a board with the name `name`.
     pub(crate) fn explore<R: Registers>(name: String, registers: &mut R) -> Result<Self, R::Error> {
         let mut head = [0; 4];
         registers.read(0x0100, &mut head)?;
@@ -227,7 +227,7 @@ impl Description {
         self.modules.iter().find(|module| module.tag == tag)
     }
 
-    /// The pin at which a pin of a module is.
+    /// The board pin of a module pin.
     #[must_use]
     pub fn pin_of(&self, tag: u8, unit: usize, pin: u8) -> Option<usize> {
         let wanted = PinFunction {
@@ -238,7 +238,7 @@ impl Description {
         self.pins.iter().position(|function| *function == wanted)
     }
 
-    /// A list for people.
+    /// A listing as text.
     #[must_use]
     pub fn text(&self) -> String {
         let mut text = format!(

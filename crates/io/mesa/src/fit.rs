@@ -1,4 +1,4 @@
-//! Whether a board file fits a machine file.
+//! Checks that a board file fits a machine file.
 
 use evolvent_machine::{Machine, SignalKind};
 use evolvent_path::AxisLetter;
@@ -9,7 +9,7 @@ use crate::board_file::{Actuator, BoardSettings, InputSource, OutputTarget};
 /// Why a board file does not fit a machine file.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum FitError {
-    /// The board moves an axis that the machine has not.
+    /// The board moves an axis that the machine does not have.
     #[error(
         "an entry moves {letter}, which the machine file does not have: remove it, or add the axis there"
     )]
@@ -25,7 +25,7 @@ pub enum FitError {
         /// The axis.
         letter: char,
     },
-    /// The step times do not allow the largest velocity.
+    /// The step timing does not permit the maximum velocity.
     #[error(
         "{letter}: {needed:.0} steps/s needed, {possible:.0} possible: shorten step_length_ns or \
          step_space_ns if the drive permits, use fewer steps per unit, or lower max_velocity in the machine \
@@ -34,12 +34,12 @@ pub enum FitError {
     StepRate {
         /// The axis.
         letter: char,
-        /// Steps/s at the largest velocity.
+        /// Steps/s at the maximum velocity.
         needed: f64,
-        /// Steps/s by length and space.
+        /// Steps/s permitted by step length and space.
         possible: f64,
     },
-    /// The largest velocity is more than the drive has at full output.
+    /// The maximum velocity exceeds that of the drive at full output.
     #[error(
         "{letter}: a velocity of {needed:.3} per second needed, {possible:.3} possible at full output: \
          lower max_velocity in the \
@@ -48,12 +48,12 @@ pub enum FitError {
     FullVelocity {
         /// The axis.
         letter: char,
-        /// Of the machine file.
+        /// Value of the machine file.
         needed: f64,
-        /// Of the board file.
+        /// Value of the board file.
         possible: f64,
     },
-    /// A name that the machine file does not have.
+    /// A name that is not in the machine file.
     #[error(
         "`{name}` is not a {kind} {direction} of the machine file: correct the name, or add [[{direction}]] \
          there"
@@ -66,7 +66,7 @@ pub enum FitError {
         /// "input" or "output".
         direction: &'static str,
     },
-    /// A spindle that the machine file does not have.
+    /// A spindle that is not in the machine file.
     #[error("spindle {number} is not in the machine file: correct its number, or add [[spindle]] there")]
     NoSpindle {
         /// Its number.
@@ -82,7 +82,7 @@ fn letter_of(axis: usize) -> char {
 /// Compares axes, velocities and names of both files.
 ///
 /// # Errors
-/// The first thing that does not fit.
+/// The first mismatch.
 pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitError> {
     for axis in &board.axes {
         if !machine
@@ -168,7 +168,7 @@ pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitErro
     Ok(())
 }
 
-/// What fits, and people should know all the same: motors that are coarser than the machine's increments.
+/// Notes about a valid pair of files: motors that are coarser than the machine's increments.
 #[must_use]
 pub fn fit_notes(machine: &Machine, board: &BoardSettings) -> Vec<String> {
     let increments = machine.increments();

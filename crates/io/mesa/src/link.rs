@@ -12,7 +12,7 @@ use crate::packet::{MAX_PACKET, Packet, PacketFull, Reply, Space};
 
 /// The port of LBP16.
 pub const PORT: u16 = 27181;
-/// How long a board may take while it is explored, and how often it is asked.
+/// Timeout of one request during discovery, and the number of attempts.
 const PATIENCE: Duration = Duration::from_millis(100);
 const ATTEMPTS: u32 = 5;
 
@@ -24,7 +24,7 @@ pub enum LinkError {
     Socket {
         /// The board's address.
         address: IpAddr,
-        /// What the system said.
+        /// The error of the operating system.
         cause: String,
     },
     /// Nobody answers.
@@ -37,15 +37,15 @@ pub enum LinkError {
         /// The board's address.
         address: IpAddr,
     },
-    /// What it says makes no board.
+    /// The data read are not a valid description.
     #[error(transparent)]
     Description(#[from] DescriptionError),
-    /// More than a packet holds.
+    /// The commands exceed a packet.
     #[error(transparent)]
     Full(#[from] PacketFull),
 }
 
-/// A socket that speaks with one board.
+/// A socket connected to one board.
 #[derive(Debug)]
 pub struct Link {
     socket: UdpSocket,
@@ -53,10 +53,10 @@ pub struct Link {
 }
 
 impl Link {
-    /// A socket for a board at an address.
+    /// Opens a socket for the board at an address.
     ///
     /// # Errors
-    /// There is no way to that address.
+    /// There is no route to the address.
     pub fn open(address: IpAddr) -> Result<Self, LinkError> {
         let failed = |error: std::io::Error| LinkError::Socket {
             address,
@@ -78,24 +78,24 @@ impl Link {
         self.address
     }
 
-    /// Sends a packet. What does not leave is lost, as on any wire.
+    /// Sends a packet. A packet that cannot be sent counts as lost.
     pub fn send(&self, packet: &Packet) {
         let _lost = self.socket.send(packet.bytes());
     }
 
-    /// The next packet that has come, if one has.
+    /// Returns the next received packet, if any.
     pub fn receive<'b>(&self, buffer: &'b mut [u8; MAX_PACKET + 8]) -> Option<&'b [u8]> {
         loop {
             match self.socket.recv(buffer) {
                 Ok(length) => return Some(&buffer[..length]),
-                // Told where nobody listens; what is there behind it is read next.
+                // The board's port is closed (ICMP); a packet behind this error is read next.
                 Err(error) if error.kind() == ErrorKind::ConnectionRefused => {}
                 Err(_) => return None,
             }
         }
     }
 
-    /// Waits until a packet has come, at most so long.
+    /// Waits for a packet, at most for the given time.
     pub fn wait(&self, longest: Duration) {
         let mut polled = libc::pollfd {
             fd: self.socket.as_raw_fd(),
@@ -106,15 +106,15 @@ impl Link {
             tv_sec: longest.as_secs() as libc::time_t,
             tv_nsec: libc::c_long::from(longest.subsec_nanos()),
         };
-        // Interrupted by a signal it is asked again by the caller.
+        // If a signal interrupts the call, the caller repeats it.
         // SAFETY: one descriptor and a time that live through the call; no signal mask.
         let _ready = unsafe { libc::ppoll(&raw mut polled, 1, &raw const time, core::ptr::null()) };
     }
 
-    /// Sends a packet and waits for its reply, a few times. For what is not done in a cycle.
+    /// Sends a packet and waits for its reply, with retries. Not for use in the cycle.
     ///
     /// # Errors
-    /// No reply of the right length comes.
+    /// No reply of the expected length.
     pub fn ask(&self, packet: &Packet, take: impl FnOnce(Reply<'_>)) -> Result<(), LinkError> {
         let mut buffer = [0; MAX_PACKET + 8];
         while self.receive(&mut buffer).is_some() {}
@@ -140,10 +140,10 @@ impl Link {
         })
     }
 
-    /// Asks a board what it is.
+    /// Reads the description of a board.
     ///
     /// # Errors
-    /// It does not answer, or has no HostMot2.
+    /// The board does not answer, or has no HostMot2.
     pub fn explore(&self) -> Result<Description, LinkError> {
         let mut packet = Packet::new();
         packet.read(Space::Board, 0, 8)?;
@@ -162,7 +162,7 @@ impl Link {
     }
 }
 
-/// Registers that are asked for one packet at a time.
+/// Register access with one packet per read.
 struct Asking<'a>(&'a Link);
 
 impl Registers for Asking<'_> {

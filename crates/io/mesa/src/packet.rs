@@ -1,10 +1,10 @@
-//! LBP16 as a client speaks it: commands into a packet, data out of a reply.
+//! The client side of LBP16: writes commands into a packet and reads data from a reply.
 
 use thiserror::Error;
 
-/// The largest packet, bytes: what one frame of Ethernet carries, with room to spare.
+/// Maximum packet size, bytes: below the payload of one Ethernet frame.
 pub const MAX_PACKET: usize = 1400;
-/// Values of one command at most.
+/// Maximum number of values per command.
 const MAX_COUNT: usize = 127;
 
 /// A memory space of a board.
@@ -19,7 +19,7 @@ pub enum Space {
     Timer = 4,
     /// Counters and settings of the protocol, 16 bits.
     Communication = 6,
-    /// What the board is, 16 bits.
+    /// Information about the board, 16 bits.
     Board = 7,
 }
 
@@ -33,7 +33,7 @@ impl Space {
     }
 }
 
-/// A packet or a reply has no room for what it shall carry.
+/// The commands or their replies exceed a packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("the packet is full: {MAX_PACKET} bytes are the maximum that one frame carries")]
 pub struct PacketFull;
@@ -43,11 +43,11 @@ const fn command(space: Space, count: usize, is_write: bool) -> u16 {
         4 => 2,
         _ => 1,
     };
-    // The address follows (bit 14) and grows (bit 7).
+    // An address follows (bit 14) and is incremented (bit 7).
     (is_write as u16) << 15 | 1 << 14 | (space as u16) << 10 | width << 8 | 1 << 7 | count as u16
 }
 
-/// Commands on their way to a board. Nothing allocates.
+/// Commands to a board. Does not allocate.
 ///
 /// ```
 /// use evolvent_mesa::{Packet, Space};
@@ -82,18 +82,18 @@ impl Packet {
         }
     }
 
-    /// Takes every command out.
+    /// Removes all commands.
     pub const fn clear(&mut self) {
         (self.length, self.reply_bytes) = (0, 0);
     }
 
-    /// The bytes to be sent.
+    /// The bytes to send.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {
         &self.bytes[..self.length]
     }
 
-    /// Length of the reply, bytes; 0 where none comes.
+    /// Length of the reply, bytes; 0 if the packet has none.
     #[must_use]
     pub const fn reply_bytes(&self) -> usize {
         self.reply_bytes
@@ -109,10 +109,10 @@ impl Packet {
         Ok(())
     }
 
-    /// Reads `count` values from an address on.
+    /// Reads `count` values starting at an address.
     ///
     /// # Errors
-    /// Packet or reply have no room.
+    /// The packet or the reply is full.
     pub fn read(&mut self, space: Space, mut address: u16, mut count: usize) -> Result<(), PacketFull> {
         let bytes = count * space.width();
         if self.reply_bytes + bytes > MAX_PACKET {
@@ -129,10 +129,10 @@ impl Packet {
         Ok(())
     }
 
-    /// Writes values of 32 bits from an address of HostMot2 on.
+    /// Writes values of 32 bits starting at an address of HostMot2.
     ///
     /// # Errors
-    /// The packet has no room.
+    /// The packet is full.
     pub fn write(&mut self, mut address: u16, values: &[u32]) -> Result<(), PacketFull> {
         for some in values.chunks(MAX_COUNT) {
             self.push(&command(Space::HostMot2, some.len(), true).to_le_bytes())?;
@@ -148,7 +148,7 @@ impl Packet {
     /// Writes a word of another space.
     ///
     /// # Errors
-    /// The packet has no room.
+    /// The packet is full.
     pub fn write_word(&mut self, space: Space, address: u16, value: u16) -> Result<(), PacketFull> {
         self.push(&command(space, 1, true).to_le_bytes())?;
         self.push(&address.to_le_bytes())?;
@@ -156,14 +156,14 @@ impl Packet {
     }
 }
 
-/// Values of a reply, in the order in which they were read. What is missing reads as zero; compare lengths first.
+/// Values of a reply in the order of the reads. Missing values read as zero; compare the lengths first.
 #[derive(Clone, Copy, Debug)]
 pub struct Reply<'a> {
     rest: &'a [u8],
 }
 
 impl<'a> Reply<'a> {
-    /// A reply as it came.
+    /// Wraps the bytes of a reply.
     #[must_use]
     pub const fn new(bytes: &'a [u8]) -> Self {
         Self { rest: bytes }
@@ -194,7 +194,8 @@ mod tests {
 
     #[test]
     fn words_are_those_of_the_protocol() {
-        // 4983h 0002h: three words of the EEPROM from 2 on, as LinuxCNC's driver reads the hardware address.
+        // 4983h 0002h: three words of the EEPROM starting at 2, as LinuxCNC's driver reads the hardware
+        // address.
         let mut packet = Packet::new();
         packet.read(Space::Eeprom, 2, 3).expect("room");
         assert_eq!(packet.bytes(), [0x83, 0x49, 0x02, 0x00]);

@@ -1,4 +1,4 @@
-//! Which registers of a board are written once, read every cycle, and written every cycle.
+//! The registers of a board that are written once, read every cycle, and written every cycle.
 
 use thiserror::Error;
 
@@ -6,9 +6,9 @@ use crate::board_file::{Actuator, BoardSettings, InputSource, OutputTarget, Pin}
 use crate::description::{Description, Module, tag};
 use crate::packet::{Packet, PacketFull, Space};
 
-/// Ports at most.
+/// Maximum number of ports.
 pub(crate) const MAX_PORTS: usize = 8;
-/// Units of one module at most.
+/// Maximum number of instances of one module.
 pub(crate) const MAX_UNITS: usize = 16;
 /// Scratch words of the timer space: number of the write packet, of the read packet, and of the session.
 pub(crate) const SCRATCH: u16 = 0x10;
@@ -20,24 +20,24 @@ const DIRECTION: u8 = 0x82;
 const PWM_OUT: u8 = 0x81;
 const PWM_DIRECTION: u8 = 0x82;
 const PWM_ENABLE: u8 = 0x83;
-/// Longest time of a step generator, clocks.
+/// Maximum time of a step generator, clocks.
 const MAX_CLOCKS: f64 = 16_383.0;
 /// 12 bits, sawtooth, sign and magnitude.
 const PWM_MODE: u32 = 3;
 /// Control of an encoder: quadrature, with the long filter.
 const QUADRATURE: u32 = 1 << 11;
-/// Counts of an encoder between two readings at most.
+/// Maximum counts of an encoder between two readings.
 const MAX_COUNTS: f64 = 30_000.0;
 
-/// Why a board cannot do what the board file asks for.
+/// Why a board does not support its board file.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PlanError {
     /// Another board.
     #[error("the board calls itself {found}, the board file says {wanted}: correct `name` or `address`")]
     Name {
-        /// On the wire.
+        /// The name found on the network.
         found: String,
-        /// In the file.
+        /// The name in the file.
         wanted: String,
     },
     /// A kind of module is missing, or has too few instances.
@@ -53,10 +53,10 @@ pub enum PlanError {
         unit: usize,
         /// The board.
         board: String,
-        /// How many there are.
+        /// Number of instances of the board.
         instances: usize,
     },
-    /// A module that the bridge does not know how to use.
+    /// A module that the bridge does not support.
     #[error(
         "the {what} module is of a kind that is not known (version {version}, {registers} registers, stride \
          {stride}): the \
@@ -72,7 +72,7 @@ pub enum PlanError {
         /// Its stride.
         stride: u16,
     },
-    /// A module's pin is at no pin of the board.
+    /// A module pin that is not connected to a pin of the board.
     #[error("{what} {unit} has no pin on this board: choose another number")]
     NoPin {
         /// Its function.
@@ -80,15 +80,15 @@ pub enum PlanError {
         /// Its number.
         unit: usize,
     },
-    /// A pin that the board has not.
+    /// A pin that the board does not have.
     #[error("pin {pin} is not a pin of this board, which has {pins}: correct the number")]
     Pin {
         /// The pin.
         pin: usize,
-        /// How many there are.
+        /// Number of pins of the board.
         pins: usize,
     },
-    /// A pin that is used twice.
+    /// A pin with two uses.
     #[error("pin {pin} is used twice: give each use its own")]
     Taken {
         /// The pin.
@@ -107,7 +107,7 @@ pub enum PlanError {
         /// The longest.
         most_ns: f64,
     },
-    /// Rounded up to clocks, the times do not allow the largest velocity.
+    /// The times, rounded up to clocks, do not permit the maximum velocity.
     #[error(
         "step generator {unit}: {needed:.0} steps/s needed, {possible:.0} possible at this board's clock: \
          shorten its times"
@@ -115,30 +115,30 @@ pub enum PlanError {
     StepRate {
         /// Its number.
         unit: usize,
-        /// Steps/s at the largest velocity.
+        /// Steps/s at the maximum velocity.
         needed: f64,
-        /// Steps/s by the times.
+        /// Steps/s permitted by the times.
         possible: f64,
     },
-    /// More counts between two readings than a counter of 16 bits can tell.
+    /// More counts between two readings than a 16-bit counter can resolve.
     #[error("encoder {unit} counts {counts:.0} in a period, more than 30000: choose a higher control rate")]
     Counts {
         /// Its number.
         unit: usize,
-        /// At the largest velocity.
+        /// Counts per period at the maximum velocity.
         counts: f64,
     },
-    /// More registers than a packet holds.
+    /// The registers exceed a packet.
     #[error(transparent)]
     Full(#[from] PacketFull),
 }
 
-/// What is written every cycle.
+/// Values written every cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Outputs {
-    /// Steps/s of each step generator.
+    /// Rate of each step generator, steps/s.
     pub(crate) rates: [f64; MAX_UNITS],
-    /// -1 to 1 of each PWM generator.
+    /// Duty of each PWM generator, -1 to 1.
     pub(crate) duties: [f64; MAX_UNITS],
     /// Bit i: PWM generator i is enabled.
     pub(crate) pwm_enable: u32,
@@ -146,7 +146,7 @@ pub(crate) struct Outputs {
     pub(crate) ports: [u32; MAX_PORTS],
 }
 
-/// What is read every cycle.
+/// Values read every cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Inputs {
     pub(crate) write_number: u16,
@@ -158,7 +158,7 @@ pub(crate) struct Inputs {
     pub(crate) counts: [u32; MAX_UNITS],
 }
 
-/// Addresses and numbers of one board and one board file.
+/// Register addresses and counts for one board and one board file.
 #[derive(Clone, Debug)]
 pub(crate) struct Plan {
     watchdog: Module,
@@ -168,7 +168,7 @@ pub(crate) struct Plan {
     step: Option<(Module, usize)>,
     encoder: Option<(Module, usize)>,
     pwm: Option<(Module, usize)>,
-    /// Bits of driven pins, and of those that modules drive.
+    /// Bits of driven pins, and of those driven by modules.
     driven: [u32; MAX_PORTS],
     alternate: [u32; MAX_PORTS],
     taken: [u32; MAX_PORTS],
@@ -341,7 +341,7 @@ impl Plan {
         let found = module(board, tag::PWM, "PWM generator", unit, 5)?;
         grow(&mut self.pwm, found, unit);
         self.connect(board, tag::PWM, "PWM generator", unit, &[PWM_OUT])?;
-        // Analog outputs on the board itself have no pins for these.
+        // Analog outputs on the board itself have no such pins.
         for pin in [PWM_DIRECTION, PWM_ENABLE] {
             if board.pin_of(tag::PWM, unit, pin).is_some() {
                 self.connect(board, tag::PWM, "PWM generator", unit, &[pin])?;
@@ -350,7 +350,7 @@ impl Plan {
         Ok(())
     }
 
-    /// What is written once, in this order: all at rest first, pins last. `outputs` are those that do nothing.
+    /// Initial writes in order: everything at rest first, pins last. `outputs` are the inactive states.
     pub(crate) fn set_up(
         &self,
         settings: &BoardSettings,
@@ -372,7 +372,7 @@ impl Plan {
         for axis in &settings.axes {
             if let (Actuator::Steps { unit, timing }, Some((step, _))) = (axis.actuator, self.step) {
                 let clock_hz = f64::from(step.clock_hz);
-                // N + 1 clocks for the pulse and its space, N for the direction.
+                // The generator takes N + 1 clocks for pulse length and space, N for the direction times.
                 for (register, value) in [
                     (2, 0),
                     (3, clocks(timing.setup_ns, clock_hz)),
@@ -417,7 +417,7 @@ impl Plan {
         Ok(packets)
     }
 
-    /// The packet that reads everything.
+    /// The packet that reads all values.
     pub(crate) fn read(&self, packet: &mut Packet, number: u16) -> Result<(), PacketFull> {
         packet.clear();
         packet.write_word(Space::Timer, SCRATCH + 2, number)?;
@@ -452,7 +452,7 @@ impl Plan {
         inputs
     }
 
-    /// The packet that writes everything and feeds the watchdog.
+    /// The packet that writes all values and resets the watchdog.
     pub(crate) fn write(
         &self,
         packet: &mut Packet,
@@ -478,7 +478,7 @@ impl Plan {
         packet.write_word(Space::Timer, SCRATCH, number)
     }
 
-    /// The packet that gives every pin back.
+    /// The packet that makes every pin an input.
     pub(crate) fn release(&self, packet: &mut Packet) -> Result<(), PacketFull> {
         packet.clear();
         if let Some((step, count)) = self.step {
@@ -494,7 +494,7 @@ impl Plan {
 
 /// A time in clocks, rounded up, at least 1.
 fn clocks(time_ns: f64, clock_hz: f64) -> u32 {
-    // A hundredth of a clock is rounding.
+    // Less than a hundredth of a clock is a rounding error.
     (time_ns * 1e-9 * clock_hz - 0.01).ceil().max(1.0) as u32
 }
 

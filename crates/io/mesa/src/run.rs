@@ -1,4 +1,4 @@
-//! The bridge of one board, on the bus.
+//! The bridge between one board and the bus.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use core::time::Duration;
@@ -12,40 +12,40 @@ use crate::board_file::BoardSettings;
 use crate::link::Link;
 use crate::session::{Counters, Ends, Notice, SessionError, run_session};
 
-/// How the bridge is run.
+/// Options of the bridge.
 #[derive(Clone, Debug)]
 pub struct RunSettings {
     /// The machine: name, axes, limits, priority.
     pub machine: Machine,
-    /// Name on the bus, where it is another than the machine's.
+    /// Name on the bus, if it differs from that of the machine.
     pub machine_name: Option<String>,
     /// The board.
     pub board: BoardSettings,
-    /// iceoryx2's prefix, as of the core.
+    /// Prefix of iceoryx2, the same as that of the core.
     pub prefix: Option<String>,
-    /// Ends by itself after so long; never if none.
+    /// Run time; `None` runs until stopped.
     pub duration: Option<Duration>,
 }
 
-/// What the bridge did.
+/// Counters of a bridge run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BridgeReport {
-    /// Times at which a core was found.
+    /// Number of connections to a core.
     pub connections: u32,
-    /// Times at which the board was set up, or tried to.
+    /// Number of attempts to set the board up.
     pub sessions: u64,
     /// Cycles.
     pub cycles: u64,
-    /// Replies that did not come in time.
+    /// Replies that were late or lost.
     pub lost_replies: u64,
     /// Writes that did not reach the board.
     pub lost_writes: u64,
-    /// Replies that came too late, twice, or cut short.
+    /// Replies that were too late, duplicate or truncated.
     pub stale_replies: u64,
 }
 
-/// Runs until `stop` is set or time is up. Waits for its core and its board as long as that takes, outlives both, and finds the
-/// next ones. `tell` is called with what people should know.
+/// Runs until `stop` is set or the run time is over. Waits for its core and its board without a time limit,
+/// and reconnects when either of them restarts. `tell` receives the notes for the user.
 ///
 /// # Errors
 /// The core does not fit the board file.
@@ -57,10 +57,11 @@ pub fn run(
     run_measured(settings, stop, tell, None)
 }
 
-/// As [`run`]; `measure` is called by the cycle with its own work in ns, without sleep and without the wait for the reply.
+/// As [`run`]; `measure` receives the computing time of each cycle in ns, without sleep and without the wait
+/// for the reply.
 ///
 /// # Errors
-/// As there.
+/// As [`run`].
 pub fn run_measured(
     settings: &RunSettings,
     stop: &AtomicBool,

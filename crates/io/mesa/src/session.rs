@@ -1,4 +1,4 @@
-//! One session with a board: set-up, the cycle, and what ended it.
+//! One session with a board: setup, cycle, and the reason of its end.
 
 use core::sync::atomic::{AtomicU64, Ordering};
 use core::time::Duration;
@@ -18,41 +18,41 @@ use crate::packet::{MAX_PACKET, Packet, PacketFull, Reply};
 use crate::plan::{Inputs, Outputs, Plan, PlanError};
 use crate::signals::Signals;
 
-/// How long axes may take to stop where the session ends, ns.
+/// Time for axes to stop at the end of a session, ns.
 const STOP_NS: u64 = 1_500_000_000;
-/// For how long a fault is told to the core before the feedback ends, periods.
+/// Periods for which a fault is reported to the core before the feedback ends.
 const TELL: u64 = 20;
-/// Share of a period within which a reply has to come.
+/// Share of a period within which a reply must arrive.
 const REPLY: (u64, u64) = (6, 10);
 
-/// Why a session did not begin, or why it ended.
+/// Why a session did not start, or why it ended.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum SessionError {
-    /// The board does not answer, or is none.
+    /// The board does not answer, or is not a HostMot2 board.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// It cannot do what the board file asks for.
+    /// The board does not support its board file.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// A limit of the machine is none.
+    /// A limit of the machine is invalid.
     #[error(transparent)]
     Limits(#[from] SettingsError),
-    /// More registers than a packet holds.
+    /// The registers exceed a packet.
     #[error(transparent)]
     Full(#[from] PacketFull),
-    /// Packets stopped coming back.
+    /// Replies no longer arrive.
     #[error("{packets} packets in a row did not return in time: check cable, supply and network interface")]
     Lost {
         /// How many.
         packets: u32,
     },
-    /// What was written did not arrive.
+    /// Written packets did not arrive.
     #[error("{packets} packets in a row did not reach the board: check cable and network interface")]
     Unheard {
         /// How many.
         packets: u32,
     },
-    /// The watchdog of the board has taken its pins away.
+    /// The watchdog of the board has released its pins.
     #[error(
         "the board's watchdog has tripped: no packet arrived for {watchdog_ms:.0} ms; check what suspended \
          this computer's processes (`evolvent doctor`), or permit more (watchdog_ms)"
@@ -61,7 +61,7 @@ pub enum SessionError {
         /// Its time.
         watchdog_ms: f64,
     },
-    /// The board has started again, or somebody else writes to it.
+    /// The board has restarted, or another host writes to it.
     #[error(
         "the board no longer has this session: it has restarted after a loss of its supply, or another \
          program writes to it"
@@ -69,7 +69,7 @@ pub enum SessionError {
     Restarted,
 }
 
-/// What happens during a session, for people.
+/// Events of a session for the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Notice {
     /// The board is set up.
@@ -82,23 +82,23 @@ pub enum Notice {
 #[derive(Debug, Default)]
 pub(crate) struct Counters {
     pub(crate) cycles: AtomicU64,
-    /// Replies that did not come in time.
+    /// Replies that were late or lost.
     pub(crate) lost: AtomicU64,
     /// Writes that did not arrive.
     pub(crate) unheard: AtomicU64,
-    /// Replies to other packets than the last.
+    /// Replies to packets other than the last one.
     pub(crate) stale: AtomicU64,
 }
 
-/// What a session is given: the ends of the bus, and where it counts.
+/// Bus endpoints and counters of a session.
 pub(crate) struct Ends<'a, 'b> {
     pub(crate) bus: &'a mut BusEnds<'b, Notice>,
     pub(crate) counters: &'a Counters,
-    /// Called with each cycle's own work, ns: without sleeping, and without waiting for the reply.
+    /// Receives the computing time of each cycle, ns: without sleep, and without the wait for the reply.
     pub(crate) measure: Option<&'a mut dyn FnMut(u64)>,
 }
 
-/// Sets the board up and runs the cycle until something ends it; `Ok` where it was asked to stop.
+/// Sets the board up and runs the cycle until the session ends; `Ok` if a stop was requested.
 pub(crate) fn run_session(
     link: &Link,
     board: &Description,
@@ -120,7 +120,7 @@ pub(crate) fn run_session(
         .collect();
     let plan = Plan::new(board, settings, &max_velocity, period_ns as f64 * 1e-9)?;
     let instance = monotonic_ns();
-    // Never zero, as in a board that has just started.
+    // Never zero: a board that has just started reads zero.
     let session = (instance / 1000) as u16 | 1;
     let mut cycle = Cycle {
         link,
@@ -140,7 +140,7 @@ pub(crate) fn run_session(
         reported: [0; AXES],
     };
     cycle.set_up()?;
-    // Setpoints that were sent while the board was being set up are void.
+    // Setpoints sent during setup are discarded.
     while let Ok(incoming) = ends.bus.incoming.pop() {
         if let Incoming::Outputs(outputs) = incoming {
             cycle.signals.offer(monotonic_ns(), &outputs);
@@ -165,13 +165,13 @@ struct Cycle<'a> {
     write_number: u16,
     lost: u32,
     unheard: u32,
-    /// Fault codes that were told.
+    /// Fault codes already reported.
     reported: [u16; AXES],
 }
 
 impl Cycle<'_> {
     fn set_up(&mut self) -> Result<(), SessionError> {
-        // Everything off, by what the pins say when nothing is wanted.
+        // All outputs off, with the polarity of their pins.
         self.signals.step(u64::MAX, &self.plan, &mut self.outputs);
         for axis in self.axes.axes() {
             if let Some(pin) = axis.settings().enable {
@@ -183,7 +183,7 @@ impl Cycle<'_> {
         for packet in &packets {
             self.link.send(packet);
         }
-        // A reading that knows the session shows that all has arrived; else once more.
+        // A reading with the session number shows that all writes have arrived; otherwise they are repeated.
         self.plan.read(&mut check, 0)?;
         for attempt in 0..3 {
             let mut found = Inputs::default();
@@ -204,7 +204,7 @@ impl Cycle<'_> {
     fn run(&mut self, ends: &mut Ends<'_, '_>) -> Result<(), SessionError> {
         let mut next_ns = monotonic_ns() + self.period_ns;
         let mut ending: Option<(u64, Result<(), SessionError>)> = None;
-        // The first write tells the board the number to be found by the first reading.
+        // The first write stores the number that the first reading must return.
         self.plan.write(&mut self.packet, &self.outputs, 0)?;
         self.link.send(&self.packet);
         loop {
@@ -222,7 +222,7 @@ impl Cycle<'_> {
             if let Err(error) = outcome
                 && ending.is_none()
             {
-                // What of the axes still hears brakes within its limits.
+                // Axes that can still be commanded decelerate within their limits.
                 self.axes.set_lost();
                 self.axes.end();
                 ending = Some((now_ns, Err(error)));
@@ -245,13 +245,13 @@ impl Cycle<'_> {
             next_ns += self.period_ns;
             let late_ns = monotonic_ns().saturating_sub(next_ns);
             if late_ns > self.period_ns {
-                // Cycles that were slept through are left out.
+                // Missed cycles are skipped.
                 next_ns += late_ns / self.period_ns * self.period_ns;
             }
         }
     }
 
-    /// Outputs to their safe values, then pins to inputs.
+    /// Sets outputs to their safe values, then makes the pins inputs.
     fn give_back(&mut self) -> Result<(), SessionError> {
         self.signals.step(u64::MAX, &self.plan, &mut self.outputs);
         self.plan
@@ -262,7 +262,7 @@ impl Cycle<'_> {
         Ok(())
     }
 
-    /// One period: read, think, write.
+    /// One period: read, compute, write.
     fn cycle(&mut self, now_ns: u64, ends: &mut Ends<'_, '_>, is_ending: bool) -> Result<(), SessionError> {
         let begin_ns = monotonic_ns();
         self.read_number = self.read_number.wrapping_add(1);
@@ -278,7 +278,7 @@ impl Cycle<'_> {
         if let Err(error) = judged
             && !is_ending
         {
-            // From here on the axes are lost, and brake.
+            // From here on the axes are lost, and decelerate.
             self.axes.set_lost();
             self.axes.end();
             self.command(now_ns)?;
@@ -292,7 +292,7 @@ impl Cycle<'_> {
         } else {
             None
         };
-        // What finds no room is replaced by the next.
+        // A sample that finds no room is replaced by the next.
         if let Some(feedback) = feedback {
             let _full = ends.bus.feedback.push(feedback);
         }
@@ -318,7 +318,7 @@ impl Cycle<'_> {
         Ok(())
     }
 
-    /// The reply to the reading that was just sent, and when the board has carried it out.
+    /// The reply to the last reading, and the time at which the board executed it.
     fn collect(&mut self, ends: &Ends<'_, '_>, sent_ns: u64, waited_ns: &mut u64) -> Option<(Inputs, u64)> {
         let until_ns = sent_ns + self.period_ns * REPLY.0 / REPLY.1;
         loop {
@@ -327,7 +327,7 @@ impl Cycle<'_> {
                 if bytes.len() == self.packet.reply_bytes() {
                     let inputs = self.plan.take_reply(Reply::new(bytes));
                     if inputs.read_number == self.read_number {
-                        // Half of the way there and back.
+                        // Half of the round-trip time.
                         return Some((inputs, sent_ns + (before_ns - sent_ns) / 2));
                     }
                 }
