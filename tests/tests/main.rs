@@ -12,6 +12,7 @@ mod foreign_clients;
 mod full_disks;
 mod handwheel;
 mod holds_in_programs;
+mod homing;
 mod imports;
 mod killed_runs;
 mod killed_service;

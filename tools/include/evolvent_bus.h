@@ -229,8 +229,12 @@ typedef struct evolvent_setpoint {
     uint32_t fault_reset;
     /* Grows by one when homing assigns new coordinates: the axes are at rest, and the step of position is not a motion. */
     uint64_t datum;
+    /* Another number, not 0: the next index pulse of the encoder of axis `index_axis` is to be latched. */
+    uint32_t index_request;
+    /* The axis of `index_request`, an index into X Y Z A B C U V W. */
+    uint32_t index_axis;
     /* Zero; for later versions. */
-    uint64_t reserved[3];
+    uint64_t reserved[2];
 } evolvent_setpoint_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_setpoint_t) == 400, "size of Setpoint");
@@ -253,7 +257,9 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, path_mm) == 352, "offset of
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, power_request) == 360, "offset of Setpoint.power_request");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, fault_reset) == 364, "offset of Setpoint.fault_reset");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, datum) == 368, "offset of Setpoint.datum");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, reserved) == 376, "offset of Setpoint.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, index_request) == 376, "offset of Setpoint.index_request");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, index_axis) == 380, "offset of Setpoint.index_axis");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, reserved) == 384, "offset of Setpoint.reserved");
 
 /* One coherent snapshot of the core. A reader receives the latest, never a mixture of two.
  *
@@ -527,8 +533,10 @@ typedef struct evolvent_feedback {
     uint64_t instance;
     /* Bit i set: positions of axis i refer to machine zero after every start of bridge or drive. */
     uint32_t absolute_mask;
-    /* Zero; for later versions. */
-    uint32_t reserved[3];
+    /* The setpoints' `index_request` that was taken over last; a bridge that latches no index pulses leaves it 0. */
+    uint32_t index_request;
+    /* Position of its axis at the index pulse, by the names of `datum`; not a number until the pulse has come. */
+    double index_position;
 } evolvent_feedback_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_feedback_t) == 424, "size of Feedback");
@@ -554,7 +562,8 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, missed_setpoints) == 388, "
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, datum) == 392, "offset of Feedback.datum");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, instance) == 400, "offset of Feedback.instance");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, absolute_mask) == 408, "offset of Feedback.absolute_mask");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, reserved) == 412, "offset of Feedback.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, index_request) == 412, "offset of Feedback.index_request");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, index_position) == 416, "offset of Feedback.index_position");
 
 /* A measured cutting load, from a drive or a sensor.
  */

@@ -210,6 +210,8 @@ class Setpoint(ctypes.Structure):
     power_request: int
     fault_reset: int
     datum: int
+    index_request: int
+    index_axis: int
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
@@ -251,8 +253,12 @@ class Setpoint(ctypes.Structure):
         ("fault_reset", ctypes.c_uint32),
         # Grows by one when homing assigns new coordinates: the axes are at rest, and the step of position is not a motion.
         ("datum", ctypes.c_uint64),
+        # Another number, not 0: the next index pulse of the encoder of axis `index_axis` is to be latched.
+        ("index_request", ctypes.c_uint32),
+        # The axis of `index_request`, an index into X Y Z A B C U V W.
+        ("index_axis", ctypes.c_uint32),
         # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 3),
+        ("reserved", ctypes.c_uint64 * 2),
     ]
 
     def __init__(self, **values: Any) -> None:
@@ -523,7 +529,8 @@ class Feedback(ctypes.Structure):
     datum: int
     instance: int
     absolute_mask: int
-    reserved: ctypes.Array[ctypes.c_uint32]
+    index_request: int
+    index_position: float
 
     _fields_ = [
         # Version of the bus contract that the sender was built for; receivers reject another version.
@@ -570,8 +577,10 @@ class Feedback(ctypes.Structure):
         ("instance", ctypes.c_uint64),
         # Bit i set: positions of axis i refer to machine zero after every start of bridge or drive.
         ("absolute_mask", ctypes.c_uint32),
-        # Zero; for later versions.
-        ("reserved", ctypes.c_uint32 * 3),
+        # The setpoints' `index_request` that was taken over last; a bridge that latches no index pulses leaves it 0.
+        ("index_request", ctypes.c_uint32),
+        # Position of its axis at the index pulse, by the names of `datum`; not a number until the pulse has come.
+        ("index_position", ctypes.c_double),
     ]
 
     def __init__(self, **values: Any) -> None:

@@ -8,12 +8,12 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand};
 use evolvent_bridge_sim::{
-    Cutting, Fault, ProbeSettings, RunError, RunSettings, ServoSettings, Signalling, SimAxis, SimSettings,
-    SpindleSimulation, loopback, run_cutting,
+    Cutting, Fault, ProbeSettings, RunError, RunSettings, ServoSettings, Signalling, SimAxis, SimIndex,
+    SimSettings, SpindleSimulation, loopback, run_cutting,
 };
 use evolvent_bridge_test::{CASES, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
 use evolvent_bus::{AXES, BusError, MachineInputs, MachineOutputs, Setpoint};
-use evolvent_machine::Machine;
+use evolvent_machine::{HomingMethod, HomingSettings, Machine};
 use evolvent_runtime::InputScript;
 use evolvent_turning::{Job as TurningJob, SimulatedProcess};
 use serde_json::{Value, json};
@@ -22,6 +22,11 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use crate::bridge_ethercat as ethercat;
 use crate::bridge_mesa as mesa;
 use crate::{CommandError, Ending};
+
+/// Index pulses of a simulated encoder are so far apart, of the distance within which homing expects one, and the switch closes so
+/// far before one: in the middle between two.
+const PITCH_FRACTION: f64 = 0.75;
+const SWITCH_FRACTION: f64 = 0.5 * PITCH_FRACTION;
 
 /// Options of `evolvent bridge`.
 #[derive(Args, Debug)]
@@ -65,7 +70,8 @@ struct SimArgs {
     /// A fault: late, silent, frozen, stuck, fault, off, jump, blocked, nan, wild or ahead, starting this
     /// many seconds after the drives came into operation; of the load sensor (--process): load-zero,
     /// load-lost, load-frozen, load-nan, load-saturated or load-negative; of spindles with feedback:
-    /// spindle-fault, spindle-silent, spindle-slow or spindle-stall. May be given several times.
+    /// spindle-fault, spindle-silent, spindle-slow or spindle-stall; of homing: switch-closed, switch-open,
+    /// index-missing or absolute-lost. May be given several times.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:AXIS]")]
     faults: Vec<Fault>,
     /// End after this many seconds; without it, at Ctrl-C.
@@ -379,8 +385,9 @@ fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
             travel_max: axis.travel_max,
             start: axis.home,
             reference_offset: args.reference_offset,
-            home_switch: homing.map_or(axis.travel_min + 0.02 * range, |homing| homing.switch_position),
+            home_switch: homing.map_or(axis.travel_min + 0.02 * range, home_switch),
             home_switch_is_below: homing.is_none_or(|homing| homing.negative),
+            index: homing.and_then(index_pulses),
             encoder_step: 0.1 / increments[index].max(1e-3),
             servo: ServoSettings {
                 natural_frequency_hz: args.frequency,
@@ -392,6 +399,29 @@ fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
         settings.sync_tolerance = settings.sync_tolerance.min(axis.following_error);
     }
     Ok(settings)
+}
+
+/// Where the home switch of a simulated axis closes, so that homing finds what its table says.
+fn home_switch(homing: &HomingSettings) -> f64 {
+    match homing.method {
+        HomingMethod::SwitchThenIndex { when_opening, within } => {
+            let is_found_downwards = homing.negative != when_opening;
+            let before = within * SWITCH_FRACTION;
+            homing.reference + if is_found_downwards { before } else { -before }
+        }
+        _ => homing.reference,
+    }
+}
+
+/// The index pulses of its encoder, likewise.
+fn index_pulses(homing: &HomingSettings) -> Option<SimIndex> {
+    match homing.method {
+        HomingMethod::SwitchThenIndex { within, .. } | HomingMethod::Index { within } => Some(SimIndex {
+            position: homing.reference,
+            pitch: within * PITCH_FRACTION,
+        }),
+        HomingMethod::Switch | HomingMethod::Absolute => None,
+    }
 }
 
 fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {

@@ -16,6 +16,8 @@ const TRAVEL_WITHOUT_LIMITS: (f64, f64) = (10_000.0, 36_000.0);
 const JERK_TIME_S: f64 = 0.05;
 /// LinuxCNC's default velocity in units/s and acceleration in units/s^2.
 const DEFAULT_LIMIT: f64 = 1.0;
+/// Within this the index pulse is looked for, mm and degrees, because LinuxCNC has no bound: a turn of a usual screw, or of the axis.
+const INDEX_WITHIN: (f64, f64) = (12.0, 365.0);
 /// No machine has velocities and accelerations above this, in units and seconds.
 const MAX_LIMIT: f64 = 1e5;
 
@@ -36,14 +38,30 @@ pub(crate) struct AxisValues {
     pub(crate) screws: ScrewValues,
 }
 
-/// How an axis with a home switch is homed, in mm or degrees and seconds.
+/// By what an axis finds machine zero.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum HomingMethod {
+    Switch,
+    /// `when_opening`: after the edge at which the switch opens.
+    SwitchIndex {
+        when_opening: bool,
+    },
+    Index,
+    Absolute,
+}
+
+/// How an axis is homed, in mm or degrees and seconds.
 #[derive(Debug)]
 pub(crate) struct HomingValues {
+    pub(crate) method: HomingMethod,
     pub(crate) is_negative: bool,
     pub(crate) order: u32,
     pub(crate) search: f64,
     pub(crate) latch: f64,
-    pub(crate) switch: f64,
+    /// Where the switch closes, or the index pulse is.
+    pub(crate) reference: f64,
+    /// Within which the index pulse is looked for.
+    pub(crate) within: f64,
 }
 
 /// Factors to mm and degrees.
@@ -260,7 +278,7 @@ fn axis(
                 .map(|error| error * unit),
             time_ms,
         ),
-        homing: homing(ini, &joint, (name, unit, velocity), report)?,
+        homing: homing(ini, &joint, (letter, unit, velocity), travel.1 - travel.0, report)?,
         unit,
         screws: screws(ini, joints, unit, report)?,
     })
@@ -296,17 +314,26 @@ fn limit(
 fn homing(
     ini: &mut Ini,
     joint: &str,
-    (name, unit, velocity): (char, f64, f64),
+    (letter, unit, velocity): (AxisLetter, f64, f64),
+    length: f64,
     report: &mut Report,
 ) -> Result<Option<HomingValues>, ImportError> {
+    let name = letter.letter();
     let search = ini.number(joint, "HOME_SEARCH_VEL")?.unwrap_or(0.0) * unit;
-    let latch = ini.number(joint, "HOME_LATCH_VEL")?.unwrap_or(0.0).abs() * unit;
-    let switch = ini.number(joint, "HOME_OFFSET")?.unwrap_or(0.0) * unit;
+    let latch = ini.number(joint, "HOME_LATCH_VEL")?.unwrap_or(0.0) * unit;
+    let reference = ini.number(joint, "HOME_OFFSET")?.unwrap_or(0.0) * unit;
     let sequence = ini.number(joint, "HOME_SEQUENCE")?;
-    // Without a search the joint is homed where it is: the machine file needs no table.
-    if search == 0.0 {
+    let Some(method) = homing_method(ini, joint, search, latch) else {
         return Ok(None);
-    }
+    };
+    // Without a switch there is one speed.
+    let search = if method == HomingMethod::Index {
+        latch
+    } else {
+        search
+    };
+    let is_negative = search < 0.0;
+    let latch = latch.abs();
     let order = sequence.unwrap_or(0.0).abs();
     if order > 100.0 || order.fract() != 0.0 {
         return Err(ini.missing(
@@ -330,13 +357,53 @@ fn homing(
             ),
         );
     }
+    let has_index = matches!(method, HomingMethod::SwitchIndex { .. } | HomingMethod::Index);
+    let within = if letter.is_rotary() {
+        INDEX_WITHIN.1
+    } else {
+        INDEX_WITHIN.0
+    };
+    let within = within.min(length);
+    if has_index {
+        report.choose(
+            format!("index_within of {name}"),
+            format!(
+                "{}: LinuxCNC has no bound; enter a little more than the way from one index pulse to the next",
+                tidy(within)
+            ),
+        );
+    }
     Ok(Some(HomingValues {
-        is_negative: search < 0.0,
+        method,
+        is_negative,
         order: order as u32,
         search: speed,
         latch: if latch == 0.0 { speed } else { latch.min(speed) },
-        switch,
+        reference,
+        within,
     }))
+}
+
+/// None for a joint that is homed where it is: a machine file needs no table for that.
+fn homing_method(ini: &mut Ini, joint: &str, search: f64, latch: f64) -> Option<HomingMethod> {
+    let absolute = ini.first(joint, "HOME_ABSOLUTE_ENCODER");
+    if absolute.is_some_and(|entry| entry.is_true() || entry.value.starts_with('2')) {
+        return Some(HomingMethod::Absolute);
+    }
+    let has_index = ini
+        .first(joint, "HOME_USE_INDEX")
+        .is_some_and(|entry| entry.is_true());
+    if search == 0.0 {
+        return (has_index && latch != 0.0).then_some(HomingMethod::Index);
+    }
+    Some(if has_index {
+        // With opposite signs LinuxCNC looks for the index while it leaves the switch.
+        HomingMethod::SwitchIndex {
+            when_opening: search * latch < 0.0,
+        }
+    } else {
+        HomingMethod::Switch
+    })
 }
 
 /// A number without the rounding noise of a unit conversion.

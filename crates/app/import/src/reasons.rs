@@ -29,13 +29,9 @@ const KEYS: &[(&str, &str, &str)] = &[
     (
         "JOINT_",
         "HOME_USE_INDEX",
-        "homing on the index pulse: let the drive home, or use a switch",
+        "the joint has neither a search nor a latch velocity: it is homed where it is",
     ),
-    (
-        "JOINT_",
-        "HOME_ABSOLUTE_ENCODER",
-        "absolute encoders are reported by the bridge",
-    ),
+    ("JOINT_", "HOME_ABSOLUTE_ENCODER", "the joint drives no axis"),
     (
         "JOINT_",
         "HOME_IGNORE_LIMITS",

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use evolvent_path::AxisLetter;
 
-use crate::axes::{AxisValues, tidy};
+use crate::axes::{AxisValues, HomingMethod, tidy};
 use crate::settings::{PathMode, Settings};
 
 /// The files of an import beside the machine file, by name.
@@ -101,22 +101,43 @@ fn axis_table(axis: &AxisValues) -> Vec<String> {
 fn homing_table(axis: &AxisValues) -> Option<Vec<String>> {
     let homing = axis.homing.as_ref()?;
     let unit = if axis.letter.is_rotary() { "deg" } else { "mm" };
-    Some(vec![
+    let mut lines = vec![
         "[[homing]]".to_owned(),
         format!("axis = \"{}\"", axis.letter.letter()),
-        format!(
-            "towards = {}",
-            quoted(if homing.is_negative {
-                "negative"
-            } else {
-                "positive"
-            })
-        ),
         format!("order = {}", homing.order),
+    ];
+    let method = match homing.method {
+        HomingMethod::Switch => None,
+        HomingMethod::SwitchIndex { .. } => Some("switch-index"),
+        HomingMethod::Index => Some("index"),
+        HomingMethod::Absolute => Some("absolute"),
+    };
+    lines.extend(method.map(|method| format!("method = {}", quoted(method))));
+    if homing.method == HomingMethod::Absolute {
+        return Some(lines);
+    }
+    let towards = if homing.is_negative {
+        "negative"
+    } else {
+        "positive"
+    };
+    lines.extend([
+        format!("towards = {}", quoted(towards)),
         format!("search_{unit}_s = {}", tidy(homing.search)),
         format!("latch_{unit}_s = {}", tidy(homing.latch)),
-        format!("switch_{unit} = {}", tidy(homing.switch)),
-    ])
+    ]);
+    if homing.method == HomingMethod::Switch {
+        lines.push(format!("switch_{unit} = {}", tidy(homing.reference)));
+        return Some(lines);
+    }
+    lines.extend([
+        format!("index_{unit} = {}", tidy(homing.reference)),
+        format!("index_within_{unit} = {}", tidy(homing.within)),
+    ]);
+    if (homing.method == HomingMethod::SwitchIndex { when_opening: true }) {
+        lines.push("index_edge = \"opening\"".to_owned());
+    }
+    Some(lines)
 }
 
 fn program_table(settings: &Settings, names: &Names) -> Vec<String> {

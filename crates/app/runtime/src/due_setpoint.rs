@@ -1,6 +1,6 @@
 //! Setpoints on their way from the cycle to the bus.
 
-use evolvent_drive::PowerRequest;
+use evolvent_drive::{IndexRequest, PowerRequest};
 use evolvent_motion::Setpoint;
 use evolvent_path::{Axes, Jet};
 
@@ -39,6 +39,8 @@ pub(crate) struct DriveRequest {
     pub power: PowerRequest,
     pub fault_reset: u32,
     pub datum: u64,
+    /// The index pulse that is to be latched.
+    pub index: IndexRequest,
 }
 
 impl DriveRequest {
@@ -47,11 +49,13 @@ impl DriveRequest {
         power: PowerRequest::On,
         fault_reset: 0,
         datum: 0,
+        index: IndexRequest::NONE,
     };
     /// Without power.
     pub(crate) const OFF: Self = Self {
         power: PowerRequest::Off,
         fault_reset: 0,
         datum: 0,
+        index: IndexRequest::NONE,
     };
 }

@@ -75,6 +75,8 @@ impl Publishing {
             power_request: due.drive.power.number(),
             fault_reset: due.drive.fault_reset,
             datum: due.drive.datum,
+            index_request: due.drive.index.number,
+            index_axis: due.drive.index.axis as u32,
             ..evolvent_bus::Setpoint::default()
         }
     }

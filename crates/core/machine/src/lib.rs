@@ -61,7 +61,7 @@ pub use error::{MachineError, PeriodError};
 pub use figures::{FigureError, figures_svg, figures_svg_of_axes};
 pub use file::machine_schema;
 pub use handwheel::{HandwheelSettings, MAX_WHEEL_STEPS};
-pub use homing::HomingSettings;
+pub use homing::{HomingMethod, HomingSettings};
 pub use limits::Limits;
 pub use machine::{
     Axis, ControlRate, CycleRecording, DriveSettings, FeedbackMode, Kinematics, Lead, MAX_FILE_BYTES,

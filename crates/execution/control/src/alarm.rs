@@ -104,6 +104,10 @@ alarms! {
     HomeSwitchMissing = 420, Fault, "the home switch was not found within the travel; see its wiring";
     /// The home switch does not release.
     HomeSwitchStuck = 421, Fault, "the home switch does not release; see its wiring";
+    /// The index pulse did not come within its distance.
+    IndexMissing = 422, Fault, "the index pulse of an encoder did not come within its distance; see its wire and the bridge";
+    /// The encoder does not know machine zero.
+    NotAbsolute = 423, Fault, "an encoder does not say that it counts from machine zero; see its battery and its drive";
     /// The emergency-stop chain is open, or not known.
     EmergencyStopChain = 430, Fault, "the emergency-stop chain is open, or nobody reads it; close it, see that its bridge runs, then reset";
     /// A spindle's drive is in fault, or its feedback has stopped.

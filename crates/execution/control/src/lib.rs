@@ -40,12 +40,13 @@
 //! The interlocks are one table, [`RULES`]: a row for each command, with the machine states, modes and activities in which
 //! it is accepted and what else it needs. Every rejection has a stable number and a sentence ([`Alarm`], [`Rejection`]).
 //!
-//! [`Homing`] is the sequence that finds machine zero with the switches of the drives; [`JogEnable`] ends a jog whose
+//! [`Homing`] is the sequence that finds machine zero with the switches and index pulses of the drives; [`JogEnable`] ends a jog whose
 //! client no longer renews it; [`Handwheel`] makes ways of a wheel's counts.
 //!
 //! Nothing here is for the real-time cycle.
 
 mod alarm;
+mod axis_homing;
 mod command;
 mod command_code;
 mod decode;

@@ -89,6 +89,11 @@ impl FeedbackBounds {
         )?;
         let phase = feedback.phase_error_ns.unsigned_abs();
         within("phase_error_ns", None, phase as f64, MAX_PHASE_ERROR_NS as f64)?;
+        // Not a number is a pulse that has not come.
+        if !feedback.index_position.is_nan() {
+            let reach = self.axes.axes().map(|axis| self.reach[axis]).fold(0.0, f64::max);
+            within("index_position", None, feedback.index_position, reach)?;
+        }
         let here = self.axes & AxisMask::from_bits(feedback.axes_mask);
         for axis in here.axes() {
             let status_word = f64::from(feedback.status_word[axis]);

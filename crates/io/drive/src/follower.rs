@@ -7,6 +7,7 @@ use evolvent_wire::{AXES, Setpoint};
 use thiserror::Error;
 
 use crate::brake::{Brake, BrakeState};
+use crate::index_latch::IndexRequest;
 use crate::power::{BridgeState, Note, PowerRequest};
 
 /// Capacity for future setpoints: the longest lead plus a burst.
@@ -107,6 +108,8 @@ pub struct Target {
     pub datum: u64,
     /// If the datum has changed in this period: the amount to add to every position that the bridge keeps.
     pub datum_shift: Option<[f64; AXES]>,
+    /// Which index pulse is to be latched: the setpoint's `index_request` and `index_axis`.
+    pub index: IndexRequest,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -119,6 +122,7 @@ struct Point {
     power: PowerRequest,
     fault_reset: u32,
     datum: u64,
+    index: IndexRequest,
 }
 
 impl Point {
@@ -251,6 +255,10 @@ impl Follower {
             power: PowerRequest::from_number(setpoint.power_request),
             fault_reset: setpoint.fault_reset,
             datum: setpoint.datum,
+            index: IndexRequest {
+                number: setpoint.index_request,
+                axis: setpoint.index_axis as usize,
+            },
         };
         for axis in AxisMask::ALL.without(self.settings.axes).axes() {
             (
@@ -520,6 +528,7 @@ impl Follower {
             phase_error_ns: 0,
             datum: self.datum,
             datum_shift,
+            index: self.current.map_or(IndexRequest::NONE, |current| current.index),
         };
         let silent = self.current.is_none() && self.state == BridgeState::Holding;
         if self.state == BridgeState::Braking || silent {

@@ -69,6 +69,7 @@ fn can_be_true(feedback: &Feedback) -> bool {
         && feedback.datum < 1 << 32
         && feedback.error_code < 1 << 16
         && (-second..=second).contains(&feedback.phase_error_ns)
+        && (feedback.index_position.is_nan() || (-1400.0..=1400.0).contains(&feedback.index_position))
         && axes.into_iter().all(|axis| {
             // 400 is the farthest end of the travel, which is 500 long.
             (-1400.0..=1400.0).contains(&feedback.position[axis])
@@ -88,7 +89,7 @@ fn feedback_is_believed_exactly_where_every_field_can_be() {
         let mut feedback = good();
         let axis = (random.bits() % AXES as u64) as usize;
         for _ in 0..=random.bits() % 3 {
-            match random.bits() % 18 {
+            match random.bits() % 19 {
                 0 => feedback.time_ns = random.whole(),
                 1 => feedback.position[axis] = random.real(),
                 2 => feedback.velocity[axis] = random.real(),
@@ -106,6 +107,7 @@ fn feedback_is_believed_exactly_where_every_field_can_be() {
                 14 => feedback.datum = random.whole(),
                 15 => feedback.time_ns = NOW_NS + random.whole() % 40_000_000,
                 // These may have any value: they are shown, or compared with what was sent.
+                17 => feedback.index_position = random.real(),
                 16 => (feedback.sequence, feedback.instance) = (random.whole(), random.whole()),
                 _ => {
                     (feedback.note, feedback.missed_setpoints) = (random.bits() as u32, random.bits() as u32);

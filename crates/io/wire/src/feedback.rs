@@ -45,8 +45,10 @@ payload! {
         instance: u64,
         /// Bit i set: positions of axis i refer to machine zero after every start of bridge or drive.
         absolute_mask: u32,
-        /// Zero; for later versions.
-        reserved: [u32; 3],
+        /// The setpoints' `index_request` that was taken over last; a bridge that latches no index pulses leaves it 0.
+        index_request: u32,
+        /// Position of its axis at the index pulse, by the names of `datum`; not a number until the pulse has come.
+        index_position: f64,
     }
 }
 

@@ -42,8 +42,12 @@ payload! {
         fault_reset: u32,
         /// Grows by one when homing assigns new coordinates: the axes are at rest, and the step of position is not a motion.
         datum: u64,
+        /// Another number, not 0: the next index pulse of the encoder of axis `index_axis` is to be latched.
+        index_request: u32,
+        /// The axis of `index_request`, an index into X Y Z A B C U V W.
+        index_axis: u32,
         /// Zero; for later versions.
-        reserved: [u64; 3],
+        reserved: [u64; 2],
     }
 }
 

@@ -4,7 +4,7 @@ use evolvent_path::AxisMask;
 use std::collections::VecDeque;
 
 use evolvent_bus::{AXES, Feedback, Setpoint};
-use evolvent_drive::{DriveState, Follower, PowerRequest, SettingsError, Target};
+use evolvent_drive::{DriveState, Follower, IndexLatch, PowerRequest, SettingsError, Target};
 
 use crate::drive::{DriveTrouble, SimDrive};
 use crate::fault::{Fault, FaultKind};
@@ -39,6 +39,8 @@ pub struct SimBridge {
     /// The reading of the load at which the sensor froze.
     frozen_load: Option<f64>,
     delayed: VecDeque<Feedback>,
+    /// The index pulse that the core asks for.
+    index: IndexLatch,
 }
 
 impl SimBridge {
@@ -67,6 +69,7 @@ impl SimBridge {
             stuck: [None; AXES],
             frozen_load: None,
             delayed: VecDeque::new(),
+            index: IndexLatch::default(),
         })
     }
 
@@ -159,7 +162,9 @@ impl SimBridge {
             for drive in &mut self.drives {
                 drive.rename(shift[drive.axis().axis]);
             }
+            self.index.rename(&shift);
         }
+        let armed = self.index.take(target.index);
         let power = self.power_for_all(&target);
         for i in 0..self.drives.len() {
             let axis = self.drives[i].axis().axis;
@@ -167,9 +172,15 @@ impl SimBridge {
                 faulted: self.is_active(FaultKind::Fault, Some(axis), now_ns),
                 disabled: self.is_active(FaultKind::Off, Some(axis), now_ns),
                 blocked: self.is_active(FaultKind::Blocked, Some(axis), now_ns),
+                home_switch: self.home_switch(axis, now_ns),
+                without_index: self.is_active(FaultKind::IndexMissing, Some(axis), now_ns),
             };
             let (position, period_s) = (target.position[axis], self.period_s);
             self.drives[i].step(position, power, target.fault_reset, trouble, period_s);
+            let is_awaited = armed.is_none() && self.index.awaited() == Some(axis);
+            if let (true, Some(pulse)) = (is_awaited, self.drives[i].passed_index()) {
+                self.index.latch(pulse);
+            }
         }
         self.last_target = Some(target);
         let feedback = self.feedback(now_ns, &target);
@@ -224,6 +235,22 @@ impl SimBridge {
         }
     }
 
+    /// Axes whose encoders have lost their zero.
+    fn without_absolute(&self, now_ns: u64) -> AxisMask {
+        let axes = self.axes.axes();
+        axes.filter(|axis| self.is_active(FaultKind::AbsoluteLost, Some(*axis), now_ns))
+            .collect()
+    }
+
+    /// A home switch that does not do what its axis does.
+    fn home_switch(&self, axis: usize, now_ns: u64) -> Option<bool> {
+        let kinds = [(FaultKind::SwitchClosed, true), (FaultKind::SwitchOpen, false)];
+        let mut stuck = kinds
+            .into_iter()
+            .filter(|(kind, _)| self.is_active(*kind, Some(axis), now_ns));
+        stuck.next().map(|(_, closed)| closed)
+    }
+
     fn is_active(&self, kind: FaultKind, axis: Option<usize>, now_ns: u64) -> bool {
         let Some(since_ns) = self.operating_since_ns else {
             return false;
@@ -248,9 +275,14 @@ impl SimBridge {
             missed_setpoints: self.follower.missed(),
             datum: target.datum,
             instance: self.instance,
-            absolute_mask: if self.absolute { self.axes.bits() } else { 0 },
+            absolute_mask: if self.absolute {
+                self.axes.bits() & !self.without_absolute(now_ns).bits()
+            } else {
+                0
+            },
             ..Feedback::default()
         };
+        self.index.describe(&mut feedback);
         for drive in &self.drives {
             let axis = drive.axis().axis;
             feedback.position[axis] = drive.shown();

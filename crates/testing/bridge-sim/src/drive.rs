@@ -20,6 +20,10 @@ pub(crate) struct DriveTrouble {
     pub faulted: bool,
     pub disabled: bool,
     pub blocked: bool,
+    /// The home switch, whatever the axis does.
+    pub home_switch: Option<bool>,
+    /// The encoder has no index pulses.
+    pub without_index: bool,
 }
 
 /// One drive with its axis.
@@ -36,6 +40,10 @@ pub struct SimDrive {
     /// The drive's own ramp: quick stop, fault reaction, friction.
     ramp: Option<(Brake, f64)>,
     periods: u32,
+    /// The index pulse that was passed in the last period, as the encoder names it.
+    index: Option<f64>,
+    /// The home switch as it is wired.
+    switch: Option<bool>,
 }
 
 impl SimDrive {
@@ -50,6 +58,8 @@ impl SimDrive {
             target: axis.start,
             ramp: None,
             periods: 0,
+            index: None,
+            switch: None,
             axis,
         }
     }
@@ -102,6 +112,12 @@ impl SimDrive {
         }
     }
 
+    /// The index pulse that was passed in the last period, as the encoder names it.
+    #[must_use]
+    pub const fn passed_index(&self) -> Option<f64> {
+        self.index
+    }
+
     /// Names every position anew by adding `shift`.
     pub fn rename(&mut self, shift: f64) {
         self.offset += shift;
@@ -117,7 +133,9 @@ impl SimDrive {
     /// Whether the home switch is pressed.
     #[must_use]
     pub fn at_home_switch(&self) -> bool {
-        if self.axis.home_switch_is_below {
+        if let Some(switch) = self.switch {
+            switch
+        } else if self.axis.home_switch_is_below {
             self.servo.position <= self.axis.home_switch
         } else {
             self.servo.position >= self.axis.home_switch
@@ -184,6 +202,10 @@ impl SimDrive {
         if trouble.blocked {
             self.servo = Servo::at(held.position);
         }
+        self.switch = trouble.home_switch;
+        let pulses = self.axis.index.filter(|_| !trouble.without_index);
+        let passed = pulses.and_then(|index| index.between(held.position, self.servo.position));
+        self.index = passed.map(|pulse| pulse + self.offset);
         self.target + self.offset
     }
 

@@ -53,11 +53,19 @@ pub enum FaultKind {
     SpindleSlow,
     /// Spindles are stopped by what they cut.
     SpindleStall,
+    /// The home switch of one axis is closed wherever the axis is.
+    SwitchClosed,
+    /// The home switch of one axis is open wherever the axis is.
+    SwitchOpen,
+    /// The encoder of one axis has no index pulses.
+    IndexMissing,
+    /// The absolute encoder of one axis has lost its zero.
+    AbsoluteLost,
 }
 
 impl FaultKind {
     /// All kinds with their names.
-    pub const ALL: [(Self, &'static str); 21] = [
+    pub const ALL: [(Self, &'static str); 25] = [
         (Self::Late, "late"),
         (Self::Silent, "silent"),
         (Self::Frozen, "frozen"),
@@ -79,6 +87,10 @@ impl FaultKind {
         (Self::SpindleSilent, "spindle-silent"),
         (Self::SpindleSlow, "spindle-slow"),
         (Self::SpindleStall, "spindle-stall"),
+        (Self::SwitchClosed, "switch-closed"),
+        (Self::SwitchOpen, "switch-open"),
+        (Self::IndexMissing, "index-missing"),
+        (Self::AbsoluteLost, "absolute-lost"),
     ];
 
     /// Whether it is one of the load sensor, of which the drives know nothing.
@@ -144,7 +156,7 @@ impl Fault {
 #[error(
     "{text:?} is no fault: write KIND@SECONDS[+DURATION][:AXIS] with one of late, silent, frozen, stuck, fault, off, \
      jump, blocked, nan, wild, ahead, load-zero, load-lost, load-frozen, load-nan, load-saturated, load-negative, \
-     spindle-fault, spindle-silent, spindle-slow, spindle-stall, as in `jump@2.5:Y`"
+     spindle-fault, spindle-silent, spindle-slow, spindle-stall, switch-closed, switch-open, index-missing, absolute-lost, as in `jump@2.5:Y`"
 )]
 pub struct FaultError {
     text: String,

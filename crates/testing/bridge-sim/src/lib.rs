@@ -35,5 +35,5 @@ pub use loopback::loopback;
 pub use probe::{ProbeSettings, SimProbe, Surface};
 pub use run::{Cutting, RunError, RunSettings, Signalling, SimReport, run, run_cutting};
 pub use servo::{Servo, ServoSettings};
-pub use settings::{SimAxis, SimSettings};
+pub use settings::{SimAxis, SimIndex, SimSettings};
 pub use spindle::{SimSpindle, SpindleSimulation};

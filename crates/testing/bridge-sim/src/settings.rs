@@ -7,6 +7,30 @@ use evolvent_path::AxisMask;
 use crate::fault::Fault;
 use crate::servo::ServoSettings;
 
+/// Index pulses of an encoder, by true positions; mm or degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SimIndex {
+    /// Of one of them.
+    pub position: f64,
+    /// From one to the next.
+    pub pitch: f64,
+}
+
+impl SimIndex {
+    /// The first pulse on the way from one position to another.
+    #[must_use]
+    pub fn between(&self, from: f64, to: f64) -> Option<f64> {
+        let turns = (from - self.position) / self.pitch;
+        let at = |turn: f64| self.position + turn * self.pitch;
+        if to > from {
+            // The pulse at the start belongs to the way before.
+            Some(at(turns.floor() + 1.0)).filter(|pulse| *pulse <= to)
+        } else {
+            Some(at(turns.ceil() - 1.0)).filter(|pulse| *pulse >= to)
+        }
+    }
+}
+
 /// One simulated axis; mm or degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimAxis {
@@ -30,6 +54,8 @@ pub struct SimAxis {
     pub home_switch: f64,
     /// Whether it is pressed beyond that towards smaller coordinates; otherwise towards larger ones.
     pub home_switch_is_below: bool,
+    /// Where the encoder has an index pulse, and every how far another, where it has any.
+    pub index: Option<SimIndex>,
     /// The smallest step that the encoder shows.
     pub encoder_step: f64,
     /// The position loop.
@@ -51,6 +77,10 @@ impl SimAxis {
             reference_offset: 0.0,
             home_switch: -980.0,
             home_switch_is_below: true,
+            index: Some(SimIndex {
+                position: 0.0,
+                pitch: 5.0,
+            }),
             encoder_step: 0.0001,
             servo: ServoSettings::default(),
         }
@@ -124,5 +154,30 @@ impl SimSettings {
             settings.max_jerk[axis.axis] = axis.max_jerk;
         }
         settings
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_pulse_of_a_way_is_met_once_in_either_direction() {
+        let index = SimIndex {
+            position: 1.0,
+            pitch: 5.0,
+        };
+        for (from, to) in [(-20.0, 30.0), (30.0, -20.0)] {
+            let (mut met, mut at) = (Vec::new(), from);
+            let step: f64 = 0.5 * f64::signum(to - from);
+            while (to - at) * step > 0.0 {
+                met.extend(index.between(at, at + step));
+                at += step;
+            }
+            let expected = [-19.0, -14.0, -9.0, -4.0, 1.0, 6.0, 11.0, 16.0, 21.0, 26.0];
+            assert!(met.iter().all(|pulse| expected.contains(pulse)), "{met:?}");
+            assert_eq!(met.len(), expected.len());
+        }
+        assert_eq!(index.between(2.0, 2.0), None);
     }
 }

@@ -1,9 +1,12 @@
 //! The homing sequence, from the operator's side.
 
+use std::fmt::Write as _;
+
 use evolvent_control::{
     Activity, Alarm, CommandCode, Homing, HomingAction, HomingAxis, HomingSample, JobResult, Rejection,
 };
-use evolvent_drive::Presence;
+use evolvent_drive::{IndexRequest, Presence};
+use evolvent_machine::HomingMethod;
 use evolvent_path::{Axes, AxisLetter, AxisMask};
 use evolvent_transfer::AxesState;
 
@@ -24,11 +27,12 @@ impl Operator {
                 let i = homing.axis.index();
                 HomingAxis {
                     axis: homing.axis,
+                    method: homing.method,
                     order: homing.order,
                     direction: if homing.negative { -1.0 } else { 1.0 },
                     search_speed: homing.search_speed,
                     latch_speed: homing.latch_speed,
-                    switch_position: homing.switch_position,
+                    reference: homing.reference,
                     travel: self.limits.travel_max[i] - self.limits.travel_min[i],
                     home: self.limits.home[i],
                 }
@@ -37,7 +41,7 @@ impl Operator {
         if !axes.is_empty() && self.view.presence != Presence::Operational {
             return Err(Rejection::new(
                 Alarm::NoFeedback,
-                "no bridge answers, so there is no switch to home with; start the bridge, then switch on",
+                "no bridge answers, so there is nothing to home with; start the bridge, then switch on",
             ));
         }
         // What is homed anew is not homed before it is done.
@@ -49,8 +53,11 @@ impl Operator {
         if axes.is_empty() {
             self.desk.job_ends(JobResult::Done);
         } else {
+            let requests = u32::try_from(axes.len()).unwrap_or(u32::MAX);
+            let first_request = self.next_index;
+            self.next_index = first_request.wrapping_add(requests).max(1);
             self.job = Job::Homing {
-                homing: Homing::new(axes),
+                homing: Homing::new(axes, first_request),
                 steered: None,
                 cancelled: false,
             };
@@ -99,6 +106,19 @@ impl Operator {
         self.raise(sequence, Alarm::ReferenceLost, text);
     }
 
+    /// Of axes that are homed by an absolute encoder: those whose drives say no longer that it is one are not homed any more.
+    pub(super) fn watch_absolute(&mut self, absolute: AxisMask) {
+        let homing = self.setup.machine.homing.iter();
+        let lost = homing
+            .filter(|homing| homing.method == HomingMethod::Absolute)
+            .map(|homing| homing.axis.index())
+            .filter(|axis| self.desk.homed().contains(*axis) && !absolute.contains(*axis))
+            .collect::<AxisMask>();
+        if !lost.is_empty() {
+            self.lose_reference(self.view.setpoint.sequence, lost);
+        }
+    }
+
     /// The axes stand at `position`, by names of the present or a new datum.
     pub(super) fn relocate(&mut self, position: Axes, renames: bool) {
         let limits = limits_here(&self.limits, &position, self.desk.homed());
@@ -136,10 +156,23 @@ impl Operator {
             HomingAction::Stop => {
                 self.order(CycleCommand::Stop);
             }
+            HomingAction::LatchIndex { axis, request } => {
+                let (number, axis) = (request, axis.index());
+                self.index_axis = Some(axis);
+                self.order(CycleCommand::LatchIndex(IndexRequest { number, axis }));
+            }
+            HomingAction::TakePosition { axis } => {
+                self.desk
+                    .set_homed(self.desk.homed() | AxisMask::one(axis.index()));
+                self.relocate(here, false);
+                let text = format!("axis {}: machine zero is where the drive says", axis.letter());
+                self.record(ExternalEventKind::Command, CommandCode::Home as u32, text, None);
+            }
             HomingAction::SetZero {
                 axis,
                 position,
                 coordinate,
+                from_switch,
             } => {
                 let i = axis.index();
                 let shift = coordinate - position;
@@ -150,7 +183,11 @@ impl Operator {
                 self.view.setpoint.position = renamed;
                 self.desk.set_homed(self.desk.homed() | AxisMask::one(i));
                 self.relocate(renamed, true);
-                let text = format!("axis {}: machine zero set, shifted by {shift:.6}", axis.letter());
+                let mut text = format!("axis {}: machine zero set, shifted by {shift:.6}", axis.letter());
+                if let Some(from_switch) = from_switch {
+                    // Near 0 and near the distance of two pulses the switch may choose another pulse the next time.
+                    let _infallible = write!(text, ", index pulse {from_switch:.6} from the switch");
+                }
                 self.record(
                     ExternalEventKind::Command,
                     CommandCode::Home as u32,

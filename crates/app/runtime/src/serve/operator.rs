@@ -111,6 +111,9 @@ pub(crate) struct Operator {
     pub(super) reading: Option<Reading>,
     /// The datum that the last renaming has led to.
     pub(super) datum: u64,
+    /// Number of the next request for an index pulse, and the axis of the last.
+    pub(super) next_index: u32,
+    pub(super) index_axis: Option<usize>,
     /// The way to the middle of the program, on its way.
     pub(super) way: Option<Receiver<String>>,
     /// The tool in the spindle is being written.
@@ -200,6 +203,8 @@ impl Operator {
             malformed: 0,
             inbox: VecDeque::new(),
             datum: 0,
+            next_index: 1,
+            index_axis: None,
             way: None,
             tool_savings: Vec::new(),
             checking: None,
@@ -596,6 +601,8 @@ impl Operator {
                 continue;
             }
             if let Some(shift) = &self.view.shift {
+                let indexed = self.index_axis;
+                feedback.index_position -= indexed.map_or(0.0, |axis| shift[axis]);
                 // As of the newest setpoint, a few periods before the feedback: what the correction changes meanwhile is as much
                 // smaller than that way as errors of a machine are than its travel.
                 for (position, shift) in feedback.position.iter_mut().zip(shift.iter()) {
@@ -603,10 +610,15 @@ impl Operator {
                 }
             }
             self.feedback = Some(feedback);
+            self.watch_absolute(AxisMask::from_bits(feedback.absolute_mask));
             if self.view.datum == feedback.datum && self.view.datum >= self.datum {
                 self.step_homing(&HomingSample {
+                    time_ns: feedback.time_ns,
                     position: Axes::from(feedback.position),
                     switches: AxisMask::from_bits(feedback.home_switch_mask),
+                    absolute: AxisMask::from_bits(feedback.absolute_mask),
+                    index_request: feedback.index_request,
+                    index_position: (!feedback.index_position.is_nan()).then_some(feedback.index_position),
                 });
             }
         }

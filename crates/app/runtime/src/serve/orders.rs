@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use evolvent_control::JobResult;
-use evolvent_drive::{DriveAlarm, PowerRequest, Presence};
+use evolvent_drive::{DriveAlarm, IndexRequest, PowerRequest, Presence};
 use evolvent_machine::Limits;
 use evolvent_motion::{PathExecutor, PlanConsumer, Setpoint, TransferExecutor, Violation};
 use evolvent_path::{Axes, AxisMask};
@@ -94,6 +94,8 @@ pub(crate) enum CycleCommand {
     Within(Limits),
     /// Limit switches of these axes are looked at by the homing sequence.
     ExpectSwitches(AxisMask),
+    /// This index pulse is to be latched.
+    LatchIndex(IndexRequest),
     /// The process ends once the axes rest.
     End,
 }

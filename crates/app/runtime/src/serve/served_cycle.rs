@@ -415,6 +415,7 @@ impl ServedParts {
             }
             CycleCommand::KeepJogging(until_ns) => now.keep_until_ns = until_ns,
             CycleCommand::ExpectSwitches(mask) => now.switches_expected = mask,
+            CycleCommand::LatchIndex(request) => now.drive.index = request,
             CycleCommand::End => {
                 now.ending = true;
                 match &mut now.work {

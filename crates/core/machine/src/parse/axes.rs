@@ -1,77 +1,15 @@
-//! Checks the axes of a machine file and their homing.
+//! The axes of a machine file.
 
 use evolvent_config::shortened;
 use evolvent_path::AxisLetter;
 
-use super::{Check, MAX_NUMBER};
+use super::Check;
 use crate::error::MachineError;
 use crate::file::{AxisFile, AxisKind, MachineFile};
-use crate::homing::{EndFile, HomingFile, HomingSettings};
 use crate::machine::{Axis, MachineKind};
 use crate::rate::GRAVITY_MM_S2;
 
 impl Check<'_> {
-    pub(super) fn homing(
-        &self,
-        raw: &[HomingFile],
-        axes: &[Axis],
-    ) -> Result<Vec<HomingSettings>, MachineError> {
-        let mut homing: Vec<HomingSettings> = Vec::new();
-        for (index, one) in raw.iter().enumerate() {
-            let at = format!("homing[{index}]");
-            let mut letters = one.axis.chars();
-            let letter = letters.next().and_then(AxisLetter::from_letter);
-            let axis = axes
-                .iter()
-                .find(|axis| Some(axis.letter) == letter && letters.as_str().is_empty());
-            let Some(axis) = axis else {
-                return Err(self.error(
-                    &format!("{at}.axis"),
-                    format!("this machine has no axis {:?}", shortened(&one.axis)),
-                    "name an axis that has an [[axis]] table",
-                ));
-            };
-            if homing.iter().any(|known| known.axis == axis.letter) {
-                return Err(self.error(
-                    &format!("{at}.axis"),
-                    format!("axis {} is homed twice", axis.letter.letter()),
-                    "keep one of the tables",
-                ));
-            }
-            let rotary = axis.letter.is_rotary();
-            let unit = if rotary { "deg" } else { "mm" };
-            let value = |key: &str, mm: Option<f64>, deg: Option<f64>, suffix: &str| {
-                let (mine, other) = if rotary { (deg, mm) } else { (mm, deg) };
-                let name = format!("{key}_{unit}{suffix}");
-                if other.is_some() {
-                    return Err(self.error(
-                        &at,
-                        format!("axis {} takes {key} in {unit}", axis.letter.letter()),
-                        format!("write {name}"),
-                    ));
-                }
-                let value = self.required(&at, &name, mine)?;
-                Ok((format!("{at}.{name}"), value))
-            };
-            let (search_key, search_speed) = value("search", one.search_mm_s, one.search_deg_s, "_s")?;
-            let (latch_key, latch_speed) = value("latch", one.latch_mm_s, one.latch_deg_s, "_s")?;
-            let (switch_key, switch_position) = value("switch", one.switch_mm, one.switch_deg, "")?;
-            self.number(&search_key, search_speed, 1e-6, axis.max_velocity)?;
-            self.number(&latch_key, latch_speed, 1e-6, search_speed)?;
-            self.number(&switch_key, switch_position, -MAX_NUMBER, MAX_NUMBER)?;
-            let order = self.whole_number(&format!("{at}.order"), one.order, 0, 100)?;
-            homing.push(HomingSettings {
-                axis: axis.letter,
-                order,
-                negative: matches!(one.towards, EndFile::Negative),
-                search_speed,
-                latch_speed,
-                switch_position,
-            });
-        }
-        Ok(homing)
-    }
-
     pub(super) fn axes(&self, raw: &MachineFile) -> Result<Vec<Axis>, MachineError> {
         let mut axes: Vec<Axis> = Vec::new();
         for (index, axis) in raw.axis.iter().enumerate() {

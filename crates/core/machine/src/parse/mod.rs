@@ -7,6 +7,7 @@
 mod axes;
 mod corrections;
 mod handwheel;
+mod homing;
 mod numbers;
 mod signals;
 

@@ -1,0 +1,327 @@
+//! Finding machine zero of one axis.
+
+use evolvent_machine::HomingMethod;
+use evolvent_path::AXES;
+
+use crate::alarm::Alarm;
+use crate::homing::{HomingAction, HomingAxis, HomingSample};
+use crate::rejection::Rejection;
+
+/// The search goes so much farther than the travel is long.
+const SEARCH_FRACTION: f64 = 1.1;
+/// Backing off takes at most this share of the travel.
+const BACK_FRACTION: f64 = 0.5;
+/// A bridge takes a request for an index pulse over within this time, ns: the lead of setpoints is at most 28 ms, or 1000 cycles.
+const TAKEN_OVER_NS: u64 = 5_000_000_000;
+/// A latched position may be off the way on which it was searched by what the axis travels in this time, s: samples are that old.
+const OFF_WAY_S: f64 = 0.1;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    Begin,
+    Search,
+    /// The switch has closed: rest, then back off.
+    Found,
+    BackOff,
+    /// The switch has opened: rest, then come back.
+    Left,
+    Latch,
+    /// Off the switch slowly, to the edge at which it opens.
+    Leave,
+    /// The request is on its way; the axis rests.
+    Arming {
+        since_ns: u64,
+    },
+    /// The index pulse is to come; the request was sent at this position and time.
+    AwaitIndex {
+        from: f64,
+        since_ns: u64,
+    },
+    /// It did not come.
+    NoIndex {
+        from: f64,
+        is_taken_over: bool,
+    },
+    /// A pulse was latched so far along the way, where it cannot have been.
+    OffWay {
+        along: f64,
+    },
+    /// What is searched was at `position` of the drive.
+    Latched {
+        position: f64,
+        from_switch: Option<f64>,
+    },
+    Zeroed,
+    GoHome,
+}
+
+/// The way of one axis to machine zero.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AxisHoming {
+    axis: HomingAxis,
+    phase: Phase,
+    /// The order to move has been given, so rest means that it has ended.
+    moving: bool,
+    /// Number of its request for an index pulse.
+    request: u32,
+}
+
+impl AxisHoming {
+    pub(crate) const fn new(axis: HomingAxis, request: u32) -> Self {
+        Self {
+            axis,
+            phase: Phase::Begin,
+            moving: false,
+            request,
+        }
+    }
+
+    pub(crate) const fn settings(&self) -> &HomingAxis {
+        &self.axis
+    }
+
+    /// Goes on with one sample of the drives. After [`HomingAction::Done`] and [`HomingAction::Fail`] it is over.
+    pub(crate) fn step(&mut self, sample: &HomingSample, at_rest: bool) -> HomingAction {
+        let i = self.axis.axis.index();
+        debug_assert!(i < AXES);
+        let position = sample.position[i];
+        let closed = sample.switches.contains(i);
+        let has_stopped = at_rest && self.moving;
+        match self.phase {
+            Phase::Begin if at_rest => self.begin(sample, closed),
+            Phase::Search if closed => self.halt(Phase::Found),
+            Phase::Search if has_stopped => self.switch_missing("within the travel"),
+            Phase::Found if at_rest => self.leave_switch(),
+            Phase::BackOff if !closed => self.halt(Phase::Left),
+            Phase::BackOff | Phase::Leave if has_stopped && closed => self.switch_stuck(),
+            Phase::Left if at_rest => {
+                let distance = self.axis.direction * self.axis.travel * BACK_FRACTION;
+                self.go(Phase::Latch, distance, self.axis.latch_speed)
+            }
+            Phase::Latch if closed => match self.axis.method {
+                HomingMethod::SwitchThenIndex { .. } => self.await_index(position, sample.time_ns),
+                _ => self.halt(Phase::Latched {
+                    position,
+                    from_switch: None,
+                }),
+            },
+            Phase::Latch if has_stopped => self.switch_missing("again on the way back"),
+            Phase::Leave if !closed => self.await_index(position, sample.time_ns),
+            Phase::Arming { since_ns } => self.arm(sample, since_ns, position),
+            Phase::AwaitIndex { from, since_ns } => self.watch_index(sample, from, since_ns, has_stopped),
+            Phase::NoIndex { from, is_taken_over } if at_rest => {
+                self.index_missing((position - from).abs(), is_taken_over)
+            }
+            Phase::OffWay { along } if at_rest => self.off_way(along),
+            Phase::Latched {
+                position,
+                from_switch,
+            } if at_rest => {
+                self.phase = Phase::Zeroed;
+                HomingAction::SetZero {
+                    axis: self.axis.axis,
+                    position,
+                    coordinate: self.axis.reference,
+                    from_switch,
+                }
+            }
+            Phase::Zeroed if at_rest => {
+                self.phase = Phase::GoHome;
+                self.moving = true;
+                HomingAction::Home {
+                    axis: self.axis.axis,
+                    position: self.axis.home,
+                    speed: self.axis.search_speed,
+                }
+            }
+            Phase::GoHome if at_rest => HomingAction::Done,
+            _ => HomingAction::Wait,
+        }
+    }
+
+    /// At rest, before anything has moved.
+    fn begin(&mut self, sample: &HomingSample, closed: bool) -> HomingAction {
+        let axis = &self.axis;
+        match axis.method {
+            HomingMethod::Absolute if sample.absolute.contains(axis.axis.index()) => {
+                self.phase = Phase::GoHome;
+                HomingAction::TakePosition { axis: axis.axis }
+            }
+            HomingMethod::Absolute => HomingAction::Fail(Rejection::new(
+                Alarm::NotAbsolute,
+                format!(
+                    "axis {}: its bridge does not say that the encoder counts from machine zero; see the encoder's battery and the \
+                     drive's settings",
+                    axis.axis.letter()
+                ),
+            )),
+            HomingMethod::Index { .. } => {
+                self.phase = Phase::Arming {
+                    since_ns: sample.time_ns,
+                };
+                self.latch_index()
+            }
+            _ if closed => self.leave_switch(),
+            _ => {
+                let distance = axis.direction * axis.travel * SEARCH_FRACTION;
+                self.go(Phase::Search, distance, axis.search_speed)
+            }
+        }
+    }
+
+    /// Off the closed switch: fast where the edge is sought on the way back, slowly where it is the one of leaving.
+    fn leave_switch(&mut self) -> HomingAction {
+        let distance = -self.axis.direction * self.axis.travel * BACK_FRACTION;
+        match self.axis.method {
+            HomingMethod::SwitchThenIndex {
+                when_opening: true, ..
+            } => self.go(Phase::Leave, distance, self.axis.latch_speed),
+            _ => self.go(Phase::BackOff, distance, self.axis.search_speed),
+        }
+    }
+
+    /// The axis moves on; from here the pulse is to come.
+    fn await_index(&mut self, from: f64, since_ns: u64) -> HomingAction {
+        self.phase = Phase::AwaitIndex { from, since_ns };
+        self.latch_index()
+    }
+
+    fn latch_index(&self) -> HomingAction {
+        HomingAction::LatchIndex {
+            axis: self.axis.axis,
+            request: self.request,
+        }
+    }
+
+    /// Moves as soon as the pulse would be latched.
+    fn arm(&mut self, sample: &HomingSample, since_ns: u64, from: f64) -> HomingAction {
+        if sample.index_request == self.request {
+            let since_ns = sample.time_ns;
+            let distance = self.axis.direction * self.within();
+            return self.go(
+                Phase::AwaitIndex { from, since_ns },
+                distance,
+                self.axis.latch_speed,
+            );
+        }
+        if sample.time_ns.saturating_sub(since_ns) > TAKEN_OVER_NS {
+            return self.index_missing(0.0, false);
+        }
+        HomingAction::Wait
+    }
+
+    fn watch_index(
+        &mut self,
+        sample: &HomingSample,
+        from: f64,
+        since_ns: u64,
+        has_stopped: bool,
+    ) -> HomingAction {
+        let position = sample.position[self.axis.axis.index()];
+        let is_taken_over = sample.index_request == self.request;
+        if let (true, Some(latched)) = (is_taken_over, sample.index_position) {
+            return self.latched(latched, from);
+        }
+        let is_too_far = (position - from).abs() > self.within();
+        let is_ignored = !is_taken_over && sample.time_ns.saturating_sub(since_ns) > TAKEN_OVER_NS;
+        if has_stopped {
+            return self.index_missing((position - from).abs(), is_taken_over);
+        }
+        if is_too_far || is_ignored {
+            return self.halt(Phase::NoIndex { from, is_taken_over });
+        }
+        HomingAction::Wait
+    }
+
+    /// The pulse has come; it must lie on the way on which it was searched.
+    fn latched(&mut self, latched: f64, from: f64) -> HomingAction {
+        let way = match self.axis.method {
+            HomingMethod::SwitchThenIndex {
+                when_opening: true, ..
+            } => -self.axis.direction,
+            _ => self.axis.direction,
+        };
+        let along = (latched - from) * way;
+        let slack = OFF_WAY_S * self.axis.latch_speed;
+        // Written so that what is no number is off the way.
+        if !(along >= -slack && along <= self.within() + slack) {
+            return self.halt(Phase::OffWay { along });
+        }
+        let has_switch = matches!(self.axis.method, HomingMethod::SwitchThenIndex { .. });
+        self.halt(Phase::Latched {
+            position: latched,
+            from_switch: has_switch.then_some(latched - from),
+        })
+    }
+
+    const fn within(&self) -> f64 {
+        match self.axis.method {
+            HomingMethod::SwitchThenIndex { within, .. } | HomingMethod::Index { within } => within,
+            HomingMethod::Switch | HomingMethod::Absolute => 0.0,
+        }
+    }
+
+    fn go(&mut self, phase: Phase, distance: f64, speed: f64) -> HomingAction {
+        self.phase = phase;
+        self.moving = true;
+        HomingAction::Move {
+            axis: self.axis.axis,
+            distance,
+            speed,
+        }
+    }
+
+    fn halt(&mut self, phase: Phase) -> HomingAction {
+        self.phase = phase;
+        self.moving = false;
+        HomingAction::Stop
+    }
+
+    fn switch_missing(&self, what: &str) -> HomingAction {
+        HomingAction::Fail(Rejection::new(
+            Alarm::HomeSwitchMissing,
+            format!(
+                "axis {}: the home switch was not found {what}; see its wiring",
+                self.axis.axis.letter()
+            ),
+        ))
+    }
+
+    fn switch_stuck(&self) -> HomingAction {
+        HomingAction::Fail(Rejection::new(
+            Alarm::HomeSwitchStuck,
+            format!(
+                "axis {}: the home switch stays closed; see its wiring",
+                self.axis.axis.letter()
+            ),
+        ))
+    }
+
+    fn off_way(&self, along: f64) -> HomingAction {
+        HomingAction::Fail(Rejection::new(
+            Alarm::IndexMissing,
+            format!(
+                "axis {}: the bridge latched an index pulse {along:.4} along the way, which was to come within {:.4}; see the \
+                 bridge's scale of the encoder",
+                self.axis.axis.letter(),
+                self.within()
+            ),
+        ))
+    }
+
+    fn index_missing(&self, travelled: f64, is_taken_over: bool) -> HomingAction {
+        let letter = self.axis.axis.letter();
+        let text = if is_taken_over {
+            format!(
+                "axis {letter}: no index pulse came on {travelled:.4} of {:.4}; see the encoder's index wire, or allow more by \
+                 index_within",
+                self.within()
+            )
+        } else {
+            format!(
+                "axis {letter}: the bridge did not take over the request for an index pulse; it latches none, or not for this axis"
+            )
+        };
+        HomingAction::Fail(Rejection::new(Alarm::IndexMissing, text))
+    }
+}
