@@ -4,15 +4,16 @@ use core::fmt::Display;
 use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use core::time::Duration;
 
-use evolvent_bus::BusError;
+use evolvent_bus::{BusError, bus_folders, writable_folders};
 use evolvent_machine::Machine;
 use evolvent_path::AxisMask;
 use rtrb::RingBuffer;
 use thiserror::Error;
 
 use crate::bus_side::BusSide;
+use crate::confinement::{ThreadRole, confine};
 use crate::ends::BusEnds;
-use crate::privileges::{drop_capabilities, raise_priority};
+use crate::privileges::raise_priority;
 
 /// Interval between two attempts to start a session.
 const RETRY: Duration = Duration::from_millis(500);
@@ -45,6 +46,8 @@ pub trait Hardware {
     const NAME: &'static str;
     /// What its file has for each axis, as in `a device`.
     const ENTRY: &'static str;
+    /// Sessions open UDP sockets. Else every socket of theirs is open before the bridge runs.
+    const OPENS_UDP: bool = false;
 
     /// The axes that it drives.
     fn axes(&self) -> AxisMask;
@@ -74,6 +77,15 @@ pub enum BridgeError {
     /// Capabilities cannot be dropped.
     #[error("capabilities cannot be dropped: {0}")]
     Privileges(std::io::Error),
+    /// The bus has moved where the bridge may not go any more.
+    #[error(
+        "the bus's folder {folder} was made, or made again, after the bridge had given up its rights to other folders: start the \
+         bridge again"
+    )]
+    Folder {
+        /// The folder.
+        folder: String,
+    },
     /// Another set of axes.
     #[error(
         "the core drives the axes {core}, the {file} file has {driven}: give each axis of the machine {entry}"
@@ -93,7 +105,10 @@ pub enum BridgeError {
 /// Runs a bridge until `stop` is set or the time is up. Waits for its core, outlives it, and finds the next
 /// one. `tell` receives the messages for the log.
 ///
-/// `session` is called, in a thread with `SCHED_FIFO` and without capabilities, once a core is known and
+/// The calling thread, which serves the bus, keeps no capability, no file but those of the bus, and only the system calls that this
+/// needs, permanently: call this on a thread that does little else afterwards. Rights that this kernel cannot remove are reported.
+///
+/// `session` is called, in a thread with `SCHED_FIFO` and with fewer rights still, once a core is known and
 /// again whenever it has returned. It sets up the hardware and runs its cycle until something ends it; it
 /// returns `Ok` if it was asked to stop.
 ///
@@ -103,7 +118,7 @@ pub fn run_bridge<H: Hardware>(
     settings: BridgeSettings<'_>,
     hardware: &H,
     stop: &AtomicBool,
-    tell: impl FnMut(&str),
+    mut tell: impl FnMut(&str),
     mut session: impl FnMut(&mut BusEnds<'_, H::Notice>) -> Result<(), H::Failure> + Send,
 ) -> Result<BridgeRuns, BridgeError> {
     let (period_ns, sessions) = (AtomicU64::new(0), AtomicU64::new(0));
@@ -113,12 +128,21 @@ pub fn run_bridge<H: Hardware>(
     let (mut inputs, mut inputs_out) = RingBuffer::new(ROOM);
     let (mut notices, mut notices_out) = RingBuffer::new(ROOM_FOR_NOTICES);
     let (failures, failures_out) = std::sync::mpsc::channel::<H::Failure>();
+    let (gaps, gaps_out) = std::sync::mpsc::channel::<String>();
+    let writable = writable_folders(settings.prefix)?;
+    let folders = bus_folders(settings.prefix)?;
     std::thread::scope(|scope| {
         let (period_ns, sessions, ended) = (&period_ns, &sessions, &ended);
         scope.spawn(move || {
             raise_priority(settings.machine.realtime.priority.saturating_sub(2).max(1));
-            // If this thread cannot drop them, neither can the other, which reports it.
-            let _told = drop_capabilities();
+            let role = ThreadRole::Session {
+                opens_udp: H::OPENS_UDP,
+            };
+            // If this thread cannot drop capabilities, neither can the other, which reports it.
+            for gap in confine(role, &[]).unwrap_or_default() {
+                let _nobody = gaps.send(gap);
+            }
+            drop(gaps);
             while !ended.load(Ordering::Relaxed) {
                 if period_ns.load(Ordering::Relaxed) == 0 {
                     std::thread::sleep(Duration::from_millis(5));
@@ -147,11 +171,20 @@ pub fn run_bridge<H: Hardware>(
             incoming: &mut incoming_in,
             feedback: &mut feedback_out,
             inputs: &mut inputs_out,
+            folders,
             connections: 0,
         };
-        let result = drop_capabilities()
+        let result = confine(ThreadRole::Bus, &writable)
             .map_err(BridgeError::Privileges)
-            .and_then(|()| bus.serve(&mut notices_out, &failures_out, tell));
+            .and_then(|mut own_gaps| {
+                let others = gaps_out.iter().filter(|gap| !own_gaps.contains(gap));
+                let others: Vec<String> = others.collect();
+                own_gaps.extend(others);
+                for gap in own_gaps {
+                    tell(&format!("rights: {gap}"));
+                }
+                bus.serve(&mut notices_out, &failures_out, tell)
+            });
         ended.store(true, Ordering::Relaxed);
         result.map(|connections| BridgeRuns {
             connections,

@@ -2,10 +2,11 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use core::time::Duration;
+use std::path::PathBuf;
 
 use evolvent_bus::{
     BusError, ClientBus, ClientConfig, Feedback, FeedbackSender, InputSender, MachineInputs, OutputReader,
-    ReceiveError, SetpointReader,
+    ReceiveError, SetpointReader, bus_folders,
 };
 use evolvent_path::{AxisLetter, AxisMask};
 use rtrb::{Consumer, Producer};
@@ -37,6 +38,8 @@ pub(crate) struct BusSide<'a, H> {
     pub(crate) incoming: &'a mut Producer<Incoming>,
     pub(crate) feedback: &'a mut Consumer<Feedback>,
     pub(crate) inputs: &'a mut Consumer<MachineInputs>,
+    /// Folders of the bus to which this thread has kept its rights, with what tells each from one that is made in its place.
+    pub(crate) folders: Vec<(PathBuf, String)>,
     pub(crate) connections: u32,
 }
 
@@ -66,7 +69,9 @@ impl<H: Hardware> BusSide<'_, H> {
                         self.period_ns.store(period_ns, Ordering::Relaxed);
                         ports = Some(found);
                     }
-                    Err(BusError::NoCore { .. } | BusError::Service { .. } | BusError::NoPlace { .. }) => {}
+                    Err(BusError::NoCore { .. } | BusError::Service { .. } | BusError::NoPlace { .. }) => {
+                        self.check_folders()?;
+                    }
                     Err(error) => return Err(error.into()),
                 }
             }
@@ -150,6 +155,17 @@ impl<H: Hardware> BusSide<'_, H> {
             _client: client,
         };
         Ok((ports, letters, period_ns))
+    }
+
+    /// A folder that is new is out of this thread's reach.
+    fn check_folders(&self) -> Result<(), BridgeError> {
+        let found = bus_folders(self.settings.prefix).unwrap_or_default();
+        match found.iter().find(|folder| !self.folders.contains(folder)) {
+            None => Ok(()),
+            Some((folder, _)) => Err(BridgeError::Folder {
+                folder: folder.display().to_string(),
+            }),
+        }
     }
 
     fn check_axes(&self, letters: &str) -> Result<(), BridgeError> {

@@ -52,14 +52,16 @@
 //! ```
 //!
 //! The bus thread finds the core, outlives it and finds the next one. The session's thread has real-time priority. Both give
-//! up their capabilities, so sockets that need them are opened before.
+//! up their capabilities, files and system calls that they do not need, so sockets that need rights are opened before.
 
 mod bridge;
 mod bus_side;
 mod clock;
+mod confinement;
 mod ends;
 mod privileges;
 
 pub use bridge::{BridgeError, BridgeRuns, BridgeSettings, Hardware, run_bridge};
 pub use clock::monotonic_ns;
+pub use confinement::confine_writer;
 pub use ends::{BusEnds, Incoming};

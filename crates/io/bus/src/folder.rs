@@ -240,6 +240,19 @@ pub fn bus_folders(prefix: Option<&str>) -> Result<Vec<(PathBuf, String)>, BusEr
         .collect())
 }
 
+/// Folders that a client of this user's bus writes to, for a process that gives up all others afterwards; the one that a core takes
+/// first is made where it is missing. What iceoryx2 reads elsewhere, its configuration, is read now.
+///
+/// # Errors
+/// A folder that another user has taken, or a prefix that is none.
+pub fn writable_folders(prefix: Option<&str>) -> Result<Vec<PathBuf>, BusError> {
+    let first = BusFolder::of_core(prefix)?;
+    crate::domain::configuration(&first)?;
+    let folders = BusFolder::existing(prefix)?.into_iter().map(|folder| folder.path);
+    // Segments of shared memory are there, whatever the folder.
+    Ok(folders.chain([PathBuf::from(SHARED_MEMORY)]).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -79,7 +79,7 @@ pub use core_bus::CoreBus;
 pub use discovery::{cores_of_other_users, list_machines};
 pub use domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD};
 pub use error::{BusError, ReceiveError, SendError};
-pub use folder::{RUNTIME_FOLDER, bus_folders};
+pub use folder::{RUNTIME_FOLDER, bus_folders, writable_folders};
 pub use name::{Channel, MAX_MACHINE_NAME, NameError, check_machine_name};
 pub use private_domain::remove_private_domain;
 

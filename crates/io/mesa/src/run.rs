@@ -98,6 +98,7 @@ impl Hardware for RunSettings {
 
     const NAME: &'static str = "board";
     const ENTRY: &'static str = "an entry";
+    const OPENS_UDP: bool = true;
 
     fn axes(&self) -> AxisMask {
         self.board.axes_mask()

@@ -1,0 +1,274 @@
+//! What the threads of a bridge can still do once it runs: tried by the threads themselves, and read from the kernel by another.
+
+#![expect(clippy::expect_used, reason = "a test")]
+
+use std::net::{TcpListener, TcpStream, UdpSocket};
+use std::os::unix::fs::DirBuilderExt;
+use std::process::Command;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Sender, channel};
+use std::time::{Duration, Instant};
+
+use evolvent_bridge::{BridgeError, BridgeSettings, Hardware, run_bridge};
+use evolvent_bus::{BusConfig, CoreBus, RUNTIME_FOLDER, remove_private_domain};
+use evolvent_machine::Machine;
+use evolvent_path::{AxisLetter, AxisMask};
+
+struct Bench<const UDP: bool>;
+
+impl<const UDP: bool> Hardware for Bench<UDP> {
+    type Notice = String;
+    type Failure = String;
+    const NAME: &'static str = "bench";
+    const ENTRY: &'static str = "a drive";
+    const OPENS_UDP: bool = UDP;
+
+    fn axes(&self) -> AxisMask {
+        [AxisLetter::X, AxisLetter::Y, AxisLetter::Z]
+            .into_iter()
+            .collect()
+    }
+    fn has_signals(&self) -> bool {
+        false
+    }
+    fn text(&self, notice: String) -> String {
+        notice
+    }
+}
+
+fn socket(family: i32, kind: i32) -> bool {
+    // SAFETY: no memory is passed.
+    let descriptor = unsafe { libc::socket(family, kind, 0) };
+    if descriptor >= 0 {
+        // SAFETY: the descriptor was just made and nobody else has it.
+        unsafe { libc::close(descriptor) };
+    }
+    descriptor >= 0
+}
+
+fn map_code() -> bool {
+    let (code, shared) = (
+        libc::PROT_READ | libc::PROT_EXEC,
+        libc::MAP_PRIVATE | libc::MAP_ANONYMOUS,
+    );
+    // SAFETY: a new page, at an address of the kernel's choice.
+    let page = unsafe { libc::mmap(core::ptr::null_mut(), 4096, code, shared, -1, 0) };
+    page != libc::MAP_FAILED
+}
+
+/// What the calling thread can do, by name; `door` is a socket that listens.
+fn deeds(door: std::net::SocketAddr) -> Vec<(&'static str, bool)> {
+    let process = std::process::id() as i32;
+    // SAFETY: a signal that does nothing by default, to this process.
+    let kills = || unsafe { libc::kill(process, libc::SIGURG) == 0 };
+    let forks = || {
+        // SAFETY: the child calls nothing but `_exit`.
+        let child = unsafe { libc::fork() };
+        if child == 0 {
+            // SAFETY: it ends this process, and does not return.
+            unsafe { libc::_exit(0) };
+        }
+        child > 0
+    };
+    let folder = std::env::temp_dir().join(format!("evolvent-confined-{}", std::process::id()));
+    vec![
+        ("read a file", std::fs::read("/etc/passwd").is_ok()),
+        ("list a folder", std::fs::read_dir("/etc").is_ok()),
+        ("write a file", std::fs::write(folder, "x").is_ok()),
+        ("run a program", Command::new("true").status().is_ok()),
+        ("fork", forks()),
+        ("open a raw socket", socket(libc::AF_PACKET, libc::SOCK_RAW)),
+        ("open a netlink socket", socket(libc::AF_NETLINK, libc::SOCK_RAW)),
+        ("open a UDP socket", UdpSocket::bind("127.0.0.1:0").is_ok()),
+        ("connect by TCP", TcpStream::connect(door).is_ok()),
+        ("send a signal", kills()),
+        ("map code", map_code()),
+        ("make a namespace", {
+            // SAFETY: no memory is passed.
+            let result = unsafe { libc::unshare(libc::CLONE_NEWUSER) };
+            result == 0
+        }),
+    ]
+}
+
+/// Fields of a thread's status, as the kernel tells them.
+fn status(thread: i32) -> Vec<(String, String)> {
+    let text = std::fs::read_to_string(format!("/proc/self/task/{thread}/status")).unwrap_or_default();
+    let fields = text.lines().filter_map(|line| line.split_once(':'));
+    fields
+        .map(|(key, value)| (key.to_owned(), value.trim().to_owned()))
+        .collect()
+}
+
+struct Seen {
+    who: &'static str,
+    thread: i32,
+    deeds: Vec<(&'static str, bool)>,
+}
+
+fn look(who: &'static str, door: std::net::SocketAddr, out: &Sender<Seen>) {
+    let _nobody = out.send(Seen {
+        who,
+        // SAFETY: no memory is concerned.
+        thread: unsafe { libc::gettid() },
+        deeds: deeds(door),
+    });
+}
+
+/// Runs a bridge beside a core and lets both of its threads try everything.
+fn try_everything<const UDP: bool>(prefix: &str) -> (Vec<Seen>, Vec<String>) {
+    let machine =
+        Machine::parse(&evolvent_file_tests::shipped("machines/mill-3axis.toml"), "mill").expect("a machine");
+    let mut config = BusConfig::new("confined", "XYZ", 1_000_000);
+    config.prefix = Some(prefix.to_owned());
+    let core = CoreBus::open(&config).expect("a bus");
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a socket");
+    let door = listener.local_addr().expect("its address");
+    let stop = AtomicBool::new(false);
+    let (out, seen) = channel();
+    let told = Mutex::new(Vec::new());
+    let mut found = Vec::new();
+    std::thread::scope(|scope| {
+        let (stop, told, machine) = (&stop, &told, &machine);
+        let (of_bus, of_session) = (out.clone(), out);
+        scope.spawn(move || {
+            let settings = BridgeSettings {
+                machine,
+                machine_name: Some("confined"),
+                prefix: Some(prefix),
+                duration: Some(Duration::from_secs(20)),
+            };
+            let tell = |text: &str| {
+                if text.starts_with("core found") {
+                    look("bus", door, &of_bus);
+                }
+                told.lock().expect("no panic").push(text.to_owned());
+            };
+            run_bridge(settings, &Bench::<UDP>, stop, tell, |ends| {
+                look("session", door, &of_session);
+                while !ends.stop.load(Ordering::Relaxed) {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                Ok(())
+            })
+            .expect("a bridge that runs");
+        });
+        for _ in 0..2 {
+            let one = seen
+                .recv_timeout(Duration::from_secs(20))
+                .expect("both threads to try");
+            for (key, value) in status(one.thread) {
+                match key.as_str() {
+                    "CapEff" | "CapPrm" | "CapInh" | "CapAmb" => {
+                        assert!(
+                            value.chars().all(|digit| digit == '0'),
+                            "{}: {key} {value}",
+                            one.who
+                        );
+                    }
+                    "NoNewPrivs" => assert_eq!(value, "1", "{}", one.who),
+                    _ => {}
+                }
+            }
+            found.push((one, status));
+        }
+        stop.store(true, Ordering::Relaxed);
+    });
+    drop(core);
+    let _removed = remove_private_domain(prefix);
+    let told = told.into_inner().expect("no panic");
+    (found.into_iter().map(|(one, _)| one).collect(), told)
+}
+
+#[test]
+fn threads_of_a_bridge_can_do_nothing_but_their_work() {
+    // What this test can do itself; a sandbox around it may forbid more, which then shows nothing.
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a socket");
+    let free = deeds(listener.local_addr().expect("its address"));
+    assert!(free.iter().any(|(what, done)| *what == "read a file" && *done));
+    for (udp, prefix) in [(false, "conf_a_"), (true, "conf_b_")] {
+        let prefix = format!("{prefix}{}_", std::process::id());
+        let (seen, told) = if udp {
+            try_everything::<true>(&prefix)
+        } else {
+            try_everything::<false>(&prefix)
+        };
+        let lacks = |what: &str| {
+            told.iter()
+                .any(|text| text.starts_with("rights:") && text.contains(what))
+        };
+        for one in &seen {
+            for (what, done) in &one.deeds {
+                let may = udp && one.who == "session" && *what == "open a UDP socket";
+                let by_files = matches!(*what, "read a file" | "list a folder" | "write a file");
+                if lacks(if by_files { "files" } else { "system calls" }) {
+                    println!("not measured: {what}: {told:?}");
+                    continue;
+                }
+                assert_eq!(*done, may, "{} with UDP {udp}: {what}", one.who);
+            }
+        }
+    }
+}
+
+/// A folder that is made in the place of the one that the bridge may use is out of its reach: it says so and ends, and does not wait for
+/// ever for a core that it cannot see.
+#[test]
+fn a_folder_that_is_made_again_ends_the_bridge() {
+    // Another process: the variable is of the whole process.
+    if std::env::var_os("EVOLVENT_CONFINED_CHILD").is_none() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let output = Command::new(std::env::current_exe().expect("this test"))
+            .args([
+                "a_folder_that_is_made_again_ends_the_bridge",
+                "--exact",
+                "--nocapture",
+            ])
+            .env(RUNTIME_FOLDER, folder.path().join("bus"))
+            .env("EVOLVENT_CONFINED_CHILD", "1")
+            .output()
+            .expect("to start");
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stdout)
+        );
+        return;
+    }
+    let folder = std::path::PathBuf::from(std::env::var_os(RUNTIME_FOLDER).expect("a folder"));
+    let machine =
+        Machine::parse(&evolvent_file_tests::shipped("machines/mill-3axis.toml"), "mill").expect("a machine");
+    let stop = AtomicBool::new(false);
+    let begin = Instant::now();
+    let result = std::thread::scope(|scope| {
+        let bridge = scope.spawn(|| {
+            let settings = BridgeSettings {
+                machine: &machine,
+                machine_name: Some("confined"),
+                prefix: None,
+                duration: Some(Duration::from_secs(20)),
+            };
+            run_bridge(
+                settings,
+                &Bench::<false>,
+                &stop,
+                |text| println!("{text}"),
+                |_| Ok(()),
+            )
+        });
+        while !folder.exists() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        // It looks for its core by now.
+        std::thread::sleep(Duration::from_millis(200));
+        std::fs::rename(&folder, folder.with_extension("old")).expect("to move it");
+        std::fs::DirBuilder::new()
+            .mode(0o700)
+            .create(&folder)
+            .expect("another");
+        bridge.join().expect("no panic")
+    });
+    assert!(matches!(result, Err(BridgeError::Folder { .. })), "{result:?}");
+    assert!(begin.elapsed() < Duration::from_secs(15));
+}
