@@ -208,8 +208,8 @@ fn run(trial: &Trial) -> (Result<(), Rejection>, f64, [f64; 2]) {
 }
 
 fn trial(random: &mut Random) -> Trial {
-    let is_negative = random.bits() % 2 == 0;
-    let when_opening = random.bits() % 2 == 0;
+    let is_negative = random.bits().is_multiple_of(2);
+    let when_opening = random.bits().is_multiple_of(2);
     let direction = if is_negative { -1.0 } else { 1.0 };
     let switch = direction * 140.0;
     let way = if when_opening { -direction } else { direction };

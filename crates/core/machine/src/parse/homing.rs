@@ -3,7 +3,7 @@
 use evolvent_config::shortened;
 use evolvent_path::AxisLetter;
 
-use super::{Check, MAX_NUMBER, TINY};
+use super::{Check, MAX_NUMBER, MIN_NUMBER};
 use crate::error::MachineError;
 use crate::homing::{EdgeFile, EndFile, HomingFile, HomingMethod, HomingSettings, MethodFile};
 use crate::machine::Axis;
@@ -82,10 +82,10 @@ impl HomingKeys<'_> {
             self.number(
                 &self.key("search", "_s"),
                 search_speed,
-                TINY,
+                MIN_NUMBER,
                 self.axis.max_velocity,
             )?;
-            self.number(&self.key("latch", "_s"), latch_speed, TINY, search_speed)?;
+            self.number(&self.key("latch", "_s"), latch_speed, MIN_NUMBER, search_speed)?;
         }
         let within = self.value("index_within", file.index_within_mm, file.index_within_deg, "")?;
         let within = match within {
@@ -94,8 +94,8 @@ impl HomingKeys<'_> {
             None => 0.0,
         };
         if method.has_index() {
-            let longest = (self.axis.travel_max - self.axis.travel_min).max(TINY);
-            self.number(&self.key("index_within", ""), within, TINY, longest)?;
+            let longest = (self.axis.travel_max - self.axis.travel_min).max(MIN_NUMBER);
+            self.number(&self.key("index_within", ""), within, MIN_NUMBER, longest)?;
         }
         Ok(HomingSettings {
             axis: self.axis.letter,
