@@ -11,7 +11,8 @@ use std::time::Duration;
 use evolvent_gcode::{Action, Command, Diagnostic, LogAction, Modal, Move, MoveKind, SpindleDirection};
 use evolvent_machine::{AtSpeed, SignalKind, ToolChange};
 use evolvent_motion::{
-    ProbeMove, ProbeResult, ProbeVerdict, ProbingSender, QueueClosed, ThreadingSender, Turning, TurningSender,
+    ProbeMove, ProbeResult, ProbeVerdict, ProbingSender, ProcessCycle, ProcessSender, QueueClosed,
+    ThreadingSender,
 };
 use evolvent_path::{Axes, AxisLetter, Curve};
 use evolvent_planner::{PlanError, PlanSink, Step};
@@ -38,6 +39,7 @@ use crate::stages::Stages;
 use crate::switches::{SwitchState, Switched, Switching};
 use crate::threading::ThreadChain;
 use crate::turning::turning;
+use crate::turning_motion::TurningMotion;
 use crate::user_code::UserCodes;
 
 use threading::ThreadTrouble;
@@ -134,7 +136,7 @@ pub(crate) struct Feeder<'a, S> {
     codes: Option<UserCodes>,
     carrier: Option<ToCarrier>,
     /// The way of turning cycles to the cycle; none where nothing is driven.
-    turnings: Option<TurningSender>,
+    turnings: Option<ProcessSender>,
     /// The way of probing moves to the cycle; none where nothing is driven.
     probings: Option<ProbingSender>,
     /// The way of passes of threading to the cycle; none where nothing is driven.
@@ -246,7 +248,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     }
 
     /// Hands turning cycles on here.
-    pub(crate) fn turning_by(mut self, turnings: Option<TurningSender>) -> Self {
+    pub(crate) fn turning_by(mut self, turnings: Option<ProcessSender>) -> Self {
         self.turnings = turnings;
         self
     }
@@ -577,10 +579,10 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     }
 
     /// Comes to rest and hands over to a turning cycle.
-    fn turn(&mut self, turning: Turning, line: u32) -> Result<(), QueueClosed> {
+    fn turn(&mut self, turning: TurningMotion, line: u32) -> Result<(), QueueClosed> {
         // Its passes are fed at the speed that the cycle was planned for.
         self.set_feed_law(FeedLaw::Time);
-        let mut turning = Box::new(turning);
+        let mut turning: Box<dyn ProcessCycle> = Box::new(turning);
         while let Some(turnings) = &mut self.turnings {
             match turnings.send(turning) {
                 Ok(()) => break,

@@ -75,6 +75,7 @@ mod switches;
 mod tally;
 mod threading;
 mod turning;
+mod turning_motion;
 mod turning_tally;
 mod user_code;
 mod user_code_runner;

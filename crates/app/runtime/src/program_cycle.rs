@@ -18,6 +18,7 @@ use crate::due_setpoint::DriveRequest;
 use crate::shared::Controls;
 use crate::signal_loop::{SignalLoop, phase_of};
 use crate::standby::{NotBegun, Standby};
+use crate::turning_motion::{turning_fault, turning_output};
 use crate::turning_tally::TurningTally;
 
 /// One cycle, for who looks on.
@@ -171,7 +172,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
         if !self.records_load && self.adaptive.is_none() {
             return;
         }
-        sample.turning = self.motion.turning().and_then(|output| output.transition);
+        sample.turning = turning_output(&self.motion).and_then(|output| output.transition);
         let was = std::mem::replace(&mut self.now.recorded_load, self.now.inputs.load);
         let Some(load) = self.now.inputs.load else { return };
         sample.record.load = load.value;
@@ -190,10 +191,11 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             self.now.simulated = sample;
             cut
         });
-        self.now.turning.see(self.motion.turning(), cut.as_ref());
+        let turning = turning_output(&self.motion);
+        self.now.turning.see(turning, cut.as_ref());
         (self.observe)(&Seen {
             setpoint,
-            turning: self.motion.turning(),
+            turning,
             cut,
         });
         let stands = setpoint.state == State::ProgramStop;
@@ -320,7 +322,7 @@ impl<F> ProgramCycle<F> {
         if self.motion.fault().is_some() {
             self.controls.raise(Alarm::Guard);
         }
-        if let Some(reason) = self.motion.turning_fault() {
+        if let Some(reason) = turning_fault(&self.motion) {
             self.controls.raise(turning_alarm(&reason));
         }
         if self.motion.is_stuck(&mut self.queue) {

@@ -99,7 +99,7 @@ pub fn recompute(
         thread::sleep(PLANNER_NAP);
         !waiting.load(Ordering::Acquire)
     });
-    let (turnings, probings) = (producer.take_turnings(), producer.take_probings());
+    let (turnings, probings) = (producer.take_processes(), producer.take_probings());
     let threadings = producer.take_threadings();
     let motion = PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
     let planner = Stages::two(setup, feed_override, producer)?;

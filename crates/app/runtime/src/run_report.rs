@@ -9,6 +9,7 @@ use crate::feeder::FeedReport;
 use crate::job::Job;
 use crate::program_cycle::{ProgramCycle, ProgramState, turning_alarm};
 use crate::summary::{Outcome, Summary, TimingSummary, axis_summaries};
+use crate::turning_motion::turning_fault;
 
 /// What the cycle's thread leaves.
 pub(crate) struct RunReport {
@@ -45,7 +46,7 @@ impl RunReport {
             let text = "the planner ended without completing its plan; the machine stopped on the path";
             return Some((Alarm::Planner, text.to_owned()));
         }
-        if let Some(reason) = motion.turning_fault() {
+        if let Some(reason) = turning_fault(motion) {
             return Some((turning_alarm(&reason), reason.text()));
         }
         if let Some(stop) = &self.now.adaptive_stop {

@@ -231,7 +231,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         let controls = Arc::clone(self.controls);
         let builder = thread::Builder::new().name("planner".into());
         let planner = builder.spawn_scoped(self.scope, move || {
-            let (turnings, probings) = (ends.plan.take_turnings(), ends.plan.take_probings());
+            let (turnings, probings) = (ends.plan.take_processes(), ends.plan.take_probings());
             let threadings = ends.plan.take_threadings();
             let stages = Stages::one(&job.setup, job.feed_override, ends.plan);
             let mut feeder = Feeder::new(

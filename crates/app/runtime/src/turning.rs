@@ -1,18 +1,18 @@
 //! From a turning cycle of a program to a controller that finds its passes.
 
 use evolvent_gcode::{TurningCycle, TurningKind};
-use evolvent_motion::{Turning, TurningFrame};
 use evolvent_path::AxisLetter;
 use evolvent_turning::{Cone, CutFile, CutKind, ScalarLimits, TurningController};
 
 use crate::job::Setup;
+use crate::turning_motion::{TurningFrame, TurningMotion};
 
 /// The controller of a cycle, with tool, law and feeds of the process file, and what the program says: where, how far,
 /// how fast the spindle turns. The tool stands at the stock's surface: higher nothing may stand.
 ///
 /// # Errors
 /// A sentence that says what does not fit.
-pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<Turning, String> {
+pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMotion, String> {
     let Some(process) = &setup.process else {
         return Err(
             "passes that the load finds need to know tool, force law, load and feeds: name a process file with --process, \
@@ -114,5 +114,5 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<Turning, St
     let (along, out) = frame.start_mm();
     let controller =
         TurningController::starting_at(settings, along, out).map_err(|error| error.to_string())?;
-    Ok(Turning::new(controller, frame))
+    Ok(TurningMotion::new(controller, frame))
 }

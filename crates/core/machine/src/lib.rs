@@ -46,6 +46,7 @@ mod file;
 mod handwheel;
 mod homing;
 mod limits;
+mod load_sample;
 mod machine;
 mod parse;
 mod rate;
@@ -63,6 +64,7 @@ pub use file::machine_schema;
 pub use handwheel::{HandwheelSettings, MAX_WHEEL_STEPS};
 pub use homing::{HomingMethod, HomingSettings};
 pub use limits::Limits;
+pub use load_sample::LoadSample;
 pub use machine::{
     Axis, ControlRate, CycleRecording, DriveSettings, FeedbackMode, Kinematics, Lead, MAX_FILE_BYTES,
     MAX_RATE_HZ, MIN_RATE_HZ, Machine, MachineKind, Magazine, OnFull, PathMode, PathSettings, PlannerKind,

@@ -9,6 +9,7 @@ use crate::queue::PlanConsumer;
 use crate::setpoint::Inputs;
 use crate::slowdown::Ahead;
 use crate::state::State;
+use crate::takeover::Takeover;
 
 /// Steps, segments and marks passed in one cycle at the most. Pieces are as short as the path's shortest blocks
 /// make them, so only a broken plan comes near it.
@@ -243,31 +244,15 @@ impl PathExecutor {
                 cursor.actions = action + 1;
                 cursor.pass_rest();
             }
-            Step::Turning { line } => {
+            Step::Turning { line } | Step::Probe { line } | Step::Thread { line } => {
                 cursor.line = line;
                 if queue.is_final(cursor.step) && !self.withhold {
                     cursor.state = State::Running;
-                    cursor.turns = true;
-                } else {
-                    self.waited = true;
-                }
-                return false;
-            }
-            Step::Probe { line } => {
-                cursor.line = line;
-                if queue.is_final(cursor.step) && !self.withhold {
-                    cursor.state = State::Running;
-                    cursor.probes = true;
-                } else {
-                    self.waited = true;
-                }
-                return false;
-            }
-            Step::Thread { line } => {
-                cursor.line = line;
-                if queue.is_final(cursor.step) && !self.withhold {
-                    cursor.state = State::Running;
-                    cursor.threads = true;
+                    cursor.takeover = Some(match step {
+                        Step::Probe { .. } => Takeover::Probing,
+                        Step::Thread { .. } => Takeover::Threading,
+                        _ => Takeover::Process,
+                    });
                 } else {
                     self.waited = true;
                 }

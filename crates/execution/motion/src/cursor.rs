@@ -5,6 +5,7 @@ use evolvent_planner::{Profile, ScalarLimits, ScalarState, TimedSegment};
 
 use crate::slowdown::Slowdown;
 use crate::state::State;
+use crate::takeover::Takeover;
 
 /// What moves the axes at the moment.
 #[derive(Clone, Copy, Debug)]
@@ -65,12 +66,8 @@ pub(crate) struct Cursor {
     pub(crate) slowdown: Option<Slowdown>,
     /// At rest for this cycle, whatever comes next.
     pub(crate) stays: bool,
-    /// At rest where a turning cycle begins.
-    pub(crate) turns: bool,
-    /// At rest where a probing move begins.
-    pub(crate) probes: bool,
-    /// At rest where a pass of threading begins.
-    pub(crate) threads: bool,
+    /// At rest where another motion takes over.
+    pub(crate) takeover: Option<Takeover>,
     /// Behind a probing move or a pass of threading: the plan goes on when its result is known.
     pub(crate) awaits_plan: bool,
     /// At rest here and not at the end of the path: a probing move or a pass of threading has ended here.
@@ -99,9 +96,7 @@ impl Cursor {
             joint: false,
             slowdown: None,
             stays: false,
-            turns: false,
-            probes: false,
-            threads: false,
+            takeover: None,
             awaits_plan: false,
             stands_at: None,
         }

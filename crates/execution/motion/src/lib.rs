@@ -59,8 +59,8 @@
 //!
 //! Where the plan says so, a pass of [`Threading`] takes over at rest and follows the angle of the spindle in the inputs.
 //!
-//! Where the plan says so, a [`Turning`] cycle takes over at rest, finds its passes from the cutting load in the inputs,
-//! and comes back to the same place; its setpoints pass the same guard.
+//! Where the plan says so, a [`ProcessCycle`] takes over at rest, finds its motion from the cutting load in the inputs,
+//! and ends where it began; its setpoints pass the same guard. Which processes there are is not known here.
 //!
 //! Whatever happens to the planner, the queue ends at rest on the path. Should a plan be wrong, the guard refuses
 //! the setpoint, the machine brakes on the path, and if that breaks a limit as well, each axis stops by itself.
@@ -72,6 +72,7 @@ mod machine_state;
 mod path_executor;
 mod plan_preview;
 mod probing;
+mod process_cycle;
 mod queue;
 mod quick_stop;
 mod replan;
@@ -80,24 +81,22 @@ mod setpoint;
 mod slowdown;
 mod state;
 mod stopping_distance;
+mod takeover;
 mod thread_cam;
 mod threading;
 mod transfer_executor;
-mod turning;
 
 pub use evolvent_wire::flags;
 pub use guard::{Extremes, Guard, Quantity, Violation};
 pub use machine_state::MachineState;
 pub use path_executor::PathExecutor;
 pub use probing::{ProbeMove, ProbeResult, ProbeVerdict, Probing};
-pub use queue::{
-    PlanConsumer, PlanProducer, ProbingSender, QueueClosed, STEPS_AHEAD, ThreadingSender, TurningSender,
-    plan_queue,
-};
+pub use process_cycle::{ProcessCycle, ProcessInputs, ProcessStatus};
+pub use queue::{PlanConsumer, PlanProducer, QueueClosed, STEPS_AHEAD, plan_queue};
 pub use setpoint::{Inputs, Setpoint};
 pub use state::State;
 pub use stopping_distance::{LongestStop, StoppingDistance};
+pub use takeover::{ProbingSender, ProcessSender, TakeoverSender, ThreadingSender};
 pub use thread_cam::{ThreadLeg, ThreadObjection};
 pub use threading::{TapReturn, ThreadPass, ThreadResult, ThreadVerdict, Threading};
 pub use transfer_executor::TransferExecutor;
-pub use turning::{Turning, TurningFrame};

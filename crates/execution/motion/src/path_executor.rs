@@ -3,13 +3,13 @@
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
 use evolvent_planner::{Segment, Step};
-use evolvent_turning::{Reason, TurningOutput};
 use evolvent_wire::flags;
 
 use crate::cursor::{ActiveMotion, Cursor};
 use crate::guard::{Extremes, Guard, Violation};
 use crate::plan_preview::PlanPreview;
 use crate::probing::Probing;
+use crate::process_cycle::ProcessSlot;
 use crate::queue::PlanConsumer;
 use crate::quick_stop::QuickStop;
 use crate::replan::ReplanState;
@@ -17,7 +17,6 @@ use crate::setpoint::{Inputs, Setpoint};
 use crate::slowdown::{Lead, Slowdown};
 use crate::state::State;
 use crate::threading::Threading;
-use crate::turning::Turning;
 
 /// The least feed override that a plan is made for.
 const MIN_OVERRIDE: f64 = 0.001;
@@ -53,16 +52,12 @@ pub struct PathExecutor {
     pub(crate) refused: bool,
     /// The next step acts as if the answer came to nothing.
     pub(crate) refuse: bool,
-    /// A turning cycle that moves the axes, or that has ended the run.
-    pub(crate) turning: Option<Box<Turning>>,
+    /// A process cycle that moves the axes, or that has ended the run.
+    pub(crate) process: ProcessSlot,
     /// A probing move that moves the axes.
     pub(crate) probing: Option<Box<Probing>>,
     /// A pass of threading that moves the axes.
     pub(crate) threading: Option<Box<Threading>>,
-    /// What the turning cycle gave out in the last step.
-    pub(crate) turned: Option<TurningOutput>,
-    /// Why it has ended the run.
-    pub(crate) turning_fault: Option<Reason>,
 }
 
 impl PathExecutor {
@@ -89,11 +84,9 @@ impl PathExecutor {
             rest_step: None,
             refused: false,
             refuse: false,
-            turning: None,
+            process: ProcessSlot::default(),
             probing: None,
             threading: None,
-            turned: None,
-            turning_fault: None,
         }
     }
 
@@ -139,13 +132,13 @@ impl PathExecutor {
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let state = self.cursor.now().0;
-        let turns = self.turning.as_ref().is_some_and(|turning| !turning.is_at_rest());
         let probes = self.probing.as_ref().is_some_and(|probing| !probing.is_at_rest());
         let threads = self
             .threading
             .as_ref()
             .is_some_and(|threading| !threading.is_at_rest());
-        self.quick_stop.is_none() && state.v == 0.0 && state.a == 0.0 && !turns && !probes && !threads
+        let plan_rests = state.v == 0.0 && state.a == 0.0;
+        self.quick_stop.is_none() && plan_rests && self.process.is_at_rest() && !probes && !threads
     }
 
     /// The feed that the axes are driven at after the last step, as a factor of the programmed one: less than the override
@@ -160,22 +153,10 @@ impl PathExecutor {
         }
     }
 
-    /// What the turning cycle gave out in the last step, if one moves the axes.
-    #[must_use]
-    pub fn turning(&self) -> Option<&TurningOutput> {
-        self.turned.as_ref()
-    }
-
     /// Number of the setpoint that [`step`](Self::step) computes next.
     #[must_use]
     pub fn next_sequence(&self) -> u64 {
         self.sequence
-    }
-
-    /// Why a turning cycle has ended the run.
-    #[must_use]
-    pub fn turning_fault(&self) -> Option<Reason> {
-        self.turning_fault
     }
 
     /// Whether the last step looked for something that the planner had not finished: the axes stood, or drove on as
@@ -225,9 +206,9 @@ impl PathExecutor {
         self.feed_override = wanted;
         self.stop |= inputs.stop;
 
-        self.turned = None;
-        if self.quick_stop.is_none() && self.turning.is_some() {
-            return self.turn(inputs, queue);
+        self.process.hand_back(queue);
+        if self.quick_stop.is_none() && self.process.is_active() {
+            return self.step_process(inputs);
         }
         if self.quick_stop.is_none() && self.probing.is_some() {
             return self.probe(inputs, queue);
@@ -258,14 +239,8 @@ impl PathExecutor {
             if self.quick_stop.is_none() {
                 let setpoint = self.publish(cursor, jet, segment.as_ref(), queue);
                 self.ask(inputs, queue);
-                if cursor.turns {
-                    self.turning = queue.take_turning();
-                }
-                if cursor.probes {
-                    self.probing = queue.take_probing();
-                }
-                if cursor.threads {
-                    self.threading = queue.take_threading();
+                if let Some(takeover) = cursor.takeover {
+                    self.begin(takeover, queue);
                 }
                 return setpoint;
             }

@@ -6,12 +6,10 @@ use evolvent_machine::Limits;
 use evolvent_path::{Axes, Curve, Jet};
 use evolvent_planner::{Profile, ScalarLimits, ScalarState};
 use evolvent_signals::{ProbeInput, ProbeState};
-use evolvent_wire::flags;
 
 use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
 use crate::setpoint::{Inputs, Setpoint};
-use crate::state::State;
 
 /// Rest before the move, s, beside the lead: the position of an earlier contact has come by then, and is not taken for one of
 /// this move. Drives settle in less.
@@ -316,42 +314,18 @@ impl PathExecutor {
         };
         let brake = inputs.hold || self.stop;
         let jet = probing.advance(&inputs.probe, brake, self.feed_override, self.period);
-        let (at_rest, is_over) = (probing.is_at_rest(), probing.result.is_some());
-        if let Err(violation) = self.guard.check(&jet.position, false, false) {
-            self.fault.get_or_insert(violation);
-            self.start_quick_stop();
+        let (is_at_rest, is_over) = (probing.is_at_rest(), probing.result.is_some());
+        if !self.accept(&jet) {
             return self.step_quick_stop();
         }
-        self.guard.publish(&jet.position, false);
-        self.last = jet;
-        let stands = inputs.hold && !self.stop;
-        self.cursor.probes = false;
-        self.cursor.state = match (self.stop, stands) {
-            (true, _) if at_rest => State::Stopped,
-            (true, _) => State::Stopping,
-            (_, true) if at_rest => State::Held,
-            (_, true) => State::Holding,
-            _ => State::Running,
-        };
+        let is_held = inputs.hold && !self.stop;
+        self.cursor.state = self.takeover_state(is_held, is_at_rest);
         if is_over && !self.stop {
-            // The path ends elsewhere, and what follows begins here.
-            self.cursor.stands_at = Some(jet.position);
-            self.cursor.pass_rest();
-            self.cursor.awaits_plan = true;
+            self.resume_plan_at(&jet);
             if let Some(probing) = self.probing.take() {
-                queue.return_probing(probing);
+                queue.probings.give_back(probing);
             }
         }
-        let mut bits = 0;
-        for (set, bit) in [
-            (stands, flags::HOLD),
-            (self.fault.is_some(), flags::GUARD),
-            (self.is_over(), flags::LAST),
-        ] {
-            if set {
-                bits |= bit;
-            }
-        }
-        self.setpoint(jet, self.cursor.path(), bits)
+        self.takeover_setpoint(jet, is_held)
     }
 }

@@ -20,9 +20,10 @@ use evolvent_planner::{
 };
 use rtrb::{Consumer, Producer, RingBuffer};
 
-use crate::probing::{ProbeResult, Probing};
-use crate::threading::{ThreadResult, Threading};
-use crate::turning::Turning;
+use crate::probing::Probing;
+use crate::process_cycle::ProcessCycle;
+use crate::takeover::{ProbingSender, ProcessSender, TakeoverReceiver, ThreadingSender, takeover_queue};
+use crate::threading::Threading;
 
 /// Steps that are final and waiting, beyond what the look-ahead needs for itself.
 const READY_STEPS: usize = 28_608;
@@ -35,9 +36,6 @@ const REQUESTS: usize = 8;
 /// The virtual clock, and every start from rest, waits until this many runs are final (or the plan is
 /// complete), so that a cycle never enters a run that could still change.
 pub const STEPS_AHEAD: u64 = 64;
-/// Turning cycles that wait, and room for those that are over: as many as can be on the way, and one that runs.
-const TURNINGS: usize = 8;
-const SPENT: usize = 2 * TURNINGS;
 /// A link that the cycle has claimed: it goes on with the step behind.
 const CLAIMED: u64 = u64::MAX;
 
@@ -73,12 +71,9 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
     let (mark_producer, mark_consumer) = RingBuffer::new(MARKS);
     let (request_producer, request_consumer) = RingBuffer::new(REQUESTS);
     let (answer_producer, answer_consumer) = RingBuffer::new(REQUESTS);
-    let (turning_producer, turning_consumer) = RingBuffer::new(TURNINGS);
-    let (spent_producer, spent_consumer) = RingBuffer::new(SPENT);
-    let (probing_producer, probing_consumer) = RingBuffer::new(TURNINGS);
-    let (probed_producer, probed_consumer) = RingBuffer::new(SPENT);
-    let (threading_producer, threading_consumer) = RingBuffer::new(TURNINGS);
-    let (threaded_producer, threaded_consumer) = RingBuffer::new(SPENT);
+    let (process_sender, processes) = takeover_queue();
+    let (probing_sender, probings) = takeover_queue();
+    let (threading_sender, threadings) = takeover_queue();
     let table = Arc::new(Table {
         exits: (0..steps)
             .map(|_| [AtomicU64::new(0), AtomicU64::new(0)])
@@ -96,18 +91,9 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         marks: mark_producer,
         requests: request_consumer,
         answers: answer_producer,
-        turnings: Some(TurningSender {
-            turnings: turning_producer,
-            spent: spent_consumer,
-        }),
-        probings: Some(ProbingSender {
-            probings: probing_producer,
-            probed: probed_consumer,
-        }),
-        threadings: Some(ThreadingSender {
-            threadings: threading_producer,
-            threaded: threaded_consumer,
-        }),
+        processes: Some(process_sender),
+        probings: Some(probing_sender),
+        threadings: Some(threading_sender),
         table: Arc::clone(&table),
         appended: 0,
         wait,
@@ -118,12 +104,9 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         marks: mark_consumer,
         requests: request_producer,
         answers: answer_consumer,
-        turnings: turning_consumer,
-        spent: spent_producer,
-        probings: probing_consumer,
-        probed: probed_producer,
-        threadings: threading_consumer,
-        threaded: threaded_producer,
+        processes,
+        probings,
+        threadings,
         table,
         taken: 0,
         taken_segments: 0,
@@ -145,98 +128,12 @@ pub struct PlanProducer<W> {
     marks: Producer<BlockMark>,
     requests: Consumer<Request>,
     answers: Producer<Answer>,
-    turnings: Option<TurningSender>,
+    processes: Option<ProcessSender>,
     probings: Option<ProbingSender>,
     threadings: Option<ThreadingSender>,
     table: Arc<Table>,
     appended: u64,
     wait: W,
-}
-
-/// Hands turning cycles to the cycle, each before its [`Step::Turning`], and drops those that are over.
-#[derive(Debug)]
-pub struct TurningSender {
-    turnings: Producer<Box<Turning>>,
-    spent: Consumer<Box<Turning>>,
-}
-
-impl TurningSender {
-    /// Hands one on, or back where there is no room yet.
-    ///
-    /// # Errors
-    /// The turning cycle, to be tried again.
-    pub fn send(&mut self, turning: Box<Turning>) -> Result<(), Box<Turning>> {
-        while self.spent.pop().is_ok() {}
-        self.turnings
-            .push(turning)
-            .map_err(|rtrb::PushError::Full(turning)| turning)
-    }
-
-    /// Whether nobody takes them any more.
-    #[must_use]
-    pub fn is_abandoned(&self) -> bool {
-        self.turnings.is_abandoned()
-    }
-}
-
-/// Hands probing moves to the cycle, each before its [`Step::Probe`], and takes back what came of them.
-#[derive(Debug)]
-pub struct ProbingSender {
-    probings: Producer<Box<Probing>>,
-    probed: Consumer<Box<Probing>>,
-}
-
-impl ProbingSender {
-    /// Hands one on, or back where there is no room.
-    ///
-    /// # Errors
-    /// The probing move, to be tried again.
-    pub fn send(&mut self, probing: Box<Probing>) -> Result<(), Box<Probing>> {
-        self.probings
-            .push(probing)
-            .map_err(|rtrb::PushError::Full(probing)| probing)
-    }
-
-    /// What came of the oldest that is over, once.
-    pub fn result(&mut self) -> Option<ProbeResult> {
-        self.probed.pop().ok().and_then(|probing| probing.result())
-    }
-
-    /// Whether nobody takes them any more.
-    #[must_use]
-    pub fn is_abandoned(&self) -> bool {
-        self.probings.is_abandoned()
-    }
-}
-
-/// Hands passes of threading to the cycle, each before its [`Step::Thread`], and takes back what came of them.
-#[derive(Debug)]
-pub struct ThreadingSender {
-    threadings: Producer<Box<Threading>>,
-    threaded: Consumer<Box<Threading>>,
-}
-
-impl ThreadingSender {
-    /// Hands one on, or back where there is no room.
-    ///
-    /// # Errors
-    /// The pass, to be tried again.
-    pub fn send(&mut self, threading: Box<Threading>) -> Result<(), Box<Threading>> {
-        self.threadings
-            .push(threading)
-            .map_err(|rtrb::PushError::Full(threading)| threading)
-    }
-
-    /// What came of the oldest that is over, once.
-    pub fn result(&mut self) -> Option<ThreadResult> {
-        self.threaded.pop().ok().and_then(|threading| threading.result())
-    }
-
-    /// Whether nobody takes them any more.
-    #[must_use]
-    pub fn is_abandoned(&self) -> bool {
-        self.threadings.is_abandoned()
-    }
 }
 
 impl<W> PlanProducer<W> {
@@ -250,9 +147,9 @@ impl<W> PlanProducer<W> {
         self.probings.take()
     }
 
-    /// The way of turning cycles to the cycle, once.
-    pub fn take_turnings(&mut self) -> Option<TurningSender> {
-        self.turnings.take()
+    /// The way of process cycles to the cycle, once.
+    pub fn take_processes(&mut self) -> Option<ProcessSender> {
+        self.processes.take()
     }
 }
 
@@ -354,12 +251,9 @@ pub struct PlanConsumer {
     marks: Consumer<BlockMark>,
     requests: Producer<Request>,
     answers: Consumer<Answer>,
-    turnings: Consumer<Box<Turning>>,
-    spent: Producer<Box<Turning>>,
-    probings: Consumer<Box<Probing>>,
-    probed: Producer<Box<Probing>>,
-    threadings: Consumer<Box<Threading>>,
-    threaded: Producer<Box<Threading>>,
+    pub(crate) processes: TakeoverReceiver<dyn ProcessCycle>,
+    pub(crate) probings: TakeoverReceiver<Probing>,
+    pub(crate) threadings: TakeoverReceiver<Threading>,
     table: Arc<Table>,
     taken: u64,
     taken_segments: u64,
@@ -509,45 +403,6 @@ impl PlanConsumer {
             let _old = self.answers.pop();
         }
         None
-    }
-
-    /// The turning cycle of the step that was reached.
-    pub(crate) fn take_turning(&mut self) -> Option<Box<Turning>> {
-        self.turnings.pop().ok()
-    }
-
-    /// Hands back a turning cycle that is over: it is dropped elsewhere.
-    pub(crate) fn return_turning(&mut self, turning: Box<Turning>) {
-        if let Err(rtrb::PushError::Full(turning)) = self.spent.push(turning) {
-            // There is room for all that can be on the way. Freeing memory is not for the cycle.
-            std::mem::forget(turning);
-        }
-    }
-
-    /// The probing move of the step that was reached.
-    pub(crate) fn take_probing(&mut self) -> Option<Box<Probing>> {
-        self.probings.pop().ok()
-    }
-
-    /// Hands back a probing move that is over, with its result.
-    pub(crate) fn return_probing(&mut self, probing: Box<Probing>) {
-        if let Err(rtrb::PushError::Full(probing)) = self.probed.push(probing) {
-            // The program waits for each before the next. Freeing memory is not for the cycle.
-            std::mem::forget(probing);
-        }
-    }
-
-    /// The pass of threading of the step that was reached.
-    pub(crate) fn take_threading(&mut self) -> Option<Box<Threading>> {
-        self.threadings.pop().ok()
-    }
-
-    /// Hands back a pass of threading that is over, with its result.
-    pub(crate) fn return_threading(&mut self, threading: Box<Threading>) {
-        if let Err(rtrb::PushError::Full(threading)) = self.threaded.push(threading) {
-            // The program waits for each before the next. Freeing memory is not for the cycle.
-            std::mem::forget(threading);
-        }
     }
 
     /// Says that the answer to request `id` has been taken over.

@@ -268,7 +268,7 @@ impl PathExecutor {
         if !queue.has_no_planner()
             || !self.is_at_rest()
             || self.is_over()
-            || self.turning.is_some()
+            || self.process.is_active()
             || self.probing.is_some()
         {
             return false;
@@ -307,7 +307,7 @@ impl PathExecutor {
         let cursor = &self.cursor;
         if self.is_over()
             || self.quick_stop.is_some()
-            || self.turning.is_some()
+            || self.process.is_active()
             || self.probing.is_some()
             || queue.is_abandoned()
         {

@@ -1,8 +1,8 @@
 //! What a cycle takes in and gives out.
 
+use evolvent_machine::LoadSample;
 use evolvent_path::Axes;
 use evolvent_signals::{OverrideSwitches, ProbeInput, SpindleInput};
-use evolvent_turning::LoadSample;
 
 use crate::State;
 
@@ -18,7 +18,7 @@ pub struct Inputs {
     pub stop: bool,
     /// Go on after a program stop. Must be seen unset before the next program stop counts it again.
     pub resume: bool,
-    /// The newest reading of the cutting load, the same again where there is no newer one: what turning cycles go by.
+    /// The newest reading of the cutting load, the same again where there is no newer one: what process cycles go by.
     pub load: Option<LoadSample>,
     /// The probe: what probing moves go by.
     pub probe: ProbeInput,

@@ -545,48 +545,24 @@ impl PathExecutor {
             return self.step_quick_stop();
         };
         let Driven { jet, acts } = threading.advance(&inputs.spindle, inputs.hold, self.stop, self.period);
-        let (at_rest, is_over) = (threading.is_at_rest(), threading.result.is_some());
+        let (is_at_rest, is_over) = (threading.is_at_rest(), threading.result.is_some());
         let line = threading.cam.line(threading.turns);
-        if let Err(violation) = self.guard.check(&jet.position, false, false) {
-            self.fault.get_or_insert(violation);
-            self.start_quick_stop();
+        if !self.accept(&jet) {
             return self.step_quick_stop();
         }
-        self.guard.publish(&jet.position, false);
-        self.last = jet;
-        self.cursor.threads = false;
         self.cursor.line = line;
         if acts {
             self.cursor.actions += 1;
         }
-        let stands = inputs.hold && !self.stop;
-        self.cursor.state = match (self.stop, stands) {
-            (true, _) if at_rest => State::Stopped,
-            (true, _) => State::Stopping,
-            // A pass is driven to its end: a tool that stands in a groove that turns would spoil it, or break.
-            (_, true) if at_rest => State::Held,
-            (_, true) => State::Holding,
-            _ => State::Running,
-        };
+        // A held pass is driven to its end: a tool that stands in a groove that turns would spoil it, or break.
+        let is_held = inputs.hold && !self.stop;
+        self.cursor.state = self.takeover_state(is_held, is_at_rest);
         if is_over && !self.stop {
-            // The path ends here, and what follows begins here.
-            self.cursor.stands_at = Some(jet.position);
-            self.cursor.pass_rest();
-            self.cursor.awaits_plan = true;
+            self.resume_plan_at(&jet);
             if let Some(threading) = self.threading.take() {
-                queue.return_threading(threading);
+                queue.threadings.give_back(threading);
             }
         }
-        let mut bits = 0;
-        for (set, bit) in [
-            (stands, flags::HOLD),
-            (self.fault.is_some(), flags::GUARD),
-            (self.is_over(), flags::LAST),
-        ] {
-            if set {
-                bits |= bit;
-            }
-        }
-        self.setpoint(jet, self.cursor.path(), bits)
+        self.takeover_setpoint(jet, is_held)
     }
 }

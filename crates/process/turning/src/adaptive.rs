@@ -4,9 +4,10 @@
 //! load at the programmed feed is worked out from the load and the feed of the moment (`load ~ feed^exponent`), and the
 //! factor follows from it at once, within limits and slew rates. What cannot be believed slows down and stops.
 
+use evolvent_machine::LoadSample;
+
 use crate::chip::ChipTrail;
 use crate::law::CutLaw;
-use crate::sensor::LoadSample;
 use crate::state::Reason;
 use crate::watch::{LoadWatch, SensorTrouble};
 

@@ -1,5 +1,7 @@
 //! Self-programmed turning: the controller that finds its passes from the load.
 
+use evolvent_machine::LoadSample;
+
 use crate::axis::{AxisDrive, AxisPoint};
 use crate::climb::Climb;
 use crate::felt_stock::FeltStock;
@@ -11,7 +13,6 @@ use crate::place_watch::PlaceWatch;
 use crate::protection_state::ProtectionState;
 use crate::record::SizeRecord;
 use crate::return_path::ReturnPath;
-use crate::sensor::LoadSample;
 use crate::settings::{SettingsError, TurningSettings};
 use crate::state::{Reason, Transition, TurningState};
 use crate::trail::Trail;

@@ -1,9 +1,11 @@
 //! The process that closes the loop where no metal is cut: positions in, load out.
 
+use evolvent_machine::LoadSample;
+
 use crate::job::Job;
 use crate::job_file::CutFile;
 use crate::scale::LoadScale;
-use crate::sensor::{LoadSample, Sensor};
+use crate::sensor::Sensor;
 use crate::workpiece::{CutNow, Workpiece};
 
 /// The stock and the sensor of a job file, under an axis that moves. The same positions give the same loads.

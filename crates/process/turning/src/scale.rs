@@ -1,6 +1,6 @@
 //! What a sensor shows of the cutting force: a force, a torque, a power or a current, and what it shows in air.
 
-use crate::sensor::LoadSample;
+use evolvent_machine::LoadSample;
 
 /// From the cutting force to a sensor's reading and back: `reading = idle + per_n force`, with `per_n` in proportion to
 /// the diameter that is cut where the sensor is in the spindle's drive.

@@ -1,15 +1,6 @@
 //! A simulated load sensor: lag, noise, and faults on demand.
 
-/// A reading as it comes from a sensor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LoadSample {
-    /// Grows by one from reading to reading. The same number again is no new reading.
-    pub sequence: u64,
-    /// The load in the unit of the law.
-    pub value: f64,
-    /// Highest value that the sensor can show; a reading at or above it says only "too much".
-    pub range_max: f64,
-}
+use evolvent_machine::LoadSample;
 
 /// What a sensor is like.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,7 +1,8 @@
 //! What the load says: depth of cut, peaks, contact, and whether the sensor can be believed.
 
+use evolvent_machine::LoadSample;
+
 use crate::law::CutLaw;
-use crate::sensor::LoadSample;
 
 /// Parts of a revolution that are told apart.
 const BINS: usize = 32;

@@ -74,7 +74,7 @@ impl Planning {
         let setup = &job.setup;
         let motion = PathExecutor::new(setup.machine.limits(), setup.period_ns, setup.start())
             .planned_for(job.feed_override);
-        let (turnings, probings) = (producer.take_turnings(), producer.take_probings());
+        let (turnings, probings) = (producer.take_processes(), producer.take_probings());
         let threadings = producer.take_threadings();
         let (onlooker, news) = mpsc::channel();
         let of_thread = Arc::clone(&flags);

@@ -22,6 +22,7 @@ use crate::handwheel_view::HandwheelView;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 use crate::signal_loop::{SignalLoop, phase_of};
+use crate::turning_motion::{turning_fault, turning_output};
 
 /// Orders that one cycle takes at the most; there are never so many.
 const MAX_ORDERS: usize = 32;
@@ -627,11 +628,11 @@ impl ServedParts {
             let sequence = setpoint.sequence;
             self.tell_once(now, CycleEvent::Spindle { sequence, spindle });
         }
-        if let (Some(reason), false) = (job.motion.turning_fault(), now.faulted) {
+        if let (Some(reason), false) = (turning_fault(&job.motion), now.faulted) {
             let sequence = setpoint.sequence;
             self.tell_once(now, CycleEvent::Turning { sequence, reason });
         }
-        now.turned = job.motion.turning().and_then(|output| output.transition);
+        now.turned = turning_output(&job.motion).and_then(|output| output.transition);
         now.input_bits |= recorded::FOLLOWS | input_bits(&inputs, &job.motion);
         now.at_stop = (setpoint.state == State::ProgramStop).then_some(setpoint.actions);
         self.station.follow(&job.motion, &setpoint);

@@ -1,0 +1,167 @@
+//! What takes over from the plan at rest: a process cycle, a probing move or a pass of threading.
+//!
+//! Each is built outside the cycle and handed over in a box, and goes back in it: the cycle neither allocates nor frees.
+
+use evolvent_path::Jet;
+use evolvent_wire::flags;
+use rtrb::{Consumer, Producer, RingBuffer};
+
+use crate::path_executor::PathExecutor;
+use crate::probing::{ProbeResult, Probing};
+use crate::process_cycle::ProcessCycle;
+use crate::queue::PlanConsumer;
+use crate::setpoint::Setpoint;
+use crate::state::State;
+use crate::threading::{ThreadResult, Threading};
+
+/// Those that wait, and room for those that are over: as many as can be on the way, and one that runs.
+const WAITING: usize = 8;
+const OVER: usize = 2 * WAITING;
+
+/// Which of them takes over with the next setpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Takeover {
+    Process,
+    Probing,
+    Threading,
+}
+
+/// Hands process cycles to the cycle, each before its [`Step::Turning`](evolvent_planner::Step::Turning).
+pub type ProcessSender = TakeoverSender<dyn ProcessCycle>;
+
+/// Hands probing moves to the cycle, each before its [`Step::Probe`](evolvent_planner::Step::Probe).
+pub type ProbingSender = TakeoverSender<Probing>;
+
+/// Hands passes of threading to the cycle, each before its [`Step::Thread`](evolvent_planner::Step::Thread).
+pub type ThreadingSender = TakeoverSender<Threading>;
+
+/// The planner's end: hands on what takes over, and takes it back when it is over.
+#[derive(Debug)]
+pub struct TakeoverSender<T: ?Sized> {
+    waiting: Producer<Box<T>>,
+    over: Consumer<Box<T>>,
+}
+
+impl<T: ?Sized> TakeoverSender<T> {
+    /// Hands one on, or back where there is no room yet. Drops those that are over by now.
+    ///
+    /// # Errors
+    /// What was to be handed on, to be tried again.
+    pub fn send(&mut self, next: Box<T>) -> Result<(), Box<T>> {
+        while self.over.pop().is_ok() {}
+        self.waiting
+            .push(next)
+            .map_err(|rtrb::PushError::Full(next)| next)
+    }
+
+    /// Whether nobody takes them any more.
+    #[must_use]
+    pub fn is_abandoned(&self) -> bool {
+        self.waiting.is_abandoned()
+    }
+}
+
+impl TakeoverSender<Probing> {
+    /// What came of the oldest that is over, once.
+    pub fn result(&mut self) -> Option<ProbeResult> {
+        self.over.pop().ok().and_then(|probing| probing.result())
+    }
+}
+
+impl TakeoverSender<Threading> {
+    /// What came of the oldest that is over, once.
+    pub fn result(&mut self) -> Option<ThreadResult> {
+        self.over.pop().ok().and_then(|threading| threading.result())
+    }
+}
+
+/// The cycle's end. Real-time safe.
+#[derive(Debug)]
+pub(crate) struct TakeoverReceiver<T: ?Sized> {
+    waiting: Consumer<Box<T>>,
+    over: Producer<Box<T>>,
+}
+
+impl<T: ?Sized> TakeoverReceiver<T> {
+    /// That of the plan's step that was reached.
+    pub(crate) fn take(&mut self) -> Option<Box<T>> {
+        self.waiting.pop().ok()
+    }
+
+    /// Hands back one that is over: it is dropped elsewhere.
+    pub(crate) fn give_back(&mut self, over: Box<T>) {
+        if let Err(rtrb::PushError::Full(over)) = self.over.push(over) {
+            // There is room for all that can be on the way. Freeing memory is not for the cycle.
+            std::mem::forget(over);
+        }
+    }
+}
+
+/// Both ends.
+pub(crate) fn takeover_queue<T: ?Sized>() -> (TakeoverSender<T>, TakeoverReceiver<T>) {
+    let (waiting, to_cycle) = RingBuffer::new(WAITING);
+    let (from_cycle, over) = RingBuffer::new(OVER);
+    let sender = TakeoverSender { waiting, over };
+    let receiver = TakeoverReceiver {
+        waiting: to_cycle,
+        over: from_cycle,
+    };
+    (sender, receiver)
+}
+
+impl PathExecutor {
+    /// Begins what the plan has come to.
+    pub(crate) fn begin(&mut self, takeover: Takeover, queue: &mut PlanConsumer) {
+        match takeover {
+            Takeover::Process => self.process.begin(queue.processes.take()),
+            Takeover::Probing => self.probing = queue.probings.take(),
+            Takeover::Threading => self.threading = queue.threadings.take(),
+        }
+    }
+
+    /// Publishes a setpoint of what has taken over, unless the guard objects: then every axis stops by itself.
+    pub(crate) fn accept(&mut self, jet: &Jet) -> bool {
+        if let Err(violation) = self.guard.check(&jet.position, false, false) {
+            self.fault.get_or_insert(violation);
+            self.start_quick_stop();
+            return false;
+        }
+        self.guard.publish(&jet.position, false);
+        self.last = *jet;
+        self.cursor.takeover = None;
+        true
+    }
+
+    /// What the cycle is doing while another motion has taken over.
+    pub(crate) fn takeover_state(&self, is_held: bool, is_at_rest: bool) -> State {
+        match (self.stop, is_held) {
+            (true, _) if is_at_rest => State::Stopped,
+            (true, _) => State::Stopping,
+            (_, true) if is_at_rest => State::Held,
+            (_, true) => State::Holding,
+            _ => State::Running,
+        }
+    }
+
+    /// What took over is over: the path ends elsewhere, and what follows begins here, planned when the result is known.
+    pub(crate) fn resume_plan_at(&mut self, jet: &Jet) {
+        self.cursor.stands_at = Some(jet.position);
+        self.cursor.pass_rest();
+        self.cursor.awaits_plan = true;
+    }
+
+    /// The setpoint of an accepted jet.
+    pub(crate) fn takeover_setpoint(&mut self, jet: Jet, is_held: bool) -> Setpoint {
+        let mut bits = 0;
+        for (set, bit) in [
+            (is_held, flags::HOLD),
+            (self.fault.is_some(), flags::GUARD),
+            (self.is_over(), flags::LAST),
+        ] {
+            if set {
+                bits |= bit;
+            }
+        }
+        self.setpoint(jet, self.cursor.path(), bits)
+    }
+}
