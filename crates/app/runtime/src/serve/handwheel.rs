@@ -145,7 +145,7 @@ impl Operator {
     }
 
     fn permits_jog(&self) -> bool {
-        self.reading.is_none() && self.desk.permit(CommandCode::Jog, &self.facts()).is_ok()
+        self.files.reading.is_none() && self.desk.permit(CommandCode::Jog, &self.facts()).is_ok()
     }
 
     /// The button was let go, or the wheel has fallen silent.

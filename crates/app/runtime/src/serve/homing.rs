@@ -54,8 +54,8 @@ impl Operator {
             self.desk.job_ends(JobResult::Done);
         } else {
             let requests = u32::try_from(axes.len()).unwrap_or(u32::MAX);
-            let first_request = self.next_index;
-            self.next_index = first_request.wrapping_add(requests).max(1);
+            let first_request = self.drives.next_index;
+            self.drives.next_index = first_request.wrapping_add(requests).max(1);
             self.job = Job::Homing {
                 homing: Homing::new(axes, first_request),
                 steered: None,
@@ -158,7 +158,7 @@ impl Operator {
             }
             HomingAction::LatchIndex { axis, request } => {
                 let (number, axis) = (request, axis.index());
-                self.index_axis = Some(axis);
+                self.drives.index_axis = Some(axis);
                 self.order(CycleCommand::LatchIndex(IndexRequest { number, axis }));
             }
             HomingAction::TakePosition { axis } => {
@@ -178,8 +178,8 @@ impl Operator {
                 let shift = coordinate - position;
                 let mut renamed = here;
                 renamed[i] += shift;
-                self.home_offset[i] -= shift;
-                self.datum = self.view.datum + 1;
+                self.drives.home_offset[i] -= shift;
+                self.drives.datum = self.view.datum + 1;
                 self.view.setpoint.position = renamed;
                 self.desk.set_homed(self.desk.homed() | AxisMask::one(i));
                 self.relocate(renamed, true);
@@ -217,7 +217,7 @@ impl Operator {
                 let begun = self.steer(&limits, solved, target, FOR_EVER, None);
                 let start = slowed(&limits, &from, AxisMask::one(i), Some(speed));
                 let start = steered_start(&start, &from, &target, false);
-                self.notes.sends(begun.order, self.desk.job(), start);
+                self.book.notes.sends(begun.order, self.desk.job(), start);
                 if let Job::Homing { steered, .. } = &mut self.job {
                     *steered = Some(begun);
                 }

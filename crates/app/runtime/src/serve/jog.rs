@@ -232,7 +232,8 @@ impl Operator {
     ) -> Result<u64, Rejection> {
         let steering = way.steering()?;
         let steered = self.steer(&way.limits, steering, way.to, way.until_ns, command);
-        self.notes
+        self.book
+            .notes
             .sends(steered.order, self.desk.job() + 1, way.recorded(false));
         self.job = Job::Jog {
             steered,
@@ -261,7 +262,7 @@ impl Operator {
             Some(command) => self.send(what, command),
             None => self.order(what),
         };
-        self.notes.sends(id, self.desk.job(), way.recorded(true));
+        self.book.notes.sends(id, self.desk.job(), way.recorded(true));
         self.order(CycleCommand::KeepJogging(way.until_ns));
         if let Job::Jog { steered, .. } = &mut self.job {
             steered.turn = Some((id, turned));

@@ -2,15 +2,14 @@
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender};
+use std::sync::mpsc::Sender;
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Feedback, Payload};
 use evolvent_control::{
-    Alarm, Command, CommandCode, Homing, HomingSample, JobResult, JogEnable, OperatorInputs, OperatorState,
-    RawCommand, Rejection, Verdict,
+    Alarm, Command, CommandCode, Homing, JobResult, JogEnable, OperatorInputs, OperatorState, RawCommand,
+    Rejection, Verdict,
 };
-use evolvent_drive::{FeedbackBounds, PowerRequest, Presence};
+use evolvent_drive::{PowerRequest, Presence};
 use evolvent_machine::{Limits, OnFull};
 use evolvent_motion::State;
 use evolvent_path::{Axes, AxisMask};
@@ -18,23 +17,21 @@ use rtrb::{Consumer, Producer};
 
 use super::change_mark::ChangeMark;
 use super::checking::Checking;
-use super::files::{Readers, Reading};
+use super::drive_view::{DriveView, homing_sample};
+use super::file_work::FileWork;
 use super::handwheel::HandwheelDesk;
 use super::jog::Steered;
 use super::modes::{Modes, simulate_modes};
-use super::orders::{ActiveJob, CycleCommand, CycleEvent, CycleView, Order};
+use super::order_book::OrderBook;
+use super::orders::{CycleCommand, CycleEvent, CycleView, Order};
 use super::periphery_desk::PeripheryDesk;
-use super::program_tally::ProgramTally;
+use super::program_desk::ProgramDesk;
 use super::programs::ProgramRun;
-use super::recorded::JobNotes;
-use super::state_store::{Saved, StateStore};
-use super::track::Track;
+use super::state_store::StateStore;
 use crate::drives::watch_settings;
 use crate::job::Setup;
 use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
 use crate::periphery_track::PeripheryOrder;
-use crate::program_cycle::turning_alarm;
-use crate::switches::{SwitchState, Switches};
 
 /// By how much later than the cycle's watch the desk finds that drives do not come into operation, ns.
 const ENABLE_MARGIN_NS: u64 = 100_000_000;
@@ -54,12 +51,16 @@ pub(super) enum Job {
     },
 }
 
-/// A command on its way to the cycle.
-struct PendingCommand {
-    id: u64,
-    code: u32,
-    text: String,
-    value: Option<f64>,
+/// Why the job does not go on, or not for long.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct StopState {
+    pub(super) hold: bool,
+    /// The job received a stop: nothing resumes it.
+    pub(super) stopping: bool,
+    /// The job was stopped by an emergency stop: what its program switches counts no more.
+    pub(super) is_emergency: bool,
+    /// The process is to end.
+    pub(super) ending: bool,
 }
 
 /// The operator's side of one machine.
@@ -67,57 +68,23 @@ pub(crate) struct Operator {
     pub(super) setup: Setup,
     pub(super) desk: OperatorState,
     pub(super) keep: StateStore,
-    pub(super) modes: Modes,
-    /// Lines that set the parameters that blocks of MDI have left.
-    pub(super) parameters: String,
-    pub(super) message: String,
-    pub(super) track: Track,
-    pub(super) view: CycleView,
-    pub(super) feedback: Option<Feedback>,
-    bounds: FeedbackBounds,
     pub(super) folder: PathBuf,
     pub(super) limits: Limits,
     pub(super) present: AxisMask,
-    pub(super) orders: Producer<Order>,
-    pub(super) next_id: u64,
-    sent: VecDeque<PendingCommand>,
-    pub(super) recorder: Option<Sender<FeederEvent>>,
-    /// Of the job that runs, or of the next one.
-    pub(super) switches: Arc<Switches>,
-    /// What the trace is told of jobs.
-    pub(super) notes: JobNotes,
-    /// Numbers of the next block and action.
-    pub(super) numbers: (u32, u32),
-    pub(super) job: Job,
-    pub(super) hold: bool,
-    /// The job was told to stop: nothing resumes it.
-    pub(super) stopping: bool,
-    pub(super) ending: bool,
-    /// Machine coordinates of the drives' first datum, less those of now.
-    pub(super) home_offset: Axes,
-    pub(super) malformed: u64,
+    pub(super) view: CycleView,
     /// Events of cycles whose view has not come.
     inbox: VecDeque<CycleEvent>,
-    /// The check of a long program.
-    pub(super) checking: Option<Checking>,
+    pub(super) drives: DriveView,
+    pub(super) book: OrderBook,
+    pub(super) job: Job,
+    pub(super) stops: StopState,
+    pub(super) program: ProgramDesk,
+    pub(super) files: FileWork,
     /// Spindle, coolant and tool as they are now.
     pub(super) periphery: PeripheryDesk,
-    /// The job was stopped by an emergency stop: what its program switches counts no more.
-    pub(super) is_emergency: bool,
     pub(super) handwheel: Option<HandwheelDesk>,
-    pub(super) tally: ProgramTally,
-    pub(super) readers: Readers,
-    /// The command whose files are being read.
-    pub(super) reading: Option<Reading>,
-    /// The datum that the last renaming has led to.
-    pub(super) datum: u64,
-    /// Number of the next request for an index pulse, and the axis of the last.
-    pub(super) next_index: u32,
-    pub(super) index_axis: Option<usize>,
-    /// The way to the middle of the program, on its way.
-    pub(super) way: Option<Receiver<String>>,
-    /// The tool in the spindle is being written.
-    pub(super) tool_savings: Vec<Receiver<Saved>>,
+    pub(super) message: String,
+    pub(super) malformed: u64,
 }
 
 /// What the operator begins with.
@@ -174,46 +141,26 @@ impl Operator {
         if let Some(mark) = keep.change {
             desk.raise(Alarm::ToolChange, mark.sentence());
         }
+        let modes = Modes::at_start(&setup.interpreter_settings()).map_err(|error| error.to_string())?;
         let mut operator = Self {
-            modes: Modes::at_start(&setup.interpreter_settings()).map_err(|error| error.to_string())?,
-            parameters: String::new(),
             setup,
             desk,
             keep,
-            message: String::new(),
-            track: Track::default(),
-            view,
-            feedback: None,
-            bounds,
             folder,
             limits,
             present,
-            orders,
-            next_id: 0,
-            sent: VecDeque::new(),
-            notes: JobNotes::new(recorder.is_some()),
-            recorder,
-            switches: Arc::new(Switches::new(&SwitchState::default())),
-            numbers: (0, 0),
-            job: Job::None,
-            hold: false,
-            stopping: false,
-            ending: false,
-            home_offset: Axes::zeros(),
-            malformed: 0,
+            view,
             inbox: VecDeque::new(),
-            datum: 0,
-            next_index: 1,
-            index_axis: None,
-            way: None,
-            tool_savings: Vec::new(),
-            checking: None,
+            drives: DriveView::new(bounds),
+            book: OrderBook::new(orders, recorder),
+            job: Job::None,
+            stops: StopState::default(),
+            program: ProgramDesk::new(modes),
+            files: FileWork::default(),
             periphery: PeripheryDesk::new(tool, periphery),
-            is_emergency: false,
             handwheel,
-            tally: ProgramTally::default(),
-            readers: Readers::default(),
-            reading: None,
+            message: String::new(),
+            malformed: 0,
         };
         operator.refresh_modes();
         operator.relocate(operator.view.setpoint.position, false);
@@ -226,7 +173,7 @@ impl Operator {
         setup.memory = self.keep.memory.clone();
         setup.place = Some(self.view.setpoint.position);
         setup.tool = self.keep.tool;
-        setup.selected_tool = self.modes.modal.selected_tool;
+        setup.selected_tool = self.program.modes.modal.selected_tool;
         setup.tool_unknown = self.keep.change.map(ChangeMark::sentence);
         setup.outputs = self.periphery.now().outputs;
         setup.block_delete = self.desk.is_block_delete();
@@ -241,8 +188,8 @@ impl Operator {
     /// Works the modes out again: after offsets or tools were changed from outside.
     pub(super) fn refresh_modes(&mut self) {
         let settings = self.setup_here().interpreter_settings();
-        if let Ok(after) = simulate_modes(&self.modes.preamble(), &settings, &self.kept()) {
-            self.modes = after.modes;
+        if let Ok(after) = simulate_modes(&self.program.modes.preamble(), &settings, &self.kept()) {
+            self.program.modes = after.modes;
         }
     }
 
@@ -267,7 +214,7 @@ impl Operator {
             Err(refused) => Err(refused),
             Ok(command) => match self.begin_reading(request, &command) {
                 Some(Ok(reading)) => {
-                    self.reading = Some(reading);
+                    self.files.reading = Some(reading);
                     return None;
                 }
                 Some(Err(refusal)) => Err(self.desk.refuse(refusal)),
@@ -284,7 +231,7 @@ impl Operator {
         OperatorInputs {
             present: self.present,
             is_held: self.is_held(),
-            is_ending: self.ending,
+            is_ending: self.stops.ending,
             is_chain_open: self.view.is_chain_open,
         }
     }
@@ -337,13 +284,13 @@ impl Operator {
         let state = self.view.setpoint.state;
         // A command of the machine's own, or a wait for an input, has to end by itself before the program goes on.
         let at_stop = state == State::ProgramStop && !self.is_waiting();
-        let is_held = self.hold || at_stop || matches!(state, State::Holding | State::Held);
-        is_held && !self.stopping
+        let is_held = self.stops.hold || at_stop || matches!(state, State::Holding | State::Held);
+        is_held && !self.stops.stopping
     }
 
     /// Whether the feed is held.
     pub(crate) fn is_holding(&self) -> bool {
-        self.hold
+        self.stops.hold
     }
 
     /// Does what a command says; the number of the job that it begins, or 0.
@@ -353,91 +300,40 @@ impl Operator {
         client: u64,
         now_ns: u64,
     ) -> Result<u64, Rejection> {
+        if let Some(order) = self.order_of(command)? {
+            self.send(order, command);
+            return Ok(0);
+        }
         let mut job = 0;
         match command {
-            Command::Estop => {
-                self.break_off(JobResult::Stopped);
-                self.send(CycleCommand::Emergency, command);
-                return Ok(0);
-            }
-            Command::EstopReset => {
-                self.send(CycleCommand::LeaveEstop, command);
-                return Ok(0);
-            }
-            Command::SetOutput { name, value } => {
-                let change = self.output_change(name, *value)?;
-                self.send(CycleCommand::Outputs(change), command);
-                return Ok(0);
-            }
-            Command::On => {
-                // Where the drives are is where the core stands: the cycle sees to it without power.
-                self.send(CycleCommand::Power(PowerRequest::On), command);
-                return Ok(0);
-            }
-            Command::Off => {
-                self.switch_periphery_off();
-                self.cancel_reading();
-                self.send(CycleCommand::Power(PowerRequest::Off), command);
-                return Ok(0);
-            }
-            Command::Hold => {
-                self.hold = !self.stopping;
-                self.send(CycleCommand::Hold, command);
-                return Ok(0);
-            }
             Command::Resume => {
                 self.resume(command);
                 return Ok(0);
             }
             Command::Step => {
-                self.switches.set_single_step(true);
+                self.program.switches.set_single_step(true);
                 self.resume(command);
                 return Ok(0);
-            }
-            Command::SingleStep(on) => {
-                self.switches.set_single_step(*on);
-                self.step_on(*on);
             }
             Command::Stop => {
                 self.cancel_reading();
                 self.stop(command);
                 return Ok(0);
             }
-            Command::FeedOverride(ratio) => {
-                self.send(CycleCommand::Override(*ratio), command);
-                return Ok(0);
-            }
-            Command::Jog(jog) => job = self.jog(jog, client, now_ns, command)?,
             Command::JogKeep => {
                 self.keep_jogging(client, now_ns);
                 return Ok(0);
             }
-            Command::JogStop => {
-                if let Job::Jog { steered, .. } = &mut self.job {
-                    steered.stopping = true;
-                    self.send(CycleCommand::Stop, command);
-                    return Ok(0);
-                }
+            Command::SingleStep(on) => {
+                self.program.switches.set_single_step(*on);
+                self.step_on(*on);
             }
+            Command::Jog(jog) => job = self.jog(jog, client, now_ns, command)?,
             Command::Home(mask) => job = self.home(*mask)?,
-            Command::Reset => {
-                self.switch_periphery_off();
-                let settings = self.setup_here().interpreter_settings();
-                if let Ok(modes) = Modes::at_start(&settings) {
-                    self.modes = modes;
-                }
-                self.message.clear();
-                self.send(CycleCommand::Clear, command);
-                return Ok(0);
-            }
-            Command::ClearAlarms => {
-                self.message.clear();
-                self.send(CycleCommand::Clear, command);
-                return Ok(0);
-            }
-            Command::OptionalStop(on) => self.switches.set_optional_stop(*on),
-            Command::BlockDelete(on) => self.switches.set_block_delete(*on),
-            Command::RapidOverride(ratio) => self.switches.set_rapid_override(*ratio),
+            Command::OptionalStop(on) => self.program.switches.set_optional_stop(*on),
+            Command::BlockDelete(on) => self.program.switches.set_block_delete(*on),
+            Command::RapidOverride(ratio) => self.program.switches.set_rapid_override(*ratio),
+            Command::Handwheel { axis, step } => self.choose_handwheel(*axis, *step)?,
             // Those with files are carried out when they have been read.
             Command::Load(_)
             | Command::Start(_)
@@ -445,46 +341,88 @@ impl Operator {
             | Command::WorkOffset { .. }
             | Command::TouchOff { .. }
             | Command::Tool(_)
-            | Command::ReloadTools => {}
-            Command::SpindleOverride(ratio) => {
-                self.send(CycleCommand::SpindleOverride(*ratio), command);
-                return Ok(0);
-            }
-            Command::Handwheel { axis, step } => self.choose_handwheel(*axis, *step)?,
-            Command::SetMode(_) => {}
+            | Command::ReloadTools
+            | Command::SetMode(_)
+            // An order to the cycle, but for the end of a jog that has ended.
+            | Command::Estop
+            | Command::EstopReset
+            | Command::SetOutput { .. }
+            | Command::On
+            | Command::Off
+            | Command::Hold
+            | Command::FeedOverride(_)
+            | Command::SpindleOverride(_)
+            | Command::JogStop
+            | Command::Reset
+            | Command::ClearAlarms => {}
         }
         self.note_command(command);
         Ok(job)
     }
 
+    /// The order to the cycle that is all a command comes to, beside what changes at the desk; none for other commands.
+    fn order_of(&mut self, command: &Command) -> Result<Option<CycleCommand>, Rejection> {
+        Ok(Some(match command {
+            Command::Estop => {
+                self.break_off(JobResult::Stopped);
+                CycleCommand::Emergency
+            }
+            Command::EstopReset => CycleCommand::LeaveEstop,
+            Command::SetOutput { name, value } => CycleCommand::Outputs(self.output_change(name, *value)?),
+            // Where the drives are is where the core is: the cycle sees to it without power.
+            Command::On => CycleCommand::Power(PowerRequest::On),
+            Command::Off => {
+                self.switch_periphery_off();
+                self.cancel_reading();
+                CycleCommand::Power(PowerRequest::Off)
+            }
+            Command::Hold => {
+                self.stops.hold = !self.stops.stopping;
+                CycleCommand::Hold
+            }
+            Command::FeedOverride(ratio) => CycleCommand::Override(*ratio),
+            Command::SpindleOverride(ratio) => CycleCommand::SpindleOverride(*ratio),
+            Command::JogStop => {
+                let Job::Jog { steered, .. } = &mut self.job else {
+                    return Ok(None);
+                };
+                steered.stopping = true;
+                CycleCommand::Stop
+            }
+            Command::Reset => {
+                self.switch_periphery_off();
+                let settings = self.setup_here().interpreter_settings();
+                if let Ok(modes) = Modes::at_start(&settings) {
+                    self.program.modes = modes;
+                }
+                self.message.clear();
+                CycleCommand::Clear
+            }
+            Command::ClearAlarms => {
+                self.message.clear();
+                CycleCommand::Clear
+            }
+            _ => return Ok(None),
+        }))
+    }
+
     /// An emergency stop: whatever runs or is about to is given up.
-    fn break_off(&mut self, result: JobResult) {
+    pub(super) fn break_off(&mut self, result: JobResult) {
         self.cancel_reading();
         self.give_up_waiting(result);
         self.cancel_command();
         self.cancel_homing();
-        self.is_emergency = true;
+        self.stops.is_emergency = true;
         self.switch_periphery_off();
     }
 
     pub(super) fn order(&mut self, what: CycleCommand) -> u64 {
-        self.next_id += 1;
-        let id = self.next_id;
-        // The queue holds more than can be asked for between two cycles; a cycle that takes none has ended.
-        let _full = self.orders.push(Order { id, what });
-        id
+        self.book.order(what)
     }
 
     /// An order that is recorded where it takes effect.
     pub(super) fn send(&mut self, what: CycleCommand, command: &Command) -> u64 {
-        let id = self.order(what);
-        self.sent.push_back(PendingCommand {
-            id,
-            code: command.code() as u32,
-            text: command.to_string(),
-            value: command.value(),
-        });
-        id
+        self.book.send(what, command)
     }
 
     /// Records something that took effect now.
@@ -501,16 +439,13 @@ impl Operator {
         text: String,
         value: Option<f64>,
     ) {
-        if let Some(recorder) = &self.recorder {
-            let outside = ExternalEvent {
-                sequence,
-                kind,
-                code,
-                text,
-                value,
-            };
-            let _gone = recorder.send(FeederEvent::ExternalEvent(outside));
-        }
+        self.book.record(ExternalEvent {
+            sequence,
+            kind,
+            code,
+            text,
+            value,
+        });
     }
 
     pub(super) fn raise(&mut self, sequence: u64, alarm: Alarm, text: String) {
@@ -524,13 +459,13 @@ impl Operator {
 
     pub(super) fn g92(&self) -> Axes {
         let kept = self.kept();
-        self.modes.modal.work_offset - kept.work_offset(kept.active_offset())
+        self.program.modes.modal.work_offset - kept.work_offset(kept.active_offset())
     }
 
     /// The process is to end: everything comes to rest, and then the cycle ends.
     pub(crate) fn end(&mut self) {
-        if !self.ending {
-            self.ending = true;
+        if !self.stops.ending {
+            self.stops.ending = true;
             self.switch_off_at_rest();
             self.cancel_reading();
             self.give_up_waiting(JobResult::Stopped);
@@ -548,15 +483,12 @@ impl Operator {
 
     /// The trace goes on in another file behind the present setpoint.
     pub(crate) fn begin_trace_file(&mut self) {
-        if let Some(recorder) = &self.recorder {
-            self.notes.begin_file();
-            let _gone = recorder.send(FeederEvent::NextFile(self.view.setpoint.sequence));
-        }
+        self.book.begin_file(self.view.setpoint.sequence);
     }
 
     /// Whether nothing moves and nothing is about to.
     pub(crate) fn is_idle(&self) -> bool {
-        matches!(self.job, Job::None) && self.reading.is_none() && self.view.at_rest
+        matches!(self.job, Job::None) && self.files.reading.is_none() && self.view.at_rest
     }
 
     /// The trace cannot be written any more. Whether the machine goes on, its file says.
@@ -592,179 +524,34 @@ impl Operator {
             .is_some_and(|event| event.sequence() <= self.view.setpoint.sequence)
         {
             if let Some(event) = self.inbox.pop_front() {
-                self.hear(event);
+                self.handle_event(event);
             }
         }
-        while let Ok(mut feedback) = answers.pop() {
-            // What cannot be true is neither shown nor homed by. The cycle's watch tells of it.
-            if self.bounds.check(now_ns, &feedback).is_err() {
+        while let Ok(feedback) = answers.pop() {
+            let Some(feedback) = self.drives.take(feedback, &self.view, now_ns) else {
                 continue;
-            }
-            if let Some(shift) = &self.view.shift {
-                let indexed = self.index_axis;
-                feedback.index_position -= indexed.map_or(0.0, |axis| shift[axis]);
-                // As of the newest setpoint, a few periods before the feedback: what the correction changes meanwhile is as much
-                // smaller than that way as errors of a machine are than its travel.
-                for (position, shift) in feedback.position.iter_mut().zip(shift.iter()) {
-                    *position -= shift;
-                }
-            }
-            self.feedback = Some(feedback);
+            };
             self.watch_absolute(AxisMask::from_bits(feedback.absolute_mask));
-            if self.view.datum == feedback.datum && self.view.datum >= self.datum {
-                self.step_homing(&HomingSample {
-                    time_ns: feedback.time_ns,
-                    position: Axes::from(feedback.position),
-                    switches: AxisMask::from_bits(feedback.home_switch_mask),
-                    absolute: AxisMask::from_bits(feedback.absolute_mask),
-                    index_request: feedback.index_request,
-                    index_position: (!feedback.index_position.is_nan()).then_some(feedback.index_position),
-                });
+            if self.drives.counts_as(&self.view, &feedback) {
+                self.step_homing(&homing_sample(&feedback));
             }
         }
         let is_powered = self.view.power == PowerRequest::On;
         let are_ready = matches!(self.view.presence, Presence::Operational | Presence::Absent);
         self.desk.enable(is_powered && are_ready, now_ns);
         let is_at_rest = matches!(self.view.setpoint.state, State::Held | State::ProgramStop);
-        self.tally.see(self.view.setpoint.sequence, is_at_rest);
+        self.program.tally.see(self.view.setpoint.sequence, is_at_rest);
         self.follow_program();
         self.follow_handwheel();
-        if let Some(text) = self.way.as_ref().and_then(|way| way.try_recv().ok()) {
-            self.way = None;
+        if let Some(text) = self.files.way.as_ref().and_then(|way| way.try_recv().ok()) {
+            self.files.way = None;
             // Who has stopped meanwhile needs it no more.
             if matches!(self.job, Job::Program(_)) {
                 self.message = text;
             }
         }
-        if let Some(objection) = self.checking.as_mut().and_then(Checking::objection) {
+        if let Some(objection) = self.files.checking.as_mut().and_then(Checking::objection) {
             self.message = objection;
-        }
-    }
-
-    pub(super) fn hear(&mut self, event: CycleEvent) {
-        match event {
-            CycleEvent::Applied { id, sequence } => self.applied(id, sequence),
-            CycleEvent::Spent(schedule) => drop(schedule),
-            CycleEvent::EstopChain { sequence } => {
-                let alarm = Alarm::EmergencyStopChain;
-                self.raise(sequence, alarm, alarm.sentence().to_owned());
-                self.desk.fall_into_estop();
-                self.break_off(JobResult::Fault);
-            }
-            CycleEvent::Returned(work) => {
-                drop(work);
-                // A turn that was not reported by now came too late.
-                if let Job::Jog { steered, .. } = &mut self.job {
-                    steered.turn = None;
-                }
-            }
-            CycleEvent::Ended { result, work, .. } => {
-                drop(work);
-                self.motion_ended(result);
-            }
-            CycleEvent::Misplaced { sequence, work } => {
-                let is_planned = matches!(work, ActiveJob::Follow(_));
-                drop(work);
-                if !self.desk.has_latched_alarm() {
-                    self.raise(sequence, Alarm::Handover, Alarm::Handover.sentence().to_owned());
-                }
-                match &mut self.job {
-                    Job::Program(run) if is_planned => run.ended = Some(JobResult::Fault),
-                    _ => self.end_job(JobResult::Fault),
-                }
-            }
-            CycleEvent::Guard { sequence, violation } => {
-                let text = format!(
-                    "the guard refused a setpoint: {violation}; the machine was stopped. Please report it with the trace"
-                );
-                self.raise(sequence, Alarm::Guard, text);
-            }
-            CycleEvent::PlannerGone { sequence } => {
-                self.raise(sequence, Alarm::Planner, Alarm::Planner.sentence().to_owned());
-            }
-            CycleEvent::Turning { sequence, reason } => {
-                self.raise(sequence, turning_alarm(&reason), reason.text());
-            }
-            CycleEvent::Spindle { sequence, spindle } => {
-                let text = format!("spindle {spindle}: {}", Alarm::Spindle.sentence());
-                self.raise(sequence, Alarm::Spindle, text);
-            }
-            CycleEvent::Late { sequence } => {
-                self.raise(sequence, Alarm::Lateness, Alarm::Lateness.sentence().to_owned());
-            }
-            CycleEvent::Drive { sequence, alarm } => {
-                let known = Alarm::from_number(alarm.number()).unwrap_or(Alarm::DriveFault);
-                self.raise(sequence, known, alarm.to_string());
-                self.desk.drop_power();
-                self.switch_off_at_rest();
-                self.give_up_waiting(JobResult::Fault);
-                self.cancel_homing();
-            }
-            CycleEvent::ReferenceLost { sequence, axes } => self.lose_reference(sequence, axes),
-        }
-    }
-
-    pub(super) fn applied(&mut self, id: u64, sequence: u64) {
-        if let Some(recorder) = &self.recorder {
-            self.notes.applied(recorder, id, sequence);
-        }
-        while self.sent.front().is_some_and(|sent| sent.id <= id) {
-            if let Some(sent) = self.sent.pop_front()
-                && sent.id == id
-            {
-                self.record_at(
-                    sequence,
-                    ExternalEventKind::Command,
-                    sent.code,
-                    sent.text,
-                    sent.value,
-                );
-            }
-        }
-        let steered = match &mut self.job {
-            Job::Jog { steered, .. }
-            | Job::Homing {
-                steered: Some(steered),
-                ..
-            } => steered,
-            _ => return,
-        };
-        if steered.order == id {
-            steered.begin = Some(sequence);
-        } else if let Some((turn, steering)) = steered.turn.take_if(|(turn, _)| *turn == id) {
-            let _same = turn;
-            steered.steering = steering;
-            steered.begin = Some(sequence);
-        }
-    }
-
-    pub(super) fn motion_ended(&mut self, result: JobResult) {
-        match &mut self.job {
-            Job::None => {}
-            Job::Program(run) => {
-                run.planning.abandon();
-                run.ended = Some(result);
-                self.cancel_command();
-            }
-            Job::Jog { .. } => {
-                if result != JobResult::Done {
-                    self.rest_handwheel();
-                }
-                self.end_job(result);
-            }
-            Job::Homing {
-                steered, cancelled, ..
-            } => {
-                *steered = None;
-                if *cancelled || result == JobResult::Fault {
-                    let result = if result == JobResult::Fault {
-                        result
-                    } else {
-                        JobResult::Stopped
-                    };
-                    self.end_job(result);
-                }
-            }
         }
     }
 
@@ -775,14 +562,14 @@ impl Operator {
             self.relocate(self.view.setpoint.position, false);
         }
         self.judge_change();
-        self.tally.end(result == JobResult::Done);
+        self.program.tally.end(result == JobResult::Done);
         // A program that did not come to its end has not switched off what it had on.
         let is_broken_off = matches!(self.job, Job::Program(_)) && result != JobResult::Done;
         if is_broken_off || result == JobResult::Fault {
             self.switch_periphery_off();
         }
         self.job = Job::None;
-        (self.hold, self.stopping) = (false, false);
+        (self.stops.hold, self.stops.stopping) = (false, false);
         self.desk.job_ends(result);
     }
 

@@ -127,8 +127,8 @@ fn way_there(start: &Start) -> String {
 
 impl Operator {
     pub(super) fn load(&mut self, file: &ProgramFile) -> Result<(), Rejection> {
-        self.checking = None;
-        self.tally = ProgramTally::default();
+        self.files.checking = None;
+        self.program.tally = ProgramTally::default();
         self.check_loaded(file).or_else(|refusal| match refusal.alarm {
             // A long one is checked while nobody waits.
             Alarm::Checking => Ok(()),
@@ -142,10 +142,10 @@ impl Operator {
             return verdict.clone();
         }
         let setup = self.setup_here();
-        if !(self.checking.as_ref()).is_some_and(|checking| checking.is_about(&file.look, &setup)) {
-            self.checking = Some(Checking::begin(file.look.clone(), &setup)?);
+        if !(self.files.checking.as_ref()).is_some_and(|checking| checking.is_about(&file.look, &setup)) {
+            self.files.checking = Some(Checking::begin(file.look.clone(), &setup)?);
         }
-        match self.checking.as_mut().and_then(Checking::verdict) {
+        match self.files.checking.as_mut().and_then(Checking::verdict) {
             Some(verdict) => verdict.clone(),
             None => Err(Alarm::Checking.into()),
         }
@@ -163,20 +163,20 @@ impl Operator {
             None => None,
             Some(_) => Some(show_way(file.look.file.clone(), setup.clone())?),
         };
-        let steps = self.desk.is_single_step() || self.switches.is_single_step();
+        let steps = self.desk.is_single_step() || self.program.switches.is_single_step();
         self.switch_anew(steps);
         let job = self.plan(file, setup, None, Activity::Program)?;
         if way.is_some() {
             self.message = format!("stopped before line {line}; the way there is being worked out");
         }
-        self.way = way;
+        self.files.way = way;
         Ok(job)
     }
 
     /// What the job that was just begun runs, and the way there where that is not its beginning.
     pub(super) fn started(&self) -> String {
         let program = self.desk.program().unwrap_or_default();
-        if self.way.is_some() {
+        if self.files.way.is_some() {
             format!("{program}: {}, and told by the status's message", self.message)
         } else {
             program.to_owned()
@@ -193,7 +193,7 @@ impl Operator {
     /// The switches of the next job, as they stand at the desk.
     fn switch_anew(&mut self, single_step: bool) {
         let [_, rapid_override, _] = self.desk.overrides();
-        self.switches = Arc::new(Switches::new(&SwitchState {
+        self.program.switches = Arc::new(Switches::new(&SwitchState {
             single_step,
             optional_stop: self.desk.is_optional_stop(),
             block_delete: self.desk.is_block_delete(),
@@ -209,9 +209,9 @@ impl Operator {
         activity: Activity,
     ) -> Result<u64, Rejection> {
         let mut subroutines = String::new();
-        let switches = self.switches.state();
+        let switches = self.program.switches.state();
         let job = self.desk.job() + 1;
-        if let Some(recorder) = &self.recorder {
+        if let Some(recorder) = &self.book.recorder {
             let start = ProgramStart {
                 is_mdi: activity == Activity::Mdi,
                 program: String::new(),
@@ -225,9 +225,12 @@ impl Operator {
                 start_line: setup.start_line.unwrap_or(0),
                 switches,
                 feed_override: self.desk.overrides()[0],
-                numbered_from: self.numbers,
+                numbered_from: self.program.numbers,
             };
-            subroutines = self.notes.plans(recorder, job, file, &setup, start, &self.folder);
+            subroutines = self
+                .book
+                .notes
+                .plans(recorder, job, file, &setup, start, &self.folder);
         }
         let planning = Planning::start(ProgramJob {
             file: file.look.file.clone(),
@@ -236,24 +239,24 @@ impl Operator {
             job: job_number(job),
             number: job,
             switches,
-            switching: Switching::Operated(Arc::clone(&self.switches)),
-            numbered_from: self.numbers,
+            switching: Switching::Operated(Arc::clone(&self.program.switches)),
+            numbered_from: self.program.numbers,
             periphery: Some(self.periphery.of_program(job)),
-            recorder: self.recorder.clone(),
+            recorder: self.book.recorder.clone(),
             subroutines,
             carries_out: true,
             in_two_threads: false,
         })
         .map_err(|error| Rejection::new(Alarm::Planner, format!("no thread for the planner: {error}")))?;
-        self.track = Track::default();
-        self.is_emergency = false;
-        (self.hold, self.stopping) = (false, false);
+        self.program.track = Track::default();
+        self.stops.is_emergency = false;
+        (self.stops.hold, self.stops.stopping) = (false, false);
         self.job = Job::Program(Box::new(ProgramRun {
             planning,
             ended: None,
             after,
             step: None,
-            first_block: self.numbers.0,
+            first_block: self.program.numbers.0,
             command: None,
             beginning: None,
             has_failed: false,
@@ -261,18 +264,18 @@ impl Operator {
             saving: None,
         }));
         if activity == Activity::Program {
-            self.tally.begin(self.view.setpoint.sequence);
+            self.program.tally.begin(self.view.setpoint.sequence);
         }
         Ok(self.desk.job_begins(activity))
     }
 
     pub(super) fn resume(&mut self, command: &Command) {
-        self.hold = false;
+        self.stops.hold = false;
         let setpoint = &self.view.setpoint;
         let at_stop = setpoint.state == State::ProgramStop && !self.is_waiting();
         let stop = at_stop.then_some(setpoint.actions);
         self.send(CycleCommand::Resume(stop), command);
-        self.step_on(self.switches.is_single_step());
+        self.step_on(self.program.switches.is_single_step());
     }
 
     /// Single step counts for the program under way, or no longer does.
@@ -315,8 +318,8 @@ impl Operator {
         self.give_up_waiting(JobResult::Stopped);
         self.cancel_homing();
         self.cancel_command();
-        self.stopping = !matches!(self.job, Job::None);
-        self.hold = false;
+        self.stops.stopping = !matches!(self.job, Job::None);
+        self.stops.hold = false;
         self.switch_off_at_rest();
         self.send(CycleCommand::Stop, command);
     }
@@ -335,21 +338,21 @@ impl Operator {
         self.follow_tool_savings();
         let setpoint = self.view.setpoint;
         let Job::Program(run) = &mut self.job else { return };
-        self.track.hear(&run.planning.news);
+        self.program.track.hear(&run.planning.news);
         let message = &mut self.message;
-        if let Some(modal) = self.track.reach(&setpoint, |notice| {
+        if let Some(modal) = self.program.track.reach(&setpoint, |notice| {
             if notice.is_message {
                 message.clone_from(&notice.text);
             }
         }) {
-            self.modes.modal = modal;
+            self.program.modes.modal = modal;
         }
-        if let Some(periphery) = self.track.take_periphery(&setpoint)
-            && !self.is_emergency
+        if let Some(periphery) = self.program.track.take_periphery(&setpoint)
+            && !self.stops.is_emergency
         {
             self.take_periphery(periphery);
         }
-        if let Some(stop) = self.track.take_stop(&setpoint) {
+        if let Some(stop) = self.program.track.take_stop(&setpoint) {
             self.stands_at(stop);
         }
         self.follow_beginning();
@@ -377,7 +380,7 @@ impl Operator {
             let ended_at = *run.ended_at.get_or_insert_with(Instant::now);
             if let Some((report, planned)) = run.planning.take_result() {
                 let after = run.after.take();
-                self.numbers = (report.next_block, report.next_action);
+                self.program.numbers = (report.next_block, report.next_action);
                 self.finish_program(result, planned, after);
             } else if ended_at.elapsed() > PLANNER_TIMEOUT {
                 self.leave_planner(result);
@@ -388,8 +391,8 @@ impl Operator {
             let limits = limits_here(&self.limits, &setpoint.position, self.desk.homed());
             self.begin_within(&limits);
             let order = self.order(CycleCommand::Follow(job));
-            self.notes.sends_plan(order, self.desk.job());
-            if self.hold {
+            self.book.notes.sends_plan(order, self.desk.job());
+            if self.stops.hold {
                 // A hold that came before: with the job the cycle has got inputs of its own.
                 self.order(CycleCommand::Hold);
             }
@@ -408,7 +411,7 @@ impl Operator {
             // A line may have several blocks: cycles do.
             Some(StepBehind::Line { block, line }) if setpoint.block > block && setpoint.line != line => {
                 run.step = None;
-                self.hold = true;
+                self.stops.hold = true;
                 self.order(CycleCommand::Hold);
             }
             _ => {}
@@ -422,14 +425,14 @@ impl Operator {
         if periphery.tool != self.keep.tool || is_resolved {
             let is_random = self.setup.machine.program.magazine == Magazine::Random;
             let saving = self.keep.take_tool(periphery.tool, is_random);
-            self.tool_savings.push(saving);
+            self.files.tool_savings.push(saving);
         }
     }
 
     /// Hears whether the tool in the spindle was written.
     fn follow_tool_savings(&mut self) {
         let mut failures = Vec::new();
-        self.tool_savings.retain(|saving| match saving.try_recv() {
+        self.files.tool_savings.retain(|saving| match saving.try_recv() {
             Err(TryRecvError::Empty) => true,
             Ok(Ok(_)) => false,
             Ok(Err(error)) => {
@@ -461,21 +464,21 @@ impl Operator {
         let Some(ChangeBeginning { call, stop, .. }) = run.beginning.take() else {
             return;
         };
-        let is_over = run.ended.is_some() || self.stopping;
+        let is_over = run.ended.is_some() || self.stops.stopping;
         if failure.is_none() && !is_over {
             self.carry_out_command(call, stop);
             return;
         }
         // Nothing of it has been done.
         let saving = self.keep.forget_change();
-        self.tool_savings.push(saving);
+        self.files.tool_savings.push(saving);
         if let Some(text) = failure {
             let text = format!("the tool change cannot be noted, so it does not begin: {text}");
             if let Job::Program(run) = &mut self.job {
                 run.has_failed = true;
             }
             self.raise(self.view.setpoint.sequence, Alarm::UserCommand, text);
-            self.stopping = true;
+            self.stops.stopping = true;
             self.order(CycleCommand::Stop);
         }
     }
@@ -519,8 +522,8 @@ impl Operator {
     fn leave_planner(&mut self, result: JobResult) {
         let setpoint = self.view.setpoint;
         // Numbers that the thread has given are not known, and are not given twice.
-        let (block, action) = self.numbers;
-        self.numbers = (
+        let (block, action) = self.program.numbers;
+        self.program.numbers = (
             block.max(setpoint.block).saturating_add(NUMBERS_LEFT),
             action.max(setpoint.actions).saturating_add(NUMBERS_LEFT),
         );
@@ -542,7 +545,7 @@ impl Operator {
             // The cycle goes on behind a wait for an input.
             StopKind::Program | StopKind::ToolChange(_) | StopKind::Input => {}
             StopKind::Step => {
-                if !self.switches.is_single_step() {
+                if !self.program.switches.is_single_step() {
                     self.order(CycleCommand::GoOn(action + 1));
                 }
             }
@@ -605,7 +608,7 @@ impl Operator {
         if let Some(text) = failure {
             let sequence = self.view.setpoint.sequence;
             self.raise(sequence, Alarm::UserCommand, text);
-            self.stopping = true;
+            self.stops.stopping = true;
             self.order(CycleCommand::Stop);
         }
     }
@@ -617,27 +620,27 @@ impl Operator {
         after: Option<After>,
     ) {
         let sequence = self.view.setpoint.sequence;
-        if let Some(modal) = self.track.finish()
+        if let Some(modal) = self.program.track.finish()
             && result == JobResult::Done
         {
-            self.modes.modal = modal;
+            self.program.modes.modal = modal;
         }
         match (result, planned, after) {
             (JobResult::Done, planned, Some(after)) => {
                 // As it was planned, not foreseen: a parameter may be what an input gave.
-                let followed = self.modes.modal.tool_offset;
+                let followed = self.program.modes.modal.tool_offset;
                 let (kept, tools) = match planned {
                     Ok(Some(left)) => {
-                        self.parameters.clone_from(&left.volatile);
+                        self.program.parameters.clone_from(&left.volatile);
                         (left.kept, left.tools)
                     }
                     _ => (Some(after.kept), after.tools),
                 };
                 self.keep.memory.kept = kept;
                 self.keep.memory.tools = tools.or_else(|| self.keep.memory.tools.take());
-                self.modes = after.modes;
+                self.program.modes = after.modes;
                 // A tool that was measured in the block is as long as it was found to be.
-                self.modes.modal.tool_offset = followed;
+                self.program.modes.modal.tool_offset = followed;
             }
             // A copy: what the planner's thread has allocated is to be free as a whole when it ends, so that the next one finds
             // its part of the heap as this one has found it.

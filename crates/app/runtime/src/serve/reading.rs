@@ -41,8 +41,8 @@ impl Operator {
 
     /// The answer to the command whose files were being read, once they are.
     pub(crate) fn finish_reading(&mut self, now_ns: u64) -> Option<ControlAnswer> {
-        let result = self.reading.as_ref()?.poll()?;
-        let reading = self.reading.take()?;
+        let result = self.files.reading.as_ref()?.poll()?;
+        let reading = self.files.reading.take()?;
         let facts = self.facts();
         let done = result.and_then(|found| {
             // A drive may have failed meanwhile.
@@ -61,7 +61,7 @@ impl Operator {
 
     /// A job whose files are still being read does not begin any more.
     pub(super) fn cancel_reading(&mut self) {
-        if let Some(reading) = &mut self.reading
+        if let Some(reading) = &mut self.files.reading
             && matches!(
                 reading.command,
                 Command::Start(_) | Command::Step | Command::Mdi(_)
@@ -78,7 +78,7 @@ impl Operator {
             (Command::Load(_), Found::Program(file)) => self.load(&file)?,
             (Command::Start(line), Found::Program(file)) => job = self.start(*line, &file)?,
             (Command::Step, Found::Program(file)) => {
-                self.switches.set_single_step(true);
+                self.program.switches.set_single_step(true);
                 job = self.start(0, &file)?;
             }
             (Command::Mdi(_), Found::Mdi { after, file }) => job = self.mdi(*after, &file)?,
@@ -111,7 +111,7 @@ impl Operator {
                 let (file, setup) = (PathBuf::from(file), self.setup_here());
                 let about = file.display().to_string();
                 let work = move || read_program(&file, &setup);
-                Some(self.readers.begin(request, command, about, work))
+                Some(self.files.readers.begin(request, command, about, work))
             }
             Command::Step if is_step_of_running => None,
             Command::Start(_) | Command::Step => {
@@ -119,18 +119,23 @@ impl Operator {
                 let file = PathBuf::from(self.desk.program().unwrap_or_default());
                 let (about, setup) = (file.display().to_string(), self.setup_here());
                 let work = move || read_program(&file, &setup);
-                Some(self.readers.begin(request, command, about, work))
+                Some(self.files.readers.begin(request, command, about, work))
             }
             Command::Mdi(text) => {
                 let block = self.mdi_block(text);
                 let work = move || block.read();
-                Some(self.readers.begin(request, command, "the block".to_owned(), work))
+                Some(
+                    self.files
+                        .readers
+                        .begin(request, command, "the block".to_owned(), work),
+                )
             }
             Command::ReloadTools => {
                 let file = self.keep.memory.tools_file.clone();
                 let work = move || read_tools(file.as_deref());
                 Some(
-                    self.readers
+                    self.files
+                        .readers
                         .begin(request, command, "the tool table".to_owned(), work),
                 )
             }
@@ -138,7 +143,8 @@ impl Operator {
                 let saving = self.keep.save(self.memory_after(command)?);
                 let about = "offsets and tools".to_owned();
                 Some(
-                    self.readers
+                    self.files
+                        .readers
                         .begin(request, command, about, move || written(&saving)),
                 )
             }
@@ -150,7 +156,7 @@ impl Operator {
         let mut setup = self.setup_here();
         setup.is_mdi = true;
         MdiBlock {
-            preamble: format!("{}{}", self.parameters, self.modes.preamble()),
+            preamble: format!("{}{}", self.program.parameters, self.program.modes.preamble()),
             text: text.to_owned(),
             settings: Settings {
                 max_lines_before_start: MAX_LINES_OF_MDI,
@@ -186,7 +192,7 @@ impl Operator {
                 merged(&kept.work_offset(index), values, *axes)
             })),
             Command::TouchOff { system, axes, values } => {
-                let place = self.view.setpoint.position - self.modes.modal.tool_offset - self.g92();
+                let place = self.view.setpoint.position - self.program.modes.modal.tool_offset - self.g92();
                 Some(self.with_offset(*system, |index, kept| {
                     merged(&kept.work_offset(index), &(place - values), *axes)
                 }))

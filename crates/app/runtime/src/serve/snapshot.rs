@@ -109,13 +109,13 @@ pub(crate) fn snapshot(
     sequence: u64,
     now_ns: u64,
 ) -> Status {
-    let (desk, view, modal) = (&operator.desk, &operator.view, &operator.modes.modal);
+    let (desk, view, modal) = (&operator.desk, &operator.view, &operator.program.modes.modal);
     let setpoint = &view.setpoint;
     let periphery = operator.periphery.now();
     let (tool_change, tool_wanted) = periphery.change_numbers();
-    let (program_time_s, program_held_s) = operator.tally.times_s(operator.setup.period_ns);
+    let (program_time_s, program_held_s) = operator.program.tally.times_s(operator.setup.period_ns);
     let mut status = Status {
-        parts: operator.tally.parts(),
+        parts: operator.program.tally.parts(),
         program_time_s,
         program_held_s,
         sequence,
@@ -167,22 +167,22 @@ pub(crate) fn snapshot(
         tool_change,
         tool_wanted,
         modal: modal.codes,
-        home_offset: operator.home_offset.into(),
+        home_offset: operator.drives.home_offset.into(),
         feedback_age_ns: u64::MAX,
         commands_accepted: desk.counts().0,
         commands_rejected: desk.counts().1 + operator.malformed(),
         ..Status::default()
     };
-    if let Some(block) = operator.track.block(setpoint) {
+    if let Some(block) = operator.program.track.block(setpoint) {
         status.distance_to_go = to_go(&block.end, &setpoint.position);
         status.feed_programmed_mm_s = if block.feed_mm_s.is_finite() {
             block.feed_mm_s
         } else {
             0.0
         };
-        status.path_to_go_mm = (operator.track.planned_mm() - setpoint.path_mm).max(0.0);
+        status.path_to_go_mm = (operator.program.track.planned_mm() - setpoint.path_mm).max(0.0);
     }
-    if let Some(feedback) = &operator.feedback {
+    if let Some(feedback) = &operator.drives.feedback {
         status.feedback_age_ns = now_ns.saturating_sub(feedback.time_ns);
         status.position_actual = feedback.position;
         status.following_error = feedback.following_error;

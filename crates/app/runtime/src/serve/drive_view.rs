@@ -1,0 +1,69 @@
+//! What the drives reported last.
+
+use evolvent_bus::Feedback;
+use evolvent_control::HomingSample;
+use evolvent_drive::FeedbackBounds;
+use evolvent_path::{Axes, AxisMask};
+
+use super::orders::CycleView;
+
+/// The newest feedback that can be true, and by which coordinates the drives count.
+pub(super) struct DriveView {
+    pub(super) feedback: Option<Feedback>,
+    bounds: FeedbackBounds,
+    /// The datum that the last renaming has led to.
+    pub(super) datum: u64,
+    /// Machine coordinates of the drives' first datum, less those of now.
+    pub(super) home_offset: Axes,
+    /// Number of the next request for an index pulse, and the axis of the last.
+    pub(super) next_index: u32,
+    pub(super) index_axis: Option<usize>,
+}
+
+impl DriveView {
+    pub(super) fn new(bounds: FeedbackBounds) -> Self {
+        Self {
+            feedback: None,
+            bounds,
+            datum: 0,
+            home_offset: Axes::zeros(),
+            next_index: 1,
+            index_axis: None,
+        }
+    }
+
+    /// Takes feedback in, in ideal coordinates; none where it cannot be true.
+    pub(super) fn take(&mut self, mut feedback: Feedback, view: &CycleView, now_ns: u64) -> Option<Feedback> {
+        // What cannot be true is neither shown nor homed by. The cycle's watch reports it.
+        if self.bounds.check(now_ns, &feedback).is_err() {
+            return None;
+        }
+        if let Some(shift) = &view.shift {
+            feedback.index_position -= self.index_axis.map_or(0.0, |axis| shift[axis]);
+            // As of the newest setpoint, a few periods before the feedback: what the correction changes meanwhile is as much
+            // smaller than that way as errors of a machine are than its travel.
+            for (position, shift) in feedback.position.iter_mut().zip(shift.iter()) {
+                *position -= shift;
+            }
+        }
+        self.feedback = Some(feedback);
+        Some(feedback)
+    }
+
+    /// Whether the drives count as the core does.
+    pub(super) fn counts_as(&self, view: &CycleView, feedback: &Feedback) -> bool {
+        view.datum == feedback.datum && view.datum >= self.datum
+    }
+}
+
+/// What homing goes by.
+pub(super) fn homing_sample(feedback: &Feedback) -> HomingSample {
+    HomingSample {
+        time_ns: feedback.time_ns,
+        position: Axes::from(feedback.position),
+        switches: AxisMask::from_bits(feedback.home_switch_mask),
+        absolute: AxisMask::from_bits(feedback.absolute_mask),
+        index_request: feedback.index_request,
+        index_position: (!feedback.index_position.is_nan()).then_some(feedback.index_position),
+    }
+}

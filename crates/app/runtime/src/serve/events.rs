@@ -1,0 +1,121 @@
+//! What the cycle reports, at the operator's desk.
+
+use evolvent_control::{Alarm, JobResult};
+
+use super::operator::{Job, Operator};
+use super::orders::{ActiveJob, CycleEvent};
+use crate::program_cycle::turning_alarm;
+
+impl Operator {
+    pub(super) fn handle_event(&mut self, event: CycleEvent) {
+        match event {
+            CycleEvent::Applied { id, sequence } => self.applied(id, sequence),
+            CycleEvent::Spent(schedule) => drop(schedule),
+            CycleEvent::EstopChain { sequence } => {
+                let alarm = Alarm::EmergencyStopChain;
+                self.raise(sequence, alarm, alarm.sentence().to_owned());
+                self.desk.fall_into_estop();
+                self.break_off(JobResult::Fault);
+            }
+            CycleEvent::Returned(work) => {
+                drop(work);
+                // A turn that was not reported by now came too late.
+                if let Job::Jog { steered, .. } = &mut self.job {
+                    steered.turn = None;
+                }
+            }
+            CycleEvent::Ended { result, work, .. } => {
+                drop(work);
+                self.motion_ended(result);
+            }
+            CycleEvent::Misplaced { sequence, work } => {
+                let is_planned = matches!(work, ActiveJob::Follow(_));
+                drop(work);
+                if !self.desk.has_latched_alarm() {
+                    self.raise(sequence, Alarm::Handover, Alarm::Handover.sentence().to_owned());
+                }
+                match &mut self.job {
+                    Job::Program(run) if is_planned => run.ended = Some(JobResult::Fault),
+                    _ => self.end_job(JobResult::Fault),
+                }
+            }
+            CycleEvent::Guard { sequence, violation } => {
+                let text = format!(
+                    "the guard refused a setpoint: {violation}; the machine was stopped. Please report it with the trace"
+                );
+                self.raise(sequence, Alarm::Guard, text);
+            }
+            CycleEvent::PlannerGone { sequence } => {
+                self.raise(sequence, Alarm::Planner, Alarm::Planner.sentence().to_owned());
+            }
+            CycleEvent::Turning { sequence, reason } => {
+                self.raise(sequence, turning_alarm(&reason), reason.text());
+            }
+            CycleEvent::Spindle { sequence, spindle } => {
+                let text = format!("spindle {spindle}: {}", Alarm::Spindle.sentence());
+                self.raise(sequence, Alarm::Spindle, text);
+            }
+            CycleEvent::Late { sequence } => {
+                self.raise(sequence, Alarm::Lateness, Alarm::Lateness.sentence().to_owned());
+            }
+            CycleEvent::Drive { sequence, alarm } => {
+                let known = Alarm::from_number(alarm.number()).unwrap_or(Alarm::DriveFault);
+                self.raise(sequence, known, alarm.to_string());
+                self.desk.drop_power();
+                self.switch_off_at_rest();
+                self.give_up_waiting(JobResult::Fault);
+                self.cancel_homing();
+            }
+            CycleEvent::ReferenceLost { sequence, axes } => self.lose_reference(sequence, axes),
+        }
+    }
+
+    fn applied(&mut self, id: u64, sequence: u64) {
+        self.book.applied(id, sequence);
+        let steered = match &mut self.job {
+            Job::Jog { steered, .. }
+            | Job::Homing {
+                steered: Some(steered),
+                ..
+            } => steered,
+            _ => return,
+        };
+        if steered.order == id {
+            steered.begin = Some(sequence);
+        } else if let Some((turn, steering)) = steered.turn.take_if(|(turn, _)| *turn == id) {
+            let _same = turn;
+            steered.steering = steering;
+            steered.begin = Some(sequence);
+        }
+    }
+
+    fn motion_ended(&mut self, result: JobResult) {
+        match &mut self.job {
+            Job::None => {}
+            Job::Program(run) => {
+                run.planning.abandon();
+                run.ended = Some(result);
+                self.cancel_command();
+            }
+            Job::Jog { .. } => {
+                if result != JobResult::Done {
+                    self.rest_handwheel();
+                }
+                self.end_job(result);
+            }
+            Job::Homing {
+                steered, cancelled, ..
+            } => {
+                *steered = None;
+                if *cancelled || result == JobResult::Fault {
+                    let result = if result == JobResult::Fault {
+                        result
+                    } else {
+                        JobResult::Stopped
+                    };
+                    self.end_job(result);
+                }
+            }
+        }
+    }
+}
