@@ -9,13 +9,11 @@
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, Jet};
 use evolvent_signals::{AngleJet, SpindleInput, SpindleKnowledge};
-use evolvent_wire::flags;
 
 use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
 use crate::quick_stop::QuickStop;
 use crate::setpoint::{Inputs, Setpoint};
-use crate::state::State;
 use crate::thread_cam::{ThreadCam, ThreadLeg, ThreadObjection};
 
 /// How fast an error of the position is made good, 1/s: three equal poles. A third of the rate at most.

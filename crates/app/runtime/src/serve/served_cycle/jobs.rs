@@ -1,0 +1,198 @@
+//! What moves the axes of a served machine, setpoint by setpoint.
+
+use evolvent_control::JobResult;
+use evolvent_drive::PowerRequest;
+use evolvent_motion::{Setpoint, State, TransferExecutor};
+use evolvent_trace::inputs as recorded;
+
+use super::{CycleState, ServedParts};
+use crate::cycle_sample::input_bits;
+use crate::serve::orders::{ActiveJob, CycleEvent, Following};
+use crate::signal_loop::SignalLoop;
+use crate::turning_motion::{turning_fault, turning_output};
+
+impl ServedParts {
+    pub(super) fn drop_turn(&mut self, now: &mut CycleState) {
+        if let Some(turn) = now.turn.take() {
+            self.report(CycleEvent::Returned(ActiveJob::Steer(turn.steering)));
+        }
+    }
+
+    /// One setpoint of whatever moves the axes.
+    pub(super) fn step(&mut self, now: &mut CycleState, deadline: u64) -> Setpoint {
+        now.notes.turned = None;
+        now.notes.input_bits = if std::mem::take(&mut now.relocated) {
+            recorded::RELOCATED
+        } else {
+            0
+        };
+        let mut work = std::mem::replace(&mut now.work, ActiveJob::None);
+        let (mut setpoint, result) = match &mut work {
+            ActiveJob::None => {
+                let state = if now.faulted { State::Fault } else { State::Idle };
+                (self.station.rest(state), None)
+            }
+            ActiveJob::Follow(job) => self.follow(now, job),
+            ActiveJob::Steer(steering) => self.steer(now, steering, deadline),
+        };
+        now.work = work;
+        if let Some(violation) = self.station.take_fault()
+            && !now.faulted
+        {
+            now.faulted = true;
+            let sequence = setpoint.sequence;
+            self.report(CycleEvent::Guard { sequence, violation });
+        }
+        if let Some(result) = result {
+            let sequence = setpoint.sequence;
+            now.ends_program = true;
+            self.drop_turn(now);
+            let work = std::mem::replace(&mut now.work, ActiveJob::None);
+            if !self.station.is_quick_stopping() {
+                self.station.end();
+            }
+            now.inputs.hold = false;
+            now.inputs.stop = false;
+            self.report(CycleEvent::Ended {
+                sequence,
+                result,
+                work,
+            });
+        }
+        if now.faulted && matches!(setpoint.state, State::Stopped | State::Stopping) {
+            setpoint.state = State::Fault;
+        }
+        if now.power_off_at_rest && now.is_idle() && self.station.is_at_rest() {
+            now.power_off_at_rest = false;
+            now.drive.power = PowerRequest::Off;
+        }
+        setpoint
+    }
+
+    pub(super) fn follow(
+        &mut self,
+        now: &mut CycleState,
+        job: &mut Following,
+    ) -> (Setpoint, Option<JobResult>) {
+        // It counts for the stop that was meant, and for none behind it.
+        let is_meant = now.stops.go_on.is_some() && now.stops.go_on == now.stops.at_stop;
+        now.inputs.resume = is_meant && !now.inputs.resume;
+        let waiting = self.signals.as_ref().filter(|signals| signals.is_waiting());
+        let at_wait = waiting.is_some();
+        if let Some(signals) = waiting {
+            // Only the wait's end goes on from here.
+            now.inputs.resume = signals.is_over() && job.motion.can_leave_wait(&mut job.queue);
+        }
+        let trouble = self.signals.as_ref().and_then(SignalLoop::spindle_in_trouble);
+        now.inputs.stop |= trouble.is_some();
+        let before = job.motion.plan_step();
+        now.inputs.probe = self.probe;
+        if let Some(signals) = &self.signals {
+            now.inputs.spindle = signals.spindle_at(job.motion.next_sequence());
+        }
+        let switches = self.signals.as_ref().map(SignalLoop::overrides);
+        let mut inputs = now.inputs.switched_by(&switches.unwrap_or_default());
+        let spindle_override = self.counted_override(now);
+        if let Some(signals) = &mut self.signals {
+            inputs.feed_override *= signals.feed_ratio(now.last.as_ref(), spindle_override);
+        }
+        let mut setpoint = job.motion.step(&inputs, &mut job.queue);
+        now.stops.has_left_wait = at_wait && now.inputs.resume && job.motion.plan_step() != before;
+        if let (Some(spindle), false) = (trouble, now.faulted) {
+            let sequence = setpoint.sequence;
+            self.report_once(now, CycleEvent::Spindle { sequence, spindle });
+        }
+        if let (Some(reason), false) = (turning_fault(&job.motion), now.faulted) {
+            let sequence = setpoint.sequence;
+            self.report_once(now, CycleEvent::Turning { sequence, reason });
+        }
+        now.notes.turned = turning_output(&job.motion).and_then(|output| output.transition);
+        now.notes.input_bits |= recorded::FOLLOWS | input_bits(&inputs, &job.motion);
+        now.stops.at_stop = (setpoint.state == State::ProgramStop).then_some(setpoint.actions);
+        self.station.follow(&job.motion, &setpoint);
+        if setpoint.state == State::Done && job.flags.has_failed() {
+            setpoint.state = State::Stopped;
+        }
+        if job.motion.is_stuck(&mut job.queue) {
+            let sequence = setpoint.sequence;
+            self.report_once(now, CycleEvent::PlannerGone { sequence });
+            return (setpoint, Some(JobResult::Fault));
+        }
+        let result = job.motion.is_over().then(|| match setpoint.state {
+            State::Fault => JobResult::Fault,
+            _ if now.faulted => JobResult::Fault,
+            State::Done => JobResult::Done,
+            _ if job.flags.has_failed() => JobResult::Failed,
+            _ => JobResult::Stopped,
+        });
+        (setpoint, result)
+    }
+
+    pub(super) fn steer(
+        &mut self,
+        now: &mut CycleState,
+        steering: &mut TransferExecutor,
+        deadline: u64,
+    ) -> (Setpoint, Option<JobResult>) {
+        if deadline > now.keep_until_ns {
+            steering.stop();
+        }
+        let sequence = self.station.sequence();
+        if let Some(turn) = now.turn.take_if(|turn| turn.after < sequence) {
+            // Too late for it, the old motion goes on to its own end.
+            if turn.after + 1 == sequence && self.station.turn(steering, &turn.steering) {
+                self.report(CycleEvent::Applied {
+                    id: turn.id,
+                    sequence,
+                });
+            }
+            self.report(CycleEvent::Returned(ActiveJob::Steer(turn.steering)));
+        }
+        now.notes.input_bits |= recorded::STEERS;
+        if steering.is_stopping() {
+            now.notes.input_bits |= recorded::STOP;
+        }
+        let setpoint = self.station.steer(steering);
+        let result = match setpoint.state {
+            State::Done => Some(JobResult::Done),
+            State::Stopped if now.faulted => Some(JobResult::Fault),
+            State::Stopped => Some(JobResult::Stopped),
+            _ if self.station.is_quick_stopping() => Some(JobResult::Fault),
+            _ => None,
+        };
+        (setpoint, result)
+    }
+
+    /// Every axis stops by itself; whatever moved them is over.
+    pub(super) fn emergency(&mut self, now: &mut CycleState) {
+        self.station.emergency();
+        now.drive.power = PowerRequest::QuickStop;
+        now.power_off_at_rest = true;
+        self.drop_turn(now);
+        let work = std::mem::replace(&mut now.work, ActiveJob::None);
+        if !matches!(work, ActiveJob::None) {
+            now.ends_program = true;
+            let sequence = self.station.sequence();
+            self.report(CycleEvent::Ended {
+                sequence,
+                result: JobResult::Fault,
+                work,
+            });
+        }
+    }
+
+    pub(super) fn report_once(&mut self, now: &mut CycleState, event: CycleEvent) {
+        if !now.faulted {
+            now.faulted = true;
+            self.report(event);
+        }
+    }
+
+    pub(super) fn stop_for_lateness(&mut self, now: &mut CycleState, sequence: u64) {
+        if now.is_idle() {
+            return;
+        }
+        self.report_once(now, CycleEvent::Late { sequence });
+        now.stop_work();
+    }
+}

@@ -1,0 +1,139 @@
+//! Orders of the operator, as the cycle takes them.
+
+use evolvent_machine::Limits;
+use evolvent_motion::{Inputs, TransferExecutor};
+use evolvent_path::Axes;
+
+use super::{CycleState, ServedParts, Turn};
+use crate::serve::orders::{ActiveJob, CycleCommand, CycleEvent, Following};
+
+/// Orders that one cycle takes at most; there are never so many.
+const MAX_ORDERS: usize = 32;
+
+impl ServedParts {
+    pub(super) fn take_orders(&mut self, now: &mut CycleState) {
+        for _ in 0..MAX_ORDERS {
+            let Ok(order) = self.orders.pop() else { break };
+            let reported = !matches!(order.what, CycleCommand::Turn { .. });
+            self.take(now, order.id, order.what);
+            if reported && order.id > 0 {
+                let sequence = self.station.sequence();
+                self.report(CycleEvent::Applied {
+                    id: order.id,
+                    sequence,
+                });
+            }
+        }
+    }
+
+    fn take(&mut self, now: &mut CycleState, id: u64, what: CycleCommand) {
+        match what {
+            CycleCommand::Follow(job) => self.begin_following(now, job),
+            CycleCommand::Steer(steering) => self.begin_steering(now, steering),
+            CycleCommand::Turn { after, steering } => {
+                let turn = Turn { after, id, steering };
+                if let Some(old) = now.turn.replace(turn) {
+                    self.report(CycleEvent::Returned(ActiveJob::Steer(old.steering)));
+                }
+            }
+            CycleCommand::Hold => now.inputs.hold = true,
+            CycleCommand::Resume(stop) => {
+                now.inputs.hold = false;
+                now.stops.go_on = stop.or(now.stops.go_on);
+            }
+            CycleCommand::GoOn(stop) => now.stops.go_on = Some(stop),
+            CycleCommand::Stop => now.stop_work(),
+            CycleCommand::Override(factor) => {
+                now.inputs.feed_override = factor;
+                self.station.set_override(factor);
+            }
+            CycleCommand::SpindleOverride(factor) => now.spindle_override = factor,
+            CycleCommand::Emergency => {
+                now.is_estop = true;
+                self.emergency(now);
+            }
+            CycleCommand::LeaveEstop => {
+                now.is_estop = false;
+                if let Some(signals) = &mut self.signals {
+                    signals.reset_estop();
+                }
+            }
+            CycleCommand::Outputs(change) => {
+                if let Some(signals) = &mut self.signals {
+                    signals.set_by_hand(&change);
+                }
+            }
+            CycleCommand::Power(request) => {
+                now.drive.power = request;
+                now.power_off_at_rest = false;
+            }
+            CycleCommand::Clear => {
+                now.faulted = false;
+                now.drive.fault_reset = now.drive.fault_reset.wrapping_add(1);
+            }
+            CycleCommand::Relocate {
+                position,
+                limits,
+                renames,
+            } => self.relocate(now, position, limits, renames),
+            CycleCommand::Within(limits) => {
+                if now.is_idle() && self.station.is_at_rest() {
+                    self.limits = limits;
+                    self.station.relocate(limits, self.station.position());
+                }
+            }
+            CycleCommand::KeepJogging(until_ns) => now.keep_until_ns = until_ns,
+            CycleCommand::ExpectSwitches(mask) => now.switches_expected = mask,
+            CycleCommand::LatchIndex(request) => now.drive.index = request,
+            CycleCommand::End => {
+                now.ending = true;
+                now.stop_work();
+            }
+        }
+    }
+
+    fn begin_following(&mut self, now: &mut CycleState, mut job: Box<Following>) {
+        if !now.can_begin() || !self.station.hand_to(&mut job.motion) {
+            self.misplace(ActiveJob::Follow(job));
+            return;
+        }
+        now.inputs = Inputs {
+            feed_override: now.inputs.feed_override,
+            ..Inputs::default()
+        };
+        (now.stops.go_on, now.stops.at_stop) = (None, None);
+        now.job = job.job;
+        self.begin_schedule(&mut job);
+        now.work = ActiveJob::Follow(job);
+    }
+
+    fn begin_steering(&mut self, now: &mut CycleState, steering: Box<TransferExecutor>) {
+        if now.can_begin() && self.station.can_steer(&steering) {
+            now.work = ActiveJob::Steer(steering);
+        } else {
+            self.misplace(ActiveJob::Steer(steering));
+        }
+    }
+
+    /// A job that does not begin here goes back.
+    fn misplace(&mut self, work: ActiveJob) {
+        let sequence = self.station.sequence();
+        self.report(CycleEvent::Misplaced { sequence, work });
+    }
+
+    /// The position at which the axes are at rest gets these coordinates and limits.
+    fn relocate(&mut self, now: &mut CycleState, position: Axes, limits: Limits, renames: bool) {
+        if !now.is_idle() || !self.station.is_at_rest() {
+            return;
+        }
+        if self.station.position() != position {
+            now.relocated = true;
+            if let Some(corrections) = &mut self.corrections {
+                corrections.relocate(&position);
+            }
+        }
+        self.limits = limits;
+        self.station.relocate(limits, position);
+        now.drive.datum += u64::from(renames);
+    }
+}

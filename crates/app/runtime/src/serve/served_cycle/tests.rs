@@ -1,0 +1,214 @@
+//! The whole cycle: allocations, and what an open chain does.
+
+use std::path::Path;
+
+use evolvent_counting::{CountingAllocator, calls};
+use evolvent_drive::WatchSettings;
+use evolvent_machine::{Machine, SignalKind, SignalSettings};
+use evolvent_signals::{Change, InputImage, Moment, Signals};
+use evolvent_transfer::{AxesState, Sync, Transfer};
+use rtrb::RingBuffer;
+
+use super::*;
+use crate::core_loop::CoreLoop;
+use crate::job::Clock;
+use crate::signal_loop::InputSource;
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// Calls of the allocator by a cycle that drives so many jogs, each with a turn that comes too late, renamings, an
+/// override and feedback of every cycle.
+fn calls_during(jogs: u64) -> (u64, u64) {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+    let text = std::fs::read_to_string(file).unwrap();
+    let text = text.replacen("letter = \"X\"", "letter = \"X\"\nbacklash_mm = 0.02", 1);
+    let machine = Machine::parse(&text, "backlash.toml").unwrap();
+    let limits = machine.limits();
+    let period_ns = 250_000;
+    let (mut orders, cycle_orders) = RingBuffer::new(64);
+    let (cycle_events, mut events) = RingBuffer::new(4096);
+    let (cycle_views, mut views) = RingBuffer::new(4096);
+    let (mut to_cycle, feedback) = RingBuffer::new(256);
+    let (bus, _setpoints) = RingBuffer::new(64);
+    let (trace, _records) = RingBuffer::new(64);
+    let core = CoreLoop {
+        clock: Clock::Realtime,
+        period_ns,
+        lead_cycles: 2,
+        max_late_cycles: 0,
+        start_unix_ns: 0,
+        bus: Some(bus),
+        trace: Some(trace),
+    };
+    let parts = ServedParts {
+        station: MachineState::new(limits, period_ns, limits.home),
+        limits,
+        period_ns,
+        orders: cycle_orders,
+        events: cycle_events,
+        views: cycle_views,
+        feedback,
+        watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::NONE)),
+        signals: None,
+        corrections: Corrections::new(&machine, period_ns, limits.home),
+        probe: ProbeInput::default(),
+        wheel_counts: None,
+        phase: None,
+        controls: Arc::new(Controls::new(1.0)),
+    };
+    let cycle = std::thread::spawn(move || {
+        let before = calls();
+        let counts = core.run(&mut ServedCycle::new(parts));
+        (calls() - before, counts.cycles)
+    });
+    let mut give = |what| assert!(orders.push(Order { id: 1, what }).is_ok(), "no room");
+    give(CycleCommand::KeepJogging(u64::MAX));
+    let mut at = limits.home;
+    let (mut ended, mut begun) = (0, 0);
+    while ended < jogs {
+        while let Ok(view) = views.pop() {
+            at = view.setpoint.position;
+            // Feedback that nobody needs is read all the same.
+            let _full = to_cycle.push(Feedback::default());
+        }
+        while let Ok(event) = events.pop() {
+            match event {
+                CycleEvent::Ended { .. } => ended += 1,
+                // The view was older than the event: once more.
+                CycleEvent::Misplaced { .. } => begun = ended,
+                _ => {}
+            }
+        }
+        if begun == ended && begun < jogs && views.is_empty() {
+            begun += 1;
+            let mut to = at;
+            to[0] = if begun % 2 == 1 { 2.0 } else { 0.0 };
+            let from = AxesState::at_rest(at);
+            let solved = Transfer::solve(&limits, &from, &AxesState::at_rest(to), Sync::Time).unwrap();
+            let steering = TransferExecutor::new(solved);
+            give(CycleCommand::Override(0.5));
+            give(CycleCommand::Relocate {
+                position: at,
+                limits,
+                renames: false,
+            });
+            give(CycleCommand::Steer(Box::new(steering)));
+            give(CycleCommand::Turn {
+                after: 0,
+                steering: Box::new(steering),
+            });
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    give(CycleCommand::End);
+    cycle.join().unwrap()
+}
+
+#[test]
+fn the_cycle_allocates_and_frees_nothing_however_long_it_runs_and_whatever_it_drives() {
+    let (few, _) = calls_during(1);
+    let (many, cycles) = calls_during(12);
+    assert!(cycles > 500, "{cycles} cycles prove nothing");
+    assert_eq!(few, many, "calls of the allocator");
+}
+
+/// A machine with a chain on input 0 and a clamp, safe when it is on, on output 0.
+fn settings() -> SignalSettings {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+    let text = std::fs::read_to_string(file).unwrap();
+    let signals = "[[input]]\nname = \"chain\"\nnumber = 0\n[[output]]\nname = \"clamp\"\nnumber = 0\nsafe_on = true\n\
+                   [estop]\ninput = \"chain\"\n";
+    let machine = Machine::parse(&format!("{text}{signals}"), "signals.toml").unwrap();
+    machine.signals
+}
+
+/// The control thread sleeps: nobody takes events or views, and no order comes.
+#[test]
+fn an_open_chain_stops_axes_drives_and_outputs_with_the_next_setpoint_whoever_sleeps() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+    let limits = Machine::load(&file).unwrap().limits();
+    let period_ns = 1_000_000;
+    let settings = settings();
+    let (mut orders, cycle_orders) = RingBuffer::new(64);
+    let (cycle_events, mut events) = RingBuffer::new(64);
+    let (cycle_views, _views) = RingBuffer::new(1);
+    let (_to_cycle, feedback) = RingBuffer::new(1);
+    let (mut inputs, samples) = RingBuffer::new(16);
+    let (changes, mut outputs) = RingBuffer::new(64);
+    let source = InputSource::Bus(samples);
+    let signals = SignalLoop::new(
+        Signals::new(&settings, 2, 1_000_000),
+        source,
+        Some(changes),
+        None,
+        true,
+    );
+    let mut cycle = ServedCycle::new(ServedParts {
+        station: MachineState::new(limits, period_ns, limits.home),
+        limits,
+        period_ns,
+        orders: cycle_orders,
+        events: cycle_events,
+        views: cycle_views,
+        feedback,
+        watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::NONE)),
+        signals: Some(signals),
+        corrections: None,
+        probe: ProbeInput::default(),
+        wheel_counts: None,
+        phase: None,
+        controls: Arc::new(Controls::new(1.0)),
+    });
+    let mut image = InputImage::default();
+    image.set(SignalKind::Digital, 0, Some(1.0));
+    inputs.push(image).unwrap();
+    let mut to = limits.home;
+    to[0] += 100.0;
+    let from = AxesState::at_rest(limits.home);
+    let way = Transfer::solve(&limits, &from, &AxesState::at_rest(to), Sync::Time).unwrap();
+    let mut clamp = Change::at(Moment::Rest(0));
+    clamp.set_digital(0, false);
+    for what in [
+        CycleCommand::LeaveEstop,
+        CycleCommand::Power(PowerRequest::On),
+        CycleCommand::Outputs(clamp),
+        CycleCommand::KeepJogging(u64::MAX),
+        CycleCommand::Steer(Box::new(TransferExecutor::new(way))),
+    ] {
+        assert!(orders.push(Order { id: 0, what }).is_ok(), "no room");
+    }
+    let mut step = |number: u64| {
+        cycle.step(&CycleBegin {
+            number,
+            deadline_ns: number * period_ns,
+        })
+    };
+    let before = (0..200).map(&mut step).last().unwrap();
+    assert!(before.setpoint.velocity[0] > 10.0, "{:?}", before.setpoint);
+    assert_eq!(before.drive.power, PowerRequest::On);
+    let open: Vec<_> = std::iter::from_fn(|| outputs.pop().ok()).collect();
+    assert_eq!(open.last().map(|due| due.outputs.digital), Some(0));
+    image.set(SignalKind::Digital, 0, Some(0.0));
+    inputs.push(image).unwrap();
+    let first = step(200);
+    assert_eq!(first.drive.power, PowerRequest::QuickStop);
+    let safe = outputs.pop().unwrap();
+    assert_eq!(
+        (safe.sequence, safe.outputs.digital),
+        (first.setpoint.sequence, 1)
+    );
+    let stopping: Vec<_> = (201..1200).map(step).collect();
+    let speeds = || stopping.iter().map(|computed| computed.setpoint.velocity[0]);
+    assert!(speeds().all(|speed| speed <= first.setpoint.velocity[0] + 1e-9));
+    let last = stopping.last().unwrap();
+    assert_eq!(
+        (last.setpoint.velocity[0], last.drive.power),
+        (0.0, PowerRequest::Off)
+    );
+    let told: Vec<_> = std::iter::from_fn(|| events.pop().ok()).collect();
+    let chain = told
+        .iter()
+        .filter(|event| matches!(event, CycleEvent::EstopChain { .. }));
+    assert_eq!(chain.count(), 1);
+}
