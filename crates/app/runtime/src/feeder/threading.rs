@@ -8,7 +8,8 @@ use evolvent_path::{Curve, Line};
 use evolvent_planner::{PlanError, PlanSink, Step};
 use evolvent_signals::{Change, Moment as SignalMoment};
 
-use super::{Feeder, INPUT_NAP, TURNING_NAP};
+use super::Feeder;
+use super::links::hand_over;
 use crate::news::Moment;
 use crate::refusal::{ProgramError, at_origin};
 use crate::threading::{ThreadChain, complaint};
@@ -30,7 +31,7 @@ impl From<QueueClosed> for ThreadTrouble {
 impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     /// Hands passes of threading on here.
     pub(crate) fn threading_by(mut self, threadings: Option<ThreadingSender>) -> Self {
-        self.threadings = threadings;
+        self.links.threadings = threadings;
         self
     }
 
@@ -66,14 +67,14 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 return Err(ThreadTrouble::Program(self.wrong(diagnostic)));
             }
         };
-        if std::mem::take(&mut self.awaits_speed)
+        if std::mem::take(&mut self.next.awaits_speed)
             && let Some((message, help)) = self.await_speed(line)?
         {
             return Err(ThreadTrouble::Program(
                 self.refused(first, program, message, help),
             ));
         }
-        if self.threadings.is_none() {
+        if self.links.threadings.is_none() {
             return self.preview_thread(chain, rpm, line);
         }
         let result = self.drive_thread(chain, pass, run_in_mm, line)?;
@@ -123,7 +124,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         run_in_mm: f64,
         line: u32,
     ) -> Result<ThreadResult, QueueClosed> {
-        let mut change = std::mem::replace(&mut self.with_next_block, Change::at(SignalMoment::Block(0)));
+        let mut change = std::mem::replace(&mut self.next.change, Change::at(SignalMoment::Block(0)));
         let action = self.actions;
         self.actions += 1;
         if !change.is_empty() {
@@ -132,33 +133,29 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             self.schedule(|signals| signals.change(change))?;
         }
         self.periphery.follows_angle = true;
-        self.tell_periphery(action);
+        self.report_periphery(action);
         let what = if chain.is_tap() { "tap" } else { "thread" };
         let text = format!("{what} in step with the spindle: in phase {run_in_mm:.3} mm behind its start");
-        self.announce(Moment::Rest(action), line, false, &text);
+        self.reporter.announce(Moment::Rest(action), line, false, &text);
         if chain.is_tap() {
             self.tell_reversal(pass.tap.map_or(0.0, |tap| 60.0 * tap.turns_per_s));
         }
         (self.last_line, self.end_line) = (0, line);
         self.planner.rest(&Step::Action { action, line })?;
-        let mut threading = Box::new(Threading::new(pass, &self.setup.machine.limits()));
-        while let Some(threadings) = &mut self.threadings {
-            match threadings.send(threading) {
-                Ok(()) => break,
-                Err(_) if threadings.is_abandoned() => return Err(QueueClosed),
-                Err(back) => threading = back,
-            }
-            self.planner.poll()?;
-            std::thread::sleep(TURNING_NAP);
-        }
+        let threading = Box::new(Threading::new(pass, &self.setup.machine.limits()));
+        hand_over(&mut self.links.threadings, &mut self.planner, threading)?;
         self.planner.rest(&Step::Thread { line })?;
-        let result = self.await_thread()?;
+        let result = self.await_result(|links| {
+            let threadings = links.threadings.as_mut()?;
+            Some((threadings.result(), threadings.is_abandoned()))
+        })?;
         let text = format!(
             "{what}: done, {:.4} mm at the most beside the spindle's angle",
             result.worst_mm
         );
         if complaint(&result, 0.0).is_none() {
-            self.announce(Moment::Block(self.next_block), line, false, &text);
+            self.reporter
+                .announce(Moment::Block(self.next_block), line, false, &text);
         }
         Ok(result)
     }
@@ -177,27 +174,9 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         for outputs in [self.periphery.outputs, before.outputs] {
             self.periphery.outputs = outputs;
             self.periphery.spindle_command = u64::from(self.actions) + 1;
-            self.tell_periphery(self.actions);
+            self.report_periphery(self.actions);
             self.actions += 1;
         }
-        self.awaits_speed = true;
-    }
-
-    fn await_thread(&mut self) -> Result<ThreadResult, QueueClosed> {
-        loop {
-            let Some(threadings) = &mut self.threadings else {
-                return Err(QueueClosed);
-            };
-            if let Some(result) = threadings.result() {
-                return Ok(result);
-            }
-            if threadings.is_abandoned() {
-                return Err(QueueClosed);
-            }
-            // Holds and overrides are answered meanwhile.
-            self.planner.poll()?;
-            self.report_blocks(false);
-            std::thread::sleep(INPUT_NAP);
-        }
+        self.next.awaits_speed = true;
     }
 }

@@ -12,6 +12,7 @@ use rtrb::RingBuffer;
 use super::*;
 use crate::core_loop::CoreLoop;
 use crate::job::Clock;
+use crate::serve::orders::CycleCommand;
 use crate::signal_loop::InputSource;
 
 #[global_allocator]

@@ -1,0 +1,217 @@
+//! Commands that become steps of the plan.
+
+use evolvent_gcode::{Action, Command, Move, MoveKind};
+use evolvent_motion::QueueClosed;
+use evolvent_path::Curve;
+use evolvent_planner::{PlanError, PlanSink, Step};
+use evolvent_signals::{Change, Moment as SignalMoment, OverrideSwitches};
+
+use super::{CARRIER_NAP, Feeder};
+use crate::news::{Moment, StopKind, UserCall, describe};
+use crate::periphery::{change_begins, tool_request};
+use crate::switches::SwitchState;
+
+impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
+    /// `false` at the program's end.
+    pub(super) fn execute(&mut self, command: &Command) -> Result<bool, PlanError<QueueClosed>> {
+        let line = command.line;
+        match &command.action {
+            Action::Move(motion) => {
+                self.go_by(command.feed_per_revolution, motion);
+                self.push_move(motion, line)?;
+            }
+            Action::Dwell { seconds } => {
+                self.planner
+                    .rest(&Step::Dwell {
+                        seconds: *seconds,
+                        line,
+                    })
+                    .map_err(PlanError::Sink)?;
+            }
+            Action::ProgramStop { optional, .. } => {
+                if !optional || self.switches.optional_stop {
+                    self.stop(line, StopKind::Program)?;
+                }
+            }
+            Action::UserCommand { number, p, q } => {
+                let call = UserCall {
+                    number: *number,
+                    words: [*p, *q],
+                    line,
+                };
+                self.counts.user_commands += 1;
+                self.stop(line, StopKind::User(call))?;
+            }
+            Action::ProgramEnd => return Ok(false),
+            Action::BeginToolChange(tool) => {
+                let call = change_begins(*tool, self.periphery.tool, line);
+                self.counts.tool_changes += 1;
+                self.periphery.apply(&command.action);
+                self.stop(line, StopKind::User(call))?;
+            }
+            Action::ChangeTool(tool) => self.change_tool(&command.action, *tool, line)?,
+            Action::Output {
+                index,
+                on,
+                synchronised,
+            } => {
+                let (index, on) = (*index, *on);
+                let text = format!("output {index} {}", if on { "on" } else { "off" });
+                let set = |change: &mut Change| change.set_digital(index, on);
+                self.set_output(line, *synchronised, &text, set)?;
+            }
+            Action::AnalogOutput {
+                index,
+                value,
+                synchronised,
+            } => {
+                let (index, value) = (*index, *value);
+                let text = format!("analog output {index} {value}");
+                let set = |change: &mut Change| change.set_analog(index, value);
+                self.set_output(line, *synchronised, &text, set)?;
+            }
+            Action::Overrides {
+                feed,
+                spindle,
+                adaptive,
+                feed_stop,
+                cycle,
+            } => {
+                let switches = OverrideSwitches {
+                    feed: *feed,
+                    spindle: *spindle,
+                    adaptive: *adaptive,
+                    feed_stop: *feed_stop,
+                };
+                self.switch_overrides(switches, *cycle, line)?;
+            }
+            Action::Spindle { .. }
+            | Action::SurfaceSpeed { .. }
+            | Action::Coolant { .. }
+            | Action::ToolNumber(_) => {
+                self.switch(&command.action, line)?;
+            }
+            other => {
+                if let Some(text) = describe(other) {
+                    // Neither a message nor the next tool's number is a reason to stop.
+                    // Loops would say it again and again.
+                    if matches!(other, Action::Warning(_)) && !self.reporter.warned.insert(line) {
+                        return Ok(true);
+                    }
+                    let is_message = !matches!(other, Action::SelectTool(_));
+                    self.reporter
+                        .announce(Moment::Block(self.next_block), line, is_message, &text);
+                }
+            }
+        }
+        Ok(true)
+    }
+
+    /// Comes to rest and waits to be told to go on. An action before it makes it known by its number.
+    pub(super) fn stop(&mut self, line: u32, kind: StopKind) -> Result<(), PlanError<QueueClosed>> {
+        let action = self.actions;
+        self.actions += 1;
+        self.reporter.stop(action, kind);
+        match kind {
+            StopKind::User(call) => {
+                self.report_periphery(action);
+                self.reporter
+                    .announce(Moment::Rest(action), line, false, &call.text());
+                self.hand_to_carrier(action, call)?;
+            }
+            StopKind::ToolChange(tool) => {
+                self.report_periphery(action);
+                let text = tool_request(tool, self.periphery.tool);
+                self.reporter.announce(Moment::Rest(action), line, true, &text);
+            }
+            StopKind::Program | StopKind::Step | StopKind::Input => {}
+        }
+        self.last_line = 0;
+        self.planner
+            .rest(&Step::Action { action, line })
+            .map_err(PlanError::Sink)?;
+        self.planner
+            .rest(&Step::ProgramStop { line })
+            .map_err(PlanError::Sink)
+    }
+
+    pub(super) fn hand_to_carrier(
+        &mut self,
+        action: u32,
+        call: UserCall,
+    ) -> Result<(), PlanError<QueueClosed>> {
+        let Some(carrier) = &mut self.links.carrier else {
+            return Ok(());
+        };
+        while carrier.stops.is_full() {
+            if carrier.controls.is_abandoned() || carrier.stops.is_abandoned() {
+                return Err(PlanError::Sink(QueueClosed));
+            }
+            std::thread::sleep(CARRIER_NAP);
+        }
+        let _gone = carrier.stops.push(action);
+        let _gone = carrier.calls.send((action, call));
+        Ok(())
+    }
+
+    pub(super) fn push_move(&mut self, motion: &Move, line: u32) -> Result<(), PlanError<QueueClosed>> {
+        let mut motion = *motion;
+        let SwitchState {
+            single_step,
+            rapid_override,
+            ..
+        } = self.switches;
+        // Behind another stop, and before the first move, there is nothing to stop behind.
+        if single_step && self.last_line != line && self.last_line > 0 {
+            self.stop(self.last_line, StopKind::Step)?;
+        }
+        if motion.kind == MoveKind::Rapid && rapid_override < 1.0 && self.next.override_counts {
+            motion.feed = rapid_override * self.rapid_speed(&motion.curve);
+        }
+        if let (MoveKind::Feed, Some(most)) = (motion.kind, self.setup.machine.max_feed_mm_s) {
+            motion.feed = motion.feed.min(most);
+        }
+        let block = self.next_block;
+        if !self.next.change.is_empty() {
+            let nothing = Change::at(SignalMoment::Block(block));
+            let mut change = std::mem::replace(&mut self.next.change, nothing);
+            change.moment = SignalMoment::Block(block);
+            self.schedule(|signals| signals.change(change))
+                .map_err(PlanError::Sink)?;
+        }
+        self.planner.push(&motion, line, block)?;
+        self.next_block += 1;
+        self.counts.moves += 1;
+        self.last_line = line;
+        self.counts.path_mm += motion.curve.length();
+        if self.reporter.with_blocks {
+            self.end_line = line;
+        }
+        self.reporter.queued(&motion, line, block, self.counts.path_mm);
+        Ok(())
+    }
+
+    /// The speed in the feed metric at which the first axis is at its limit, along the chord of a rapid. Never 0.
+    pub(super) fn rapid_speed(&self, curve: &Curve) -> f64 {
+        let limits = self.setup.machine.limits();
+        let way = curve.end() - curve.start();
+        let length = curve.length();
+        let mut speed = f64::INFINITY;
+        for axis in 0..way.len() {
+            if limits.present[axis] && way[axis] != 0.0 {
+                speed = speed.min(limits.velocity[axis] * length / way[axis].abs());
+            }
+        }
+        if speed.is_finite() { speed.max(1e-3) } else { 1.0 }
+    }
+
+    /// Something of the periphery's that takes effect at rest.
+    pub(super) fn act(&mut self, line: u32, text: &str) -> Result<(), PlanError<QueueClosed>> {
+        let action = self.actions;
+        self.actions += 1;
+        self.reporter.announce(Moment::Rest(action), line, false, text);
+        self.planner
+            .rest(&Step::Action { action, line })
+            .map_err(PlanError::Sink)
+    }
+}

@@ -1,0 +1,180 @@
+//! Outputs, spindle, coolant and the feed law: what changes with a block or at rest.
+
+use evolvent_gcode::{Action, Move, MoveKind, SpindleDirection};
+use evolvent_motion::QueueClosed;
+use evolvent_planner::{PlanError, PlanSink, Step};
+use evolvent_signals::{Change, FeedLaw, Moment as SignalMoment, OverrideSwitches, Scheduler};
+
+use super::{CARRIER_NAP, Feeder};
+use crate::news::{Moment, describe};
+
+/// What counts from the next block on.
+pub(super) struct NextBlock {
+    /// Outputs that change with it (M62, M63, M67), and the line that has set them last.
+    pub(super) change: Change,
+    pub(super) line: u32,
+    /// What the feed goes by, as scheduled last.
+    pub(super) feed_law: FeedLaw,
+    /// The feed override counts for what is read, and so does the rapid override.
+    pub(super) override_counts: bool,
+    /// The spindle was given a speed, and no feed has waited for it.
+    pub(super) awaits_speed: bool,
+    /// A rapid has moved the tool along X since the spindle had the speed of its radius.
+    pub(super) has_left_radius: bool,
+}
+
+impl NextBlock {
+    pub(super) fn new(direction: SpindleDirection) -> Self {
+        Self {
+            change: Change::at(SignalMoment::Block(0)),
+            line: 0,
+            feed_law: FeedLaw::default(),
+            override_counts: true,
+            awaits_speed: direction != SpindleDirection::Stopped,
+            has_left_radius: false,
+        }
+    }
+}
+
+impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
+    /// Hands something to the cycle's outputs and inputs, before its block or action goes into the plan.
+    pub(super) fn schedule(&mut self, hand: impl Fn(&mut Scheduler) -> bool) -> Result<(), QueueClosed> {
+        let Some(signals) = &mut self.links.signals else {
+            return Ok(());
+        };
+        while !hand(signals) {
+            if signals.is_abandoned() {
+                return Err(QueueClosed);
+            }
+            self.planner.poll()?;
+            std::thread::sleep(CARRIER_NAP);
+        }
+        Ok(())
+    }
+
+    /// An output that changes with the next block, or at rest.
+    pub(super) fn set_output(
+        &mut self,
+        line: u32,
+        is_synchronised: bool,
+        text: &str,
+        set: impl Fn(&mut Change),
+    ) -> Result<(), PlanError<QueueClosed>> {
+        if is_synchronised {
+            set(&mut self.next.change);
+            self.next.line = line;
+            return Ok(());
+        }
+        self.set_at_rest(line, text, set)
+    }
+
+    /// An output that changes at rest, now in the order of the program.
+    pub(super) fn set_at_rest(
+        &mut self,
+        line: u32,
+        text: &str,
+        set: impl Fn(&mut Change),
+    ) -> Result<(), PlanError<QueueClosed>> {
+        let mut change = Change::at(SignalMoment::Rest(self.actions));
+        set(&mut change);
+        self.schedule(|signals| signals.change(change))
+            .map_err(PlanError::Sink)?;
+        self.act(line, text)?;
+        // An action takes no time, so the next move would begin in the same period: one setpoint at rest has the new value.
+        let seconds = self.setup.period_ns as f64 * 1e-9;
+        let dwell = Step::Dwell { seconds, line };
+        self.planner.rest(&dwell).map_err(PlanError::Sink)
+    }
+
+    /// Which overrides count, from the next block on; a cycle that taps needs its feed from the first setpoint on, so it comes
+    /// to rest for it.
+    pub(super) fn switch_overrides(
+        &mut self,
+        switches: OverrideSwitches,
+        cycle: Option<&'static str>,
+        line: u32,
+    ) -> Result<(), PlanError<QueueClosed>> {
+        self.next.override_counts = switches.feed;
+        let Some(cycle) = cycle else {
+            self.next.change.overrides = Some(switches);
+            return Ok(());
+        };
+        self.next.change.overrides = None;
+        let text = if switches.feed {
+            format!("overrides as before {cycle}")
+        } else {
+            format!("{cycle}: overrides off")
+        };
+        self.set_at_rest(line, &text, |change| change.overrides = Some(switches))
+    }
+
+    /// Outputs that wait for a move that never comes, as in LinuxCNC.
+    pub(super) fn warn_of_outputs_without_move(&mut self) {
+        if !self.next.change.sets_outputs() {
+            return;
+        }
+        let text = "warning: no move follows this output, so it does not change: write a move behind it, or M64, M65 or M68";
+        self.reporter
+            .announce(Moment::Block(self.next_block), self.next.line, true, text);
+    }
+
+    /// The feed of a move goes by time or by the spindle, from its block on.
+    pub(super) fn go_by(&mut self, feed_per_revolution: Option<f64>, motion: &Move) {
+        let outputs = &self.periphery.outputs;
+        let turns = outputs.direction != SpindleDirection::Stopped;
+        if motion.kind == MoveKind::Rapid {
+            let moves_x = motion.curve.start()[0] != motion.curve.end()[0];
+            self.next.has_left_radius |= turns && outputs.surface.is_some() && moves_x;
+            return;
+        }
+        let law = match feed_per_revolution {
+            Some(_) if turns => FeedLaw::Revolution(outputs.speed()),
+            _ => FeedLaw::Time,
+        };
+        self.set_feed_law(law);
+    }
+
+    pub(super) fn set_feed_law(&mut self, law: FeedLaw) {
+        if law != self.next.feed_law {
+            self.next.feed_law = law;
+            self.next.change.feed_law = Some(law);
+        }
+    }
+
+    /// The surface speed in force, once more.
+    pub(super) fn surface_action(&self) -> Action {
+        let outputs = &self.periphery.outputs;
+        match outputs.surface {
+            Some(surface) => Action::SurfaceSpeed {
+                direction: outputs.direction,
+                surface,
+            },
+            None => Action::Spindle {
+                direction: outputs.direction,
+                speed_rpm: outputs.speed_rpm,
+            },
+        }
+    }
+
+    /// Something of the periphery takes effect at rest.
+    pub(super) fn switch(&mut self, action: &Action, line: u32) -> Result<(), PlanError<QueueClosed>> {
+        self.periphery.apply(action);
+        if matches!(
+            action,
+            Action::Spindle { .. } | Action::SurfaceSpeed { .. } | Action::OrientSpindle { .. }
+        ) {
+            self.periphery.spindle_command = u64::from(self.actions) + 1;
+            self.next.awaits_speed = true;
+        }
+        self.report_periphery(self.actions);
+        match describe(action) {
+            Some(text) => self.act(line, &text),
+            None => Ok(()),
+        }
+    }
+
+    /// Reports what the periphery is from the action of this number on.
+    pub(super) fn report_periphery(&self, action: u32) {
+        self.reporter.periphery(action, self.periphery);
+    }
+}

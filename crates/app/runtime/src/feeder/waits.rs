@@ -1,0 +1,352 @@
+//! What the program waits for: inputs, the spindle, probing moves and turning cycles.
+
+use std::path::Path;
+
+use evolvent_gcode::{Action, Command, SpindleDirection};
+use evolvent_machine::{AtSpeed, SignalKind};
+use evolvent_motion::{ProbeMove, ProbeResult, ProbeVerdict, ProcessCycle, QueueClosed};
+use evolvent_path::{Axes, AxisLetter};
+use evolvent_planner::{PlanError, PlanSink, Step};
+use evolvent_signals::{Awaited, Change, FeedLaw, InputWait, Moment as SignalMoment, Scheduler, WaitMode};
+
+use super::links::{CycleLinks, hand_over};
+use super::{Feeder, INPUT_NAP};
+use crate::news::{Moment, StopKind};
+use crate::probing::{complaint, objection, probing};
+use crate::refusal::{ProgramError, about_line_with, at_origin, cannot_turn};
+use crate::source::Commands;
+use crate::turning::turning;
+use crate::turning_motion::TurningMotion;
+
+/// What came of a command for whose end the program may wait.
+pub(super) enum Waited {
+    /// It is none.
+    None,
+    /// It is carried out.
+    Over,
+    /// Nobody drives any more.
+    Gone,
+}
+
+impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
+    /// Carries out a command for whose end the program waits.
+    pub(super) fn wait_out(
+        &mut self,
+        command: &Command,
+        commands: &mut Commands,
+        program: &Path,
+    ) -> Result<Waited, ProgramError> {
+        let line = command.line;
+        if let Action::OrientSpindle {
+            degrees, timeout_s, ..
+        } = command.action
+        {
+            match self.orient(&command.action, degrees, timeout_s, line) {
+                Ok(None) => {}
+                Ok(Some((message, help))) => {
+                    return Err(self.refused(command, program, message, help));
+                }
+                Err(_gone) => return Ok(Waited::Gone),
+            }
+            self.report_blocks(false);
+            return Ok(Waited::Over);
+        }
+        if let Action::Turning(cycle) = &command.action {
+            let turning = turning(cycle, self.setup).map_err(|what| ProgramError::Text {
+                file: self.file.clone(),
+                diagnostic: Box::new(at_origin(command, program, |file, line| {
+                    cannot_turn(what, file, line)
+                })),
+            })?;
+            return Ok(match self.turn(turning, command.line) {
+                Ok(()) => Waited::Over,
+                Err(_gone) => Waited::Gone,
+            });
+        }
+        if let Action::WaitInput {
+            index,
+            analog,
+            mode,
+            timeout_s,
+        } = command.action
+        {
+            let kind = if analog {
+                SignalKind::Analog
+            } else {
+                SignalKind::Digital
+            };
+            match self.wait_for_input(kind, index, mode, timeout_s, line) {
+                // -1 as after a timeout where the input is not known.
+                Ok(value) => commands.answer_input(value.unwrap_or(-1.0)),
+                Err(_gone) => return Ok(Waited::Gone),
+            }
+            self.report_blocks(false);
+            return Ok(Waited::Over);
+        }
+        if let Action::Probe {
+            curve,
+            feed,
+            toward,
+            must,
+        } = command.action
+        {
+            let order = ProbeMove { curve, feed, toward };
+            if let Some(objection) = objection(&order, self.setup) {
+                return Err(self.wrong(at_origin(command, program, |file, line| {
+                    objection.told(file, line)
+                })));
+            }
+            let Ok(result) = self.probe(order, line) else {
+                return Ok(Waited::Gone);
+            };
+            if let Some((message, help)) = complaint(&result, toward, must) {
+                return Err(self.wrong(at_origin(command, program, |file, line| {
+                    about_line_with(message, Some(help), file, line)
+                })));
+            }
+            let tripped = result.verdict == ProbeVerdict::Contact;
+            commands.answer_probe(&result.position, &result.stands_at, tripped);
+            if let Some((message, help)) = self.log_probe(commands, tripped) {
+                return Err(self.refused(command, program, message, help));
+            }
+            self.report_blocks(false);
+            return Ok(Waited::Over);
+        }
+        Ok(Waited::None)
+    }
+
+    /// Comes to rest and hands over to a turning cycle.
+    pub(super) fn turn(&mut self, turning: TurningMotion, line: u32) -> Result<(), QueueClosed> {
+        // Its passes are fed at the speed that the cycle was planned for.
+        self.set_feed_law(FeedLaw::Time);
+        let turning: Box<dyn ProcessCycle> = Box::new(turning);
+        hand_over(&mut self.links.processes, &mut self.planner, turning)?;
+        if !self.next.change.is_empty() {
+            // The cycle's passes are no blocks: what is to change with them changes where they begin, at rest.
+            let change = Change {
+                moment: SignalMoment::Rest(self.actions),
+                ..self.next.change
+            };
+            self.next.change = Change::at(SignalMoment::Block(0));
+            let action = self.actions;
+            self.actions += 1;
+            self.schedule(|signals| signals.change(change))?;
+            self.planner.rest(&Step::Action { action, line })?;
+        }
+        self.last_line = 0;
+        self.planner.rest(&Step::Turning { line })
+    }
+
+    /// Waits until the spindle has the speed that it was given, where something tells that; why it has not, after the time for it.
+    pub(super) fn await_speed(&mut self, line: u32) -> Result<Option<(String, String)>, QueueClosed> {
+        let outputs = &self.periphery.outputs;
+        let turns = outputs.direction != SpindleDirection::Stopped && outputs.speed().rpm_at(0.0) > 0.0;
+        let Some(spindle) = self.setup.machine.signals.spindle(0).filter(|_| turns) else {
+            return Ok(None);
+        };
+        let speed = match outputs.surface {
+            Some(surface) => format!("{} m/min", surface.metres_per_minute),
+            None => format!("{} rpm", outputs.constant_rpm()),
+        };
+        let timeout_s = spindle.at_speed_timeout_s;
+        let awaited = match spindle.at_speed {
+            AtSpeed::Unknown => return Ok(None),
+            AtSpeed::Feedback => Awaited::AtSpeed {
+                spindle: spindle.number,
+                command: self.periphery.spindle_command,
+            },
+            AtSpeed::Input(number) => Awaited::Input {
+                kind: SignalKind::Digital,
+                number,
+                mode: WaitMode::High,
+            },
+        };
+        let text = format!("wait for spindle: {speed}, {timeout_s} s at most");
+        let reached = self.wait_for(awaited, timeout_s, line, true, &text)?.is_some();
+        Ok((!reached && !self.is_abandoned()).then(|| {
+            let message = format!("the spindle did not reach {speed} within {timeout_s} s, and feed waits for it");
+            let help = "see its drive and its speed; at_speed_timeout_s at its [[spindle]] in the machine file gives it more time";
+            (message, help.to_owned())
+        }))
+    }
+
+    /// Turns the stopped spindle to an angle and waits until it stands there (M19); why it does not, after the time for it.
+    pub(super) fn orient(
+        &mut self,
+        action: &Action,
+        degrees: f64,
+        timeout_s: f64,
+        line: u32,
+    ) -> Result<Option<(String, String)>, QueueClosed> {
+        match self.switch(action, line) {
+            Ok(()) => {}
+            Err(PlanError::Sink(gone)) => return Err(gone),
+            // Nothing else can go wrong at rest.
+            Err(_) => return Ok(None),
+        }
+        self.next.awaits_speed = false;
+        let default_s = self.setup.machine.signals.spindle(0);
+        let timeout_s = if timeout_s > 0.0 {
+            timeout_s
+        } else {
+            default_s.map_or(10.0, |spindle| spindle.at_speed_timeout_s)
+        };
+        let awaited = Awaited::Oriented {
+            spindle: 0,
+            command: self.periphery.spindle_command,
+        };
+        let text = format!("wait for spindle: at {degrees} degrees, {timeout_s} s at most");
+        let reached = self.wait_for(awaited, timeout_s, line, true, &text)?.is_some();
+        Ok((!reached && !self.is_abandoned()).then(|| {
+            let message = format!("M19: the spindle does not stand at {degrees} degrees after {timeout_s} s");
+            let help = "see its drive; Q of M19 gives it more time, in seconds";
+            (message, help.to_owned())
+        }))
+    }
+
+    /// Whether nothing is driven, or what is driven has ended: nobody answers any more.
+    pub(super) fn is_abandoned(&self) -> bool {
+        self.links.signals.as_ref().is_none_or(Scheduler::is_abandoned)
+    }
+
+    /// Comes to rest, probes, and gives the result. What follows begins where the axes stand then.
+    pub(super) fn probe(&mut self, order: ProbeMove, line: u32) -> Result<ProbeResult, QueueClosed> {
+        let mut change = std::mem::replace(&mut self.next.change, Change::at(SignalMoment::Block(0)));
+        let action = self.actions;
+        self.actions += 1;
+        if !change.is_empty() {
+            // The move is no block: what is to change with it changes where it begins, at rest.
+            change.moment = SignalMoment::Rest(action);
+            self.schedule(|signals| signals.change(change))?;
+        }
+        let text = if order.toward {
+            "probe until contact (G38)"
+        } else {
+            "probe until contact is lost (G38)"
+        };
+        self.reporter.announce(Moment::Rest(action), line, false, text);
+        (self.last_line, self.end_line) = (0, line);
+        self.planner.rest(&Step::Action { action, line })?;
+        let end = order.curve.end();
+        let probing = Box::new(probing(order, self.setup));
+        let result = if hand_over(&mut self.links.probings, &mut self.planner, probing)? {
+            self.planner.rest(&Step::Probe { line })?;
+            self.await_result(|links| {
+                links
+                    .probings
+                    .as_mut()
+                    .map(|probings| (probings.result(), probings.is_abandoned()))
+            })?
+        } else {
+            // Nothing is driven.
+            ProbeResult {
+                verdict: ProbeVerdict::Imagined,
+                position: end,
+                stands_at: end,
+            }
+        };
+        self.planner.stand_at(&result.stands_at);
+        let place = |position: &Axes| {
+            let present = self.setup.machine.limits().present;
+            let words = AxisLetter::ALL.iter().filter(|axis| present[axis.index()]);
+            let words = words.map(|axis| format!("{}{:.4}", axis.letter(), position[axis.index()]));
+            words.collect::<Vec<_>>().join(" ")
+        };
+        let text = match result.verdict {
+            ProbeVerdict::Contact => format!("probe changed at {} (machine coordinates)", place(&result.position)),
+            ProbeVerdict::Imagined => {
+                "warning: time is not real and no contact is known: the move goes to its end, as if the probe had not changed".to_owned()
+            }
+            _ => "probe: no change".to_owned(),
+        };
+        if result.verdict != ProbeVerdict::Imagined || self.reporter.warned.insert(line) {
+            self.reporter
+                .announce(Moment::Block(self.next_block), line, true, &text);
+        }
+        Ok(result)
+    }
+
+    /// Comes to rest, waits for an input there, and gives its value.
+    pub(super) fn wait_for_input(
+        &mut self,
+        kind: SignalKind,
+        number: u32,
+        mode: u32,
+        timeout_s: f64,
+        line: u32,
+    ) -> Result<Option<f64>, QueueClosed> {
+        let signals = &self.setup.machine.signals;
+        let name = signals.input(kind, number).map_or("", |input| &input.name);
+        let what = ["its value", "its rise", "its fall", "on", "off"];
+        let what = what.get(mode as usize).copied().unwrap_or_default();
+        let text = match mode {
+            0 => format!("read input {name} (M66)"),
+            _ => format!("wait for input {name}: {what}, {timeout_s} s at most (M66)"),
+        };
+        let awaited = Awaited::Input {
+            kind,
+            number,
+            mode: WaitMode::from_number(mode).unwrap_or(WaitMode::Immediate),
+        };
+        self.wait_for(awaited, timeout_s, line, mode != 0, &text)
+    }
+
+    /// Comes to rest and waits there; none after the timeout, and where nothing is driven.
+    pub(super) fn wait_for(
+        &mut self,
+        awaited: Awaited,
+        timeout_s: f64,
+        line: u32,
+        is_message: bool,
+        text: &str,
+    ) -> Result<Option<f64>, QueueClosed> {
+        let action = self.actions;
+        self.actions += 1;
+        self.reporter.stop(action, StopKind::Input);
+        self.reporter
+            .announce(Moment::Rest(action), line, is_message, text);
+        let wait = InputWait {
+            action,
+            awaited,
+            // A cast saturates, and a wait of the largest number is one for ever.
+            timeout_cycles: (timeout_s * 1e9 / self.setup.period_ns as f64).ceil() as u64,
+        };
+        self.schedule(|signals| signals.wait(wait))?;
+        self.last_line = 0;
+        self.planner.rest(&Step::Action { action, line })?;
+        self.planner.rest(&Step::InputWait { line })?;
+        if self.links.signals.is_none() {
+            // Nothing is driven: as after a timeout.
+            return Ok(None);
+        }
+        let result = self.await_result(|links| {
+            let signals = links.signals.as_mut()?;
+            Some((signals.result(), signals.is_abandoned()))
+        })?;
+        Ok(result.value)
+    }
+
+    /// Waits until the cycle has handed a result back. `poll`: the result, if it has come, and whether nobody drives any more.
+    pub(super) fn await_result<R>(
+        &mut self,
+        poll: impl Fn(&mut CycleLinks) -> Option<(Option<R>, bool)>,
+    ) -> Result<R, QueueClosed> {
+        loop {
+            match poll(&mut self.links) {
+                Some((Some(result), _)) => return Ok(result),
+                Some((None, false)) => {}
+                _ => return Err(QueueClosed),
+            }
+            // Holds and overrides are answered meanwhile.
+            self.planner.poll()?;
+            self.report_blocks(false);
+            std::thread::sleep(INPUT_NAP);
+        }
+    }
+
+    /// Whether something tells that the spindle has its speed.
+    pub(super) fn knows_speed(&self) -> bool {
+        let spindle = self.setup.machine.signals.spindle(0);
+        spindle.is_some_and(|spindle| spindle.at_speed != AtSpeed::Unknown)
+    }
+}
