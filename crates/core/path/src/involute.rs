@@ -131,6 +131,81 @@ pub struct Involute {
     roll: Roll,
 }
 
+/// Checks points, base circle, sense and tolerance by themselves.
+fn check_input(
+    start: &Axes,
+    end: &Axes,
+    centre: [f64; 2],
+    base_radius_mm: f64,
+    sense: Sense,
+    tolerance_mm: f64,
+) -> Result<(), InvoluteError> {
+    for point in [start, end] {
+        if let Some((axis, value)) = bad_coordinate(point) {
+            return Err(InvoluteError::Coordinate { axis, value });
+        }
+    }
+    let r = base_radius_mm;
+    let [first, second] = centre;
+    let usable = first.abs() <= MAX_COORDINATE && second.abs() <= MAX_COORDINATE;
+    if !(usable && (MIN_RADIUS_MM..=MAX_COORDINATE).contains(&r)) {
+        return Err(InvoluteError::BaseCircle {
+            first,
+            second,
+            base_radius_mm,
+        });
+    }
+    if sense == Sense::Straight {
+        return Err(InvoluteError::Sense);
+    }
+    if !(tolerance_mm >= 0.0) {
+        return Err(InvoluteError::Tolerance { tolerance_mm });
+    }
+    Ok(())
+}
+
+/// Checks that neither end is inside the base circle.
+fn check_radii(
+    centre: [f64; 2],
+    r: f64,
+    [start_radius_mm, end_radius_mm]: [f64; 2],
+    tolerance_mm: f64,
+) -> Result<(), InvoluteError> {
+    // A point programmed on the base circle may have been rounded to its inside.
+    let slack = (tolerance_mm + 8.0 * f64::EPSILON * (r + norm(centre))).min(0.1 * r);
+    if !(start_radius_mm >= r - slack) {
+        return Err(InvoluteError::StartInside {
+            radius_mm: start_radius_mm,
+            base_radius_mm: r,
+        });
+    }
+    if !(end_radius_mm >= r - slack) {
+        return Err(InvoluteError::EndInside {
+            radius_mm: end_radius_mm,
+            base_radius_mm: r,
+        });
+    }
+    Ok(())
+}
+
+/// What the end of an involute is compared with.
+struct Ends {
+    /// Roll angle at the inner end.
+    phi_in: f64,
+    /// Height of the outer end above the inner one.
+    rise: f64,
+    /// The outer end from the centre, and the tangent length there.
+    far: Planar,
+    far_tangent_length: f64,
+    chord: Planar,
+    /// Distances of the inner and the outer end from the centre.
+    radii: [f64; 2],
+    /// Distance of the programmed end from the centre.
+    end_radius_mm: f64,
+    /// Size of the coordinates, which bounds their rounding.
+    coordinate_size: f64,
+}
+
 impl Involute {
     /// Creates the involute of the circle of radius `base_radius_mm` about `centre` (in-plane coordinates in mm) from
     /// `start` to `end`. The radii of the two points determine the direction, outwards or inwards, and the number of turns.
@@ -150,44 +225,12 @@ impl Involute {
         sense: Sense,
         tolerance_mm: f64,
     ) -> Result<Self, InvoluteError> {
-        for point in [&start, &end] {
-            if let Some((axis, value)) = bad_coordinate(point) {
-                return Err(InvoluteError::Coordinate { axis, value });
-            }
-        }
+        check_input(&start, &end, centre, base_radius_mm, sense, tolerance_mm)?;
         let r = base_radius_mm;
-        let [first, second] = centre;
-        let usable = first.abs() <= MAX_COORDINATE && second.abs() <= MAX_COORDINATE;
-        if !(usable && (MIN_RADIUS_MM..=MAX_COORDINATE).contains(&r)) {
-            return Err(InvoluteError::BaseCircle {
-                first,
-                second,
-                base_radius_mm,
-            });
-        }
-        if sense == Sense::Straight {
-            return Err(InvoluteError::Sense);
-        }
-        if !(tolerance_mm >= 0.0) {
-            return Err(InvoluteError::Tolerance { tolerance_mm });
-        }
         let from = sub(plane.project(&start), centre);
         let to = sub(plane.project(&end), centre);
         let (start_radius_mm, end_radius_mm) = (norm(from), norm(to));
-        // A point programmed on the base circle may have been rounded to its inside.
-        let slack = (tolerance_mm + 8.0 * f64::EPSILON * (r + norm(centre))).min(0.1 * r);
-        if !(start_radius_mm >= r - slack) {
-            return Err(InvoluteError::StartInside {
-                radius_mm: start_radius_mm,
-                base_radius_mm,
-            });
-        }
-        if !(end_radius_mm >= r - slack) {
-            return Err(InvoluteError::EndInside {
-                radius_mm: end_radius_mm,
-                base_radius_mm,
-            });
-        }
+        check_radii(centre, r, [start_radius_mm, end_radius_mm], tolerance_mm)?;
         let inward = end_radius_mm < start_radius_mm;
         let (inner, outer, near, far) = if inward {
             (end, start, to, from)
@@ -241,30 +284,63 @@ impl Involute {
             roll,
         };
 
+        let ends = Ends {
+            phi_in,
+            rise,
+            far,
+            far_tangent_length,
+            chord,
+            radii: [near_radius, far_radius],
+            end_radius_mm,
+            coordinate_size: far_radius + norm(centre),
+        };
+        involute.meet_end(r, &ends, planar_length, tolerance_mm, &equal)?;
+        Ok(involute)
+    }
+
+    /// Rotates the curve onto its programmed end, if that is near enough, and keeps the rest as an offset of the end.
+    fn meet_end(
+        &mut self,
+        r: f64,
+        ends: &Ends,
+        mut planar_length: f64,
+        tolerance_mm: f64,
+        equal: &InvoluteError,
+    ) -> Result<(), InvoluteError> {
+        let Ends {
+            phi_in,
+            rise,
+            far,
+            far_tangent_length,
+            chord,
+            radii: [near_radius, far_radius],
+            end_radius_mm,
+            ..
+        } = *ends;
+        let (roll, handedness) = (self.roll, self.handedness);
         // Involutes of one circle are parallel curves: rotated by an angle, they are base radius times angle apart
         // everywhere. The foot of the end point is where the tangent equals the end's own tangent. Many turns out this is
         // far more accurate than the radius, where a micrometre of radius means phi micrometres of path.
         let expected = tangent_at(far, r, far_tangent_length, handedness);
-        let (_, reached, _) = involute.rolled(roll.roll_span());
+        let (_, reached, _) = self.rolled(roll.roll_span());
         let angle = libm::atan2(cross(reached, expected), dot(reached, expected));
         let turn = roll.roll_span() + handedness * angle;
-        let mut planar_length = planar_length;
         if angle.abs() > 8.0 * f64::EPSILON * (1.0 + roll.roll_span()) && turn > 0.0 {
             planar_length = 0.5 * r * turn * (turn + 2.0 * phi_in);
-            involute.roll = Roll::new(r, phi_in, planar_length, rise);
+            self.roll = Roll::new(r, phi_in, planar_length, rise);
         }
-        involute.end_offset = sub(chord, involute.rolled(involute.roll.roll_span()).0);
+        self.end_offset = sub(chord, self.rolled(self.roll.roll_span()).0);
 
         let distance_mm = r * angle.abs();
-        let rounding = 64.0 * f64::EPSILON * (far_radius + norm(centre)) * (1.0 + roll.roll_span());
+        let rounding = 64.0 * f64::EPSILON * ends.coordinate_size * (1.0 + roll.roll_span());
         // Whatever the tolerance, an offset that is not small compared to the path is an error of the program.
         let tolerance_mm = tolerance_mm.min(0.1 * planar_length);
-        if !(distance_mm <= tolerance_mm + rounding && norm(involute.end_offset) <= 0.2 * planar_length) {
+        if !(distance_mm <= tolerance_mm + rounding && norm(self.end_offset) <= 0.2 * planar_length) {
             if (far_radius - near_radius) <= tolerance_mm {
-                return Err(equal);
+                return Err(*equal);
             }
             // Roll angle at which the involute through the start crosses the direction of the end.
-            let (phi, angle) = if inward {
+            let (phi, angle) = if self.inward {
                 (phi_in, -angle)
             } else {
                 (far_tangent_length / r, angle)
@@ -279,7 +355,7 @@ impl Involute {
                 involute_radius_mm,
             });
         }
-        Ok(involute)
+        Ok(())
     }
 
     /// The plane of the involute.

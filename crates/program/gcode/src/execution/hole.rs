@@ -3,7 +3,7 @@
 //! The path is that of [`evolvent_path::Hole`]: at each depth an involute from the centre out, then once round;
 //! with an allowance all depths are roughed first, then finished by an approach, a circle and a departure.
 
-use evolvent_path::{Hole, HoleError, HolePass, HoleStart, Milling, Plane, Sense, depths_mm};
+use evolvent_path::{Axes, Hole, HoleError, HolePass, HoleStart, Milling, Plane, Sense, depths_mm};
 
 use crate::Code;
 use crate::MoveKind;
@@ -11,9 +11,81 @@ use crate::codes::modal_groups::{FeedMode, Group};
 use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
 
+/// A hole as its line asks for it; heights in the coordinates of the program.
+struct HoleOrder {
+    hole: Hole,
+    centre: Axes,
+    /// The centre in machine coordinates.
+    machine: Axes,
+    pitch_mm: f64,
+    allowance_mm: f64,
+    turns: u32,
+    /// From here the tool feeds.
+    r: f64,
+    depths: Vec<f64>,
+}
+
+impl HoleOrder {
+    /// Roughing, and finishing where there is an allowance for it.
+    fn stages(&self) -> &'static [bool] {
+        if self.allowance_mm > 0.0 {
+            &[false, true]
+        } else {
+            &[false]
+        }
+    }
+
+    fn pass(&self, finish: bool, depth: f64) -> Result<HolePass, HoleError> {
+        let mut at = self.machine;
+        at[2] = self.machine[2] + (depth - self.centre[2]);
+        if finish {
+            let start = HoleStart::CurvatureRadius(0.5 * self.hole.path_radius_mm(0.0)?);
+            self.hole.finish(self.turns, 0.0, start, &at)
+        } else {
+            let start = HoleStart::Centre;
+            self.hole
+                .rough(self.pitch_mm, None, self.allowance_mm, start, &at)
+        }
+    }
+}
+
 impl Executor<'_> {
     /// A line with G12.2 (conventional with M3) or G13.2 (climb).
     pub(crate) fn hole(&mut self, sense: Sense) -> Result<(), Fault> {
+        let order = self.hole_order(sense)?;
+        // Nothing moves unless the whole hole is possible.
+        let lowest = order.depths.last().copied().unwrap_or(order.r);
+        for &finish in order.stages() {
+            self.hole_pass(&order, finish, lowest)?;
+        }
+        let here = self.state.program_of(self.state.position);
+        let clear = if self.state.modes.retract_to_old {
+            here[2].max(order.r)
+        } else {
+            order.r
+        };
+        let mode = self.state.modes.path_mode;
+        if here[2] < order.r {
+            let mut up = here;
+            up[2] = order.r;
+            self.go(up, MoveKind::Rapid, mode)?;
+        }
+        for &finish in order.stages() {
+            for &depth in &order.depths {
+                let pass = self.hole_pass(&order, finish, depth)?;
+                self.pass(&pass, order.r)?;
+            }
+        }
+        let mut up = self.state.program_of(self.state.position);
+        up[2] = clear;
+        self.go(up, MoveKind::Rapid, mode)?;
+        let mut back = up;
+        (back[0], back[1]) = (order.centre[0], order.centre[1]);
+        self.go(back, MoveKind::Rapid, mode)
+    }
+
+    /// What the words of the line ask for.
+    fn hole_order(&mut self, sense: Sense) -> Result<HoleOrder, Fault> {
         let line = self.line;
         let name = if sense == Sense::Clockwise {
             "G12.2"
@@ -58,13 +130,8 @@ impl Executor<'_> {
             r += here[2];
             bottom += r;
         }
-        let refuse = |error: HoleError| {
-            Fault::new(Code::HoleRefused, line.motion_span(), error.to_string()).help(
-                "D is the hole's diameter, E or the tool table the tool's, Q the pitch, K the allowance",
-            )
-        };
         let step = line.word(b'I').map_or(r - bottom, |step| step * unit);
-        let depths = depths_mm(r, bottom, step).map_err(refuse)?;
+        let depths = depths_mm(r, bottom, step).map_err(|error| self.refuse_hole(&error))?;
         let turns = line.whole(b'J')?.unwrap_or(1);
         let mut centre = here;
         for axis in 0..2 {
@@ -89,48 +156,28 @@ impl Executor<'_> {
                 Milling::Climb
             },
         };
-        let finishing = allowance_mm > 0.0;
-        let plan = |finish: bool, depth: f64| -> Result<HolePass, HoleError> {
-            let mut at = machine;
-            at[2] = machine[2] + (depth - centre[2]);
-            if finish {
-                let start = HoleStart::CurvatureRadius(0.5 * hole.path_radius_mm(0.0)?);
-                hole.finish(turns, 0.0, start, &at)
-            } else {
-                hole.rough(pitch_mm, None, allowance_mm, HoleStart::Centre, &at)
-            }
-        };
-        // Nothing moves unless the whole hole is possible.
-        plan(false, bottom).map_err(refuse)?;
-        if finishing {
-            plan(true, bottom).map_err(refuse)?;
-        }
-        let clear = if self.state.modes.retract_to_old {
-            here[2].max(r)
-        } else {
-            r
-        };
-        let mode = self.state.modes.path_mode;
-        if here[2] < r {
-            let mut up = here;
-            up[2] = r;
-            self.go(up, MoveKind::Rapid, mode)?;
-        }
-        for finish in [false, true] {
-            if finish && !finishing {
-                break;
-            }
-            for &depth in &depths {
-                let pass = plan(finish, depth).map_err(refuse)?;
-                self.pass(&pass, r)?;
-            }
-        }
-        let mut up = self.state.program_of(self.state.position);
-        up[2] = clear;
-        self.go(up, MoveKind::Rapid, mode)?;
-        let mut back = up;
-        (back[0], back[1]) = (centre[0], centre[1]);
-        self.go(back, MoveKind::Rapid, mode)
+        Ok(HoleOrder {
+            hole,
+            centre,
+            machine,
+            pitch_mm,
+            allowance_mm,
+            turns,
+            r,
+            depths,
+        })
+    }
+
+    fn refuse_hole(&self, error: &HoleError) -> Fault {
+        Fault::new(Code::HoleRefused, self.line.motion_span(), error.to_string())
+            .help("D is the hole's diameter, E or the tool table the tool's, Q the pitch, K the allowance")
+    }
+
+    /// The path at one depth.
+    fn hole_pass(&self, order: &HoleOrder, finish: bool, depth: f64) -> Result<HolePass, Fault> {
+        order
+            .pass(finish, depth)
+            .map_err(|error| self.refuse_hole(&error))
     }
 
     /// One pass at one depth, from R and back there.

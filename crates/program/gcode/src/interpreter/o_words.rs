@@ -159,23 +159,7 @@ impl<R: BufRead> Interpreter<R> {
                     lines: Lines::of_file(file),
                 });
             }
-            Keyword::EndSub => {
-                if self.frames.len() == 1 {
-                    return Err(order(
-                        word,
-                        "ends a subroutine that has not begun: there is no sub of this name before it",
-                    ));
-                }
-                if self.frame().name != name {
-                    let fault = order(word, "is not the end of the subroutine that runs")
-                        .help("write the same name or number at sub and endsub");
-                    // It ends here all the same, so that one mistake is one error.
-                    self.return_from(None);
-                    return Err(fault);
-                }
-                let value = self.optional_value(word)?;
-                self.return_from(value);
-            }
+            Keyword::EndSub => self.end_sub(word, name)?,
             Keyword::Return => {
                 if self.frames.len() == 1 {
                     return Err(order(word, "stands outside of any subroutine"));
@@ -184,19 +168,7 @@ impl<R: BufRead> Interpreter<R> {
                 self.return_from(value);
             }
             Keyword::Call => self.call(word, name)?,
-            Keyword::If => {
-                let taken = match self.condition(word) {
-                    Ok(taken) => taken,
-                    Err(fault) => {
-                        // So that one mistake is one error.
-                        self.frame().open.push(Open::If { name, taken: true });
-                        self.skip = Some(Skip::Branch(name));
-                        return Err(fault);
-                    }
-                };
-                self.frame().open.push(Open::If { name, taken });
-                self.skip = (!taken).then_some(Skip::Branch(name));
-            }
+            Keyword::If => self.if_(word, name)?,
             Keyword::ElseIf | Keyword::Else => {
                 // Reached from above, so a branch has been run.
                 match self.frame().open.last() {
@@ -227,22 +199,7 @@ impl<R: BufRead> Interpreter<R> {
                 let start = self.mark() + 1;
                 self.frame().open.push(Open::Do { name, start });
             }
-            Keyword::Repeat => {
-                let times = match self.value(word) {
-                    Ok(times) => times.round(),
-                    Err(fault) => {
-                        self.skip = Some(Skip::End(name, Keyword::EndRepeat));
-                        return Err(fault);
-                    }
-                };
-                if times < 1.0 {
-                    self.skip = Some(Skip::End(name, Keyword::EndRepeat));
-                } else {
-                    let start = self.mark() + 1;
-                    let left = times;
-                    self.frame().open.push(Open::Repeat { name, start, left });
-                }
-            }
+            Keyword::Repeat => self.repeat_(word, name)?,
             Keyword::EndRepeat => match self.frame().open.last().copied() {
                 Some(Open::Repeat {
                     name: open,
@@ -257,6 +214,58 @@ impl<R: BufRead> Interpreter<R> {
             Keyword::Break | Keyword::Continue => self.leave_loop(word, name)?,
             // A program's number does nothing.
             Keyword::Program => self.nothing_more(word)?,
+        }
+        Ok(())
+    }
+
+    fn end_sub(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+        if self.frames.len() == 1 {
+            return Err(order(
+                word,
+                "ends a subroutine that has not begun: there is no sub of this name before it",
+            ));
+        }
+        if self.frame().name != name {
+            let fault = order(word, "is not the end of the subroutine that runs")
+                .help("write the same name or number at sub and endsub");
+            // It ends here all the same, so that one mistake is one error.
+            self.return_from(None);
+            return Err(fault);
+        }
+        let value = self.optional_value(word)?;
+        self.return_from(value);
+        Ok(())
+    }
+
+    fn if_(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+        let taken = match self.condition(word) {
+            Ok(taken) => taken,
+            Err(fault) => {
+                // So that one mistake is one error.
+                self.frame().open.push(Open::If { name, taken: true });
+                self.skip = Some(Skip::Branch(name));
+                return Err(fault);
+            }
+        };
+        self.frame().open.push(Open::If { name, taken });
+        self.skip = (!taken).then_some(Skip::Branch(name));
+        Ok(())
+    }
+
+    fn repeat_(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+        let times = match self.value(word) {
+            Ok(times) => times.round(),
+            Err(fault) => {
+                self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                return Err(fault);
+            }
+        };
+        if times < 1.0 {
+            self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+        } else {
+            let start = self.mark() + 1;
+            let left = times;
+            self.frame().open.push(Open::Repeat { name, start, left });
         }
         Ok(())
     }
