@@ -9,7 +9,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use evolvent_motion::{Extremes, Inputs, PathExecutor, PlanConsumer, Setpoint, State, plan_queue};
+use evolvent_motion::{
+    Extremes, Inputs, PathExecutor, PlanConsumer, PlannerLag, Setpoint, State, plan_queue,
+};
 use evolvent_path::Jet;
 use evolvent_signals::{InputImage, OutputImage, Phase, ScheduleConsumer, Signals, schedule};
 
@@ -217,10 +219,9 @@ impl<'a> CyclesAgain<'a> {
         if at_wait && inputs.resume {
             inputs.resume = self.can_resume();
         }
-        self.motion.replay_starved(waited);
-        self.motion.refuse_plan(refused);
         let before = self.motion.plan_step();
-        let mut setpoint = self.motion.step(&inputs, &mut self.queue);
+        let lag = PlannerLag { waited, refused };
+        let mut setpoint = self.motion.replay_step(&inputs, &mut self.queue, lag);
         if at_wait && inputs.resume && self.motion.plan_step() != before {
             let _was_over = self.signals.take_resume();
         }

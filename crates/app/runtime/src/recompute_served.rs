@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use evolvent_machine::{Limits, Machine};
-use evolvent_motion::{Inputs, MachineState, Setpoint, State, TransferExecutor};
+use evolvent_motion::{Inputs, MachineState, PlannerLag, Setpoint, State, TransferExecutor};
 use evolvent_path::{Axes, Jet};
 use evolvent_transfer::{AxesState, Sync, Transfer, TransferError};
 
@@ -365,8 +365,6 @@ fn follow(
     let mut inputs: Inputs = recorded.inputs;
     let (motion, queue) = (&mut job.motion, &mut job.queue);
     wait_for_planner(|| motion.is_ready(queue) || (inputs.stop && motion.is_at_rest()));
-    motion.replay_starved(recorded.waited);
-    motion.refuse_plan(recorded.refused);
     if let Some(signals) = &mut signals {
         inputs.probe = signals.take_probe();
         inputs.spindle = signals.spindle_at(motion.next_sequence());
@@ -376,7 +374,11 @@ fn follow(
         inputs.resume = signals.resumes(inputs.resume, motion, queue);
     }
     let before = motion.plan_step();
-    let setpoint = motion.step(&inputs, queue);
+    let lag = PlannerLag {
+        waited: recorded.waited,
+        refused: recorded.refused,
+    };
+    let setpoint = motion.replay_step(&inputs, queue, lag);
     if let Some(signals) = &mut signals
         && at_wait
         && inputs.resume

@@ -6,6 +6,7 @@ use evolvent_planner::{Outcome, Profile, Run, ScalarLimits, ScalarState, Segment
 use crate::cursor::{ActiveMotion, Cursor, RunDrive};
 use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
+use crate::replay::PlannerLag;
 use crate::setpoint::Inputs;
 use crate::slowdown::Ahead;
 use crate::state::State;
@@ -31,6 +32,7 @@ impl PathExecutor {
         inputs: &Inputs,
         changed: bool,
         queue: &mut PlanConsumer,
+        lag: PlannerLag,
     ) {
         let standing = self.stop_requested(cursor, inputs);
         let brake = standing || self.feed_override == 0.0;
@@ -46,7 +48,7 @@ impl PathExecutor {
                 let mut ahead = Ahead {
                     preview: &mut self.preview,
                     queue,
-                    tail: self.withhold,
+                    tail: lag.waited,
                 };
                 let left = slowdown.advance(self.period, &self.limits, &mut ahead);
                 self.waited |= self.preview.take_met_tail();
@@ -56,78 +58,22 @@ impl PathExecutor {
         };
         let rests = cursor.rests;
         for _ in 0..MAX_PER_CYCLE {
-            match &mut cursor.drive {
-                ActiveMotion::Run(run) => {
-                    let rest = run.profile.duration() - run.time;
-                    if left < rest || run.profile.outcome() == Outcome::Rests {
-                        run.time = (run.time + left).min(run.profile.duration());
-                        break;
+            let goes_on = match cursor.drive {
+                ActiveMotion::Run(_) => match cursor.advance_run(&mut left) {
+                    None => false,
+                    Some(carried) => {
+                        self.enter(cursor, carried, brake, inputs, queue, lag);
+                        true
                     }
-                    left -= rest.max(0.0);
-                    let (end, length) = (run.profile.end(), run.length);
-                    cursor.step += 1;
-                    cursor.travelled += length;
-                    cursor.segment_start -= length;
-                    cursor.drive = ActiveMotion::Still;
-                    cursor.rest_x = end.x - length;
-                    let carried = ScalarState {
-                        x: cursor.rest_x,
-                        ..end
-                    };
-                    self.enter(cursor, carried, brake, inputs, queue);
-                }
-                ActiveMotion::TimedSegment { flow, time } => {
-                    let rest = flow.piece.duration - *time;
-                    if left < rest {
-                        *time += left;
-                        break;
-                    }
-                    left -= rest.max(0.0);
-                    let flow = *flow;
-                    cursor.leave(&flow);
-                    let (next, is_final) = queue.claim_successor(cursor.step);
-                    cursor.step = next;
-                    // A rest of the plan ends a slowdown, and what has not been final is entered from rest like any other.
-                    let stays = (cursor.slowdown.is_some() || !is_final) && flow.rests_at_end();
-                    if let Some(Step::TimedSegment(flow)) = queue.step(next)
-                        && !stays
-                    {
-                        cursor.starved |= !is_final;
-                        cursor.start(flow);
-                    } else {
-                        // Rest steps take effect in the cycle after. At rest as planned, nothing is left to be slowed.
-                        cursor.slowdown = None;
-                        break;
-                    }
-                }
-                ActiveMotion::Still => {
-                    if std::mem::take(&mut cursor.stays) {
-                        break;
-                    }
-                    if cursor.dwell > 0.0 {
-                        if !standing {
-                            cursor.dwell -= left;
-                        }
-                        if cursor.dwell > 0.0 {
-                            break;
-                        }
-                        cursor.dwell = 0.0;
-                        cursor.step += 1;
-                        cursor.rests += 1;
-                        break;
-                    }
-                    if cursor.rests - rests >= MAX_RESTS_PER_CYCLE {
-                        break;
-                    }
-                    let from = ScalarState {
-                        x: cursor.rest_x,
-                        v: 0.0,
-                        a: 0.0,
-                    };
-                    if !self.enter(cursor, from, brake, inputs, queue) {
-                        break;
-                    }
-                }
+                },
+                ActiveMotion::TimedSegment { .. } => cursor.advance_segment(&mut left, queue),
+                ActiveMotion::Still => match cursor.wait_at_rest(left, standing, rests) {
+                    None => false,
+                    Some(from) => self.enter(cursor, from, brake, inputs, queue, lag),
+                },
+            };
+            if !goes_on {
+                break;
             }
         }
         if cursor.slowdown.is_some_and(|slowdown| slowdown.is_at_rest())
@@ -150,18 +96,19 @@ impl PathExecutor {
         brake: bool,
         inputs: &Inputs,
         queue: &mut PlanConsumer,
+        lag: PlannerLag,
     ) -> bool {
         if !cursor.awaits_plan {
-            return self.enter_step(cursor, from, brake, inputs, queue);
+            return self.enter_step(cursor, from, brake, inputs, queue, lag);
         }
         // Nothing was planned before what ended here was known. That the cycle has waited is recorded once for each cycle, so it has to
         // mean this step, of whatever kind it is, and no other one behind it.
-        if self.withhold {
+        if lag.waited {
             self.waited = true;
             return false;
         }
         let step = cursor.step;
-        let goes_on = self.enter_step(cursor, from, brake, inputs, queue);
+        let goes_on = self.enter_step(cursor, from, brake, inputs, queue, lag);
         cursor.awaits_plan = cursor.step == step && cursor.is_still();
         goes_on && !cursor.is_still()
     }
@@ -173,6 +120,7 @@ impl PathExecutor {
         brake: bool,
         inputs: &Inputs,
         queue: &mut PlanConsumer,
+        lag: PlannerLag,
     ) -> bool {
         let Some(step) = queue.step(cursor.step) else {
             self.waited = true;
@@ -185,7 +133,7 @@ impl PathExecutor {
         match step {
             Step::Run(run) => {
                 let is_final = queue.is_final(cursor.step);
-                if !moving && (!is_final || self.withhold) {
+                if !moving && (!is_final || lag.waited) {
                     self.waited = true;
                     return false;
                 }
@@ -201,7 +149,7 @@ impl PathExecutor {
                 ));
             }
             Step::TimedSegment(flow) => {
-                let is_known = queue.is_final(cursor.step) && !self.withhold;
+                let is_known = queue.is_final(cursor.step) && !lag.waited;
                 if cursor.slowdown.is_none() && !is_known {
                     self.waited = true;
                     return false;
@@ -216,8 +164,8 @@ impl PathExecutor {
             }
             Step::Wait => {
                 // Whether the step itself was there yet is what a replay has to repeat.
-                self.waited |= self.withhold;
-                self.rest_step = Some(step).filter(|_| !self.withhold);
+                self.waited |= lag.waited;
+                self.rest_step = Some(step).filter(|_| !lag.waited);
                 return false;
             }
             Step::Dwell { seconds, line } => {
@@ -246,7 +194,7 @@ impl PathExecutor {
             }
             Step::Turning { line } | Step::Probe { line } | Step::Thread { line } => {
                 cursor.line = line;
-                if queue.is_final(cursor.step) && !self.withhold {
+                if queue.is_final(cursor.step) && !lag.waited {
                     cursor.state = State::Running;
                     cursor.takeover = Some(match step {
                         Step::Probe { .. } => Takeover::Probing,
@@ -374,6 +322,81 @@ impl PathExecutor {
 }
 
 impl Cursor {
+    /// Drives a run for the time that is left of the period; the state at its end, where it comes to it.
+    fn advance_run(&mut self, left: &mut f64) -> Option<ScalarState> {
+        let ActiveMotion::Run(run) = &mut self.drive else {
+            return None;
+        };
+        let rest = run.profile.duration() - run.time;
+        if *left < rest || run.profile.outcome() == Outcome::Rests {
+            run.time = (run.time + *left).min(run.profile.duration());
+            return None;
+        }
+        *left -= rest.max(0.0);
+        let (end, length) = (run.profile.end(), run.length);
+        self.step += 1;
+        self.travelled += length;
+        self.segment_start -= length;
+        self.drive = ActiveMotion::Still;
+        self.rest_x = end.x - length;
+        Some(ScalarState {
+            x: self.rest_x,
+            ..end
+        })
+    }
+
+    /// Drives a piece of a time law for the time that is left of the period; whether another one follows in it.
+    fn advance_segment(&mut self, left: &mut f64, queue: &mut PlanConsumer) -> bool {
+        let ActiveMotion::TimedSegment { flow, time } = &mut self.drive else {
+            return false;
+        };
+        let rest = flow.piece.duration - *time;
+        if *left < rest {
+            *time += *left;
+            return false;
+        }
+        *left -= rest.max(0.0);
+        let flow = *flow;
+        self.leave(&flow);
+        let (next, is_final) = queue.claim_successor(self.step);
+        self.step = next;
+        // A rest of the plan ends a slowdown, and what has not been final is entered from rest like any other.
+        let stays = (self.slowdown.is_some() || !is_final) && flow.rests_at_end();
+        if let Some(Step::TimedSegment(flow)) = queue.step(next)
+            && !stays
+        {
+            self.starved |= !is_final;
+            self.start(flow);
+            return true;
+        }
+        // Rest steps take effect in the cycle after. At rest as planned, nothing is left to be slowed.
+        self.slowdown = None;
+        false
+    }
+
+    /// At rest, with `left` of the period: the state from which the next step is entered, if it is in this cycle. `rests`: steps
+    /// at rest passed before this cycle.
+    fn wait_at_rest(&mut self, left: f64, standing: bool, rests: u64) -> Option<ScalarState> {
+        if std::mem::take(&mut self.stays) {
+            return None;
+        }
+        if self.dwell > 0.0 {
+            if !standing {
+                self.dwell -= left;
+            }
+            if self.dwell <= 0.0 {
+                self.dwell = 0.0;
+                self.pass_rest();
+            }
+            return None;
+        }
+        (self.rests - rests < MAX_RESTS_PER_CYCLE).then_some(ScalarState {
+            x: self.rest_x,
+            v: 0.0,
+            a: 0.0,
+        })
+    }
+
     /// The step at rest is over.
     pub(crate) fn pass_rest(&mut self) {
         self.step += 1;

@@ -13,6 +13,7 @@ use crate::process_cycle::ProcessSlot;
 use crate::queue::PlanConsumer;
 use crate::quick_stop::QuickStop;
 use crate::replan::ReplanState;
+use crate::replay::PlannerLag;
 use crate::setpoint::{Inputs, Setpoint};
 use crate::slowdown::{Lead, Slowdown};
 use crate::state::State;
@@ -44,14 +45,10 @@ pub struct PathExecutor {
     pub(crate) preview: PlanPreview,
     /// Whether the planner had not finished what the last step looked for.
     pub(crate) waited: bool,
-    /// The next step acts as if the planner had not finished.
-    pub(crate) withhold: bool,
     /// The plan step in front of which the axes rest and for which another plan may be requested, as the last step found it.
     pub(crate) rest_step: Option<Step>,
     /// Whether the last step met an answer that came to nothing.
     pub(crate) refused: bool,
-    /// The next step acts as if the answer came to nothing.
-    pub(crate) refuse: bool,
     /// A process cycle that moves the axes, or that has ended the run.
     pub(crate) process: ProcessSlot,
     /// A probing move that moves the axes.
@@ -80,10 +77,8 @@ impl PathExecutor {
             asking: ReplanState::new(period),
             preview: PlanPreview::new(),
             waited: false,
-            withhold: false,
             rest_step: None,
             refused: false,
-            refuse: false,
             process: ProcessSlot::default(),
             probing: None,
             threading: None,
@@ -172,17 +167,6 @@ impl PathExecutor {
         self.refused
     }
 
-    /// Lets the next steps act, or not, as if an answer that is due came to nothing.
-    pub fn refuse_plan(&mut self, refuse: bool) {
-        self.refuse = refuse;
-    }
-
-    /// Lets the next steps act, or not, as if the planner had not finished: where a recorded run has waited, it
-    /// waits again when it is computed anew.
-    pub fn replay_starved(&mut self, withhold: bool) {
-        self.withhold = withhold;
-    }
-
     /// Whether nothing will move any more.
     #[must_use]
     pub fn is_over(&self) -> bool {
@@ -198,6 +182,16 @@ impl PathExecutor {
 
     /// Computes the next setpoint, one period after the last.
     pub fn step(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) -> Setpoint {
+        self.step_with(inputs, queue, PlannerLag::default())
+    }
+
+    /// The same where the planner is taken to be late, or to have refused, although it is not.
+    pub(crate) fn step_with(
+        &mut self,
+        inputs: &Inputs,
+        queue: &mut PlanConsumer,
+        lag: PlannerLag,
+    ) -> Setpoint {
         self.waited = false;
         self.refused = false;
         self.rest_step = None;
@@ -219,8 +213,8 @@ impl PathExecutor {
         if self.quick_stop.is_none() {
             let mut cursor = self.cursor;
             self.slow_down(&mut cursor, inputs, queue);
-            self.take_answer(&mut cursor, queue);
-            self.advance(&mut cursor, inputs, changed, queue);
+            self.take_answer(&mut cursor, queue, lag);
+            self.advance(&mut cursor, inputs, changed, queue, lag);
             let (mut jet, mut segment) = self.evaluate(&mut cursor, queue);
             if let Err(violation) = self
                 .guard
@@ -230,7 +224,7 @@ impl PathExecutor {
                 cursor = self.cursor;
                 cursor.state = State::Fault;
                 self.slow_down(&mut cursor, inputs, queue);
-                self.advance(&mut cursor, inputs, false, queue);
+                self.advance(&mut cursor, inputs, false, queue, lag);
                 (jet, segment) = self.evaluate(&mut cursor, queue);
                 if self.guard.check(&jet.position, cursor.joint, true).is_err() {
                     self.start_quick_stop();

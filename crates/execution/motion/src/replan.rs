@@ -14,6 +14,7 @@ use crate::cursor::{ActiveMotion, Cursor};
 use crate::path_executor::PathExecutor;
 use crate::plan_preview::LONGEST_PREVIEW_S;
 use crate::queue::PlanConsumer;
+use crate::replay::PlannerLag;
 use crate::scale::Scale;
 use crate::setpoint::Inputs;
 use crate::state::State;
@@ -117,11 +118,11 @@ impl PathExecutor {
     }
 
     /// Takes over an answer that is due.
-    pub(crate) fn take_answer(&mut self, cursor: &mut Cursor, queue: &mut PlanConsumer) {
+    pub(crate) fn take_answer(&mut self, cursor: &mut Cursor, queue: &mut PlanConsumer, lag: PlannerLag) {
         let Some(open) = self.asking.open else { return };
         let answer = match open.after {
             Some(after) if self.sequence <= after => return,
-            _ if self.withhold => None,
+            _ if lag.waited => None,
             _ => queue.answer(open.id),
         };
         match answer {
@@ -131,7 +132,7 @@ impl PathExecutor {
             }
             Some(answer) => {
                 self.asking.open = None;
-                let step = answer.step.filter(|_| !self.refuse);
+                let step = answer.step.filter(|_| !lag.refused);
                 match step.map(|step| (step, queue.step(step))) {
                     // In motion the next piece must be there; at rest it may still come.
                     Some((step, Some(Step::TimedSegment(flow)))) if open.after.is_some() => {

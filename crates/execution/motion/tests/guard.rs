@@ -4,7 +4,7 @@
 
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{
-    Inputs, PathExecutor, PlanConsumer, PlanProducer, QueueClosed, Setpoint, flags, plan_queue,
+    Inputs, PathExecutor, PlanConsumer, PlanProducer, PlannerLag, QueueClosed, Setpoint, flags, plan_queue,
 };
 use evolvent_planner::{
     Answer, BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Request, Segment, Step,
@@ -58,15 +58,19 @@ fn stops_keep_every_limit_however_the_planner_answers() {
             let mut out: Vec<Setpoint> = Vec::new();
             while !pair.motion.is_over() {
                 let stopping = (moment..until).contains(&out.len());
-                pair.motion.refuse_plan(refused && stopping);
                 if !(absent && stopping) {
                     pair.plan_ahead(&scenario);
                 }
-                out.push(pair.step(&Inputs {
+                let inputs = Inputs {
                     hold: stopping && lowered == 0.0,
                     feed_override: if stopping && lowered > 0.0 { lowered } else { 1.0 },
                     ..Inputs::default()
-                }));
+                };
+                let lag = PlannerLag {
+                    waited: false,
+                    refused: refused && stopping,
+                };
+                out.push(pair.motion.replay_step(&inputs, &mut pair.queue, lag));
                 assert!(out.len() < 2_000_000, "{what}: does not end");
             }
             check(&scenario, &out, &pair.motion, 0.02, &what);

@@ -6,7 +6,9 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use evolvent_machine::PlannerKind;
-use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, PlanProducer, QueueClosed, Setpoint, plan_queue};
+use evolvent_motion::{
+    Inputs, PathExecutor, PlanConsumer, PlanProducer, PlannerLag, QueueClosed, Setpoint, plan_queue,
+};
 use evolvent_path::PathMode;
 use evolvent_planner::{
     Answer, BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Request, Segment, Step,
@@ -46,16 +48,18 @@ impl Cycles {
         if self.motion.is_over() {
             return;
         }
-        let inputs = match &self.replayed {
-            None => self.live_inputs(),
+        let (inputs, lag) = match &self.replayed {
+            None => (self.live_inputs(), PlannerLag::default()),
             Some(recorded) => {
                 let one = &recorded[self.done.len()];
-                self.motion.replay_starved(one.waited);
-                self.motion.refuse_plan(one.refused);
-                one.inputs
+                let lag = PlannerLag {
+                    waited: one.waited,
+                    refused: one.refused,
+                };
+                (one.inputs, lag)
             }
         };
-        let setpoint = self.motion.step(&inputs, &mut self.queue);
+        let setpoint = self.motion.replay_step(&inputs, &mut self.queue, lag);
         if let Some(recorded) = &self.replayed {
             assert_eq!(setpoint, recorded[self.done.len()].setpoint);
         }
