@@ -1,7 +1,7 @@
 //! `evolvent bridge`: simulated drives, EtherCAT drives, Mesa boards, and a test suite for drive bridges.
 
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, Subcommand};
 use evolvent_bridge_sim::{
     Cutting, Fault, ProbeSettings, RunError, RunSettings, ServoSettings, Signalling, SimAxis, SimIndex,
-    SimSettings, SpindleSimulation, loopback, run_cutting,
+    SimReport, SimSettings, SpindleSimulation, loopback, run_cutting,
 };
 use evolvent_bridge_test::{CASES, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
 use evolvent_bus::{AXES, BusError, MachineInputs, MachineOutputs, Setpoint};
@@ -195,29 +195,7 @@ fn written(result: io::Result<()>) -> Result<(), CommandError> {
 
 fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let usage = |text: String| CommandError::Usage(text);
-    let within = |name: &str, value: f64, least: f64, most: f64| {
-        if (least..=most).contains(&value) {
-            return Ok(());
-        }
-        Err(usage(format!(
-            "--{name} {value} is out of range: choose {least} to {most}"
-        )))
-    };
-    within("frequency", args.frequency, 0.1, 10_000.0)?;
-    within("damping", args.damping, 0.01, 100.0)?;
-    within("drift-ppm", args.drift_ppm, -10_000.0, 10_000.0)?;
-    within("reference-offset", args.reference_offset, -1e6, 1e6)?;
-    within("spindle-acceleration", args.spindle_acceleration, 1.0, 1e9)?;
-    within("spindle-ripple", args.spindle_ripple, 0.0, 50.0)?;
-    within("spindle-counts", f64::from(args.spindle_counts), 1.0, 1e9)?;
-    within("spindle-delay", args.spindle_delay, 0.0, 1000.0)?;
-    let duration = match args.seconds {
-        Some(seconds) => {
-            within("seconds", seconds, 0.0, 1e9)?;
-            Some(Duration::from_secs_f64(seconds))
-        }
-        None => None,
-    };
+    let duration = checked_ranges(args)?;
     let machine = match &args.machine {
         Some(file) => Some(Machine::load(file).map_err(|error| usage(error.to_string()))?),
         None => None,
@@ -226,17 +204,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         Some(machine) => Some(drives_of(machine, args).map_err(usage)?),
         None => None,
     };
-    let signalling: Option<Signalling> = match &machine {
-        _ if args.loopback => Some(loopback(machine.as_ref().map_or(0, closed_chain))),
-        Some(machine) if !machine.signals.inputs.is_empty() => Some(signalling(
-            crate::program::inputs(args.inputs.as_deref(), machine)?
-                .unwrap_or_else(|| InputScript::without_file(&machine.signals)),
-        )),
-        _ if args.probe.is_some() => Some(Box::new(|_: Option<&Setpoint>, _: &MachineOutputs| {
-            MachineInputs::default()
-        })),
-        _ => None,
-    };
+    let signalling = signalling_of(args, machine.as_ref())?;
     let name = args
         .machine_name
         .clone()
@@ -291,6 +259,60 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         }
         RunError::Bus(_) => CommandError::Failed(error.to_string()),
     })?;
+    report_sim(args, &name, &report, out, err)
+}
+
+/// Every number within what makes sense; how long it is to run, none for ever.
+fn checked_ranges(args: &SimArgs) -> Result<Option<Duration>, CommandError> {
+    let usage = |text: String| CommandError::Usage(text);
+    let within = |name: &str, value: f64, least: f64, most: f64| {
+        if (least..=most).contains(&value) {
+            return Ok(());
+        }
+        Err(usage(format!(
+            "--{name} {value} is out of range: choose {least} to {most}"
+        )))
+    };
+    within("frequency", args.frequency, 0.1, 10_000.0)?;
+    within("damping", args.damping, 0.01, 100.0)?;
+    within("drift-ppm", args.drift_ppm, -10_000.0, 10_000.0)?;
+    within("reference-offset", args.reference_offset, -1e6, 1e6)?;
+    within("spindle-acceleration", args.spindle_acceleration, 1.0, 1e9)?;
+    within("spindle-ripple", args.spindle_ripple, 0.0, 50.0)?;
+    within("spindle-counts", f64::from(args.spindle_counts), 1.0, 1e9)?;
+    within("spindle-delay", args.spindle_delay, 0.0, 1000.0)?;
+    match args.seconds {
+        Some(seconds) => {
+            within("seconds", seconds, 0.0, 1e9)?;
+            Ok(Some(Duration::from_secs_f64(seconds)))
+        }
+        None => Ok(None),
+    }
+}
+
+/// What the bridge makes of outputs, and which inputs it sends.
+fn signalling_of(args: &SimArgs, machine: Option<&Machine>) -> Result<Option<Signalling>, CommandError> {
+    let signalling: Option<Signalling> = match machine {
+        _ if args.loopback => Some(loopback(machine.map_or(0, closed_chain))),
+        Some(machine) if !machine.signals.inputs.is_empty() => Some(signalling(
+            crate::program::inputs(args.inputs.as_deref(), machine)?
+                .unwrap_or_else(|| InputScript::without_file(&machine.signals)),
+        )),
+        _ if args.probe.is_some() => Some(Box::new(|_: Option<&Setpoint>, _: &MachineOutputs| {
+            MachineInputs::default()
+        })),
+        _ => None,
+    };
+    Ok(signalling)
+}
+
+fn report_sim(
+    args: &SimArgs,
+    name: &str,
+    report: &SimReport,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
     if args.json {
         let object = json!({
             "machine": name,
@@ -424,6 +446,28 @@ fn index_pulses(homing: &HomingSettings) -> Option<SimIndex> {
     }
 }
 
+/// The command that is tested: the simulated bridge where none is given.
+fn command_under_test(args: &TestArgs, program: Option<&Path>) -> Vec<String> {
+    let mut command = args.command.clone();
+    if command.is_empty()
+        && let Some(program) = program
+    {
+        command = [
+            "bridge",
+            "sim",
+            "--machine-name",
+            "{name}",
+            "--bus-prefix",
+            "{prefix}",
+            "--loopback",
+        ]
+        .map(str::to_owned)
+        .to_vec();
+        command.insert(0, program.display().to_string());
+    }
+    command
+}
+
 fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let exact = CASES.iter().any(|case| args.only.as_deref() == Some(case.name));
     let wanted = |name: &str| match args.only.as_deref() {
@@ -446,28 +490,11 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
     let program = std::env::current_exe().ok();
     let mut process;
     let mut thread;
-    let mut command = args.command.clone();
-    if command.is_empty()
-        && let Some(program) = &program
-    {
-        command = [
-            "bridge",
-            "sim",
-            "--machine-name",
-            "{name}",
-            "--bus-prefix",
-            "{prefix}",
-            "--loopback",
-        ]
-        .map(str::to_owned)
-        .to_vec();
-        command.insert(0, program.display().to_string());
-    }
     let bridge: &mut dyn evolvent_bridge_test::BridgeUnderTest = if args.in_process {
         thread = ThreadBridge::default();
         &mut thread
     } else {
-        process = ProcessBridge::new(command);
+        process = ProcessBridge::new(command_under_test(args, program.as_deref()));
         &mut process
     };
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);

@@ -7,12 +7,12 @@ use std::sync::Arc;
 
 use clap::Args;
 use evolvent_analysis::{
-    ChatterWarning, Explanation, FeedWords, LimitClassifier, LineExplainer, LongestStop, NeededRate,
-    PlanFigure, chatter_warnings, sort_process_files, write_whole,
+    ChatterWarning, ChatterWarnings, Explanation, FeedWords, LimitClassifier, LineExplainer, LongestStop,
+    NeededRate, PlanFigure, chatter_warnings, sort_process_files, write_whole,
 };
 use evolvent_machine::{Machine, PlannerKind};
 use evolvent_motion::{Setpoint, StoppingDistance};
-use evolvent_runtime::{Clock, Controls, Job};
+use evolvent_runtime::{Clock, Controls, Job, RunOutcome};
 
 use crate::program::{ProgramArgs, check_output, parse_override};
 use crate::run::report;
@@ -134,29 +134,55 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     let is_whole = outcome.program.is_ok() && outcome.fault.is_none();
     let explanation = explainer.map(|explainer| explainer.finish(&job, is_whole));
     let stop = LongestStop::new(stops.as_ref(), period_s);
-    let lost = |error: io::Error| CommandError::Failed(format!("the plan cannot be written: {error}"));
-    if args.json {
-        let text = merge(
-            &outcome.summary,
-            &needed,
-            &stop,
-            explanation.as_ref(),
-            chatter.as_ref().map_or(&[][..], |chatter| chatter.found()),
-        )
-        .map_err(io::Error::from);
-        text.and_then(|text| writeln!(out, "{text}")).map_err(lost)?;
-        return report(true, &outcome, &mut io::sink(), err);
+    let findings = Findings {
+        needed,
+        stop,
+        explanation,
+        chatter,
+    };
+    findings.write(args.json, &outcome, out, err)
+}
+
+/// What was found beside the summary.
+struct Findings {
+    needed: NeededRate,
+    stop: LongestStop,
+    explanation: Option<Explanation>,
+    chatter: Option<ChatterWarnings>,
+}
+
+impl Findings {
+    fn write(
+        &self,
+        json: bool,
+        outcome: &RunOutcome,
+        out: &mut dyn Write,
+        err: &mut dyn Write,
+    ) -> Result<Ending, CommandError> {
+        let lost = |error: io::Error| CommandError::Failed(format!("the plan cannot be written: {error}"));
+        if json {
+            let text = merge(
+                &outcome.summary,
+                &self.needed,
+                &self.stop,
+                self.explanation.as_ref(),
+                self.chatter.as_ref().map_or(&[][..], |chatter| chatter.found()),
+            )
+            .map_err(io::Error::from);
+            text.and_then(|text| writeln!(out, "{text}")).map_err(lost)?;
+            return report(true, outcome, &mut io::sink(), err);
+        }
+        if let Some(explanation) = &self.explanation {
+            write!(out, "{explanation}").map_err(lost)?;
+            return report(true, outcome, &mut io::sink(), err);
+        }
+        let ending = report(false, outcome, out, err)?;
+        writeln!(out, "  {}", self.needed).map_err(lost)?;
+        if let Some(stop) = self.stop.text() {
+            writeln!(out, "  {stop}").map_err(lost)?;
+        }
+        Ok(ending)
     }
-    if let Some(explanation) = explanation {
-        write!(out, "{explanation}").map_err(lost)?;
-        return report(true, &outcome, &mut io::sink(), err);
-    }
-    let ending = report(false, &outcome, out, err)?;
-    writeln!(out, "  {needed}").map_err(lost)?;
-    if let Some(stop) = stop.text() {
-        writeln!(out, "  {stop}").map_err(lost)?;
-    }
-    Ok(ending)
 }
 
 /// An output may be neither an input nor the other output, and the table not while it is unfinished.

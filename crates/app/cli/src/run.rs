@@ -10,6 +10,7 @@ use evolvent_runtime::{
     Alarm, CheckBounds, Clock, Controls, Job, Outcome, RunOutcome, Setup, StartError, state_folder,
 };
 use evolvent_screen::ScreenScope;
+use evolvent_turning::AdaptiveSettings;
 
 use crate::check::write_text;
 use crate::operator::{resume_on_enter, watch_signals};
@@ -84,27 +85,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         ));
     }
     let mut setup = args.program.setup()?;
-    let adaptive = match &args.adaptive {
-        None => None,
-        Some(file) if args.clock == ClockArg::Virtual && args.process.is_none() => {
-            return Err(CommandError::Usage(format!(
-                "{}: with the virtual clock no sensor measures a load: name a process file with a [stock] \
-                 to cut (--process), or omit --clock virtual",
-                file.display()
-            )));
-        }
-        Some(file) if args.clock == ClockArg::Realtime && args.process.is_some() => {
-            return Err(CommandError::Usage(format!(
-                "{}: in real time adaptive feed and load-adaptive passes cannot be combined: omit --process \
-                 or --adaptive",
-                file.display()
-            )));
-        }
-        Some(file) => {
-            setup.machine.path.planner = PlannerKind::Classic;
-            Some(evolvent_analysis::read_adaptive(file, setup.period_ns)?)
-        }
-    };
+    let adaptive = adaptive_settings(args, &mut setup)?;
     let clock = match args.clock {
         ClockArg::Realtime => Clock::Realtime,
         ClockArg::Virtual => Clock::Virtual,
@@ -125,28 +106,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         }
         (file, _) => crate::program::inputs(file.as_deref(), &setup.machine)?,
     };
-    let trace = if args.no_trace {
-        None
-    } else {
-        Some(
-            args.trace
-                .clone()
-                .unwrap_or_else(|| default_trace(&args.program.program)),
-        )
-    };
-    if let Some(path) = &trace {
-        check_output(path, &args.program)?;
-    }
-    if let Some(folder) = trace.as_ref().and_then(|path| path.parent())
-        && !folder.as_os_str().is_empty()
-    {
-        std::fs::create_dir_all(folder).map_err(|error| {
-            CommandError::Failed(format!(
-                "{}: {error}; choose another file with --trace",
-                folder.display()
-            ))
-        })?;
-    }
+    let trace = trace_file(args)?;
     if clock == Clock::Realtime {
         let state = state_folder(&setup.machine.name);
         setup = setup.logging(&state);
@@ -194,6 +154,58 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     })?;
     let ending = report(args.json, &outcome, out, err)?;
     kept.map(|()| ending)
+}
+
+/// Adaptive feed, where it is requested and can be combined with the other options.
+fn adaptive_settings(args: &RunArgs, setup: &mut Setup) -> Result<Option<AdaptiveSettings>, CommandError> {
+    Ok(match &args.adaptive {
+        None => None,
+        Some(file) if args.clock == ClockArg::Virtual && args.process.is_none() => {
+            return Err(CommandError::Usage(format!(
+                "{}: with the virtual clock no sensor measures a load: name a process file with a [stock] \
+                 to cut (--process), or omit --clock virtual",
+                file.display()
+            )));
+        }
+        Some(file) if args.clock == ClockArg::Realtime && args.process.is_some() => {
+            return Err(CommandError::Usage(format!(
+                "{}: in real time adaptive feed and load-adaptive passes cannot be combined: omit --process \
+                 or --adaptive",
+                file.display()
+            )));
+        }
+        Some(file) => {
+            setup.machine.path.planner = PlannerKind::Classic;
+            Some(evolvent_analysis::read_adaptive(file, setup.period_ns)?)
+        }
+    })
+}
+
+/// The trace file, in a folder that exists; none without one.
+fn trace_file(args: &RunArgs) -> Result<Option<PathBuf>, CommandError> {
+    let trace = if args.no_trace {
+        None
+    } else {
+        Some(
+            args.trace
+                .clone()
+                .unwrap_or_else(|| default_trace(&args.program.program)),
+        )
+    };
+    if let Some(path) = &trace {
+        check_output(path, &args.program)?;
+    }
+    if let Some(folder) = trace.as_ref().and_then(|path| path.parent())
+        && !folder.as_os_str().is_empty()
+    {
+        std::fs::create_dir_all(folder).map_err(|error| {
+            CommandError::Failed(format!(
+                "{}: {error}; choose another file with --trace",
+                folder.display()
+            ))
+        })?;
+    }
+    Ok(trace)
 }
 
 /// Maximum number of errors shown when a program should run.

@@ -142,12 +142,7 @@ pub fn replay(
         .map(|axis| axis.index())
         .collect::<AxisMask>()
         .bits();
-    let mut status = Status::default();
-    status.set_program(&format!("replay of {}", opened.run.program_name));
-    status.period_ns = opened.run.period_ns;
-    status.axes_mask = axes_mask;
-    // Off: the status shows a replay, not a machine.
-    status.machine_state = 1;
+    let mut status = first_status(&opened, axes_mask);
     publish_status(&mut bus, &mut status, None)?;
     if !(options.force && options.machine_is_on) {
         refuse_live_drives(&mut bus, &name, &stop)?;
@@ -180,26 +175,11 @@ pub fn replay(
             break;
         }
         let (start, start_due) = *begun.get_or_insert_with(|| (MonotonicClock::now_ns(), record.due_time_ns));
-        let due = match options.pace {
-            Pace::Factor(factor) => {
-                let since = record.due_time_ns.saturating_sub(start_due) as f64 / factor;
-                let due = start + since as u64;
-                while MonotonicClock::now_ns() < due && !stop() {
-                    let _late =
-                        MonotonicClock::sleep_until(due.min(MonotonicClock::now_ns() + POLL_INTERVAL_NS));
-                }
-                due
-            }
-            Pace::Step => {
-                if allowed == 0 {
-                    match steps(&record) {
-                        ControlFlow::Continue(count) => allowed = count.max(1),
-                        ControlFlow::Break(()) => break,
-                    }
-                }
-                allowed -= 1;
-                MonotonicClock::now_ns()
-            }
+        let since_ns = record.due_time_ns.saturating_sub(start_due);
+        let Some(due) = await_due(options.pace, start, since_ns, &stop, &mut allowed, || {
+            steps(&record)
+        }) else {
+            break;
         };
         let is_last = cycles.peek().is_none();
         let setpoint = message(
@@ -231,6 +211,48 @@ pub fn replay(
     };
     done.seconds = MonotonicClock::now_ns().saturating_sub(start) as f64 * 1e-9;
     Ok(done)
+}
+
+/// The status of a replay before its first setpoint.
+fn first_status(opened: &Opened, axes_mask: u32) -> Status {
+    let mut status = Status::default();
+    status.set_program(&format!("replay of {}", opened.run.program_name));
+    status.period_ns = opened.run.period_ns;
+    status.axes_mask = axes_mask;
+    // Off: the status shows a replay, not a machine.
+    status.machine_state = 1;
+    status
+}
+
+/// Waits until the next setpoint, which was due `since_ns` after the first, is due; none where the replay is to end. `steps`: how
+/// many to publish next, asked where none is `allowed` any more.
+fn await_due(
+    pace: Pace,
+    start_ns: u64,
+    since_ns: u64,
+    stop: &impl Fn() -> bool,
+    allowed: &mut u64,
+    steps: impl FnOnce() -> ControlFlow<(), u64>,
+) -> Option<u64> {
+    match pace {
+        Pace::Factor(factor) => {
+            let due = start_ns + (since_ns as f64 / factor) as u64;
+            while MonotonicClock::now_ns() < due && !stop() {
+                let _late = MonotonicClock::sleep_until(due.min(MonotonicClock::now_ns() + POLL_INTERVAL_NS));
+            }
+            Some(due)
+        }
+        Pace::Step => {
+            if *allowed == 0 {
+                match steps() {
+                    ControlFlow::Continue(count) => *allowed = count.max(1),
+                    ControlFlow::Break(()) => return None,
+                }
+            }
+            *allowed -= 1;
+            Some(MonotonicClock::now_ns())
+        }
+    }
 }
 
 /// Checks whether a bridge with drives that are on sends feedback.

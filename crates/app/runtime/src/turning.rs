@@ -1,8 +1,9 @@
 //! From a turning cycle of a program to a controller that finds its passes.
 
 use evolvent_gcode::{TurningCycle, TurningKind};
+use evolvent_machine::Limits;
 use evolvent_path::AxisLetter;
-use evolvent_turning::{Cone, CutFile, CutKind, ScalarLimits, TurningController};
+use evolvent_turning::{Cone, CutFile, CutKind, ScalarLimits, TurningController, TurningSettings};
 
 use crate::job::Setup;
 use crate::turning_motion::{TurningFrame, TurningMotion};
@@ -93,12 +94,27 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMoti
     };
     job.drive_with(of(frame.along.0), of(frame.out.0), setup.period_ns as f64 * 1e-9);
     let settings = job.settings;
+    check_room(&settings, &frame, &limits, length_mm, allowance_max_mm)?;
+    let (along, out) = frame.start_mm();
+    let controller =
+        TurningController::starting_at(settings, along, out).map_err(|error| error.to_string())?;
+    Ok(TurningMotion::new(controller, frame))
+}
+
+/// The travel has room for everywhere that the tool may come to.
+fn check_room(
+    settings: &TurningSettings,
+    frame: &TurningFrame,
+    limits: &Limits,
+    length_mm: f64,
+    allowance_max_mm: f64,
+) -> Result<(), String> {
     // Everywhere that the tool may come to, drawn out from the greatest height.
     let before = -settings.tool.overhang_mm() - settings.clear_along_mm;
     let above = allowance_max_mm + settings.clear_out_mm + settings.regime.depth_max_mm;
     for (along, out) in [(before, 0.0), (length_mm, above)] {
         let place = frame.position(along, out);
-        for axis in [x, z] {
+        for axis in [AxisLetter::X, AxisLetter::Z] {
             let (value, i) = (place[axis.index()], axis.index());
             if !(limits.travel_min[i]..=limits.travel_max[i]).contains(&value) {
                 return Err(format!(
@@ -111,8 +127,5 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMoti
             }
         }
     }
-    let (along, out) = frame.start_mm();
-    let controller =
-        TurningController::starting_at(settings, along, out).map_err(|error| error.to_string())?;
-    Ok(TurningMotion::new(controller, frame))
+    Ok(())
 }

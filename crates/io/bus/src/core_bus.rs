@@ -10,7 +10,7 @@ use crate::samples::{receive, send_error};
 use core::fmt::Debug;
 use core::time::Duration;
 use evolvent_wire::{
-    EventKind, Feedback, Load, MachineInputs, MachineOutputs, Setpoint, SpindleFeedback, Status,
+    EventKind, Feedback, Load, MachineInputs, MachineOutputs, Payload, Setpoint, SpindleFeedback, Status,
 };
 use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
@@ -46,6 +46,51 @@ pub struct CoreBus {
     _domain: Domain,
 }
 
+/// A service with the core's port of it.
+type Publishing<P> = (PubSub<P>, Publisher<Ipc, P, ()>);
+type Subscribing<P> = (PubSub<P>, Subscriber<Ipc, P, ()>);
+
+/// The services of one core while they are opened.
+struct Opening<'a> {
+    domain: &'a Domain,
+    machine_name: &'a str,
+    wanted: &'a Wanted,
+    deadline: Instant,
+}
+
+impl Opening<'_> {
+    fn publisher<P: Payload + ZeroCopySend + Debug + Copy>(
+        &self,
+        channel: Channel,
+        sizes: Sizes,
+    ) -> Result<Publishing<P>, BusError> {
+        let service = self
+            .domain
+            .create::<P>(channel, self.wanted, sizes, self.deadline)?;
+        let publisher = publisher(
+            self.domain,
+            &service,
+            channel,
+            self.machine_name,
+            sizes,
+            self.deadline,
+        )?;
+        Ok((service, publisher))
+    }
+
+    fn subscriber<P: Payload + ZeroCopySend + Debug>(
+        &self,
+        channel: Channel,
+        sizes: Sizes,
+    ) -> Result<Subscribing<P>, BusError> {
+        let service = self
+            .domain
+            .create::<P>(channel, self.wanted, sizes, self.deadline)?;
+        let subscriber = subscriber(&service, channel, self.machine_name)?;
+        Ok((service, subscriber))
+    }
+}
+
 impl CoreBus {
     /// Opens every channel of a machine as its only core.
     ///
@@ -65,6 +110,12 @@ impl CoreBus {
         ];
         let deadline = Instant::now() + config.open_timeout;
         domain.begin_core(deadline)?;
+        let opening = Opening {
+            domain: &domain,
+            machine_name,
+            wanted: &wanted,
+            deadline,
+        };
 
         // The setpoint publisher comes first: only one is permitted, so it decides which of two cores that
         // start together survives.
@@ -74,15 +125,7 @@ impl CoreBus {
             buffer: config.setpoint_buffer,
             history: 0,
         };
-        let setpoint_service = domain.create::<Setpoint>(Channel::Setpoint, &wanted, sizes, deadline)?;
-        let setpoint = publisher(
-            &domain,
-            &setpoint_service,
-            Channel::Setpoint,
-            machine_name,
-            sizes,
-            deadline,
-        )?;
+        let (setpoint_service, setpoint) = opening.publisher::<Setpoint>(Channel::Setpoint, sizes)?;
 
         let sizes = Sizes {
             publishers: 1,
@@ -90,40 +133,23 @@ impl CoreBus {
             buffer: 1,
             history: 1,
         };
-        let status_service = domain.create::<Status>(Channel::Status, &wanted, sizes, deadline)?;
-        let status = publisher(
-            &domain,
-            &status_service,
-            Channel::Status,
-            machine_name,
-            sizes,
-            deadline,
-        )?;
+        let (status_service, status) = opening.publisher::<Status>(Channel::Status, sizes)?;
 
-        let sizes = Sizes {
+        let from_bridges = Sizes {
             publishers: PLACES_FOR_BRIDGES,
             subscribers: 8,
             buffer: 256,
             history: 0,
         };
-        let feedback_service = domain.create::<Feedback>(Channel::Feedback, &wanted, sizes, deadline)?;
-        let feedback = subscriber(&feedback_service, Channel::Feedback, machine_name)?;
-
-        let sizes = Sizes {
+        let from_sensors = Sizes {
             publishers: 8,
-            ..sizes
+            ..from_bridges
         };
-        let load_service = domain.create::<Load>(Channel::Load, &wanted, sizes, deadline)?;
-        let load = subscriber(&load_service, Channel::Load, machine_name)?;
-
-        let sizes = Sizes {
-            publishers: PLACES_FOR_BRIDGES,
-            ..sizes
-        };
-        let input_service = domain.create::<MachineInputs>(Channel::Input, &wanted, sizes, deadline)?;
-        let input = subscriber(&input_service, Channel::Input, machine_name)?;
-        let spindle_service = domain.create::<SpindleFeedback>(Channel::Spindle, &wanted, sizes, deadline)?;
-        let spindle = subscriber(&spindle_service, Channel::Spindle, machine_name)?;
+        let (feedback_service, feedback) = opening.subscriber::<Feedback>(Channel::Feedback, from_bridges)?;
+        let (load_service, load) = opening.subscriber::<Load>(Channel::Load, from_sensors)?;
+        let (input_service, input) = opening.subscriber::<MachineInputs>(Channel::Input, from_bridges)?;
+        let (spindle_service, spindle) =
+            opening.subscriber::<SpindleFeedback>(Channel::Spindle, from_bridges)?;
 
         // History 1: a bridge that joins late receives the current outputs with the next `admit_readers`.
         let sizes = Sizes {
@@ -132,15 +158,7 @@ impl CoreBus {
             buffer: 256,
             history: 1,
         };
-        let output_service = domain.create::<MachineOutputs>(Channel::Output, &wanted, sizes, deadline)?;
-        let output = publisher(
-            &domain,
-            &output_service,
-            Channel::Output,
-            machine_name,
-            sizes,
-            deadline,
-        )?;
+        let (output_service, output) = opening.publisher::<MachineOutputs>(Channel::Output, sizes)?;
 
         let event_service = domain.create_event(&wanted, deadline)?;
         let notifier = notifier(&domain, &event_service, machine_name, deadline)?;

@@ -407,6 +407,33 @@ fn oscillation_json(answer: &Answer) -> Value {
             "largest_amplitude_mm": branch.points.last().map(|point| 1e3 * point.amplitude_m),
         })
     });
+    json!({
+        "verdict": answer.assessment.verdict.as_str(),
+        "speed_m_min": tool.speed_m_min,
+        "speed_rpm": rpm(answer, tool.speed_m_min),
+        "depth_mm": tool.depth_mm,
+        "feed_mm_rev": tool.feed_mm_rev,
+        "law": answer.laws.definition.name,
+        "radial_law": answer.laws.radial.as_ref().map(|(_, radial)| &radial.name),
+        "harmonics": answer.asked.harmonics,
+        "force_n": rest.force_n,
+        "deflection_mm": rest.deflection_m.map(|value| 1e3 * value),
+        "growth_per_s": rest.growth_per_s(),
+        "branches": branches.collect::<Vec<_>>(),
+        "cycles": answer.assessment.cycles.iter().map(cycle_json).collect::<Vec<_>>(),
+        "dropped": dropped_json(answer),
+        "disturbances": disturbances_json(answer),
+        "can_leave_model": answer.assessment.can_leave(),
+        "stable_speeds_m_min": answer.stable_m_min,
+        "least_squares": fits_json(answer),
+        "transient": answer.transient.as_ref().map(super::transient::Transient::json),
+        "sweep": sweep_json(answer),
+        "maps": maps_json(answer),
+        "assumptions": answer.assumptions,
+    })
+}
+
+fn dropped_json(answer: &Answer) -> Vec<Value> {
     let dropped = answer.assessment.dropped.iter().map(|dropped| {
         json!({
             "frequency_hz": dropped.cycle.frequency_hz,
@@ -420,6 +447,10 @@ fn oscillation_json(answer: &Answer) -> Value {
             },
         })
     });
+    dropped.collect()
+}
+
+fn disturbances_json(answer: &Answer) -> Vec<Value> {
     let disturbances = answer.assessment.disturbances.iter().map(|kick| {
         json!({
             "size_m_s": kick.size_m_s,
@@ -438,7 +469,11 @@ fn oscillation_json(answer: &Answer) -> Value {
             },
         })
     });
-    let fits = answer.fits.as_ref().map(|fits| {
+    disturbances.collect()
+}
+
+fn fits_json(answer: &Answer) -> Option<Vec<Value>> {
+    answer.fits.as_ref().map(|fits| {
         let each = fits.iter().flat_map(|(measure, fits)| {
             fits.iter().map(move |fit| {
                 json!({
@@ -453,7 +488,10 @@ fn oscillation_json(answer: &Answer) -> Value {
             })
         });
         each.collect::<Vec<_>>()
-    });
+    })
+}
+
+fn sweep_json(answer: &Answer) -> Vec<Value> {
     let sweep = answer.sweep.iter().map(|point| {
         json!({
             "speed_m_min": point.speed_m_min,
@@ -464,6 +502,10 @@ fn oscillation_json(answer: &Answer) -> Value {
             })).collect::<Vec<_>>(),
         })
     });
+    sweep.collect()
+}
+
+fn maps_json(answer: &Answer) -> Vec<Value> {
     let range = &answer.asked.map;
     let maps = answer.maps.iter().map(|(feed, cells)| {
         json!({
@@ -478,30 +520,7 @@ fn oscillation_json(answer: &Answer) -> Value {
             "frequency_hz": cells.iter().map(|cell| cell.frequency_hz).collect::<Vec<_>>(),
         })
     });
-    json!({
-        "verdict": answer.assessment.verdict.as_str(),
-        "speed_m_min": tool.speed_m_min,
-        "speed_rpm": rpm(answer, tool.speed_m_min),
-        "depth_mm": tool.depth_mm,
-        "feed_mm_rev": tool.feed_mm_rev,
-        "law": answer.laws.definition.name,
-        "radial_law": answer.laws.radial.as_ref().map(|(_, radial)| &radial.name),
-        "harmonics": answer.asked.harmonics,
-        "force_n": rest.force_n,
-        "deflection_mm": rest.deflection_m.map(|value| 1e3 * value),
-        "growth_per_s": rest.growth_per_s(),
-        "branches": branches.collect::<Vec<_>>(),
-        "cycles": answer.assessment.cycles.iter().map(cycle_json).collect::<Vec<_>>(),
-        "dropped": dropped.collect::<Vec<_>>(),
-        "disturbances": disturbances.collect::<Vec<_>>(),
-        "can_leave_model": answer.assessment.can_leave(),
-        "stable_speeds_m_min": answer.stable_m_min,
-        "least_squares": fits,
-        "transient": answer.transient.as_ref().map(super::transient::Transient::json),
-        "sweep": sweep.collect::<Vec<_>>(),
-        "maps": maps.collect::<Vec<_>>(),
-        "assumptions": answer.assumptions,
-    })
+    maps.collect()
 }
 
 fn lobe_json(answer: &LobeAnswer) -> Value {

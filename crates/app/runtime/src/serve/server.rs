@@ -6,11 +6,11 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
-use evolvent_bus::ControlServer;
+use evolvent_bus::{BusConfig, ControlServer};
 use evolvent_drive::{FeedbackWatch, PhaseLock};
 use evolvent_motion::MachineState;
 use evolvent_signals::ProbeInput;
-use rtrb::{Consumer, RingBuffer};
+use rtrb::{Consumer, Producer, RingBuffer};
 
 use super::config::{ServeConfig, ServeNews, TraceTo};
 use super::control_loop::{CONTROL_EVERY, ControlLoop, ControlQueues};
@@ -26,9 +26,11 @@ use super::status_writer::StatusWriter;
 use super::summary::ServeSummary;
 use crate::core_loop::{CoreLoop, CycleCounts};
 use crate::corrections::Corrections;
+use crate::cycle_sample::CycleSample;
 use crate::drives::{phase_settings, watch_settings};
-use crate::job::Clock;
-use crate::periphery_track::PeripheryTrack;
+use crate::due_setpoint::DueSetpoint;
+use crate::job::{Clock, Setup};
+use crate::periphery_track::{PeripheryOrder, PeripheryTrack};
 use crate::publish_report::PublishReport;
 use crate::publisher::Publisher;
 use crate::publishing::Publishing;
@@ -36,6 +38,7 @@ use crate::queues::queue_length;
 use crate::rt::{apply_to_this_thread, raise_priority, separate_large_blocks};
 use crate::shared::Controls;
 use crate::signal_ends::SignalEnds;
+use crate::signal_port::SignalPort;
 use crate::spindle_command::SpindleCommand;
 use crate::start_error::{CYCLE_TIMEOUT, StartError};
 use crate::stop_watch::StopWatch;
@@ -102,26 +105,21 @@ impl Service {
         let (to_control, answers) = RingBuffer::new(ANSWERS);
         let (to_count, counts) = RingBuffer::new(COUNTS);
         let (periphery, periphery_orders) = mpsc::channel();
-        let prefix = config.bus_prefix.as_deref();
-        let publishing = Publishing::new(setup, Clock::Realtime, prefix, Arc::clone(&controls));
-        let bus_config = publishing.config.clone();
-        let publisher = Publisher {
-            publishing,
-            setpoints,
-            periphery: PeripheryTrack::new(setup.tool, periphery_orders),
-            spindle: SpindleCommand::new(&setup.machine.signals),
-            signals: signals.port,
-            stops: StopWatch::start(setup, Clock::Realtime)?,
-            status: ServedStatus {
-                snapshots: to_publish,
-                feedback: to_cycle,
-                answers: to_control,
-                counts: to_count,
+        let (publisher, bus_config) = start_publisher(
+            config,
+            &controls,
+            PublisherQueues {
+                setpoints,
+                periphery: periphery_orders,
+                signals: signals.port,
+                status: ServedStatus {
+                    snapshots: to_publish,
+                    feedback: to_cycle,
+                    answers: to_control,
+                    counts: to_count,
+                },
             },
-        };
-        let (publish, opening) = publisher.prepare(Some(setup.realtime_request(1)));
-        let publisher = thread::Builder::new().name("publisher".into()).spawn(publish)?;
-        let _nobody_asked_for = opening.wait()?;
+        )?;
         let server = ControlServer::open(&bus_config)?;
 
         let recorded = (length, signals.recorder);
@@ -134,15 +132,6 @@ impl Service {
         let (orders, cycle_orders) = RingBuffer::new(ORDERS);
         let (cycle_events, events) = RingBuffer::new(EVENTS);
         let (cycle_views, mut views) = RingBuffer::new(length);
-        let core = CoreLoop {
-            clock: Clock::Realtime,
-            period_ns: setup.period_ns,
-            lead_cycles: machine.lead_cycles(setup.period_ns),
-            max_late_cycles: machine.max_late_cycles(setup.period_ns),
-            start_unix_ns,
-            bus: Some(bus),
-            trace: cycles,
-        };
         let parts = ServedParts {
             corrections: Corrections::new(machine, setup.period_ns, limits.home),
             probe: ProbeInput::default(),
@@ -159,13 +148,7 @@ impl Service {
             phase: phase_settings(machine, setup.period_ns).map(PhaseLock::new),
             controls,
         };
-        let (granted_sender, granted) = mpsc::channel();
-        let request = setup.realtime_request(0);
-        let cycle = thread::Builder::new().name("cycle".into()).spawn(move || {
-            let _gone = granted_sender.send(apply_to_this_thread(&request).notes);
-            core.run(&mut ServedCycle::new(parts))
-        })?;
-        let notes = granted.recv().unwrap_or_default();
+        let (cycle, notes) = start_cycle(setup, parts, start_unix_ns, bus, cycles)?;
         for text in &notes {
             tell(ServeNews::Note(text));
         }
@@ -250,6 +233,65 @@ impl Service {
         }
         summary
     }
+}
+
+/// What the publisher takes from the other threads.
+struct PublisherQueues {
+    setpoints: Consumer<DueSetpoint>,
+    periphery: mpsc::Receiver<PeripheryOrder>,
+    signals: Option<SignalPort>,
+    status: ServedStatus,
+}
+
+/// Starts the publisher and waits until the bus is open.
+fn start_publisher(
+    config: &ServeConfig,
+    controls: &Arc<Controls>,
+    queues: PublisherQueues,
+) -> Result<(JoinHandle<PublishReport>, BusConfig), StartError> {
+    let setup = &config.setup;
+    let prefix = config.bus_prefix.as_deref();
+    let publishing = Publishing::new(setup, Clock::Realtime, prefix, Arc::clone(controls));
+    let bus_config = publishing.config.clone();
+    let publisher = Publisher {
+        publishing,
+        setpoints: queues.setpoints,
+        periphery: PeripheryTrack::new(setup.tool, queues.periphery),
+        spindle: SpindleCommand::new(&setup.machine.signals),
+        signals: queues.signals,
+        stops: StopWatch::start(setup, Clock::Realtime)?,
+        status: queues.status,
+    };
+    let (publish, opening) = publisher.prepare(Some(setup.realtime_request(1)));
+    let publisher = thread::Builder::new().name("publisher".into()).spawn(publish)?;
+    let _nobody_asked_for = opening.wait()?;
+    Ok((publisher, bus_config))
+}
+
+/// Starts the cycle with the rights that it can get, and what it could not get.
+fn start_cycle(
+    setup: &Setup,
+    parts: ServedParts,
+    start_unix_ns: u64,
+    bus: Producer<DueSetpoint>,
+    trace: Option<Producer<CycleSample>>,
+) -> Result<(JoinHandle<CycleCounts>, Vec<String>), StartError> {
+    let core = CoreLoop {
+        clock: Clock::Realtime,
+        period_ns: setup.period_ns,
+        lead_cycles: setup.machine.lead_cycles(setup.period_ns),
+        max_late_cycles: setup.machine.max_late_cycles(setup.period_ns),
+        start_unix_ns,
+        bus: Some(bus),
+        trace,
+    };
+    let (granted_sender, granted) = mpsc::channel();
+    let request = setup.realtime_request(0);
+    let cycle = thread::Builder::new().name("cycle".into()).spawn(move || {
+        let _gone = granted_sender.send(apply_to_this_thread(&request).notes);
+        core.run(&mut ServedCycle::new(parts))
+    })?;
+    Ok((cycle, granted.recv().unwrap_or_default()))
 }
 
 /// A panic of a thread is a bug; it is passed on rather than turned into a wrong summary.

@@ -152,12 +152,6 @@ pub(crate) fn snapshot(
         dropped_records: view.dropped_records,
         dropped_setpoints: view.dropped_setpoints + published.0.failed,
         wake_lateness_ns: view.lateness_ns,
-        wake_lateness_p50_ns: quantile(&pulse.lateness, 50.0),
-        wake_lateness_p999_ns: quantile(&pulse.lateness, 99.9),
-        wake_lateness_max_ns: pulse.lateness.max_ns().max(0) as u64,
-        work_p50_ns: quantile(&pulse.work, 50.0),
-        work_p999_ns: quantile(&pulse.work, 99.9),
-        work_max_ns: pulse.work.max_ns().max(0) as u64,
         activity: desk.activity() as u32,
         job_result: desk.result() as u32,
         job: desk.job(),
@@ -173,6 +167,7 @@ pub(crate) fn snapshot(
         commands_rejected: desk.counts().1 + operator.malformed(),
         ..Status::default()
     };
+    add_timing(&mut status, pulse);
     if let Some(block) = operator.program.track.block(setpoint) {
         status.distance_to_go = to_go(&block.end, &setpoint.position);
         status.feed_programmed_mm_s = if block.feed_mm_s.is_finite() {
@@ -201,6 +196,16 @@ pub(crate) fn snapshot(
         status.alarm_count = (MAX_ALARMS as u32).saturating_add(desk.unlisted_alarms());
     }
     status
+}
+
+/// Lateness and work of the last second.
+fn add_timing(status: &mut Status, pulse: &Pulse) {
+    status.wake_lateness_p50_ns = quantile(&pulse.lateness, 50.0);
+    status.wake_lateness_p999_ns = quantile(&pulse.lateness, 99.9);
+    status.wake_lateness_max_ns = pulse.lateness.max_ns().max(0) as u64;
+    status.work_p50_ns = quantile(&pulse.work, 50.0);
+    status.work_p999_ns = quantile(&pulse.work, 99.9);
+    status.work_max_ns = pulse.work.max_ns().max(0) as u64;
 }
 
 fn to_go(end: &Axes, position: &Axes) -> [f64; AXES] {

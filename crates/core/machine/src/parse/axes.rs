@@ -109,6 +109,36 @@ impl Check<'_> {
                 "give a home position within the travel (default: 0)",
             ));
         }
+        let [max_velocity, max_acceleration, max_jerk] = self.axis_limits(at, raw, rotary)?;
+        Ok(Axis {
+            letter,
+            travel_min,
+            travel_max,
+            max_velocity,
+            max_acceleration,
+            max_jerk,
+            home,
+            following_error: self
+                .at_most_one_of(
+                    at,
+                    "following_error",
+                    &[
+                        ("mm", raw.following_error_mm, 1.0),
+                        ("deg", raw.following_error_deg, 1.0),
+                    ],
+                )?
+                .unwrap_or(0.5),
+            following_time_s: self.or_default(
+                &format!("{at}.following_time_ms"),
+                raw.following_time_ms,
+                20.0,
+                [0.0, 10_000.0],
+            )? / 1000.0,
+        })
+    }
+
+    /// Velocity, acceleration and jerk, each from the one key that is given.
+    fn axis_limits(&self, at: &str, raw: &AxisFile, rotary: bool) -> Result<[f64; 3], MachineError> {
         let (velocity, acceleration, jerk) = if rotary {
             (
                 vec![
@@ -135,31 +165,11 @@ impl Check<'_> {
                 ],
             )
         };
-        Ok(Axis {
-            letter,
-            travel_min,
-            travel_max,
-            max_velocity: self.exactly_one_of(at, "max_velocity", &velocity)?,
-            max_acceleration: self.exactly_one_of(at, "max_acceleration", &acceleration)?,
-            max_jerk: self.exactly_one_of(at, "max_jerk", &jerk)?,
-            home,
-            following_error: self
-                .at_most_one_of(
-                    at,
-                    "following_error",
-                    &[
-                        ("mm", raw.following_error_mm, 1.0),
-                        ("deg", raw.following_error_deg, 1.0),
-                    ],
-                )?
-                .unwrap_or(0.5),
-            following_time_s: self.or_default(
-                &format!("{at}.following_time_ms"),
-                raw.following_time_ms,
-                20.0,
-                [0.0, 10_000.0],
-            )? / 1000.0,
-        })
+        Ok([
+            self.exactly_one_of(at, "max_velocity", &velocity)?,
+            self.exactly_one_of(at, "max_acceleration", &acceleration)?,
+            self.exactly_one_of(at, "max_jerk", &jerk)?,
+        ])
     }
 
     /// Rejects a linear axis with keys in degrees, and a rotary one with keys in millimetres.
