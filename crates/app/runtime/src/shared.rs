@@ -1,4 +1,4 @@
-//! What the threads of a run tell one another without waiting.
+//! What the threads of a run share without waiting.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
@@ -18,17 +18,10 @@ pub struct Controls {
     abandon: AtomicBool,
     program_failed: AtomicBool,
     alarm: AtomicU32,
-    sequence: AtomicU64,
     /// Adaptive feed is asked for.
     adaptive: Option<AdaptiveSettings>,
     load: LoadCell,
-    path_mm: AtomicU64,
-    feed_mm_s: AtomicU64,
-    line: AtomicU32,
-    state: AtomicU32,
-    actions: AtomicU32,
-    blocks: AtomicU32,
-    resumes: AtomicU32,
+    gauges: Gauges,
     /// At rest until a command of the machine's own has been carried out.
     at_command: AtomicBool,
     /// The action before the command that has been carried out last, + 1.
@@ -39,6 +32,34 @@ pub struct Controls {
     drives_seen: AtomicBool,
     /// They follow the setpoints.
     drives_follow: AtomicBool,
+}
+
+/// Where the run is.
+#[derive(Debug)]
+struct Gauges {
+    sequence: AtomicU64,
+    path_mm: AtomicU64,
+    feed_mm_s: AtomicU64,
+    line: AtomicU32,
+    state: AtomicU32,
+    actions: AtomicU32,
+    blocks: AtomicU32,
+    resumes: AtomicU32,
+}
+
+impl Default for Gauges {
+    fn default() -> Self {
+        Self {
+            sequence: AtomicU64::new(0),
+            path_mm: AtomicU64::new(0),
+            feed_mm_s: AtomicU64::new(0),
+            line: AtomicU32::new(0),
+            state: AtomicU32::new(State::Idle as u32),
+            actions: AtomicU32::new(0),
+            blocks: AtomicU32::new(0),
+            resumes: AtomicU32::new(0),
+        }
+    }
 }
 
 impl Controls {
@@ -53,16 +74,9 @@ impl Controls {
             abandon: AtomicBool::new(false),
             program_failed: AtomicBool::new(false),
             alarm: AtomicU32::new(0),
-            sequence: AtomicU64::new(0),
             adaptive: None,
             load: LoadCell::default(),
-            path_mm: AtomicU64::new(0),
-            feed_mm_s: AtomicU64::new(0),
-            line: AtomicU32::new(0),
-            state: AtomicU32::new(State::Idle as u32),
-            actions: AtomicU32::new(0),
-            blocks: AtomicU32::new(0),
-            resumes: AtomicU32::new(0),
+            gauges: Gauges::default(),
             at_command: AtomicBool::new(false),
             commands_done: AtomicU32::new(0),
             chain_closed: AtomicBool::new(false),
@@ -86,7 +100,7 @@ impl Controls {
     }
 
     /// Whether the emergency-stop chain is closed, as the bus says.
-    pub(crate) fn see_chain(&self, closed: bool) {
+    pub(crate) fn set_chain_closed(&self, closed: bool) {
         self.chain_closed.store(closed, Ordering::Relaxed);
     }
 
@@ -95,7 +109,7 @@ impl Controls {
     }
 
     /// Drives have answered on the bus, and follow or do not.
-    pub(crate) fn see_drives(&self, follow: bool) {
+    pub(crate) fn set_drives_follow(&self, follow: bool) {
         self.drives_follow.store(follow, Ordering::Relaxed);
         self.drives_seen.store(true, Ordering::Relaxed);
     }
@@ -122,8 +136,8 @@ impl Controls {
 
     /// A cutting load has come in, with the highest value that its sensor can show. From one thread only: the bus's, or
     /// where there is no bus, that of whoever simulates a sensor.
-    pub fn see_load(&self, value: f64, range_max: f64) {
-        self.load.see(value, range_max);
+    pub fn set_load(&self, value: f64, range_max: f64) {
+        self.load.observe(value, range_max);
     }
 
     /// The newest cutting load, none before the first.
@@ -193,7 +207,7 @@ impl Controls {
         let resume = self.resume.load(Ordering::Relaxed) && self.resume.swap(false, Ordering::Relaxed);
         let at_stop = self.is_at_program_stop();
         if resume && at_stop {
-            self.resumes.fetch_add(1, Ordering::Relaxed);
+            self.gauges.resumes.fetch_add(1, Ordering::Relaxed);
         }
         Inputs {
             feed_override: self.feed_override(),
@@ -206,7 +220,7 @@ impl Controls {
     }
 
     fn is_at_program_stop(&self) -> bool {
-        self.state.load(Ordering::Relaxed) == State::ProgramStop as u32
+        self.gauges.state.load(Ordering::Relaxed) == State::ProgramStop as u32
             && !self.at_command.load(Ordering::Relaxed)
     }
 
@@ -216,15 +230,20 @@ impl Controls {
     }
 
     pub(crate) fn publish(&self, setpoint: &Setpoint) {
-        self.sequence.store(setpoint.sequence + 1, Ordering::Relaxed);
-        self.path_mm.store(setpoint.path_mm.to_bits(), Ordering::Relaxed);
-        self.feed_mm_s
+        self.gauges
+            .sequence
+            .store(setpoint.sequence + 1, Ordering::Relaxed);
+        self.gauges
+            .path_mm
+            .store(setpoint.path_mm.to_bits(), Ordering::Relaxed);
+        self.gauges
+            .feed_mm_s
             .store(setpoint.feed_mm_s.to_bits(), Ordering::Relaxed);
-        self.line.store(setpoint.line, Ordering::Relaxed);
-        self.state.store(setpoint.state as u32, Ordering::Relaxed);
-        self.actions.store(setpoint.actions, Ordering::Relaxed);
+        self.gauges.line.store(setpoint.line, Ordering::Relaxed);
+        self.gauges.state.store(setpoint.state as u32, Ordering::Relaxed);
+        self.gauges.actions.store(setpoint.actions, Ordering::Relaxed);
         if !matches!(setpoint.state, State::Idle | State::Dwell | State::ProgramStop) {
-            self.blocks.store(setpoint.block + 1, Ordering::Relaxed);
+            self.gauges.blocks.store(setpoint.block + 1, Ordering::Relaxed);
         }
     }
 
@@ -232,21 +251,21 @@ impl Controls {
     #[must_use]
     pub fn progress(&self) -> Progress {
         Progress {
-            cycles: self.sequence.load(Ordering::Relaxed),
-            path_mm: f64::from_bits(self.path_mm.load(Ordering::Relaxed)),
-            feed_mm_s: f64::from_bits(self.feed_mm_s.load(Ordering::Relaxed)),
-            line: self.line.load(Ordering::Relaxed),
+            cycles: self.gauges.sequence.load(Ordering::Relaxed),
+            path_mm: f64::from_bits(self.gauges.path_mm.load(Ordering::Relaxed)),
+            feed_mm_s: f64::from_bits(self.gauges.feed_mm_s.load(Ordering::Relaxed)),
+            line: self.gauges.line.load(Ordering::Relaxed),
             at_program_stop: self.is_at_program_stop(),
             at_command: self.at_command.load(Ordering::Relaxed),
-            actions: self.actions.load(Ordering::Relaxed),
-            blocks: self.blocks.load(Ordering::Relaxed),
-            has_ended: self.state.load(Ordering::Relaxed) == State::Done as u32,
-            resumes: self.resumes.load(Ordering::Relaxed),
+            actions: self.gauges.actions.load(Ordering::Relaxed),
+            blocks: self.gauges.blocks.load(Ordering::Relaxed),
+            has_ended: self.gauges.state.load(Ordering::Relaxed) == State::Done as u32,
+            resumes: self.gauges.resumes.load(Ordering::Relaxed),
         }
     }
 }
 
-/// Where a run is, for people.
+/// Where a run is, to be shown.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
     /// Setpoints computed.
@@ -280,7 +299,10 @@ mod tests {
         let controls = Controls::new(1.0);
         controls.resume();
         assert!(!controls.inputs().resume, "asked before there was a stop");
-        controls.state.store(State::ProgramStop as u32, Ordering::Relaxed);
+        controls
+            .gauges
+            .state
+            .store(State::ProgramStop as u32, Ordering::Relaxed);
         assert!(!controls.inputs().resume, "the wish from before is forgotten");
         controls.resume();
         assert!(controls.inputs().resume);

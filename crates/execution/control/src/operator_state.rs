@@ -65,6 +65,32 @@ struct Raised {
     text: String,
 }
 
+/// Factors, 1 at 100 %.
+#[derive(Clone, Copy, Debug)]
+struct Overrides {
+    feed: f64,
+    rapid: f64,
+    spindle: f64,
+}
+
+impl Default for Overrides {
+    fn default() -> Self {
+        Self {
+            feed: 1.0,
+            rapid: 1.0,
+            spindle: 1.0,
+        }
+    }
+}
+
+/// What the next program is run with.
+#[derive(Clone, Copy, Debug, Default)]
+struct ProgramSwitches {
+    single_step: bool,
+    optional_stop: bool,
+    block_delete: bool,
+}
+
 /// The desk of one machine.
 #[derive(Clone, Debug)]
 pub struct OperatorState {
@@ -79,12 +105,8 @@ pub struct OperatorState {
     program: Option<String>,
     /// A program was to be loaded since, and was not: who starts now may mean that one.
     load_failed: bool,
-    feed_override: f64,
-    rapid_override: f64,
-    spindle_override: f64,
-    single_step: bool,
-    optional_stop: bool,
-    block_delete: bool,
+    overrides: Overrides,
+    switches: ProgramSwitches,
     job: u64,
     result: JobResult,
     alarms: Vec<Raised>,
@@ -106,12 +128,8 @@ impl Default for OperatorState {
             homed: AxisMask::NONE,
             program: None,
             load_failed: false,
-            feed_override: 1.0,
-            rapid_override: 1.0,
-            spindle_override: 1.0,
-            single_step: false,
-            optional_stop: false,
-            block_delete: false,
+            overrides: Overrides::default(),
+            switches: ProgramSwitches::default(),
             job: 0,
             result: JobResult::None,
             alarms: Vec::new(),
@@ -232,13 +250,13 @@ impl OperatorState {
                 self.program = Some(file.clone());
                 self.load_failed = false;
             }
-            Command::Step => self.single_step = true,
-            Command::SingleStep(on) => self.single_step = *on,
-            Command::OptionalStop(on) => self.optional_stop = *on,
-            Command::BlockDelete(on) => self.block_delete = *on,
-            Command::FeedOverride(ratio) => self.feed_override = *ratio,
-            Command::RapidOverride(ratio) => self.rapid_override = *ratio,
-            Command::SpindleOverride(ratio) => self.spindle_override = *ratio,
+            Command::Step => self.switches.single_step = true,
+            Command::SingleStep(on) => self.switches.single_step = *on,
+            Command::OptionalStop(on) => self.switches.optional_stop = *on,
+            Command::BlockDelete(on) => self.switches.block_delete = *on,
+            Command::FeedOverride(ratio) => self.overrides.feed = *ratio,
+            Command::RapidOverride(ratio) => self.overrides.rapid = *ratio,
+            Command::SpindleOverride(ratio) => self.overrides.spindle = *ratio,
             Command::Reset | Command::ClearAlarms => self.clear_alarms(),
             _ => {}
         }
@@ -374,25 +392,25 @@ impl OperatorState {
     /// Feed, rapid and spindle override.
     #[must_use]
     pub fn overrides(&self) -> [f64; 3] {
-        [self.feed_override, self.rapid_override, self.spindle_override]
+        [self.overrides.feed, self.overrides.rapid, self.overrides.spindle]
     }
 
     /// Whether the program stops after each block.
     #[must_use]
     pub fn is_single_step(&self) -> bool {
-        self.single_step
+        self.switches.single_step
     }
 
     /// Whether M1 stops.
     #[must_use]
     pub fn is_optional_stop(&self) -> bool {
-        self.optional_stop
+        self.switches.optional_stop
     }
 
     /// Whether lines that begin with `/` are left out.
     #[must_use]
     pub fn is_block_delete(&self) -> bool {
-        self.block_delete
+        self.switches.block_delete
     }
 
     /// Number of the job that runs or ran last.

@@ -56,7 +56,7 @@ impl PathExecutor {
             }
             None => self.period,
         };
-        let rests = cursor.rests;
+        let rests = cursor.rest.passed;
         for _ in 0..MAX_PER_CYCLE {
             let goes_on = match cursor.drive {
                 ActiveMotion::Run(_) => match cursor.advance_run(&mut left) {
@@ -82,7 +82,7 @@ impl PathExecutor {
             // Within a piece: that the slowdown stays tells that it goes on from there with a new plan only.
             let x = cursor.now().0.x;
             cursor.leave(&flow);
-            cursor.rest_x = x;
+            cursor.rest.x = x;
             cursor.travelled = flow.path + x;
         }
         self.settle(cursor, standing, inputs);
@@ -98,7 +98,7 @@ impl PathExecutor {
         queue: &mut PlanConsumer,
         lag: PlannerLag,
     ) -> bool {
-        if !cursor.awaits_plan {
+        if !cursor.rest.awaits_plan {
             return self.enter_step(cursor, from, brake, inputs, queue, lag);
         }
         // Nothing was planned before what ended here was known. That the cycle has waited is recorded once for each cycle, so it has to
@@ -109,7 +109,7 @@ impl PathExecutor {
         }
         let step = cursor.step;
         let goes_on = self.enter_step(cursor, from, brake, inputs, queue, lag);
-        cursor.awaits_plan = cursor.step == step && cursor.is_still();
+        cursor.rest.awaits_plan = cursor.step == step && cursor.is_still();
         goes_on && !cursor.is_still()
     }
 
@@ -138,7 +138,7 @@ impl PathExecutor {
                     return false;
                 }
                 cursor.starved = !is_final;
-                cursor.stands_at = None;
+                cursor.rest.position = None;
                 cursor.drive = ActiveMotion::Run(RunDrive::new(
                     &run,
                     from,
@@ -170,7 +170,7 @@ impl PathExecutor {
             }
             Step::Dwell { seconds, line } => {
                 cursor.line = line;
-                cursor.dwell = seconds;
+                cursor.rest.dwell = seconds;
                 if seconds <= 0.0 {
                     cursor.pass_rest();
                 }
@@ -196,7 +196,7 @@ impl PathExecutor {
                 cursor.line = line;
                 if queue.is_final(cursor.step) && !lag.waited {
                     cursor.state = State::Running;
-                    cursor.takeover = Some(match step {
+                    cursor.rest.takeover = Some(match step {
                         Step::Probe { .. } => Takeover::Probing,
                         Step::Thread { .. } => Takeover::Threading,
                         _ => Takeover::Process,
@@ -236,7 +236,7 @@ impl PathExecutor {
             if still { State::Stopped } else { State::Stopping }
         } else if standing {
             if still { State::Held } else { State::Holding }
-        } else if cursor.dwell > 0.0 {
+        } else if cursor.rest.dwell > 0.0 {
             State::Dwell
         } else if cursor.is_still() && cursor.state == State::ProgramStop {
             State::ProgramStop
@@ -309,7 +309,7 @@ impl PathExecutor {
             place.position = segment.curve.end();
         }
         if cursor.is_still()
-            && let Some(position) = cursor.stands_at
+            && let Some(position) = cursor.rest.position
         {
             return (Jet::at_rest(position), Some(segment));
         }
@@ -338,9 +338,9 @@ impl Cursor {
         self.travelled += length;
         self.segment_start -= length;
         self.drive = ActiveMotion::Still;
-        self.rest_x = end.x - length;
+        self.rest.x = end.x - length;
         Some(ScalarState {
-            x: self.rest_x,
+            x: self.rest.x,
             ..end
         })
     }
@@ -377,21 +377,21 @@ impl Cursor {
     /// At rest, with `left` of the period: the state from which the next step is entered, if it is in this cycle. `rests`: steps
     /// at rest passed before this cycle.
     fn wait_at_rest(&mut self, left: f64, standing: bool, rests: u64) -> Option<ScalarState> {
-        if std::mem::take(&mut self.stays) {
+        if std::mem::take(&mut self.rest.stays) {
             return None;
         }
-        if self.dwell > 0.0 {
+        if self.rest.dwell > 0.0 {
             if !standing {
-                self.dwell -= left;
+                self.rest.dwell -= left;
             }
-            if self.dwell <= 0.0 {
-                self.dwell = 0.0;
+            if self.rest.dwell <= 0.0 {
+                self.rest.dwell = 0.0;
                 self.pass_rest();
             }
             return None;
         }
-        (self.rests - rests < MAX_RESTS_PER_CYCLE).then_some(ScalarState {
-            x: self.rest_x,
+        (self.rest.passed - rests < MAX_RESTS_PER_CYCLE).then_some(ScalarState {
+            x: self.rest.x,
             v: 0.0,
             a: 0.0,
         })
@@ -400,13 +400,13 @@ impl Cursor {
     /// The step at rest is over.
     pub(crate) fn pass_rest(&mut self) {
         self.step += 1;
-        self.rests += 1;
+        self.rest.passed += 1;
     }
 
     /// Drives a piece from its start.
     pub(crate) fn start(&mut self, flow: TimedSegment) {
         self.drive = ActiveMotion::TimedSegment { flow, time: 0.0 };
-        self.stands_at = None;
+        self.rest.position = None;
         self.interval = flow.piece.interval;
         self.piece_at = Some((flow.piece.stretch, flow.piece.from));
         self.travelled = flow.path;
@@ -415,7 +415,7 @@ impl Cursor {
     /// At rest at the end of a piece.
     fn leave(&mut self, flow: &TimedSegment) {
         self.drive = ActiveMotion::Still;
-        self.rest_x = flow.piece.length;
+        self.rest.x = flow.piece.length;
         self.travelled = flow.path + flow.piece.length;
     }
 }

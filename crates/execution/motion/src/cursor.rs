@@ -31,6 +31,25 @@ pub(crate) struct RunDrive {
     pub(crate) braking: bool,
 }
 
+/// Where and why the axes are at rest.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct RestState {
+    /// Parameter of the drive.
+    pub(crate) x: f64,
+    /// Seconds of dwell left.
+    pub(crate) dwell: f64,
+    /// Steps at rest passed.
+    pub(crate) passed: u64,
+    /// At rest for this cycle, whatever comes next.
+    pub(crate) stays: bool,
+    /// At rest where another motion takes over.
+    pub(crate) takeover: Option<Takeover>,
+    /// After a probing move or a pass of threading: the plan goes on when its result is known.
+    pub(crate) awaits_plan: bool,
+    /// At rest here and not at the end of the path: a probing move or a pass of threading has ended here.
+    pub(crate) position: Option<Axes>,
+}
+
 /// Where the cycle is in the plan. `Copy`: a step is computed on a copy and kept only if the guard agrees.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cursor {
@@ -43,20 +62,14 @@ pub(crate) struct Cursor {
     pub(crate) segment_start: f64,
     /// Segment of the present or last piece, and the piece's start in it.
     pub(crate) piece_at: Option<(u64, f64)>,
-    /// Parameter of the drive at rest.
-    pub(crate) rest_x: f64,
     /// The first mark of a block's start that lies ahead.
     pub(crate) mark: u64,
     /// Grid interval of the plan that has been reached.
     pub(crate) interval: u64,
     /// Parameter length of all runs passed, or of the path to the present piece.
     pub(crate) travelled: f64,
-    /// Seconds of dwell left.
-    pub(crate) dwell: f64,
     pub(crate) state: State,
     pub(crate) actions: u32,
-    /// Steps at rest passed.
-    pub(crate) rests: u64,
     pub(crate) line: u32,
     pub(crate) block: u32,
     pub(crate) starved: bool,
@@ -64,14 +77,7 @@ pub(crate) struct Cursor {
     pub(crate) joint: bool,
     /// The plan is driven more slowly than it was made: for a hold or a lower override.
     pub(crate) slowdown: Option<Slowdown>,
-    /// At rest for this cycle, whatever comes next.
-    pub(crate) stays: bool,
-    /// At rest where another motion takes over.
-    pub(crate) takeover: Option<Takeover>,
-    /// Behind a probing move or a pass of threading: the plan goes on when its result is known.
-    pub(crate) awaits_plan: bool,
-    /// At rest here and not at the end of the path: a probing move or a pass of threading has ended here.
-    pub(crate) stands_at: Option<Axes>,
+    pub(crate) rest: RestState,
 }
 
 impl Cursor {
@@ -82,23 +88,17 @@ impl Cursor {
             segment: 0,
             segment_start: 0.0,
             piece_at: None,
-            rest_x: 0.0,
             mark: 0,
             interval: 0,
             travelled: 0.0,
-            dwell: 0.0,
             state: State::Idle,
             actions: 0,
-            rests: 0,
             line: 0,
             block: 0,
             starved: false,
             joint: false,
             slowdown: None,
-            stays: false,
-            takeover: None,
-            awaits_plan: false,
-            stands_at: None,
+            rest: RestState::default(),
         }
     }
 
@@ -110,7 +110,7 @@ impl Cursor {
     pub(crate) fn now(&self) -> (ScalarState, f64) {
         match &self.drive {
             ActiveMotion::Still => {
-                let x = self.rest_x;
+                let x = self.rest.x;
                 (ScalarState { x, v: 0.0, a: 0.0 }, 0.0)
             }
             ActiveMotion::Run(run) => run.profile.at(run.time),

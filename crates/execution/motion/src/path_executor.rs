@@ -233,7 +233,7 @@ impl PathExecutor {
             if self.quick_stop.is_none() {
                 let setpoint = self.publish(cursor, jet, segment.as_ref(), queue);
                 self.ask(inputs, queue);
-                if let Some(takeover) = cursor.takeover {
+                if let Some(takeover) = cursor.rest.takeover {
                     self.begin(takeover, queue);
                 }
                 return setpoint;

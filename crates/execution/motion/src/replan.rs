@@ -148,7 +148,7 @@ impl PathExecutor {
                     // that is entered in a later cycle, whether it has come already or not.
                     Some((step, _)) if open.after.is_none() => {
                         cursor.step = step;
-                        cursor.stays = true;
+                        cursor.rest.stays = true;
                         cursor.starved = false;
                         cursor.slowdown = None;
                         self.asking.factor = open.factor;
@@ -226,7 +226,7 @@ impl PathExecutor {
             ActiveMotion::Still => match self.rest_step {
                 // A stop has ended within a piece.
                 Some(Step::TimedSegment(flow)) if cursor.slowdown.is_some() => {
-                    self.send(None, place(&flow, cursor.rest_x, 0.0, 0.0), queue);
+                    self.send(None, place(&flow, cursor.rest.x, 0.0, 0.0), queue);
                 }
                 Some(Step::TimedSegment(flow)) if needs_other => {
                     self.send(None, place(&flow, 0.0, 0.0, 0.0), queue);
@@ -234,7 +234,7 @@ impl PathExecutor {
                 Some(Step::Wait) => {
                     let rest = Request {
                         segment: cursor.segment,
-                        offset: cursor.rest_x - cursor.segment_start,
+                        offset: cursor.rest.x - cursor.segment_start,
                         interval: cursor.interval,
                         ..EMPTY
                     };
@@ -249,7 +249,7 @@ impl PathExecutor {
         self.asking.asked += 1;
         let request = Request {
             id: self.asking.asked,
-            rests: self.cursor.rests,
+            rests: self.cursor.rest.passed,
             feed_factor: self.feed_override,
             ..place
         };

@@ -128,7 +128,7 @@ impl PathExecutor {
         }
         self.guard.publish(&jet.position, false);
         self.last = *jet;
-        self.cursor.takeover = None;
+        self.cursor.rest.takeover = None;
         true
     }
 
@@ -145,9 +145,9 @@ impl PathExecutor {
 
     /// What took over is over: the path ends elsewhere, and what follows begins here, planned when the result is known.
     pub(crate) fn resume_plan_at(&mut self, jet: &Jet) {
-        self.cursor.stands_at = Some(jet.position);
+        self.cursor.rest.position = Some(jet.position);
         self.cursor.pass_rest();
-        self.cursor.awaits_plan = true;
+        self.cursor.rest.awaits_plan = true;
     }
 
     /// The setpoint of an accepted jet.

@@ -78,6 +78,29 @@ struct PendingBranch {
     windows: usize,
 }
 
+/// Windows that were handed on.
+#[derive(Debug, Default)]
+struct PlannedWindows {
+    /// Those that the cycle has not left, and the space of those that it has.
+    planned: VecDeque<Planned>,
+    spare: Vec<Planned>,
+    /// A plan that may have been cut short, and its windows after the cut.
+    fork: Option<PendingBranch>,
+    cut: VecDeque<Planned>,
+}
+
+/// The path that the cycle has not left.
+#[derive(Debug, Default)]
+struct PathStore {
+    /// Segments from number `first` on, with the path parameter at their start.
+    segments: VecDeque<(f64, Segment)>,
+    first: u64,
+    /// How many the cycle has been handed.
+    handed: u64,
+    length: f64,
+    marks: VecDeque<BlockMark>,
+}
+
 /// Plans the path of one program.
 #[derive(Debug)]
 pub(crate) struct Horizon<S> {
@@ -88,20 +111,10 @@ pub(crate) struct Horizon<S> {
     front: PlanFrontier,
     /// What the cycle has asked for and not been answered.
     request: Option<Request>,
-    /// Windows handed on that the cycle has not left, and the space of those that it has.
-    planned: VecDeque<Planned>,
-    spare: Vec<Planned>,
-    /// A plan that may have been cut short, and its windows behind the cut.
-    fork: Option<PendingBranch>,
-    cut: VecDeque<Planned>,
+    windows: PlannedWindows,
     rests: VecDeque<Rest>,
     rests_seen: u64,
-    /// Segments from number `first_segment` on, with the path parameter at their start.
-    segments: VecDeque<(f64, Segment)>,
-    first_segment: u64,
-    handed_segments: u64,
-    length: f64,
-    marks: VecDeque<BlockMark>,
+    path: PathStore,
     /// Marks of blocks whose planned time is still growing.
     accounts: VecDeque<BlockMark>,
     accounted: f64,
@@ -137,18 +150,11 @@ impl<S: PlanSink> Horizon<S> {
                 waits: false,
             },
             request: None,
-            planned: VecDeque::new(),
-            spare: Vec::new(),
-            fork: None,
-            cut: VecDeque::new(),
+            windows: PlannedWindows::default(),
             rests: VecDeque::new(),
             rests_seen: 0,
-            segments: VecDeque::new(),
-            first_segment: 0,
-            handed_segments: 0,
             failures: 0,
-            length: 0.0,
-            marks: VecDeque::new(),
+            path: PathStore::default(),
             accounts: VecDeque::new(),
             accounted: 0.0,
             appended: 0,
@@ -169,8 +175,8 @@ impl<S: PlanSink> Horizon<S> {
     pub(crate) fn segment(&mut self, segment: Segment, feed: f64) {
         self.thin_marks();
         self.grid.push(&segment.curve, segment.from, segment.length, feed);
-        self.segments.push_back((self.length, segment));
-        self.length += segment.length;
+        self.path.segments.push_back((self.path.length, segment));
+        self.path.length += segment.length;
     }
 
     /// Bounds the speed at the present end; 0 is a stop.
@@ -184,20 +190,23 @@ impl<S: PlanSink> Horizon<S> {
 
     /// Leaves out marks of the next segment where it has so many blocks that a window's might not fit into any queue.
     fn thin_marks(&mut self) {
-        let first = self.marks.partition_point(|mark| mark.start < self.length);
-        let every = (self.marks.len() - first).div_ceil(MAX_MARKS);
+        let first = self
+            .path
+            .marks
+            .partition_point(|mark| mark.start < self.path.length);
+        let every = (self.path.marks.len() - first).div_ceil(MAX_MARKS);
         if every > 1 {
-            let kept = (first..self.marks.len()).step_by(every);
+            let kept = (first..self.path.marks.len()).step_by(every);
             let count = first + kept.len();
             for (to, from) in (first..).zip(kept) {
-                self.marks[to] = self.marks[from];
+                self.path.marks[to] = self.path.marks[from];
             }
-            self.marks.truncate(count);
+            self.path.marks.truncate(count);
         }
     }
 
     pub(crate) fn mark(&mut self, mark: BlockMark) {
-        self.marks.push_back(mark);
+        self.path.marks.push_back(mark);
         self.accounts.push_back(mark);
     }
 
@@ -265,8 +274,9 @@ impl<S: PlanSink> Horizon<S> {
             let stretch = self.grid.stretch_of(self.front.place.interval);
             stretch
                 .and_then(|(stretch, _)| {
-                    self.segments
-                        .get(stretch.checked_sub(self.first_segment)? as usize)
+                    self.path
+                        .segments
+                        .get(stretch.checked_sub(self.path.first)? as usize)
                 })
                 .map_or(0, |(_, segment)| segment.line)
         })
@@ -347,8 +357,8 @@ impl<S: PlanSink> Horizon<S> {
         };
         for _ in 0..2 {
             let segment = |stretch: u64| {
-                let index = stretch.checked_sub(self.first_segment)? as usize;
-                self.segments.get(index).map(|(_, segment)| segment)
+                let index = stretch.checked_sub(self.path.first)? as usize;
+                self.path.segments.get(index).map(|(_, segment)| segment)
             };
             let found = ratios(&self.pieces, (v, a), &self.limits, segment);
             if found.hold() {
@@ -410,20 +420,20 @@ impl<S: PlanSink> Horizon<S> {
 
     fn segments_needed(&self) -> usize {
         self.pieces.last().map_or(0, |piece| {
-            (piece.stretch + 1).saturating_sub(self.handed_segments) as usize
+            (piece.stretch + 1).saturating_sub(self.path.handed) as usize
         })
     }
 
     fn marks_needed(&self) -> usize {
         self.pieces.last().map_or(0, |piece| {
             let end = self.path_at(piece) + piece.length;
-            self.marks.partition_point(|mark| mark.start <= end)
+            self.path.marks.partition_point(|mark| mark.start <= end)
         })
     }
 
     /// Path parameter at a piece's start.
     fn path_at(&self, piece: &Piece) -> f64 {
-        self.segments[(piece.stretch - self.first_segment) as usize].0 + piece.from
+        self.path.segments[(piece.stretch - self.path.first) as usize].0 + piece.from
     }
 
     /// Hands on the window that was solved: the first part final, the rest as a tail.
@@ -471,11 +481,11 @@ impl<S: PlanSink> Horizon<S> {
         };
         if !follows {
             // The cycle drives the tail already, and will ask: for plans from there this window is none.
-            self.spare.extend(self.planned.pop_back());
-            if let Some(fork) = &mut self.fork {
+            self.windows.spare.extend(self.windows.planned.pop_back());
+            if let Some(fork) = &mut self.windows.fork {
                 fork.windows = fork.windows.saturating_sub(1);
             }
-            if let Some(planned) = self.planned.back() {
+            if let Some(planned) = self.windows.planned.back() {
                 self.optimizer.recall(&planned.memory);
             }
             return self.give_up();
@@ -488,39 +498,40 @@ impl<S: PlanSink> Horizon<S> {
 
     /// Sets the window that was solved aside.
     fn remember(&mut self) {
-        let mut planned = self.spare.pop().unwrap_or_default();
+        let mut planned = self.windows.spare.pop().unwrap_or_default();
         (planned.interval, planned.x) = (self.front.place.interval, self.front.place.x);
         self.optimizer.remember(&mut planned.memory);
-        self.planned.push_back(planned);
-        if let Some(fork) = &mut self.fork {
+        self.windows.planned.push_back(planned);
+        if let Some(fork) = &mut self.windows.fork {
             fork.windows += 1;
         }
     }
 
     /// How many windows handed on start at or before a place.
     fn planned_until(&self, place: Place) -> usize {
-        self.planned
+        self.windows
+            .planned
             .partition_point(|one| (one.interval, one.x) <= (place.interval, place.x))
     }
 
     /// Hands on all pieces, and the segments and marks that they need.
     fn append_pieces(&mut self) -> Result<(), S::Error> {
         for piece in &self.pieces {
-            while self.handed_segments <= piece.stretch {
-                let index = (self.handed_segments - self.first_segment) as usize;
-                let Some((_, segment)) = self.segments.get(index) else {
+            while self.path.handed <= piece.stretch {
+                let index = (self.path.handed - self.path.first) as usize;
+                let Some((_, segment)) = self.path.segments.get(index) else {
                     break;
                 };
                 self.sink.segment(segment)?;
-                self.handed_segments += 1;
+                self.path.handed += 1;
             }
             let path = self.path_at(piece);
-            while let Some(mark) = self.marks.front() {
+            while let Some(mark) = self.path.marks.front() {
                 if mark.start > path + piece.length {
                     break;
                 }
                 self.sink.mark(mark)?;
-                self.marks.pop_front();
+                self.path.marks.pop_front();
             }
             self.sink
                 .step(&Step::TimedSegment(TimedSegment { piece: *piece, path }))?;
@@ -598,23 +609,26 @@ impl<S: PlanSink> Horizon<S> {
     fn forget(&mut self) {
         let reached = self.sink.reached();
         self.grid.release(reached);
-        if self.fork.is_some_and(|fork| self.sink.taken() >= fork.id) {
+        if self.windows.fork.is_some_and(|fork| self.sink.taken() >= fork.id) {
             self.settle();
         }
-        while self.fork.is_none() && self.planned.len() > 1 && self.planned[1].interval < reached {
-            self.spare.extend(self.planned.pop_front());
+        while self.windows.fork.is_none()
+            && self.windows.planned.len() > 1
+            && self.windows.planned[1].interval < reached
+        {
+            self.windows.spare.extend(self.windows.planned.pop_front());
         }
         while self.front.rest > 0 && self.rests.front().is_some_and(|rest| rest.at < reached) {
             self.rests.pop_front();
             self.front.rest -= 1;
-            if let Some(fork) = &mut self.fork {
+            if let Some(fork) = &mut self.windows.fork {
                 fork.front.rest = fork.front.rest.saturating_sub(1);
             }
         }
         if let Some((stretch, _)) = self.grid.stretch_of(reached) {
-            while self.first_segment < stretch && self.first_segment < self.handed_segments {
-                self.segments.pop_front();
-                self.first_segment += 1;
+            while self.path.first < stretch && self.path.first < self.path.handed {
+                self.path.segments.pop_front();
+                self.path.first += 1;
             }
         }
     }

@@ -21,7 +21,7 @@ impl<S: PlanSink> Horizon<S> {
         if matches!(front.entry, Entry::Rest) {
             // Nothing is in a hurry: the next windows follow from here.
             let known = self.planned_until(front.place);
-            self.spare.extend(self.planned.drain(known..));
+            self.windows.spare.extend(self.windows.planned.drain(known..));
             self.front = front;
             self.reply(&request, Some(self.appended));
             return Ok(true);
@@ -37,7 +37,7 @@ impl<S: PlanSink> Horizon<S> {
         };
         // The window in which the place lies is what the cycle drives there.
         let known = self.planned_until(front.place);
-        if let Some(planned) = known.checked_sub(1).and_then(|k| self.planned.get(k)) {
+        if let Some(planned) = known.checked_sub(1).and_then(|k| self.windows.planned.get(k)) {
             self.optimizer.recall(&planned.memory);
         }
         if request.rate < 1.0 {
@@ -46,19 +46,19 @@ impl<S: PlanSink> Horizon<S> {
         let solved = self.solve_some(&front, until, exit);
         let (until, exit) = solved.unwrap_or((until, exit));
         if solved.is_err() || self.pieces.is_empty() {
-            if let Some(planned) = self.planned.back() {
+            if let Some(planned) = self.windows.planned.back() {
                 self.optimizer.recall(&planned.memory);
             }
             self.reply(&request, None);
             return Ok(true);
         }
-        self.cut.extend(self.planned.drain(known..));
+        self.windows.cut.extend(self.windows.planned.drain(known..));
         let (steps, segments, marks) = (self.pieces.len() + 3, self.segments_needed(), self.marks_needed());
         while !self.sink.has_room(steps, segments, marks) {
             // The cycle may have stopped and request from there: then it takes nothing before that is answered.
             if let Some(newer) = self.sink.request() {
-                self.planned.append(&mut self.cut);
-                if let Some(planned) = self.planned.back() {
+                self.windows.planned.append(&mut self.windows.cut);
+                if let Some(planned) = self.windows.planned.back() {
                     self.optimizer.recall(&planned.memory);
                 }
                 self.pieces.clear();
@@ -72,7 +72,7 @@ impl<S: PlanSink> Horizon<S> {
             self.append_wait()?;
             self.front.waits = true;
         }
-        self.fork = Some(PendingBranch {
+        self.windows.fork = Some(PendingBranch {
             id: request.id,
             front: self.front,
             windows: 0,
@@ -86,18 +86,18 @@ impl<S: PlanSink> Horizon<S> {
 
     /// Settles which plan is in force. `true` if the last answer came too late, so that it is the one before.
     pub(super) fn settle(&mut self) -> bool {
-        let Some(fork) = self.fork.take() else {
+        let Some(fork) = self.windows.fork.take() else {
             return false;
         };
         if self.sink.taken() >= fork.id {
-            self.spare.extend(self.cut.drain(..));
+            self.windows.spare.extend(self.windows.cut.drain(..));
             return false;
         }
-        let left = self.planned.len().saturating_sub(fork.windows);
-        self.spare.extend(self.planned.drain(left..));
-        self.planned.append(&mut self.cut);
+        let left = self.windows.planned.len().saturating_sub(fork.windows);
+        self.windows.spare.extend(self.windows.planned.drain(left..));
+        self.windows.planned.append(&mut self.windows.cut);
         self.front = fork.front;
-        if let Some(planned) = self.planned.back() {
+        if let Some(planned) = self.windows.planned.back() {
             self.optimizer.recall(&planned.memory);
         }
         true
