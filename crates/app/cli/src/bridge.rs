@@ -189,6 +189,27 @@ pub(crate) fn run(
     }
 }
 
+/// A flag that SIGINT, SIGTERM and SIGHUP set.
+pub(crate) fn stop_on_signals() -> Result<Arc<AtomicBool>, CommandError> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
+    }
+    Ok(stop)
+}
+
+/// What `--seconds` allows; none for ever.
+pub(crate) fn duration_of(seconds: Option<f64>) -> Result<Option<Duration>, CommandError> {
+    match seconds {
+        None => Ok(None),
+        Some(seconds) if (0.0..=1e9).contains(&seconds) => Ok(Some(Duration::from_secs_f64(seconds))),
+        Some(seconds) => Err(CommandError::Usage(format!(
+            "--seconds {seconds} is out of range: choose 0 to 1000000000"
+        ))),
+    }
+}
+
 fn written(result: io::Result<()>) -> Result<(), CommandError> {
     result.map_err(|error| CommandError::Failed(format!("the report cannot be written: {error}")))
 }
@@ -236,11 +257,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
             file.display()
         )));
     }
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))
-            .map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
-    }
+    let stop = stop_on_signals()?;
     written(writeln!(err, "simulated drives of {name}: waiting for its core"))?;
     let found = |letters: &str, period_ns: u64| {
         // If standard error is closed, nobody is left to inform.
@@ -281,13 +298,7 @@ fn checked_ranges(args: &SimArgs) -> Result<Option<Duration>, CommandError> {
     within("spindle-ripple", args.spindle_ripple, 0.0, 50.0)?;
     within("spindle-counts", f64::from(args.spindle_counts), 1.0, 1e9)?;
     within("spindle-delay", args.spindle_delay, 0.0, 1000.0)?;
-    match args.seconds {
-        Some(seconds) => {
-            within("seconds", seconds, 0.0, 1e9)?;
-            Ok(Some(Duration::from_secs_f64(seconds)))
-        }
-        None => Ok(None),
-    }
+    duration_of(args.seconds)
 }
 
 /// What the bridge makes of outputs, and which inputs it sends.

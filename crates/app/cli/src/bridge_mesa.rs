@@ -3,17 +3,14 @@
 use std::io::Write;
 use std::net::IpAddr;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
-use std::time::Duration;
 
 use clap::Args;
 use evolvent_bus::BusError;
 use evolvent_machine::Machine;
 use evolvent_mesa::{BoardSettings, BridgeError, Link, RunSettings, check_fit, fit_notes, run as run_bridge};
 use serde_json::json;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
+use crate::bridge::{duration_of, stop_on_signals};
 use crate::{CommandError, Ending};
 
 /// Options of `evolvent bridge mesa`.
@@ -74,27 +71,14 @@ pub(crate) fn run(args: &MesaArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         writeln!(err, "note: {note}").map_err(failed)?;
     }
     board.address = args.address.unwrap_or(board.address);
-    let duration = match args.seconds {
-        None => None,
-        Some(seconds) if (0.0..=1e9).contains(&seconds) => Some(Duration::from_secs_f64(seconds)),
-        Some(seconds) => {
-            return Err(usage(format!(
-                "--seconds {seconds} is out of range: choose 0 to 1000000000"
-            )));
-        }
-    };
     let settings = RunSettings {
         machine,
         machine_name: args.machine_name.clone(),
         board,
         prefix: args.bus_prefix.clone(),
-        duration,
+        duration: duration_of(args.seconds)?,
     };
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        signal_hook::flag::register(signal, Arc::clone(&stop))
-            .map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
-    }
+    let stop = stop_on_signals()?;
     let name = settings
         .machine_name
         .as_ref()
