@@ -204,7 +204,7 @@ impl<'a> ProgramCheck<'a> {
             }
             return CheckStep::Next;
         }
-        if let Some((first, refusal)) = self.threads.see(command, self.setup)
+        if let Some((first, refusal)) = self.threads.observe(command, self.setup)
             && self.told.insert(place_of(&first))
         {
             self.checked

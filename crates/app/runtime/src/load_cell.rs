@@ -14,7 +14,7 @@ pub(crate) struct LoadCell {
 
 impl LoadCell {
     /// A reading has come, with the highest value that its sensor can show. From one thread only.
-    pub(crate) fn see(&self, value: f64, range_max: f64) {
+    pub(crate) fn observe(&self, value: f64, range_max: f64) {
         let count = (self.reading.load(Ordering::Relaxed) as u32)
             .wrapping_add(1)
             .max(1);

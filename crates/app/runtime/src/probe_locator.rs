@@ -58,7 +58,7 @@ impl ProbeLocator {
     }
 
     /// A sample of the drives, each once.
-    pub(crate) fn see_feedback(&mut self, feedback: &Feedback) {
+    pub(crate) fn observe_feedback(&mut self, feedback: &Feedback) {
         self.axes_mask = feedback.axes_mask;
         let sound = (0..AXES).all(|axis| {
             !AxisMask::from_bits(feedback.axes_mask).contains(axis) || feedback.position[axis].is_finite()
@@ -78,7 +78,7 @@ impl ProbeLocator {
     }
 
     /// A setpoint, each once.
-    pub(crate) fn see_setpoint(&mut self, due: &DueSetpoint) {
+    pub(crate) fn observe_setpoint(&mut self, due: &DueSetpoint) {
         let [sent, ..] = due.sent();
         keep(
             &mut self.setpoints,
@@ -92,7 +92,7 @@ impl ProbeLocator {
     }
 
     /// The probe has changed.
-    pub(crate) fn see_change(&mut self, probe: &KnownProbe, now_ns: u64) {
+    pub(crate) fn observe_change(&mut self, probe: &KnownProbe, now_ns: u64) {
         if self.changes.len() < SAMPLES {
             self.changes.push_back(Change {
                 time_ns: probe.time_ns.unwrap_or(now_ns),
@@ -206,10 +206,10 @@ mod tests {
     #[test]
     fn a_contact_lies_between_the_samples_around_its_time() {
         let mut locator = ProbeLocator::new();
-        locator.see_feedback(&feedback(1_000_000, 1.0));
-        locator.see_change(&probe(1_250_000, 0), 1_300_000);
+        locator.observe_feedback(&feedback(1_000_000, 1.0));
+        locator.observe_change(&probe(1_250_000, 0), 1_300_000);
         assert_eq!(locator.next(1_300_000), None, "the sample behind it has not come");
-        locator.see_feedback(&feedback(2_000_000, 3.0));
+        locator.observe_feedback(&feedback(2_000_000, 3.0));
         let position = locator.next(2_000_000).unwrap();
         assert_eq!(position[..2], [1.5, -1.5]);
         assert_eq!(locator.next(2_000_000), None, "each is told once");
@@ -218,20 +218,20 @@ mod tests {
     #[test]
     fn what_the_drives_have_latched_counts_and_the_rest_is_interpolated() {
         let mut locator = ProbeLocator::new();
-        locator.see_feedback(&feedback(1_000_000, 1.0));
-        locator.see_feedback(&feedback(2_000_000, 3.0));
-        locator.see_change(&probe(1_500_000, 0b01), 2_000_000);
+        locator.observe_feedback(&feedback(1_000_000, 1.0));
+        locator.observe_feedback(&feedback(2_000_000, 3.0));
+        locator.observe_change(&probe(1_500_000, 0b01), 2_000_000);
         assert_eq!(locator.next(2_000_000).unwrap()[..2], [7.0, -2.0]);
         // All are latched: nothing is waited for.
-        locator.see_change(&probe(9_000_000, 0b11), 9_000_000);
+        locator.observe_change(&probe(9_000_000, 0b11), 9_000_000);
         assert_eq!(locator.next(9_000_000).unwrap()[..2], [7.0, 7.0]);
     }
 
     #[test]
     fn a_sample_that_never_comes_is_not_waited_for_without_end() {
         let mut locator = ProbeLocator::new();
-        locator.see_feedback(&feedback(1_000_000, 1.0));
-        locator.see_change(&probe(2_000_000, 0), 2_000_000);
+        locator.observe_feedback(&feedback(1_000_000, 1.0));
+        locator.observe_change(&probe(2_000_000, 0), 2_000_000);
         assert_eq!(locator.next(2_000_000), None);
         assert_eq!(locator.next(2_000_000 + PATIENCE_NS + 1).unwrap()[0], 1.0);
     }
@@ -245,7 +245,7 @@ mod tests {
             position[0] = x;
             let mut sent = Jet::at_rest(position);
             sent.position[0] += shift;
-            locator.see_setpoint(&DueSetpoint {
+            locator.observe_setpoint(&DueSetpoint {
                 setpoint: Setpoint {
                     sequence: 0,
                     position,
@@ -268,12 +268,12 @@ mod tests {
                 spindle_override: 1.0,
                 is_of_program: true,
             });
-            locator.see_feedback(&feedback(time_ns, x + shift));
+            locator.observe_feedback(&feedback(time_ns, x + shift));
         }
-        locator.see_change(&probe(1_500_000, 0), 2_000_000);
+        locator.observe_change(&probe(1_500_000, 0), 2_000_000);
         assert_eq!(locator.next(2_000_000).unwrap()[0], 2.0);
         // Latched at 7 by the drive, which was sent half a millimetre too far.
-        locator.see_change(&probe(2_000_000, 0b11), 2_000_000);
+        locator.observe_change(&probe(2_000_000, 0b11), 2_000_000);
         assert_eq!(locator.next(2_000_000).unwrap()[..2], [6.5, 7.0]);
     }
 }

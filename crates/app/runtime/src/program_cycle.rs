@@ -192,7 +192,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             cut
         });
         let turning = turning_output(&self.motion);
-        self.now.turning.see(turning, cut.as_ref());
+        self.now.turning.observe(turning, cut.as_ref());
         (self.observe)(&Seen {
             setpoint,
             turning,
@@ -241,7 +241,7 @@ impl<F> ProgramCycle<F> {
         let Some(signals) = &mut self.signals else {
             return false;
         };
-        signals.see_inputs(number, self.period_ns, self.now.last.as_ref());
+        signals.apply_inputs(number, self.period_ns, self.now.last.as_ref());
         inputs.probe = signals.take_probe();
         inputs.spindle = signals.spindle_at(number);
         if signals.is_estopped() && !self.now.estopped {

@@ -37,7 +37,7 @@ impl PublishReport {
     }
 
     /// Readers of setpoints that are connected now.
-    pub(crate) fn see_listeners(&mut self, bus: &CoreBus) {
+    pub(crate) fn observe_listeners(&mut self, bus: &CoreBus) {
         self.listeners = self.listeners.max(bus.setpoint_subscribers());
     }
 }

@@ -84,7 +84,7 @@ impl<S: StatusSource> Publisher<S> {
             }
         };
         let subscribers = publishing.await_subscribers(&bus);
-        report.see_listeners(&bus);
+        report.observe_listeners(&bus);
         let _gone = ready.send(Ok(subscribers));
         let nap_ns =
             (wake_interval_ns(publishing.config.period_ns, publishing.lead_cycles) / 2).min(LONGEST_SLEEP_NS);
@@ -101,7 +101,7 @@ impl<S: StatusSource> Publisher<S> {
             if now_ns >= next_refresh_ns || is_over {
                 next_refresh_ns = now_ns + REFRESH_EVERY_NS;
                 bus.admit_readers();
-                report.see_listeners(&bus);
+                report.observe_listeners(&bus);
                 if let Some(signals) = &mut self.signals {
                     // Who has joined, and who has lost one, needs the outputs in force.
                     signals.send(&mut bus);
@@ -145,19 +145,19 @@ impl<S: StatusSource> Publisher<S> {
         // A bridge of another version is as good as none.
         while let Ok(Some(feedback)) = bus.unchecked_feedback() {
             report.listeners = report.listeners.max(1);
-            self.status.hear(&feedback);
+            self.status.receive(&feedback);
             if let Some(signals) = &mut self.signals {
-                signals.see_feedback(&feedback);
+                signals.observe_feedback(&feedback);
             }
         }
         let controls = &self.publishing.controls;
         if let Some(signals) = &mut self.signals {
             signals.take_inputs(bus, MonotonicClock::now_ns());
-            controls.see_chain(signals.is_chain_closed());
+            controls.set_chain_closed(signals.is_chain_closed());
         }
         // Each counts as a reading, the newest is what the cycle sees.
         while let Ok(Some(load)) = bus.load() {
-            controls.see_load(load.value, load.range_max);
+            controls.set_load(load.value, load.range_max);
         }
     }
 

@@ -106,7 +106,7 @@ pub fn recompute(
     let motion = PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
     let planner = Stages::two(setup, feed_override, producer)?;
     let (scheduler, consumer) = schedule();
-    let mut again = CyclesAgain::new(setup, motion, queue, consumer, changes);
+    let mut again = CycleReplay::new(setup, motion, queue, consumer, changes);
     thread::scope(|scope| {
         let failing = &failed;
         let feeder = thread::Builder::new()
@@ -146,7 +146,7 @@ pub fn recompute(
 }
 
 /// The cycles of a recorded run, computed again: motion and signals of each.
-struct CyclesAgain<'a> {
+struct CycleReplay<'a> {
     motion: PathExecutor,
     queue: PlanConsumer,
     signals: Signals,
@@ -174,7 +174,7 @@ struct CyclesEnded {
     outputs: Vec<SignalChange>,
 }
 
-impl<'a> CyclesAgain<'a> {
+impl<'a> CycleReplay<'a> {
     fn new(
         setup: &Setup,
         motion: PathExecutor,
@@ -242,7 +242,7 @@ impl<'a> CyclesAgain<'a> {
     fn enter_signals(&mut self, inputs: &mut Inputs) {
         while let Some(change) = self.changes.next_if(|change| change.sequence <= self.cycles) {
             change.enter(&mut self.image);
-            self.signals.see(&self.image);
+            self.signals.observe(&self.image);
         }
         inputs.probe = self.signals.take_probe();
         inputs.spindle = self.signals.spindle_at(self.cycles);

@@ -17,7 +17,7 @@ use crate::recompute::{RecordedInputs, wait_for_planner};
 use crate::refusal::ProgramError;
 use crate::serve::{Following, Planning, ProgramJob};
 use crate::signal_loop::SignalChange;
-use crate::signals_again::{OutputDifference, SignalsAgain};
+use crate::signal_replay::{OutputDifference, SignalReplay};
 use crate::switches::{Switched, Switching};
 
 /// Time between two looks whether a job's first pieces are planned.
@@ -73,7 +73,7 @@ pub struct ServedAgain {
     /// What was wrong with the text of the last program.
     complaint: Option<ProgramError>,
     /// Outputs and inputs, where the machine has any.
-    signals: Option<SignalsAgain>,
+    signals: Option<SignalReplay>,
     corrections: Option<Corrections>,
     /// What the drives were sent with the last setpoint.
     corrected: Option<Jet>,
@@ -115,7 +115,7 @@ impl ServedAgain {
         let settings = &setup.machine.signals;
         let (outputs, inputs) = changes.iter().partition(|change| change.is_output);
         let lead_cycles = setup.machine.lead_cycles(self.period_ns);
-        self.signals = Some(SignalsAgain::new(
+        self.signals = Some(SignalReplay::new(
             settings,
             lead_cycles,
             self.period_ns,
@@ -128,7 +128,7 @@ impl ServedAgain {
     /// How many outputs programs have set otherwise than recorded, and the first of them.
     #[must_use]
     pub fn output_differences(&self) -> (u64, Option<OutputDifference>) {
-        self.signals.as_ref().map_or((0, None), SignalsAgain::differences)
+        self.signals.as_ref().map_or((0, None), SignalReplay::differences)
     }
 
     /// Number of the next setpoint.
@@ -258,7 +258,7 @@ impl ServedAgain {
     pub fn step(&mut self, moved: &Moved, feed_override: f64) -> Option<Setpoint> {
         let sequence = self.station.sequence();
         if let Some(signals) = &mut self.signals {
-            signals.see_inputs(sequence);
+            signals.apply_inputs(sequence);
             if !matches!(moved, Moved::ByPlan(_)) {
                 let _of_no_program = signals.take_probe();
             }
@@ -271,7 +271,7 @@ impl ServedAgain {
         }
         self.corrected = None;
         if let (Some(corrections), Some(setpoint)) = (&mut self.corrections, &setpoint) {
-            let inputs = self.signals.as_ref().map(SignalsAgain::inputs);
+            let inputs = self.signals.as_ref().map(SignalReplay::inputs);
             self.corrected = Some(corrections.step(setpoint, inputs));
         }
         setpoint
@@ -360,7 +360,7 @@ impl ServedAgain {
 fn follow(
     job: &mut Following,
     recorded: &RecordedInputs,
-    mut signals: Option<&mut SignalsAgain>,
+    mut signals: Option<&mut SignalReplay>,
 ) -> Setpoint {
     let mut inputs: Inputs = recorded.inputs;
     let (motion, queue) = (&mut job.motion, &mut job.queue);

@@ -287,7 +287,7 @@ impl RecordingUnderway {
                 FeederEvent::NextFile(last) => {
                     self.next_file = self.recording.further.is_some().then_some(last);
                 }
-                news => self.tracks.hear(news),
+                news => self.tracks.receive(news),
             }
         }
     }
@@ -340,7 +340,7 @@ impl RecordingUnderway {
         } = self.recording;
         // The feeder ends soon after the cycle, and with it the news; one that hangs in a file system is not waited for.
         while let Ok(news) = lines.news.recv_timeout(LAST_NEWS) {
-            self.tracks.hear(news);
+            self.tracks.receive(news);
         }
         let ended = lines.closing.recv().ok();
         if self.failure.is_none() {
@@ -386,7 +386,7 @@ impl Tracks {
         }
     }
 
-    fn hear(&mut self, news: FeederEvent) {
+    fn receive(&mut self, news: FeederEvent) {
         match news {
             FeederEvent::Block(plan) => self.plans.push_back(plan),
             FeederEvent::Notice(notice) => self.notices.push_back(notice),

@@ -110,9 +110,9 @@ impl StatusSource for RunStatus {
     }
 
     /// Nobody looks at what they say: see the note of the run.
-    fn hear(&mut self, feedback: &Feedback) {
+    fn receive(&mut self, feedback: &Feedback) {
         let follow = feedback.bridge_state == BridgeState::Following.number();
-        self.controls.see_drives(follow);
+        self.controls.set_drives_follow(follow);
     }
 
     fn look(&mut self, _: &mut StatusPort<'_>) {}

@@ -278,7 +278,7 @@ impl SignalLoop {
     }
 
     /// Before a setpoint: takes the inputs that count for it. `last`: the setpoint before.
-    pub(crate) fn see_inputs(&mut self, sequence: u64, period_ns: u64, last: Option<&Setpoint>) {
+    pub(crate) fn apply_inputs(&mut self, sequence: u64, period_ns: u64, last: Option<&Setpoint>) {
         loop {
             let sample = match &mut self.source {
                 InputSource::Bus(samples) => samples.pop().ok(),
@@ -286,7 +286,7 @@ impl SignalLoop {
             };
             let Some(sample) = sample else { break };
             self.record_inputs(sequence, &sample);
-            self.signals.see(&sample);
+            self.signals.observe(&sample);
         }
         self.estopped |= self.signals.is_estop_open();
     }

@@ -187,9 +187,9 @@ impl SignalPort {
     }
 
     /// A sample of the drives, from which the position of a contact is interpolated.
-    pub(crate) fn see_feedback(&mut self, feedback: &Feedback) {
+    pub(crate) fn observe_feedback(&mut self, feedback: &Feedback) {
         if self.settings.probe.is_some() {
-            self.locator.see_feedback(feedback);
+            self.locator.observe_feedback(feedback);
         }
     }
 
@@ -246,7 +246,7 @@ impl SignalPort {
         }
         let has_tripped = now.trips > before.trips;
         if has_tripped || now.is_tripped != before.is_tripped {
-            self.locator.see_change(&now, now_ns);
+            self.locator.observe_change(&now, now_ns);
         }
         has_tripped && !now.is_tripped
     }
@@ -276,7 +276,7 @@ impl SignalPort {
         rpm: f64,
     ) {
         if self.settings.probe.is_some() {
-            self.locator.see_setpoint(due);
+            self.locator.observe_setpoint(due);
         }
         self.last_due = (due.setpoint.sequence, due.due_time_ns);
         let mut outputs: Option<OutputImage> = None;

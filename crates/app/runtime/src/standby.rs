@@ -100,12 +100,12 @@ mod tests {
     fn a_program_begins_once_a_load_is_there() {
         let controls = Controls::new(1.0);
         assert_eq!(cycles_until_begun(&controls, 15_000), None);
-        controls.see_load(0.0, 100.0);
+        controls.set_load(0.0, 100.0);
         assert_eq!(cycles_until_begun(&controls, 1000), Some(100));
         // Drives that answer have to follow.
-        controls.see_drives(false);
+        controls.set_drives_follow(false);
         assert_eq!(cycles_until_begun(&controls, 15_000), None);
-        controls.see_drives(true);
+        controls.set_drives_follow(true);
         assert_eq!(cycles_until_begun(&controls, 1000), Some(100));
     }
 
@@ -117,8 +117,8 @@ mod tests {
             (0..20_000).find_map(|_| standby.step(controls).err())
         };
         assert_eq!(ends(&controls), Some(NotBegun::NoLoad));
-        controls.see_load(0.0, 100.0);
-        controls.see_drives(false);
+        controls.set_load(0.0, 100.0);
+        controls.set_drives_follow(false);
         assert_eq!(ends(&controls), Some(NotBegun::DrivesStand));
         let mut none = Standby::new(false, PERIOD_NS);
         assert_eq!(none.step(&controls), Ok(false));

@@ -23,7 +23,7 @@ pub(crate) trait StatusSource {
     );
 
     /// The drives have answered.
-    fn hear(&mut self, feedback: &Feedback);
+    fn receive(&mut self, feedback: &Feedback);
 
     /// At every look at the queues.
     fn look(&mut self, port: &mut StatusPort<'_>);

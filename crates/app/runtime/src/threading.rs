@@ -159,7 +159,7 @@ impl ThreadCheck {
     }
 
     /// What the machine has against the thread that ends before this command, and the command with which that begins.
-    pub(crate) fn see(&mut self, command: &Command, setup: &Setup) -> Option<(Command, ThreadRefusal)> {
+    pub(crate) fn observe(&mut self, command: &Command, setup: &Setup) -> Option<(Command, ThreadRefusal)> {
         if self.chain.take(command) {
             return None;
         }

@@ -47,7 +47,7 @@ impl TurningTally {
     }
 
     /// One control period: what a turning cycle gave out, if one moves the axes, and what a simulated stock lost.
-    pub(crate) fn see(&mut self, output: Option<&TurningOutput>, cut: Option<&CutNow>) {
+    pub(crate) fn observe(&mut self, output: Option<&TurningOutput>, cut: Option<&CutNow>) {
         let Some(output) = output else {
             self.inside = false;
             return;

@@ -169,7 +169,7 @@ impl UserCodes {
         while output.tell() && end.elapsed() < LAST_WORDS {
             thread::sleep(LOOK_EVERY);
         }
-        output.tell_line();
+        output.report_line();
         result
     }
 
@@ -264,7 +264,7 @@ impl<'a> Output<'a> {
                     for &byte in &bytes[..count] {
                         self.line.push(byte);
                         if byte == b'\n' || self.line.len() == MAX_LINE {
-                            self.tell_line();
+                            self.report_line();
                         }
                     }
                 }
@@ -276,7 +276,7 @@ impl<'a> Output<'a> {
     }
 
     /// Tells what there is of a line. What is beyond the limit is forgotten.
-    fn tell_line(&mut self) {
+    fn report_line(&mut self) {
         if !self.line.is_empty() && self.left > 0 {
             self.left = self.left.saturating_sub(self.line.len());
             let text: String = String::from_utf8_lossy(&self.line)

@@ -72,7 +72,7 @@ fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
         let chip = (x - before).max(0.0) / TURN_S / FEED_MM_S;
         let load = SET * engaged * chip.powf(0.75) * ripple;
         if x <= sends_to_mm {
-            sensor.see_load(load, 10.0 * SET);
+            sensor.set_load(load, 10.0 * SET);
         }
         seen.push([x, setpoint.feed_mm_s, load, setpoint.feed_override]);
     })

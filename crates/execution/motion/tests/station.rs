@@ -51,7 +51,7 @@ struct Measure {
 }
 
 impl Measure {
-    fn see(&mut self, setpoint: &Setpoint) {
+    fn observe(&mut self, setpoint: &Setpoint) {
         assert_eq!(setpoint.sequence, self.next, "a number is missing");
         self.next += 1;
         self.past.insert(0, setpoint.position);
@@ -104,7 +104,7 @@ fn jogs_that_turn_stop_and_begin_again_keep_every_limit_number_and_place_without
     let (mut turns, mut stops) = (0, 0);
     for _ in 0..400 {
         for _ in 0..3 {
-            measure.see(&station.rest(State::Idle));
+            measure.observe(&station.rest(State::Idle));
         }
         let from = AxesState::at_rest(station.position());
         let mut steering = to_rest(&from, place(&mut random));
@@ -116,7 +116,7 @@ fn jogs_that_turn_stop_and_begin_again_keep_every_limit_number_and_place_without
             let before = calls();
             let setpoint = station.steer(&mut steering);
             counted += calls() - before;
-            measure.see(&setpoint);
+            measure.observe(&setpoint);
             own += 1;
             if own == turn_at && setpoint.state == State::Running {
                 let other = to_rest(&state_of(&setpoint), place(&mut random));
@@ -204,18 +204,18 @@ fn an_emergency_brings_every_axis_to_rest_by_itself_within_its_limits() {
         let mut measure = Measure::default();
         // Differences are measured from rest on.
         for _ in 0..3 {
-            measure.see(&station.rest(State::Idle));
+            measure.observe(&station.rest(State::Idle));
         }
         let target = 0.9 * place(&mut random);
         let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), target);
         let cycles = steering.transfer().duration_s() * 1e9 / PERIOD_NS as f64;
         for _ in 0..(random.unit() * cycles) as u64 {
-            measure.see(&station.steer(&mut steering));
+            measure.observe(&station.steer(&mut steering));
         }
         station.emergency();
         let mut own = 0;
         while !station.is_at_rest() {
-            measure.see(&station.rest(State::Fault));
+            measure.observe(&station.rest(State::Fault));
             own += 1;
             assert!(own < 1000, "no end");
         }

@@ -173,7 +173,7 @@ fn run(
                 cycle: time_s / period,
                 turns: (angle * spindle.counts).floor() / spindle.counts,
             });
-            signals.see(&image);
+            signals.observe(&image);
         }
         let time_s = number as f64 * period;
         let inputs = Inputs {

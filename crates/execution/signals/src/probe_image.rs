@@ -102,7 +102,7 @@ pub struct ProbeInput {
 
 impl ProbeInput {
     /// One more sample of the same cycle. Real-time safe.
-    pub(crate) fn see(&mut self, image: &ProbeImage) {
+    pub(crate) fn observe(&mut self, image: &ProbeImage) {
         self.now = *image;
         self.was_tripped |= image.state == ProbeState::Tripped;
         self.was_open |= image.state == ProbeState::Open;
@@ -113,7 +113,7 @@ impl ProbeInput {
         let taken = *self;
         (self.was_tripped, self.was_open) = (false, false);
         let now = taken.now;
-        self.see(&now);
+        self.observe(&now);
         taken
     }
 }

@@ -171,20 +171,20 @@ impl Signals {
     }
 
     /// Takes newer inputs: each sample in order, before the step of the setpoint that goes by them.
-    pub fn see(&mut self, inputs: &InputImage) {
+    pub fn observe(&mut self, inputs: &InputImage) {
         let before = self.inputs.angle;
         self.inputs = *inputs;
-        self.probe.see(&inputs.probe);
+        self.probe.observe(&inputs.probe);
         match (&inputs.angle, before) {
             (None, Some(_)) => self.tracker.forget(),
             // A sample is taken over when its time comes: a trace tells the two numbers one after the other.
             (Some(now), before) if before.is_none_or(|before| before.cycle != now.cycle) => {
-                self.tracker.see(now);
+                self.tracker.observe(now);
             }
             _ => {}
         }
         if let Some(wait) = &mut self.wait {
-            wait.see(inputs);
+            wait.observe(inputs);
         }
     }
 
@@ -339,7 +339,7 @@ impl Signals {
                 }
                 Scheduled::Wait(wait) => {
                     let mut wait = ActiveWait::new(wait, self.lead_cycles);
-                    wait.see(&self.inputs);
+                    wait.observe(&self.inputs);
                     self.wait = Some(wait);
                 }
             }
@@ -375,7 +375,7 @@ mod tests {
             phase: Phase::Runs,
         };
         let measured = |signals: &mut Signals, rpm: Option<f64>| {
-            signals.see(&InputImage {
+            signals.observe(&InputImage {
                 speed_rpm: rpm,
                 ..InputImage::default()
             });

@@ -94,7 +94,7 @@ impl SpindleTracker {
     }
 
     /// Takes a sample. One that is not later than the last, or is no number, is left alone.
-    pub fn see(&mut self, sample: &SpindleAngle) {
+    pub fn observe(&mut self, sample: &SpindleAngle) {
         if !sample.cycle.is_finite() || !sample.turns.is_finite() {
             return;
         }
@@ -291,7 +291,7 @@ mod tests {
         let mut tracker = SpindleTracker::new(PERIOD_S);
         let mut worst: f64 = 0.0;
         for (at, turns) in angles.iter().enumerate() {
-            tracker.see(&SpindleAngle {
+            tracker.observe(&SpindleAngle {
                 cycle: at as f64,
                 turns: spindle.shown(*turns),
             });
@@ -330,7 +330,7 @@ mod tests {
         let (mut turns, mut speed, mut worst) = (0.0, 10.0, 0.0_f64);
         let mut foretold = Vec::new();
         for at in 0..3000 {
-            tracker.see(&SpindleAngle {
+            tracker.observe(&SpindleAngle {
                 cycle: f64::from(at),
                 turns: (turns * 4096.0_f64).floor() / 4096.0,
             });
@@ -350,7 +350,7 @@ mod tests {
         let mut tracker = SpindleTracker::new(PERIOD_S);
         assert_eq!(tracker.at(0.0), None);
         let see = |tracker: &mut SpindleTracker, at: f64| {
-            tracker.see(&SpindleAngle {
+            tracker.observe(&SpindleAngle {
                 cycle: at,
                 turns: at * 0.01,
             });

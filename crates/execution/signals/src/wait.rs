@@ -107,7 +107,7 @@ impl ActiveWait {
     }
 
     /// Looks at one sample of the inputs: an edge between two setpoints counts as well.
-    pub(crate) fn see(&mut self, inputs: &InputImage) {
+    pub(crate) fn observe(&mut self, inputs: &InputImage) {
         let Awaited::Input { kind, number, mode } = self.wait.awaited else {
             return;
         };

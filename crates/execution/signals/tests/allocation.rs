@@ -50,7 +50,7 @@ fn a_full_queue_is_carried_out_without_the_allocator_and_in_order() {
     }
     assert!(signals.is_waiting() && !signals.is_over());
     inputs.set(SignalKind::Digital, 3, Some(1.0));
-    signals.see(&inputs);
+    signals.observe(&inputs);
     signals.step(&at(blocks, 1));
     assert!(signals.take_resume());
     let outputs = signals.step(&at(blocks, 2));

@@ -138,7 +138,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         let text = format!("{what} in step with the spindle: in phase {run_in_mm:.3} mm behind its start");
         self.reporter.announce(Moment::Rest(action), line, false, &text);
         if chain.is_tap() {
-            self.tell_reversal(pass.tap.map_or(0.0, |tap| 60.0 * tap.turns_per_s));
+            self.report_reversal(pass.tap.map_or(0.0, |tap| 60.0 * tap.turns_per_s));
         }
         (self.last_line, self.end_line) = (0, line);
         self.planner.rest(&Step::Action { action, line })?;
@@ -161,7 +161,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     }
 
     /// The next two actions, which the pass itself carries out: the spindle turns back at this speed, and then as before.
-    fn tell_reversal(&mut self, back_rpm: f64) {
+    fn report_reversal(&mut self, back_rpm: f64) {
         use evolvent_gcode::SpindleDirection::{Clockwise, CounterClockwise, Stopped};
         let before = self.periphery;
         let back = match before.outputs.direction {

@@ -118,7 +118,7 @@ mod tests {
         (hears, manager)
     }
 
-    fn hear(ear: &UnixDatagram) -> String {
+    fn receive(ear: &UnixDatagram) -> String {
         let mut heard = [0; 16];
         let length = ear.recv(&mut heard).unwrap();
         String::from_utf8_lossy(&heard[..length]).into_owned()
@@ -129,7 +129,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (ear, manager) = listened(&folder);
         manager.tell("READY=1");
-        assert_eq!(hear(&ear), "READY=1");
+        assert_eq!(receive(&ear), "READY=1");
         SystemdNotifier::default().tell("nobody");
     }
 
@@ -150,10 +150,10 @@ mod tests {
         manager.tell("READY=1");
         manager.tell("STOPPING=1");
         for _ in 0..signs {
-            assert_eq!(hear(&ear), ALIVE);
+            assert_eq!(receive(&ear), ALIVE);
         }
         assert_eq!(
-            (hear(&ear), hear(&ear)),
+            (receive(&ear), receive(&ear)),
             ("READY=1".to_owned(), "STOPPING=1".to_owned())
         );
     }

@@ -540,7 +540,9 @@ impl Operator {
         let are_ready = matches!(self.view.presence, Presence::Operational | Presence::Absent);
         self.desk.enable(is_powered && are_ready, now_ns);
         let is_at_rest = matches!(self.view.setpoint.state, State::Held | State::ProgramStop);
-        self.program.tally.see(self.view.setpoint.sequence, is_at_rest);
+        self.program
+            .tally
+            .observe(self.view.setpoint.sequence, is_at_rest);
         self.follow_program();
         self.follow_handwheel();
         if let Some(text) = self.files.way.as_ref().and_then(|way| way.try_recv().ok()) {

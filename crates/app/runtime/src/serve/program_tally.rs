@@ -17,7 +17,7 @@ impl ProgramTally {
     }
 
     /// The newest setpoint, and whether the machine stands at a hold or a program stop.
-    pub(crate) fn see(&mut self, sequence: u64, is_held: bool) {
+    pub(crate) fn observe(&mut self, sequence: u64, is_held: bool) {
         let Some(seen) = &mut self.seen else { return };
         let more = sequence.saturating_sub(*seen);
         *seen = sequence.max(*seen);
@@ -51,22 +51,22 @@ mod tests {
     #[test]
     fn a_part_is_a_program_that_came_to_its_end_and_holds_are_told_apart() {
         let mut tally = ProgramTally::default();
-        tally.see(50, false);
+        tally.observe(50, false);
         assert_eq!((tally.parts(), tally.times_s(1_000_000)), (0, (0.0, 0.0)));
         tally.begin(100);
-        tally.see(1100, false);
-        tally.see(1600, true);
+        tally.observe(1100, false);
+        tally.observe(1600, true);
         // An older view counts nothing.
-        tally.see(1500, true);
-        tally.see(2100, false);
+        tally.observe(1500, true);
+        tally.observe(2100, false);
         tally.end(true);
-        tally.see(9000, false);
+        tally.observe(9000, false);
         tally.end(true);
         assert_eq!(tally.parts(), 1);
         let (time_s, held_s) = tally.times_s(1_000_000);
         assert!((time_s - 2.0).abs() < 1e-12 && (held_s - 0.5).abs() < 1e-12);
         tally.begin(9000);
-        tally.see(9500, false);
+        tally.observe(9500, false);
         tally.end(false);
         assert_eq!(tally.parts(), 1, "one that was stopped is none");
         assert!((tally.times_s(1_000_000).0 - 0.5).abs() < 1e-12);

@@ -338,7 +338,7 @@ impl Operator {
         self.follow_tool_savings();
         let setpoint = self.view.setpoint;
         let Job::Program(run) = &mut self.job else { return };
-        self.program.track.hear(&run.planning.news);
+        self.program.track.receive(&run.planning.news);
         let message = &mut self.message;
         if let Some(modal) = self.program.track.reach(&setpoint, |notice| {
             if notice.is_message {

@@ -29,7 +29,7 @@ impl StatusSource for ServedStatus {
 
     fn follow(&mut self, _: &mut StatusPort<'_>, _: &DueSetpoint, _: &Setpoint, _: bool) {}
 
-    fn hear(&mut self, feedback: &Feedback) {
+    fn receive(&mut self, feedback: &Feedback) {
         // What the cycle does not take in time is older than what it has. Its watch names what is no number; nobody else
         // sees it.
         let _full = self.feedback.push(*feedback);

@@ -22,7 +22,7 @@ pub(crate) struct Track {
 
 impl Track {
     /// Takes in what planning tells.
-    pub(crate) fn hear(&mut self, news: &Receiver<FeederEvent>) {
+    pub(crate) fn receive(&mut self, news: &Receiver<FeederEvent>) {
         for news in news.try_iter() {
             match news {
                 FeederEvent::Queued(block) => {

@@ -32,7 +32,7 @@ impl ServedParts {
     /// Inputs that have come count for the next setpoint.
     pub(super) fn apply_inputs(&mut self) {
         if let Some(signals) = &mut self.signals {
-            signals.see_inputs(self.station.sequence(), self.period_ns, None);
+            signals.apply_inputs(self.station.sequence(), self.period_ns, None);
             self.probe = signals.take_probe();
         }
     }

@@ -26,7 +26,7 @@ pub struct OutputDifference {
 
 /// Inputs, waits and outputs of a served machine, cycle by cycle.
 #[derive(Debug)]
-pub(crate) struct SignalsAgain {
+pub(crate) struct SignalReplay {
     signals: Signals,
     inputs: VecDeque<SignalChange>,
     outputs: VecDeque<SignalChange>,
@@ -38,7 +38,7 @@ pub(crate) struct SignalsAgain {
     first: Option<OutputDifference>,
 }
 
-impl SignalsAgain {
+impl SignalReplay {
     /// With the recorded changes, in order.
     pub(crate) fn new(
         settings: &SignalSettings,
@@ -73,10 +73,10 @@ impl SignalsAgain {
     }
 
     /// Takes the inputs that count for a setpoint.
-    pub(crate) fn see_inputs(&mut self, sequence: u64) {
+    pub(crate) fn apply_inputs(&mut self, sequence: u64) {
         while let Some(change) = pop_due(&mut self.inputs, sequence) {
             change.enter(&mut self.image);
-            self.signals.see(&self.image);
+            self.signals.observe(&self.image);
         }
     }
 
