@@ -28,12 +28,12 @@ pub struct CheckBounds {
     pub errors: usize,
     /// Commands for the machine in all.
     pub commands: u64,
-    /// Commands after which no line farther down has been reached: a loop that makes parts until somebody stops it would
+    /// Commands after which no line farther down has been reached: a loop that makes parts until it is stopped would
     /// be followed for ever.
     pub round: u64,
-    /// Whether the programs of the machine's own commands (M100 to M199) have to be there.
+    /// Whether the programs of user-defined M codes (M100 to M199) have to be there.
     pub user_codes: bool,
-    /// Whether somebody can confirm a tool change by the operator.
+    /// Whether an operator can confirm a tool change.
     pub confirms_tools: bool,
 }
 
@@ -50,7 +50,7 @@ impl CheckBounds {
         }
     }
 
-    /// As far as can be looked at while somebody waits, about a second at the most: a million commands, a hundred thousand
+    /// As far as can be looked at while a client waits, about a second at most: a million commands, a hundred thousand
     /// of them in a loop.
     #[must_use]
     pub fn while_one_waits(errors: usize) -> Self {
@@ -71,7 +71,7 @@ pub struct Checked {
     pub errors: Vec<Diagnostic>,
     /// Lines that are right but probably not what was meant.
     pub warnings: Vec<Warning>,
-    /// The line behind which nothing was looked at, where a bound ended it.
+    /// The line after which nothing was looked at, where a bound ended it.
     pub up_to: Option<u32>,
 }
 

@@ -54,7 +54,7 @@ pub(crate) struct FeedReport {
     pub planned_s: f64,
     /// Moves planned.
     pub moves: u64,
-    /// Commands of the machine's own (M100 to M199) planned.
+    /// User-defined M codes (M100 to M199) planned.
     pub user_commands: u64,
     /// Tool changes (M6 with another tool) planned.
     pub tool_changes: u64,
@@ -153,7 +153,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         self
     }
 
-    /// Nobody is there to confirm a tool change: one by the operator is an error of the program.
+    /// No operator confirms tool changes: one by the operator is an error of the program.
     pub(crate) fn unattended(mut self, unattended: bool) -> Self {
         self.confirms_tools = !unattended;
         self
@@ -251,7 +251,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         if let Some(start) = commands.start() {
             let line = start.restart.line;
             let text = start.told();
-            // Somebody who is there looks at the way before the machine takes it.
+            // The operator looks at the way before the machine takes it.
             if self.act(line, &text).is_err() || self.stop(line, StopKind::Program).is_err() {
                 return Ok(None);
             }

@@ -10,7 +10,7 @@ pub(crate) struct HandwheelView {
 }
 
 impl HandwheelView {
-    /// The wheel is not known, so that nobody can be turning it.
+    /// The wheel is not known, so it is taken as not turned.
     pub(crate) fn is_silent(&self) -> bool {
         self.counts.is_none()
     }

@@ -14,7 +14,7 @@ use crate::signal_loop::SignalName;
 const MAX_BYTES: u64 = 1024 * 1024;
 /// What a file calls the probe.
 const PROBE: &str = "probe";
-/// What to do about a change of which nobody knows when.
+/// What to do about a change whose time is not known.
 const WHEN: &str = "give one of at_s, at_path_mm and at_line";
 
 #[derive(Debug, Deserialize)]
@@ -107,7 +107,7 @@ pub enum InputScriptError {
 }
 
 impl InputScript {
-    /// No input is known, the emergency-stop chain is closed, and spindles do at once what they are told.
+    /// No input is known, the emergency-stop chain is closed, and spindles follow their commands at once.
     #[must_use]
     pub fn without_file(settings: &SignalSettings) -> Self {
         let mut begin = InputImage::default();

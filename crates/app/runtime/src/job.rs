@@ -59,7 +59,7 @@ pub struct Setup {
     pub selected_tool: Option<u32>,
     /// Where programs write their files; none where they write nothing.
     pub log_folder: Option<PathBuf>,
-    /// Why no tool can be changed: one before was broken off, and nobody has said which tool is in the spindle.
+    /// Why no tool can be changed: one before was broken off, and the tool in the spindle has not been named.
     pub tool_unknown: Option<String>,
     /// Spindle and coolant as they stand.
     pub outputs: gcode::Outputs,
@@ -243,7 +243,7 @@ pub struct Job {
     pub bus: bool,
     /// iceoryx2's prefix; none for iceoryx2's own.
     pub bus_prefix: Option<String>,
-    /// How many setpoint subscribers to wait for before the start, 10 s at the most.
+    /// How many setpoint subscribers to wait for before the start, 10 s at most.
     pub wait_for_subscribers: usize,
     /// Inputs over the run where time is not real; none known but for a closed emergency-stop chain where this is none.
     pub inputs: Option<InputScript>,

@@ -56,7 +56,7 @@ pub struct SteeredStart {
     pub travel_max: Axes,
     /// Where it begins.
     pub from: AxesState,
-    /// Where it comes to rest.
+    /// Where it stops.
     pub to: Axes,
 }
 

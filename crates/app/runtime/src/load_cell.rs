@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use evolvent_turning::LoadSample;
 
-/// One reading, replaced by the next; nobody waits.
+/// One reading, replaced by the next; nothing waits.
 #[derive(Debug, Default)]
 pub(crate) struct LoadCell {
     /// Its bits as f32 above, how many came below.

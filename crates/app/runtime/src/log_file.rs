@@ -228,7 +228,7 @@ impl Writer {
         }
     }
 
-    /// The first failure is the one that is told.
+    /// The first failure is the one that is reported.
     fn note(&self, done: Result<(), String>) {
         if let Err(text) = done {
             let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);

@@ -52,7 +52,7 @@ pub struct Notice {
     pub text: String,
 }
 
-/// Notices behind the first that are looked at: what is announced between two actions at most.
+/// Notices after the first that are looked at: what is announced between two actions at most.
 const NOTICES_AHEAD: usize = 16;
 
 /// How many notices from the front have come. They are in the order of the program: where a later one has come, so have those
@@ -87,7 +87,7 @@ pub(crate) enum FeederEvent {
     AttachFile(String, Arc<ProgramCopy>),
     /// Something that is to be recorded at its setpoint.
     ExternalEvent(ExternalEvent),
-    /// The trace goes on in a new file behind this setpoint; what follows belongs to that file.
+    /// The trace goes on in a new file after this setpoint; what follows belongs to that file.
     NextFile(u64),
     /// The planner of the job of this number reads on with other switches.
     Switched(u32, Switched),
@@ -110,7 +110,7 @@ pub(crate) enum ExternalEventKind {
     Command,
     Alarm,
     Warning,
-    /// Something that a command of the machine's own has written.
+    /// Something that a user-defined M code has written.
     Output,
     /// A job begins.
     Job,
@@ -169,7 +169,7 @@ pub(crate) struct QueuedBlock {
     pub path_mm: f64,
 }
 
-/// What an action does, for people; none where it is none of the periphery's.
+/// What an action does, as text; none where it is none of the periphery's.
 pub(crate) fn describe(action: &Action) -> Option<String> {
     Some(match action {
         Action::SelectTool(tool) => format!("select tool {tool}"),

@@ -12,7 +12,7 @@ use crate::job::{Clock, Job};
 use crate::news::{ExternalEventKind, FeederEvent, Moment, Notice, notices_due};
 use crate::shared::Controls;
 
-/// What is told where drives answer.
+/// What is noted where drives answer.
 pub(crate) const DRIVES_UNWATCHED: &str = "drives answer on the bus, but `run` does not watch them: nothing stops it where one \
      fails or does not follow. That takes power, homing and alarms that stay, which `evolvent serve` has";
 /// How often the caller hears of progress.
@@ -38,7 +38,7 @@ pub(crate) struct LookingOn<'a> {
     notices: &'a Receiver<FeederEvent>,
     failures: &'a Receiver<RecordError>,
     every: Duration,
-    /// Somebody wants drives to be watched where there are any.
+    /// Drives are to be watched where there are any.
     minds_drives: bool,
     drives_told: bool,
 }
@@ -63,7 +63,7 @@ impl<'a> LookingOn<'a> {
         }
     }
 
-    /// Whether it was told that drives answer which nobody watches.
+    /// Whether it was noted that drives answer which are not watched.
     pub(crate) fn has_told_of_drives(&self) -> bool {
         self.drives_told
     }

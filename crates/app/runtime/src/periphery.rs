@@ -16,7 +16,7 @@ pub(crate) const CHANGE_BEGINS: u32 = 0;
 pub(crate) enum Changer {
     /// The operator, who confirms it.
     Operator = 1,
-    /// The machine's own program or subroutine.
+    /// A program or subroutine of the machine.
     Program = 2,
 }
 
@@ -32,7 +32,7 @@ pub(crate) struct Orientation {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Periphery {
     pub outputs: Outputs,
-    /// The stopped spindle turns to an angle (M19), until it is told something else.
+    /// The stopped spindle turns to an angle (M19), until another command.
     pub orientation: Option<Orientation>,
     /// Number of the last command to the spindle. Numbers grow, from job to job as well.
     pub spindle_command: u64,
@@ -104,7 +104,7 @@ impl Periphery {
     }
 }
 
-/// The call of the machine's own program for a tool change: new tool and present tool are its arguments.
+/// The call of the machine's program for a tool change: new tool and present tool are its arguments.
 pub(crate) fn tool_change_call(tool: u32, present: u32, line: u32) -> UserCall {
     UserCall {
         number: TOOL_CHANGE_CODE,
@@ -129,7 +129,7 @@ pub(crate) fn tool_request(tool: u32, present: u32) -> String {
     }
 }
 
-/// Why a tool change cannot be carried out where nobody is there to confirm it.
+/// Why a tool change cannot be carried out where no operator confirms it.
 pub(crate) fn nobody_changes(tool: u32, present: u32) -> (String, String) {
     let what = match present {
         0 => "the spindle is empty".to_owned(),
@@ -149,7 +149,7 @@ pub(crate) fn waits_for(policy: ToolChange, tool: u32, present: u32) -> Option<C
         _ if tool == present => None,
         ToolChange::Operator => Some(Changer::Operator),
         ToolChange::Program => Some(Changer::Program),
-        // Behind its subroutine it is done.
+        // After its subroutine it is done.
         ToolChange::Subroutine | ToolChange::None => None,
     }
 }

@@ -9,10 +9,10 @@ use evolvent_motion::State;
 use crate::due_setpoint::DueSetpoint;
 use crate::periphery::Periphery;
 
-/// What is told to who follows the periphery.
+/// What followers of the periphery receive.
 #[derive(Debug)]
 pub(crate) enum PeripheryOrder {
-    /// It is so behind this setpoint, whatever a program has planned.
+    /// It is so after this setpoint, whatever a program has planned.
     Behind { sequence: u64, periphery: Periphery },
     /// A program has been begun: what it makes of the periphery, from the action of a number on, as it is planned.
     Program {

@@ -146,7 +146,7 @@ impl ProbeLocator {
 }
 
 fn keep(samples: &mut VecDeque<Sample>, sample: Sample) {
-    // A clock that goes back, or another datum, begins anew.
+    // A clock that goes back, or another datum, begins again.
     if samples
         .back()
         .is_some_and(|last| last.time_ns >= sample.time_ns || last.datum != sample.datum)
@@ -159,7 +159,7 @@ fn keep(samples: &mut VecDeque<Sample>, sample: Sample) {
     samples.push_back(sample);
 }
 
-/// Between the samples around a time; none where it lies before or behind all of them.
+/// Between the samples around a time; none where it lies before or after all of them.
 fn interpolate(samples: &VecDeque<Sample>, time_ns: u64) -> Option<[f64; AXES]> {
     let after = samples.partition_point(|sample| sample.time_ns < time_ns);
     let right = samples.get(after)?;

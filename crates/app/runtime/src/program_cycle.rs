@@ -21,7 +21,7 @@ use crate::standby::{NotBegun, Standby};
 use crate::turning_motion::{turning_fault, turning_output};
 use crate::turning_tally::TurningTally;
 
-/// One cycle, for who looks on.
+/// One cycle, for observers.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen<'a> {
     /// The setpoint.
@@ -41,7 +41,7 @@ pub(crate) struct ProgramCycle<F> {
     pub is_realtime: bool,
     /// Wait at program stops until told to go on; otherwise stand there for one cycle.
     pub stops_at_program_stops: bool,
-    /// The actions before stops at which a command of the machine's own is carried out, in order; none where nothing is.
+    /// The actions before stops at which a user-defined M code is carried out, in order; none where nothing is.
     pub commands: Option<Consumer<u32>>,
     /// Outputs and inputs, where the machine has any.
     pub signals: Option<SignalLoop>,
@@ -59,7 +59,7 @@ pub(crate) struct ProgramCycle<F> {
     pub now: ProgramState,
 }
 
-/// What changes from cycle to cycle, and what is told of it in the end.
+/// What changes from cycle to cycle, and what is reported of it in the end.
 #[derive(Debug)]
 pub(crate) struct ProgramState {
     pub last: Option<Setpoint>,
@@ -78,7 +78,7 @@ pub(crate) struct ProgramState {
     pub not_begun: Option<NotBegun>,
     /// The plan ended before the program did.
     pub program_failed: bool,
-    /// Program stops at which nobody was waited for.
+    /// Program stops that were passed without waiting.
     pub program_stops_passed: u64,
     /// What turning cycles came to.
     pub turning: TurningTally,
@@ -157,7 +157,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             drive: DriveRequest::ON,
             job: 0,
             is_of_program: true,
-            // Nobody overrides the spindle of a run.
+            // The spindle of a run has no override.
             spindle_override: 1.0,
             input_bits: input_bits(&inputs, &self.motion),
         }
@@ -225,7 +225,7 @@ impl<F> ProgramCycle<F> {
         }
     }
 
-    /// The action before the command at which the machine stands, if it stands at one. Commands that lie behind are
+    /// The action before the command at which the machine stands, if it stands at one. Commands that were passed are
     /// forgotten.
     fn at_command(&mut self) -> Option<u32> {
         let (commands, last) = (self.commands.as_mut()?, self.now.last.as_ref()?);

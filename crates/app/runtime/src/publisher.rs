@@ -1,6 +1,6 @@
 //! The publisher's thread, of a run and of a served machine alike: it owns the ports of the bus.
 //!
-//! Setpoints and outputs out, feedback, inputs and loads in. What the status says, and who hears the drives, is a
+//! Setpoints and outputs out, feedback, inputs and loads in. What the status says, and who receives the drives' feedback, is a
 //! [`StatusSource`]'s.
 
 use std::sync::mpsc::{self, Receiver, Sender};
@@ -117,7 +117,7 @@ impl<S: StatusSource> Publisher<S> {
         }
     }
 
-    /// One setpoint, behind the outputs that count with it.
+    /// One setpoint, after the outputs that count with it.
     fn publish(&mut self, bus: &mut CoreBus, report: &mut PublishReport, due: &DueSetpoint) {
         let is_switched = self.periphery.follow(due);
         let outputs = &self.periphery.now().outputs;

@@ -128,7 +128,7 @@ pub fn recompute(
             }
         }
         abandoned.store(true, Ordering::Release);
-        // The planner sees that nobody takes its plan any more.
+        // The planner sees that its plan is no longer taken.
         let cycles = again.end();
         // A panic of a thread is a bug; it is passed on.
         let (feed, program) = feeder
@@ -251,7 +251,7 @@ impl<'a> CycleReplay<'a> {
     }
 
     /// Whether the wait for an input, which the recorded run left here, is over. A trace that says otherwise differs;
-    /// nobody hangs for it.
+    /// nothing waits for it.
     fn can_resume(&mut self) -> bool {
         let is_over = self.signals.is_over();
         if is_over {

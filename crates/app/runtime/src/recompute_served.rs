@@ -337,7 +337,7 @@ impl ServedAgain {
             planning.abandon();
             drop(job);
             if let Some(signals) = &mut self.signals {
-                // A planner that waits for an input sees that nobody tells it of one.
+                // A planner that waits for an input sees that none is reported.
                 signals.end_program();
             }
             let result = loop {

@@ -28,7 +28,7 @@ use evolvent_control::Alarm;
 
 /// Nothing older than this is lost by a crash.
 const FLUSH_EVERY: Duration = Duration::from_millis(250);
-/// Codes of the events of a turning cycle's states begin behind this.
+/// Codes of the events of a turning cycle's states begin after this.
 const TURNING_STATES: u32 = 100;
 /// How long the last news of a feeder are waited for.
 const LAST_NEWS: Duration = Duration::from_secs(10);
@@ -49,7 +49,7 @@ pub(crate) struct Recording {
     pub further: Option<Further>,
 }
 
-/// The files of a trace behind the first.
+/// The files of a trace after the first.
 pub(crate) struct Further {
     pub series: TraceSeries,
     /// What each says of itself.
@@ -123,7 +123,7 @@ impl RecorderLines {
 pub(crate) struct RecordedLines {
     /// What planners have read.
     pub news: Sender<FeederEvent>,
-    /// How the trace ends, once nobody sends news any more.
+    /// How the trace ends, once no more news is sent.
     pub closing: Sender<Closing>,
     /// Why the trace has ended early, as soon as it has.
     pub failures: Receiver<RecordError>,
@@ -395,7 +395,7 @@ impl Tracks {
             FeederEvent::Switched(job, switched) => self.switched.push_back((job, switched)),
             FeederEvent::Attach(name, text) => self.attachments.push_back((name, Content::Text(text))),
             FeederEvent::AttachFile(name, file) => self.attachments.push_back((name, Content::File(file))),
-            // Nobody has asked for them here.
+            // They are not requested here.
             FeederEvent::NextFile(_)
             | FeederEvent::Queued(_)
             | FeederEvent::Modal(..)

@@ -235,7 +235,7 @@ impl LowLatencyHold {
     /// Asks the kernel for wake-ups without delay.
     ///
     /// # Errors
-    /// A note for people where it is not permitted.
+    /// A note for the user where it is not permitted.
     pub fn acquire() -> Result<Self, String> {
         const PATH: &str = "/dev/cpu_dma_latency";
         let open = || -> std::io::Result<File> {

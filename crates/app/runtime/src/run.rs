@@ -174,7 +174,7 @@ pub fn run_seen(
 struct Ended {
     report: RunReport,
     fed: Fed,
-    /// Why a command of the machine's own was not carried out.
+    /// Why a user-defined M code was not carried out.
     not_carried_out: Option<String>,
     published: PublishReport,
 }
@@ -232,7 +232,7 @@ impl Ended {
     }
 }
 
-/// What `run` has nobody for.
+/// What `run` has no operator for.
 fn refuse_what_cannot_run(job: &Job) -> Result<(), StartError> {
     let machine = &job.setup.machine;
     if job.bus && job.is_realtime() && machine.drives.feedback == FeedbackMode::Required {
@@ -270,7 +270,7 @@ fn notes_of(job: &Job, report: &RunReport, feed: &FeedReport) -> impl Iterator<I
     .flatten()
 }
 
-/// What became of tool changes that nobody has carried out.
+/// What became of tool changes that were not carried out.
 fn tool_change_note(job: &Job, changes: u64) -> Option<String> {
     let (many, verb) = match changes {
         0 => return None,

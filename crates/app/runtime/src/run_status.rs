@@ -109,7 +109,7 @@ impl StatusSource for RunStatus {
         }
     }
 
-    /// Nobody looks at what they say: see the note of the run.
+    /// What they report is not used: see the note of the run.
     fn receive(&mut self, feedback: &Feedback) {
         let follow = feedback.bridge_state == BridgeState::Following.number();
         self.controls.set_drives_follow(follow);

@@ -49,7 +49,7 @@ use crate::user_code_runner::UserCodeRunner;
 
 /// How long planner and cycle sleep where the other has nothing for them.
 pub(crate) const PLANNER_NAP: Duration = Duration::from_micros(500);
-/// Commands of the machine's own that may lie ahead in the plan.
+/// User-defined M codes that may lie ahead in the plan.
 const COMMANDS_AHEAD: usize = 4096;
 /// How often the emergency-stop chain is looked at while it is waited for.
 const CHAIN_POLL: Duration = Duration::from_millis(5);
@@ -92,7 +92,7 @@ pub(crate) struct CycleEnds {
     pub trace: Option<Producer<CycleSample>>,
 }
 
-/// The thread that carries out commands of the machine's own, and the ends of those who wait for it.
+/// The thread that carries out user-defined M codes, and the ends of those who wait for it.
 pub(crate) struct Carrier<'scope> {
     pub thread: ScopedJoinHandle<'scope, Option<String>>,
     pub planner: (UserCodes, ToCarrier),
@@ -185,7 +185,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         Ok(builder.spawn_scoped(self.scope, move || recording.run(period_ns))?)
     }
 
-    /// Who carries out commands of the machine's own. None where time is not real: nothing of the machine is there to be
+    /// Who carries out user-defined M codes. None where time is not real: nothing of the machine is there to be
     /// commanded.
     ///
     /// # Errors

@@ -8,7 +8,7 @@ use evolvent_turning::{AdaptiveSettings, LoadSample};
 use crate::load_cell::LoadCell;
 use evolvent_control::Alarm;
 
-/// Switches and gauges of a run. The cycle reads the switches once a cycle and sets the gauges; nobody waits.
+/// Switches and gauges of a run. The cycle reads the switches once a cycle and sets the gauges; nothing waits.
 #[derive(Debug)]
 pub struct Controls {
     feed_override: AtomicU64,
@@ -22,7 +22,7 @@ pub struct Controls {
     adaptive: Option<AdaptiveSettings>,
     load: LoadCell,
     gauges: Gauges,
-    /// At rest until a command of the machine's own has been carried out.
+    /// At rest until a user-defined M code has been carried out.
     at_command: AtomicBool,
     /// The action before the command that has been carried out last, + 1.
     commands_done: AtomicU32,
@@ -90,7 +90,7 @@ impl Controls {
         self.at_command.store(at_command, Ordering::Relaxed);
     }
 
-    /// The command behind this action has been carried out.
+    /// The command after this action has been carried out.
     pub(crate) fn command_done(&self, action: u32) {
         self.commands_done.store(action + 1, Ordering::Release);
     }
@@ -286,7 +286,7 @@ pub struct Progress {
     pub blocks: u32,
     /// The program has come to its end.
     pub has_ended: bool,
-    /// Program stops after which somebody has let the machine go on.
+    /// Program stops after which the machine was resumed.
     pub resumes: u32,
 }
 

@@ -336,7 +336,7 @@ impl SignalLoop {
         self.estopped
     }
 
-    /// A spindle that is in fault, or of which nobody tells how it turns.
+    /// A spindle that is in fault, or whose rotation is not reported.
     pub(crate) fn spindle_in_trouble(&self) -> Option<u32> {
         self.signals.spindle_in_trouble()
     }
@@ -361,7 +361,7 @@ impl SignalLoop {
         self.signals.is_over()
     }
 
-    /// The program goes on behind a wait that is over.
+    /// The program goes on after a wait that is over.
     pub(crate) fn go_on(&mut self) {
         let _was_over = self.signals.take_resume();
     }

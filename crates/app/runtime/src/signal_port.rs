@@ -123,7 +123,7 @@ impl SignalPort {
     pub(crate) fn take_inputs(&mut self, bus: &mut CoreBus, now_ns: u64) {
         // Each on its own: an edge and its end may come together.
         while let Ok(Some(message)) = bus.unchecked_inputs() {
-            // What is wrong is counted; nobody is helped by a message each.
+            // What is wrong is counted; a message for each would not help.
             if self.entry.take(&message, now_ns).is_ok() {
                 self.hand_on(now_ns);
             }

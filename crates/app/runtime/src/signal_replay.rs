@@ -85,7 +85,7 @@ impl SignalReplay {
         if !self.signals.is_waiting() || !recorded {
             return recorded;
         }
-        // A trace that says otherwise differs; nobody hangs for it.
+        // A trace that says otherwise differs; nothing waits for it.
         if self.signals.is_over() {
             wait_for_planner(|| motion.can_leave_wait(queue) || queue.is_abandoned());
         }

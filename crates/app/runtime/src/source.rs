@@ -14,7 +14,7 @@ use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::refusal::{ProgramError, about_line_with};
 
-/// Bytes that are read at once, at the most.
+/// Bytes that are read at once, at most.
 const MAX_READ_AHEAD: u64 = 128 * 1024;
 
 /// How a program goes on in the middle: to be shown before anything moves.
@@ -22,7 +22,7 @@ const MAX_READ_AHEAD: u64 = 128 * 1024;
 pub struct Start {
     /// What the lines before have left.
     pub restart: Restart,
-    /// The moves to the place where it goes on, one a line for people.
+    /// The moves to the place where it goes on, one per line.
     pub approach: Vec<String>,
 }
 
@@ -178,7 +178,7 @@ impl Iterator for Commands {
 }
 
 impl Start {
-    /// What somebody has to know before the machine moves, several lines.
+    /// What the operator has to know before the machine moves, several lines.
     #[must_use]
     pub fn told(&self) -> String {
         use std::fmt::Write as _;

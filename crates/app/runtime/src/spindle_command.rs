@@ -3,7 +3,7 @@
 use evolvent_gcode::Outputs;
 use evolvent_machine::SignalSettings;
 
-/// A speed that follows the radius is told again where it has changed by more than this part of itself.
+/// A speed that follows the radius is sent again where it has changed by more than this part of itself.
 const LEAST_CHANGE: f64 = 0.001;
 
 /// The speed of the spindle of number 0 with the setpoint that has left last.

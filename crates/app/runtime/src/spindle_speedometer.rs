@@ -4,19 +4,19 @@ use evolvent_bus::SpindleFeedback;
 
 /// Time constant of the low pass, s: the ripple of a slow turn is no change of speed.
 const FILTER_S: f64 = 0.03;
-/// A speed is told again where it has changed by more than this part of itself, or by 1 rpm.
+/// A speed is sent again where it has changed by more than this part of itself, or by 1 rpm.
 const LEAST_CHANGE: f64 = 0.005;
 
 /// The speed of one spindle. Neither allocates nor waits.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Speedometer {
-    /// Number and time of the newest sample, and the speed behind the low pass, rpm.
+    /// Number and time of the newest sample, and the speed after the low pass, rpm.
     newest: Option<(u64, u64, f64)>,
     told_rpm: Option<f64>,
 }
 
 impl Speedometer {
-    /// The speed that is told, rpm, never negative; none where nobody measures it. `known`: the newest sample, where it is not
+    /// The speed that is reported, rpm, never negative; none where it is not measured. `known`: the newest sample, where it is not
     /// too old.
     pub(crate) fn rpm(&mut self, known: Option<&SpindleFeedback>) -> Option<f64> {
         let Some(sample) = known else {

@@ -246,9 +246,9 @@ fn pace<S: PlanSink<Error = QueueClosed>>(
         }
     }
     tell(&mut pacer, teller, 0);
-    // Nobody may be listening any more.
+    // There may be no listener any more.
     let _gone = teller.send(TimingStageEvent::End);
-    // Holds and overrides are answered as long as the program runs; the only way out is that nobody asks any more.
+    // Holds and overrides are answered as long as the program runs; the only way out is that no request can come any more.
     let _gone = pacer.attend();
     pacer.sink().planned_s
 }

@@ -27,7 +27,7 @@ pub enum StartError {
          `evolvent serve`, or \"if_present\" for a run without a machine"
     )]
     DrivesRequired,
-    /// Nobody reads the emergency-stop chain without the bus.
+    /// Without the bus the emergency-stop chain is not read.
     #[error(
         "the machine file has an emergency-stop chain ([estop]), and without the bus nobody reads it: leave out --no-bus, or use \
          --clock virtual for a run without a machine"

@@ -8,7 +8,7 @@ use crate::periphery::Periphery;
 use crate::publish_report::PublishReport;
 use crate::stop_watch::StopWatch;
 
-/// What the status says, and who hears the drives.
+/// What the status says, and who receives the drives' feedback.
 pub(crate) trait StatusSource {
     /// The bus is open, and nothing has left.
     fn begin(&mut self, port: &mut StatusPort<'_>);
@@ -31,7 +31,7 @@ pub(crate) trait StatusSource {
     /// Now and then, and at the end.
     fn refresh(&mut self, port: &mut StatusPort<'_>);
 
-    /// Whether nobody will say anything of the machine any more.
+    /// Whether nothing will report on the machine any more.
     fn is_over(&self) -> bool;
 }
 
@@ -53,7 +53,7 @@ impl StatusPort<'_> {
         let _lost = self.bus.publish_status(status);
     }
 
-    /// Wakes those who wait, behind the status that explains why.
+    /// Wakes those who wait, after the status that explains why.
     pub(crate) fn notify(&mut self, event: EventKind) {
         let _lost = self.bus.notify(event);
     }
@@ -64,7 +64,7 @@ impl StatusPort<'_> {
     }
 }
 
-/// What those are told who wait for a change from one state of motion to another.
+/// What those receive who wait for a change from one state of motion to another.
 pub(crate) fn event_of(before: State, now: State) -> EventKind {
     match (before, now) {
         (_, State::Holding | State::Held) => EventKind::Hold,

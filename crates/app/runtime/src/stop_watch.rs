@@ -1,6 +1,6 @@
 //! The longest stop of the job that runs: what a hold at any moment of it so far would have needed, for the status.
 //!
-//! A hold is followed over the path that was driven behind it, so its stop is known when as much path has gone by: a fraction
+//! A hold is followed over the path that was driven after it, so its stop is known when as much path has gone by: a fraction
 //! of a second later. That takes 30 ms of work at a time, so a thread of its own does it, of the normal scheduler.
 
 use std::io;
@@ -273,7 +273,7 @@ mod tests {
         slow.iter().for_each(|setpoint| follower.push(2, setpoint));
         expect(follower.longest.stop, 120.0);
         // What lies on both sides of lost setpoints is no one motion. The hold above is not over by then, others are: from the
-        // cruise at the least, in v/A + A/J and half of that time's path.
+        // cruise at least, in v/A + A/J and half of that time's path.
         let gap = fast
             .iter()
             .filter(|setpoint| !(250..300).contains(&setpoint.sequence));

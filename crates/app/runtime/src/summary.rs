@@ -172,14 +172,14 @@ pub struct Summary {
     pub trace: Option<String>,
     /// Number of the alarm that ended the run early.
     pub alarm: Option<u32>,
-    /// What ended the run early, for people.
+    /// What ended the run early, as a sentence.
     pub error: Option<String>,
     /// What the user should know.
     pub notes: Vec<String>,
 }
 
 impl Summary {
-    /// Whether something of the run was lost to somebody: setpoints that left late for a bridge or client that was connected,
+    /// Whether something of the run was lost to a reader: setpoints that left late for a bridge or client that was connected,
     /// records, or setpoints.
     #[must_use]
     pub fn is_lossy(&self) -> bool {
@@ -208,7 +208,7 @@ impl Summary {
     }
 }
 
-/// What is said of setpoints that left late while nobody was connected.
+/// What is reported of setpoints that left late while no client was connected.
 pub(crate) fn late_for_nobody(late: u64) -> String {
     format!(
         "{late} setpoints left late, but no bridge or client was connected, so nobody missed them; before drives follow, see \

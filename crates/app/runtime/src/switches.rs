@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 /// How the switches stand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SwitchState {
-    /// Stop behind each line that moves.
+    /// Stop after each line that moves.
     pub single_step: bool,
     /// Stop at M1.
     pub optional_stop: bool,
@@ -87,7 +87,7 @@ impl Switches {
 pub struct Switched {
     /// The first command of the program, from 0, that was read with them.
     pub command: u64,
-    /// The line that had been read last, for people.
+    /// The line that had been read last.
     pub line: u32,
     /// How they stand from there on.
     pub state: SwitchState,
@@ -145,7 +145,7 @@ pub(crate) fn pairs(text: &str) -> Option<BTreeMap<&str, &str>> {
 /// Where a program's planner learns how the switches stand.
 #[derive(Debug)]
 pub(crate) enum Switching {
-    /// Nobody switches.
+    /// Nothing is switched.
     Fixed,
     /// As the operator has them.
     Operated(Arc<Switches>),

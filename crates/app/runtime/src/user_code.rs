@@ -1,7 +1,7 @@
-//! M100 to M199: the machine's own commands, programs in a folder beside the machine file.
+//! M100 to M199: user-defined M codes, programs in a folder beside the machine file.
 //!
 //! Such a program runs while the axes rest and the plan waits, in a process group of its own, without a shell, with P and Q as
-//! its two arguments (-1 for a word that is missing, as machine builders know it). What it writes is told line by line. It
+//! its two arguments (-1 for a word that is missing, as machine builders know it). What it writes is reported line by line. It
 //! is over when it ends; whatever it leaves behind in the background is its own affair.
 
 use std::io::{ErrorKind, PipeReader, Read};
@@ -28,7 +28,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(2);
 const GRACE: Duration = Duration::from_secs(1);
 /// How long is waited for what others write in the name of a program that has ended, where they keep the pipe open.
 const LAST_WORDS: Duration = Duration::from_millis(100);
-/// Bytes of output that are told, of a line and in all.
+/// Bytes of output that are reported, of a line and in all.
 const MAX_LINE: usize = 500;
 const MAX_BYTES: usize = 64 * 1024;
 /// Bytes that are read at once, and so often in one look: more than a pipe holds (1 MiB, where it was enlarged).

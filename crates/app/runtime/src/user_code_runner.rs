@@ -1,4 +1,4 @@
-//! Carries the machine's own commands out while one program runs.
+//! Carries user-defined M codes out while one program runs.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};

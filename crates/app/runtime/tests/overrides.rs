@@ -86,7 +86,7 @@ fn without_feed_override_the_programmed_feed_is_driven_from_the_block_on_and_unt
                 "{planner:?}: {driven} at {x}"
             );
         }
-        // The setpoint behind the first of the block goes by it, and by nothing before.
+        // The setpoint after the first of the block goes by it, and by nothing before.
         let begins = setpoints.iter().position(|setpoint| setpoint.block == 1).unwrap();
         assert_eq!(setpoints[begins].feed_override, 0.5, "{planner:?}");
         assert_eq!(setpoints[begins + 1].feed_override, 1.0, "{planner:?}");

@@ -115,7 +115,7 @@ fn the_program_goes_on_behind_a_cycle_that_has_found_its_passes_and_the_same_bit
         assert!(outcome.program.is_ok(), "{:?}", outcome.program);
         assert_eq!((outcome.summary.outcome.name(), outcome.fault), ("done", None));
         keeps_limits(&looks, &here);
-        // The allowance is left by the cycle, and taken off by the pass behind it.
+        // The allowance is left by the cycle, and taken off by the pass after it.
         let lowest = |of: &dyn Fn(&&Look) -> bool| {
             looks
                 .iter()

@@ -50,7 +50,7 @@ alarms! {
     Program = 100, Job, "the program has an error and was run up to it; check it with `evolvent check`";
     /// A block of MDI cannot be executed.
     Mdi = 101, Job, "the MDI block has an error; nothing has moved";
-    /// A command of the machine's own has failed.
+    /// A user-defined M code has failed.
     UserCommand = 102, Fault, "one of M100 to M199 has failed; see what it says, then clear the alarms";
     /// A tool change was not finished.
     ToolChange = 103, Fault, "a tool change was broken off and the tool in the spindle is not known; look, clear the alarms, and name it by M61";
@@ -86,7 +86,7 @@ alarms! {
     FollowingError = 410, Fault, "an axis does not follow; look for a blocked axis or a weak drive";
     /// A limit switch was run onto.
     LimitSwitch = 411, Fault, "a limit switch was run onto; clear the alarms and jog off it the other way";
-    /// The bridge was started anew under power.
+    /// The bridge was started again under power.
     BridgeRestarted = 412, Fault, "the bridge was restarted under power; switch on again, and home if positions are lost";
     /// The bridge stopped following.
     BridgeStopped = 413, Fault, "the bridge has stopped the axes by itself; it got no usable setpoints";

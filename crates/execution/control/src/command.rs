@@ -14,7 +14,7 @@ pub struct JogCommand {
     pub distance: Option<Axes>,
     /// Signs of the directions of a continuous jog; 0 for axes that stand.
     pub direction: Axes,
-    /// Speed of each axis at the most, mm/s or degrees/s; none for the machine's own.
+    /// Speed of each axis at most, mm/s or degrees/s; none for the machine's own.
     pub speed: Option<f64>,
 }
 

@@ -1,6 +1,6 @@
 //! The handwheel: from its counts to the way of an axis.
 
-/// Detents between two readings beyond which the wheel was not turned: its encoder or its bridge began anew.
+/// Detents between two readings beyond which the wheel was not turned: its encoder or its bridge began again.
 const MOST_DETENTS: f64 = 100.0;
 
 /// What the wheel and its switches say at one moment.
@@ -104,7 +104,7 @@ mod tests {
     fn what_is_not_the_hand_moves_nothing() {
         let mut wheel = Handwheel::new(4.0);
         wheel.turn(&reading(0.0));
-        // The bridge began anew: its counts are others.
+        // The bridge began again: its counts are others.
         assert_eq!(wheel.turn(&reading(-5000.0)), None);
         assert_eq!(wheel.turn(&reading(-4996.0)), Some((2, 0.1)));
         // Not known for a while.

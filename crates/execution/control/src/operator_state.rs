@@ -267,7 +267,7 @@ impl OperatorState {
         self.activity = activity;
         self.job += 1;
         self.result = JobResult::None;
-        // What is told of an earlier job is told of this one no more.
+        // What was reported of an earlier job does not count for this one.
         self.alarms.retain(|raised| raised.alarm.kind() != AlarmKind::Job);
         self.job
     }

@@ -4,7 +4,7 @@ use crate::alarm::Alarm;
 use crate::command_code::CommandCode;
 use crate::interlocks::mode_needed;
 
-/// Why a command is not accepted: a number for programs, a sentence for people.
+/// Why a command is not accepted: a number for programs, a sentence for the operator.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{text}")]
 pub struct Rejection {

@@ -12,10 +12,10 @@ use crate::slowdown::Ahead;
 use crate::state::State;
 use crate::takeover::Takeover;
 
-/// Steps, segments and marks passed in one cycle at the most. Pieces are as short as the path's shortest blocks
+/// Steps, segments and marks passed in one cycle at most. Pieces are as short as the path's shortest blocks
 /// make them, so only a broken plan comes near it.
 const MAX_PER_CYCLE: usize = 4096;
-/// Steps at rest that take no time and are passed in one cycle at the most: a program may have thousands in a row, more
+/// Steps at rest that take no time and are passed in one cycle at most: a program may have thousands in a row, more
 /// than the queue holds.
 pub(crate) const MAX_RESTS_PER_CYCLE: u64 = 32;
 /// What rounding leaves between a rest at the end of a move and its end, parameter units.
@@ -102,7 +102,7 @@ impl PathExecutor {
             return self.enter_step(cursor, from, brake, inputs, queue, lag);
         }
         // Nothing was planned before what ended here was known. That the cycle has waited is recorded once for each cycle, so it has to
-        // mean this step, of whatever kind it is, and no other one behind it.
+        // mean this step, of whatever kind it is, and no other one after it.
         if lag.waited {
             self.waited = true;
             return false;
@@ -177,7 +177,7 @@ impl PathExecutor {
             }
             Step::ProgramStop { line } | Step::InputWait { line } => {
                 cursor.line = line;
-                // A wish to go on that came before the machine stood here is none: nobody can have meant this stop.
+                // A request to go on from before the machine was here does not count: it cannot have meant this stop.
                 let stood_here = cursor.state == State::ProgramStop;
                 if !inputs.resume || self.resume_seen || !stood_here {
                     cursor.state = State::ProgramStop;
@@ -247,7 +247,7 @@ impl PathExecutor {
         };
     }
 
-    /// Position and time derivatives at the cursor; passes segments and blocks that lie behind.
+    /// Position and time derivatives at the cursor; passes segments and blocks that were passed.
     pub(crate) fn evaluate(&self, cursor: &mut Cursor, queue: &mut PlanConsumer) -> (Jet, Option<Segment>) {
         let (now, jerk) = cursor.now();
         cursor.joint = false;
@@ -281,7 +281,7 @@ impl PathExecutor {
             }
         }
         let path = cursor.path();
-        // Where the path rests at the piece's end, it is a matter of the planner's speed whether the block behind is
+        // Where the path rests at the piece's end, it is a matter of the planner's speed whether the block after is
         // known yet.
         let next_piece = match &cursor.drive {
             ActiveMotion::TimedSegment { flow, .. } => {

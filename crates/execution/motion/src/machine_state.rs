@@ -89,7 +89,7 @@ impl MachineState {
     }
 
     /// At rest: the same place has new coordinates, or the machine was moved without power. What the guard remembers
-    /// begins anew there.
+    /// begins again there.
     pub fn relocate(&mut self, limits: Limits, position: Axes) {
         let extremes = *self.guard.extremes();
         self.limits = limits;
@@ -168,7 +168,7 @@ impl MachineState {
         self.publish(jet, state, 0)
     }
 
-    /// Every axis comes to rest by itself, as fast as its acceleration and jerk allow. What moved the axes is over.
+    /// Every axis stops by itself, as fast as its acceleration and jerk allow. What moved the axes is over.
     pub fn emergency(&mut self) {
         if self.quick_stop.is_none() && !self.is_at_rest() {
             let from = self.guard.past()[0];

@@ -322,7 +322,7 @@ impl PathExecutor {
         }
     }
 
-    /// Whether the axes are to come to rest on the path and stay there.
+    /// Whether the axes are to stop on the path and stay there.
     pub(crate) fn stop_requested(&self, cursor: &Cursor, inputs: &Inputs) -> bool {
         self.stop || inputs.hold || cursor.state == State::Fault
     }

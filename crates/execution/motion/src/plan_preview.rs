@@ -111,7 +111,7 @@ impl PlanPreview {
         &self.samples[index % CAPACITY]
     }
 
-    /// Sample number `index`; none behind the plan's end, and where that is farther ahead than is looked. `tail` has the look
+    /// Sample number `index`; none after the plan's end, and where that is farther ahead than is looked. `tail` has the look
     /// ahead end at the tail of the window in force, whether there is more by now or not.
     pub(crate) fn sample(&mut self, index: usize, tail: bool, queue: &mut PlanConsumer) -> Option<&Sample> {
         while index >= self.next {

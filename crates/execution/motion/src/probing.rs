@@ -1,6 +1,6 @@
 //! Probing: a straight move that ends where the probe trips, between two steps of a plan.
 //!
-//! The plan stands still meanwhile, and is not read on before: it goes on where the axes have come to rest.
+//! The plan stands still meanwhile, and is not read on before: it goes on where the axes have stopped.
 
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Curve, Jet};
@@ -71,11 +71,11 @@ pub enum ProbeVerdict {
     NoContact,
     /// It had changed before the move, which was not begun.
     ChangedBefore,
-    /// Nobody says anything of the probe any more: the axes have stopped.
+    /// The probe is no longer reported: the axes have stopped.
     Lost,
-    /// Nobody has said anything of the probe before the move, which was not begun.
+    /// The probe was not reported before the move, which was not begun.
     Unknown,
-    /// Nobody has said in time where the contact was.
+    /// The position of the contact was not reported in time.
     NoPosition,
     /// Time is not real and no contact is known: the axes are at the end of the move.
     Imagined,
@@ -99,7 +99,7 @@ enum Phase {
     Moving,
     /// At rest at the end without contact, for so many seconds more.
     Lingering(f64),
-    /// At rest behind a contact whose position has yet to come, for so many seconds more.
+    /// At rest after a contact whose position has yet to come, for so many seconds more.
     Awaiting(f64),
     Over,
 }
@@ -189,7 +189,7 @@ impl Probing {
             }
             _ => {}
         }
-        // The first position behind the start of the move: those of a bounce come after it.
+        // The first position after the start of the move: those of a bounce come after it.
         if self.verdict == Some(ProbeVerdict::Contact)
             && self.contact.is_none()
             && probe.now.changes != self.changes_before

@@ -6,8 +6,8 @@
 //! A classic plan raises the exit speed of queued runs, from the last run backwards, so whatever the cycle reads,
 //! at whatever moment, can be brought to rest on the path.
 //!
-//! A near-optimal plan is a chain of pieces of a time law. Behind the committed pieces lies a *tail* that ends at
-//! rest. When more has been planned, it is appended behind the tail, and the last committed step is *linked* to it:
+//! A near-optimal plan is a chain of pieces of a time law. After the committed pieces lies a *tail* that ends at
+//! rest. When more has been planned, it is appended after the tail, and the last committed step is *linked* to it:
 //! the tail is skipped. A cycle that comes to the end of what is committed before that claims the link, drives the
 //! tail, and the planner's late link fails. Overrides come as a [`Request`] for a new plan from a place a
 //! few cycles ahead; the [`Answer`] names the step to go on with there.
@@ -36,7 +36,7 @@ const REQUESTS: usize = 8;
 /// The virtual clock, and every start from rest, waits until this many runs are final (or the plan is
 /// complete), so that a cycle never enters a run that could still change.
 pub const STEPS_AHEAD: u64 = 64;
-/// A link that the cycle has claimed: it goes on with the step behind.
+/// A link that the cycle has claimed: it goes on with the step after.
 const CLAIMED: u64 = u64::MAX;
 
 #[derive(Debug)]
@@ -46,7 +46,7 @@ struct Table {
     links: Box<[AtomicU64]>,
     finalised: AtomicU64,
     complete: AtomicU64,
-    /// The last wait for an input, probing move or thread + 1: nothing comes behind it before it is over.
+    /// The last wait for an input, probing move or thread + 1: nothing comes after it before it is over.
     waits_at: AtomicU64,
     reached: AtomicU64,
     taken: AtomicU64,
@@ -230,7 +230,7 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
     }
 
     fn answer(&mut self, answer: Answer) {
-        // An answer that finds no room is one that nobody waits for.
+        // An answer that finds no room is one that is not waited for.
         let _unheard = self.answers.push(answer);
     }
 
@@ -295,7 +295,7 @@ impl PlanConsumer {
         self.table.finalised.load(Ordering::Acquire) > index
     }
 
-    /// Whether it is settled that the tail behind step `index` is driven.
+    /// Whether it is settled that the tail after step `index` is driven.
     #[must_use]
     pub fn is_claimed(&self, index: u64) -> bool {
         self.table.link(index).load(Ordering::Acquire) == CLAIMED
@@ -375,7 +375,7 @@ impl PlanConsumer {
         self.has_no_planner() && self.table.complete.load(Ordering::Acquire) == 0
     }
 
-    /// Whether nobody answers requests any more.
+    /// Whether requests are no longer answered.
     #[must_use]
     pub fn has_no_planner(&self) -> bool {
         self.steps.is_abandoned()

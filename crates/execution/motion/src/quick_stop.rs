@@ -1,4 +1,4 @@
-//! Every axis comes to rest by itself: the last resort, which leaves the path.
+//! Every axis stops by itself: the last resort, which leaves the path.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, Jet};

@@ -19,9 +19,9 @@ use crate::scale::Scale;
 use crate::setpoint::Inputs;
 use crate::state::State;
 
-/// Time from a request to where its answer takes over, s: a re-plan takes half of it at the most.
+/// Time from a request to where its answer takes over, s: a re-plan takes half of it at most.
 const LEAD_S: f64 = 0.010;
-/// Cycles of lead at the least.
+/// Cycles of lead at least.
 const MIN_LEAD: u64 = 2;
 /// How often the time between requests in motion that come to nothing doubles at most: 0.3 s then.
 const MAX_DOUBLINGS: u32 = 6;
@@ -264,7 +264,7 @@ impl PathExecutor {
         }
     }
 
-    /// Whether the axes stand, not at the plan's end, and nobody is left to plan on.
+    /// Whether the axes stand, not at the plan's end, and no planner is left.
     pub fn is_stuck(&self, queue: &mut PlanConsumer) -> bool {
         if !queue.has_no_planner()
             || !self.is_at_rest()
@@ -406,7 +406,7 @@ fn place(flow: &TimedSegment, x: f64, v: f64, a: f64) -> Request {
     }
 }
 
-/// The piece, and the time in it, `time` seconds after the start of `flow`; none if the axes come to rest before.
+/// The piece, and the time in it, `time` seconds after the start of `flow`; none if the axes stop before.
 /// Settles the way to there.
 fn foresee(
     step: u64,

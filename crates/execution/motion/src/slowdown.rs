@@ -183,7 +183,7 @@ impl Slowdown {
     }
 
     /// Changes the rate that it leads to. Where that ends a constant rate the preview has to begin again where the plan is now:
-    /// what it had looked at lies behind.
+    /// what it had looked at was passed.
     #[must_use]
     pub(crate) fn lead_to(&mut self, target: f64) -> Lead {
         if target == self.target {
@@ -518,7 +518,7 @@ impl<A: Lookahead> Follower<'_, A> {
     }
 }
 
-/// One more than the index of the last axis that is present: what lies behind costs nothing.
+/// One more than the index of the last axis that is present: what follows costs nothing.
 fn axes_in_use(limits: &Limits) -> usize {
     limits
         .present

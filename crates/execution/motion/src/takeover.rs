@@ -54,7 +54,7 @@ impl<T: ?Sized> TakeoverSender<T> {
             .map_err(|rtrb::PushError::Full(next)| next)
     }
 
-    /// Whether nobody takes them any more.
+    /// Whether they are no longer taken.
     #[must_use]
     pub fn is_abandoned(&self) -> bool {
         self.waiting.is_abandoned()

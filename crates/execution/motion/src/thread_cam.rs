@@ -4,7 +4,7 @@
 //! their speed at once, so each corner is rounded by a kernel that is symmetric about it: on either side of it the path is the
 //! straight line that was programmed, at the same angle of the spindle whatever its speed. The first corner is the run-in, the
 //! last one the run-out: the axes start half a kernel before the angle at which the line begins, and are in phase half a kernel
-//! behind it.
+//! after it.
 
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
@@ -135,7 +135,7 @@ impl ThreadCam {
         self.check_room()
     }
 
-    /// Rounds corners that lie ahead anew where the spindle has become faster than they were rounded for. Real-time safe.
+    /// Rounds corners that lie ahead again where the spindle has become faster than they were rounded for. Real-time safe.
     pub(crate) fn reshape(&mut self, turns: f64, turns_per_s: f64, limits: &Limits, period_s: f64) {
         for corner in &mut self.corners {
             if turns_per_s <= corner.shaped_for || turns >= corner.at - corner.half() {
@@ -184,7 +184,7 @@ impl ThreadCam {
         self.legs.iter().map(|leg| leg.turns).sum()
     }
 
-    /// The turns at which the axes begin to come to rest, and at which they rest. Infinite where the spindle turns back.
+    /// The turns at which the axes begin to stop, and at which they rest. Infinite where the spindle turns back.
     pub(crate) fn run_out(&self) -> (f64, f64) {
         match self.corners.last() {
             Some(last) if !self.is_tap => (last.at - last.half(), last.at + last.half()),
@@ -214,7 +214,7 @@ impl ThreadCam {
         self.legs.last().map_or(0, |leg| leg.line)
     }
 
-    /// How far the axes go a turn at the most, mm.
+    /// How far the axes go a turn at most, mm.
     pub(crate) fn steepest(&self) -> f64 {
         let mut from = self.start;
         let mut most: f64 = 0.0;
@@ -258,7 +258,7 @@ fn widths(change: &Axes, speed: f64, limits: &Limits, period_s: f64) -> (f64, f6
 
 /// A ramp of slope 1 from 0 on, rounded by two boxes, and its derivatives.
 fn ramp(x: f64, (wide, narrow): (f64, f64)) -> [f64; 4] {
-    // What lies behind the corner mirrors what lies before it.
+    // What follows the corner mirrors what precedes it.
     let y = 0.5 * (wide + narrow) - x.abs();
     let before = if y <= 0.0 {
         [0.0; 4]
@@ -358,7 +358,7 @@ mod tests {
         else {
             unreachable!("it is too short")
         };
-        // 42 mm/s: by the jerk, sqrt(42 / 30000) = 37.4 ms for each box, of which half lies before the corner, and half behind it.
+        // 42 mm/s: by the jerk, sqrt(42 / 30000) = 37.4 ms for each box, of which half lies before the corner, and half after it.
         assert_eq!((line, length_mm), (7, 3.0));
         let expected = 42.0 * (42.0_f64 / 30_000.0).sqrt();
         assert!((run_in_mm - expected).abs() < 1e-9, "{run_in_mm} {expected}");

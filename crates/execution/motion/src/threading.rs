@@ -25,9 +25,9 @@ const RIPPLE_SHARE: f64 = 0.3;
 const PHASE_TOLERANCE_MM: f64 = 0.1;
 /// How much slower than at the start of a pass the spindle may turn, as a ratio: it is stalled then, or nearly.
 const STALL_RATIO: f64 = 0.2;
-/// The same faster: nobody has asked for that.
+/// The same faster: no one has requested that.
 const RUNAWAY_RATIO: f64 = 1.5;
-/// How far behind its depth a tap may go because the spindle has not turned back yet: so many turns, and what it turns in so many
+/// How far beyond its depth a tap may go because the spindle has not turned back yet: so many turns, and what it turns in so many
 /// seconds where nothing is known of its braking.
 const OVERRUN_TURNS: f64 = 2.0;
 const OVERRUN_S: f64 = 0.5;
@@ -87,11 +87,11 @@ impl ThreadPass {
 pub enum ThreadVerdict {
     /// At its end; of a tap, back at its start.
     Done,
-    /// Nobody tells the spindle's angle, or its index pulse was not seen: nothing has moved.
+    /// The spindle angle is not reported, or its index pulse was not seen: nothing has moved.
     Unknown,
     /// At the speed that the spindle has it cannot be cut: nothing has moved.
     Refused(ThreadObjection),
-    /// Nobody has told the spindle's angle any more: the axes have stopped.
+    /// The spindle angle is no longer reported: the axes have stopped.
     Lost,
     /// The spindle has slowed down too much: the axes have stopped.
     Stalled,
@@ -194,7 +194,7 @@ impl Landing {
     }
 }
 
-/// A spindle where time is not real: it does what it is told, but not at once.
+/// A spindle where time is not real: it follows its command, but not at once.
 #[derive(Clone, Copy, Debug)]
 struct ImaginedSpindle {
     motion: AngleJet,
@@ -381,7 +381,7 @@ impl Threading {
         self.phase = Phase::Following { turned: false };
     }
 
-    /// Gives the pass up: every axis comes to rest by itself. That is sooner than the run-out would be, so no axis goes by the end.
+    /// Gives the pass up: every axis stops by itself. That is sooner than the run-out would be, so no axis goes by the end.
     fn give_up(&mut self, verdict: ThreadVerdict) {
         self.phase = Phase::Stopping(
             QuickStop::new(&self.limits, self.now.position, &self.now),

@@ -41,7 +41,7 @@ impl TransferExecutor {
         &self.transfer
     }
 
-    /// Comes to rest from the next setpoint on, each axis within its acceleration and jerk. A transfer that ends at
+    /// Stops from the next setpoint on, each axis within its acceleration and jerk. A transfer that ends at
     /// rest at the edge of the travel does so before it. Real-time safe.
     pub fn stop(&mut self) {
         self.stopping = true;

@@ -109,7 +109,7 @@ fn the_line_at_a_stop_is_the_same_whether_the_next_move_is_known_yet_or_not() {
         // Each takes another time.
         motion.feed += 0.037 * k as f64;
     }
-    // Behind each move a command of the periphery's, as M8 is.
+    // After each move a command of the periphery's, as M8 is.
     let feed = |pair: &mut Pair| {
         let move_number = pair.fed as u32;
         pair.feed(&one);

@@ -63,7 +63,7 @@ fn a_planner_that_dies_at_any_moment_leaves_a_machine_that_stops_on_the_path() {
     }
 }
 
-/// What the cycle enters still changes behind it.
+/// What the cycle enters still changes after it.
 #[test]
 fn overrides_while_the_planner_is_close_behind_keep_every_limit() {
     let (mut random, cases) = campaign(0xdead_0002, 5);
@@ -222,7 +222,7 @@ fn the_guard_stops_a_plan_that_would_break_the_velocity_limit() {
     assert_eq!(fault.quantity, evolvent_motion::Quantity::Velocity);
     assert_eq!(motion.state(), State::Fault);
     assert!(motion.is_over());
-    // It may only pass the velocity limit while acceleration is brought down: a^2 / (2 J) at the most.
+    // It may only pass the velocity limit while acceleration is brought down: a^2 / (2 J) at most.
     assert!(v <= 100.0 + 2000.0 * 2000.0 / 100_000.0 + 1.0, "{v}");
     assert!(a <= 2000.0 * 1.001 && j <= 50_000.0 * 1.02, "{a} {j}");
 }

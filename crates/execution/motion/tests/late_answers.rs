@@ -278,7 +278,7 @@ fn holds_without_answers_keep_the_limits_and_the_path_wherever_they_come() {
     assert!(held > cases as u32 / 4, "only {held} of {cases} came to rest");
 }
 
-/// What is planned behind a stop that was reached before an answer got lost follows the stop, not the lost plan.
+/// What is planned after a stop that was reached before an answer got lost follows the stop, not the lost plan.
 #[test]
 fn a_lost_answer_stands_between_no_stop_and_what_is_read_behind_it() {
     let line = |from: f64, to: f64| Move {

@@ -248,7 +248,7 @@ fn a_probing_move_stops_at_any_moment_within_the_limits_and_the_plan_goes_on_fro
         let cycle = match case % 4 {
             0 => 1,
             1 => moving.saturating_sub(1).max(1),
-            // While the axes are on the way to rest at the end, or behind that: drives are late.
+            // While the axes are on the way to rest at the end, or after that: drives are late.
             2 => moving + 1,
             _ => 1 + (random.unit() * moving as f64) as u64,
         };

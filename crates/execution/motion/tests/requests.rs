@@ -244,7 +244,7 @@ fn a_hold_that_nobody_answers_stops_on_the_path_all_the_same() {
         .iter()
         .position(|s| s.feed_mm_s == 0.0)
         .expect("rest");
-    // Twice 200 mm/s over nine tenths of the acceleration, behind two requests.
+    // Twice 200 mm/s over nine tenths of the acceleration, after two requests.
     assert!(rest < 260, "{rest} cycles");
     assert_eq!(pair.motion.state(), State::Held);
     // The planner comes back, and the program goes on from there.

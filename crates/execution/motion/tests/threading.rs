@@ -23,7 +23,7 @@ const LEAD: u32 = 2;
 #[derive(Clone, Copy, Debug)]
 struct Spindle {
     rev_s: f64,
-    /// Speed changes by so much at the most, turns/s^2.
+    /// Speed changes by so much at most, turns/s^2.
     torque: f64,
     ripple: f64,
     order: f64,
@@ -371,7 +371,7 @@ fn passes_at_other_speeds_and_after_holds_lie_in_the_same_groove() {
             ..straight(1.25, 40.0, rev_s)
         };
         let run_in = pass.check(&lathe(), 1e-3).expect("room");
-        // A hold in the middle of the pass has the machine stand behind it; one before it waits.
+        // A hold in the middle of the pass has the machine stand after it; one before it waits.
         let hold = if case % 4 == 1 { 0.0..3.0 } else { 0.0..0.05 };
         let outcome = run(
             lathe(),

@@ -64,9 +64,9 @@ pub struct InputImage {
     pub analog: [f64; ANALOG],
     /// How the spindles are; none of one that is not known.
     pub spindles: [Option<SpindleState>; MAX_SPINDLES as usize],
-    /// The newest sample of the angle of the spindle that motion follows; none where nobody tells it.
+    /// The newest sample of the angle of the spindle that motion follows; none where it is not reported.
     pub angle: Option<SpindleAngle>,
-    /// How fast the spindle of number 0 turns, rpm, never negative; none where nobody tells it.
+    /// How fast the spindle of number 0 turns, rpm, never negative; none where it is not reported.
     pub speed_rpm: Option<f64>,
     /// What the probe says.
     pub probe: ProbeImage,

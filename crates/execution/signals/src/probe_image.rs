@@ -27,7 +27,7 @@ pub enum ProbeState {
     Open,
     /// Contact.
     Tripped,
-    /// Time is not real and nobody says where contact is made: none is.
+    /// Time is not real and no contact is reported: none is made.
     Imagined,
 }
 

@@ -234,7 +234,7 @@ impl Signals {
         })
     }
 
-    /// A spindle whose drive is in fault, or of which nobody tells how it turns.
+    /// A spindle whose drive is in fault, or whose rotation is not reported.
     #[must_use]
     pub fn spindle_in_trouble(&self) -> Option<u32> {
         let in_trouble =
@@ -315,7 +315,7 @@ impl Signals {
             let _room = schedule.results.push(result);
         }
         loop {
-            // A wait holds back what is scheduled behind it; none begins while one is in force.
+            // A wait holds back what is scheduled after it; none begins while one is in force.
             let is_waiting = self.wait.is_some() || self.go_on;
             let has_come = match schedule.ahead.peek().map(Box::as_ref) {
                 Ok(Scheduled::Change(change)) => match change.moment {
@@ -393,7 +393,7 @@ mod tests {
         assert_eq!(measured(&mut signals, Some(506.0)), 0.506);
         assert_eq!(measured(&mut signals, Some(0.0)), 0.0, "it stands");
         assert_eq!(measured(&mut signals, Some(1.0)), 0.001, "it turns again");
-        // Nobody measures it: as commanded, whatever was driven before.
+        // It is not measured: as commanded, whatever was driven before.
         assert_eq!(measured(&mut signals, None), 1.0);
         assert_eq!(signals.feed_ratio(0.0, 0.9), 0.9);
         assert_eq!(measured(&mut signals, Some(995.0)), 0.995);

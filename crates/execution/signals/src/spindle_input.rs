@@ -5,12 +5,12 @@ use crate::spindle_tracker::{AngleJet, HARMONICS};
 /// What is known of the angle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SpindleKnowledge {
-    /// Nobody tells it, or nobody has for too long.
+    /// It is not reported, or has not been for too long.
     #[default]
     Unknown,
-    /// Time is not real and nobody tells it: the spindle turns as it is told.
+    /// Time is not real and it is not reported: the spindle turns as commanded.
     Imagined,
-    /// It is told, but not for long enough, or the index pulse has not been seen.
+    /// It is reported, but not for long enough, or the index pulse has not been seen.
     Seeking,
     /// It is known.
     Tracked,

@@ -16,14 +16,14 @@ pub struct SpindleState {
     pub oriented: bool,
     /// Its drive is in fault.
     pub fault: bool,
-    /// It is to turn, and nobody tells how it does.
+    /// It has to turn, and its rotation is not reported.
     pub silent: bool,
     /// Its angle is counted from the index pulse.
     pub indexed: bool,
 }
 
 impl SpindleState {
-    /// Does what it is told at once: a spindle where time is not real.
+    /// Follows its command at once: a spindle where time is not real.
     pub const OBEDIENT: Self = Self {
         command: MOST_COMMANDS,
         at_speed: true,

@@ -29,7 +29,7 @@ const SURPRISE_ACCELERATION: f64 = 6.0;
 const HARMONIC_DRIFT: f64 = 2.5e-12;
 /// Standard deviations at the start: turns/s, turns/s^2, and turns of a harmonic.
 const START: [f64; 3] = [100.0, 50.0, 3e-3];
-/// A sample that comes later than this after the one before begins anew, s.
+/// A sample that comes later than this after the one before begins again, s.
 const GAP_S: f64 = 0.2;
 /// What has to be seen before a prediction counts: so many samples.
 const SETTLING_SAMPLES: u32 = 24;

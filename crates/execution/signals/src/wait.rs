@@ -65,7 +65,7 @@ pub enum Awaited {
 /// A wait for an input or a spindle, at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InputWait {
-    /// The action with which the machine comes to rest for it.
+    /// The action with which the machine stops for it.
     pub action: u32,
     /// What it is for.
     pub awaited: Awaited,

@@ -1,6 +1,6 @@
 //! The move that takes ruckig's place where ruckig fails: stop, go, speed up.
 //!
-//! Every axis comes to rest as fast as it can; then all go in a straight line, rest to rest, to the places from which
+//! Every axis stops as fast as it can; then all go in a straight line, rest to rest, to the places from which
 //! they reach their targets by speeding up. Each of the three parts is closed form, so this cannot fail numerically.
 //! It is slower than what is possible, never beyond a limit of velocity, acceleration or jerk.
 

@@ -14,7 +14,7 @@
 //! server on the internet. So it is locked into one private module which knows no waypoints, and nothing that it says
 //! is believed: its answer is read back as pieces of constant jerk, the pieces are corrected to end at the target to
 //! the last digits, and every limit and the travel are verified on the extremes of those pieces, by formulas of this
-//! crate. Where ruckig fails, a slower move of our own takes its place: each axis comes to rest, all move in a
+//! crate. Where ruckig fails, a slower move of our own takes its place: each axis stops, all move in a
 //! straight line, each speeds up to its target ([`Method::StopAndGo`]).
 //!
 //! ```

@@ -107,7 +107,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(true)
     }
 
-    /// Comes to rest and waits to be told to go on. An action before it makes it known by its number.
+    /// Stops and waits for a resume. An action before it makes it known by its number.
     pub(super) fn stop(&mut self, line: u32, kind: StopKind) -> Result<(), PlanError<QueueClosed>> {
         let action = self.actions;
         self.actions += 1;
@@ -161,7 +161,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             rapid_override,
             ..
         } = self.switches;
-        // Behind another stop, and before the first move, there is nothing to stop behind.
+        // After another stop, and before the first move, there is nothing to stop after.
         if single_step && self.last_line != line && self.last_line > 0 {
             self.stop(self.last_line, StopKind::Step)?;
         }

@@ -18,7 +18,7 @@ use crate::threading::{ThreadChain, complaint};
 pub(super) enum ThreadTrouble {
     /// The program is wrong, or the machine has not done it.
     Program(ProgramError),
-    /// Nobody drives any more.
+    /// Nothing is driven any more.
     Gone,
 }
 
@@ -53,7 +53,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(self.chain.take(command))
     }
 
-    /// Waits for the speed, comes to rest, and cuts a pass.
+    /// Waits for the speed, stops, and cuts a pass.
     fn cut_thread(&mut self, chain: &ThreadChain, program: &Path) -> Result<(), ThreadTrouble> {
         let Some(first) = chain.first() else {
             return Ok(());

@@ -24,7 +24,7 @@ pub(super) enum Waited {
     None,
     /// It is carried out.
     Over,
-    /// Nobody drives any more.
+    /// Nothing is driven any more.
     Gone,
 }
 
@@ -115,7 +115,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(Waited::None)
     }
 
-    /// Comes to rest and hands over to a turning cycle.
+    /// Stops and hands over to a turning cycle.
     pub(super) fn turn(&mut self, turning: TurningMotion, line: u32) -> Result<(), QueueClosed> {
         // Its passes are fed at the speed that the cycle was planned for.
         self.set_feed_law(FeedLaw::Time);
@@ -204,12 +204,12 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }))
     }
 
-    /// Whether nothing is driven, or what is driven has ended: nobody answers any more.
+    /// Whether nothing is driven, or what is driven has ended: no reply comes any more.
     pub(super) fn is_abandoned(&self) -> bool {
         self.links.signals.as_ref().is_none_or(Scheduler::is_abandoned)
     }
 
-    /// Comes to rest, probes, and gives the result. What follows begins where the axes stand then.
+    /// Stops, probes, and gives the result. What follows begins where the axes stand then.
     pub(super) fn probe(&mut self, order: ProbeMove, line: u32) -> Result<ProbeResult, QueueClosed> {
         let mut change = std::mem::replace(&mut self.next.change, Change::at(SignalMoment::Block(0)));
         let action = self.actions;
@@ -266,7 +266,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(result)
     }
 
-    /// Comes to rest, waits for an input there, and gives its value.
+    /// Stops, waits for an input there, and gives its value.
     pub(super) fn wait_for_input(
         &mut self,
         kind: SignalKind,
@@ -291,7 +291,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.wait_for(awaited, timeout_s, line, mode != 0, &text)
     }
 
-    /// Comes to rest and waits there; none after the timeout, and where nothing is driven.
+    /// Stops and waits there; none after the timeout, and where nothing is driven.
     pub(super) fn wait_for(
         &mut self,
         awaited: Awaited,
@@ -326,7 +326,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(result.value)
     }
 
-    /// Waits until the cycle has handed a result back. `poll`: the result, if it has come, and whether nobody drives any more.
+    /// Waits until the cycle has handed a result back. `poll`: the result, if it has come, and whether nothing is driven any more.
     pub(super) fn await_result<R>(
         &mut self,
         poll: impl Fn(&mut CycleLinks) -> Option<(Option<R>, bool)>,

@@ -6,7 +6,7 @@ use evolvent_bus::{ControlCall, ControlRequest};
 
 use super::operator::Operator;
 
-/// Requests that wait behind a command whose files are being read, of all clients.
+/// Requests that wait after a command whose files are being read, of all clients.
 const MAX_WAITING: usize = 32;
 
 /// Requests that have no answer yet.

@@ -1,4 +1,4 @@
-//! A tool change under way, in a file of its own: after a power cut in the middle, nobody knows which tool is in the spindle.
+//! A tool change under way, in a file of its own: after a power cut in the middle, the tool in the spindle is not known.
 
 use std::path::{Path, PathBuf};
 

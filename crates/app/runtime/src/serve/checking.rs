@@ -91,7 +91,7 @@ impl Drop for Checking {
     }
 }
 
-/// What program text and machine have against a program, whose lines are counted from behind so many.
+/// What program text and machine have against a program, whose lines are counted after so many.
 pub(super) fn judge(
     file: &Path,
     setup: &Setup,

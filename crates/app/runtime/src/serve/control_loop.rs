@@ -20,11 +20,11 @@ use crate::pacing::wake_interval_ns;
 use crate::publish_report::PublishReport;
 use crate::rt::MonotonicClock;
 
-/// Time between two looks of the control thread, at the most and at the least: so long a command waits at the most on a host
+/// Time between two looks of the control thread, at most and at least: so long a command waits at most on a host
 /// that is not busy. In between it is a quarter of the period, so that a hold takes no more than lead and two cycles.
 pub(super) const CONTROL_EVERY: Duration = Duration::from_micros(500);
 const CONTROL_EVERY_AT_LEAST: Duration = Duration::from_micros(100);
-/// Requests that are answered in one look at the most.
+/// Requests that are answered in one look at most.
 const MAX_REQUESTS: usize = 32;
 /// How long coming to rest may take before the process ends anyway.
 const END_TIMEOUT: Duration = Duration::from_secs(30);

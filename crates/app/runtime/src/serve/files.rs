@@ -44,7 +44,7 @@ pub(super) struct ProgramFile {
     pub(super) look: Look,
     /// The text of a short one, for the trace.
     pub(super) text: Option<Vec<u8>>,
-    /// What a short one came to; a long one is checked while nobody waits.
+    /// What a short one came to; a long one is checked while no client waits.
     pub(super) verdict: Option<Result<(), Rejection>>,
 }
 

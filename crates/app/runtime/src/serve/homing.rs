@@ -44,7 +44,7 @@ impl Operator {
                 "no bridge answers, so there is nothing to home with; start the bridge, then switch on",
             ));
         }
-        // What is homed anew is not homed before it is done.
+        // What is homed again is not homed before it is done.
         let unknown = axes.iter().map(|axis| axis.axis.index()).collect::<AxisMask>();
         self.desk.set_homed(self.desk.homed().without(unknown));
         self.relocate(self.view.setpoint.position, false);

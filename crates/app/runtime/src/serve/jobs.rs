@@ -47,7 +47,7 @@ pub(crate) struct ProgramJob {
     pub recorder: Option<Sender<FeederEvent>>,
     /// Names of attached subroutines begin with this.
     pub subroutines: String,
-    /// Whether the machine's own commands are carried out; otherwise nobody asks whether they are there.
+    /// Whether user-defined M codes are carried out; otherwise nobody asks whether they are there.
     pub carries_out: bool,
     /// Whether the planner may take two threads, for the same plan in less time.
     pub in_two_threads: bool,

@@ -115,7 +115,7 @@ pub(super) struct JogWay {
     pub(super) from: AxesState,
     pub(super) to: Axes,
     pub(super) axes: AxisMask,
-    /// Of each axis at the most; none for the usual one.
+    /// Of each axis at most; none for the usual one.
     pub(super) speed: Option<f64>,
     /// When it ends by itself.
     pub(super) until_ns: u64,
@@ -214,7 +214,7 @@ impl Operator {
         self.begin_jog(&way, held, false, Some(command))
     }
 
-    /// The setpoint behind which a turn that is ordered now can count.
+    /// The setpoint after which a turn that is ordered now can count.
     pub(super) fn turn_behind(&self) -> u64 {
         self.view.setpoint.sequence + TURN_LEAD_NS.div_ceil(self.setup.period_ns).max(4)
     }
@@ -243,7 +243,7 @@ impl Operator {
         Ok(self.desk.job_begins(Activity::Jog))
     }
 
-    /// Turns the jog under way over behind a setpoint.
+    /// Turns the jog under way over after a setpoint.
     ///
     /// # Errors
     /// There is no such motion within the limits.
@@ -271,7 +271,7 @@ impl Operator {
         Ok(())
     }
 
-    /// The guard minds the travel for which the next job is planned: the trace has it, so that a stop at its end comes out the
+    /// The guard checks the travel for which the next job is planned: the trace has it, so that a stop at its end comes out the
     /// same when it is computed again.
     pub(super) fn begin_within(&mut self, limits: &Limits) {
         self.order(CycleCommand::Within(*limits));

@@ -3,7 +3,7 @@
 use evolvent_gcode::{Diagnostic, Interpreter, KeptParameters, Modal, Outputs, Settings, ToolTable};
 use evolvent_path::{Axes, AxisLetter};
 
-/// What lines leave behind.
+/// What lines leave.
 #[derive(Clone, Debug)]
 pub(crate) struct After {
     pub modes: Modes,
@@ -15,7 +15,7 @@ pub(crate) struct After {
 #[derive(Clone, Debug)]
 pub(crate) struct Modes {
     pub modal: Modal,
-    /// As a line of codes for people.
+    /// As a line of codes.
     text: String,
     /// The F word as it was written, and whether in inches.
     feed: Option<(f64, bool)>,

@@ -1,4 +1,4 @@
-//! What a service manager is told: ready, alive, stopping (the protocol of systemd's `sd_notify`).
+//! What a service manager receives: ready, alive, stopping (the protocol of systemd's `sd_notify`).
 
 use std::cell::RefCell;
 use std::ffi::OsStr;
@@ -59,7 +59,7 @@ impl SystemdNotifier {
         }
     }
 
-    /// Tells what has found no room, on a thread of its own, behind what found none before.
+    /// Tells what has found no room, on a thread of its own, after what found none before.
     fn offer(&self, socket: &UnixDatagram, address: SocketAddr, text: &'static str) {
         let Ok(socket) = socket.try_clone() else {
             return;

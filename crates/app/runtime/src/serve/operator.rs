@@ -282,7 +282,7 @@ impl Operator {
 
     pub(super) fn is_held(&self) -> bool {
         let state = self.view.setpoint.state;
-        // A command of the machine's own, or a wait for an input, has to end by itself before the program goes on.
+        // A user-defined M code, or a wait for an input, has to end by itself before the program goes on.
         let at_stop = state == State::ProgramStop && !self.is_waiting();
         let is_held = self.stops.hold || at_stop || matches!(state, State::Holding | State::Held);
         is_held && !self.stops.stopping
@@ -462,7 +462,7 @@ impl Operator {
         self.program.modes.modal.work_offset - kept.work_offset(kept.active_offset())
     }
 
-    /// The process is to end: everything comes to rest, and then the cycle ends.
+    /// The process is to end: everything stops, and then the cycle ends.
     pub(crate) fn end(&mut self) {
         if !self.stops.ending {
             self.stops.ending = true;
@@ -481,7 +481,7 @@ impl Operator {
         }
     }
 
-    /// The trace goes on in another file behind the present setpoint.
+    /// The trace goes on in another file after the present setpoint.
     pub(crate) fn begin_trace_file(&mut self) {
         self.book.begin_file(self.view.setpoint.sequence);
     }

@@ -1,4 +1,4 @@
-//! Orders to the cycle, and what the trace is told of them where they take effect.
+//! Orders to the cycle, and what the trace receives of them where they take effect.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::Sender;
@@ -24,7 +24,7 @@ pub(super) struct OrderBook {
     next_id: u64,
     pending: VecDeque<PendingCommand>,
     pub(super) recorder: Option<Sender<FeederEvent>>,
-    /// What the trace is told of jobs.
+    /// What the trace receives of jobs.
     pub(super) notes: JobNotes,
 }
 
@@ -85,7 +85,7 @@ impl OrderBook {
         }
     }
 
-    /// The trace goes on in another file behind this setpoint.
+    /// The trace goes on in another file after this setpoint.
     pub(super) fn begin_file(&mut self, sequence: u64) {
         if let Some(recorder) = &self.recorder {
             self.notes.begin_file();

@@ -60,7 +60,7 @@ pub(crate) enum CycleCommand {
     Follow(Box<Following>),
     /// Begin a steered motion.
     Steer(Box<TransferExecutor>),
-    /// Change to this steering right behind setpoint `after`. Reported where that has been done.
+    /// Change to this steering right after setpoint `after`. Reported where that has been done.
     Turn {
         after: u64,
         steering: Box<TransferExecutor>,
@@ -90,7 +90,7 @@ pub(crate) enum CycleCommand {
     },
     /// The steered motion may go on until this time, ns of CLOCK_MONOTONIC.
     KeepJogging(u64),
-    /// The next job has this travel: the guard minds it from now on, at rest.
+    /// The next job has this travel: the guard checks it from now on, at rest.
     Within(Limits),
     /// Limit switches of these axes are looked at by the homing sequence.
     ExpectSwitches(AxisMask),

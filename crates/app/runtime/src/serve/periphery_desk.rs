@@ -42,7 +42,7 @@ impl PeripheryDesk {
         self.now = periphery;
     }
 
-    /// Spindle and coolant go off behind this setpoint, whatever has switched them on.
+    /// Spindle and coolant go off after this setpoint, whatever has switched them on.
     pub(crate) fn switch_off(&mut self, sequence: u64) {
         self.now.switch_off();
         self.tell(sequence);

@@ -11,7 +11,7 @@ pub(crate) struct ProgramTally {
 }
 
 impl ProgramTally {
-    /// It begins behind this setpoint.
+    /// It begins after this setpoint.
     pub(crate) fn begin(&mut self, sequence: u64) {
         (self.seen, self.cycles, self.held_cycles) = (Some(sequence), 0, 0);
     }

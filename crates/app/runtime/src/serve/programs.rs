@@ -32,7 +32,7 @@ use crate::source::{Commands, Start};
 use crate::switches::{SwitchState, Switches, Switching};
 use crate::user_code::{UserCodes, UserNews, UserProgram};
 
-/// What the message says of a command of the machine's own.
+/// What the message says of a user-defined M code.
 const AT_WORK: &str = " is being carried out";
 
 /// Why nothing is kept any more.
@@ -56,7 +56,7 @@ pub(super) struct ProgramRun {
     pub(super) step: Option<StepBehind>,
     /// The number of its first block.
     pub(super) first_block: u32,
-    /// A command of the machine's own, carried out while the program waits.
+    /// A user-defined M code, carried out while the program waits.
     pub(super) command: Option<UserCommand>,
     /// A tool change that begins once it is noted on the disk.
     pub(super) beginning: Option<ChangeBeginning>,
@@ -68,12 +68,12 @@ pub(super) struct ProgramRun {
     pub(super) saving: Option<(JobResult, Receiver<Saved>, Instant)>,
 }
 
-/// Behind what the feed is to be held.
+/// After what the feed is to be held.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum StepBehind {
     /// The line of this block.
     Line { block: u32, line: u32 },
-    /// The line that begins behind this block, where the machine stands.
+    /// The line that begins after this block, where the machine stands.
     LineAfter(u32),
 }
 
@@ -130,7 +130,7 @@ impl Operator {
         self.files.checking = None;
         self.program.tally = ProgramTally::default();
         self.check_loaded(file).or_else(|refusal| match refusal.alarm {
-            // A long one is checked while nobody waits.
+            // A long one is checked while no client waits.
             Alarm::Checking => Ok(()),
             _ => Err(refusal),
         })
@@ -294,17 +294,17 @@ impl Operator {
         });
     }
 
-    /// Whether the program waits for a command of the machine's own.
+    /// Whether the program waits for a user-defined M code.
     pub(super) fn is_at_command(&self) -> bool {
         matches!(&self.job, Job::Program(run) if run.command.is_some() || run.beginning.is_some())
     }
 
-    /// Whether the program waits for something that is no operator: a command of the machine's own, or an input.
+    /// Whether the program waits for something that is no operator: a user-defined M code, or an input.
     pub(super) fn is_waiting(&self) -> bool {
         self.is_at_command() || self.view.at_wait
     }
 
-    /// Ends a command of the machine's own that is at work.
+    /// Ends a user-defined M code that is at work.
     pub(super) fn cancel_command(&mut self) {
         if let Job::Program(run) = &mut self.job
             && let Some(command) = &mut run.command
@@ -483,7 +483,7 @@ impl Operator {
         }
     }
 
-    /// Starts a command of the machine's own.
+    /// Starts a user-defined M code.
     fn carry_out_command(&mut self, call: UserCall, stop: u32) {
         let Job::Program(run) = &mut self.job else { return };
         run.command = Some(UserCommand {
@@ -496,7 +496,7 @@ impl Operator {
         self.message = format!("{}{AT_WORK}", call.text());
     }
 
-    /// A job that ends in the middle of a tool change leaves a spindle of which nobody knows what is in it.
+    /// A job that ends in the middle of a tool change leaves an unknown tool in the spindle.
     pub(super) fn judge_change(&mut self) {
         if let Some(mark) = self.keep.change
             && self.keep.is_change_under_way
@@ -511,7 +511,7 @@ impl Operator {
         self.periphery.switch_off(self.view.setpoint.sequence);
     }
 
-    /// The same where no program runs; one that runs and is being stopped has them off where it comes to rest.
+    /// The same where no program runs; one that runs and is being stopped has them off where it stops.
     pub(super) fn switch_off_at_rest(&mut self) {
         if !matches!(self.job, Job::Program(_)) {
             self.switch_periphery_off();
@@ -542,7 +542,7 @@ impl Operator {
             run.step = None;
         }
         match kind {
-            // The cycle goes on behind a wait for an input.
+            // The cycle goes on after a wait for an input.
             StopKind::Program | StopKind::ToolChange(_) | StopKind::Input => {}
             StopKind::Step => {
                 if !self.program.switches.is_single_step() {
@@ -568,7 +568,7 @@ impl Operator {
         }
     }
 
-    /// Hears a command of the machine's own, and goes on when it is done.
+    /// Hears a user-defined M code, and goes on when it is done.
     fn follow_command(&mut self) {
         let (mut lines, mut failure, mut done) = (Vec::new(), None, None);
         let Job::Program(run) = &mut self.job else { return };
@@ -589,7 +589,7 @@ impl Operator {
             }
         }
         let line = command.call.line;
-        // Behind the stop it is forgotten.
+        // After the stop it is forgotten.
         let setpoint = &self.view.setpoint;
         let is_behind = command.is_done && setpoint.actions > command.stop;
         if is_behind || setpoint.state == State::Running {

@@ -11,7 +11,7 @@ use super::files::{Found, MdiBlock, Reading, read_program, read_tools, written};
 use super::operator::{Job, Operator};
 use crate::memory::ProgramMemory;
 
-/// Lines that a block of MDI may execute, loops and subroutines among them, before it is refused: somebody waits.
+/// Lines that a block of MDI may execute, loops and subroutines among them, before it is refused: a client waits.
 const MAX_LINES_OF_MDI: u64 = 1_000_000;
 
 impl Operator {

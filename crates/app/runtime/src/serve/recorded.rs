@@ -1,4 +1,4 @@
-//! What the trace of a served machine is told of its jobs, so that each can be computed again.
+//! What the trace of a served machine receives of its jobs, so that each can be computed again.
 
 use std::collections::VecDeque;
 use std::path::Path;

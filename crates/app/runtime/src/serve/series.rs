@@ -18,7 +18,7 @@ const ENDINGS: [&str; 3] = [".mcap", ".mcap.part", ".mcap.damaged"];
 pub(crate) struct FileProgress {
     /// Bytes of the present file.
     pub(crate) bytes: AtomicU64,
-    /// Files begun behind the first.
+    /// Files begun after the first.
     pub(crate) files: AtomicU64,
 }
 

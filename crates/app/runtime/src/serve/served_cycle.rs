@@ -95,7 +95,7 @@ struct Turn {
 /// What changes from cycle to cycle.
 struct CycleState {
     work: ActiveJob,
-    /// A change of the steered motion: behind which setpoint, number of the order.
+    /// A change of the steered motion: after which setpoint, number of the order.
     turn: Option<Turn>,
     inputs: Inputs,
     /// Of the operator.
@@ -109,7 +109,7 @@ struct CycleState {
     drive: DriveRequest,
     /// A stop that ends in a fault.
     faulted: bool,
-    /// Where it comes to rest the drives lose power.
+    /// Where it stops the drives lose power.
     power_off_at_rest: bool,
     keep_until_ns: u64,
     switches_expected: AxisMask,
@@ -163,12 +163,12 @@ impl SetpointSource for ServedCycle {
     fn step(&mut self, begin: &CycleBegin) -> Computed {
         let Self { parts, now } = self;
         let feedback = parts.newest_feedback();
-        // Read behind the feedback, which so is never of the future by this thread's own doing.
+        // Read after the feedback, which so is never of the future by this thread's own doing.
         let taken_ns = MonotonicClock::now_ns();
         (now.stops.has_left_wait, now.ends_program) = (false, false);
         parts.apply_inputs();
         parts.take_orders(now);
-        // Behind the orders: none of them moves anything while the chain is open.
+        // After the orders: none of them moves anything while the chain is open.
         parts.check_chain(now);
         now.inputs.load = parts.controls.load();
         if let Some(feedback) = &feedback {

@@ -52,7 +52,7 @@ const COUNTS: usize = 8;
 const ORDERS: usize = 1024;
 const EVENTS: usize = 4096;
 
-/// Serves a machine until `stop` is set; comes to rest within the limits then. `tell` hears what people should know at
+/// Serves a machine until `stop` is set; stops within the limits then. `tell` hears what people should know at
 /// once.
 ///
 /// # Errors
@@ -183,7 +183,7 @@ impl Service {
         })
     }
 
-    /// Everything is at rest, or does not come to rest in time.
+    /// Everything is at rest, or does not stop in time.
     fn end(self, config: &ServeConfig) -> ServeSummary {
         let ControlLoop {
             mut operator,

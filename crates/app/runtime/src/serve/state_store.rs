@@ -75,7 +75,7 @@ pub(crate) struct StateStore {
     saved: ProgramMemory,
     /// Which tool is in the spindle.
     pub tool: u32,
-    /// A tool change that has begun: from there to its end, or until somebody names the tool, the tool is not known.
+    /// A tool change that has begun: from there to its end, or until the operator names the tool, the tool is not known.
     pub change: Option<ChangeMark>,
     /// It is the present job's.
     pub is_change_under_way: bool,

@@ -74,7 +74,7 @@ impl ServedParts {
         now: &mut CycleState,
         job: &mut Following,
     ) -> (Setpoint, Option<JobResult>) {
-        // It counts for the stop that was meant, and for none behind it.
+        // It counts for the stop that was meant, and for none after it.
         let is_meant = now.stops.go_on.is_some() && now.stops.go_on == now.stops.at_stop;
         now.inputs.resume = is_meant && !now.inputs.resume;
         let waiting = self.signals.as_ref().filter(|signals| signals.is_waiting());
