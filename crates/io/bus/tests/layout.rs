@@ -97,7 +97,7 @@ fn a_default_payload_is_compatible_and_zero_behind_its_head() {
     );
     assert_eq!(
         (setpoint.sequence, setpoint.position, setpoint.reserved),
-        (0, [0.0; 9], [0; 3])
+        (0, [0.0; 9], [0; 2])
     );
 }
 
