@@ -231,7 +231,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         self.report_blocks(true);
         self.finish_logs();
         // Holds and overrides are answered as long as the program runs.
-        self.planner.attend();
+        self.planner.serve_until_closed();
         let report = FeedReport {
             deviation_mm: self.planner.deviation_mm(),
             planned_s: self.planner.planned_s(),

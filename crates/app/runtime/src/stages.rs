@@ -115,11 +115,11 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
         }
     }
 
-    /// See [`Planner::attend`].
-    pub(crate) fn attend(&mut self) {
+    /// See [`Planner::serve_until_closed`].
+    pub(crate) fn serve_until_closed(&mut self) {
         match self {
-            Self::One(planner) => planner.attend(),
-            Self::Two(relay) => relay.attend(),
+            Self::One(planner) => planner.serve_until_closed(),
+            Self::Two(relay) => relay.serve_until_closed(),
         }
     }
 
@@ -212,7 +212,7 @@ impl TwoThreadPlanner {
         }
     }
 
-    fn attend(&mut self) {
+    fn serve_until_closed(&mut self) {
         self.lots = None;
         if let Some(thread) = self.thread.take() {
             // A panic of a thread is a bug; it is passed on.
@@ -248,8 +248,8 @@ fn pace<S: PlanSink<Error = QueueClosed>>(
     tell(&mut pacer, teller, 0);
     // There may be no listener any more.
     let _gone = teller.send(TimingStageEvent::End);
-    // Holds and overrides are answered as long as the program runs; the only way out is that no request can come any more.
-    let _gone = pacer.attend();
+    // Holds and overrides are answered as long as the program runs; the only way out is that nobody asks any more.
+    let _gone = pacer.serve_until_closed();
     pacer.sink().planned_s
 }
 
@@ -370,7 +370,7 @@ mod tests {
         }
         planner.finish(151).expect("a plan");
         let blocks = planner.finished().iter().copied().collect();
-        planner.attend();
+        planner.serve_until_closed();
         (planner.planned_s(), planner.deviation_mm(), blocks)
     }
 
@@ -393,7 +393,7 @@ mod tests {
         thread::spawn(move || {
             let ended = (0..100_000).find_map(|k| planner.push(&corner(k), k + 1, k).err());
             let finished = planner.finish(1);
-            planner.attend();
+            planner.serve_until_closed();
             let _gone = teller.send((ended, finished));
         });
         let ends = told.recv_timeout(Duration::from_secs(120));

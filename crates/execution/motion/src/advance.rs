@@ -408,7 +408,7 @@ impl Cursor {
         self.drive = ActiveMotion::TimedSegment { flow, time: 0.0 };
         self.rest.position = None;
         self.interval = flow.piece.interval;
-        self.piece_at = Some((flow.piece.stretch, flow.piece.from));
+        self.piece_at = Some((flow.piece.segment, flow.piece.from));
         self.travelled = flow.path;
     }
 

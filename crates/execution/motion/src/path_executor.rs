@@ -309,7 +309,7 @@ impl PathExecutor {
             }
             None if target < 1.0 => {
                 let rapid = queue
-                    .segment(flow.piece.stretch)
+                    .segment(flow.piece.segment)
                     .is_some_and(|segment| segment.marks.rapid);
                 if !brake && (rapid || self.asking.is_waiting_for(self.feed_override)) {
                     return;

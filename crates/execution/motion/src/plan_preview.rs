@@ -163,7 +163,7 @@ impl PlanPreview {
             };
         }
         let piece = &frontier.flow.piece;
-        let segment = queue.segment(piece.stretch)?;
+        let segment = queue.segment(piece.segment)?;
         let (state, jerk) = piece.law.at(frontier.at);
         let x = (piece.from + state.x).min(segment.length);
         let jet = segment.jet(x).compose(state.v, state.a, jerk);

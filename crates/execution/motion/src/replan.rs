@@ -397,7 +397,7 @@ const EMPTY: Request = Request {
 
 fn place(flow: &TimedSegment, x: f64, v: f64, a: f64) -> Request {
     Request {
-        segment: flow.piece.stretch,
+        segment: flow.piece.segment,
         offset: flow.piece.from + x,
         interval: flow.piece.interval,
         v,

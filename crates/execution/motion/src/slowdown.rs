@@ -672,10 +672,10 @@ mod tests {
         producer.segment(&segment).expect("room");
         let flow = |k: f64| TimedSegment {
             piece: Piece {
-                law: TimeLaw::Flow { v, b: 0.0, c: 0.0 },
+                law: TimeLaw::LinearAcceleration { v, b: 0.0, c: 0.0 },
                 length: 0.01 * v,
                 duration: 0.01,
-                stretch: 0,
+                segment: 0,
                 from: 0.01 * v * k,
                 interval: 0,
             },

@@ -105,8 +105,8 @@ impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
             self.steps += 1;
             if self.steps == self.at {
                 match &mut flow.piece.law {
-                    TimeLaw::Flow { b, c, .. } => (*b, *c) = (*b + self.step, *c * self.factor),
-                    TimeLaw::Jerk { a, j, .. } => (*a, *j) = (*a + self.step, *j * self.factor),
+                    TimeLaw::LinearAcceleration { b, c, .. } => (*b, *c) = (*b + self.step, *c * self.factor),
+                    TimeLaw::ConstantJerk { a, j, .. } => (*a, *j) = (*a + self.step, *j * self.factor),
                 }
             }
         }

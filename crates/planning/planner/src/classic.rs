@@ -1,6 +1,6 @@
-//! The classic planner: quintic blends at joints, and look-ahead over runs.
+//! The classic planner: quintic blends at corners, and look-ahead over runs.
 //!
-//! The fallback, and what the near-optimal planner is compared with.
+//! The fallback planner, and the reference for comparison with the time-optimal one.
 
 use evolvent_path::{Curve, JointKind, JointLimits, Move, MoveKind, PathMode, classify_joint};
 
@@ -11,32 +11,32 @@ use crate::planner::PathRules;
 use crate::step::{PlanSink, Segment, SegmentMarks, Step};
 use evolvent_timing::PathLimits;
 
-/// Stretches shorter than this are rounding, parameter units.
-const SHORTEST: f64 = 1e-12;
+/// Minimum length of a segment, parameter units; shorter ones are rounding.
+const MIN_LENGTH: f64 = 1e-12;
 
-/// The move whose end is still open.
+/// The last move, whose end is not planned yet.
 #[derive(Clone, Copy, Debug)]
-struct Held {
+struct OpenMove {
     motion: Move,
     line: u32,
     block: u32,
-    /// Parameter from which on it has not been handed on.
+    /// Parameter from which it is not planned yet.
     from: f64,
-    /// Whether it begins at a joint that is not smooth.
+    /// Whether it starts at a joint that is not smooth.
     joint: bool,
 }
 
-/// Plans one program: joins moves, and looks ahead.
+/// Plans one program: joins moves and looks ahead.
 #[derive(Debug)]
 pub(crate) struct Classic<S> {
     ahead: LookAhead<S>,
     rules: PathRules,
-    held: Option<Held>,
+    held: Option<OpenMove>,
     deviation: f64,
 }
 
 impl<S: PlanSink> Classic<S> {
-    /// At rest at the start of the first move.
+    /// Starts at rest at the beginning of the first move.
     pub(crate) fn new(limits: PathLimits, rules: PathRules, sink: S) -> Self {
         Self {
             ahead: LookAhead::new(limits, sink),
@@ -46,27 +46,27 @@ impl<S: PlanSink> Classic<S> {
         }
     }
 
-    /// Where the plan goes.
+    /// The sink of the plan.
     pub(crate) fn sink(&self) -> &S {
         self.ahead.sink()
     }
 
-    /// Where the plan goes.
+    /// The sink of the plan.
     pub(crate) fn sink_mut(&mut self) -> &mut S {
         self.ahead.sink_mut()
     }
 
-    /// Largest distance between blends planned so far and the programmed path, mm.
+    /// Maximum distance so far between blends and the programmed path, mm.
     pub(crate) fn deviation_mm(&self) -> f64 {
         self.deviation
     }
 
-    /// Appends a move that starts where the last one ended.
+    /// Appends a move that starts at the end of the last one.
     ///
     /// # Errors
-    /// As the sink's.
+    /// Those of the sink.
     pub(crate) fn push(&mut self, motion: &Move, line: u32, block: u32) -> Result<(), S::Error> {
-        let next = Held {
+        let next = OpenMove {
             motion: *motion,
             line,
             block,
@@ -82,34 +82,34 @@ impl<S: PlanSink> Classic<S> {
         }
     }
 
-    /// Brings the path to rest and appends a step there.
+    /// Stops the path and appends a step at rest.
     ///
     /// # Errors
-    /// As the sink's.
+    /// Those of the sink.
     pub(crate) fn rest(&mut self, step: &Step) -> Result<(), S::Error> {
-        self.release()?;
+        self.flush()?;
         self.ahead.rest(step)
     }
 
-    /// Brings the path to rest; everything planned becomes final.
+    /// Stops the path; everything planned becomes final.
     ///
     /// # Errors
-    /// As the sink's.
+    /// Those of the sink.
     pub(crate) fn finish(&mut self, line: u32) -> Result<(), S::Error> {
-        self.release()?;
+        self.flush()?;
         self.ahead.finish(line)
     }
 
-    /// Hands on the rest of the open move and stops at its end.
-    fn release(&mut self) -> Result<(), S::Error> {
+    /// Plans the rest of the open move and stops at its end.
+    fn flush(&mut self) -> Result<(), S::Error> {
         if let Some(held) = self.held.take() {
-            self.hand_on(&held, held.motion.curve.domain())?;
+            self.emit(&held, held.motion.curve.domain())?;
             self.ahead.boundary(0.0)?;
         }
         Ok(())
     }
 
-    fn join(&mut self, held: Held, mut next: Held) -> Result<(), S::Error> {
+    fn join(&mut self, held: OpenMove, mut next: OpenMove) -> Result<(), S::Error> {
         let (left, right) = (&held.motion.curve, &next.motion.curve);
         let (end, start) = (left.jet(left.domain()), right.jet(0.0));
         let limits = *self.ahead.limits().axes();
@@ -131,7 +131,7 @@ impl<S: PlanSink> Classic<S> {
                 if let Some(rounding) = round_corner(left, right, tolerance, room) {
                     let within = check_travel::<()>(&Curve::Blend(rounding.blend), &limits).is_ok();
                     if within {
-                        self.hand_on(&held, left.domain() - rounding.stretch)?;
+                        self.emit(&held, left.domain() - rounding.trim)?;
                         let feed = held.motion.feed.min(next.motion.feed);
                         let marks = SegmentMarks {
                             blend: true,
@@ -141,14 +141,14 @@ impl<S: PlanSink> Classic<S> {
                         let segment = Segment {
                             curve: Curve::Blend(rounding.blend),
                             from: 0.0,
-                            length: 2.0 * rounding.stretch,
+                            length: 2.0 * rounding.trim,
                             line: next.line,
                             block: next.block,
                             marks,
                         };
                         self.ahead.segment(segment, feed)?;
                         self.deviation = self.deviation.max(rounding.deviation);
-                        next.from = rounding.stretch;
+                        next.from = rounding.trim;
                         self.held = Some(next);
                         return Ok(());
                     }
@@ -157,7 +157,7 @@ impl<S: PlanSink> Classic<S> {
             cap = kind.max_speed();
             next.joint = cap > 0.0;
         }
-        self.hand_on(&held, left.domain())?;
+        self.emit(&held, left.domain())?;
         if cap.is_finite() {
             self.ahead.boundary(cap)?;
         }
@@ -165,7 +165,7 @@ impl<S: PlanSink> Classic<S> {
         Ok(())
     }
 
-    /// The tolerance of the corner between two moves, if both may be rounded.
+    /// The tolerance of the corner between two moves, if both permit rounding.
     fn tolerance(&self, left: &Move, right: &Move) -> Option<f64> {
         let of = |motion: &Move| match motion.path_mode {
             PathMode::Blend { tolerance_mm, .. } => {
@@ -173,13 +173,13 @@ impl<S: PlanSink> Classic<S> {
             }
             PathMode::ExactPath | PathMode::ExactStop => None,
         };
-        let least = of(left)?.min(of(right)?);
-        (least > 0.0).then_some(least)
+        let min = of(left)?.min(of(right)?);
+        (min > 0.0).then_some(min)
     }
 
-    fn hand_on(&mut self, held: &Held, to: f64) -> Result<(), S::Error> {
+    fn emit(&mut self, held: &OpenMove, to: f64) -> Result<(), S::Error> {
         let length = to - held.from;
-        if length.is_nan() || length <= SHORTEST {
+        if length.is_nan() || length <= MIN_LENGTH {
             return Ok(());
         }
         let rapid = matches!(held.motion.kind, MoveKind::Rapid);
@@ -237,7 +237,7 @@ mod tests {
         }
     }
 
-    /// Right, then up: planned in the two modes.
+    /// Right, then up, planned in the two modes.
     fn corner(first: PathMode, second: PathMode) -> Planner<Recorder> {
         let mut planner = planner();
         let moves = [
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_planned_is_refused_with_its_numbers_and_leaves_the_plan_as_it_was() {
+    fn a_rejected_move_leaves_the_plan_unchanged() {
         type Error = PlanError<Infallible>;
         let mut planner = planner();
         let start = line(point(0.0, 0.0), point(20.0, 0.0), PathMode::ExactPath);
@@ -279,7 +279,7 @@ mod tests {
             matches!(planner.push(&apart, 2, 1), Err(Error::Gap { axis: AxisLetter::Y, distance })
                 if (distance - 2e-6).abs() < 1e-15)
         );
-        // To the very limit, from within rounding of where the last move ended.
+        // Exactly to the limit, from within rounding of the end of the last move.
         let last = line(point(20.0, 5e-7), point(1e4, 0.0), PathMode::ExactPath);
         planner.push(&last, 2, 1).expect("within travel");
         planner.finish(3).expect("finish");
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_that_is_not_there_has_no_travel() {
+    fn an_absent_axis_has_no_travel() {
         let mut limits = equal_axes(500.0, 2000.0, 50_000.0);
         limits.present[1] = false;
         let limits = PathLimits::new(limits, 1000.0, 1e-3);
@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn an_exact_stop_is_a_stop_and_straight_on_is_not() {
+    fn exact_stop_mode_stops_at_collinear_joints() {
         for (mode, stops) in [(PathMode::ExactStop, true), (PathMode::ExactPath, false)] {
             let mut planner = planner();
             for k in 0..4 {
@@ -319,18 +319,18 @@ mod tests {
             } else {
                 (exit - 100.0).abs() < 1e-9
             }));
-            assert!(!inner.is_empty(), "one run holds all");
+            assert!(!inner.is_empty(), "one run contains everything");
         }
     }
 
     #[test]
-    fn an_exact_corner_is_a_stop_and_a_joint_that_is_all_but_tangent_is_as_fast_as_the_joint_rule_allows() {
+    fn exact_corners_stop_and_near_tangent_joints_do_not() {
         let sharp = corner(PathMode::ExactPath, PathMode::ExactPath);
         let runs = sharp.sink().runs();
         assert_eq!((runs.len(), runs[0].2), (2, 0.0));
         assert!(!sharp.sink().segments[1].marks.joint);
 
-        // Y steps by 0.005 of the speed, which J t^2 / 2 = 0.1 mm/s undoes: 20 mm/s.
+        // Y's velocity steps by 0.005 of the speed, which J t^2 / 2 = 0.1 mm/s compensates: 20 mm/s.
         let mut planner = planner();
         let turn = 0.005_f64.asin();
         let end = point(20.0 + 20.0 * turn.cos(), 20.0 * turn.sin());
@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn corners_are_blended_only_where_both_moves_may_be_within_the_lesser_tolerance() {
+    fn corners_are_blended_if_both_moves_permit_it() {
         let blend = |tolerance_mm| PathMode::Blend {
             tolerance_mm,
             merge_mm: None,
@@ -371,13 +371,13 @@ mod tests {
             assert_eq!(segments.len(), 3);
             let (before, middle, after) = (&segments[0], &segments[1], &segments[2]);
             assert!(middle.marks.blend && !before.marks.blend && !after.marks.blend);
-            // The middle of the blend is 3/16 h sqrt(2) off the corner.
+            // The middle of the blend is 3/16 h sqrt(2) from the corner.
             let h = 0.5 * middle.length;
             let off = (middle.jet(h).position - point(20.0, 0.0)).norm();
             assert!((off - 3.0 / 16.0 * h * 2.0_f64.sqrt()).abs() < 1e-9);
             assert!(off <= tolerance && off > 0.9 * tolerance, "{off} of {tolerance}");
             assert!((planner.deviation_mm() - off).abs() < 1e-9);
-            // What is left of the lines meets it, and nothing is lost of the length.
+            // The remaining lines meet the blend, and the total length is unchanged.
             assert!((before.length - (20.0 - h)).abs() < 1e-12 && (after.length - (20.0 - h)).abs() < 1e-12);
             assert!((after.from - h).abs() < 1e-12 && before.from == 0.0);
             assert!((before.jet(before.length).position - middle.jet(0.0).position).amax() < 1e-12);
@@ -403,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn blends_at_both_ends_leave_each_move_its_half() {
+    fn blends_take_at_most_half_of_each_move() {
         let mode = PathMode::Blend {
             tolerance_mm: Some(5.0),
             merge_mm: None,
@@ -431,7 +431,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rest_is_at_rest_and_in_order() {
+    fn steps_at_rest_are_in_order() {
         let mut planner = planner();
         let dwell = Step::Dwell {
             seconds: 0.5,

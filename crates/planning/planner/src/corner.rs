@@ -1,51 +1,53 @@
 //! The joint between two moves, blended within the tolerance.
 //!
-//! A blend replaces the last stretch `h` of one curve and the first stretch `h` of the next by a quintic in the
-//! same path parameter, equal to both in position, first and second derivative. So curvature is continuous and
-//! jerk bounded for every pair of curves, tangent or not, and the parameter goes on as the programmed length.
-//! For two lines with tangents `t1`, `t2` it is `P - h t1 + ...` with second derivative along `t2 - t1` only, and
-//! its middle lies `3/16 h |t2 - t1|` from the corner; a reversal becomes a plain stop and return.
+//! A blend replaces the last length `h` of one curve and the first length `h` of the next by a quintic in the same path
+//! parameter that equals both in position, first and second derivative. So curvature is continuous and jerk bounded for any
+//! pair of curves, tangent or not, and the parameter continues as the programmed length. For two lines with tangents `t1`,
+//! `t2` it is `P - h t1 + ...` with the second derivative along `t2 - t1` only, and its middle is `3/16 h |t2 - t1|` from the
+//! corner; a reversal becomes a stop and a return.
 
 use evolvent_path::{Axes, Blend, Curve, Jet, ParamCurve};
 
-/// Samples along a blend at which its distance from the programmed path is measured.
+/// Number of samples along a blend at which its distance from the programmed path is measured.
 const SAMPLES: u32 = 24;
-/// What the distance between samples can add: the tolerance is used to this share.
+/// Fraction of the tolerance that is used, because the distance between samples may be larger.
 const TOLERANCE_FRACTION: f64 = 0.98;
-/// Largest stretch of a curve, in turns of its tangent (rad), that one blend may replace.
-const MAX_TURN: f64 = 0.5;
-/// Shrinking steps of the stretch.
-const SHRINKS: usize = 60;
-/// Below this stretch, in parameter units, a blend is no better than a stop.
-const SHORTEST: f64 = 1e-7;
+/// Maximum rotation of a curve's tangent (rad) over the length that one blend replaces.
+const MAX_TANGENT_ROTATION: f64 = 0.5;
+/// Maximum number of reductions of the length.
+const MAX_REDUCTIONS: usize = 60;
+/// Minimum length in parameter units; a shorter blend is not better than a stop.
+const MIN_LENGTH: f64 = 1e-7;
 
-/// A blend that fits.
+/// A blend within the tolerance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rounding {
     /// The polynomial.
     pub blend: Blend,
     /// Parameter length taken from the end of the left and the start of the right curve.
-    pub stretch: f64,
-    /// Largest distance from the programmed path, mm (or degrees of a rotary axis), at equal parameters.
+    pub trim: f64,
+    /// Maximum distance from the programmed path at equal parameters, mm (or degrees of a rotary axis).
     pub deviation: f64,
 }
 
-/// The blend between the end of `left` and the start of `right` that stays within `tolerance` of both, taking
-/// at most `room` from each; `None` if none longer than a hundred nanometres does.
+/// The blend between the end of `left` and the start of `right` within `tolerance` of both that takes at most `max_length`
+/// from each; `None` if none longer than 100 nm exists.
 ///
-/// Distances are measured between points of equal parameter, so the corner itself is missed by no more than the
-/// tolerance either. XYZ and UVW count in mm; a rotary axis counts with its angle in degrees.
+/// Distances are measured between points of equal parameter, so the blend misses the corner itself by at most the tolerance
+/// too. XYZ and UVW count in mm, a rotary axis by its angle in degrees. Not real-time safe.
 #[must_use]
-pub fn round_corner(left: &Curve, right: &Curve, tolerance: f64, room: f64) -> Option<Rounding> {
+pub fn round_corner(left: &Curve, right: &Curve, tolerance: f64, max_length: f64) -> Option<Rounding> {
     let goal = TOLERANCE_FRACTION * tolerance;
     let bend = |jet: &Jet| xyz(&jet.second);
     let (end, start) = (left.jet(left.domain()), right.jet(0.0));
     let turn = distance(&(start.first - end.first)).max(1e-12);
     let sharpest = bend(&end).max(bend(&start)).max(1e-300);
-    // Curvature adds to the deviation with h^2 and is handled by measuring.
-    let mut h = room.min(16.0 / 3.0 * goal / turn).min(MAX_TURN / sharpest);
-    for _ in 0..SHRINKS {
-        if h.is_nan() || h < SHORTEST {
+    // Curvature adds to the deviation with h^2, which the measurement covers.
+    let mut h = max_length
+        .min(16.0 / 3.0 * goal / turn)
+        .min(MAX_TANGENT_ROTATION / sharpest);
+    for _ in 0..MAX_REDUCTIONS {
+        if h.is_nan() || h < MIN_LENGTH {
             return None;
         }
         let from = left.domain() - h;
@@ -54,7 +56,7 @@ pub fn round_corner(left: &Curve, right: &Curve, tolerance: f64, room: f64) -> O
         if deviation <= goal {
             return Some(Rounding {
                 blend,
-                stretch: h,
+                trim: h,
                 deviation,
             });
         }
@@ -70,7 +72,7 @@ pub fn round_corner(left: &Curve, right: &Curve, tolerance: f64, room: f64) -> O
 }
 
 fn deviation(left: &Curve, right: &Curve, blend: &Blend, from: f64, h: f64) -> f64 {
-    let mut most: f64 = 0.0;
+    let mut max: f64 = 0.0;
     for k in 1..SAMPLES {
         let u = 2.0 * h * f64::from(k) / f64::from(SAMPLES);
         let programmed = if u < h {
@@ -82,12 +84,12 @@ fn deviation(left: &Curve, right: &Curve, blend: &Blend, from: f64, h: f64) -> f
         if off.is_nan() {
             return f64::NAN;
         }
-        most = most.max(off);
+        max = max.max(off);
     }
-    most
+    max
 }
 
-/// The largest of the XYZ distance, the UVW distance and each rotary angle.
+/// The maximum of the XYZ distance, the UVW distance and each rotary angle.
 fn distance(d: &Axes) -> f64 {
     let uvw = (d[6] * d[6] + d[7] * d[7] + d[8] * d[8]).sqrt();
     xyz(d).max(uvw).max(d[3].abs()).max(d[4].abs()).max(d[5].abs())
@@ -119,12 +121,12 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_of_a_blend_of_two_lines_lies_three_sixteenths_of_the_turn_off_the_corner() {
+    fn a_blend_of_two_lines_has_the_predicted_deviation() {
         for turn in [0.01, 0.3, 1.0, 2.0, 3.0, std::f64::consts::PI] {
             for tolerance in [1e-4, 0.01, 0.5] {
                 let (left, right) = corner(turn, 1000.0);
                 let rounding = round_corner(&left, &right, tolerance, 500.0).expect("room");
-                let h = rounding.stretch;
+                let h = rounding.trim;
                 let middle = distance(&(rounding.blend.position(h) - point(10.0, 0.0)));
                 // |t2 - t1| = 2 sin(turn / 2)
                 let expected = 3.0 / 16.0 * h * 2.0 * (turn / 2.0).sin();
@@ -133,7 +135,7 @@ mod tests {
                     "{turn}: {middle} {expected}"
                 );
                 assert!((rounding.deviation - expected).abs() < 1e-9 * h + 1e-12);
-                // The tolerance is used, but for its margin and one step of shrinking, where there is room.
+                // The tolerance is used up to its margin and one reduction step, if the length permits.
                 let used = middle / tolerance;
                 assert!(
                     used <= 0.98 + 1e-9 && (used > 0.93 || h >= 499.0),
@@ -144,18 +146,18 @@ mod tests {
     }
 
     #[test]
-    fn a_blend_takes_no_more_than_the_room() {
+    fn a_blend_takes_at_most_the_maximum_length() {
         let (left, right) = corner(1.0, 1000.0);
         let rounding = round_corner(&left, &right, 1.0, 0.25).expect("room");
-        assert!((rounding.stretch - 0.25).abs() < 1e-15);
+        assert!((rounding.trim - 0.25).abs() < 1e-15);
         assert!(round_corner(&left, &right, 1.0, 0.9e-7).is_none());
         assert!(round_corner(&left, &right, 1.0, 1.1e-7).is_some());
         assert!(round_corner(&left, &right, f64::NAN, f64::NAN).is_none());
     }
 
     #[test]
-    fn blends_of_every_pair_continue_position_tangent_and_curvature_within_tolerance() {
-        // A line, then a quarter circle that bends away at some angle; and the other way round.
+    fn blends_of_every_pair_are_smooth_and_within_tolerance() {
+        // A line, then a quarter circle that bends away at some angle; and the reverse.
         for degrees in [0.0_f64, 5.0, 60.0, 150.0] {
             for (radius, tolerance) in [(0.5, 0.01), (20.0, 0.1), (3.0, 0.5)] {
                 let angle = degrees.to_radians();
@@ -175,7 +177,7 @@ mod tests {
                 let arc = Curve::Arc(arc.expect("arc"));
                 for (left, right) in [(line, arc), (arc.reversed(), line.reversed())] {
                     let rounding = round_corner(&left, &right, tolerance, 5.0).expect("room");
-                    let (h, blend) = (rounding.stretch, rounding.blend);
+                    let (h, blend) = (rounding.trim, rounding.blend);
                     let pairs = [
                         (blend.jet(0.0), left.jet(left.domain() - h)),
                         (blend.jet(2.0 * h), right.jet(h)),
@@ -185,7 +187,7 @@ mod tests {
                         assert!((blend.first - curve.first).amax() < 1e-11);
                         assert!((blend.second - curve.second).amax() < 1e-9 / h);
                     }
-                    // Nowhere farther from the programmed point of equal parameter, sampled finer than it does.
+                    // Nowhere farther from the programmed point of equal parameter, on a finer sampling.
                     for k in 0..=1000 {
                         let u = 2.0 * h * f64::from(k) / 1000.0;
                         let programmed = if u < h {
@@ -199,7 +201,7 @@ mod tests {
                             "{degrees} {radius}: {off} of {tolerance} at {k}"
                         );
                     }
-                    // No more than half a radian of the arc is replaced.
+                    // At most half a radian of the arc is replaced.
                     assert!(h <= 0.5 * radius * (1.0 + 1e-12), "{h} of radius {radius}");
                 }
             }
@@ -207,14 +209,14 @@ mod tests {
     }
 
     #[test]
-    fn rotary_angles_and_the_secondary_axes_count_like_distances() {
+    fn rotary_and_secondary_axes_count_as_distances() {
         for (axis, expected) in [(0, 2.0), (3, 2.0), (4, 2.0), (5, 2.0), (6, 2.0), (8, 2.0)] {
             let mut off = Axes::zeros();
             off[axis] = -2.0;
             assert!((distance(&off) - expected).abs() < 1e-15, "axis {axis}");
         }
         let off = Axes::from([2.0, 3.0, 6.0, 1.0, 1.0, 1.0, 1.0, 4.0, 8.0]);
-        // sqrt(1 + 16 + 64) = 9 beats sqrt(4 + 9 + 36) = 7.
+        // sqrt(1 + 16 + 64) = 9 exceeds sqrt(4 + 9 + 36) = 7.
         assert!((distance(&off) - 9.0).abs() < 1e-15);
     }
 }

@@ -1,80 +1,80 @@
-//! The receding horizon: path in, windows of near-optimal plan out.
+//! The receding horizon: path in, windows of a time-optimal plan out.
 //!
-//! The known path is planned in windows. Of each window the first part is committed, the rest is a tail that comes
-//! to rest on known path; the next window starts where the last commitment ends and replaces the tail. Where the
-//! path itself comes to rest, a window ends there and all of it is committed. Windows are cut by what is on the
-//! path, never by time, so the same program gives the same plan.
+//! The known path is planned in windows. The first part of each window is committed, the rest is a tail that stops on known
+//! path; the next window starts at the end of the commitment and replaces the tail. Where the path itself stops, a window
+//! ends and all of it is committed. Windows are divided by the content of the path, never by time, so the same program gives
+//! the same plan.
 //!
-//! The cycle may request another plan from a position ahead of it: for another override, or because it has had to drive a
-//! tail. Holds need none. Everything after that position is planned again; what had been planned is dropped.
+//! The cycle may request another plan from a position ahead of it: for another override, or after it has executed a tail.
+//! Holds need none. Everything after that position is replanned; the previous plan is dropped.
 
 use std::collections::VecDeque;
 
 use evolvent_machine::Limits;
 use evolvent_path::AXES;
 use evolvent_timing::{
-    Entry, Exit, FeedError, Grid, MAX_INTERVALS, Memory, Optimizer, PathLimits, Piece, Place,
+    Entry, Exit, FeedError, Grid, MAX_INTERVALS, Optimizer, PathLimits, PathPosition, Piece, PlanSnapshot,
 };
 
 use crate::step::{BlockMark, PlanSink, Request, Segment, Step, TimedSegment};
 use crate::validate::{ratios, slow_down};
 
-/// Intervals of path and stops that wait for a plan while none is made (during a hold) before no more is read.
+/// Maximum number of intervals of path and stops that wait for a plan (during a hold) before reading pauses.
 const MAX_BACKLOG: u64 = 1 << 16;
-/// Share of a window's intervals that is committed at least, and at most.
-const COMMITTED: (f64, f64) = (0.5, 0.9);
-/// Windows from rest in a row that may fail.
+/// Minimum and maximum fraction of a window's intervals that is committed.
+const COMMITTED_FRACTION: (f64, f64) = (0.5, 0.9);
+/// Maximum number of consecutive failures of windows from rest.
 const MAX_FAILURES: u32 = 3;
-/// Intervals that a window is not made shorter than for want of stations.
+/// Minimum number of intervals to which a window is shortened for lack of stations.
 const MIN_WINDOW: u64 = 32;
-/// Steps that windows leave free for the answers to two requests: the cycle may be waiting for one, and then nothing
-/// else makes room.
-const KEPT_FOR_ANSWERS: usize = 2 * (2 * MAX_INTERVALS + 3);
-/// Marks of one segment at the most. A segment has four intervals at the least, so a window has 80 of them.
+/// Steps that windows leave free for the answers to two requests: the cycle may be waiting for one, and then nothing else
+/// frees capacity.
+const ANSWER_STEPS: usize = 2 * (2 * MAX_INTERVALS + 3);
+/// Maximum number of marks of one segment. A segment has at least four intervals, so a window has at most 80 segments.
 const MAX_MARKS: usize = 1024;
-/// The tail takes at least so many times as long as stopping does.
-const TAIL_STOPS: f64 = 2.0;
+/// Minimum duration of the tail, as a multiple of the stopping time.
+const MIN_TAIL_STOPS: f64 = 2.0;
 
-/// A place where the path comes to rest.
+/// A position at which the path stops.
 #[derive(Clone, Copy, Debug)]
-struct Rest {
-    /// Grid interval that starts there.
+struct RestPoint {
+    /// The grid interval that starts there.
     at: u64,
-    /// What happens there, if anything.
+    /// The step at rest there, if any.
     step: Option<Step>,
-    /// How many steps at rest the cycle has passed before this one.
+    /// Number of steps at rest that the cycle has passed before this one.
     index: u64,
 }
 
-/// A window that was handed on, for plans from a place in it.
+/// A window that was handed over, for plans that start from a position in it.
 #[derive(Clone, Debug, Default)]
-struct Planned {
+struct PlannedWindow {
     interval: u64,
     x: f64,
-    memory: Memory,
+    snapshot: PlanSnapshot,
 }
 
-/// How far the plan has come.
+/// The end of the committed plan.
 #[derive(Clone, Copy, Debug)]
 struct PlanFrontier {
-    place: Place,
+    place: PathPosition,
     entry: Entry,
-    /// The committed step that the next window is to follow, where a tail follows it now.
+    /// The committed step that the next window follows, if a tail follows it now.
     link: Option<u64>,
-    /// Index in `rests` of the next one.
+    /// Index in `rests` of the next stop.
     rest: usize,
     feed_factor: f64,
-    /// The cycle has been brought to rest, or has left the plan: nothing is planned until it asks.
-    waits: bool,
+    /// The cycle has been stopped or has left the plan: nothing is planned until it sends a request.
+    is_waiting: bool,
 }
 
-/// The plan that a request in motion has cut short, until it is known whether the cycle has taken over the answer.
+/// The plan that a request in motion has cut short, kept until it is known whether the cycle has taken the answer.
 #[derive(Clone, Copy, Debug)]
 struct PendingBranch {
     id: u64,
-    /// Where the old plan had come to.
-    front: PlanFrontier,
-    /// Windows of the new one.
+    /// The frontier of the old plan.
+    frontier: PlanFrontier,
+    /// Number of windows of the new plan.
     windows: usize,
 }
 
@@ -82,11 +82,11 @@ struct PendingBranch {
 #[derive(Debug, Default)]
 struct PlannedWindows {
     /// Those that the cycle has not left, and the space of those that it has.
-    planned: VecDeque<Planned>,
-    spare: Vec<Planned>,
+    planned: VecDeque<PlannedWindow>,
+    spare: Vec<PlannedWindow>,
     /// A plan that may have been cut short, and its windows after the cut.
-    fork: Option<PendingBranch>,
-    cut: VecDeque<Planned>,
+    pending_branch: Option<PendingBranch>,
+    cut: VecDeque<PlannedWindow>,
 }
 
 /// The path that the cycle has not left.
@@ -108,46 +108,46 @@ pub(crate) struct Horizon<S> {
     grid: Grid,
     optimizer: Optimizer,
     limits: Limits,
-    front: PlanFrontier,
-    /// What the cycle has asked for and not been answered.
+    frontier: PlanFrontier,
+    /// The request of the cycle that has no answer yet.
     request: Option<Request>,
     windows: PlannedWindows,
-    rests: VecDeque<Rest>,
+    rests: VecDeque<RestPoint>,
     rests_seen: u64,
     path: PathStore,
     /// Marks of blocks whose planned time is still growing.
     accounts: VecDeque<BlockMark>,
     accounted: f64,
     appended: u64,
-    /// Windows from rest in a row that could not be planned.
+    /// Consecutive failures of windows from rest.
     failures: u32,
     pieces: Vec<Piece>,
-    /// Time that stopping takes per speed, and at the least, s.
+    /// Stopping time per speed, and its minimum, s.
     stopping: (f64, f64),
 }
 
 impl<S: PlanSink> Horizon<S> {
     pub(crate) fn new(limits: &PathLimits, feed_factor: f64, sink: S) -> Self {
         let axes = limits.axes();
-        let least = |values: &evolvent_path::Axes| {
+        let min = |values: &evolvent_path::Axes| {
             (0..AXES)
                 .filter(|&i| axes.present[i])
                 .map(|i| values[i])
                 .fold(f64::INFINITY, f64::min)
         };
-        let (a, j) = (least(&axes.acceleration), least(&axes.jerk));
+        let (a, j) = (min(&axes.acceleration), min(&axes.jerk));
         Self {
             sink,
             grid: Grid::new(limits),
             optimizer: Optimizer::new(limits),
             limits: *axes,
-            front: PlanFrontier {
-                place: Place { interval: 0, x: 0.0 },
+            frontier: PlanFrontier {
+                place: PathPosition { interval: 0, x: 0.0 },
                 entry: Entry::Rest,
                 link: None,
                 rest: 0,
                 feed_factor,
-                waits: false,
+                is_waiting: false,
             },
             request: None,
             windows: PlannedWindows::default(),
@@ -171,15 +171,15 @@ impl<S: PlanSink> Horizon<S> {
         &mut self.sink
     }
 
-    /// Appends a stretch of path; `feed` in the feed metric, infinite for rapids.
+    /// Appends a path segment; `feed` in the feed metric, infinite for rapids.
     pub(crate) fn segment(&mut self, segment: Segment, feed: f64) {
-        self.thin_marks();
+        self.limit_marks();
         self.grid.push(&segment.curve, segment.from, segment.length, feed);
         self.path.segments.push_back((self.path.length, segment));
         self.path.length += segment.length;
     }
 
-    /// Bounds the speed at the present end; 0 is a stop.
+    /// Limits the speed at the present end; 0 is a stop.
     pub(crate) fn cap(&mut self, speed: f64) {
         if speed > 0.0 {
             self.grid.cap(speed);
@@ -188,8 +188,8 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// Leaves out marks of the next segment where it has so many blocks that a window's might not fit into any queue.
-    fn thin_marks(&mut self) {
+    /// Drops marks of the next segment if it has so many blocks that the marks of a window might not fit into any queue.
+    fn limit_marks(&mut self) {
         let first = self
             .path
             .marks
@@ -216,7 +216,7 @@ impl<S: PlanSink> Horizon<S> {
     }
 
     fn stop_at_end(&mut self, step: Option<Step>) {
-        self.rests.push_back(Rest {
+        self.rests.push_back(RestPoint {
             at: self.grid.end(),
             step,
             index: self.rests_seen,
@@ -224,10 +224,10 @@ impl<S: PlanSink> Horizon<S> {
         self.rests_seen += u64::from(step.is_some());
     }
 
-    /// Plans what can be planned of the path that is known.
+    /// Plans as much of the known path as possible.
     ///
     /// # Errors
-    /// As the sink's.
+    /// Those of the sink.
     pub(crate) fn advance(&mut self) -> Result<(), S::Error> {
         self.forget();
         loop {
@@ -235,9 +235,9 @@ impl<S: PlanSink> Horizon<S> {
                 return Ok(());
             }
             self.serve()?;
-            if self.front.waits {
-                let stops = (self.rests.len() - self.front.rest) as u64;
-                if self.grid.end() - self.front.place.interval + stops < MAX_BACKLOG {
+            if self.frontier.is_waiting {
+                let stops = (self.rests.len() - self.frontier.rest) as u64;
+                if self.grid.end() - self.frontier.place.interval + stops < MAX_BACKLOG {
                     return Ok(());
                 }
                 self.sink.wait()?;
@@ -246,16 +246,16 @@ impl<S: PlanSink> Horizon<S> {
             if !self.pass_rests()? {
                 continue;
             }
-            let Some((until, exit)) = self.window(&self.front) else {
+            let Some((until, exit)) = self.window(&self.frontier) else {
                 return Ok(());
             };
-            let front = self.front;
-            let Ok((until, exit)) = self.solve_some(&front, until, exit) else {
-                // The tail in force ends at rest; from there the cycle asks again.
-                self.give_up()?;
+            let frontier = self.frontier;
+            let Ok((until, exit)) = self.solve_shorter(&frontier, until, exit) else {
+                // The present tail ends at rest; from there the cycle sends a request again.
+                self.fall_back_to_tail()?;
                 continue;
             };
-            if self.make_room()? {
+            if self.wait_for_capacity()? {
                 continue;
             }
             self.commit(until, exit)?;
@@ -263,30 +263,30 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// Whether no motion is found from rest: the machine stands, and nothing more can be planned.
+    /// Whether no motion from rest was found, so that nothing more can be planned.
     fn has_failed(&self) -> bool {
         self.failures > MAX_FAILURES
     }
 
-    /// The line where that is, if so; 0 where it is not known.
+    /// The line of that failure, if there is one; 0 if unknown.
     pub(crate) fn failed_at(&self) -> Option<u32> {
         self.has_failed().then(|| {
-            let stretch = self.grid.stretch_of(self.front.place.interval);
-            stretch
-                .and_then(|(stretch, _)| {
+            let segment = self.grid.segment_of(self.frontier.place.interval);
+            segment
+                .and_then(|(segment, _)| {
                     self.path
                         .segments
-                        .get(stretch.checked_sub(self.path.first)? as usize)
+                        .get(segment.checked_sub(self.path.first)? as usize)
                 })
                 .map_or(0, |(_, segment)| segment.line)
         })
     }
 
-    /// Serves requests until the consumer has gone, or nothing can be planned any more.
+    /// Serves requests until the consumer has gone or nothing more can be planned.
     ///
     /// # Errors
-    /// As the sink's: the consumer has gone.
-    pub(crate) fn attend(&mut self) -> Result<(), S::Error> {
+    /// Those of the sink: the consumer has gone.
+    pub(crate) fn serve_until_closed(&mut self) -> Result<(), S::Error> {
         loop {
             self.advance()?;
             if self.has_failed() {
@@ -296,103 +296,108 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// Hands on the steps at the place of rest where the plan stands. `false` if a request has come in between.
+    /// Hands over the steps at the stop at the frontier. False if a request came in between.
     fn pass_rests(&mut self) -> Result<bool, S::Error> {
-        while let Some(&rest) = self.rests.get(self.front.rest) {
-            if rest.at > self.front.place.interval || !matches!(self.front.entry, Entry::Rest) {
+        while let Some(&rest) = self.rests.get(self.frontier.rest) {
+            if rest.at > self.frontier.place.interval || !matches!(self.frontier.entry, Entry::Rest) {
                 break;
             }
             if let Some(step) = rest.step {
-                if self.make_room()? {
+                if self.wait_for_capacity()? {
                     return Ok(false);
                 }
                 self.sink.step(&step)?;
                 self.appended += 1;
                 self.sink.finalise(self.appended);
             }
-            self.front.rest += 1;
+            self.frontier.rest += 1;
         }
         Ok(true)
     }
 
-    /// The next window's end, once enough path is known.
-    fn window(&self, front: &PlanFrontier) -> Option<(u64, Exit)> {
-        let start = front.place.interval;
-        let rest = self.rests.get(front.rest).map(|rest| rest.at);
+    /// The end of the next window, once enough path is known.
+    fn window(&self, frontier: &PlanFrontier) -> Option<(u64, Exit)> {
+        let start = frontier.place.interval;
+        let rest = self.rests.get(frontier.rest).map(|rest| rest.at);
         let known = rest.unwrap_or_else(|| self.grid.end());
-        let most = start + MAX_INTERVALS as u64;
-        // At the end of what is known the path may yet turn out to rest.
-        if known <= start || (rest.is_none() && known <= most) {
+        let max = start + MAX_INTERVALS as u64;
+        // At the end of the known path a stop may follow.
+        if known <= start || (rest.is_none() && known <= max) {
             return None;
         }
-        if rest.is_some() && known <= most {
+        if rest.is_some() && known <= max {
             return Some((known, Exit::Rest));
         }
-        Some((most, Exit::Open))
+        Some((max, Exit::Open))
     }
 
-    fn solve(&mut self, front: &PlanFrontier, until: u64, exit: Exit) -> Result<(), FeedError> {
+    fn solve(&mut self, frontier: &PlanFrontier, until: u64, exit: Exit) -> Result<(), FeedError> {
         self.pieces.clear();
         self.sink.solving();
         let solved = self.optimizer.plan(
             &self.grid,
-            front.place,
-            front.entry,
+            frontier.place,
+            frontier.entry,
             until,
             exit,
-            front.feed_factor,
+            frontier.feed_factor,
             &mut self.pieces,
         );
-        let proved = solved.and_then(|_| self.prove(front));
+        let proved = solved.and_then(|_| self.validate_window(frontier));
         self.sink.solved(self.optimizer.iterations());
         proved
     }
 
-    /// Looks at what was solved once more. A plan from rest that exceeds a limit is slowed down; one in motion is
-    /// not driven.
-    fn prove(&mut self, front: &PlanFrontier) -> Result<(), FeedError> {
-        let (v, a) = match front.entry {
+    /// Validates the solution independently. A plan from rest that exceeds a limit is slowed down; one from motion is
+    /// rejected.
+    fn validate_window(&mut self, frontier: &PlanFrontier) -> Result<(), FeedError> {
+        let (v, a) = match frontier.entry {
             Entry::Rest => (0.0, 0.0),
             Entry::Moving { v, a } => (v, a),
         };
         for _ in 0..2 {
-            let segment = |stretch: u64| {
-                let index = stretch.checked_sub(self.path.first)? as usize;
+            let segment = |number: u64| {
+                let index = number.checked_sub(self.path.first)? as usize;
                 self.path.segments.get(index).map(|(_, segment)| segment)
             };
             let found = ratios(&self.pieces, (v, a), &self.limits, segment);
-            if found.hold() {
+            if found.are_within_limits() {
                 return Ok(());
             }
-            let remedy = found.remedy();
-            if !matches!(front.entry, Entry::Rest) || remedy <= 0.0 {
+            let slowdown = found.required_slowdown();
+            if !matches!(frontier.entry, Entry::Rest) || slowdown <= 0.0 {
                 break;
             }
-            slow_down(&mut self.pieces, remedy);
-            // The next window starts from a state of what is driven.
-            self.optimizer.slow_down(remedy);
+            slow_down(&mut self.pieces, slowdown);
+            // The next window starts at a state of the plan that is executed.
+            self.optimizer.slow_down(slowdown);
         }
         self.pieces.clear();
         Err(FeedError::NoMotion {
-            interval: front.place.interval,
-            x: front.place.x,
+            interval: frontier.place.interval,
+            x: frontier.place.x,
             v,
             a,
         })
     }
 
-    /// Solves a window, or a shorter one where that needs more stations than there is room for.
-    fn solve_some(&mut self, front: &PlanFrontier, until: u64, exit: Exit) -> Result<(u64, Exit), FeedError> {
+    /// Solves a window, or a shorter one if that needs too many stations.
+    fn solve_shorter(
+        &mut self,
+        frontier: &PlanFrontier,
+        until: u64,
+        exit: Exit,
+    ) -> Result<(u64, Exit), FeedError> {
         let (mut until, mut exit) = (until, exit);
         loop {
-            match self.solve(front, until, exit) {
+            match self.solve(frontier, until, exit) {
                 Ok(()) => return Ok((until, exit)),
                 Err(error)
-                    if until - front.place.interval > MIN_WINDOW
+                    if until - frontier.place.interval > MIN_WINDOW
                         && (matches!(error, FeedError::Window { .. })
-                            || matches!(front.entry, Entry::Rest)) =>
+                            || matches!(frontier.entry, Entry::Rest)) =>
                 {
-                    until = front.place.interval + (until - front.place.interval) / 2;
+                    until = frontier.place.interval + (until - frontier.place.interval) / 2;
                     exit = Exit::Open;
                 }
                 Err(error) => return Err(error),
@@ -400,14 +405,14 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// Waits until everything solved can be appended at once. `true` if a request was answered meanwhile, so that
-    /// what was solved is gone.
-    fn make_room(&mut self) -> Result<bool, S::Error> {
+    /// Waits until the whole solution can be appended at once. True if a request was answered meanwhile, which discards the
+    /// solution.
+    fn wait_for_capacity(&mut self) -> Result<bool, S::Error> {
         loop {
             if self.serve()? {
                 return Ok(true);
             }
-            let steps = self.pieces.len() + 2 + KEPT_FOR_ANSWERS;
+            let steps = self.pieces.len() + 2 + ANSWER_STEPS;
             if self
                 .sink
                 .has_room(steps, self.segments_needed(), self.marks_needed())
@@ -420,7 +425,7 @@ impl<S: PlanSink> Horizon<S> {
 
     fn segments_needed(&self) -> usize {
         self.pieces.last().map_or(0, |piece| {
-            (piece.stretch + 1).saturating_sub(self.path.handed) as usize
+            (piece.segment + 1).saturating_sub(self.path.handed) as usize
         })
     }
 
@@ -431,12 +436,12 @@ impl<S: PlanSink> Horizon<S> {
         })
     }
 
-    /// Path parameter at a piece's start.
+    /// Path parameter at the start of a piece.
     fn path_at(&self, piece: &Piece) -> f64 {
-        self.path.segments[(piece.stretch - self.path.first) as usize].0 + piece.from
+        self.path.segments[(piece.segment - self.path.first) as usize].0 + piece.from
     }
 
-    /// Hands on the window that was solved: the first part final, the rest as a tail.
+    /// Hands over the solved window: the first part final, the rest as a tail.
     fn commit(&mut self, until: u64, exit: Exit) -> Result<(), S::Error> {
         self.failures = 0;
         self.remember();
@@ -446,14 +451,14 @@ impl<S: PlanSink> Horizon<S> {
             Exit::Open => self.committed_pieces(),
         };
         self.append_pieces()?;
-        let feed_factor = self.front.feed_factor;
+        let feed_factor = self.frontier.feed_factor;
         let next = match self.pieces.get(committed) {
             Some(piece) => {
                 self.sink.step(&Step::Wait)?;
                 self.appended += 1;
                 let (state, _) = piece.law.at(0.0);
                 PlanFrontier {
-                    place: Place {
+                    place: PathPosition {
                         interval: piece.interval,
                         x: piece.from - self.interval_start(piece.interval),
                     },
@@ -462,62 +467,62 @@ impl<S: PlanSink> Horizon<S> {
                         a: state.a,
                     },
                     link: Some(first + committed as u64 - 1),
-                    ..self.front
+                    ..self.frontier
                 }
             }
             None => PlanFrontier {
-                place: Place {
+                place: PathPosition {
                     interval: until,
                     x: 0.0,
                 },
                 entry: Entry::Rest,
                 link: None,
-                ..self.front
+                ..self.frontier
             },
         };
-        let follows = match self.front.link {
+        let follows = match self.frontier.link {
             Some(link) => self.sink.link(link, first),
             None => true,
         };
         if !follows {
-            // The cycle drives the tail already, and will ask: for plans from there this window is none.
+            // The cycle executes the tail already and will send a request; plans from there cannot use this window.
             self.windows.spare.extend(self.windows.planned.pop_back());
-            if let Some(fork) = &mut self.windows.fork {
-                fork.windows = fork.windows.saturating_sub(1);
+            if let Some(pending_branch) = &mut self.windows.pending_branch {
+                pending_branch.windows = pending_branch.windows.saturating_sub(1);
             }
             if let Some(planned) = self.windows.planned.back() {
-                self.optimizer.recall(&planned.memory);
+                self.optimizer.restore(&planned.snapshot);
             }
-            return self.give_up();
+            return self.fall_back_to_tail();
         }
-        self.account(committed);
+        self.add_planned_time(committed);
         self.sink.finalise(first + committed as u64);
-        self.front = PlanFrontier { feed_factor, ..next };
+        self.frontier = PlanFrontier { feed_factor, ..next };
         Ok(())
     }
 
-    /// Sets the window that was solved aside.
+    /// Saves the solved window.
     fn remember(&mut self) {
         let mut planned = self.windows.spare.pop().unwrap_or_default();
-        (planned.interval, planned.x) = (self.front.place.interval, self.front.place.x);
-        self.optimizer.remember(&mut planned.memory);
+        (planned.interval, planned.x) = (self.frontier.place.interval, self.frontier.place.x);
+        self.optimizer.save(&mut planned.snapshot);
         self.windows.planned.push_back(planned);
-        if let Some(fork) = &mut self.windows.fork {
-            fork.windows += 1;
+        if let Some(pending_branch) = &mut self.windows.pending_branch {
+            pending_branch.windows += 1;
         }
     }
 
-    /// How many windows handed on start at or before a place.
-    fn planned_until(&self, place: Place) -> usize {
+    /// Number of windows handed over that start at or before a position.
+    fn windows_before(&self, place: PathPosition) -> usize {
         self.windows
             .planned
             .partition_point(|one| (one.interval, one.x) <= (place.interval, place.x))
     }
 
-    /// Hands on all pieces, and the segments and marks that they need.
+    /// Hands over all pieces, with their segments and marks.
     fn append_pieces(&mut self) -> Result<(), S::Error> {
         for piece in &self.pieces {
-            while self.path.handed <= piece.stretch {
+            while self.path.handed <= piece.segment {
                 let index = (self.path.handed - self.path.first) as usize;
                 let Some((_, segment)) = self.path.segments.get(index) else {
                     break;
@@ -540,12 +545,12 @@ impl<S: PlanSink> Horizon<S> {
         Ok(())
     }
 
-    /// How many pieces to commit: as many as leave a tail long enough that its end cannot be felt.
+    /// Number of pieces to commit: as many as leave a tail that is long enough not to slow down the motion.
     fn committed_pieces(&self) -> usize {
         let intervals = |k: usize| self.pieces[k].interval - self.pieces[0].interval;
         let last = self.pieces.len().saturating_sub(1);
         let whole = intervals(last) as f64;
-        let (least, most) = (COMMITTED.0 * whole, COMMITTED.1 * whole);
+        let (min, max) = (COMMITTED_FRACTION.0 * whole, COMMITTED_FRACTION.1 * whole);
         let mut tail = 0.0;
         let mut k = last;
         while k > 1 {
@@ -554,8 +559,8 @@ impl<S: PlanSink> Horizon<S> {
             let speed = piece.law.at(0.0).0.v;
             let stopping = speed * self.stopping.0 + self.stopping.1;
             let starts_interval = piece.interval != self.pieces[k - 1].interval;
-            let share = intervals(k) as f64;
-            if starts_interval && share <= most && (tail >= TAIL_STOPS * stopping || share <= least) {
+            let fraction = intervals(k) as f64;
+            if starts_interval && fraction <= max && (tail >= MIN_TAIL_STOPS * stopping || fraction <= min) {
                 break;
             }
             k -= 1;
@@ -564,7 +569,7 @@ impl<S: PlanSink> Horizon<S> {
     }
 
     /// Adds the planned time of the first `count` pieces to their blocks.
-    fn account(&mut self, count: usize) {
+    fn add_planned_time(&mut self, count: usize) {
         for piece in &self.pieces[..count] {
             let start = self.path_at(piece);
             let middle = start + 0.5 * piece.length;
@@ -581,15 +586,15 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// No plan was found, or it came too late: the cycle comes to rest at the end of the tail and asks from there.
-    fn give_up(&mut self) -> Result<(), S::Error> {
-        if self.front.link.is_none() {
-            // At rest, with nothing to follow: let it stand and ask.
+    /// No plan was found, or it came too late: the cycle stops at the end of the tail and sends a request from there.
+    fn fall_back_to_tail(&mut self) -> Result<(), S::Error> {
+        if self.frontier.link.is_none() {
+            // At rest with nothing to follow: the cycle waits and sends a request.
             self.append_wait()?;
             self.failures += 1;
         }
         self.sink.finalise(self.appended);
-        self.front.waits = true;
+        self.frontier.is_waiting = true;
         Ok(())
     }
 
@@ -600,33 +605,37 @@ impl<S: PlanSink> Horizon<S> {
         Ok(())
     }
 
-    /// Offset of an interval from the start of its stretch.
+    /// Offset of an interval from the start of its segment.
     fn interval_start(&self, interval: u64) -> f64 {
-        self.grid.stretch_of(interval).map_or(0.0, |stretch| stretch.1)
+        self.grid.segment_of(interval).map_or(0.0, |segment| segment.1)
     }
 
-    /// Forgets what the consumer has passed.
+    /// Drops what the consumer has passed.
     fn forget(&mut self) {
         let reached = self.sink.reached();
         self.grid.release(reached);
-        if self.windows.fork.is_some_and(|fork| self.sink.taken() >= fork.id) {
+        if self
+            .windows
+            .pending_branch
+            .is_some_and(|pending_branch| self.sink.taken() >= pending_branch.id)
+        {
             self.settle();
         }
-        while self.windows.fork.is_none()
+        while self.windows.pending_branch.is_none()
             && self.windows.planned.len() > 1
             && self.windows.planned[1].interval < reached
         {
             self.windows.spare.extend(self.windows.planned.pop_front());
         }
-        while self.front.rest > 0 && self.rests.front().is_some_and(|rest| rest.at < reached) {
+        while self.frontier.rest > 0 && self.rests.front().is_some_and(|rest| rest.at < reached) {
             self.rests.pop_front();
-            self.front.rest -= 1;
-            if let Some(fork) = &mut self.windows.fork {
-                fork.front.rest = fork.front.rest.saturating_sub(1);
+            self.frontier.rest -= 1;
+            if let Some(pending_branch) = &mut self.windows.pending_branch {
+                pending_branch.frontier.rest = pending_branch.frontier.rest.saturating_sub(1);
             }
         }
-        if let Some((stretch, _)) = self.grid.stretch_of(reached) {
-            while self.path.first < stretch && self.path.first < self.path.handed {
+        if let Some((segment, _)) = self.grid.segment_of(reached) {
+            while self.path.first < segment && self.path.first < self.path.handed {
                 self.path.segments.pop_front();
                 self.path.first += 1;
             }

@@ -1,17 +1,9 @@
-//! Blending, look-ahead and feed profile: path segments in, runs for the cycle out.
+//! The planner: moves in, a plan of time laws out, for the cycle to execute.
 //!
-//! The path is a chain of [`Segment`]s in one path parameter `u`: the programmed length, along which every
-//! curve has finite derivatives. Where two moves meet, [`Planner`] replaces the corner by a blend within the
-//! tolerance, or bounds the speed there so that the exact path can be kept.
+//! Input: canonical moves ([`Planner::push`]) and the limits of the axes. Output, through a [`PlanSink`]: [`Segment`]s of
+//! path and [`Step`]s over them.
 //!
-//! The limits of the axes become limits along the path ([`PathLimits`]): constants for `u'`, `u''` and `u'''`
-//! on every [`Run`], a stretch of segments with like limits. On a run the motion is a jerk-limited [`Profile`],
-//! solved in closed form; between runs acceleration is zero. The [`LookAhead`] gives every boundary the highest
-//! speed from which all that follows can be obeyed, ending at rest at the end of what is known.
-//!
-//! The cycle solves the profile of the run that it enters, and of the present run again when a hold or an
-//! override comes in: everything that it needs for that is in the run and in its exit speed, so it answers within
-//! one cycle and asks nobody. A planner that dies leaves a plan that ends at rest on the path.
+//! The corner blend of the classic planner:
 //!
 //! ```
 //! use evolvent_path::{Axes, Curve, Line};
@@ -24,15 +16,37 @@
 //! let right: Curve = Line::new(corner, end).unwrap().into();
 //! let rounding = round_corner(&left, &right, 0.1, 5.0).unwrap();
 //! assert!(rounding.deviation > 0.09 && rounding.deviation <= 0.1);
-//! // It begins on the left line with that line's direction.
+//! // It starts on the left line, in the direction of that line.
 //! let begin = Curve::from(rounding.blend).jet(0.0);
-//! assert!((begin.position[0] - (10.0 - rounding.stretch)).abs() < 1e-12);
+//! assert!((begin.position[0] - (10.0 - rounding.trim)).abs() < 1e-12);
 //! assert!((begin.first - left.jet(0.0).first).amax() < 1e-12);
 //! ```
-//! That is the classic planner: safe, simple, and the fallback. The near-optimal one, the default, has the path from
-//! `evolvent-smooth` and the time law from `evolvent-timing`, in windows whose tail always ends at rest, and hands on
-//! [`TimedSegment`]s, which the cycle only evaluates. Holds and overrides reach it as [`Request`]s. [`Planner`] is both of it;
-//! [`PathStage`] and [`TimingStage`] are its halves, for those who have a thread for each.
+//!
+//! # Model
+//!
+//! The path is a chain of [`Segment`]s in one path parameter `u`, the programmed length, by which every curve has finite
+//! derivatives. There are two planners:
+//!
+//! - The time-optimal planner, the default. [`PathStage`] smooths the path within the tolerance (`evolvent-smooth`),
+//!   [`TimingStage`] finds its time law (`evolvent-timing`) in windows whose tail always ends at rest. It hands over
+//!   [`TimedSegment`]s, which the cycle only evaluates. Overrides reach it as [`Request`]s. The two stages may run in
+//!   separate threads; [`Planner`] combines them.
+//! - The classic planner, simpler and slower, the fallback. It replaces corners by quintic blends, or limits the speed there.
+//!   The axis limits become constants for `u'`, `u''` and `u'''` on every [`Run`], consecutive segments with similar limits.
+//!   On a run the motion is a jerk-limited [`Profile`](evolvent_timing::Profile) in closed form; between runs acceleration is
+//!   zero. The [`LookAhead`] gives every boundary the highest speed from which all that follows can be executed. The cycle
+//!   solves the profile of the run that it enters, and of the present run again after a hold or an override.
+//!
+//! # Guarantees
+//!
+//! At every moment the steps handed over end at rest on known path, so a planner that dies leaves a valid plan. Plans are
+//! validated independently of the solver before they are handed over. The plan depends on the moves and on the requests of
+//! the cycle, never on when either arrives. [`Segment::jet`] and [`ExitSpeeds::at_override`] are real-time safe; everything
+//! else is for the planner's thread.
+//!
+//! # Where to read on
+//!
+//! `planner.rs`, then `horizon.rs` for windows and tails; `docs/architecture.md` for the connection to the cycle.
 
 mod classic;
 mod corner;
@@ -49,7 +63,8 @@ mod timing_stage;
 mod validate;
 
 pub use evolvent_timing::{
-    DerivativeBounds, Outcome, PathLimits, Profile, ScalarLimits, ScalarState, lasting_speed, reachable_speed,
+    DerivativeBounds, Outcome, PathLimits, Profile, ScalarLimits, ScalarState, monotone_reachable_speed,
+    reachable_speed,
 };
 
 pub use corner::{Rounding, round_corner};

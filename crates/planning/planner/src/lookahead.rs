@@ -1,9 +1,9 @@
-//! Look-ahead: from segments to runs with exit speeds that are final.
+//! Look-ahead: from segments to runs with final exit speeds.
 //!
-//! Short segments with like limits are gathered into runs, because acceleration is zero at every boundary
-//! between runs and a chain of tiny ones would crawl. A backward pass from rest at the end of the known path
-//! gives each boundary the highest speed from which everything behind it can be obeyed. A boundary whose speed
-//! is its own cap cannot gain from path that is not known yet: it and all before it are final. So the plan does
+//! Short segments with similar limits are combined into runs, because acceleration is zero at every boundary between runs and
+//! a chain of tiny runs would be slow. A backward pass from rest at the end of the known path gives each boundary the highest
+//! speed from which everything after it can be executed. A boundary whose speed equals its own cap cannot gain from path that
+//! is not known yet: it and everything before it are final. So the plan does not depend on how the program text arrives.
 //! not depend on how the program's text happened to arrive.
 
 use std::collections::VecDeque;
@@ -12,39 +12,39 @@ use evolvent_path::Curve;
 
 use crate::step::{ExitSpeeds, PlanSink, Run, Segment, Step};
 use evolvent_timing::{
-    DerivativeBounds, PathLimits, Profile, ScalarLimits, ScalarState, append_cells, lasting_speed,
+    DerivativeBounds, PathLimits, Profile, ScalarLimits, ScalarState, append_cells, monotone_reachable_speed,
     reachable_speed,
 };
 
-/// Steps without final exit speed after which the older half is made final all the same.
+/// Number of steps without final exit speed from which the older half is made final.
 const MAX_PENDING: usize = 4096;
 /// The same for segments.
 const MAX_PENDING_SEGMENTS: usize = 8192;
-/// New steps between two backward passes.
+/// Number of new steps between two backward passes.
 const PASS_EVERY: usize = 64;
-/// Cells of one run, which bounds the work of closing it.
+/// Maximum number of cells of one run, which bounds the work of closing it.
 const MAX_CELLS: usize = 512;
-/// Segments of one run.
+/// Maximum number of segments of one run.
 const MAX_SEGMENTS: u32 = 128;
-/// A segment joins a run while the slowest of both has at least this share of the fastest's speed.
-const LIKE_SPEED: f64 = 0.8;
-/// A curve is cut in two where the speeds that its halves allow differ by more than this share.
-const SPLIT_SPEED: f64 = 0.12;
-/// No cut below this duration, s: there is no time to change speed in it.
-const SPLIT_TIME: f64 = 0.01;
-/// A run lasts at least this long, s, so that even the slowest loop passes few of them in a cycle.
-const SHORTEST_RUN: f64 = 0.002;
-/// Depth of the bisection of one segment.
+/// Minimum ratio of the slowest to the fastest speed of the segments of a run.
+const MIN_SPEED_RATIO: f64 = 0.8;
+/// A curve is divided in two if the speeds permitted on its halves differ by more than this fraction.
+const MIN_SPLIT_DIFFERENCE: f64 = 0.12;
+/// Minimum duration for a division, s: below it there is no time to change the speed.
+const MIN_SPLIT_TIME_S: f64 = 0.01;
+/// Minimum duration of a run, s, so that even the slowest loop passes only a few of them per cycle.
+const MIN_RUN_S: f64 = 0.002;
+/// Maximum depth of the bisection of one segment.
 const MAX_SPLITS: u32 = 12;
 
-/// Most unconsumed steps a plan can hold at once before any of them is final.
+/// Maximum number of unconsumed steps of a plan before any of them is final.
 pub const PENDING_STEPS: usize = MAX_PENDING + PASS_EVERY;
-/// Most unconsumed segments a plan can hold at once before any of them is final.
+/// Maximum number of unconsumed segments of a plan before any of them is final.
 pub const PENDING_SEGMENTS: usize = MAX_PENDING_SEGMENTS + MAX_SEGMENTS as usize + 64;
 
 #[derive(Clone, Copy, Debug)]
-struct Pending {
-    /// `None`: a step at rest.
+struct PendingStep {
+    /// `None` for a step at rest.
     motion: Option<Run>,
     segments: usize,
     /// Caps of the exit speed at the programmed and at the doubled feed.
@@ -53,38 +53,38 @@ struct Pending {
 }
 
 #[derive(Debug, Default)]
-struct Gathering {
+struct RunBuilder {
     cells: Vec<DerivativeBounds>,
     segments: u32,
     length: f64,
     feed: f64,
-    /// Lowest speed that any cell allows, the feed word aside.
+    /// Minimum speed over all cells, without the feed word.
     cap: f64,
-    /// Slowest and fastest segment, the feed word included.
-    slowest: f64,
+    /// Slowest and fastest segment, with the feed word.
+    min_speed: f64,
     fastest: f64,
-    /// Distance in which the slowest speed can be stopped, about.
-    stop: f64,
+    /// Approximate stopping distance from the slowest speed.
+    stop_distance: f64,
 }
 
-/// The look-ahead over one program.
+/// The look-ahead of one program.
 #[derive(Debug)]
 pub struct LookAhead<S> {
     limits: PathLimits,
     sink: S,
-    pending: VecDeque<Pending>,
+    pending: VecDeque<PendingStep>,
     pending_segments: usize,
     since_pass: usize,
-    /// Steps handed on and final.
+    /// Number of steps that are final.
     final_steps: u64,
-    gathering: Gathering,
+    gathering: RunBuilder,
     /// Speed at the end of the last final step, at the programmed feed.
     nominal_speed: f64,
     scratch: Vec<DerivativeBounds>,
 }
 
 impl<S: PlanSink> LookAhead<S> {
-    /// At rest, nothing known.
+    /// Starts at rest, without path.
     #[must_use]
     pub fn new(limits: PathLimits, sink: S) -> Self {
         Self {
@@ -94,41 +94,41 @@ impl<S: PlanSink> LookAhead<S> {
             pending_segments: 0,
             since_pass: 0,
             final_steps: 0,
-            gathering: Gathering::default(),
+            gathering: RunBuilder::default(),
             nominal_speed: 0.0,
             scratch: Vec::new(),
         }
     }
 
-    /// The limits planned for.
+    /// The limits of the plan.
     #[must_use]
     pub fn limits(&self) -> &PathLimits {
         &self.limits
     }
 
-    /// Where the plan goes.
+    /// The sink of the plan.
     #[must_use]
     pub fn sink(&self) -> &S {
         &self.sink
     }
 
-    /// Where the plan goes.
+    /// The sink of the plan.
     pub fn sink_mut(&mut self) -> &mut S {
         &mut self.sink
     }
 
-    /// Appends a stretch of path. `feed` is the programmed speed along the curve, infinite for rapids.
+    /// Appends a path segment. `feed` is the programmed speed along the curve, infinite for rapids.
     ///
     /// # Errors
-    /// As the sink's.
+    /// Those of the sink.
     pub fn segment(&mut self, segment: Segment, feed: f64) -> Result<(), S::Error> {
         self.split(segment, feed, MAX_SPLITS)
     }
 
-    /// Bounds the speed at the present end of the path; 0 is a stop.
+    /// Limits the speed at the present end of the path; 0 is a stop.
     ///
     /// # Errors
-    /// As the sink's.
+    /// Those of the sink.
     pub fn boundary(&mut self, cap: f64) -> Result<(), S::Error> {
         self.close_run(cap)
     }
@@ -136,11 +136,11 @@ impl<S: PlanSink> LookAhead<S> {
     /// Appends a step at rest.
     ///
     /// # Errors
-    /// As the sink's.
+    /// Those of the sink.
     pub fn rest(&mut self, step: &Step) -> Result<(), S::Error> {
         self.close_run(0.0)?;
         self.sink.step(step)?;
-        self.append(Pending {
+        self.append(PendingStep {
             motion: None,
             segments: 0,
             cap: ExitSpeeds::REST,
@@ -150,7 +150,7 @@ impl<S: PlanSink> LookAhead<S> {
             step,
             Step::InputWait { .. } | Step::Probe { .. } | Step::Thread { .. }
         ) {
-            // Nothing more comes before the cycle has driven all of this.
+            // Nothing follows before the cycle has executed all of this.
             self.pass();
             self.finalise(self.pending.len());
         }
@@ -160,7 +160,7 @@ impl<S: PlanSink> LookAhead<S> {
     /// Ends the path at rest and makes everything final.
     ///
     /// # Errors
-    /// As the sink's.
+    /// Those of the sink.
     pub fn finish(&mut self, line: u32) -> Result<(), S::Error> {
         self.rest(&Step::End { line })?;
         self.pass();
@@ -176,9 +176,9 @@ impl<S: PlanSink> LookAhead<S> {
                 self.speed_over(&segment.curve, from, middle),
                 self.speed_over(&segment.curve, middle, to),
             );
-            let differ = (left - right).abs() > SPLIT_SPEED * left.max(right);
-            let lasts = segment.length > SPLIT_TIME * left.min(right).min(2.0 * feed);
-            // Where the feed word rules both halves there is nothing to gain.
+            let differ = (left - right).abs() > MIN_SPLIT_DIFFERENCE * left.max(right);
+            let lasts = segment.length > MIN_SPLIT_TIME_S * left.min(right).min(2.0 * feed);
+            // If the feed word limits both halves there is nothing to gain.
             if differ && lasts && left.min(right) < 2.0 * feed {
                 let first = Segment {
                     length: middle - from,
@@ -194,7 +194,7 @@ impl<S: PlanSink> LookAhead<S> {
                 return self.split(second, feed, depth - 1);
             }
         }
-        self.gather(segment, feed)
+        self.add_to_run(segment, feed)
     }
 
     fn speed_over(&mut self, curve: &Curve, from: f64, to: f64) -> f64 {
@@ -206,20 +206,20 @@ impl<S: PlanSink> LookAhead<S> {
             .fold(f64::INFINITY, f64::min)
     }
 
-    fn gather(&mut self, segment: Segment, feed: f64) -> Result<(), S::Error> {
+    fn add_to_run(&mut self, segment: Segment, feed: f64) -> Result<(), S::Error> {
         let (from, to) = (segment.from, segment.from + segment.length);
         let feed = feed / metric_speed(&segment.curve, from, to);
         let cap = self.speed_over(&segment.curve, from, to);
         let speed = cap.min(feed);
         let run = &self.gathering;
-        let like = speed.min(run.slowest) >= LIKE_SPEED * speed.max(run.fastest) && feed == run.feed;
+        let like = speed.min(run.min_speed) >= MIN_SPEED_RATIO * speed.max(run.fastest) && feed == run.feed;
         let full = run.segments >= MAX_SEGMENTS || run.cells.len() + self.scratch.len() > MAX_CELLS;
-        // Too short for a run of its own, and taking the slower speed for both costs no time to speak of.
-        let slower = speed.min(run.slowest);
+        // Too short for a run of its own; the slower speed for both costs negligible time.
+        let slower = speed.min(run.min_speed);
         let extra =
-            run.length * (1.0 / slower - 1.0 / run.slowest) + segment.length * (1.0 / slower - 1.0 / speed);
-        let short = run.length.min(segment.length) < SHORTEST_RUN * slower && extra < SHORTEST_RUN;
-        if run.segments > 0 && (full || !(short || like && run.length < 2.0 * run.stop)) {
+            run.length * (1.0 / slower - 1.0 / run.min_speed) + segment.length * (1.0 / slower - 1.0 / speed);
+        let short = run.length.min(segment.length) < MIN_RUN_S * slower && extra < MIN_RUN_S;
+        if run.segments > 0 && (full || !(short || like && run.length < 2.0 * run.stop_distance)) {
             self.close_run(f64::INFINITY)?;
         }
         let own = self
@@ -230,17 +230,17 @@ impl<S: PlanSink> LookAhead<S> {
             .fold(0.0, f64::max);
         let run = &mut self.gathering;
         if run.segments == 0 {
-            (run.length, run.stop, run.feed) = (0.0, 0.0, feed);
-            (run.cap, run.slowest, run.fastest) = (cap, speed, speed);
+            (run.length, run.stop_distance, run.feed) = (0.0, 0.0, feed);
+            (run.cap, run.min_speed, run.fastest) = (cap, speed, speed);
         }
         run.cells.append(&mut self.scratch);
         run.segments += 1;
         run.length += segment.length;
         run.feed = run.feed.min(feed);
         run.cap = run.cap.min(cap);
-        run.slowest = run.slowest.min(speed);
+        run.min_speed = run.min_speed.min(speed);
         run.fastest = run.fastest.max(speed);
-        run.stop = run.stop.max(own);
+        run.stop_distance = run.stop_distance.max(own);
         self.sink.segment(&segment)
     }
 
@@ -253,11 +253,8 @@ impl<S: PlanSink> LookAhead<S> {
             }
             return Ok(());
         }
-        // The shortest duration holds even where a run could not be gathered longer.
-        let cap = run
-            .cap
-            .min(2.0 * run.feed)
-            .min(run.length / (0.25 * SHORTEST_RUN));
+        // The minimum duration applies even if the run could not be extended.
+        let cap = run.cap.min(2.0 * run.feed).min(run.length / (0.25 * MIN_RUN_S));
         let limits = self.limits.over(&run.cells, cap);
         let nominal = limits.velocity.min(run.feed);
         let motion = Run {
@@ -266,12 +263,12 @@ impl<S: PlanSink> LookAhead<S> {
             limits,
             feed: run.feed,
         };
-        // The boundary into this run may be no faster than the run itself.
+        // The boundary into this run must not be faster than the run itself.
         if let Some(before) = self.pending.back_mut() {
             before.cap.nominal = before.cap.nominal.min(nominal);
             before.cap.doubled = before.cap.doubled.min(limits.velocity);
         }
-        let pending = Pending {
+        let pending = PendingStep {
             motion: Some(motion),
             segments: run.segments as usize,
             cap: ExitSpeeds {
@@ -287,7 +284,7 @@ impl<S: PlanSink> LookAhead<S> {
         Ok(())
     }
 
-    fn append(&mut self, pending: Pending) {
+    fn append(&mut self, pending: PendingStep) {
         self.pending_segments += pending.segments;
         self.pending.push_back(pending);
         self.since_pass += 1;
@@ -301,7 +298,7 @@ impl<S: PlanSink> LookAhead<S> {
         }
     }
 
-    /// Backward pass; returns how many steps from the front are final.
+    /// Backward pass; returns the number of steps from the front that are final.
     fn pass(&mut self) -> usize {
         self.since_pass = 0;
         let (mut nominal_final, mut doubled_final) = (0, 0);
@@ -313,7 +310,7 @@ impl<S: PlanSink> LookAhead<S> {
                 ExitSpeeds::REST
             };
             let step = &mut self.pending[k];
-            // The last step's cap is not known before its successor is, unless it is at rest anyway.
+            // The cap of the last step is unknown until its successor is known, unless it is at rest.
             let exit = speed;
             if exit.nominal >= step.cap.nominal {
                 nominal_final = nominal_final.max(k + 1);
@@ -326,12 +323,12 @@ impl<S: PlanSink> LookAhead<S> {
             speed = match step.motion {
                 None => ExitSpeeds::REST,
                 Some(run) => {
-                    // What may still grow must not take back what it is built upon.
+                    // A later increase must not invalidate a final speed.
                     let entry = |exit: f64, cap: f64, settled: bool| {
                         if settled {
                             reachable_speed(exit, run.length, &run.limits)
                         } else {
-                            lasting_speed(exit, cap, run.length, &run.limits)
+                            monotone_reachable_speed(exit, cap, run.length, &run.limits)
                         }
                     };
                     let nominal = entry(exit.nominal, step.cap.nominal, nominal_final > k);
@@ -374,8 +371,8 @@ impl<S: PlanSink> LookAhead<S> {
     }
 }
 
-/// Largest speed of the feed metric per unit of parameter speed. It differs from 1 near an involute's base
-/// circle, where the parameter runs ahead of the path, and on blends.
+/// Maximum speed of the feed metric per unit of parameter speed. It differs from 1 near an involute's base circle, where the
+/// parameter advances faster than the path, and on blends.
 fn metric_speed(curve: &Curve, from: f64, to: f64) -> f64 {
     let at = |u: f64| {
         let first = curve.jet(u).first;
@@ -383,13 +380,13 @@ fn metric_speed(curve: &Curve, from: f64, to: f64) -> f64 {
     };
     match curve {
         Curve::Line(_) | Curve::Arc(_) => 1.0,
-        // Monotone over the stretch in which it is not 1.
+        // Monotone over the section in which it is not 1.
         Curve::Involute(_) => at(from).max(at(to)).clamp(1e-6, 1.0),
         Curve::Blend(_) | Curve::Spline(_) => {
-            let most = (0..=16)
+            let max = (0..=16)
                 .map(|k| at(from + (to - from) * f64::from(k) / 16.0))
                 .fold(1.0, f64::max);
-            if most > 1.0 { most * (1.0 + 1e-4) } else { 1.0 }
+            if max > 1.0 { max * (1.0 + 1e-4) } else { 1.0 }
         }
     }
 }
@@ -425,7 +422,7 @@ mod tests {
         }
     }
 
-    /// Length that a change of speed takes, acceleration zero at both ends: `(v0 + v1)/2 T`.
+    /// Distance of a change of speed with zero acceleration at both ends: `(v0 + v1)/2 T`.
     fn distance(v0: f64, v1: f64, limits: &ScalarLimits) -> f64 {
         let (dv, a, j) = ((v0 - v1).abs(), limits.acceleration, limits.jerk);
         let time = if dv <= a * a / j {
@@ -437,18 +434,18 @@ mod tests {
     }
 
     #[test]
-    fn a_line_takes_the_time_that_its_limits_give() {
+    fn a_line_takes_the_time_of_its_limits() {
         let mut ahead = ahead();
         ahead.segment(straight(0.0, 100.0), 50.0).expect("plan");
         ahead.finish(2).expect("finish");
-        // Each change takes 2 sqrt(V/J), the way is the same as at V for half of both; 1 % of the jerk is kept.
+        // Each change takes 2 sqrt(V/J) and the distance of half of both at V; 1 % of the jerk is kept as a margin.
         let expected = 100.0 / 50.0 + 2.0 * (50.0_f64 / 49_500.0).sqrt();
         let took: f64 = ahead.sink().durations.iter().sum();
         assert!((took - expected).abs() < 1e-9, "{took} {expected}");
     }
 
     #[test]
-    fn durations_follow_the_speed_from_run_to_run() {
+    fn durations_follow_the_boundary_speeds() {
         let mut ahead = ahead();
         ahead.segment(straight(0.0, 200.0), 100.0).expect("plan");
         ahead.segment(straight(200.0, 400.0), 30.0).expect("plan");
@@ -458,7 +455,7 @@ mod tests {
             acceleration: 2000.0,
             jerk: 49_500.0,
         };
-        // Up to 100, down to 30 at the boundary, and down to rest at the end; constant speed between.
+        // Up to 100, down to 30 at the boundary, then to rest at the end; constant speed in between.
         let way = |v0: f64, v1: f64| distance(v0, v1, &limits);
         let time = |v0: f64, v1: f64| 2.0 * way(v0, v1) / (v0 + v1);
         let first =
@@ -472,7 +469,7 @@ mod tests {
     }
 
     #[test]
-    fn a_boundary_is_as_fast_as_the_slower_feed_and_twice_that_at_the_doubled() {
+    fn a_boundary_has_the_lower_of_both_feeds() {
         let mut ahead = ahead();
         ahead.segment(straight(0.0, 200.0), 100.0).expect("plan");
         ahead.segment(straight(200.0, 400.0), 30.0).expect("plan");
@@ -489,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bounded_boundary_keeps_its_bound_whichever_side_it_is_told_from() {
+    fn a_boundary_cap_holds_from_either_side() {
         let mut ahead = ahead();
         ahead.segment(straight(0.0, 200.0), 100.0).expect("plan");
         ahead.boundary(7.0).expect("plan");
@@ -505,7 +502,7 @@ mod tests {
     }
 
     #[test]
-    fn short_blocks_of_one_feed_are_one_run_and_slow_ones_are_not_made_fast() {
+    fn short_blocks_of_equal_feed_form_one_run() {
         let mut ahead = ahead();
         for k in 0..100 {
             let x = f64::from(k) * 0.01;
@@ -519,8 +516,8 @@ mod tests {
     }
 
     #[test]
-    fn every_boundary_can_be_reached_and_none_could_be_faster() {
-        // Blocks of random length and feed; the limits of a straight line are those of the axis.
+    fn every_boundary_speed_is_reachable_and_maximal() {
+        // Blocks of random length and feed; the limits on a straight line are those of the axis.
         let seed = 0x100c_0001_u64;
         println!("seed {seed:#x}");
         let mut random = evolvent_random::Random::from_state(seed);
@@ -553,7 +550,7 @@ mod tests {
                     run.length
                 );
             }
-            // The entry is at one of its bounds: this run's, the last one's, or the way to brake.
+            // The entry speed is at one of its bounds: this run's, the previous run's, or the braking distance.
             if k > 0 {
                 let before = &runs[k - 1].0;
                 let bound = top.min(before.limits.velocity.min(before.feed) * (1.0 + 1e-12));
@@ -565,8 +562,8 @@ mod tests {
     }
 
     #[test]
-    fn a_curve_is_cut_where_its_halves_differ_and_loses_nothing() {
-        // A narrow involute: the speed that it allows grows with the radius of curvature.
+    fn a_curve_is_divided_where_its_halves_differ() {
+        // A narrow involute: the permitted speed grows with the radius of curvature.
         let radius = 2.0;
         let place = |phi: f64| {
             let (sin, cos) = phi.sin_cos();
@@ -602,7 +599,7 @@ mod tests {
         assert!((at - curve.domain()).abs() < 1e-12 * at);
         let counted: u32 = ahead.sink().runs().iter().map(|run| run.0.segments).sum();
         assert_eq!(counted as usize, segments.len());
-        // A full circle is the same all round, and a feed that rules everywhere leaves nothing to gain.
+        // A full circle is uniform, and a feed that limits everywhere leaves nothing to gain.
         let circle = Arc::new(
             Plane::Xy,
             point(0.0, 0.0),

@@ -1,17 +1,17 @@
-//! What a move must be before it is planned.
+//! Conditions on a move before it is planned.
 
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, AxisLetter, Curve, Move};
 
 use crate::planner::PlanError;
 
-/// Rounding of positions, mm or degrees, that the check of travel forgives.
+/// Rounding of positions tolerated by the travel check, mm or degrees.
 const TRAVEL_SLACK: f64 = 1e-9;
-/// Rounding of positions that may lie between two moves, mm or degrees.
-const GAP: f64 = 1e-6;
+/// Rounding of positions tolerated between two moves, mm or degrees.
+const MAX_GAP: f64 = 1e-6;
 
-/// Says of one move after the other whether a [`Planner`](crate::Planner) takes it, without planning anything: to check a
-/// program as fast as it can be read.
+/// Checks whether a [`Planner`](crate::Planner) would accept each move, without planning: for checking programs at the speed
+/// of the interpreter.
 #[derive(Clone, Debug)]
 pub struct MoveValidator {
     limits: Limits,
@@ -19,7 +19,7 @@ pub struct MoveValidator {
 }
 
 impl MoveValidator {
-    /// Before the first move.
+    /// Starts before the first move.
     #[must_use]
     pub fn new(limits: &Limits) -> Self {
         Self {
@@ -28,16 +28,16 @@ impl MoveValidator {
         }
     }
 
-    /// The axes stand elsewhere than the last move ended: a probing move has brought them there.
+    /// Sets the position of the axes when it differs from the end of the last move, as after a probing move.
     pub fn stand_at(&mut self, position: &Axes) {
         self.end = Some(*position);
     }
 
-    /// Checks the next move. One that is refused leaves no trace: the next has to follow on the last that was taken.
+    /// Checks the next move. A rejected move has no effect: the next one has to start at the end of the last accepted one.
     ///
     /// # Errors
-    /// The move leaves the travel ([`PlanError::Travel`]), has no feed ([`PlanError::Feed`]), or does not start where the
-    /// last one ended ([`PlanError::Gap`]).
+    /// [`PlanError::Travel`] if the move exceeds the travel, [`PlanError::Feed`] if it has no feed, [`PlanError::Gap`] if it does
+    /// not start at the end of the last one.
     pub fn admit<E>(&mut self, motion: &Move) -> Result<(), PlanError<E>> {
         let curve = &motion.curve;
         check_travel(curve, &self.limits)?;
@@ -50,7 +50,7 @@ impl MoveValidator {
             let gap = curve.start() - end;
             for axis in AxisLetter::ALL {
                 let distance = gap[axis.index()].abs();
-                if distance.is_nan() || distance > GAP {
+                if distance.is_nan() || distance > MAX_GAP {
                     return Err(PlanError::Gap { axis, distance });
                 }
             }
@@ -60,7 +60,7 @@ impl MoveValidator {
     }
 }
 
-/// Whether a curve stays within the travel of every axis.
+/// Checks that a curve stays within the travel of every axis.
 pub(crate) fn check_travel<E>(curve: &Curve, limits: &Limits) -> Result<(), PlanError<E>> {
     let (low, high) = curve.bounds(0.0, curve.domain());
     for axis in AxisLetter::ALL {

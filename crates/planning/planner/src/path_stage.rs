@@ -1,9 +1,9 @@
-//! Moves in, the path that is driven out: the first half of the near-optimal planner.
+//! Moves in, driven path out: the first stage of the time-optimal planner.
 
 use std::collections::VecDeque;
 
 use evolvent_path::{Move, MoveKind, PathMode};
-use evolvent_smooth::{Block, Output, Settings, Smoother, Stretch, Tolerance};
+use evolvent_smooth::{Block, Output, PathSegment, Settings, Smoother, Tolerance};
 use evolvent_timing::PathLimits;
 
 use crate::planner::PathRules;
@@ -12,35 +12,35 @@ use crate::straight::Straightener;
 
 /// Receives the path in order.
 pub trait PathSink {
-    /// Appends a stretch of path; `feed` in the feed metric, mm/s or degrees/s, infinite for rapids.
+    /// Appends a path segment; `feed` in the feed metric, mm/s or degrees/s, infinite for rapids.
     fn segment(&mut self, segment: Segment, feed: f64);
 
-    /// Bounds the speed of the path parameter at the present end, per s; 0 is a stop.
+    /// Limits the speed of the path parameter at the present end, per s; 0 is a stop.
     fn cap(&mut self, speed: f64);
 
     /// Appends the mark of a block's start.
     fn mark(&mut self, mark: BlockMark);
 
-    /// Brings the path to rest, and appends a step there.
+    /// Stops the path and appends a step at rest.
     fn rest(&mut self, step: Step);
 }
 
-/// What a [`PathSink`] receives, to be passed on: to another thread, for one.
+/// A call of a [`PathSink`] as a value, for example to send it to another thread.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "nearly all are segments")]
 pub enum PathItem {
-    /// A stretch of path, and its feed.
+    /// A path segment and its feed.
     Segment(Segment, f64),
-    /// A bound of the speed at the end so far.
+    /// A limit of the speed at the present end.
     Cap(f64),
-    /// A block's start.
+    /// The start of a block.
     Mark(BlockMark),
     /// A step at rest.
     Rest(Step),
 }
 
 impl PathItem {
-    /// Passes it on.
+    /// Performs the call on a sink.
     pub fn hand_to(self, sink: &mut impl PathSink) {
         match self {
             Self::Segment(segment, feed) => sink.segment(segment, feed),
@@ -69,21 +69,21 @@ impl PathSink for Vec<PathItem> {
     }
 }
 
-/// Makes a path of the moves of one program. Knows no time: what comes out depends on the moves alone.
+/// Converts the moves of one program into a path. Knows no time: the path depends on the moves alone.
 #[derive(Debug)]
 pub struct PathStage {
     smoother: Smoother,
     straightener: Straightener,
     rules: PathRules,
     out: Vec<Output>,
-    /// Blocks whose end has not come out, the oldest first.
+    /// Blocks whose end is not in the output yet, oldest first.
     blocks: VecDeque<(u32, u32)>,
-    /// Where the next block starts, if the one before has ended.
+    /// The start of the next block, if the previous one has ended.
     start: Option<f64>,
 }
 
 impl PathStage {
-    /// At rest at the start of the first move.
+    /// Starts at rest at the beginning of the first move.
     #[must_use]
     pub fn new(limits: &PathLimits, rules: PathRules) -> Self {
         let settings = Settings {
@@ -100,13 +100,13 @@ impl PathStage {
         }
     }
 
-    /// Largest distance of the path so far from the programmed one, mm.
+    /// Maximum distance so far between the path and the programmed one, mm.
     #[must_use]
     pub fn deviation_mm(&self) -> f64 {
         self.smoother.deviation_mm()
     }
 
-    /// Appends a move that [`MoveValidator`](crate::MoveValidator) has let pass.
+    /// Appends a move that [`MoveValidator`](crate::MoveValidator) has accepted.
     pub fn push(&mut self, motion: &Move, line: u32, block: u32, sink: &mut impl PathSink) {
         let tolerance = match motion.path_mode {
             PathMode::ExactPath => Tolerance::Exact,
@@ -116,7 +116,7 @@ impl PathStage {
                 merge_mm,
             } => {
                 let mm = tolerance_mm.unwrap_or(self.rules.blend_tolerance_mm);
-                // Q without a word is P, and no vertex may be farther off than P.
+                // Q without a word equals P, and no vertex may be farther off than P.
                 let merge_mm = merge_mm.unwrap_or(mm).min(mm);
                 Tolerance::Within { mm, merge_mm }
             }
@@ -132,18 +132,18 @@ impl PathStage {
         self.blocks.push_back((block.line, block.block));
         self.mark_start(sink);
         self.smoother.push(&block, &mut self.out);
-        self.take_out(sink);
+        self.emit_outputs(sink);
     }
 
-    /// Brings the path to rest and appends a step there.
+    /// Stops the path and appends a step at rest.
     pub fn rest(&mut self, step: Step, sink: &mut impl PathSink) {
         self.smoother.rest(&mut self.out);
-        self.take_out(sink);
-        hand_on(sink, self.straightener.flush(), self.blocks.front());
+        self.emit_outputs(sink);
+        emit(sink, self.straightener.flush(), self.blocks.front());
         sink.rest(step);
     }
 
-    /// Marks where the oldest block starts that has not ended, once both are known.
+    /// Marks the start of the oldest block that has not ended, once both are known.
     fn mark_start(&mut self, sink: &mut impl PathSink) {
         if let (Some(start), Some(&(line, block))) = (self.start, self.blocks.front()) {
             sink.mark(BlockMark { start, line, block });
@@ -151,16 +151,16 @@ impl PathStage {
         }
     }
 
-    fn take_out(&mut self, sink: &mut impl PathSink) {
+    fn emit_outputs(&mut self, sink: &mut impl PathSink) {
         let mut out = std::mem::take(&mut self.out);
         for output in out.drain(..) {
             match output {
-                Output::Stretch(stretch) => {
-                    let complete = self.straightener.push(stretch);
-                    hand_on(sink, complete, self.blocks.front());
+                Output::Segment(segment) => {
+                    let complete = self.straightener.push(segment);
+                    emit(sink, complete, self.blocks.front());
                 }
                 Output::Cap { speed } => {
-                    hand_on(sink, self.straightener.flush(), self.blocks.front());
+                    emit(sink, self.straightener.flush(), self.blocks.front());
                     sink.cap(speed);
                 }
                 Output::Mark(mark) => {
@@ -174,20 +174,20 @@ impl PathStage {
     }
 }
 
-fn hand_on(sink: &mut impl PathSink, stretch: Option<Stretch>, block: Option<&(u32, u32)>) {
-    let Some(stretch) = stretch else { return };
+fn emit(sink: &mut impl PathSink, piece: Option<PathSegment>, block: Option<&(u32, u32)>) {
+    let Some(piece) = piece else { return };
     let (line, block) = block.copied().unwrap_or_default();
     let segment = Segment {
-        curve: stretch.curve,
-        from: stretch.from,
-        length: stretch.length,
+        curve: piece.curve,
+        from: piece.from,
+        length: piece.length,
         line,
         block,
         marks: SegmentMarks {
-            blend: stretch.blend,
-            rapid: stretch.rapid,
-            joint: stretch.joint,
+            blend: piece.blend,
+            rapid: piece.rapid,
+            joint: piece.joint,
         },
     };
-    sink.segment(segment, stretch.feed);
+    sink.segment(segment, piece.feed);
 }

@@ -11,23 +11,23 @@ use crate::path_stage::PathStage;
 use crate::step::{PlanSink, Step};
 use crate::timing_stage::TimingStage;
 
-/// How the path is to be followed, the limits of the axes aside.
+/// How the path is followed, apart from the axis limits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathRules {
     /// Tolerance of G64 without P, mm.
     pub blend_tolerance_mm: f64,
-    /// Time in which the jerk limit undoes a step of acceleration in exact-path mode, s.
+    /// Time in which the jerk limit compensates a step of acceleration in exact-path mode, s.
     pub joint_time_s: f64,
-    /// Which planner.
+    /// The planner.
     pub planner: PlannerKind,
-    /// Feed override in force at the start, 1 at 100 %.
+    /// Feed override at the start; 1 is 100 %.
     pub feed_override: f64,
 }
 
-/// Why a move cannot be planned.
+/// The reason why a move cannot be planned.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum PlanError<E> {
-    /// The move leaves the travel of an axis.
+    /// The move exceeds the travel of an axis.
     #[error(
         "axis {} would go to {reached:.4}, beyond its travel limit of {limit:.4}; \
          move the work offset or the part, or change the program",
@@ -36,9 +36,9 @@ pub enum PlanError<E> {
     Travel {
         /// The axis.
         axis: AxisLetter,
-        /// Farthest machine coordinate of the move, mm or degrees.
+        /// Extreme machine coordinate of the move, mm or degrees.
         reached: f64,
-        /// The limit that it passes.
+        /// The limit that it exceeds.
         limit: f64,
     },
     /// The feed of a move is not a positive number.
@@ -47,25 +47,25 @@ pub enum PlanError<E> {
         /// The feed.
         feed_mm_s: f64,
     },
-    /// A move starts elsewhere than the one before ended.
+    /// A move does not start at the end of the previous one.
     #[error("axis {} jumps by {distance:.3e} between two moves", axis.letter())]
     Gap {
         /// The axis.
         axis: AxisLetter,
-        /// Size of the jump.
+        /// Size of the gap.
         distance: f64,
     },
-    /// No motion is found from rest.
+    /// No motion from rest was found.
     #[error(
         "no motion within the limits of the axes is found from line {line} on; the machine stands before it. Try \
          `planner = \"classic\"` there, and please report the program and the machine file"
     )]
     NoMotion {
-        /// Line of the block where the plan has come to.
+        /// Line of the block at which planning failed.
         line: u32,
     },
-    /// The consumer of the plan does not take more.
-    #[error("the plan is not taken any more")]
+    /// The consumer of the plan has gone.
+    #[error("the consumer of the plan has gone")]
     Sink(E),
 }
 
@@ -83,83 +83,85 @@ enum Kind<S> {
     Optimal(Optimal<S>),
 }
 
-/// Path, then time law.
+/// Path stage and timing stage.
 #[derive(Debug)]
 struct Optimal<S> {
-    shaper: PathStage,
-    pacer: TimingStage<S>,
+    path_stage: PathStage,
+    timing_stage: TimingStage<S>,
 }
 
 impl<S: PlanSink> Planner<S> {
-    /// At rest at the start of the first move.
+    /// Starts at rest at the beginning of the first move.
     #[must_use]
     pub fn new(limits: PathLimits, rules: PathRules, sink: S) -> Self {
         let admission = MoveValidator::new(limits.axes());
         let kind = match rules.planner {
             PlannerKind::Classic => Kind::Classic(Classic::new(limits, rules, sink)),
             PlannerKind::Optimal => Kind::Optimal(Optimal {
-                shaper: PathStage::new(&limits, rules),
-                pacer: TimingStage::new(&limits, &rules, sink),
+                path_stage: PathStage::new(&limits, rules),
+                timing_stage: TimingStage::new(&limits, &rules, sink),
             }),
         };
         Self { kind, admission }
     }
 
-    /// Where the plan goes.
+    /// The sink of the plan.
     #[must_use]
     pub fn sink(&self) -> &S {
         match &self.kind {
             Kind::Classic(classic) => classic.sink(),
-            Kind::Optimal(optimal) => optimal.pacer.sink(),
+            Kind::Optimal(optimal) => optimal.timing_stage.sink(),
         }
     }
 
-    /// Where the plan goes.
+    /// The sink of the plan.
     pub fn sink_mut(&mut self) -> &mut S {
         match &mut self.kind {
             Kind::Classic(classic) => classic.sink_mut(),
-            Kind::Optimal(optimal) => optimal.pacer.sink_mut(),
+            Kind::Optimal(optimal) => optimal.timing_stage.sink_mut(),
         }
     }
 
-    /// Largest distance of the path planned so far from the programmed one, mm.
+    /// Maximum distance so far between the planned path and the programmed one, mm.
     #[must_use]
     pub fn deviation_mm(&self) -> f64 {
         match &self.kind {
             Kind::Classic(classic) => classic.deviation_mm(),
-            Kind::Optimal(optimal) => optimal.shaper.deviation_mm(),
+            Kind::Optimal(optimal) => optimal.path_stage.deviation_mm(),
         }
     }
 
-    /// The next move starts here: a probing move ([`Step::Probe`]) or a thread ([`Step::Thread`]) has brought the axes there.
+    /// Sets the start of the next move after a probing move ([`Step::Probe`]) or a thread ([`Step::Thread`]) has moved the axes.
     pub fn stand_at(&mut self, position: &evolvent_path::Axes) {
         self.admission.stand_at(position);
     }
 
-    /// Appends a move. Nothing is planned of a move that is refused.
+    /// Appends a move. A rejected move has no effect.
     ///
     /// # Errors
-    /// The move leaves the travel, has no feed, or does not start where the last one ended; or nothing can be planned
-    /// any more of what came before.
+    /// [`PlanError`] if the move exceeds the travel, has no feed, or does not start at the end of the last one; or if planning of
+    /// earlier path has failed.
     pub fn push(&mut self, motion: &Move, line: u32, block: u32) -> Result<(), PlanError<S::Error>> {
         self.admission.admit(motion)?;
         match &mut self.kind {
             Kind::Classic(classic) => classic.push(motion, line, block),
             Kind::Optimal(optimal) => {
-                if let Some(line) = optimal.pacer.failed_at() {
+                if let Some(line) = optimal.timing_stage.failed_at() {
                     return Err(PlanError::NoMotion { line });
                 }
-                optimal.shaper.push(motion, line, block, &mut optimal.pacer);
-                optimal.pacer.poll()
+                optimal
+                    .path_stage
+                    .push(motion, line, block, &mut optimal.timing_stage);
+                optimal.timing_stage.poll()
             }
         }
         .map_err(PlanError::Sink)
     }
 
-    /// Brings the path to rest and appends a step there.
+    /// Stops the path and appends a step at rest.
     ///
     /// # Errors
-    /// As the sink's.
+    /// Those of the sink.
     pub fn rest(&mut self, step: &Step) -> Result<(), S::Error> {
         match &mut self.kind {
             Kind::Classic(classic) => classic.rest(step),
@@ -167,10 +169,10 @@ impl<S: PlanSink> Planner<S> {
         }
     }
 
-    /// Brings the path to rest; everything planned becomes final.
+    /// Stops the path; everything planned becomes final.
     ///
     /// # Errors
-    /// As the sink's.
+    /// Those of the sink.
     pub fn finish(&mut self, line: u32) -> Result<(), S::Error> {
         match &mut self.kind {
             Kind::Classic(classic) => classic.finish(line),
@@ -178,29 +180,29 @@ impl<S: PlanSink> Planner<S> {
         }
     }
 
-    /// Answers what the cycle has asked since the last call: holds and overrides. Call it often.
+    /// Answers the requests of the cycle since the last call. Call it often.
     ///
     /// # Errors
-    /// As the sink's.
+    /// Those of the sink.
     pub fn poll(&mut self) -> Result<(), S::Error> {
         match &mut self.kind {
             Kind::Classic(_) => Ok(()),
-            Kind::Optimal(optimal) => optimal.pacer.poll(),
+            Kind::Optimal(optimal) => optimal.timing_stage.poll(),
         }
     }
 
     /// After [`finish`](Self::finish): answers the cycle until it has gone.
-    pub fn attend(&mut self) {
+    pub fn serve_until_closed(&mut self) {
         if let Kind::Optimal(optimal) = &mut self.kind {
-            // The only way out is that nobody asks any more.
-            let _gone = optimal.pacer.attend();
+            // Ends only when the consumer has gone.
+            let _gone = optimal.timing_stage.serve_until_closed();
         }
     }
 }
 
 impl<S: PlanSink> Optimal<S> {
     fn rest(&mut self, step: Step) -> Result<(), S::Error> {
-        self.shaper.rest(step, &mut self.pacer);
-        self.pacer.poll()
+        self.path_stage.rest(step, &mut self.timing_stage);
+        self.timing_stage.poll()
     }
 }

@@ -1,4 +1,4 @@
-//! A sink that keeps what it gets and checks what every sink is promised.
+//! A sink that records the plan and checks the guarantees of the planner.
 
 use std::convert::Infallible;
 
@@ -7,7 +7,7 @@ use evolvent_path::{AXES, Axes};
 
 use crate::{ExitSpeeds, PlanSink, Run, Segment, Step};
 
-/// Everything that a planner handed on.
+/// The complete output of a planner.
 #[derive(Debug, Default)]
 pub(crate) struct Recorder {
     pub(crate) segments: Vec<Segment>,
@@ -18,7 +18,7 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
-    /// Runs with the speeds at which they are entered and left at the programmed feed.
+    /// Runs with their entry and exit speeds at the programmed feed.
     pub(crate) fn runs(&self) -> Vec<(Run, f64, f64)> {
         let mut entry = 0.0;
         let mut runs = Vec::new();
@@ -67,7 +67,7 @@ impl PlanSink for Recorder {
     }
 }
 
-/// Nine equal axes with room.
+/// Nine equal axes with ample travel.
 pub(crate) fn equal_axes(velocity: f64, acceleration: f64, jerk: f64) -> Limits {
     Limits {
         present: [true; AXES],

@@ -1,35 +1,35 @@
-//! What the planner hands to the cycle: segments of path, and steps over them.
+//! The planner's output to the cycle: path segments, and steps over them.
 
 use evolvent_path::{Curve, Jet};
 use evolvent_timing::Piece;
 
 use crate::ScalarLimits;
 
-/// Marks of a segment.
+/// Properties of a segment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SegmentMarks {
     /// A blend between two programmed blocks.
     pub blend: bool,
     /// A rapid move.
     pub rapid: bool,
-    /// Begins at a step of curvature that exact-path mode does not allow to be eased.
+    /// Starts at a step of curvature that exact-path mode must keep.
     pub joint: bool,
 }
 
-/// A stretch of one curve: regular parameter `from` to `from + length`.
+/// A path segment: regular parameter `from` to `from + length` of one curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
     /// The curve, in machine coordinates.
     pub curve: Curve,
-    /// Regular parameter at the start of the stretch.
+    /// Regular parameter at the start.
     pub from: f64,
-    /// Parameter length of the stretch.
+    /// Parameter length.
     pub length: f64,
-    /// Program line it belongs to.
+    /// Program line.
     pub line: u32,
     /// Index of its block in the order of execution.
     pub block: u32,
-    /// What it is.
+    /// Its properties.
     pub marks: SegmentMarks,
 }
 
@@ -41,48 +41,47 @@ impl Segment {
     }
 }
 
-/// A run: consecutive whole segments traversed under one set of scalar limits, with zero acceleration at both
-/// ends.
+/// A run: consecutive whole segments under one set of scalar limits, with zero acceleration at both ends (classic planner).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Run {
     /// Parameter length: the sum over its segments.
     pub length: f64,
     /// Number of segments.
     pub segments: u32,
-    /// Limits that every axis, the chord error and the path allow, the feed word aside.
+    /// Limits by axes, chord error and path, without the feed word.
     pub limits: ScalarLimits,
     /// Parameter speed of the programmed feed at 100 %; infinite for rapids.
     pub feed: f64,
 }
 
-/// One thing to do, in order.
+/// One step of the plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Step {
-    /// Move as solved by the cycle, which keeps the run's limits (the classic planner).
+    /// Motion solved by the cycle within the run's limits (classic planner).
     Run(Run),
-    /// Move by a law that the planner has solved (the near-optimal planner).
+    /// Motion by a time law from the planner (time-optimal planner).
     TimedSegment(TimedSegment),
-    /// Stand still until a further plan comes: the end of what is known so far, or of a feed hold.
+    /// Rest until a further plan arrives: at the end of the known path, or after a feed hold.
     Wait,
-    /// Stand still for so many seconds (G4).
+    /// Rest for this time (G4).
     Dwell {
         /// Seconds.
         seconds: f64,
         /// Program line.
         line: u32,
     },
-    /// Stand still until told to go on (M0, M1, M60).
+    /// Rest until resumed by the operator (M0, M1, M60).
     ProgramStop {
         /// Program line.
         line: u32,
     },
-    /// Stand still until the wait for an input is over (M66). The program is not read further before, so nothing follows in the
-    /// plan until its result is known.
+    /// Rest until the wait for an input ends (M66). The program is not read further before, so nothing follows in the plan until
+    /// the result is known.
     InputWait {
         /// Program line.
         line: u32,
     },
-    /// A command for the machine's periphery takes effect here, at rest (M3, M6, M8 ...); `action` indexes the
+    /// A command for the periphery of the machine takes effect here, at rest (M3, M6, M8 ...). `action` is its index in the
     /// planner's list.
     Action {
         /// Number of the action in order of execution.
@@ -90,19 +89,19 @@ pub enum Step {
         /// Program line.
         line: u32,
     },
-    /// A controller takes over here, at rest, and comes back to the same place: turning in passes that the load finds.
+    /// A controller takes over here, at rest, and returns to the same position: load-adaptive turning passes.
     Turning {
         /// Program line.
         line: u32,
     },
-    /// A probing move begins here, at rest, and ends where the probe trips. Nothing follows in the plan until its result is known, and
-    /// what follows then begins where the axes stand.
+    /// A probing move starts here, at rest, and ends where the probe trips. Nothing follows in the plan until the result is known;
+    /// the next move starts at the actual position of the axes.
     Probe {
         /// Program line.
         line: u32,
     },
-    /// A pass of threading begins here, at rest, and follows the angle of the spindle. Nothing follows in the plan until its result is
-    /// known, and what follows then begins where the axes stand.
+    /// A threading pass starts here, at rest, and follows the angle of the spindle. Nothing follows in the plan until the result is
+    /// known; the next move starts at the actual position of the axes.
     Thread {
         /// Program line.
         line: u32,
@@ -114,30 +113,30 @@ pub enum Step {
     },
 }
 
-/// One piece of a time law, and where it lies on the path.
+/// A timed segment: one piece of the time law and its position on the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimedSegment {
-    /// The law, over part of one segment; its `stretch` is the segment's index in the order of handing on.
+    /// The law over a part of one segment; its `segment` is the index in the order of hand-over.
     pub piece: Piece,
-    /// Path parameter from the program's start to the piece's start.
+    /// Path parameter from the start of the program to the start of the piece.
     pub path: f64,
 }
 
 impl TimedSegment {
-    /// Speed of the path parameter, per s, below which a piece ends at rest: rounding leaves far less, and no plan drives so slowly.
+    /// Speed of the path parameter, per s, below which a piece ends at rest. Rounding leaves far less, and no plan is so slow.
     const AT_REST: f64 = 1e-6;
 
-    /// Whether the motion stops at the piece's end. Real-time safe.
+    /// Whether the motion stops at the end of the piece. Real-time safe.
     #[must_use]
     pub fn rests_at_end(&self) -> bool {
         self.piece.law.at(self.piece.duration).0.v <= Self::AT_REST
     }
 }
 
-/// Where a programmed block starts on a path that is not cut at every block.
+/// The start of a programmed block, on a path that is not divided at every block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlockMark {
-    /// Path parameter from the program's start to the block's start.
+    /// Path parameter from the start of the program to the start of the block.
     pub start: f64,
     /// Program line.
     pub line: u32,
@@ -145,26 +144,26 @@ pub struct BlockMark {
     pub block: u32,
 }
 
-/// What the cycle asks of the planner while the program runs. At most one request is open.
+/// A request of the cycle to the planner. At most one is open.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Request {
-    /// Serial number, echoed by the answer.
+    /// Serial number, repeated in the answer.
     pub id: u64,
-    /// Segment, and offset in it, at which the new plan takes over.
+    /// Segment at which the new plan takes over.
     pub segment: u64,
     /// Parameter offset in the segment.
     pub offset: f64,
-    /// Grid interval of that place.
+    /// Grid interval of that position.
     pub interval: u64,
-    /// Speed and acceleration of the path parameter there; both 0 at rest.
+    /// Speed of the path parameter there; 0 at rest.
     pub v: f64,
-    /// Acceleration of the path parameter.
+    /// Acceleration of the path parameter there; 0 at rest.
     pub a: f64,
-    /// Steps at rest (dwells, actions, stops) that have been passed.
+    /// Number of steps at rest (dwells, actions, stops) that have been passed.
     pub rests: u64,
-    /// Rate, above 0 and at most 1, at which the cycle drives the plan in force there: the state is that of the plan at this rate.
+    /// Rate, above 0 and at most 1, at which the cycle executes the present plan there: the state is that of the plan at this rate.
     pub rate: f64,
-    /// Feed override to plan for, in `0..=2`.
+    /// Feed override of the new plan, in `0..=2`.
     pub feed_factor: f64,
 }
 
@@ -173,16 +172,16 @@ pub struct Request {
 pub struct Answer {
     /// Serial number of the request.
     pub id: u64,
-    /// Step with which to go on from the request's place; none if no plan was found, so that the old one stays.
+    /// First step of the new plan; `None` if no plan was found and the old one stays in force.
     pub step: Option<u64>,
 }
 
-/// Highest speeds at which a step may be left, acceleration zero.
+/// Maximum exit speeds of a step, with zero acceleration.
 ///
-/// Two plans are kept side by side: one for the programmed feed, one for twice the programmed feed. Scaling a
-/// plan in time by a factor below 1 keeps every limit, and the larger of two allowed sequences is allowed, so
-/// the cycle derives from them, at once and without asking back, boundary speeds for any override from 0 to
-/// 200 % that never exceed the feed word times the override.
+/// Two plans are kept: one for the programmed feed, one for twice the programmed feed. Scaling a plan in time by a factor
+/// below 1 keeps every limit, and the maximum of two permitted sequences is permitted. So the cycle derives boundary speeds
+/// for any override from 0 to 200 % from them at once, without a request, and they never exceed the feed word times the
+/// override.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ExitSpeeds {
     /// At the programmed feed.
@@ -211,23 +210,23 @@ impl ExitSpeeds {
 
 /// Receives the plan in order. Implemented by the queue to the cycle, and by tests.
 pub trait PlanSink {
-    /// What can go wrong downstream, such as a consumer that has gone.
+    /// Errors of the consumer, for example that it has gone.
     type Error;
 
     /// Appends a segment; it belongs to the next [`Step::Run`].
     ///
     /// # Errors
-    /// The consumer does not take more.
+    /// The consumer has gone.
     fn segment(&mut self, segment: &Segment) -> Result<(), Self::Error>;
 
-    /// Appends a step, at rest at its end for the time being.
+    /// Appends a step, which for the time being ends at rest.
     ///
     /// # Errors
-    /// The consumer does not take more.
+    /// The consumer has gone.
     fn step(&mut self, step: &Step) -> Result<(), Self::Error>;
 
-    /// Sets the exit speeds of step `index` (counted from 0). Speeds only ever grow, and arrive from the last
-    /// step backwards, so that at every moment what the consumer holds ends at rest within the limits.
+    /// Sets the exit speeds of step `index` (counted from 0). Speeds never decrease, and arrive from the last step backwards, so
+    /// that at every moment the consumer's steps end at rest within the limits.
     fn exit(&mut self, index: u64, speeds: ExitSpeeds);
 
     /// Step `index` is final and takes `duration` seconds at the programmed feed, without override or hold.
@@ -235,44 +234,44 @@ pub trait PlanSink {
         let _ = (index, duration);
     }
 
-    /// All steps below `count` are final: they will be driven as they are unless the cycle asks for another plan.
+    /// All steps below `count` are final: they are executed unchanged unless the cycle requests another plan.
     fn finalise(&mut self, count: u64);
 
     /// Appends the mark of a block's start.
     ///
     /// # Errors
-    /// The consumer does not take more.
+    /// The consumer has gone.
     fn mark(&mut self, mark: &BlockMark) -> Result<(), Self::Error> {
         let _ = mark;
         Ok(())
     }
 
-    /// Makes step `to` the successor of step `from`. `false` if the consumer has already gone on from `from`.
+    /// Makes step `to` the successor of step `from`. False if the consumer has already continued from `from`.
     fn link(&mut self, from: u64, to: u64) -> bool {
         let _ = (from, to);
         true
     }
 
-    /// The planner's work for a block comes to `seconds` more at the feed in force.
+    /// Adds `seconds` at the present feed to the planned time of a block.
     fn planned_block(&mut self, block: u32, seconds: f64) {
         let _ = (block, seconds);
     }
 
-    /// Whether so many steps, segments and marks can be appended without waiting.
+    /// Whether this many steps, segments and marks can be appended without waiting.
     fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
         let _ = (steps, segments, marks);
         true
     }
 
-    /// A window or a stop is about to be solved: for those who measure.
+    /// Solving of a window or a stop starts; for measurements.
     fn solving(&mut self) {}
 
-    /// It has been solved, or not, in so many Newton steps.
+    /// Solving has ended, successfully or not, after this many Newton steps.
     fn solved(&mut self, steps: u32) {
         let _ = steps;
     }
 
-    /// Waits a little for room or for a request.
+    /// Waits briefly for capacity or a request.
     ///
     /// # Errors
     /// The consumer has gone.
@@ -280,7 +279,7 @@ pub trait PlanSink {
         Ok(())
     }
 
-    /// The request that is open, once.
+    /// The open request, once.
     fn request(&mut self) -> Option<Request> {
         None
     }
@@ -290,13 +289,12 @@ pub trait PlanSink {
         let _ = answer;
     }
 
-    /// Serial number of the last request whose answer the consumer has taken over; 0 for none. Settled by the time
-    /// that its next request comes.
+    /// Serial number of the last request whose answer the consumer has taken over; 0 for none. Settled before its next request.
     fn taken(&self) -> u64 {
         u64::MAX
     }
 
-    /// Grid interval that the consumer has reached; what lies before is not needed any more.
+    /// Grid interval that the consumer has reached; everything before it may be dropped.
     fn reached(&self) -> u64 {
         0
     }
@@ -307,12 +305,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn boundary_speeds_scale_with_the_override_and_keep_the_doubled_plan() {
+    fn boundary_speeds_scale_with_the_override() {
         let speeds = ExitSpeeds {
             nominal: 30.0,
             doubled: 40.0,
         };
-        // Below 1 the programmed plan slowed down; above, the better of it and of the doubled plan slowed down.
+        // Below 1 the programmed plan slowed down; above, the better of it and the doubled plan slowed down.
         for (factor, expected) in [
             (0.0, 0.0),
             (0.5, 15.0),

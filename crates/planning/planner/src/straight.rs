@@ -1,46 +1,46 @@
-//! Lines that go straight on, as one.
+//! Joins collinear lines.
 //!
-//! Programs cut straight moves into pieces, and every piece would cost stations of its own. Where direction and feed
-//! go on, the pieces are one line; blocks are still told apart by their marks.
+//! Programs divide straight moves into pieces, and every piece would need its own stations. Pieces with equal direction and
+//! feed become one line; marks still distinguish the blocks.
 
 use evolvent_path::{Axes, Curve, Line};
-use evolvent_smooth::Stretch;
+use evolvent_smooth::PathSegment;
 
-/// How far vertices may lie off the joined line, mm or degrees, all in all: rounding.
-const OFF: f64 = 1e-9;
+/// Maximum total distance of dropped vertices from the joined line, mm or degrees: rounding.
+const MAX_OFFSET: f64 = 1e-9;
 
-/// Joins stretches; the last one is kept back until it is known that the next does not go straight on.
+/// Joins segments. The last one is held until it is known whether the next continues it.
 #[derive(Debug, Default)]
 pub(crate) struct Straightener {
-    held: Option<Stretch>,
-    /// How far vertices of the held line may lie off it.
-    off: f64,
+    held: Option<PathSegment>,
+    /// Distance of the vertices of the held line so far.
+    offset: f64,
 }
 
 impl Straightener {
-    /// Takes a stretch; returns the one before if that is complete.
-    pub(crate) fn push(&mut self, next: Stretch) -> Option<Stretch> {
+    /// Appends a segment; returns the previous one if it is complete.
+    pub(crate) fn push(&mut self, next: PathSegment) -> Option<PathSegment> {
         if let Some(held) = &self.held
-            && let Some((joined, off)) = join(held, &next)
-            && self.off + off <= OFF
+            && let Some((joined, offset)) = join(held, &next)
+            && self.offset + offset <= MAX_OFFSET
         {
-            self.off += off;
+            self.offset += offset;
             self.held = Some(joined);
             return None;
         }
-        self.off = 0.0;
+        self.offset = 0.0;
         self.held.replace(next)
     }
 
-    /// The stretch kept back: nothing can join it any more.
-    pub(crate) fn flush(&mut self) -> Option<Stretch> {
-        self.off = 0.0;
+    /// Returns the held segment, which nothing can join any more.
+    pub(crate) fn flush(&mut self) -> Option<PathSegment> {
+        self.offset = 0.0;
         self.held.take()
     }
 }
 
-/// Both as one, and how far their joint lies off it.
-fn join(left: &Stretch, right: &Stretch) -> Option<(Stretch, f64)> {
+/// Both segments as one, and the distance of their joint from it.
+fn join(left: &PathSegment, right: &PathSegment) -> Option<(PathSegment, f64)> {
     let (Curve::Line(_), Curve::Line(_)) = (&left.curve, &right.curve) else {
         return None;
     };
@@ -58,25 +58,25 @@ fn join(left: &Stretch, right: &Stretch) -> Option<(Stretch, f64)> {
     let line = Line::new(start, end).ok()?;
     let length = left.length + right.length;
     let curve = Curve::Line(line);
-    // The marks of blocks count the parameter: it must go on as it was.
-    if (curve.domain() - length).abs() > OFF {
+    // The marks of blocks refer to the parameter, which must not change.
+    if (curve.domain() - length).abs() > MAX_OFFSET {
         return None;
     }
-    let off = off_line(&start, &end, &joint)?;
-    let joined = Stretch {
+    let offset = distance_from_line(&start, &end, &joint)?;
+    let joined = PathSegment {
         curve,
         from: 0.0,
         length: curve.domain(),
         ..*left
     };
-    Some((joined, off))
+    Some((joined, offset))
 }
 
-fn off_line(start: &Axes, end: &Axes, point: &Axes) -> Option<f64> {
+fn distance_from_line(start: &Axes, end: &Axes, point: &Axes) -> Option<f64> {
     let (along, to) = (end - start, point - start);
-    let share = along.dot(&to) / along.norm_squared();
-    let off = (to - along * share).amax();
-    (off.is_finite() && (0.0..=1.0).contains(&share)).then_some(off)
+    let fraction = along.dot(&to) / along.norm_squared();
+    let offset = (to - along * fraction).amax();
+    (offset.is_finite() && (0.0..=1.0).contains(&fraction)).then_some(offset)
 }
 
 #[cfg(test)]
@@ -86,10 +86,10 @@ mod tests {
     use super::*;
     use crate::recorder::point;
 
-    fn stretch(from: (f64, f64), to: (f64, f64), feed: f64) -> Stretch {
+    fn segment(from: (f64, f64), to: (f64, f64), feed: f64) -> PathSegment {
         let line = Line::new(point(from.0, from.1), point(to.0, to.1)).expect("line");
         let curve = Curve::Line(line);
-        Stretch {
+        PathSegment {
             curve,
             from: 0.0,
             length: curve.domain(),
@@ -101,12 +101,12 @@ mod tests {
     }
 
     #[test]
-    fn a_thousand_pieces_of_a_line_are_one() {
+    fn a_thousand_pieces_of_a_line_are_joined() {
         let mut straightener = Straightener::default();
         for k in 0..1000 {
             let at = |k: i32| (0.0254 * f64::from(k), 0.01 * f64::from(k));
             assert!(
-                straightener.push(stretch(at(k), at(k + 1), 50.0)).is_none(),
+                straightener.push(segment(at(k), at(k + 1), 50.0)).is_none(),
                 "{k}"
             );
         }
@@ -117,14 +117,14 @@ mod tests {
     }
 
     #[test]
-    fn what_turns_comes_back_or_has_another_feed_is_not_joined() {
-        let first = stretch((0.0, 0.0), (10.0, 0.0), 50.0);
-        let mut joint = stretch((10.0, 0.0), (20.0, 0.0), 50.0);
+    fn only_collinear_lines_of_equal_feed_are_joined() {
+        let first = segment((0.0, 0.0), (10.0, 0.0), 50.0);
+        let mut joint = segment((10.0, 0.0), (20.0, 0.0), 50.0);
         joint.joint = true;
         for next in [
-            stretch((10.0, 0.0), (20.0, 1e-5), 50.0),
-            stretch((10.0, 0.0), (5.0, 0.0), 50.0),
-            stretch((10.0, 0.0), (20.0, 0.0), 50.1),
+            segment((10.0, 0.0), (20.0, 1e-5), 50.0),
+            segment((10.0, 0.0), (5.0, 0.0), 50.0),
+            segment((10.0, 0.0), (20.0, 0.0), 50.1),
             joint,
         ] {
             let mut straightener = Straightener::default();
@@ -135,8 +135,8 @@ mod tests {
     }
 
     #[test]
-    fn small_turns_do_not_add_up_to_a_curve() {
-        // A circle of 100 m radius in chords of 10 um: each turns by 1e-10.
+    fn small_rotations_do_not_accumulate() {
+        // A circle of 100 m radius in chords of 10 um, each rotated by 1e-10.
         let at = |k: i32| {
             let angle = 1e-7 * 1e-3 * f64::from(k);
             (1e5 * angle.sin(), 1e5 * (1.0 - angle.cos()))
@@ -144,9 +144,9 @@ mod tests {
         let mut straightener = Straightener::default();
         let mut lines = 0;
         for k in 0..2000 {
-            if let Some(line) = straightener.push(stretch(at(k), at(k + 1), 50.0)) {
+            if let Some(line) = straightener.push(segment(at(k), at(k + 1), 50.0)) {
                 let chord = line.length;
-                assert!(chord * chord / 8.0 / 1e5 <= 2.0 * OFF, "{chord}");
+                assert!(chord * chord / 8.0 / 1e5 <= 2.0 * MAX_OFFSET, "{chord}");
                 lines += 1;
             }
         }

@@ -1,4 +1,4 @@
-//! The path in, plan out: the second half of the near-optimal planner.
+//! Path in, plan out: the second stage of the time-optimal planner.
 
 use evolvent_timing::PathLimits;
 
@@ -7,58 +7,57 @@ use crate::path_stage::PathSink;
 use crate::planner::PathRules;
 use crate::step::{BlockMark, PlanSink, Segment, Step};
 
-/// Share of the permitted chord error that stations of the near-optimal plan may use.
+/// Fraction of the permitted chord error used at the stations of the time-optimal plan.
 const CHORD_FRACTION: f64 = 0.94;
 
-/// Gives the path of one program its time law. The plan depends on the path and on what the cycle asks, not on when the
-/// path arrives.
+/// Plans the time law for the path of one program. The plan depends on the path and on the requests of the cycle, not on when
+/// the path arrives.
 #[derive(Debug)]
 pub struct TimingStage<S> {
     horizon: Horizon<S>,
 }
 
 impl<S: PlanSink> TimingStage<S> {
-    /// At rest at the start of the path.
+    /// Starts at rest at the beginning of the path.
     #[must_use]
     pub fn new(limits: &PathLimits, rules: &PathRules, sink: S) -> Self {
         Self {
             horizon: Horizon::new(
-                &limits.with_chord_share(CHORD_FRACTION),
+                &limits.with_chord_fraction(CHORD_FRACTION),
                 rules.feed_override,
                 sink,
             ),
         }
     }
 
-    /// Where the plan goes.
+    /// The sink of the plan.
     #[must_use]
     pub fn sink(&self) -> &S {
         self.horizon.sink()
     }
 
-    /// Where the plan goes.
+    /// The sink of the plan.
     pub fn sink_mut(&mut self) -> &mut S {
         self.horizon.sink_mut()
     }
 
-    /// Plans what can be planned of the path that has come, and answers what the cycle has asked. Call it after every
-    /// move, and often.
+    /// Plans as much of the received path as possible, and answers requests of the cycle. Call it after every move, and often.
     ///
     /// # Errors
-    /// As the sink's.
+    /// Those of the sink.
     pub fn poll(&mut self) -> Result<(), S::Error> {
         self.horizon.advance()
     }
 
-    /// After the path's end: answers the cycle until it has gone.
+    /// After the end of the path: answers the cycle until it has gone.
     ///
     /// # Errors
-    /// As the sink's: the cycle has gone.
-    pub fn attend(&mut self) -> Result<(), S::Error> {
-        self.horizon.attend()
+    /// Those of the sink: the cycle has gone.
+    pub fn serve_until_closed(&mut self) -> Result<(), S::Error> {
+        self.horizon.serve_until_closed()
     }
 
-    /// The line from which no motion is found, if so; 0 where it is not known. Nothing more is planned then.
+    /// The line from which no motion was found, if planning has failed; 0 if unknown.
     #[must_use]
     pub fn failed_at(&self) -> Option<u32> {
         self.horizon.failed_at()

@@ -1,20 +1,20 @@
-//! Cubic B-splines on knots of any spacing.
+//! Cubic B-splines on non-uniform knots.
 
-/// Value and three derivatives, at the left knot of one interval, of the four basis functions that live on it:
+/// Value and three derivatives, at the left knot of an interval, of the four basis functions that are non-zero on it:
 /// `[function][order]`.
 pub(crate) type Basis = [[f64; 4]; 4];
 
-/// The basis on the interval from `t[2]` to `t[3]`, which must not be empty, by the six knots about it.
+/// The basis on the interval from `t[2]` to `t[3]`, which must not be empty, from the six knots around it.
 ///
-/// By the blossom: each function is the spline whose control points are 1 for itself and 0 for the others, and its
-/// derivatives are splines of lower degree over divided differences (de Boor, "A Practical Guide to Splines",
-/// chapter X, equations (15) and (16)).
+/// Computed by blossoming: each function is the spline whose control point is 1 for itself and 0 for the others, and its
+/// derivatives are splines of lower degree over divided differences (de Boor, "A Practical Guide to Splines", chapter X,
+/// equations (15) and (16)).
 pub(crate) fn basis(t: &[f64; 6]) -> Basis {
     let [t0, t1, t2, t3, t4, t5] = *t;
     let whole = [1.0 / (t3 - t0), 1.0 / (t4 - t1), 1.0 / (t5 - t2)];
     let half = [1.0 / (t3 - t1), 1.0 / (t4 - t2)];
     let step = 1.0 / (t3 - t2);
-    // Weights of the insertion of t2 three times.
+    // Weights of a triple insertion of t2.
     let (near, far0, far1) = ((t2 - t1) * half[0], (t2 - t0) * whole[0], (t2 - t1) * whole[1]);
     let mut functions = [[0.0; 4]; 4];
     for (l, function) in functions.iter_mut().enumerate() {
@@ -33,7 +33,7 @@ pub(crate) fn basis(t: &[f64; 6]) -> Basis {
     functions
 }
 
-/// The four functions at `x` from the left knot.
+/// The values of the four functions at `x` from the left knot.
 pub(crate) fn values(basis: &Basis, x: f64) -> [f64; 4] {
     basis.map(|[value, first, second, third]| value + x * (first + x * (0.5 * second + x * third / 6.0)))
 }
@@ -47,7 +47,7 @@ pub(crate) fn second_derivatives(basis: &Basis, x: f64) -> [f64; 4] {
 mod tests {
     use super::*;
 
-    /// Cox and de Boor's recursion, straight from its definition.
+    /// The Cox-de Boor recursion by definition.
     fn recursion(t: &[f64], j: usize, degree: usize, x: f64) -> f64 {
         if degree == 0 {
             return f64::from(u8::from(t[j] <= x && x < t[j + 1]));
@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn values_agree_with_the_recursion_also_at_multiple_knots() {
+    fn values_agree_with_the_cox_de_boor_recursion() {
         for t in [
             [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0],
             [-4.0, -1.0, 0.3, 0.5, 0.6, 2.0, 9.0, 9.5],
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn cubics_are_reproduced_by_their_blossoms() {
+    fn cubics_are_reproduced_by_blossoming() {
         // The control point of u^3 is the product of its three knots, of u^2 the mean of the pairs' products.
         let t = [-2.0, -0.5, 0.25, 1.0, 1.5, 4.0];
         let basis = basis(&t);

@@ -1,4 +1,4 @@
-//! The programmed path that is known, link by link.
+//! The known programmed path, as a chain of program segments.
 
 use std::collections::VecDeque;
 
@@ -9,28 +9,28 @@ use crate::Block;
 /// One block on the path.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ProgramSegment {
-    /// Path parameter at its start and end, counted from the section's start.
+    /// Path parameter at its start and end, from the start of the section.
     pub(crate) from: f64,
     pub(crate) to: f64,
     pub(crate) curve: Curve,
     pub(crate) feed: f64,
     pub(crate) rapid: bool,
-    /// Greatest distance from it, 0 where it is kept.
+    /// Maximum deviation, 0 if it is kept.
     pub(crate) tolerance: f64,
-    /// Whether it is straight, and then its start and direction.
+    /// Whether it is straight; if so, its start and direction.
     pub(crate) straight: bool,
     start: Axes,
     slope: Axes,
-    /// Whether the joint at its start has to be eased.
+    /// Whether the joint at its start has to be smoothed.
     pub(crate) smoothed: bool,
-    /// Whether it is kept as programmed instead, since easing it failed; the speed at which it may then be passed, and
-    /// whether that is still to be said.
+    /// Whether that joint is kept as programmed because smoothing has failed; the speed at which it may then be passed, and
+    /// whether that is still to be output.
     pub(crate) kept: bool,
     pub(crate) exact_speed: f64,
     pub(crate) unsaid: bool,
-    /// Whether the path turns sharply at its start, by more than 120 degrees.
+    /// Whether the path turns by more than 120 degrees at its start.
     pub(crate) sharp: bool,
-    /// Knot spacing at its start, as far as it is settled; and the largest inside.
+    /// Knot spacing at its start, as far as it is determined; and the maximum inside.
     pub(crate) spacing: f64,
     pub(crate) inner_spacing: f64,
 }
@@ -59,7 +59,7 @@ impl ProgramSegment {
         }
     }
 
-    /// Position; beyond the ends, straight on.
+    /// Position; beyond the ends the segment is extended linearly.
     pub(crate) fn position(&self, u: f64) -> Axes {
         let x = u - self.from;
         if self.straight || x < 0.0 {
@@ -72,17 +72,17 @@ impl ProgramSegment {
         }
     }
 
-    /// Whether the path bends at its start.
+    /// Whether the path has a corner at its start.
     pub(crate) fn corner(&self) -> bool {
         self.smoothed || self.kept
     }
 
-    /// First point.
+    /// The start point.
     pub(crate) fn start(&self) -> &Axes {
         &self.start
     }
 
-    /// Direction at the start of a straight link.
+    /// Direction at the start of a straight segment.
     pub(crate) fn slope(&self) -> &Axes {
         &self.slope
     }
@@ -92,63 +92,63 @@ impl ProgramSegment {
     }
 }
 
-/// The links from a little before the place up to which the path has come out.
+/// The program segments from shortly before the position up to which the path has been output.
 ///
-/// Links have numbers that stay when links before them are forgotten.
+/// Segment numbers stay valid when earlier segments are dropped.
 #[derive(Debug, Default)]
 pub(crate) struct Chain {
-    links: VecDeque<ProgramSegment>,
+    segments: VecDeque<ProgramSegment>,
     first: usize,
-    /// Bound of the knot spacing at the end of the last link.
+    /// Limit of the knot spacing at the end of the last segment.
     pub(crate) end_spacing: f64,
 }
 
 impl Chain {
     pub(crate) fn clear(&mut self) {
-        self.links.clear();
+        self.segments.clear();
         self.first = 0;
         self.end_spacing = f64::INFINITY;
     }
 
-    pub(crate) fn push(&mut self, link: ProgramSegment) {
-        self.links.push_back(link);
+    pub(crate) fn push(&mut self, segment: ProgramSegment) {
+        self.segments.push_back(segment);
     }
 
-    /// Number of the first link that is kept.
+    /// Number of the first segment that is still stored.
     pub(crate) fn first(&self) -> usize {
         self.first
     }
 
-    /// Number that the next link gets.
+    /// Number of the next segment.
     pub(crate) fn next(&self) -> usize {
-        self.first + self.links.len()
+        self.first + self.segments.len()
     }
 
     pub(crate) fn get(&self, number: usize) -> Option<&ProgramSegment> {
-        self.links.get(number.checked_sub(self.first)?)
+        self.segments.get(number.checked_sub(self.first)?)
     }
 
     pub(crate) fn get_mut(&mut self, number: usize) -> Option<&mut ProgramSegment> {
-        self.links.get_mut(number.checked_sub(self.first)?)
+        self.segments.get_mut(number.checked_sub(self.first)?)
     }
 
     /// Parameter up to which the path is known.
     pub(crate) fn end(&self) -> f64 {
-        self.links.back().map_or(0.0, |link| link.to)
+        self.segments.back().map_or(0.0, |segment| segment.to)
     }
 
-    /// Number of the link at a parameter: at a joint the one that begins there; before and behind all, the nearest.
+    /// Number of the segment at a parameter: at a joint the one that starts there; outside of the chain the nearest.
     pub(crate) fn find(&self, u: f64) -> usize {
-        let behind = self.links.partition_point(|link| link.from <= u);
+        let behind = self.segments.partition_point(|segment| segment.from <= u);
         self.first + behind.max(1) - 1
     }
 
-    /// The same, searched from a link nearby: in time that grows with the logarithm of how far it is away.
+    /// The same, searched from a nearby segment, in time logarithmic in the distance.
     pub(crate) fn find_near(&self, u: f64, near: usize) -> usize {
-        let last = self.links.len().saturating_sub(1);
+        let last = self.segments.len().saturating_sub(1);
         let near = near.saturating_sub(self.first).min(last);
-        let behind = |k: usize| self.links.get(k).is_some_and(|link| link.from <= u);
-        // The link sought is in `low..high`.
+        let behind = |k: usize| self.segments.get(k).is_some_and(|segment| segment.from <= u);
+        // The segment is in `low..high`.
         let (mut low, mut high, mut reach) = (near, near + 1, 1);
         if behind(near) {
             while behind(high) {
@@ -174,19 +174,19 @@ impl Chain {
 
     pub(crate) fn position(&self, u: f64) -> Axes {
         self.get(self.find(u))
-            .map_or_else(Axes::zeros, |link| link.position(u))
+            .map_or_else(Axes::zeros, |segment| segment.position(u))
     }
 
-    /// Forgets links that end before `u`, but for the last.
+    /// Drops segments that end before `u`, except the last.
     pub(crate) fn forget(&mut self, u: f64) {
-        while self.links.len() > 1 && self.links.front().is_some_and(|link| link.to < u) {
-            self.links.pop_front();
+        while self.segments.len() > 1 && self.segments.front().is_some_and(|segment| segment.to < u) {
+            self.segments.pop_front();
             self.first += 1;
         }
     }
 }
 
-/// The largest of the XYZ distance, the UVW distance and each rotary angle: what a tolerance is compared with.
+/// The maximum of the XYZ distance, the UVW distance and each rotary angle, which is compared with a tolerance.
 pub(crate) fn distance(d: &Axes) -> f64 {
     let norm = |i: usize| (d[i] * d[i] + d[i + 1] * d[i + 1] + d[i + 2] * d[i + 2]).sqrt();
     norm(0)

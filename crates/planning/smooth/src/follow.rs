@@ -1,13 +1,13 @@
 //! Samples that follow the spline along the programmed path.
 //!
-//! On a chain of short lines a sample need not compare with the programmed point of its own parameter: any point of the
-//! path nearby proves as much, and the nearest proves it best. So between rounds of the optimisation the programmed
-//! points move to where the spline has come to. That never takes room from a sample, as the nearest point is no farther
-//! than the one before.
+//! On a chain of short lines a sample need not compare with the programmed point of its own parameter: any nearby point of the
+//! path proves the tolerance, and the nearest one proves it best. So between rounds of the optimisation the programmed points
+//! move to the nearest points of the spline. That never reduces the margin of a sample, because the nearest point is not
+//! farther than the previous one.
 //!
-//! Between two samples the path must not stray from the straight between their points, or what lies between would be
-//! proven by nothing; a point that would break this moves half of its way, or stays. No point moves farther from its
-//! own parameter than the tolerance, so that the spline misses no programmed point by more than twice that.
+//! Between two samples the deviation of the path from the chord between their points must stay bounded, otherwise nothing
+//! proves the tolerance there. A point that would exceed the bound moves half of its way, or stays. No point moves farther
+//! from its own parameter than the tolerance, so the spline misses no programmed point by more than twice the tolerance.
 
 use std::ops::Range;
 
@@ -16,29 +16,29 @@ use evolvent_path::Axes;
 use crate::chain::{Chain, ProgramSegment};
 use crate::tube::{Sample, dot};
 
-/// Links that a point may pass in one go.
+/// Maximum number of segments that a point may pass in one move.
 const MAX_LINKS: usize = 64;
-/// Moves shorter than this, in tolerances, are not worth looking for what they break.
+/// Minimum length of a move, in tolerances; shorter ones do not justify the check.
 const MIN_MOVE: f64 = 0.005;
 
-/// Whether a link is one along which samples may move.
-fn passable(link: &ProgramSegment, tolerance: f64) -> bool {
-    link.straight
-        && link.tolerance >= tolerance
-        && link.slope().as_slice()[3..].iter().all(|&rate| rate == 0.0)
+/// Whether samples may move along a segment.
+fn passable(segment: &ProgramSegment, tolerance: f64) -> bool {
+    segment.straight
+        && segment.tolerance >= tolerance
+        && segment.slope().as_slice()[3..].iter().all(|&rate| rate == 0.0)
 }
 
-/// How far the point of a sample of link `number` at `u` may move. Beyond the link itself only if it may `pass` joints.
+/// The range in which the point of a sample of segment `number` at `u` may move. It leaves the segment only if `pass`.
 pub(crate) fn range(chain: &Chain, number: usize, u: f64, pass: bool) -> (f64, f64) {
-    let Some(link) = chain.get(number) else {
+    let Some(segment) = chain.get(number) else {
         return (u, u);
     };
-    let tolerance = link.tolerance;
-    if !passable(link, tolerance) {
+    let tolerance = segment.tolerance;
+    if !passable(segment, tolerance) {
         return (u, u);
     }
-    let (mut low, mut high) = (link.from.min(u), link.to.max(u));
-    if pass && u > link.from {
+    let (mut low, mut high) = (segment.from.min(u), segment.to.max(u));
+    if pass && u > segment.from {
         let mut first = number;
         while low > u - tolerance
             && first > chain.first()
@@ -50,7 +50,7 @@ pub(crate) fn range(chain: &Chain, number: usize, u: f64, pass: bool) -> (f64, f
             first -= 1;
         }
     }
-    if pass && u < link.to {
+    if pass && u < segment.to {
         let mut last = number + 1;
         while high < u + tolerance
             && let Some(next) = chain.get(last)
@@ -67,9 +67,9 @@ pub(crate) fn range(chain: &Chain, number: usize, u: f64, pass: bool) -> (f64, f
 /// A point of the programmed path.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PathPoint {
-    /// Parameter, and the number of a link that it belongs to.
+    /// Parameter, and the number of a segment that contains it.
     pub(crate) at: f64,
-    pub(crate) link: usize,
+    pub(crate) segment: usize,
     /// XYZ.
     pub(crate) point: [f64; 3],
 }
@@ -82,8 +82,8 @@ fn xyz(p: &Axes) -> [f64; 3] {
     std::array::from_fn(|d| p[d])
 }
 
-/// The nearest point to `place` of the lines within `range`, looked for from link `middle`: downhill or, if `all`,
-/// everywhere.
+/// The point of the lines in `range` nearest to `place`, searched from segment `middle`: by descent or, if `all`,
+/// exhaustively.
 pub(crate) fn nearest(
     chain: &Chain,
     range: (f64, f64),
@@ -92,24 +92,24 @@ pub(crate) fn nearest(
     all: bool,
 ) -> Option<PathPoint> {
     let on = |number: usize| -> Option<(f64, PathPoint)> {
-        let link = chain.get(number)?;
-        let (low, high) = (link.from.max(range.0), link.to.min(range.1));
+        let segment = chain.get(number)?;
+        let (low, high) = (segment.from.max(range.0), segment.to.min(range.1));
         if !(low <= high) {
             return None;
         }
-        let (start, slope) = (xyz(link.start()), xyz(link.slope()));
-        // Slopes of lines in XYZ are of length one.
-        let at = (link.from + dot(&minus(place, &start), &slope))
+        let (start, slope) = (xyz(segment.start()), xyz(segment.slope()));
+        // Slopes of lines in XYZ are unit vectors.
+        let at = (segment.from + dot(&minus(place, &start), &slope))
             .max(low)
             .min(high);
-        let point = std::array::from_fn(|d| start[d] + slope[d] * (at - link.from));
+        let point = std::array::from_fn(|d| start[d] + slope[d] * (at - segment.from));
         let error = minus(place, &point);
-        let spot = PathPoint {
+        let path_point = PathPoint {
             at,
-            link: number,
+            segment: number,
             point,
         };
-        Some((dot(&error, &error), spot))
+        Some((dot(&error, &error), path_point))
     };
     let mut best = on(middle);
     for step in [1, usize::MAX] {
@@ -126,33 +126,33 @@ pub(crate) fn nearest(
             }
         }
     }
-    best.map(|(_, spot)| spot)
+    best.map(|(_, path_point)| path_point)
 }
 
-/// How far the path strays from the straight between two of its points.
+/// Maximum distance of the path from the chord between two of its points.
 fn chord_deviation(chain: &Chain, a: &PathPoint, b: &PathPoint) -> f64 {
     let (a, b) = if a.at <= b.at { (a, b) } else { (b, a) };
     let chord = minus(&b.point, &a.point);
     let length2 = dot(&chord, &chord);
-    let mut most: f64 = 0.0;
-    for number in a.link + 1..=b.link {
-        let Some(link) = chain.get(number) else {
+    let mut max: f64 = 0.0;
+    for number in a.segment + 1..=b.segment {
+        let Some(segment) = chain.get(number) else {
             break;
         };
-        let off = minus(&xyz(link.start()), &a.point);
+        let offset = minus(&xyz(segment.start()), &a.point);
         let share = if length2 > 0.0 {
-            (dot(&off, &chord) / length2).clamp(0.0, 1.0)
+            (dot(&offset, &chord) / length2).clamp(0.0, 1.0)
         } else {
             0.0
         };
-        let beside: [f64; 3] = std::array::from_fn(|d| off[d] - share * chord[d]);
-        most = most.max(dot(&beside, &beside));
+        let beside: [f64; 3] = std::array::from_fn(|d| offset[d] - share * chord[d]);
+        max = max.max(dot(&beside, &beside));
     }
-    most.sqrt()
+    max.sqrt()
 }
 
-/// Moves the points of the samples `which` to where the spline by `points` is nearest; the first and the last of all
-/// stay, as their neighbours are not known.
+/// Moves the points of the samples `which` to the nearest points of the spline with control points `points`. The first and
+/// last samples stay because their neighbours are unknown.
 pub(crate) fn follow(chain: &Chain, samples: &mut [Sample], which: Range<usize>, points: &[Axes]) {
     for k in which.start.max(1)..which.end.min(samples.len().saturating_sub(1)) {
         let sample = samples[k];
@@ -162,12 +162,16 @@ pub(crate) fn follow(chain: &Chain, samples: &mut [Sample], which: Range<usize>,
         let i = sample.interval;
         let error = sample.error(&points[i..i + 4]);
         let place = std::array::from_fn(|d| error[d] + sample.centre[d]);
-        let (here, before, after) = (sample.spot(), samples[k - 1].spot(), samples[k + 1].spot());
-        let holds = |spot: &PathPoint| {
-            chord_deviation(chain, &before, spot) <= samples[k - 1].chord_deviation
-                && chord_deviation(chain, spot, &after) <= sample.chord_deviation
+        let (here, before, after) = (
+            sample.path_point(),
+            samples[k - 1].path_point(),
+            samples[k + 1].path_point(),
+        );
+        let holds = |path_point: &PathPoint| {
+            chord_deviation(chain, &before, path_point) <= samples[k - 1].chord_deviation
+                && chord_deviation(chain, path_point, &after) <= sample.chord_deviation
         };
-        let Some(best) = nearest(chain, sample.range, here.link, &place, false) else {
+        let Some(best) = nearest(chain, sample.range, here.segment, &place, false) else {
             continue;
         };
         if !((best.at - here.at).abs() > MIN_MOVE * sample.tolerance) {
@@ -176,13 +180,13 @@ pub(crate) fn follow(chain: &Chain, samples: &mut [Sample], which: Range<usize>,
         let mut to = best;
         if !holds(&to) {
             to.at = 0.5 * (here.at + best.at);
-            to.link = chain.find_near(to.at, here.link);
-            let Some(link) = chain.get(to.link) else {
+            to.segment = chain.find_near(to.at, here.segment);
+            let Some(segment) = chain.get(to.segment) else {
                 continue;
             };
-            to.point = xyz(&link.position(to.at));
-            let off = minus(&place, &to.point);
-            if !(dot(&off, &off) < dot(&error, &error)) || !holds(&to) {
+            to.point = xyz(&segment.position(to.at));
+            let offset = minus(&place, &to.point);
+            if !(dot(&offset, &offset) < dot(&error, &error)) || !holds(&to) {
                 continue;
             }
         }

@@ -1,18 +1,56 @@
-//! Smoothing: programmed blocks in, the path that is driven out, within the tolerance.
+//! Smoothing: programmed blocks in, the driven path out, within the tolerance.
 //!
-//! - [`Smoother`] takes [`Block`]s and gives [`Output`]s: [`Stretch`]es of the path, bounds of the speed where it is not
-//!   smooth, and a [`Mark`] where each block ends. It looks ahead as far as it must, and remembers nothing else.
-//! - Everything is by one parameter, `u`: the programmed length. A point of the path belongs to a point of the program.
-//! - The *chain* is the programmed path that is known, link by link. A *section* of it lies between places where the
-//!   path is kept. In it, a *zone* reaches from before a joint to behind it, and joints nearby share one; outside of
-//!   zones the programmed curve itself is driven.
-//! - A zone becomes a cubic spline: knots by how the path bends, control points on the path to begin with, then moved
-//!   such that it can be driven fast, inside the *tube* of the tolerance; window by window, so that the path comes out
-//!   while the program still comes in.
-//! - Safety does not rest on the optimisation. Every piece is checked as it comes out. Where none can be found that holds,
-//!   the path comes to rest, returns to the programmed curve, and passes the next joints as they are programmed;
-//!   [`Smoother::failures`] counts it.
-//! - The same blocks give the same path, bit for bit. Nothing here may be called by the real-time cycle.
+//! Input: [`Block`]s, programmed curves with feed and tolerance. Output: [`Output`]s, the [`PathSegment`]s of the driven path,
+//! limits of the speed where it is not smooth, and a [`Mark`] where each block ends.
+//!
+//! A right angle, rounded within 10 um:
+//!
+//! ```
+//! use evolvent_machine::Limits;
+//! use evolvent_path::{AXES, Axes, Line};
+//! use evolvent_smooth::{Block, Settings, Smoother, Tolerance};
+//!
+//! # let limits = Limits {
+//! #     present: [true; AXES],
+//! #     velocity: Axes::repeat(500.0),
+//! #     acceleration: Axes::repeat(5000.0),
+//! #     jerk: Axes::repeat(1e5),
+//! #     travel_min: Axes::repeat(-1e3),
+//! #     travel_max: Axes::repeat(1e3),
+//! #     home: Axes::zeros(),
+//! # };
+//! let mut smoother = Smoother::new(Settings { joint_time_s: 0.001, limits });
+//! let (start, mut corner, mut end) = (Axes::zeros(), Axes::zeros(), Axes::zeros());
+//! (corner[0], end[0], end[1]) = (10.0, 10.0, 10.0);
+//! let mut path = Vec::new();
+//! for (from, to, line) in [(start, corner, 1), (corner, end, 2)] {
+//!     let curve = Line::new(from, to).unwrap().into();
+//!     let tolerance = Tolerance::Within { mm: 0.01, merge_mm: 0.0 };
+//!     smoother.push(&Block { curve, feed: 50.0, rapid: false, tolerance, line, block: line }, &mut path);
+//! }
+//! smoother.rest(&mut path);
+//! assert!(smoother.deviation_mm() > 0.0 && smoother.deviation_mm() <= 0.01);
+//! ```
+//!
+//! # Model
+//!
+//! - Everything refers to one parameter `u`, the programmed length. A point of the path belongs to a point of the program.
+//! - The *chain* is the known programmed path as program segments. A *section* of it is between positions where the path is
+//!   kept. In it, a *zone* extends from before a joint to after it; close joints share one. Outside of zones the programmed
+//!   curve itself is driven.
+//! - A zone becomes a cubic spline. Its knots follow the curvature of the path, its control points start on the path and are
+//!   then optimised for speed inside the *tube* of the tolerance, window by window, so that output starts while the program
+//!   is still being read.
+//!
+//! # Guarantees
+//!
+//! The tolerance does not depend on the optimisation: every piece is checked before output. Where no valid spline is found,
+//! the path stops, returns to the programmed curve, and passes the next joints as programmed; [`Smoother::failures`] counts
+//! these cases. The same blocks give the same path, bit for bit. Nothing here is real-time safe.
+//!
+//! # Where to read on
+//!
+//! `docs/theory-smoothing.md` for the method; `smoother/mod.rs`, then `zone.rs` and `tube.rs`.
 
 #![expect(
     clippy::neg_cmp_op_on_partial_ord,
@@ -38,5 +76,5 @@ mod zone;
 mod zone_solver;
 
 pub use block::{Block, Settings, Tolerance};
-pub use output::{Mark, Output, Stretch};
+pub use output::{Mark, Output, PathSegment};
 pub use smoother::Smoother;

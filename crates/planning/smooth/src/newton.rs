@@ -1,24 +1,24 @@
-//! Newton's method for a quadratic cost in a tube, on banded matrices.
+//! Newton's method for a quadratic cost inside a tube, on banded matrices.
 
 use evolvent_path::{AXES, Axes};
 
 use crate::tube::{GROUPS, Sample};
 
-/// Share of its room that every sample keeps in a step, and how steps are shortened until it does.
-const ROOM: f64 = 0.05;
-const SHORTER: f64 = 0.8;
-const SHORTENINGS: usize = 80;
+/// Fraction of its margin that every sample keeps in a step; factor and maximum number of backtracking steps.
+const MARGIN: f64 = 0.05;
+const BACKTRACK_FACTOR: f64 = 0.8;
+const MAX_BACKTRACKS: usize = 80;
 
-/// A term of the cost: the square of a linear function of the four control points of an interval, axis by axis.
+/// A term of the cost: the square of a linear function of the four control points of an interval, for each axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Term {
     pub(crate) interval: usize,
     pub(crate) weights: [f64; 4],
-    /// Factor of each axis' square.
+    /// Weight of the square for each axis.
     pub(crate) factors: Axes,
 }
 
-/// The problem on a stretch of control points.
+/// The problem for a range of control points.
 pub(crate) struct Problem<'a> {
     pub(crate) terms: &'a [Term],
     pub(crate) samples: &'a [Sample],
@@ -26,12 +26,12 @@ pub(crate) struct Problem<'a> {
     pub(crate) barrier: &'a [f64],
     pub(crate) first: usize,
     pub(crate) mu: f64,
-    /// Free control points.
+    /// Range of the free control points.
     pub(crate) free: (usize, usize),
     pub(crate) active: [bool; AXES],
 }
 
-/// Memory that is kept between solutions.
+/// Working memory, kept between solutions.
 #[derive(Debug, Default)]
 pub(crate) struct Workspace {
     matrix: Vec<f64>,
@@ -40,7 +40,7 @@ pub(crate) struct Workspace {
     errors: Vec<[f64; 3]>,
 }
 
-/// At most `steps` Newton steps; returns how many were taken. The points stay strictly inside the tube.
+/// Performs at most `steps` Newton steps and returns their number. The points stay strictly inside the tube.
 pub(crate) fn minimise(
     problem: &Problem<'_>,
     points: &mut [Axes],
@@ -57,7 +57,7 @@ pub(crate) fn minimise(
     }
 }
 
-/// The active axes, then the others, which may fill up a solver of more axes: they stay where they are.
+/// The active axes, then the others, which pad a solver for more axes and do not move.
 pub(crate) fn order(active: &[bool; AXES]) -> impl Iterator<Item = usize> {
     (0..AXES)
         .filter(|&i| active[i])
@@ -67,9 +67,9 @@ pub(crate) fn order(active: &[bool; AXES]) -> impl Iterator<Item = usize> {
 struct Solver<'a, const D: usize> {
     problem: &'a Problem<'a>,
     axes: [usize; D],
-    /// How many of them are active; the others only fill up, and nothing may move them.
+    /// Number of active axes; the others are padding.
     count: usize,
-    /// For each group how many of its axes are active, their columns and their places in the group.
+    /// For each group: the number of its active axes, their columns, and their indices in the group.
     groups: [(usize, [usize; 3], [usize; 3]); 5],
 }
 
@@ -103,7 +103,7 @@ impl<'a, const D: usize> Solver<'a, D> {
         }
     }
 
-    /// Width of the band: four control points.
+    /// Bandwidth: four control points.
     const BAND: usize = 4 * D;
 
     fn run(&self, points: &mut [Axes], steps: usize, work: &mut Workspace) -> usize {
@@ -120,7 +120,7 @@ impl<'a, const D: usize> Solver<'a, D> {
         for taken in 0..steps {
             self.assemble(points, work);
             if taken > 0 {
-                // Too far: the slope has turned. Half of the step back, and look again.
+                // Too far: the slope has changed sign. Halve the step and check again.
                 let slope: f64 = work.step[..size]
                     .iter()
                     .zip(&work.gradient)
@@ -198,8 +198,8 @@ impl<'a, const D: usize> Solver<'a, D> {
             let error = sample.error(&points[i..i + 4]);
             work.errors.push(error);
             let (n, columns, places) = &self.groups[sample.group];
-            let (off, inside) = sample.off(&error);
-            let ratio = crate::tube::dot(&off, &off) / sample.radius2;
+            let (offset, inside) = sample.offset(&error);
+            let ratio = crate::tube::dot(&offset, &offset) / sample.radius2;
             let flat = f64::from(u8::from(inside));
             let inverse = 1.0 / (1.0 - ratio);
             let weight = self.problem.mu * self.problem.barrier[i - self.problem.first];
@@ -209,7 +209,7 @@ impl<'a, const D: usize> Solver<'a, D> {
             let mut h = [[0.0; 3]; 3];
             for a in 0..*n {
                 let p = places[a];
-                g[a] = off[p];
+                g[a] = offset[p];
             }
             for a in 0..*n {
                 for b in 0..*n {
@@ -254,7 +254,7 @@ impl<'a, const D: usize> Solver<'a, D> {
         crate::band::solve(&mut work.matrix, &mut work.step, size, Self::BAND);
     }
 
-    /// Largest multiple of the step that stays well inside the tube.
+    /// Maximum multiple of the step that stays well inside the tube.
     fn limit(&self, work: &Workspace) -> f64 {
         let (low, high) = self.problem.free;
         let mut limit: f64 = 1.0;
@@ -271,13 +271,13 @@ impl<'a, const D: usize> Solver<'a, D> {
                     change[places[a]] += sample.weights[l] * work.step[base + columns[a]];
                 }
             }
-            let most = 1.0 - ROOM * (1.0 - sample.ratio(error));
+            let max = 1.0 - MARGIN * (1.0 - sample.ratio(error));
             let at = |t: f64| sample.ratio(&std::array::from_fn(|d| error[d] + t * change[d]));
-            for _ in 0..SHORTENINGS {
-                if at(limit) <= most {
+            for _ in 0..MAX_BACKTRACKS {
+                if at(limit) <= max {
                     break;
                 }
-                limit *= SHORTER;
+                limit *= BACKTRACK_FACTOR;
             }
         }
         limit

@@ -1,57 +1,57 @@
-//! What comes out: the path that is driven.
+//! Output of the smoother: the driven path.
 
 use evolvent_path::Curve;
 
-/// One thing that comes out, in the order of the path.
+/// One element of the output, in the order of the path.
 ///
-/// `u` is the regular parameter of the programmed curves, counted on from the start of the first.
+/// `u` is the regular parameter of the programmed curves, counted from the start of the first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(
     clippy::large_enum_variant,
-    reason = "nearly every output is a stretch; a box each would cost more"
+    reason = "nearly every output is a segment; boxing each would cost more"
 )]
 pub enum Output {
-    /// The next stretch of the path.
-    Stretch(Stretch),
-    /// A bound of the speed where the path that has come out ends.
+    /// The next path segment.
+    Segment(PathSegment),
+    /// A limit of the speed at the present end of the path.
     Cap {
-        /// Bound of the parameter speed; 0: the path comes to rest here.
+        /// Maximum parameter speed; 0: the path stops here.
         speed: f64,
     },
-    /// A block ends.
+    /// The end of a block.
     Mark(Mark),
 }
 
-/// A stretch of the path: a range of a curve, of one feed.
+/// A path segment: a parameter range of one curve, with one feed.
 ///
-/// Position, first and second derivative by the parameter go on from stretch to stretch, but where a [`Output::Cap`]
-/// stands between them.
+/// Position, first and second derivative by the parameter are continuous from segment to segment, except at an
+/// [`Output::Cap`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stretch {
+pub struct PathSegment {
     /// The curve, by its regular parameter.
     pub curve: Curve,
-    /// Parameter of the curve at which the stretch begins.
+    /// Parameter of the curve at the start of the segment.
     pub from: f64,
-    /// Length of the stretch in the parameter.
+    /// Parameter length of the segment.
     pub length: f64,
     /// Programmed feed as in [`crate::Block::feed`].
     pub feed: f64,
     /// Whether it belongs to a rapid.
     pub rapid: bool,
-    /// Whether it leaves the programmed curve.
+    /// Whether it deviates from the programmed curve.
     pub blend: bool,
-    /// Whether it begins at a joint that is kept though it is not smooth.
+    /// Whether it starts at a joint that is kept although it is not smooth.
     pub joint: bool,
 }
 
 /// The end of a programmed block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
-    /// Where it ends: `u` since the smoother was made.
+    /// Its position: `u` since the smoother was created.
     pub end: f64,
-    /// Line of the program.
+    /// Program line.
     pub line: u32,
-    /// Number of the block.
+    /// Index of the block in the order of execution.
     pub block: u32,
     /// Whether it is a rapid.
     pub rapid: bool,

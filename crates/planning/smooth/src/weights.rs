@@ -1,8 +1,8 @@
-//! The cost: what the spline's derivatives are worth in time.
+//! The cost function: an estimate of the time that the spline's derivatives cost.
 //!
-//! Where jerk limits the motion, a path takes about the integral of `(|q'''| / J)^(1/3)` in time, where acceleration
-//! does, that of `(|q''| / A)^(1/2)`. Both are made quadratic by weights from the last solution (iteratively
-//! re-weighted least squares), with each axis measured by its own limits.
+//! Where jerk limits the motion, a path takes about the integral of `(|q'''| / J)^(1/3)`; where acceleration does, that of
+//! `(|q''| / A)^(1/2)`. Weights from the last solution make both quadratic (iteratively reweighted least squares), with each
+//! axis relative to its own limits.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes};
@@ -11,12 +11,12 @@ use crate::basis::second_derivatives;
 use crate::newton::Term;
 use crate::zone::BlendZone;
 
-/// Derivatives below this share of what the highest speed allows are as good as none.
-const FLOOR: f64 = 0.3;
-/// Intervals to each side that share their weight.
-const SPREAD: usize = 3;
+/// Derivatives below this fraction of what the maximum speed permits are negligible.
+const MIN_FRACTION: f64 = 0.3;
+/// Number of intervals on each side over which weights are averaged.
+const AVERAGED_INTERVALS: usize = 3;
 
-/// Reciprocal limits of the axes; zero for an axis without.
+/// Reciprocal limits of the axes; zero for an absent axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scales {
     pub(crate) jerk: Axes,
@@ -44,7 +44,7 @@ impl Scales {
     }
 }
 
-/// Memory that is kept between solutions.
+/// Working memory, kept between solutions.
 #[derive(Debug, Default)]
 pub(crate) struct Weights {
     pub(crate) terms: Vec<Term>,
@@ -55,7 +55,7 @@ pub(crate) struct Weights {
 }
 
 impl Weights {
-    /// Terms and times of the intervals `from..to` by the present control points.
+    /// Terms and times of the intervals `from..to` for the present control points.
     pub(crate) fn update(
         &mut self,
         zone: &BlendZone,
@@ -81,7 +81,10 @@ impl Weights {
             .map(|i| scales.velocity[i])
             .fold(0.0, f64::max)
             .max(1e-9);
-        let (floor3, floor2) = (FLOOR * slowest * slowest * slowest, FLOOR * slowest * slowest);
+        let (floor3, floor2) = (
+            MIN_FRACTION * slowest * slowest * slowest,
+            MIN_FRACTION * slowest * slowest,
+        );
         for i in from..to {
             let half = 0.5 * (zone.knot(i + 1) - zone.knot(i));
             let jet = zone.jet(i);
@@ -91,7 +94,7 @@ impl Weights {
         }
         let count = to - from;
         for k in 0..count {
-            let near = k.saturating_sub(SPREAD)..(k + SPREAD + 1).min(count);
+            let near = k.saturating_sub(AVERAGED_INTERVALS)..(k + AVERAGED_INTERVALS + 1).min(count);
             let g3 = self.third[near.clone()].iter().copied().fold(floor3, f64::max);
             let g2 = self.second[near].iter().copied().fold(floor2, f64::max);
             let i = from + k;
@@ -99,7 +102,7 @@ impl Weights {
             let (c3, c2) = (libm::cbrt(g3), g2.sqrt());
             self.times.push(width * (c3 + c2));
             let basis = &zone.bases[i];
-            // The squares' derivative equals that of the power: g^(1/3) / 6 g^2 and g^(1/2) / 4 g^2.
+            // The derivatives of the squares equal those of the powers: g^(1/3) / 6 g^2 and g^(1/2) / 4 g^2.
             let (w3, w2) = (width * c3 / (6.0 * g3 * g3), width * c2 / (4.0 * g2 * g2));
             self.terms.push(Term {
                 interval: i,

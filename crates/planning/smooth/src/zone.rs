@@ -1,4 +1,4 @@
-//! A stretch of the path that becomes a spline: its knots, control points and conditions.
+//! A part of the path that becomes a spline: its knots, control points and constraints.
 
 use std::ops::Range;
 
@@ -8,28 +8,28 @@ use crate::basis::{Basis, basis};
 use crate::chain::Chain;
 use crate::follow::follow;
 use crate::spacing::{self, GROWTH};
-use crate::tube::{FEWEST_PARTS, Interval, MAX_PARTS, Sample, SamplingCoverage, covers, sample};
+use crate::tube::{Interval, MAX_PARTS, MIN_PARTS, Sample, SamplingCoverage, covers, sample};
 
-/// Intervals that are settled at a time.
+/// Number of intervals that are settled at a time.
 pub(crate) const BATCH: usize = 32;
-/// Intervals beyond, laid to see that the settled ones can be continued.
+/// Number of further intervals, placed to verify that the settled ones can be continued.
 const AHEAD: usize = 8;
-/// Attempts to lay a batch, with smaller spacing each time.
+/// Maximum number of attempts to place a batch, with smaller spacing each time.
 const ATTEMPTS: usize = 40;
-/// Largest squared error, in units of the squared radius, of the start.
+/// Maximum squared error of the start, relative to the squared radius.
 const START_RATIO: f64 = 0.85;
-/// Fewest intervals of a zone.
-const FEWEST: usize = 6;
-/// Intervals over which the spacing is adapted to meet the zone's end.
+/// Minimum number of intervals of a zone.
+const MIN_INTERVALS: usize = 6;
+/// Number of intervals over which the spacing is adapted to the end of the zone.
 const ENDING: usize = 12;
 
-/// Steps back towards a safe solution, and their factor.
-const RETREATS: usize = 30;
-const RETREAT: f64 = 0.8;
-/// Room, as a share of the squared radius, that samples need for a way on.
-const MIN_DISTANCE: f64 = 1e-3;
+/// Maximum number of backtracking steps towards a safe solution, and their factor.
+const MAX_BACKTRACKS: usize = 30;
+const BACKTRACK_FACTOR: f64 = 0.8;
+/// Margin, relative to the squared radius, that samples need for further steps.
+const MIN_MARGIN: f64 = 1e-3;
 
-/// What is kept at an end of a zone.
+/// The condition at an end of a zone.
 #[derive(Clone, Copy, Debug)]
 #[expect(
     clippy::large_enum_variant,
@@ -38,11 +38,11 @@ const MIN_DISTANCE: f64 = 1e-3;
 pub(crate) enum EndCondition {
     /// Position and two derivatives.
     Jet(Jet),
-    /// The position: the path is at rest there.
-    Place(Axes),
+    /// The position; the path is at rest there.
+    Position(Axes),
 }
 
-/// Progress of laying.
+/// Result of extending a zone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum ExtendResult {
     /// A batch was settled.
@@ -51,49 +51,49 @@ pub(crate) enum ExtendResult {
     End,
     /// More of the path must be known.
     Wait,
-    /// No spacing was found that keeps the start in the tube.
+    /// No spacing was found that keeps the start inside the tube.
     Failed {
-        /// Up to where the trouble reaches.
+        /// End of the part concerned.
         until: f64,
     },
 }
 
-/// The zone that is being built.
+/// The zone under construction.
 #[derive(Debug, Default)]
 pub(crate) struct BlendZone {
-    /// Knots; three more before the first interval, and behind the last.
+    /// Knots; three more before the first interval and after the last.
     pub(crate) knots: Vec<f64>,
     pub(crate) bases: Vec<Basis>,
     pub(crate) points: Vec<Axes>,
     pub(crate) samples: Vec<Sample>,
     /// How the samples cover each interval.
-    covers: Vec<SamplingCoverage>,
-    /// Knots that are settled.
+    coverage: Vec<SamplingCoverage>,
+    /// Number of settled knots.
     settled: usize,
-    /// Control points that do not change any more.
+    /// Number of control points that are final.
     pub(crate) fixed: usize,
-    /// Control points kept at the end.
+    /// Number of control points prescribed at the end.
     pub(crate) clamped: usize,
     pub(crate) complete: bool,
-    /// Intervals that were given away: the first of those is still here when this is not 0.
+    /// Knots of the last attempt. If intervals have been output, the last of those is still the first here.
     trial: Vec<f64>,
-    /// Intervals with something amiss.
+    /// Intervals that are not covered.
     open: Vec<usize>,
-    /// Samples at an interval's right end.
+    /// Samples at the right end of an interval.
     last: Vec<Sample>,
-    /// Samples before they are made anew.
+    /// Samples before resampling.
     old: Vec<Sample>,
 }
 
 impl BlendZone {
-    /// Begins at `u`.
+    /// Starts at `u`.
     pub(crate) fn begin(&mut self, u: f64) {
         self.knots.clear();
         self.knots.extend([u; 4]);
         self.bases.clear();
         self.points.clear();
         self.samples.clear();
-        self.covers.clear();
+        self.coverage.clear();
         self.settled = 4;
         self.fixed = 0;
         self.clamped = 0;
@@ -104,7 +104,7 @@ impl BlendZone {
         self.knots[interval + 3]
     }
 
-    /// Settled intervals.
+    /// Number of settled intervals.
     pub(crate) fn intervals(&self) -> usize {
         self.bases.len()
     }
@@ -124,9 +124,9 @@ impl BlendZone {
         }
     }
 
-    /// Lays knots as far as the path allows. `start` is the clamp at the zone's start, `end` where it ends, if that
-    /// is known, and `reach` up to where spacings are settled.
-    pub(crate) fn lay(
+    /// Places knots as far as the path permits. `start` is the condition at the start of the zone, `end` its end if known, and
+    /// `reach` the position up to which spacings are determined.
+    pub(crate) fn extend(
         &mut self,
         chain: &mut Chain,
         start: &EndCondition,
@@ -141,7 +141,7 @@ impl BlendZone {
         if end.is_some_and(|(end, _)| end <= last) {
             return ExtendResult::Failed { until: last };
         }
-        // Beyond the chain nothing is known, even where no more will come.
+        // Beyond the chain nothing is known, even if the path ends there.
         let reach = reach.min(chain.end());
         let mut until = last;
         let (points, bases, samples) = (self.points.len(), self.bases.len(), self.samples.len());
@@ -151,12 +151,16 @@ impl BlendZone {
             self.points.truncate(points);
             self.bases.truncate(bases);
             self.samples.truncate(samples);
-            self.covers.truncate(bases);
+            self.coverage.truncate(bases);
             let Some(complete) = self.place_knots(chain, end.map(|(u, _)| u), reach) else {
                 self.knots.truncate(settled);
                 return ExtendResult::Wait;
             };
-            self.start_points(chain, start, end.filter(|_| complete).map(|(_, clamp)| clamp));
+            self.start_points(
+                chain,
+                start,
+                end.filter(|_| complete).map(|(_, end_condition)| end_condition),
+            );
             match self.condition(chain, active) {
                 Some(interval) => {
                     let width = self.knot(interval + 1) - self.knot(interval);
@@ -170,13 +174,13 @@ impl BlendZone {
                     return ExtendResult::End;
                 }
                 None => {
-                    // What was laid ahead is laid again next time.
+                    // What was placed ahead is placed again next time.
                     self.settled = settled + BATCH;
                     self.knots.truncate(self.settled);
                     self.points.truncate(self.settled - 3);
                     self.bases.truncate(self.settled - 6);
                     let count = self.bases.len();
-                    self.covers.truncate(count);
+                    self.coverage.truncate(count);
                     let kept = self.samples.partition_point(|sample| sample.interval < count);
                     self.samples.truncate(kept);
                     return ExtendResult::Batch;
@@ -187,11 +191,11 @@ impl BlendZone {
         self.points.truncate(points);
         self.bases.truncate(bases);
         self.samples.truncate(samples);
-        self.covers.truncate(bases);
+        self.coverage.truncate(bases);
         ExtendResult::Failed { until }
     }
 
-    /// Places knots; whether the end was reached, `None` if the path is not known far enough.
+    /// Places knots; returns whether the end was reached, or `None` if the path is not known far enough.
     fn place_knots(&mut self, chain: &Chain, end: Option<f64>, reach: f64) -> Option<bool> {
         let target = self.knots.len() + BATCH + AHEAD;
         let mut near = chain.find(*self.knots.last()?);
@@ -203,18 +207,18 @@ impl BlendZone {
             {
                 return Some(true);
             }
-            let step = step(chain, u, &mut near);
-            if end.is_none() && u + step + step / GROWTH > reach {
+            let next_width = next_width(chain, u, &mut near);
+            if end.is_none() && u + next_width + next_width / GROWTH > reach {
                 return None;
             }
-            self.knots.push(u + step);
+            self.knots.push(u + next_width);
         }
         Some(false)
     }
 
-    /// Distributes the last knots, if the end is near.
+    /// Distributes the last knots if the end is near.
     fn finish(&mut self, chain: &Chain, from: f64, end: f64, near: &mut usize) -> bool {
-        // The knots tried last time from the knot before are those that would be tried now.
+        // The knots of the last attempt from the previous knot are those that would be tried now.
         if self.trial.get(1) == Some(&from) {
             self.trial.remove(0);
         } else {
@@ -226,17 +230,17 @@ impl BlendZone {
             if self.trial.len() > ENDING {
                 return false;
             }
-            u += step(chain, u, near);
+            u += next_width(chain, u, near);
             self.trial.push(u);
         }
         let last = self.trial.len() - 1;
         let before = self.trial[last - 1];
-        let share = (end - before) / (self.trial[last] - before);
-        let left = (last - 1) as f64 + share;
+        let fraction = (end - before) / (self.trial[last] - before);
+        let left = (last - 1) as f64 + fraction;
         let begun = self.knots.len() == 4;
-        let least = if begun { FEWEST } else { 1 };
-        // Of two possible counts the smaller, if that stretches the intervals little.
-        let count = ((left - 0.1).ceil().max(1.0) as usize).max(least);
+        let min = if begun { MIN_INTERVALS } else { 1 };
+        // Of two possible counts the smaller, if that stretches the intervals only slightly.
+        let count = ((left - 0.1).ceil().max(1.0) as usize).max(min);
         for k in 1..count {
             let w = left * k as f64 / count as f64;
             let j = (w.floor() as usize).min(last - 1);
@@ -247,16 +251,19 @@ impl BlendZone {
         true
     }
 
-    /// Control points that the new knots determine: on the programmed path, so that the start is a moving average
-    /// of it, but for those that a clamp prescribes.
+    /// Control points of the new knots: on the programmed path, so that the start is a moving average of it, except those that an
+    /// end condition prescribes.
     fn start_points(&mut self, chain: &Chain, start: &EndCondition, end: Option<EndCondition>) {
         let first = self.points.len();
         let mut near = chain.find(self.knots[first + 1]);
         for j in first..self.knots.len() - 3 {
             let u = (self.knots[j + 1] + self.knots[j + 2] + self.knots[j + 3]) / 3.0;
             near = chain.find_near(u, near);
-            self.points
-                .push(chain.get(near).map_or_else(Axes::zeros, |link| link.position(u)));
+            self.points.push(
+                chain
+                    .get(near)
+                    .map_or_else(Axes::zeros, |segment| segment.position(u)),
+            );
         }
         if first == 0 {
             let (h1, h2) = (self.knots[4] - self.knots[3], self.knots[5] - self.knots[4]);
@@ -265,7 +272,7 @@ impl BlendZone {
             self.points[..self.fixed].copy_from_slice(&clamped.0[..self.fixed]);
         }
         if let Some(end) = end {
-            // The three coincident end knots make one point too many.
+            // The three coincident end knots give one point too many.
             self.points.truncate(self.knots.len() - 4);
             let n = self.knots.len();
             let (h1, h2) = (
@@ -286,30 +293,30 @@ impl BlendZone {
         }
     }
 
-    /// An interval as its samples see it. Of one before that was given away nothing is left; its end does not change any more.
+    /// An interval as seen by its samples. The previous one may have been output already; its end does not change any more.
     fn interval(&self, index: usize) -> Interval {
-        let before = index.checked_sub(1).and_then(|before| self.covers.get(before));
+        let before = index.checked_sub(1).and_then(|before| self.coverage.get(before));
         Interval {
             index,
             from: self.knot(index),
             to: self.knot(index + 1),
             start_before: self.knots[index + 2],
-            deviation_before: before.map_or(0.0, |cover| cover.chord_deviation),
+            deviation_before: before.map_or(0.0, |coverage| coverage.chord_deviation),
         }
     }
 
-    /// Samples of the new intervals; the first interval whose start is not well inside the tube.
+    /// Samples of the new intervals; returns the first interval whose start is not well inside the tube.
     fn condition(&mut self, chain: &Chain, active: &[bool; 9]) -> Option<usize> {
-        for i in self.covers.len()..self.bases.len() {
+        for i in self.coverage.len()..self.bases.len() {
             let from = self.samples.len();
             let range = (self.knot(i), self.knot(i + 1));
             let points = &self.points[i..i + 4];
-            let mut parts = FEWEST_PARTS;
+            let mut parts = MIN_PARTS;
             loop {
                 self.samples.truncate(from);
                 let interval = self.interval(i);
                 let basis = &self.bases[i];
-                let cover = sample(chain, &interval, parts, basis, active, &mut self.samples);
+                let coverage = sample(chain, &interval, parts, basis, active, &mut self.samples);
                 let samples = &self.samples[from..];
                 let bad = samples
                     .iter()
@@ -318,8 +325,16 @@ impl BlendZone {
                     return Some(i);
                 }
                 let last = (active, &mut self.last);
-                if covers(chain, cover, range, &self.bases[i], points, (samples, None), last) {
-                    self.covers.push(cover);
+                if covers(
+                    chain,
+                    coverage,
+                    range,
+                    &self.bases[i],
+                    points,
+                    (samples, None),
+                    last,
+                ) {
+                    self.coverage.push(coverage);
                     break;
                 }
                 parts *= 2;
@@ -331,19 +346,19 @@ impl BlendZone {
         None
     }
 
-    /// Places of the samples of the intervals `from..to`.
+    /// Indices of the samples of the intervals `from..to`.
     pub(crate) fn samples_of(&self, from: usize, to: usize) -> Range<usize> {
         let of = |interval: usize| self.samples.partition_point(|sample| sample.interval < interval);
         of(from)..of(to)
     }
 
-    /// Whether the spline keeps to the tolerance in all of an interval.
-    fn covered(&mut self, chain: &Chain, interval: usize, active: &[bool; 9]) -> bool {
+    /// Whether the spline keeps the tolerance in the whole interval.
+    fn is_covered(&mut self, chain: &Chain, interval: usize, active: &[bool; 9]) -> bool {
         let samples = self.samples_of(interval, interval + 1);
         let next = self.samples.get(samples.end).copied();
         covers(
             chain,
-            self.covers[interval],
+            self.coverage[interval],
             (self.knot(interval), self.knot(interval + 1)),
             &self.bases[interval],
             &self.points[interval..interval + 4],
@@ -352,14 +367,20 @@ impl BlendZone {
         )
     }
 
-    /// Adds samples to those of the intervals `from..to` that are not covered; whether all were. Those that were not
-    /// stay marked for [`relax_toward`](Self::give_way).
-    pub(crate) fn cover(&mut self, chain: &Chain, from: usize, to: usize, active: &[bool; 9]) -> bool {
+    /// Adds samples to those of the intervals `from..to` that are not covered, and returns whether all were. Those that were not stay
+    /// marked for [`relax_toward`](Self::relax_toward).
+    pub(crate) fn ensure_coverage(
+        &mut self,
+        chain: &Chain,
+        from: usize,
+        to: usize,
+        active: &[bool; 9],
+    ) -> bool {
         self.open.clear();
         for i in from..to {
-            if !self.covered(chain, i, active) {
+            if !self.is_covered(chain, i, active) {
                 self.open.push(i);
-                self.covers[i].parts = (2 * self.covers[i].parts).min(MAX_PARTS);
+                self.coverage[i].parts = (2 * self.coverage[i].parts).min(MAX_PARTS);
             }
         }
         if !self.open.is_empty() {
@@ -368,83 +389,83 @@ impl BlendZone {
         self.open.is_empty()
     }
 
-    /// Brings the free control points of the intervals that were not covered back towards `safe`.
-    pub(crate) fn relax_toward(&mut self, safe: &[Axes], free: (usize, usize), share: f64) {
+    /// Moves the free control points of the intervals that were not covered back towards `safe`.
+    pub(crate) fn relax_toward(&mut self, safe: &[Axes], free: (usize, usize), fraction: f64) {
         for &i in &self.open {
             for j in i.max(free.0)..(i + 4).min(free.1) {
-                self.points[j] = safe[j] + (self.points[j] - safe[j]) * share;
+                self.points[j] = safe[j] + (self.points[j] - safe[j]) * fraction;
             }
         }
     }
 
-    /// Makes the samples anew because other axes move.
+    /// Recreates the samples because other axes move.
     pub(crate) fn measure(&mut self, chain: &Chain, active: &[bool; 9]) {
         self.resample(chain, 0, true, active);
     }
 
-    /// Makes the samples of intervals from `from` on anew, of all or of those that are `open`: others have moved.
+    /// Recreates the samples of the intervals from `from`, all or those in `open`, because others have moved.
     fn resample(&mut self, chain: &Chain, from: usize, all: bool, active: &[bool; 9]) {
         let first = self.samples.partition_point(|sample| sample.interval < from);
         self.old.clear();
         self.old.extend_from_slice(&self.samples[first..]);
         self.samples.truncate(first);
         let mut at = 0;
-        for i in from..self.covers.len() {
+        for i in from..self.coverage.len() {
             let count = self.old[at..].partition_point(|sample| sample.interval <= i);
             if all || self.open.contains(&i) {
-                let (interval, parts) = (self.interval(i), self.covers[i].parts);
+                let (interval, parts) = (self.interval(i), self.coverage[i].parts);
                 let basis = &self.bases[i];
-                self.covers[i] = sample(chain, &interval, parts, basis, active, &mut self.samples);
+                self.coverage[i] = sample(chain, &interval, parts, basis, active, &mut self.samples);
             } else {
                 self.samples.extend_from_slice(&self.old[at..at + count]);
             }
             at += count;
         }
-        self.follow(chain, from, self.covers.len());
+        self.follow(chain, from, self.coverage.len());
     }
 
-    /// Moves the samples of the intervals `from..to` to where the spline is.
+    /// Moves the samples of the intervals `from..to` to the spline.
     pub(crate) fn follow(&mut self, chain: &Chain, from: usize, to: usize) {
         let samples = self.samples_of(from, to);
         follow(chain, &mut self.samples, samples, &self.points);
     }
 
-    /// Brings free control points back towards `safe` where samples have no room, until all have; whether they have.
-    /// Those elsewhere stay what they are.
-    pub(crate) fn retreat(&mut self, safe: &[Axes], free: (usize, usize), from: usize, to: usize) -> bool {
+    /// Moves free control points back towards `safe` where samples have no margin, until all have one; returns whether they have.
+    /// Control points elsewhere stay.
+    pub(crate) fn backtrack(&mut self, safe: &[Axes], free: (usize, usize), from: usize, to: usize) -> bool {
         let samples = self.samples_of(from, to);
         for sample in &mut self.samples[samples.clone()] {
-            // What is safe may use more of the tolerance beside the samples of before than samples may.
+            // The safe solution may use more of the tolerance next to the previous samples than samples may.
             let used = sample.ratio(&sample.error(&safe[sample.interval..sample.interval + 4]));
-            if used > 1.0 - 2.0 * MIN_DISTANCE {
-                let most = sample.tolerance * sample.tolerance;
-                let wider = sample.radius2 * used / (1.0 - 2.0 * MIN_DISTANCE);
-                sample.radius2 = wider.min(most).max(sample.radius2);
+            if used > 1.0 - 2.0 * MIN_MARGIN {
+                let max = sample.tolerance * sample.tolerance;
+                let wider = sample.radius2 * used / (1.0 - 2.0 * MIN_MARGIN);
+                sample.radius2 = wider.min(max).max(sample.radius2);
             }
         }
-        for _ in 0..RETREATS {
+        for _ in 0..MAX_BACKTRACKS {
             self.open.clear();
             for sample in &self.samples[samples.clone()] {
                 let i = sample.interval;
                 let room = 1.0 - sample.ratio(&sample.error(&self.points[i..i + 4]));
-                if !(room >= MIN_DISTANCE) && self.open.last() != Some(&i) {
+                if !(room >= MIN_MARGIN) && self.open.last() != Some(&i) {
                     self.open.push(i);
                 }
             }
             if self.open.is_empty() {
                 return true;
             }
-            self.relax_toward(safe, free, RETREAT);
+            self.relax_toward(safe, free, BACKTRACK_FACTOR);
         }
         false
     }
 
-    /// Forgets the first intervals.
+    /// Drops the first intervals.
     pub(crate) fn forget(&mut self, intervals: usize) {
         self.knots.drain(..intervals);
         self.points.drain(..intervals);
         self.bases.drain(..intervals);
-        self.covers.drain(..intervals);
+        self.coverage.drain(..intervals);
         let behind = self.samples.partition_point(|sample| sample.interval < intervals);
         self.samples.drain(..behind);
         for sample in &mut self.samples {
@@ -455,78 +476,78 @@ impl BlendZone {
     }
 }
 
-/// The next interval's width: the spacing at its middle.
-fn step(chain: &Chain, u: f64, near: &mut usize) -> f64 {
+/// Width of the next interval: the spacing at its middle.
+fn next_width(chain: &Chain, u: f64, near: &mut usize) -> f64 {
     let at = |u: f64, near: &mut usize| {
         *near = chain.find_near(u, *near);
-        let Some(link) = chain.get(*near) else {
+        let Some(segment) = chain.get(*near) else {
             return 1.0;
         };
         let at_end = chain
             .get(*near + 1)
             .map_or(chain.end_spacing, |next| next.spacing);
-        spacing::within(link, at_end, u)
+        spacing::within(segment, at_end, u)
     };
-    let mut step = at(u, near);
+    let mut next_width = at(u, near);
     for _ in 0..2 {
-        step = at(u + 0.5 * step, near);
+        next_width = at(u + 0.5 * next_width, near);
     }
-    step
+    next_width
 }
 
-/// Asks for smaller spacing about an interval.
+/// Reduces the spacing around an interval.
 fn shrink(chain: &mut Chain, u: f64, width: f64) {
     let number = chain.find(u);
-    if let Some(link) = chain.get_mut(number)
-        && !link.straight
+    if let Some(segment) = chain.get_mut(number)
+        && !segment.straight
     {
-        link.inner_spacing = link.inner_spacing.min(0.7 * width);
+        segment.inner_spacing = segment.inner_spacing.min(0.7 * width);
     }
     for joint in [number, number + 1] {
-        if let Some(link) = chain.get_mut(joint) {
-            link.spacing = (0.8 * link.spacing).min(0.7 * width);
+        if let Some(segment) = chain.get_mut(joint) {
+            segment.spacing = (0.8 * segment.spacing).min(0.7 * width);
         }
         spread(chain, joint);
     }
 }
 
-/// Carries the bound of a joint's spacing to both sides.
+/// Propagates the spacing limit of a joint to both sides.
 pub(crate) fn spread(chain: &mut Chain, number: usize) {
-    let Some(&link) = chain.get(number) else {
+    let Some(&segment) = chain.get(number) else {
         return;
     };
-    let (mut spacing, mut u) = (link.spacing, link.from);
+    let (mut spacing, mut u) = (segment.spacing, segment.from);
     let mut at = number;
     while at > chain.first() {
         at -= 1;
-        let Some(link) = chain.get_mut(at) else {
+        let Some(segment) = chain.get_mut(at) else {
             break;
         };
-        spacing += GROWTH * (u - link.from);
-        u = link.from;
-        if link.spacing <= spacing {
+        spacing += GROWTH * (u - segment.from);
+        u = segment.from;
+        if segment.spacing <= spacing {
             break;
         }
-        link.spacing = spacing;
+        segment.spacing = spacing;
     }
-    let (mut spacing, mut u) = (link.spacing, link.from);
+    let (mut spacing, mut u) = (segment.spacing, segment.from);
     let mut at = number + 1;
-    while let Some(link) = chain.get_mut(at) {
-        spacing += GROWTH * (link.from - u);
-        u = link.from;
-        if link.spacing <= spacing {
+    while let Some(segment) = chain.get_mut(at) {
+        spacing += GROWTH * (segment.from - u);
+        u = segment.from;
+        if segment.spacing <= spacing {
             break;
         }
-        link.spacing = spacing;
+        segment.spacing = spacing;
         at += 1;
     }
 }
 
-/// The control points that a clamp prescribes, from the end inwards, and their number; `h1`, `h2` are the widths of
-/// the intervals from the end inwards, `sign` -1 at a zone's end.
-fn clamped(clamp: &EndCondition, h1: f64, h2: f64, sign: f64) -> ([Axes; 3], usize) {
-    match clamp {
-        EndCondition::Place(place) => ([*place; 3], 1),
+/// The control points that an end condition prescribes, from the end inwards, and their number. `h1`, `h2` are the widths of the
+/// intervals from the end inwards, `sign` is -1 at the end of a zone.
+fn clamped(end_condition: &EndCondition, h1: f64, h2: f64, sign: f64) -> ([Axes; 3], usize) {
+    match end_condition {
+        EndCondition::Position(place) => ([*place; 3], 1),
         EndCondition::Jet(jet) => {
             let first = jet.first * sign;
             let second = first + jet.second * (0.5 * h1);

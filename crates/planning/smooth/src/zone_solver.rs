@@ -1,4 +1,4 @@
-//! Finds the control points of a zone, window by window.
+//! Optimises the control points of a zone, window by window.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes};
@@ -10,21 +10,21 @@ use crate::tube::Sample;
 use crate::weights::{Scales, Weights};
 use crate::zone::BlendZone;
 
-/// Control points that are found together, how many of them become final if more follow, and how many more may be
-/// left so that they are found with them.
+/// Number of control points that are optimised together, how many of them become final if more follow, and how many more may
+/// remain to be included.
 pub(crate) const WINDOW: usize = 96;
 const COMMIT: usize = 64;
-const REST: usize = 48;
-/// Rounds of weights, barrier at the first, its factor and its least, Newton steps of a round and of the last.
+const MAX_REMAINING: usize = 48;
+/// Rounds of reweighting; initial barrier, its factor and its minimum; Newton steps of a round and of the last.
 const ROUNDS: usize = 6;
 const BARRIER: (f64, f64, f64) = (0.3, 0.35, 0.01);
 const STEPS: (usize, usize) = (2, 6);
-/// Control points before and intervals behind the free ones that the law sees.
+/// Number of control points before and intervals after the free ones that the time law includes.
 const MARGIN: usize = 4;
-/// Attempts to cover the intervals with more samples.
-const ATTEMPTS: usize = 5;
+/// Maximum number of attempts to cover the intervals with more samples.
+const MAX_ATTEMPTS: usize = 5;
 
-/// Memory that is kept between windows.
+/// Working memory, kept between windows.
 #[derive(Debug, Default)]
 pub(crate) struct ZoneSolver {
     weights: Weights,
@@ -36,20 +36,20 @@ pub(crate) struct ZoneSolver {
     safe: Vec<Axes>,
 }
 
-/// What the path is found by.
+/// The data of the optimisation.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Scene<'a> {
+pub(crate) struct Context<'a> {
     pub(crate) chain: &'a Chain,
     pub(crate) scales: &'a Scales,
-    /// Where the path rests before and behind.
+    /// Positions before and after where the path stops.
     pub(crate) rests: (f64, f64),
-    /// The axes that samples speak of.
+    /// The axes that samples measure.
     pub(crate) measured: &'a [bool; AXES],
     pub(crate) limits: &'a Limits,
 }
 
-/// The window: free control points, the intervals that they touch, and those that the law sees.
-struct Range {
+/// The window: free control points, the intervals they affect, and those that the time law includes.
+struct WindowRange {
     free: (usize, usize),
     from: usize,
     to: usize,
@@ -57,26 +57,26 @@ struct Range {
 }
 
 impl ZoneSolver {
-    /// Finds the next control points of the zone and makes the first of them final. Whatever happens, they are such
-    /// that the spline is covered by its samples: if nothing better is found they stay what they were.
-    pub(crate) fn find(&mut self, zone: &mut BlendZone, scene: &Scene<'_>) {
+    /// Optimises the next control points of the zone and makes the first of them final. In any case the spline is covered by its
+    /// samples: if nothing better is found the points stay unchanged.
+    pub(crate) fn optimize(&mut self, zone: &mut BlendZone, context: &Context<'_>) {
         let low = zone.fixed;
         let last = if zone.complete {
             zone.points.len() - zone.clamped
         } else {
             zone.intervals()
         };
-        let all = zone.complete && last <= low + WINDOW + REST;
+        let all = zone.complete && last <= low + WINDOW + MAX_REMAINING;
         let high = if all { last } else { (low + WINDOW).min(last) };
         if high > low {
             let (from, to) = (low.saturating_sub(3), high.min(zone.intervals()));
-            let range = Range {
+            let range = WindowRange {
                 free: (low, high),
                 from,
                 to,
                 wide: (from.saturating_sub(MARGIN), (high + MARGIN).min(zone.intervals())),
             };
-            self.window(zone, scene, &range);
+            self.window(zone, context, &range);
         }
         zone.fixed = if zone.complete && high == last {
             zone.points.len()
@@ -85,14 +85,14 @@ impl ZoneSolver {
         };
     }
 
-    fn window(&mut self, zone: &mut BlendZone, scene: &Scene<'_>, range: &Range) {
-        let Scene {
+    fn window(&mut self, zone: &mut BlendZone, context: &Context<'_>, range: &WindowRange) {
+        let Context {
             chain,
             scales,
             rests,
             measured,
             limits,
-        } = *scene;
+        } = *context;
         let mut active = [false; AXES];
         let here = zone.points[range.from];
         for point in &zone.points[range.from..(range.to + 3).min(zone.points.len())] {
@@ -108,46 +108,46 @@ impl ZoneSolver {
             let middle = 0.5 * (zone.knot(i) + zone.knot(i + 1));
             number = chain.find_near(middle, number);
             self.feeds
-                .push(chain.get(number).map_or(f64::INFINITY, |link| link.feed));
+                .push(chain.get(number).map_or(f64::INFINITY, |segment| segment.feed));
         }
         self.by_weights(zone, chain, scales, &active, range);
-        for _ in 0..ATTEMPTS {
+        for _ in 0..MAX_ATTEMPTS {
             self.with_law(zone, chain, scales, rests, &active, range);
-            self.confine(zone, limits, range);
-            if zone.cover(chain, range.from, range.to, measured) {
+            self.clamp_to_travel(zone, limits, range);
+            if zone.ensure_coverage(chain, range.from, range.to, measured) {
                 return;
             }
-            if !zone.retreat(&self.safe, range.free, range.from, range.to) {
+            if !zone.backtrack(&self.safe, range.free, range.from, range.to) {
                 break;
             }
             self.by_weights(zone, chain, scales, &active, range);
         }
-        // Where nothing else helps, back to what is safe, but only there.
-        for attempt in 1..=ATTEMPTS {
-            if zone.cover(chain, range.from, range.to, measured) {
+        // If nothing else helps, back towards the safe solution, but only there.
+        for attempt in 1..=MAX_ATTEMPTS {
+            if zone.ensure_coverage(chain, range.from, range.to, measured) {
                 return;
             }
-            let share = if attempt < ATTEMPTS { 0.5 } else { 0.0 };
-            zone.relax_toward(&self.safe, range.free, share);
+            let fraction = if attempt < MAX_ATTEMPTS { 0.5 } else { 0.0 };
+            zone.relax_toward(&self.safe, range.free, fraction);
         }
-        if zone.cover(chain, range.from, range.to, measured) {
+        if zone.ensure_coverage(chain, range.from, range.to, measured) {
             return;
         }
         zone.points[range.free.0..range.free.1].copy_from_slice(&self.safe[range.free.0..range.free.1]);
     }
 
-    /// By the cost that needs no law.
+    /// Optimises by the cost function that needs no time law.
     fn by_weights(
         &mut self,
         zone: &mut BlendZone,
         chain: &Chain,
         scales: &Scales,
         active: &[bool; AXES],
-        range: &Range,
+        range: &WindowRange,
     ) {
-        let Range { from, to, wide, .. } = *range;
+        let WindowRange { from, to, wide, .. } = *range;
         let samples = zone.samples_of(from, to);
-        let (start, factor, least) = BARRIER;
+        let (start, factor, min) = BARRIER;
         let mut mu = start;
         for round in 0..ROUNDS {
             self.weights.update(zone, wide.0, wide.1, scales, active);
@@ -171,12 +171,12 @@ impl ZoneSolver {
             let steps = if round + 1 == ROUNDS { STEPS.1 } else { STEPS.0 };
             minimise(&problem, &mut zone.points, steps, &mut self.work);
             zone.follow(chain, from, to);
-            mu = (mu * factor).max(least);
+            mu = (mu * factor).max(min);
         }
     }
 
-    /// Brings control points back into the travel: the path is in their hull.
-    fn confine(&self, zone: &mut BlendZone, limits: &Limits, range: &Range) {
+    /// Moves control points back into the travel: the path is in their convex hull.
+    fn clamp_to_travel(&self, zone: &mut BlendZone, limits: &Limits, range: &WindowRange) {
         for j in range.free.0..range.free.1 {
             let safe = &self.safe[j];
             for i in (0..AXES).filter(|&i| limits.present[i]) {
@@ -189,7 +189,7 @@ impl ZoneSolver {
         }
     }
 
-    /// Together with a time law.
+    /// Optimises together with a time law.
     fn with_law(
         &mut self,
         zone: &mut BlendZone,
@@ -197,7 +197,7 @@ impl ZoneSolver {
         scales: &Scales,
         rests: (f64, f64),
         active: &[bool; AXES],
-        range: &Range,
+        range: &WindowRange,
     ) {
         let window = Window {
             zone,

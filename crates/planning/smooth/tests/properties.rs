@@ -1,4 +1,4 @@
-//! What every smoothed path keeps, over random programs and machines.
+//! Properties of every smoothed path, over random programs and machines.
 
 mod common;
 
@@ -7,7 +7,7 @@ use common::{
     stretches, within,
 };
 use evolvent_path::Axes;
-use evolvent_smooth::Stretch;
+use evolvent_smooth::PathSegment;
 
 const ANY: Kind = Kind {
     smallest: 1e-3,
@@ -19,7 +19,7 @@ const ANY: Kind = Kind {
 };
 
 #[test]
-fn random_programs_stay_within_the_tolerance_and_are_smooth() {
+fn random_programs_are_smooth_within_the_tolerance() {
     let (mut random, cases) = campaign(0x5300_0001, 24);
     for case in 0..cases {
         let seed = random.state();
@@ -49,7 +49,7 @@ fn random_programs_stay_within_the_tolerance_and_are_smooth() {
 }
 
 #[test]
-fn programs_of_mixed_modes_and_axes_stay_within_the_tolerance() {
+fn mixed_modes_and_axes_stay_within_the_tolerance() {
     let (mut random, cases) = campaign(0x5300_0002, 24);
     for case in 0..cases {
         let seed = random.state();
@@ -74,7 +74,7 @@ fn programs_of_mixed_modes_and_axes_stay_within_the_tolerance() {
 }
 
 #[test]
-fn no_programmed_point_is_missed_by_more_than_twice_the_tolerance() {
+fn programmed_points_are_missed_by_2_tolerances_at_most() {
     let (mut random, cases) = campaign(0x5300_0004, 24);
     for case in 0..cases {
         let tolerance = random.log(1e-3, 0.1);
@@ -116,10 +116,10 @@ fn no_programmed_point_is_missed_by_more_than_twice_the_tolerance() {
     }
 }
 
-/// Sections of short chords beside sections of chords several times as long, as CAM writes them: between the two, samples
-/// that follow the spline over joints are next to such that slip along a straight.
+/// Sections of short chords next to chords several times as long, as CAM systems write them: at the transition, samples
+/// that follow the spline across joints are next to samples that slide along a straight segment.
 #[test]
-fn chords_that_change_their_length_stay_within_the_tolerance_everywhere() {
+fn chords_of_varying_length_stay_within_the_tolerance() {
     let (mut random, cases) = campaign(0x5300_0005, 24);
     for case in 0..cases {
         let tolerance = random.log(5e-3, 0.05);
@@ -151,7 +151,7 @@ fn chords_that_change_their_length_stay_within_the_tolerance_everywhere() {
 }
 
 /// Points of the path, closer than `gap`, by its parameter.
-fn polygon(stretches: &[Stretch], gap: f64) -> Vec<(f64, Axes)> {
+fn polygon(stretches: &[PathSegment], gap: f64) -> Vec<(f64, Axes)> {
     let (mut u, mut out) = (0.0, Vec::new());
     for stretch in stretches {
         let parts = (stretch.length / gap).ceil().clamp(1.0, 1e4) as usize;
@@ -186,7 +186,7 @@ fn a_path_along_the_edge_of_the_travel_stays_inside() {
 }
 
 #[test]
-fn absurd_tolerances_and_feeds_still_bring_out_all_of_the_path() {
+fn extreme_tolerances_and_feeds_output_the_whole_path() {
     let points = [[0.0, 0.0], [5.0, 0.0], [5.0, 3.0], [5.0, 2.99], [-4.0, 0.0]].map(|p| point(&p));
     for mm in [f64::NAN, f64::INFINITY, -1.0, 1e-300, 1e-12, 1e9, f64::MAX] {
         for feed in [100.0, 1e-300, f64::INFINITY, f64::NAN, 0.0] {

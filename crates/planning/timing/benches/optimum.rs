@@ -1,4 +1,4 @@
-//! How much slower than the optimum the plans are: `cargo bench -p evolvent-timing --bench optimum`.
+//! Excess of the duration of plans over the optimum: `cargo bench -p evolvent-timing --bench optimum`.
 #![allow(
     missing_docs,
     clippy::print_stdout,
@@ -11,9 +11,9 @@
 mod common;
 mod oracle;
 
-use common::{Path, axes, circle, helix, involute, loose, point, square, turned};
+use common::{Path, axes, circle, helix, involute, point, relaxation, square, turned};
 use evolvent_path::{Arc, Axes, Blend, Curve, Line, Plane, Sense};
-use evolvent_timing::{Entry, Exit, Grid, MAX_INTERVALS, Optimizer, Piece, Place};
+use evolvent_timing::{Entry, Exit, Grid, MAX_INTERVALS, Optimizer, PathPosition, Piece};
 use evolvent_verifier::butterfly_point;
 
 /// Least stations of the other method on each stretch.
@@ -85,13 +85,13 @@ fn main() {
                     each,
                     pieces.or(receding.as_ref().map(|x| x.1.as_slice())),
                 );
-                // From another start, where that converges.
+                // From another start, if that converges.
                 let other = oracle::optimum(&path, &limits, each, None);
                 let exact = name.starts_with("line ").then(|| {
-                    // Seen along a turned line, limits are those of the axis that has most of it.
+                    // On a rotated line the limits are those of the axis with the largest component.
                     let (sin, cos) = f64::to_radians(degrees).sin_cos();
-                    let share = sin.max(cos);
-                    (line(path.length(), v / share, a / share, j / share), 0)
+                    let fraction = sin.max(cos);
+                    (line(path.length(), v / fraction, a / fraction, j / fraction), 0)
                 });
                 let best = (near.iter().chain(&other).chain(&exact)).min_by(|a, b| a.0.total_cmp(&b.0));
                 let (Some((best, n)), Some((receding, _))) = (best, &receding) else {
@@ -124,10 +124,10 @@ fn main() {
     }
 }
 
-/// The least time of a straight line from rest to rest, in closed form: the profile is symmetric, each half a change of
-/// speed with jerk at its limit, acceleration at its limit if that is reached, and the highest speed between.
+/// The minimum time of a straight line from rest to rest, in closed form: the profile is symmetric, each half a change of
+/// speed at the jerk limit, at the acceleration limit if that is reached, with the maximum speed in between.
 fn line(length: f64, v: f64, a: f64, j: f64) -> f64 {
-    // The change to v takes 2 sqrt(v / j), or v / a + a / j where a is reached; on average at v / 2.
+    // The change to v takes 2 sqrt(v / j), or v / a + a / j if a is reached, at an average of v / 2.
     let change = |v: f64| {
         if v * j <= a * a {
             2.0 * (v / j).sqrt()
@@ -150,7 +150,7 @@ fn line(length: f64, v: f64, a: f64, j: f64) -> f64 {
     2.0 * change(low)
 }
 
-/// Two lines with a quarter circle between them, whose tangent joints are eased over a millimetre.
+/// Two lines with a quarter circle between them, whose tangent joints are smoothed over a millimetre.
 fn line_arc_line(degrees: f64) -> Path {
     let at = |x: f64, y: f64| turned(point(x, y, 0.0), degrees);
     let centre = at(20.0, 5.0);
@@ -183,7 +183,7 @@ fn line_arc_line(degrees: f64) -> Path {
     Path { parts }
 }
 
-/// The butterfly in chords whose corners are blended.
+/// The butterfly in chords with blended corners.
 fn butterfly(chords: u32, degrees: f64) -> Path {
     let points: Vec<Axes> = (0..=chords)
         .map(|k| {
@@ -194,13 +194,13 @@ fn butterfly(chords: u32, degrees: f64) -> Path {
     Path::polyline(&points, 0.02, 200.0)
 }
 
-/// Duration of one plan over the whole path, its stations and steps. `None` also where that takes more than one window.
+/// Duration of one plan over the whole path, its stations and steps. `None` also if it needs more than one window.
 fn whole(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, usize, u32, Vec<Piece>)> {
-    let limits = loose(*limits);
+    let limits = relaxation(*limits);
     let mut grid = Grid::new(&limits);
     path.push_to(&mut grid);
     let (mut optimizer, mut out) = (Optimizer::new(&limits), Vec::new());
-    let start = Place { interval: 0, x: 0.0 };
+    let start = PathPosition { interval: 0, x: 0.0 };
     let report = optimizer
         .plan(&grid, start, Entry::Rest, grid.end(), Exit::Rest, 1.0, &mut out)
         .ok()?;
@@ -209,11 +209,11 @@ fn whole(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, usize, 
 
 /// Duration in a receding horizon of [`MAX_INTERVALS`] that commits half of it, as the planner of programs does.
 fn receding(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, Vec<Piece>)> {
-    let limits = loose(*limits);
+    let limits = relaxation(*limits);
     let mut grid = Grid::new(&limits);
     path.push_to(&mut grid);
     let (mut optimizer, mut out) = (Optimizer::new(&limits), Vec::<Piece>::new());
-    let (mut place, mut entry, mut done) = (Place { interval: 0, x: 0.0 }, Entry::Rest, Vec::new());
+    let (mut place, mut entry, mut done) = (PathPosition { interval: 0, x: 0.0 }, Entry::Rest, Vec::new());
     let window = MAX_INTERVALS as u64;
     loop {
         let until = grid.end().min(place.interval + window);
@@ -234,8 +234,8 @@ fn receding(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, Vec<
         done.extend(out.drain(..commit));
         let next = out.first()?;
         let state = next.law.at(0.0).0;
-        let (_, begin) = grid.stretch_of(next.interval)?;
-        place = Place {
+        let (_, begin) = grid.segment_of(next.interval)?;
+        place = PathPosition {
             interval: next.interval,
             x: next.from - begin,
         };

@@ -1,15 +1,15 @@
-//! The barrier function of a window: its value, and its gradient and Gauss-Newton Hessian by stations.
+//! The barrier function of a window: its value, gradient, and Gauss-Newton Hessian per station.
 //!
-//! Unknowns are `a = u'^2` and `b = u''` at stations and `c = u'''/u'` on the intervals between; on an interval
-//! `b` is linear and `a` quadratic in the parameter. Every limit is `|y| <= 1` for an axis and a point:
-//! acceleration `y = (q'' a + q' b)/A`, jerk `y = sqrt(a) (q''' a + 3 q'' b + q' c)/J`, and contributes
+//! Unknowns are `a = u'^2` and `b = u''` at the stations and `c = u'''/u'` on the intervals between them; on an interval
+//! `b` is linear and `a` quadratic in the parameter. Every constraint is `|y| <= 1` for an axis and a point:
+//! acceleration `y = (q'' a + q' b)/A`, jerk `y = sqrt(a) (q''' a + 3 q'' b + q' c)/J`. It contributes
 //! `-w log(1 - y^2)`; a cap contributes a quarter of `-w log(1 - a/cap)`. The weight `w` of an interval is the barrier
-//! parameter times the time that the interval takes, so that what the barrier costs is the same share of the
-//! motion everywhere, on whatever scale of length and time.
+//! parameter times the duration of the interval, so that the barrier costs the same fraction of the motion everywhere,
+//! on any scale of length and time.
 //!
-//! `-w log(a + b d)` keeps the speed above zero between stations as well: with the values at the ends it is the
-//! middle one of the three Bernstein coefficients of the quadratic `a` over an interval of length `d`. It has a cap
-//! too: where speed passes its maximum within an interval, it does not exceed the caps there.
+//! `-w log(a + b d)` keeps the speed above zero between the stations too: together with the values at the ends it is the
+//! middle one of the three Bernstein coefficients of the quadratic `a` over an interval of length `d`. It has a cap as
+//! well: where the speed has its maximum inside an interval, that maximum does not exceed the caps there.
 
 use std::ops::{Add, AddAssign, Mul};
 
@@ -17,11 +17,11 @@ use wide::f64x2;
 
 use crate::window::Window;
 
-/// Weight of the barrier at a cap beside that at a row of the axes: where nothing but the cap limits the motion, the
-/// speed stays below it by the barrier parameter times this.
+/// Weight of the barrier at a cap relative to that of an axis constraint. Where only the cap limits the motion, the speed
+/// stays below it by the barrier parameter times this. 1/4, because the fourth root of the caps' product is two square roots.
 const CAP_WEIGHT: f64 = 0.25;
 
-/// Values at stations and intervals.
+/// Values at the stations and intervals.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Iterate {
     /// `u'^2` at the stations.
@@ -41,7 +41,7 @@ impl Iterate {
         }
     }
 
-    /// Everything zero for `n` intervals.
+    /// Sets everything to zero, for `n` intervals.
     pub(crate) fn reset(&mut self, n: usize) {
         for (values, length) in [(&mut self.a, n + 1), (&mut self.b, n + 1), (&mut self.c, n)] {
             values.clear();
@@ -70,26 +70,26 @@ impl Iterate {
     }
 }
 
-/// What is minimised beside the barrier.
+/// The objective besides the barrier.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Objective {
-    /// Weights of `a` at stations, beside the duration.
+    /// Linear weights of `a` at the stations, added to the duration.
     pub(crate) linear: Vec<f64>,
     /// Barrier weights of the intervals.
     pub(crate) weight: Vec<f64>,
 }
 
-/// Gradients by `(a, b, c)` and Hessians `aa, ab, bb, ac, bc, cc`, one a station; `c` of the last is unused.
+/// Per station: gradient by `(a, b, c)` and Hessian `aa, ab, bb, ac, bc, cc`. `c` of the last station is unused.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Local {
     pub(crate) g: Vec<[f64; 3]>,
     pub(crate) h: Vec<[f64; 6]>,
 }
 
-/// Two numbers, of an interval with even index and of the one behind it.
+/// Two numbers: of an interval with even index and of the next one.
 type Pair = f64x2;
 
-/// What is known of two neighbouring intervals: their lengths, the values at their starts and ends and in their middles.
+/// Two neighbouring intervals: their lengths, and the values at their starts, middles and ends.
 struct StationPair {
     first: usize,
     second: usize,
@@ -101,12 +101,12 @@ struct StationPair {
     middle: (Pair, Pair),
     /// `u'^2` of the middle Bernstein coefficient.
     control: Pair,
-    /// 0 where the state at the start is what it is, and only the jerk from it on can be chosen.
+    /// 0 where the state at the start is fixed and only the jerk after it is free.
     free: Pair,
 }
 
 impl StationPair {
-    /// The pair number `j`. Of an odd count the last interval stands in both places.
+    /// The pair with index `j`. With an odd number of intervals the last one fills both places.
     fn new(window: &Window, x: &Iterate, j: usize) -> Self {
         let n = window.n();
         let (first, second) = (2 * j, (2 * j + 1).min(n - 1));
@@ -154,16 +154,16 @@ impl StationPair {
         ]
     }
 
-    /// Factors on the rows of jerk and of acceleration at the three points, 0 where there are none.
+    /// Factors on the jerk and acceleration constraints at the three points; 0 where there are none.
     fn rows(&self, window: &Window) -> [(Pair, Pair); 3] {
         let one = Pair::splat(1.0);
-        let bent = self.of(&window.bent);
-        [(one, self.free), (bent, bent), (one, self.of(&window.joints))]
+        let curved = self.of(&window.curved);
+        [(one, self.free), (curved, curved), (one, self.of(&window.joints))]
     }
 
-    /// Factors on the limits of acceleration and of jerk.
-    fn loose(&self, window: &Window) -> (Pair, Pair) {
-        let (first, second) = (window.loose[self.first], window.loose[self.second]);
+    /// Factors on acceleration and jerk constraints, see [`Window::relaxation`].
+    fn relaxation(&self, window: &Window) -> (Pair, Pair) {
+        let (first, second) = (window.relaxation[self.first], window.relaxation[self.second]);
         (Pair::new([first.0, second.0]), Pair::new([first.1, second.1]))
     }
 }
@@ -177,7 +177,7 @@ fn all_positive(pair: Pair) -> bool {
     first > 0.0 && second > 0.0
 }
 
-/// Duration of an interval by Simpson's rule, and of a stub: `3 x / v`.
+/// Duration of an interval by Simpson's rule.
 pub(crate) fn interval_time(d: f64, a: f64, middle: f64, end: f64) -> f64 {
     d / 6.0 * (1.0 / a.sqrt() + 4.0 / middle.sqrt() + 1.0 / end.sqrt())
 }
@@ -190,55 +190,55 @@ pub(crate) fn value(window: &Window, objective: &Objective, x: &Iterate) -> Opti
     let mut sum = Pair::splat(0.0);
     let mut last = Pair::splat(0.0);
     for j in 0..n.div_ceil(2) {
-        let two = StationPair::new(window, x, j);
-        let roots = [two.a.sqrt(), two.middle.0.sqrt(), two.end.0.sqrt()];
-        // Not a number fails at the end, as it is in every sum and product from here on.
-        let low = (two.a.fast_min(two.middle.0)).fast_min(two.end.0.fast_min(two.control));
+        let pair = StationPair::new(window, x, j);
+        let roots = [pair.a.sqrt(), pair.middle.0.sqrt(), pair.end.0.sqrt()];
+        // NaN is in every sum and product from here on, so it fails the final check.
+        let low = (pair.a.fast_min(pair.middle.0)).fast_min(pair.end.0.fast_min(pair.control));
         if !all_positive(low) {
             return None;
         }
-        let caps = two.caps(window);
-        let mut room = one - two.free * two.a / caps[0];
-        let mid = one - two.middle.0 / caps[1];
-        let top = one - two.free * two.control / caps[2];
-        let mut least = room.fast_min(mid).fast_min(top);
+        let caps = pair.caps(window);
+        let mut margin = one - pair.free * pair.a / caps[0];
+        let mid = one - pair.middle.0 / caps[1];
+        let top = one - pair.free * pair.control / caps[2];
+        let mut min = margin.fast_min(mid).fast_min(top);
         // The fourth root: see CAP_WEIGHT.
-        room = (room * mid * top).sqrt().sqrt();
-        let (loose_a, loose_j) = two.loose(window);
-        let parts = two.rows(window);
-        let states = two.states();
+        margin = (margin * mid * top).sqrt().sqrt();
+        let (relaxation_a, relaxation_j) = pair.relaxation(window);
+        let parts = pair.rows(window);
+        let states = pair.states();
         for (point, (on_jerk, on_acceleration)) in parts.into_iter().enumerate() {
             if is_zero(on_jerk) {
                 continue;
             }
             let ((a, b, c), root) = (states[point], roots[point]);
-            let (b3, root) = (3.0 * b, root * loose_j);
+            let (b3, root) = (3.0 * b, root * relaxation_j);
             for (i, row) in rows[window.count * j..window.count * (j + 1)].iter().enumerate() {
                 let (d1, d2, d3) = (row[3 * point], row[3 * point + 1], row[3 * point + 2]);
                 let y = root * (d3 * a + d2 * b3 + d1 * c) * window.inverse_j[i];
                 let left = one - on_jerk * y * y;
-                room *= left;
-                least = least.fast_min(left);
+                margin *= left;
+                min = min.fast_min(left);
             }
             if is_zero(on_acceleration) {
                 continue;
             }
             for (i, row) in rows[window.count * j..window.count * (j + 1)].iter().enumerate() {
-                let y = (row[3 * point + 1] * a + row[3 * point] * b) * loose_a * window.inverse_a[i];
+                let y = (row[3 * point + 1] * a + row[3 * point] * b) * relaxation_a * window.inverse_a[i];
                 let left = one - on_acceleration * y * y;
-                room *= left;
-                least = least.fast_min(left);
+                margin *= left;
+                min = min.fast_min(left);
             }
         }
-        if !all_positive(least) {
+        if !all_positive(min) {
             return None;
         }
-        room *= two.control / caps[1];
-        let [first, second] = room.to_array();
+        margin *= pair.control / caps[1];
+        let [first, second] = margin.to_array();
         let logarithms = Pair::new([libm::log(first), libm::log(second)]);
         let ends = roots[0] * roots[2];
-        let time = two.d / 6.0 * (roots[1] * (roots[0] + roots[2]) + 4.0 * ends) / (ends * roots[1]);
-        last = time + two.of(&objective.linear) * two.a - two.of(&objective.weight) * logarithms;
+        let time = pair.d / 6.0 * (roots[1] * (roots[0] + roots[2]) + 4.0 * ends) / (ends * roots[1]);
+        last = time + pair.of(&objective.linear) * pair.a - pair.of(&objective.weight) * logarithms;
         sum += last;
     }
     let [even, odd] = sum.to_array();
@@ -250,15 +250,15 @@ pub(crate) fn value(window: &Window, objective: &Objective, x: &Iterate) -> Opti
     let (a, b) = (x.a[n], x.b[n]);
     sum += objective.linear[n] * a;
     let (w0, w1) = (objective.weight[0], objective.weight[n - 1]);
-    let mut room = (1.0 - a / window.cap[n]).sqrt().sqrt();
-    let low = 1.0 + b / window.end.most;
-    if !(a > 0.0 && room > 0.0 && low > 0.0 && b < 0.0) {
+    let mut margin = (1.0 - a / window.cap[n]).sqrt().sqrt();
+    let low = 1.0 + b / window.end.max_b;
+    if !(a > 0.0 && margin > 0.0 && low > 0.0 && b < 0.0) {
         return None;
     }
-    room *= low;
-    sum -= w1 * libm::log(room);
+    margin *= low;
+    sum -= w1 * libm::log(margin);
     if window.from_rest {
-        let low = 1.0 - x.b[0] / window.start.most;
+        let low = 1.0 - x.b[0] / window.start.max_b;
         if !(low > 0.0 && x.b[0] > 0.0) {
             return None;
         }
@@ -267,7 +267,7 @@ pub(crate) fn value(window: &Window, objective: &Objective, x: &Iterate) -> Opti
     sum.is_finite().then_some(sum)
 }
 
-/// Gradient and Hessian, of one number or of two beside each other.
+/// Gradient and Hessian, of one number or of two in parallel.
 struct Model<T> {
     g: [T; 3],
     h: [T; 6],
@@ -282,7 +282,7 @@ impl Model<Pair> {
         }
     }
 
-    /// Adds `-weight log(1 - y^2)` of a row with the gradient `dy`, without the second derivatives of `y`.
+    /// Adds `-weight log(1 - y^2)` of a constraint with gradient `dy`, without the second derivatives of `y` (Gauss-Newton).
     fn add_row(&mut self, y: Pair, dy: [Pair; 3], weight: Pair) {
         let square = y * y;
         let inverse = 1.0 / (1.0 - square);
@@ -301,7 +301,7 @@ impl Model<Pair> {
         self.h[5] += s * dc * dc;
     }
 
-    /// The same where `y` does not depend on `c`.
+    /// The same for `y` independent of `c`.
     fn add_short_row(&mut self, y: Pair, dy: [Pair; 2], weight: Pair) {
         let square = y * y;
         let inverse = 1.0 / (1.0 - square);
@@ -333,15 +333,15 @@ impl<T> Model<T>
 where
     T: Copy + Add<Output = T> + Mul<Output = T> + Mul<f64, Output = T> + AddAssign,
 {
-    /// Adds the model of a point at distance `x` from the station to the station's own.
+    /// Adds the model of a point at distance `x` from the station to the model of the station.
     fn add_shifted(&mut self, x: T, point: &Self) {
-        // The point's (a, b, c) by the station's: rows (1, 2x, x^2), (0, 1, x), (0, 0, 1).
+        // The point's (a, b, c) as a function of the station's: rows (1, 2x, x^2), (0, 1, x), (0, 0, 1).
         let [aa, ab, bb, ac, bc, cc] = point.h;
         let (gp, twice) = (point.g, x * 2.0);
         self.g[0] += gp[0];
         self.g[1] += twice * gp[0] + gp[1];
         self.g[2] += x * (x * gp[0] + gp[1]) + gp[2];
-        // Columns of Hp times the matrix.
+        // Columns of the point's Hessian times the matrix.
         let (ab1, bb1) = (twice * aa + ab, twice * ab + bb);
         let (ac1, bc2, cc1) = (
             x * (x * aa + ab) + ac,
@@ -357,7 +357,7 @@ where
     }
 }
 
-/// Gradient and Hessian at a point within the limits.
+/// Gradient and Hessian at a feasible point.
 pub(crate) fn assemble(window: &Window, objective: &Objective, x: &Iterate, local: &mut Local) {
     let n = window.n();
     local.g.clear();
@@ -365,14 +365,14 @@ pub(crate) fn assemble(window: &Window, objective: &Objective, x: &Iterate, loca
     local.g.resize(n + 1, [0.0; 3]);
     local.h.resize(n + 1, [0.0; 6]);
     let (rows, _) = window.rows.as_chunks::<9>();
-    // What an interval says of its end is folded into its own (a, b, c): a1 = a + 2 b d + c d^2, b1 = b + c d.
+    // The terms at the end of an interval are folded into its own (a, b, c): a1 = a + 2 b d + c d^2, b1 = b + c d.
     for j in 0..n.div_ceil(2) {
-        let two = StationPair::new(window, x, j);
-        let (weight, d) = (two.of(&objective.weight), two.d);
-        let caps = two.caps(window);
-        let (loose_a, loose_j) = two.loose(window);
-        let (parts, states) = (two.rows(window), two.states());
-        let roots = [two.a.sqrt(), two.middle.0.sqrt(), two.end.0.sqrt()];
+        let pair = StationPair::new(window, x, j);
+        let (weight, d) = (pair.of(&objective.weight), pair.d);
+        let caps = pair.caps(window);
+        let (relaxation_a, relaxation_j) = pair.relaxation(window);
+        let (parts, states) = (pair.rows(window), pair.states());
+        let roots = [pair.a.sqrt(), pair.middle.0.sqrt(), pair.end.0.sqrt()];
         let mut models = [Model::new(), Model::new(), Model::new()];
         for (point, (on_jerk, on_acceleration)) in parts.into_iter().enumerate() {
             if is_zero(on_jerk) {
@@ -383,7 +383,7 @@ pub(crate) fn assemble(window: &Window, objective: &Objective, x: &Iterate, loca
             let half = 0.5 / root;
             let on = weight * on_jerk;
             for (i, row) in rows[window.count * j..window.count * (j + 1)].iter().enumerate() {
-                let inverse = loose_j * window.inverse_j[i];
+                let inverse = relaxation_j * window.inverse_j[i];
                 let (d1, d2, d3) = (row[3 * point], row[3 * point + 1], row[3 * point + 2]);
                 let l = (d3 * a + d2 * b3 + d1 * c) * inverse;
                 let scale = root * inverse;
@@ -395,25 +395,25 @@ pub(crate) fn assemble(window: &Window, objective: &Objective, x: &Iterate, loca
             }
             let on = weight * on_acceleration;
             for (i, row) in rows[window.count * j..window.count * (j + 1)].iter().enumerate() {
-                let inverse = loose_a * window.inverse_a[i];
+                let inverse = relaxation_a * window.inverse_a[i];
                 let dy = [row[3 * point + 1] * inverse, row[3 * point] * inverse];
                 model.add_short_row(on_acceleration * (dy[0] * a + dy[1] * b), dy, on);
             }
         }
         let [mut model, mut middle, mut end] = models;
         let sixth = d / 6.0;
-        // Where the start cannot be chosen, what is said of it changes nothing.
+        // A fixed start contributes constants only.
         let one = Pair::splat(1.0);
-        model.add_cap(two.a, roots[0], caps[0], weight, sixth, two.free);
-        middle.add_cap(two.middle.0, roots[1], caps[1], weight, 4.0 * sixth, one);
-        let time = -0.5 * sixth / (two.end.0 * roots[2]);
+        model.add_cap(pair.a, roots[0], caps[0], weight, sixth, pair.free);
+        middle.add_cap(pair.middle.0, roots[1], caps[1], weight, 4.0 * sixth, one);
+        let time = -0.5 * sixth / (pair.end.0 * roots[2]);
         end.g[0] += time;
-        end.h[0] -= 1.5 * time / two.end.0;
-        let inverse = 1.0 / two.control;
-        let f = 1.0 / (caps[2] - two.free * two.control);
-        let push = CAP_WEIGHT * two.free * weight * f;
+        end.h[0] -= 1.5 * time / pair.end.0;
+        let inverse = 1.0 / pair.control;
+        let f = 1.0 / (caps[2] - pair.free * pair.control);
+        let push = CAP_WEIGHT * pair.free * weight * f;
         let (slope, bend) = (push - weight * inverse, push * f + weight * inverse * inverse);
-        model.g[0] += two.of(&objective.linear) + slope;
+        model.g[0] += pair.of(&objective.linear) + slope;
         model.g[1] += d * slope;
         model.h[0] += bend;
         model.h[1] += d * bend;
@@ -422,18 +422,18 @@ pub(crate) fn assemble(window: &Window, objective: &Objective, x: &Iterate, loca
         model.add_shifted(d, &end);
         for (i, g) in model.g.into_iter().enumerate() {
             let [first, second] = g.to_array();
-            (local.g[two.first][i], local.g[two.second][i]) = (first, second);
+            (local.g[pair.first][i], local.g[pair.second][i]) = (first, second);
         }
         for (i, h) in model.h.into_iter().enumerate() {
             let [first, second] = h.to_array();
-            (local.h[two.first][i], local.h[two.second][i]) = (first, second);
+            (local.h[pair.first][i], local.h[pair.second][i]) = (first, second);
         }
     }
     if window.from_rest {
         let (g, h) = (&mut local.g[0], &mut local.h[0]);
         let weight = objective.weight[0];
         add_time(x.a[0], 3.0 * window.start.length, g, h);
-        let f = 1.0 / (window.start.most - x.b[0]);
+        let f = 1.0 / (window.start.max_b - x.b[0]);
         g[1] += weight * f;
         h[2] += weight * f * f;
     }
@@ -443,7 +443,7 @@ pub(crate) fn assemble(window: &Window, objective: &Objective, x: &Iterate, loca
     let f = 1.0 / (window.cap[n] - x.a[n]);
     g[0] += objective.linear[n] + CAP_WEIGHT * weight * f;
     h[0] += CAP_WEIGHT * weight * f * f;
-    let f = 1.0 / (window.end.most + x.b[n]);
+    let f = 1.0 / (window.end.max_b + x.b[n]);
     g[1] -= weight * f;
     h[2] += weight * f * f;
 }
@@ -455,14 +455,14 @@ fn add_time(a: f64, scale: f64, g: &mut [f64; 3], h: &mut [f64; 6]) {
     h[0] -= 1.5 * slope / a;
 }
 
-/// The largest `|y|` of acceleration and of jerk among the rows of interval `k`.
+/// Maximum `|y|` of the acceleration and of the jerk constraints on interval `k`.
 pub(crate) fn constraint_ratio(window: &Window, k: usize, x: &Iterate) -> (f64, f64) {
     let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
     let (rows, _) = window.rows.as_chunks::<9>();
     let rows = &rows[window.count * (k / 2)..window.count * (k / 2 + 1)];
-    let (mut most_a, mut most_j): (f64, f64) = (0.0, 0.0);
+    let (mut max_a, mut max_j): (f64, f64) = (0.0, 0.0);
     for (point, at) in [0.0, 0.5 * d, d].into_iter().enumerate() {
-        if point == 1 && window.bent[k] == 0.0 {
+        if point == 1 && window.curved[k] == 0.0 {
             continue;
         }
         let (ap, bp) = if point == 2 {
@@ -475,11 +475,11 @@ pub(crate) fn constraint_ratio(window: &Window, k: usize, x: &Iterate) -> (f64, 
             let derivative = |order: usize| row[3 * point + order].to_array()[k % 2];
             let (d1, d2, d3) = (derivative(0), derivative(1), derivative(2));
             if point > 0 || k > 0 || window.from_rest {
-                most_a = most_a.max((d2 * ap + d1 * bp).abs() * window.inverse_a[i]);
+                max_a = max_a.max((d2 * ap + d1 * bp).abs() * window.inverse_a[i]);
             }
             let jerk = root * (d3 * ap + 3.0 * d2 * bp + d1 * c);
-            most_j = most_j.max(jerk.abs() * window.inverse_j[i]);
+            max_j = max_j.max(jerk.abs() * window.inverse_j[i]);
         }
     }
-    (most_a, most_j)
+    (max_a, max_j)
 }

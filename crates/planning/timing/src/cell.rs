@@ -1,65 +1,66 @@
-//! One interval between two stations, with what limits the motion there.
+//! One interval between two stations, with the limits that apply there.
 
 use evolvent_path::{AXES, Axes, Curve, Involute, Jet, feed_rate};
 
 use crate::limits::PathLimits;
 
-/// Largest turn of the tangent within one interval, rad.
-const TURN: f64 = 0.1;
-/// Fewest and most intervals of a curved stretch.
-const CURVED: (f64, f64) = (16.0, 2000.0);
-/// The same of a piece of a spline between two knots: a window must reach over many of them. Do not raise: with 12
-/// instead of 3, windows no longer cover a stopping distance and programs take a fifth longer. With 4 they are no
-/// faster, and planning costs a quarter more.
-const SPLINE: (f64, f64) = (3.0, 12.0);
-/// Largest roll angle of one interval of an involute, rad, and fewest and most intervals. With 0.1 instead of 0.05 the
-/// axes share their limits worse, and three holes take 3 % longer; with 0.035 they take 0.3 % less and 0.1 % more.
-const ROLL: f64 = 0.05;
-const ROLLS: (f64, f64) = (16.0, 4000.0);
-/// An involute that is shorter than this share of the whole is cut evenly: its ends' roll angles differ by rounding.
-const SHORT: f64 = 1e-6;
-/// Intervals of a line, and the factor by which they grow from its ends to its middle.
-const STRAIGHT: u32 = 10;
-const GROWTH: f64 = 1.5;
-/// Places at which the metric of a curve is looked at.
-const SPEEDS: u32 = 8;
+/// Maximum rotation of the tangent within one interval, rad.
+const MAX_TANGENT_ANGLE: f64 = 0.1;
+/// Minimum and maximum number of intervals of a curved segment.
+const CURVE_INTERVALS: (f64, f64) = (16.0, 2000.0);
+/// The same for a spline piece between two knots; a window has to span many of them. Tuned: with a maximum of 12 instead of
+/// 3 windows no longer cover a stopping distance and programs take 20 % longer; with 4 they are not faster, and planning
+/// costs 25 % more.
+const SPLINE_INTERVALS: (f64, f64) = (3.0, 12.0);
+/// Maximum roll angle of one interval of an involute, rad, and minimum and maximum number of intervals. Tuned: with 0.1
+/// instead of 0.05 three holes take 3 % longer; with 0.035 they take 0.3 % less and 0.1 % more.
+const MAX_ROLL_ANGLE: f64 = 0.05;
+const INVOLUTE_INTERVALS: (f64, f64) = (16.0, 4000.0);
+/// A part of an involute below this fraction of its domain is divided uniformly: the roll angles of its ends differ by
+/// rounding only.
+const MIN_INVOLUTE_FRACTION: f64 = 1e-6;
+/// Number of intervals of a line, and the factor by which they grow from its ends towards its middle.
+const LINE_INTERVALS: u32 = 10;
+const LINE_GROWTH: f64 = 1.5;
+/// Number of points at which the speed of a curve by its parameter is sampled.
+const SPEED_SAMPLES: u32 = 8;
 
-/// A part of a curve with its feed.
+/// A path segment: a part of a curve with its feed.
 #[derive(Clone, Debug)]
-pub(crate) struct Stretch {
+pub(crate) struct PathSegment {
     pub(crate) curve: Curve,
     pub(crate) from: f64,
     pub(crate) feed: f64,
 }
 
-/// Derivatives at one point of an interval and the highest speeds there.
+/// Derivatives at one point of an interval and the maximum speeds there.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Point {
     pub(crate) first: Axes,
     pub(crate) second: Axes,
     pub(crate) third: Axes,
-    /// Highest parameter speed by the axes' velocity and the chord error.
+    /// Maximum parameter speed by axis velocity and chord error.
     pub(crate) speed: f64,
-    /// Highest parameter speed by the feed word.
+    /// Maximum parameter speed by the feed word.
     pub(crate) feed: f64,
 }
 
-/// One interval.
+/// One interval of the grid.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cell {
-    pub(crate) stretch: u64,
-    /// Offset of the start from the stretch's.
+    pub(crate) segment: u64,
+    /// Offset of its start from the start of the segment.
     pub(crate) from: f64,
     pub(crate) length: f64,
-    /// Start, middle and end, each with the derivatives that the curve of this stretch has there.
+    /// Start, middle and end, each with the derivatives of this segment's curve there.
     pub(crate) points: [Point; 3],
-    /// Highest parameter speed at the end, by the rule for joints.
+    /// Maximum parameter speed at the end, by the joint rule.
     pub(crate) joint: f64,
 }
 
-impl Stretch {
-    /// Start and width of each interval that the stretch is cut into.
-    pub(crate) fn cuts(&self, length: f64) -> impl Iterator<Item = (f64, f64)> {
+impl PathSegment {
+    /// Start and length of each interval of the segment.
+    pub(crate) fn intervals(&self, length: f64) -> impl Iterator<Item = (f64, f64)> {
         let division = self.division(length);
         let mut at = 0.0;
         (0..division.count()).map(move |k| {
@@ -72,12 +73,14 @@ impl Stretch {
     fn division(&self, length: f64) -> Division<'_> {
         match &self.curve {
             Curve::Line(_) => Division::Graded,
-            // Its curvature has no bound at the base circle, so equal lengths would be by far too short elsewhere.
-            Curve::Involute(involute) if length > SHORT * self.curve.domain() => {
+            // The curvature has no bound at the base circle, so intervals of equal length would be far too short elsewhere.
+            Curve::Involute(involute) if length > MIN_INVOLUTE_FRACTION * self.curve.domain() => {
                 let roll = |x: f64| involute.roll_angle_rad(self.from + x);
                 let (first, last) = (roll(0.0), roll(length));
-                let count = ((last - first).abs() / ROLL).ceil().clamp(ROLLS.0, ROLLS.1) as u32;
-                Division::Rolls {
+                let count = ((last - first).abs() / MAX_ROLL_ANGLE)
+                    .ceil()
+                    .clamp(INVOLUTE_INTERVALS.0, INVOLUTE_INTERVALS.1) as u32;
+                Division::RollAngles {
                     count,
                     first,
                     each: (last - first) / f64::from(count),
@@ -85,40 +88,40 @@ impl Stretch {
                     involute,
                 }
             }
-            _ => Division::Equal(self.turns(length)),
+            _ => Division::Equal(self.interval_count(length)),
         }
     }
 
-    /// In how many equal intervals a curve is cut.
-    fn turns(&self, length: f64) -> u32 {
+    /// Number of equal intervals for a curve.
+    fn interval_count(&self, length: f64) -> u32 {
         let speed = |k: u32| {
             let jet = self
                 .curve
-                .jet(self.from + length * f64::from(k) / f64::from(SPEEDS));
+                .jet(self.from + length * f64::from(k) / f64::from(SPEED_SAMPLES));
             jet.first.norm()
         };
-        let slow = (0..=SPEEDS).map(speed).fold(f64::INFINITY, f64::min);
+        let slow = (0..=SPEED_SAMPLES).map(speed).fold(f64::INFINITY, f64::min);
         let (first, second, _) = self.curve.derivative_bounds(self.from, self.from + length);
         let fast = first.norm().max(1e-12);
-        // Where a curve nearly turns back on the spot, all happens in a short part of it.
+        // Where a curve almost reverses, most of the rotation is in a short part of it.
         let turn = second.norm() / fast * length / (slow / fast).clamp(0.3, 1.0);
-        let (least, most) = if matches!(self.curve, Curve::Spline(_)) {
-            SPLINE
+        let (min, max) = if matches!(self.curve, Curve::Spline(_)) {
+            SPLINE_INTERVALS
         } else {
-            CURVED
+            CURVE_INTERVALS
         };
-        (turn / TURN).ceil().clamp(least, most) as u32
+        (turn / MAX_TANGENT_ANGLE).ceil().clamp(min, max) as u32
     }
 }
 
-/// How a stretch is cut.
+/// How a segment is divided.
 enum Division<'a> {
-    /// Lengths in the proportion 1, g, g^2 ... from both ends.
+    /// Lengths in the ratio 1, g, g^2 ... from both ends.
     Graded,
-    /// So many equal lengths.
+    /// This number of equal lengths.
     Equal(u32),
     /// Equal roll angles.
-    Rolls {
+    RollAngles {
         count: u32,
         first: f64,
         each: f64,
@@ -130,24 +133,25 @@ enum Division<'a> {
 impl Division<'_> {
     fn count(&self) -> u32 {
         match self {
-            Self::Graded => STRAIGHT,
-            Self::Equal(count) | Self::Rolls { count, .. } => *count,
+            Self::Graded => LINE_INTERVALS,
+            Self::Equal(count) | Self::RollAngles { count, .. } => *count,
         }
     }
 
-    /// Where interval `k` ends that begins at `start`, of all within `length`.
+    /// The end of interval `k`, which starts at `start`, in a segment of this length.
     fn end(&self, k: u32, start: f64, length: f64) -> f64 {
         if k + 1 >= self.count() {
             return length;
         }
         match self {
             Self::Graded => {
-                // Products, since how powi rounds is the compiler's business.
-                let size = |k: u32| (0..k.min(STRAIGHT - 1 - k)).fold(1.0, |size, _| size * GROWTH);
-                start + length * size(k) / (0..STRAIGHT).map(size).sum::<f64>()
+                // Repeated multiplication, because the rounding of powi depends on the compiler.
+                let size =
+                    |k: u32| (0..k.min(LINE_INTERVALS - 1 - k)).fold(1.0, |size, _| size * LINE_GROWTH);
+                start + length * size(k) / (0..LINE_INTERVALS).map(size).sum::<f64>()
             }
             Self::Equal(count) => start + length / f64::from(*count),
-            Self::Rolls {
+            Self::RollAngles {
                 first,
                 each,
                 from,
@@ -159,11 +163,17 @@ impl Division<'_> {
 }
 
 impl Cell {
-    /// The interval of `length` at the offset `from` of `stretch`, whose index is `index`.
-    pub(crate) fn new(stretch: &Stretch, index: u64, from: f64, length: f64, limits: &PathLimits) -> Self {
-        let point = |x: f64| Point::of(stretch, x, limits);
+    /// The interval of `length` at the offset `from` of `segment`, whose absolute index is `index`.
+    pub(crate) fn new(
+        segment: &PathSegment,
+        index: u64,
+        from: f64,
+        length: f64,
+        limits: &PathLimits,
+    ) -> Self {
+        let point = |x: f64| Point::of(segment, x, limits);
         Self {
-            stretch: index,
+            segment: index,
             from,
             length,
             points: [point(from), point(from + 0.5 * length), point(from + length)],
@@ -173,9 +183,9 @@ impl Cell {
 }
 
 impl Point {
-    /// The point at an offset from the start of a stretch.
-    pub(crate) fn of(stretch: &Stretch, offset: f64, limits: &PathLimits) -> Self {
-        Self::new(&stretch.curve.jet(stretch.from + offset), stretch.feed, limits)
+    /// The point at an offset from the start of a segment.
+    pub(crate) fn of(segment: &PathSegment, offset: f64, limits: &PathLimits) -> Self {
+        Self::new(&segment.curve.jet(segment.from + offset), segment.feed, limits)
     }
 
     fn new(jet: &Jet, feed: f64, limits: &PathLimits) -> Self {
@@ -195,7 +205,7 @@ impl Point {
         }
     }
 
-    /// Highest parameter speed with the feeds times `factor`; rapids are not scaled.
+    /// Maximum parameter speed with the feed times `factor`; rapids are not scaled.
     pub(crate) fn cap(&self, factor: f64) -> f64 {
         self.speed.min(self.feed * factor)
     }
@@ -209,9 +219,9 @@ mod tests {
 
     use super::*;
 
-    /// Out from the base circle and back, and a part from the middle.
+    /// Outwards from the base circle and back, and a part in between.
     #[test]
-    fn an_involute_is_cut_where_the_tangent_has_turned_by_equal_angles() {
+    fn an_involute_is_divided_at_equal_roll_angles() {
         let (r, phi): (f64, f64) = (0.5, 30.0);
         let (mut near, mut far) = (Axes::zeros(), Axes::zeros());
         near[0] = r;
@@ -230,32 +240,35 @@ mod tests {
                 (0.0, curve.domain()),
                 (0.3 * curve.domain(), 0.01 * curve.domain()),
             ] {
-                let stretch = Stretch {
+                let segment = PathSegment {
                     curve,
                     from,
                     feed: 1.0,
                 };
-                let cuts: Vec<_> = stretch.cuts(length).collect();
+                let intervals: Vec<_> = segment.intervals(length).collect();
                 let direction = |x: f64| {
                     let first = curve.jet(from + x).first;
                     libm::atan2(first[1], first[0])
                 };
-                let turns: Vec<f64> = (cuts.iter())
+                let interval_count: Vec<f64> = (intervals.iter())
                     .map(|(x, width)| {
                         let turn = (direction(x + width) - direction(*x)).abs();
                         turn.min(std::f64::consts::TAU - turn)
                     })
                     .collect();
-                let mean = turns.iter().sum::<f64>() / turns.len() as f64;
+                let mean = interval_count.iter().sum::<f64>() / interval_count.len() as f64;
                 assert!(
-                    turns.len() >= 16 && mean <= ROLL * (1.0 + 1e-9),
+                    interval_count.len() >= 16 && mean <= MAX_ROLL_ANGLE * (1.0 + 1e-9),
                     "{} of {mean}",
-                    turns.len()
+                    interval_count.len()
                 );
-                assert!(turns.iter().all(|turn| (turn - mean).abs() < 1e-6), "{turns:?}");
-                // One after the other, to the end.
+                assert!(
+                    interval_count.iter().all(|turn| (turn - mean).abs() < 1e-6),
+                    "{interval_count:?}"
+                );
+                // Contiguous up to the end.
                 let mut at = 0.0;
-                for (x, width) in &cuts {
+                for (x, width) in &intervals {
                     assert!(*x == at && *width > 0.0);
                     at = x + width;
                 }

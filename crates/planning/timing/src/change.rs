@@ -1,29 +1,29 @@
-//! From one speed to another under constant acceleration and jerk limits.
+//! A change of speed under constant acceleration and jerk limits.
 //!
-//! A *change* takes the state `(v, a)` to `(target, 0)` with at most three pieces of constant jerk. With
-//! `a = 0` at both ends a change by `dv` takes `T = 2 sqrt(dv/J)` where `dv <= A^2/J`, else `A/J + dv/A`, and
-//! covers `(v0 + v1)/2 T`. Closed form, no allocation: the real-time cycle may call everything here.
+//! A *change* takes the state `(v, a)` to `(target, 0)` in at most three phases of constant jerk. With `a = 0` at both ends
+//! a change by `dv` takes `T = 2 sqrt(dv/J)` for `dv <= A^2/J`, else `A/J + dv/A`, and covers `(v0 + v1)/2 T`. Closed form,
+//! no allocation: everything is real-time safe.
 
 /// Iterations of a bisection: enough for 52 bits from any bracket that occurs.
 pub(crate) const BISECTIONS: usize = 60;
 
-/// What rounding can add to a speed that came down from a far higher one, as a share of it.
+/// Maximum error by rounding of a speed after a change from a far higher one, as a fraction of the latter.
 pub(crate) const SPEED_ROUNDING: f64 = 1e-11;
-/// Share of the jerk that may be added to make up for rounding; limits are planned with a greater margin.
+/// Fraction of the jerk limit that may be added to compensate rounding. Plans leave a larger margin.
 pub(crate) const SPARE_JERK: f64 = 1e-4;
 
 /// Limits of the motion along one parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScalarLimits {
-    /// Highest speed, parameter units per s.
+    /// Maximum speed, parameter units per s.
     pub velocity: f64,
-    /// Highest magnitude of the second derivative, per s2.
+    /// Maximum magnitude of the second derivative, per s2.
     pub acceleration: f64,
-    /// Highest magnitude of the third derivative, per s3.
+    /// Maximum magnitude of the third derivative, per s3.
     pub jerk: f64,
 }
 
-/// Place, speed and acceleration along the parameter.
+/// Position, speed and acceleration along the parameter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ScalarState {
     /// Parameter since the start of the run.
@@ -52,13 +52,13 @@ impl ScalarState {
         }
     }
 
-    /// Speed that remains when acceleration is brought to zero at once with jerk limit `jerk`.
+    /// Speed after the acceleration is brought to zero at once, with jerk limit `jerk`.
     pub(crate) fn relaxed_speed(self, jerk: f64) -> f64 {
         self.v + self.a * self.a.abs() / (2.0 * jerk)
     }
 }
 
-/// Up to three pieces of constant jerk that end with zero acceleration.
+/// At most three phases of constant jerk that end with zero acceleration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Change {
     pub(crate) time: [f64; 3],
@@ -74,8 +74,8 @@ impl Change {
         } else {
             -1.0
         };
-        // Acceleration that would carry a little beyond the target: to come back to it would take far longer,
-        // and at the end of braking to rest it would mean going backwards.
+        // The present acceleration would overshoot the target slightly. Returning to it would take far longer, and a stop
+        // would have to run backwards.
         let exact = from.a * from.a / (2.0 * (target - from.v).abs());
         if sign * from.a < 0.0 && from.a * (target - from.v) > 0.0 && exact <= j_max * (1.0 + SPARE_JERK) {
             let (time, jerk) = (from.a.abs() / exact, sign * exact);
@@ -106,8 +106,7 @@ impl Change {
     }
 }
 
-/// The value nearest to `bad` that still satisfies `fits`, between `good` (which does) and `bad` (which does
-/// not).
+/// The value nearest to `bad` that still satisfies `fits`, between `good` (which does) and `bad` (which does not).
 pub(crate) fn bisect(good: f64, bad: f64, fits: impl Fn(f64) -> bool) -> f64 {
     let (mut good, mut bad) = (good, bad);
     for _ in 0..BISECTIONS {
@@ -135,8 +134,8 @@ mod tests {
     };
 
     #[test]
-    fn stopping_is_shorter_than_slowing_to_a_third() {
-        // The hump: v0 sqrt(v0/J) against 4/3 v0 sqrt(2/3 v0/J), jerk only.
+    fn stopping_is_shorter_than_slowing_to_one_third() {
+        // The hump of the braking distance: v0 sqrt(v0/J) against 4/3 v0 sqrt(2/3 v0/J), jerk only.
         let from = ScalarState {
             x: 0.0,
             v: 30.0,

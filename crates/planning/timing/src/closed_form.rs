@@ -1,41 +1,41 @@
-//! Slowing down in closed form, checked along the path.
+//! Deceleration in closed form, checked along the path.
 
 use evolvent_path::AXES;
 
 use crate::cell::Point;
 use crate::change::{ScalarLimits, ScalarState};
-use crate::grid::{Grid, Place};
+use crate::grid::{Grid, PathPosition};
 use crate::limits::PathLimits;
 use crate::piece::{Piece, Ratios};
 use crate::profile::Profile;
 use crate::time_law::TimeLaw;
 
-/// Shares of the axes' limits along the tangent that are tried: what curvature takes, nothing on lines.
-const SHARES: [f64; 8] = [1.0, 0.97, 0.93, 0.88, 0.8, 0.7, 0.55, 0.4];
-/// Samples along a way down at which the axes' limits are checked, at least.
+/// Fractions of the axis limits along the tangent that are tried; the rest remains for the curvature.
+const LIMIT_FRACTIONS: [f64; 8] = [1.0, 0.97, 0.93, 0.88, 0.8, 0.7, 0.55, 0.4];
+/// Minimum number of samples along a deceleration at which the axis limits are checked.
 const SAMPLES: f64 = 96.0;
-/// What a sample may have: of velocity and acceleration, of jerk.
-const ALLOWED: (f64, f64) = (1.0005, 1.004);
-/// Places at which a stretch is looked at for its lowest cap.
+/// Maximum ratios of a sample: of velocity and acceleration, and of jerk.
+const MAX_RATIO: (f64, f64) = (1.0005, 1.004);
+/// Number of points at which a section is sampled for its lowest cap.
 const CAP_SAMPLES: u32 = 32;
-/// Share of a lower speed below which a way down to it may not lead.
+/// Minimum speed during a deceleration, as a fraction of the target speed.
 const MIN_DIP: f64 = 0.95;
-/// Share of the path known within which a way down to a lower speed has to end.
-const SLOW_ROOM: f64 = 0.7;
-/// Share of the jerk limit that is used.
+/// Maximum length of a deceleration, as a fraction of the known path.
+const MAX_LENGTH_FRACTION: f64 = 0.7;
+/// Fraction of the jerk limit that is used.
 const JERK_FRACTION: f64 = 0.999;
 
-/// A place on the path with its interval's cell: walks forward only.
-pub(crate) struct Walk<'a> {
+/// A position on the path that moves forward only.
+pub(crate) struct PathCursor<'a> {
     grid: &'a Grid,
     until: u64,
     interval: u64,
-    /// Distance of the interval's start from where the walk began.
+    /// Distance from the start of the walk to the start of the interval.
     begin: f64,
 }
 
-impl<'a> Walk<'a> {
-    pub(crate) fn new(grid: &'a Grid, from: Place, until: u64) -> Self {
+impl<'a> PathCursor<'a> {
+    pub(crate) fn new(grid: &'a Grid, from: PathPosition, until: u64) -> Self {
         Self {
             grid,
             until,
@@ -44,8 +44,8 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Goes on to distance `x`: the interval and the offset in it.
-    fn to(&mut self, x: f64) -> Place {
+    /// Advances to distance `x` and returns the position there.
+    fn to(&mut self, x: f64) -> PathPosition {
         while let Some(length) = self.grid.interval_length(self.interval) {
             if x < self.begin + length || self.interval + 1 >= self.until {
                 break;
@@ -53,16 +53,16 @@ impl<'a> Walk<'a> {
             self.begin += length;
             self.interval += 1;
         }
-        Place {
+        PathPosition {
             interval: self.interval,
             x: x - self.begin,
         }
     }
 
-    fn point(&self, place: Place) -> Option<Point> {
+    fn point(&self, place: PathPosition) -> Option<Point> {
         let cell = self.grid.cell(place.interval)?;
-        let stretch = self.grid.stretch(cell.stretch)?;
-        Some(Point::of(stretch, cell.from + place.x, self.grid.limits()))
+        let segment = self.grid.segment(cell.segment)?;
+        Some(Point::of(segment, cell.from + place.x, self.grid.limits()))
     }
 }
 
@@ -88,29 +88,31 @@ fn ratios(point: &Point, state: &ScalarState, jerk: f64, limits: &PathLimits) ->
 }
 
 /// Length of the known path.
-pub(crate) fn room(grid: &Grid, from: Place, until: u64) -> f64 {
+pub(crate) fn known_length(grid: &Grid, from: PathPosition, until: u64) -> f64 {
     (from.interval..until)
         .filter_map(|k| grid.interval_length(k))
         .sum::<f64>()
         - from.x
 }
 
-/// How far a stop goes.
+/// Distance of a stop.
 fn distance(state: ScalarState, limits: &ScalarLimits) -> f64 {
     Profile::brake(state, f64::MAX, 0.0, limits).end().x
 }
 
-/// About how far a stop will go that the axes allow on a straight line.
-pub(crate) fn reach(grid: &Grid, from: Place, v: f64, a: f64, until: u64) -> f64 {
+/// Approximate distance of a stop, from the axis limits on a straight line.
+pub(crate) fn reach(grid: &Grid, from: PathPosition, v: f64, a: f64, until: u64) -> f64 {
     let state = ScalarState { x: 0.0, v, a };
-    let room = room(grid, from, until);
-    tangential(grid, from, until, 0.0).map_or(room, |limits| distance(state, &limits).clamp(1e-9, room))
+    let known_length = known_length(grid, from, until);
+    tangential(grid, from, until, 0.0).map_or(known_length, |limits| {
+        distance(state, &limits).clamp(1e-9, known_length)
+    })
 }
 
-/// The least of the axes' limits along the tangent over a distance.
-fn tangential(grid: &Grid, from: Place, until: u64, reach: f64) -> Option<ScalarLimits> {
+/// Minimum of the axis limits along the tangent over a distance.
+fn tangential(grid: &Grid, from: PathPosition, until: u64, reach: f64) -> Option<ScalarLimits> {
     let axes = grid.limits().axes();
-    let mut walk = Walk::new(grid, from, until);
+    let mut walk = PathCursor::new(grid, from, until);
     let (mut acceleration, mut jerk) = (f64::INFINITY, f64::INFINITY);
     let last = if reach > 0.0 { 16 } else { 0 };
     for k in 0..=last {
@@ -128,67 +130,69 @@ fn tangential(grid: &Grid, from: Place, until: u64, reach: f64) -> Option<Scalar
     })
 }
 
-/// The lowest speed that limits and feed allow a constant speed over a distance: that of every place is a cap.
-pub(crate) fn least_cap(grid: &Grid, from: Place, until: u64, reach: f64, factor: f64) -> Option<f64> {
-    let mut walk = Walk::new(grid, from, until);
-    let mut least = f64::INFINITY;
+/// Maximum constant speed over a distance by limits and feed; each point has a cap.
+pub(crate) fn min_cap(grid: &Grid, from: PathPosition, until: u64, reach: f64, factor: f64) -> Option<f64> {
+    let mut walk = PathCursor::new(grid, from, until);
+    let mut min = f64::INFINITY;
     for k in 0..=CAP_SAMPLES {
         let place = walk.to(reach * f64::from(k) / f64::from(CAP_SAMPLES));
-        least = least.min(walk.point(place)?.cap(factor));
+        min = min.min(walk.point(place)?.cap(factor));
     }
-    Some(least)
+    Some(min)
 }
 
-/// The quickest of several closed-form ways down to a lower speed that keeps all limits.
+/// The fastest of several closed-form decelerations to a lower speed that keeps all limits.
 pub(crate) fn slow_down(
     grid: &Grid,
-    from: Place,
+    from: PathPosition,
     (v, a): (f64, f64),
     until: u64,
     speed: f64,
 ) -> Option<Profile> {
-    let room = room(grid, from, until);
+    let known_length = known_length(grid, from, until);
     let state = ScalarState { x: 0.0, v, a };
     let first = tangential(grid, from, until, 0.0)?;
-    let reach = (1.5 * distance(state, &first)).min(room);
+    let reach = (1.5 * distance(state, &first)).min(known_length);
     let ScalarLimits {
         acceleration, jerk, ..
     } = tangential(grid, from, until, reach)?;
-    for share in SHARES {
+    for fraction in LIMIT_FRACTIONS {
         let limits = ScalarLimits {
             velocity: v,
-            acceleration: (share * acceleration).max(a.abs()),
-            jerk: share * JERK_FRACTION * jerk,
+            acceleration: (fraction * acceleration).max(a.abs()),
+            jerk: fraction * JERK_FRACTION * jerk,
         };
-        // Who brakes so hard that letting go carries far below the speed, or backwards, has another plan already.
+        // After hard braking, releasing the acceleration would undershoot the speed or run backwards: no closed form.
         if a < 0.0 && v - 0.5 * a * a / limits.jerk < MIN_DIP * speed {
             return None;
         }
         let profile = Profile::change(state, speed, &limits);
-        if profile.end().x < SLOW_ROOM * room && keeps_limits(grid, from, until, &profile) {
+        if profile.end().x < MAX_LENGTH_FRACTION * known_length
+            && is_within_limits(grid, from, until, &profile)
+        {
             return Some(profile);
         }
     }
     None
 }
 
-/// Whether a way down keeps every limit.
+/// Whether a deceleration keeps every limit.
 ///
-/// Looked at are the ends and the middle of every part of it between two joints, ends of intervals or steps of jerk,
-/// however short: a blend of a tenth of a micrometre has a curvature as well. Longer parts have more samples.
-fn keeps_limits(grid: &Grid, from: Place, until: u64, profile: &Profile) -> bool {
+/// Checks the ends and the middle of each part between two joints, ends of intervals or steps of jerk, however short: a
+/// blend of 0.1 um has a curvature too. Longer parts have more samples.
+fn is_within_limits(grid: &Grid, from: PathPosition, until: u64, profile: &Profile) -> bool {
     let mut before = from.interval;
     let step = profile.duration() / SAMPLES;
     pieces(grid, from, until, profile, |piece| {
-        let Some(stretch) = grid.stretch(piece.stretch) else {
+        let Some(segment) = grid.segment(piece.segment) else {
             return false;
         };
         let entry = piece.law.at(0.0).0.v;
         while before < piece.interval {
-            // Joints are passed at no more than the speed there.
+            // The speed at a joint must not exceed its cap.
             if grid
                 .cell(before)
-                .is_none_or(|cell| entry > cell.joint * ALLOWED.0)
+                .is_none_or(|cell| entry > cell.joint * MAX_RATIO.0)
             {
                 return false;
             }
@@ -197,53 +201,63 @@ fn keeps_limits(grid: &Grid, from: Place, until: u64, profile: &Profile) -> bool
         let parts = (piece.duration / step).ceil().clamp(2.0, SAMPLES);
         (0..=parts as u32).all(|k| {
             let (state, jerk) = piece.law.at(piece.duration * f64::from(k) / parts);
-            let point = Point::of(stretch, piece.from + state.x, grid.limits());
+            let point = Point::of(segment, piece.from + state.x, grid.limits());
             let here = ratios(&point, &state, jerk, grid.limits());
-            here.velocity.max(here.acceleration) <= ALLOWED.0 && here.jerk <= ALLOWED.1
+            here.velocity.max(here.acceleration) <= MAX_RATIO.0 && here.jerk <= MAX_RATIO.1
         })
     })
 }
 
-/// A profile as pieces, cut where intervals end. False where the grid does not know an interval.
-pub(crate) fn write(grid: &Grid, from: Place, until: u64, profile: &Profile, out: &mut Vec<Piece>) -> bool {
+/// Writes a profile as pieces, divided where intervals end. False if the grid does not contain an interval.
+pub(crate) fn write(
+    grid: &Grid,
+    from: PathPosition,
+    until: u64,
+    profile: &Profile,
+    out: &mut Vec<Piece>,
+) -> bool {
     pieces(grid, from, until, profile, |piece| {
         out.push(*piece);
         true
     })
 }
 
-/// Shows a profile piece by piece, as long as `visit` wants to go on. False where it does not, or the grid does not
-/// know an interval.
+/// Visits a profile piece by piece until `visit` returns false. False in that case, or if the grid does not contain an
+/// interval.
 fn pieces(
     grid: &Grid,
-    from: Place,
+    from: PathPosition,
     until: u64,
     profile: &Profile,
     mut visit: impl FnMut(&Piece) -> bool,
 ) -> bool {
     let mut place = from;
-    for (start, duration, j) in profile.phases() {
+    for (start, duration, j) in profile.phase_states() {
         let (mut state, mut left) = (start, duration);
         while left > 0.0 {
             let Some(cell) = grid.cell(place.interval) else {
                 return false;
             };
-            let law = TimeLaw::Jerk {
+            let law = TimeLaw::ConstantJerk {
                 v: state.v,
                 a: state.a,
                 j,
             };
-            let room = cell.length - place.x;
+            let known_length = cell.length - place.x;
             let reach = law.at(left).0.x;
-            let leaves = reach > room && place.interval + 1 < until;
-            let t = if leaves { law.time_to(room, left) } else { left };
-            let length = if leaves { room } else { reach };
+            let leaves = reach > known_length && place.interval + 1 < until;
+            let t = if leaves {
+                law.time_to(known_length, left)
+            } else {
+                left
+            };
+            let length = if leaves { known_length } else { reach };
             if length > 0.0 {
                 let piece = Piece {
                     law,
                     length,
                     duration: t,
-                    stretch: cell.stretch,
+                    segment: cell.segment,
                     from: cell.from + place.x,
                     interval: place.interval,
                 };
@@ -254,12 +268,12 @@ fn pieces(
             let next = law.at(t).0;
             (state, left) = (next, left - t);
             place = if leaves {
-                Place {
+                PathPosition {
                     interval: place.interval + 1,
                     x: 0.0,
                 }
             } else {
-                Place {
+                PathPosition {
                     x: place.x + length,
                     ..place
                 }

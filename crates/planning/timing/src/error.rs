@@ -1,35 +1,35 @@
-//! What can keep a plan from being made.
+//! Errors of planning.
 
 use thiserror::Error;
 
-/// Why there is no new plan. Whatever it is, the plan before stays valid and ends at rest on known path.
+/// The reason why there is no new plan. The previous plan stays valid and ends at rest on known path.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum FeedError {
-    /// The place to start from is not on known path, or not before the end of the window.
+    /// The start is not on the known path, or not before the end of the window.
     #[error(
         "the plan would start at interval {interval}, offset {x}, outside the known intervals {first}..{until}: start on known path"
     )]
-    Place {
-        /// The interval given.
+    PathPosition {
+        /// The given interval.
         interval: u64,
-        /// The offset given.
+        /// The given offset.
         x: f64,
-        /// The first interval that is still known.
+        /// The first known interval.
         first: u64,
         /// The end of the window.
         until: u64,
     },
-    /// The window holds more intervals than one re-plan may.
-    #[error("the window holds {intervals} intervals, of which {most} may be planned at once: end it earlier")]
+    /// The window has too many intervals.
+    #[error("the window has {intervals} intervals, the maximum is {max}: end it earlier")]
     Window {
-        /// Intervals asked for.
+        /// Requested number of intervals.
         intervals: u64,
-        /// Most that one plan may hold.
-        most: u64,
+        /// Maximum number of intervals.
+        max: u64,
     },
-    /// Speed or acceleration at the start, or the feed factor, is no usable number.
+    /// Speed or acceleration at the start, or the feed factor, is out of range.
     #[error(
-        "speed {v}, acceleration {a} and feed factor {factor} are not all finite and in range: give a speed of at least 0 and a factor between 0.001 and 2"
+        "speed {v}, acceleration {a} or feed factor {factor} is out of range: give finite numbers, a speed of at least 0 and a factor from 0.001 to 2"
     )]
     State {
         /// Speed of the parameter at the start.
@@ -39,9 +39,9 @@ pub enum FeedError {
         /// Factor on the programmed feeds.
         factor: f64,
     },
-    /// No motion within the limits was found from this state: it may be that there is none.
+    /// No motion within the limits was found from this state; there may be none.
     #[error(
-        "found no motion within the limits from speed {v} and acceleration {a} at interval {interval}, offset {x}: keep the plan before, which ends at rest"
+        "no motion within the limits was found from speed {v} and acceleration {a} at interval {interval}, offset {x}: keep the previous plan, which ends at rest"
     )]
     NoMotion {
         /// The interval of the start.

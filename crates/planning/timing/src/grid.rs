@@ -4,29 +4,29 @@ use std::collections::VecDeque;
 
 use evolvent_path::{Axes, Curve};
 
-use crate::cell::{Cell, Stretch};
+use crate::cell::{Cell, PathSegment};
 use crate::limits::PathLimits;
 
-/// Below this length in parameter units a stretch is passed over: it is less than the rounding of a position.
-const SHORTEST: f64 = 1e-12;
+/// Minimum length of a segment in parameter units: shorter ones are below the rounding of a position.
+const MIN_LENGTH: f64 = 1e-12;
 
-/// A place on the known path.
+/// A position on the known path.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct PathPosition {
     /// Absolute index of the interval.
     pub interval: u64,
-    /// Parameter since the interval's start.
+    /// Parameter from the start of the interval.
     pub x: f64,
 }
 
-/// The known path: stretches of curves, cut into intervals that are short where the limits change quickly.
+/// The known path: segments of curves, divided into intervals that are short where the limits change rapidly.
 ///
-/// Indices of stretches and of intervals are absolute: they count from [`Grid::new`] and are never reused.
+/// Indices of segments and intervals are absolute: they count from [`Grid::new`] and are never reused.
 #[derive(Clone, Debug)]
 pub struct Grid {
     limits: PathLimits,
-    stretches: VecDeque<Stretch>,
-    first_stretch: u64,
+    segments: VecDeque<PathSegment>,
+    first_segment: u64,
     cells: VecDeque<Cell>,
     first_cell: u64,
 }
@@ -37,43 +37,43 @@ impl Grid {
     pub fn new(limits: &PathLimits) -> Self {
         Self {
             limits: limits.clone(),
-            stretches: VecDeque::with_capacity(1024),
-            first_stretch: 0,
+            segments: VecDeque::with_capacity(1024),
+            first_segment: 0,
             cells: VecDeque::with_capacity(4096),
             first_cell: 0,
         }
     }
 
-    /// Adds a stretch: `curve` over `from..from + length` of its regular parameter, at `feed` in the feed metric
-    /// per second (infinite for rapids).
+    /// Appends a segment: `curve` over `from..from + length` of its regular parameter, at `feed` in the feed metric per second
+    /// (infinite for rapids).
     ///
-    /// A stretch that is shorter than rounding, or not a number, counts as a stretch without an interval. A feed
-    /// that is not a positive number is taken as a crawl. Cycle: no.
+    /// A segment shorter than rounding, or of a NaN length, has no interval. A feed that is not a positive number is raised to
+    /// 1e-6. Not real-time safe.
     pub fn push(&mut self, curve: &Curve, from: f64, length: f64, feed: f64) {
-        let index = self.first_stretch + self.stretches.len() as u64;
+        let index = self.first_segment + self.segments.len() as u64;
         let feed = feed.max(1e-6);
-        let stretch = Stretch {
+        let segment = PathSegment {
             curve: *curve,
             from,
             feed,
         };
-        if from.is_finite() && length.is_finite() && length > SHORTEST {
-            for (x, width) in stretch.cuts(length) {
+        if from.is_finite() && length.is_finite() && length > MIN_LENGTH {
+            for (x, width) in segment.intervals(length) {
                 self.cells
-                    .push_back(Cell::new(&stretch, index, x, width, &self.limits));
+                    .push_back(Cell::new(&segment, index, x, width, &self.limits));
             }
         }
-        self.stretches.push_back(stretch);
+        self.segments.push_back(segment);
     }
 
-    /// Bounds the speed of the parameter at the present end of the path, per s, whatever the feed factor.
+    /// Limits the speed of the parameter at the present end of the path, per s, at any feed factor.
     pub fn cap(&mut self, speed: f64) {
         if let Some(cell) = self.cells.back_mut() {
             cell.joint = cell.joint.min(speed.max(1e-6));
         }
     }
 
-    /// Intervals so far: the absolute index that the next one will have.
+    /// The end of the path: the absolute index of the next interval.
     #[must_use]
     pub fn end(&self) -> u64 {
         self.first_cell + self.cells.len() as u64
@@ -85,10 +85,10 @@ impl Grid {
         self.first_cell
     }
 
-    /// The stretch an interval lies in, and the offset of the interval's start from the stretch's.
+    /// The segment of an interval, and the offset of the interval's start from the segment's.
     #[must_use]
-    pub fn stretch_of(&self, interval: u64) -> Option<(u64, f64)> {
-        self.cell(interval).map(|cell| (cell.stretch, cell.from))
+    pub fn segment_of(&self, interval: u64) -> Option<(u64, f64)> {
+        self.cell(interval).map(|cell| (cell.segment, cell.from))
     }
 
     /// Length of an interval in parameter units.
@@ -97,24 +97,24 @@ impl Grid {
         self.cell(interval).map(|cell| cell.length)
     }
 
-    /// Positions of all axes at an offset from a stretch's start.
+    /// Positions of all axes at an offset from the start of a segment.
     #[must_use]
-    pub fn position(&self, stretch: u64, offset: f64) -> Option<Axes> {
-        let stretch = self.stretch(stretch)?;
-        Some(stretch.curve.position(stretch.from + offset))
+    pub fn position(&self, segment: u64, offset: f64) -> Option<Axes> {
+        let segment = self.segment(segment)?;
+        Some(segment.curve.position(segment.from + offset))
     }
 
-    /// Forgets everything before `interval`.
+    /// Drops everything before `interval`.
     pub fn release(&mut self, interval: u64) {
         while self.first_cell < interval && !self.cells.is_empty() {
             self.cells.pop_front();
             self.first_cell += 1;
         }
         if let Some(cell) = self.cells.front() {
-            let needed = cell.stretch;
-            while self.first_stretch < needed {
-                self.stretches.pop_front();
-                self.first_stretch += 1;
+            let needed = cell.segment;
+            while self.first_segment < needed {
+                self.segments.pop_front();
+                self.first_segment += 1;
             }
         }
     }
@@ -124,9 +124,9 @@ impl Grid {
         self.cells.get(usize::try_from(index).ok()?)
     }
 
-    pub(crate) fn stretch(&self, index: u64) -> Option<&Stretch> {
-        let index = index.checked_sub(self.first_stretch)?;
-        self.stretches.get(usize::try_from(index).ok()?)
+    pub(crate) fn segment(&self, index: u64) -> Option<&PathSegment> {
+        let index = index.checked_sub(self.first_segment)?;
+        self.segments.get(usize::try_from(index).ok()?)
     }
 
     pub(crate) fn limits(&self) -> &PathLimits {

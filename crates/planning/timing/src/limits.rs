@@ -1,4 +1,4 @@
-//! From the limits of the axes to limits along the path.
+//! Converts the limits of the axes to limits along the path.
 //!
 //! With the path parameter `u`, `v = u'`, `b = u''`, `c = u'''`, axis `i` sees
 //!
@@ -8,31 +8,31 @@
 //! jerk          q'''_i v^3 + 3 q''_i v b + q'_i c
 //! ```
 //!
-//! so constants for `v`, `b` and `c` follow once it is settled how much of the acceleration and of the jerk the
-//! curvature may use. Speed is what a path is slow for, so curvature gets most; what is left must suffice to
-//! speed up, slow down and hold anywhere.
+//! so constants for `v`, `b` and `c` follow from a decision on the fraction of acceleration and jerk that the curvature may
+//! use. Curvature gets most of it, because that determines the speed; the remainder must suffice to accelerate, decelerate
+//! and hold anywhere.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, Curve};
 
 use crate::ScalarLimits;
 
-/// Share of the acceleration limit that curvature may use.
+/// Fraction of the acceleration limit for the curvature. Tuned: see the classic planner in docs/benchmarks.md.
 const ACCELERATION_FRACTION: f64 = 0.8;
-/// Share of the jerk limit that curvature and its derivative may use.
+/// Fraction of the jerk limit for the curvature and its derivative.
 const JERK_FRACTION: f64 = 0.7;
-/// Share of what jerk is left that the product of speed, acceleration and curvature may use.
+/// Fraction of the remaining jerk for the product of speed, acceleration and curvature.
 const CROSS_FRACTION: f64 = 0.5;
-/// Third differences of doubles are noisy at high rates: plan a little below the limit.
+/// Margin for the third differences of doubles, which are noisy at high rates.
 const JERK_MARGIN: f64 = 0.99;
-/// Largest turn of the tangent over which one set of derivative bounds is taken, rad.
+/// Maximum rotation of the tangent over one set of derivative bounds, rad.
 const CELL_ANGLE: f64 = 0.3;
-/// Most cells of one stretch. More than a turn only repeats the same directions.
+/// Maximum number of cells of one segment. More than one revolution repeats the same directions.
 const MAX_CELLS: f64 = 24.0;
-/// Above every meaningful speed, so that a path that moves no limited axis has finite limits.
+/// Exceeds every real speed, so that a path without limited axes has finite limits.
 const UNLIMITED: f64 = 1e9;
 
-/// Upper bounds of the derivatives of every axis over a stretch of path.
+/// Upper bounds of the derivatives of every axis over a part of the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DerivativeBounds {
     /// First derivatives.
@@ -43,7 +43,7 @@ pub struct DerivativeBounds {
     pub third: Axes,
 }
 
-/// Everything that limits speed along a path but the feed word.
+/// All limits of the speed along a path except the feed word.
 #[derive(Clone, Debug)]
 pub struct PathLimits {
     axes: Limits,
@@ -52,7 +52,7 @@ pub struct PathLimits {
 }
 
 impl PathLimits {
-    /// For the axes' limits, the control rate, and the chord error permitted at that rate in mm.
+    /// From the axis limits, the control rate, and the chord error in mm permitted at that rate.
     #[must_use]
     pub fn new(axes: Limits, rate_hz: f64, chord_error_mm: f64) -> Self {
         Self {
@@ -62,23 +62,23 @@ impl PathLimits {
         }
     }
 
-    /// The same with a share of the permitted chord error: the speed for it is that of a constant curvature, and a
-    /// slow loop passes several curvatures in one period.
+    /// The same with a fraction of the permitted chord error. [`chord_speed`](Self::chord_speed) assumes constant curvature,
+    /// but at a low rate the curvature changes within one period.
     #[must_use]
-    pub fn with_chord_share(&self, share: f64) -> Self {
+    pub fn with_chord_fraction(&self, fraction: f64) -> Self {
         Self {
-            chord_error_mm: share * self.chord_error_mm,
+            chord_error_mm: fraction * self.chord_error_mm,
             ..self.clone()
         }
     }
 
-    /// The axes' limits.
+    /// The axis limits.
     #[must_use]
     pub fn axes(&self) -> &Limits {
         &self.axes
     }
 
-    /// The highest parameter speed on a stretch with these bounds.
+    /// The maximum parameter speed over a part of the path with these bounds.
     #[must_use]
     pub fn speed(&self, bounds: &DerivativeBounds) -> f64 {
         let mut speed = UNLIMITED;
@@ -94,13 +94,13 @@ impl PathLimits {
         speed.min(self.chord_speed(&bounds.second))
     }
 
-    /// The highest parameter speed at which the chord of one period misses the path by no more than is permitted,
-    /// where the second derivatives are `second`.
+    /// The maximum parameter speed at which the chord of one period deviates from the path by at most the permitted error,
+    /// for the second derivatives `second`.
     ///
-    /// Equation (4) of Kombarov and Sorokin turned round: `v <= 2 f sqrt(e (2 R - e))`. The largest second
-    /// derivative stands for `1/R`, which is exact where the parameter is arc length and otherwise bounds the
-    /// distance from the chord as well (`|q''| (v/f)^2 / 8`). Below `R = e` the root would fall again, although
-    /// a chord cannot miss by more than the radius: the value at `R = e` goes on as `sqrt(R)`.
+    /// Equation (4) of Kombarov and Sorokin solved for the speed: `v <= 2 f sqrt(e (2 R - e))`. The largest second derivative
+    /// replaces `1/R`. That is exact if the parameter is arc length, and otherwise also an upper bound of the distance from the
+    /// chord (`|q''| (v/f)^2 / 8`). Below `R = e` the root would decrease again, although a chord cannot deviate by more than
+    /// the radius; there the value at `R = e` is continued as `sqrt(R)`.
     ///
     /// ```
     /// use evolvent_machine::Limits;
@@ -116,7 +116,7 @@ impl PathLimits {
     /// #     travel_max: Axes::repeat(1e3),
     /// #     home: Axes::zeros(),
     /// # };
-    /// // A circle of 10 mm radius at 1 kHz, to a micrometre: the chord of one period has that sagitta.
+    /// // A circle of 10 mm radius at 1 kHz, to a micrometre: the sagitta of the chord of one period.
     /// let mut second = Axes::zeros();
     /// second[1] = 1.0 / 10.0;
     /// let speed = PathLimits::new(axes, 1000.0, 0.001).chord_speed(&second);
@@ -133,7 +133,7 @@ impl PathLimits {
         2.0 * self.rate_hz * (e * (2.0 * radius - e).max(radius)).sqrt()
     }
 
-    /// Limits of acceleration and jerk along the parameter on a stretch that is never faster than `speed`.
+    /// Limits of acceleration and jerk along the parameter where the speed is at most `speed`.
     #[must_use]
     pub fn tangential(&self, bounds: &DerivativeBounds, speed: f64) -> (f64, f64) {
         let (mut acceleration, mut jerk) = (UNLIMITED, UNLIMITED * 1e3);
@@ -159,15 +159,15 @@ impl PathLimits {
         (acceleration, jerk)
     }
 
-    /// Scalar limits that hold on every one of `cells` up to `velocity`, which every cell allows.
+    /// Scalar limits that hold on each of `cells` up to `velocity`, which every cell permits.
     #[must_use]
     pub fn over(&self, cells: &[DerivativeBounds], velocity: f64) -> ScalarLimits {
         let velocity = velocity.min(UNLIMITED);
         let (acceleration, jerk) = cells
             .iter()
             .map(|cell| self.tangential(cell, velocity))
-            .fold((UNLIMITED, UNLIMITED * 1e3), |least, one| {
-                (least.0.min(one.0), least.1.min(one.1))
+            .fold((UNLIMITED, UNLIMITED * 1e3), |min, one| {
+                (min.0.min(one.0), min.1.min(one.1))
             });
         ScalarLimits {
             velocity,
@@ -177,8 +177,7 @@ impl PathLimits {
     }
 }
 
-/// Appends the derivative bounds of `curve` over `from..to`, in cells short enough for the direction of the
-/// tangent to be the same within 0.3 rad.
+/// Appends the derivative bounds of `curve` over `from..to`, in cells over which the tangent rotates by at most 0.3 rad.
 pub fn append_cells(curve: &Curve, from: f64, to: f64, cells: &mut Vec<DerivativeBounds>) {
     let whole = curve.derivative_bounds(from, to);
     let angle = xyz(&whole.1) * (to - from);
@@ -228,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn every_state_within_the_limits_of_the_parameter_keeps_those_of_the_axes() {
+    fn scalar_limits_imply_the_axis_limits() {
         let seed = 0x11_0001;
         println!("seed {seed:#x}");
         let mut random = Random::from_state(seed);
@@ -259,7 +258,7 @@ mod tests {
             let path = PathLimits::new(limits, 1000.0, 1e-3);
             let speed = path.speed(&bounds);
             let (acceleration, jerk) = path.tangential(&bounds, speed);
-            // Enough is left to speed up and slow down with.
+            // Enough remains to accelerate and decelerate.
             assert!(
                 speed > 0.0 && acceleration > 0.0 && jerk > 0.0,
                 "case {case}: {speed} {acceleration} {jerk}"
@@ -294,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn a_straight_axis_may_use_all_its_limits() {
+    fn a_straight_axis_uses_its_full_limits() {
         let mut bounds = DerivativeBounds {
             first: Axes::zeros(),
             second: Axes::zeros(),
@@ -306,7 +305,7 @@ mod tests {
         assert!((one.velocity - 200.0).abs() < 1e-9, "{one:?}");
         assert!((one.acceleration - 4000.0).abs() < 1e-9, "{one:?}");
         assert!((one.jerk - 0.99 * 100_000.0).abs() < 1e-6, "{one:?}");
-        // Over several cells the weakest counts.
+        // Over several cells the lowest limit applies.
         let mut other = bounds;
         other.first[1] = 1.0;
         let both = path.over(&[bounds, other, bounds], 100.0);
@@ -314,8 +313,8 @@ mod tests {
     }
 
     #[test]
-    fn the_chord_of_one_period_misses_a_circle_by_the_permitted_error() {
-        // Geometry, not the formula: chord c on radius R misses by R - sqrt(R^2 - c^2 / 4).
+    fn the_chord_of_one_period_has_the_permitted_error() {
+        // Geometry, not the formula: chord c on radius R deviates by R - sqrt(R^2 - c^2 / 4).
         for radius in [0.02, 1.0, 250.0] {
             for (rate, error) in [(1000.0, 1e-3), (35_000.0, 1e-5)] {
                 let path = PathLimits::new(axes(1e12, 1e15, 1e18), rate, error);
@@ -336,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn a_circle_within_the_chord_error_does_not_slow_down_below_its_radius() {
+    fn a_circle_within_the_chord_error_is_not_slowed_down() {
         let path = PathLimits::new(axes(1e12, 1e15, 1e18), 1000.0, 1e-3);
         let speed = |radius: f64| {
             let mut bounds = DerivativeBounds {
@@ -347,13 +346,13 @@ mod tests {
             bounds.second[1] = 1.0 / radius;
             path.speed(&bounds)
         };
-        // 2 f sqrt(e R) with R below e: no faster than the diameter in a period allows, and growing with R.
+        // 2 f sqrt(e R) with R below e: at most the diameter per period, increasing with R.
         assert!((speed(2.5e-4) - 2000.0 * (1e-3_f64 * 2.5e-4).sqrt()).abs() < 1e-9);
         assert!(speed(2.5e-4) < speed(5e-4) && speed(5e-4) < speed(1e-3) && speed(1e-3) < speed(2e-3));
     }
 
     #[test]
-    fn cells_of_a_curve_turn_no_more_than_they_may_and_bound_the_curve_without_gap() {
+    fn cells_bound_the_curve_without_gaps() {
         let mut end = Axes::zeros();
         (end[0], end[1]) = (-5.0, 5.0);
         let arc = Arc::new(
@@ -372,13 +371,9 @@ mod tests {
         ] {
             cells.clear();
             append_cells(&curve, from, to, &mut cells);
-            // Cells of 0.3 rad; the curvature may be taken as up to sqrt(2) of what it is.
-            let least = ((to - from) / 5.0 / 0.3).ceil() as usize;
-            assert!(
-                (least..=least + least / 2).contains(&cells.len()),
-                "{}",
-                cells.len()
-            );
+            // Cells of 0.3 rad; the curvature bound may exceed the curvature by sqrt(2).
+            let min = ((to - from) / 5.0 / 0.3).ceil() as usize;
+            assert!((min..=min + min / 2).contains(&cells.len()), "{}", cells.len());
             let width = (to - from) / cells.len() as f64;
             for (k, cell) in cells.iter().enumerate() {
                 let at = |step: f64| curve.jet(from + width * (k as f64 + step));
@@ -390,12 +385,12 @@ mod tests {
                         assert!(jet.third[i].abs() <= cell.third[i] + 1e-12, "cell {k} axis {i}");
                     }
                 }
-                // And tight: the direction at the cell's ends is all that the bound allows.
+                // The bound is tight: the direction at the ends of the cell reaches it.
                 let ends = at(0.0).first[0].abs().max(at(1.0).first[0].abs());
                 assert!((cell.first[0] - ends).abs() < 1e-9, "cell {k}");
             }
         }
-        // Many turns are no more than the most cells, a line is one.
+        // Many turns need at most the maximum number of cells, a line one.
         let helix = Arc::new(
             Plane::Xy,
             Axes::zeros(),

@@ -1,52 +1,53 @@
-//! The planner of one window.
+//! Plans one window.
 
 use crate::check::{Checked, check as check_between};
 use crate::error::FeedError;
-use crate::grid::{Grid, Place};
+use crate::grid::{Grid, PathPosition};
 use crate::limits::PathLimits;
 use crate::piece::{Entry, Exit, Piece, PlanReport, Ratios};
-use crate::solver::{FIRST, Solver};
+use crate::solver::{MU_FROM_REST, Solver};
 use crate::spans;
 use crate::start;
 use crate::time_law::TimeLaw;
-use crate::warm_start::{Segment, WarmStart};
+use crate::warm_start::{SolvedSpan, WarmStart};
 use crate::window::{Span, Window};
 
-/// Most intervals of one window, so that a re-plan of three axes stays below 5 ms.
+/// Maximum number of intervals of one window, so that replanning three axes takes less than 5 ms.
 pub const MAX_INTERVALS: usize = 320;
-/// Most spans that they are divided into.
+/// Maximum number of spans into which they are divided.
 pub(crate) const MAX_SPANS: usize = MAX_INTERVALS + 200;
-/// Share of the jerk limit that the last stub of an open window may use.
-const GENTLE: f64 = 0.25;
-/// How many times as many Newton steps a plan from rest has: broken off it would be driven to its end, and no cycle waits.
-const AT_REST: u32 = 5;
-/// Most Newton steps of one plan, and the share of them that is kept from the way to its centre.
+/// Fraction of the jerk limit for the last stub of an open window.
+const OPEN_END_JERK_FRACTION: f64 = 0.25;
+/// Factor on the number of Newton steps for a plan from rest: stopped early it would be executed to its end, and no cycle
+/// waits for it.
+const REST_STEP_FACTOR: u32 = 5;
+/// Maximum number of Newton steps of one plan, and the reciprocal of the fraction reserved for refinement.
 const MAX_STEPS: u32 = 48;
-const CENTRE_FRACTION: u32 = 6;
-/// Most rounds of checking and correcting, and steps of each.
-const POLISHES: usize = 4;
-const POLISH_STEPS: u32 = 8;
-/// Shares of the way from its start that a plan goes if it cannot be driven as far as it went. The first cost next to
-/// nothing: an excess of a hundredth at one corner must not slow a hundred millimetres down.
-const RETREATS: [f64; 8] = [0.998, 0.99, 0.97, 0.9, 0.75, 0.5, 0.25, 0.0];
-/// Most crawls that are tried, each at this share of the `u'^2` of the one before.
-const CRAWLS: usize = 40;
-const SLOWER: f64 = 0.3;
+const REFINEMENT_DIVISOR: u32 = 6;
+/// Maximum rounds of checking and correcting, and steps of each.
+const MAX_REFINEMENTS: usize = 4;
+const REFINEMENT_STEPS: u32 = 8;
+/// Fractions of the way from the start to the result to which a plan backtracks if the result exceeds the limits. The first
+/// cost almost nothing: an excess of 1 % at one corner must not slow down 100 mm.
+const BACKTRACK_FRACTIONS: [f64; 8] = [0.998, 0.99, 0.97, 0.9, 0.75, 0.5, 0.25, 0.0];
+/// Maximum number of slow start motions that are tried, and the factor of `u'^2` from one to the next.
+const MAX_CRAWLS: usize = 40;
+const CRAWL_FACTOR: f64 = 0.3;
 
-/// What is to be planned: from a place and a state of motion to the end of a window.
+/// The problem of a window: from a position and a state of motion to the end of the window.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WindowProblem<'a> {
     pub(crate) grid: &'a Grid,
-    pub(crate) from: Place,
+    pub(crate) from: PathPosition,
     /// Speed and acceleration at the start.
     pub(crate) state: (f64, f64),
     pub(crate) until: u64,
     pub(crate) factor: f64,
-    /// Share of the jerk limit that the last stub may use.
-    pub(crate) gentle: f64,
-    /// Whether the motion is to change at once: stations close enough for that.
-    pub(crate) quick: bool,
-    /// Whether the last stub may take a whole interval: not the only one that is new.
+    /// Fraction of the jerk limit for the last stub.
+    pub(crate) end_jerk_fraction: f64,
+    /// Whether the motion has to change at once, which needs dense stations.
+    pub(crate) dense: bool,
+    /// Whether the last stub may fill its interval because it is not the only new one.
     pub(crate) whole: bool,
 }
 
@@ -57,13 +58,13 @@ pub struct Optimizer {
     pub(crate) window: Window,
     pub(crate) solver: Solver,
     pub(crate) scratch: Vec<Span>,
-    pub(crate) segments: Vec<Segment>,
+    pub(crate) solved_spans: Vec<SolvedSpan>,
     pub(crate) goal: Vec<f64>,
-    pub(crate) guide: start::InitialGuess,
-    pub(crate) kept: WarmStart,
-    /// Newton steps that one plan in motion or stop may take.
-    most_steps: u32,
-    /// Those of the plan or stop at hand.
+    pub(crate) initial_guess: start::InitialGuess,
+    pub(crate) last_plan: WarmStart,
+    /// Maximum Newton steps of a plan from motion or a stop.
+    max_steps: u32,
+    /// Maximum Newton steps of the present plan.
     steps: u32,
 }
 
@@ -77,43 +78,42 @@ impl Optimizer {
             window: Window::with_capacity(stations),
             solver: Solver::with_capacity(stations),
             scratch: Vec::with_capacity(stations + 2),
-            segments: Vec::with_capacity(stations),
+            solved_spans: Vec::with_capacity(stations),
             goal: Vec::with_capacity(2 * stations + 1),
-            guide: start::InitialGuess::with_capacity(stations),
-            kept: WarmStart::with_capacity(stations),
-            most_steps: MAX_STEPS,
+            initial_guess: start::InitialGuess::with_capacity(stations),
+            last_plan: WarmStart::with_capacity(stations),
+            max_steps: MAX_STEPS,
             steps: MAX_STEPS,
         }
     }
 
-    /// Bounds the work of a plan in motion or a stop: so many Newton steps, 48 if nothing else is said; five times as many
-    /// from rest, where nothing waits but the start. What is found by then is
-    /// handed out; it keeps all limits, but is the slower the fewer steps there are.
+    /// Limits the work of a plan from motion or a stop to this number of Newton steps (default 48); plans from rest, for which
+    /// only the start waits, may use five times as many. Fewer steps give a slower plan, which still keeps all limits.
     #[must_use]
-    pub fn with_steps(mut self, most: u32) -> Self {
-        self.most_steps = most;
+    pub fn with_steps(mut self, max: u32) -> Self {
+        self.max_steps = max;
         self
     }
 
-    /// Drops everything that earlier plans have left, so that the next answer depends on its arguments alone.
+    /// Drops the state of earlier plans, so that the next result depends on its arguments alone.
     ///
-    /// Nothing is left to go on from then: a plan from a moving state fails with [`FeedError::NoMotion`], and a stop
-    /// is tried in closed form only, until a plan from rest has been made. Cycle: no.
+    /// Until a plan from rest has been made, a plan from motion fails with [`FeedError::NoMotion`], and a stop is attempted in
+    /// closed form only. Not real-time safe.
     pub fn forget(&mut self) {
-        self.kept.forget();
+        self.last_plan.forget();
     }
 
-    /// Newton steps of the last plan or stop, whatever came of it.
+    /// Newton steps of the last plan or stop, successful or not.
     #[must_use]
     pub fn iterations(&self) -> u32 {
         self.solver.iterations
     }
 
-    /// A near-optimal plan from `from` to the end of interval `until - 1`, at `feed_factor` (0.001 to 2) times the
-    /// programmed feeds; rapids are not scaled. It replaces what `out` held. Cycle: no.
+    /// Plans a time-optimal motion from `from` to the end of interval `until - 1`, at `feed_factor` (0.001 to 2) times the
+    /// programmed feeds; rapids are not scaled. Replaces the contents of `out`. Not real-time safe.
     ///
     /// # Errors
-    /// See [`FeedError`]; `out` is then empty and the plan before stays valid.
+    /// See [`FeedError`]; `out` is then empty and the previous plan stays valid.
     #[expect(
         clippy::too_many_arguments,
         reason = "one call with all that a plan depends on"
@@ -121,7 +121,7 @@ impl Optimizer {
     pub fn plan(
         &mut self,
         grid: &Grid,
-        from: Place,
+        from: PathPosition,
         entry: Entry,
         until: u64,
         exit: Exit,
@@ -135,22 +135,26 @@ impl Optimizer {
         };
         check(grid, from, until, v, a, feed_factor)?;
         self.steps = match entry {
-            Entry::Rest => AT_REST * self.most_steps,
-            Entry::Moving { .. } => self.most_steps,
+            Entry::Rest => REST_STEP_FACTOR * self.max_steps,
+            Entry::Moving { .. } => self.max_steps,
         };
-        let job = WindowProblem {
+        let problem = WindowProblem {
             grid,
             from,
             state: (v, a),
             until,
             factor: feed_factor,
-            gentle: if exit == Exit::Open { GENTLE } else { 1.0 },
-            quick: feed_factor < self.kept.factor,
-            whole: entry == Entry::Rest || until > self.kept.until.saturating_add(1),
+            end_jerk_fraction: if exit == Exit::Open {
+                OPEN_END_JERK_FRACTION
+            } else {
+                1.0
+            },
+            dense: feed_factor < self.last_plan.factor,
+            whole: entry == Entry::Rest || until > self.last_plan.until.saturating_add(1),
         };
         let found = match entry {
-            Entry::Rest => self.begin(&job),
-            Entry::Moving { .. } => self.continue_from(&job, out),
+            Entry::Rest => self.plan_from_rest(&problem),
+            Entry::Moving { .. } => self.continue_from(&problem, out),
         };
         let Some(gap) = found else {
             out.clear();
@@ -167,7 +171,7 @@ impl Optimizer {
             worst = self.refine(grid, feed_factor);
             let head = out.len();
             self.write(out);
-            self.kept
+            self.last_plan
                 .keep(&out[..head], &self.window, &self.solver.x, until, feed_factor);
         }
         Ok(PlanReport {
@@ -180,30 +184,31 @@ impl Optimizer {
         })
     }
 
-    /// Steps that are left for the way to the centre; some are kept for what a check between stations may find.
+    /// Remaining steps for centring; some are reserved for corrections after the check between stations.
     pub(crate) fn centre_steps(&self) -> u32 {
-        let kept = self.steps / CENTRE_FRACTION;
+        let kept = self.steps / REFINEMENT_DIVISOR;
         (self.steps - kept).saturating_sub(self.solver.iterations)
     }
 
-    /// Checks between stations and keeps away from the limits where that finds them exceeded. If there are no steps left
-    /// for that, the plan goes back towards the motion that it began with, which keeps them.
+    /// Checks the plan between stations and raises constraint weights where limits are exceeded. If no steps remain for that, the
+    /// plan backtracks towards its feasible start.
     pub(crate) fn refine(&mut self, grid: &Grid, factor: f64) -> Ratios {
         let mut checked = self.check_between(grid, factor);
-        for _ in 1..POLISHES {
+        for _ in 1..MAX_REFINEMENTS {
             let left = self.steps.saturating_sub(self.solver.iterations);
-            if !checked.raised || left == 0 {
+            if !checked.weights_raised || left == 0 {
                 break;
             }
-            self.solver.follow_stiff(&self.window, left.min(POLISH_STEPS));
+            self.solver
+                .recentre_weighted(&self.window, left.min(REFINEMENT_STEPS));
             checked = self.check_between(grid, factor);
         }
         self.solver.mark_end();
-        for share in RETREATS {
-            if !checked.broken {
+        for fraction in BACKTRACK_FRACTIONS {
+            if !checked.violated {
                 break;
             }
-            if self.solver.retreat(&self.window, share) {
+            if self.solver.backtrack(&self.window, fraction) {
                 checked = self.check_between(grid, factor);
             }
         }
@@ -211,43 +216,58 @@ impl Optimizer {
     }
 
     fn check_between(&mut self, grid: &Grid, factor: f64) -> Checked {
-        check_between(&self.window, grid, factor, &self.solver.x, &mut self.solver.stiff)
+        check_between(
+            &self.window,
+            grid,
+            factor,
+            &self.solver.x,
+            &mut self.solver.constraint_weight,
+        )
     }
 
-    /// A plan without anything to start from. Returns the barrier parameter reached.
-    fn begin(&mut self, job: &WindowProblem<'_>) -> Option<f64> {
+    /// Plans from rest, without a warm start. Returns the final barrier parameter.
+    fn plan_from_rest(&mut self, problem: &WindowProblem<'_>) -> Option<f64> {
         self.window.from_rest = true;
         self.window.spans.clear();
-        spans::plain(job.grid, job.from, job.until, &mut self.window.spans);
+        spans::plain(problem.grid, problem.from, problem.until, &mut self.window.spans);
         for reverse in [false, true] {
-            self.grade(job, reverse);
+            self.grade(problem, reverse);
         }
         self.balance(true);
-        if self.window.spans.len() < 3 || !self.window.fetch(job.grid) {
+        if self.window.spans.len() < 3 || !self.window.fetch(problem.grid) {
             return None;
         }
-        self.window.pack(&self.limits, job.factor, job.gentle);
-        self.solver.begin(self.window.n());
+        self.window
+            .pack(&self.limits, problem.factor, problem.end_jerk_fraction);
+        self.solver.reset(self.window.n());
         let mut level = start::crawl_level(&self.window, 0, &self.limits);
-        for _ in 0..CRAWLS {
+        for _ in 0..MAX_CRAWLS {
             start::feasible_start(&self.window, level, &mut self.solver.x);
             if self.solver.feasible(&self.window) {
                 self.solver.mark();
-                self.lead();
-                return Some(self.solver.descend(&self.window, FIRST, self.centre_steps()));
+                self.apply_initial_guess();
+                return Some(
+                    self.solver
+                        .descend(&self.window, MU_FROM_REST, self.centre_steps()),
+                );
             }
-            level *= SLOWER;
+            level *= CRAWL_FACTOR;
         }
         None
     }
 
-    /// Brings a crawl nearer to what the path allows.
-    pub(crate) fn lead(&mut self) {
-        start::guide(&self.window, &self.limits, &self.solver.x, &mut self.guide);
-        self.solver.lead(&self.window, &self.guide);
+    /// Accelerates a slow start motion towards what the path permits.
+    pub(crate) fn apply_initial_guess(&mut self) {
+        start::initial_guess(
+            &self.window,
+            &self.limits,
+            &self.solver.x,
+            &mut self.initial_guess,
+        );
+        self.solver.approach_guess(&self.window, &self.initial_guess);
     }
 
-    /// Lets lengths change gently between the stubs.
+    /// Limits the ratio of neighbouring span lengths between the stubs.
     pub(crate) fn balance(&mut self, first: bool) {
         let spans = &mut self.window.spans;
         let (stub, count) = (spans.pop(), spans.len());
@@ -259,12 +279,18 @@ impl Optimizer {
         spans.extend(stub);
     }
 
-    /// Divides the spans of the end that is at rest.
-    pub(crate) fn grade(&mut self, job: &WindowProblem<'_>, reverse: bool) {
-        spans::grade(&mut self.window.spans, job, reverse, MAX_SPANS, &mut self.scratch);
+    /// Divides the spans near the end that is at rest.
+    pub(crate) fn grade(&mut self, problem: &WindowProblem<'_>, reverse: bool) {
+        spans::grade(
+            &mut self.window.spans,
+            problem,
+            reverse,
+            MAX_SPANS,
+            &mut self.scratch,
+        );
     }
 
-    /// The iterate as pieces.
+    /// Writes the iterate as pieces.
     pub(crate) fn write(&self, out: &mut Vec<Piece>) {
         let (window, x) = (&self.window, &self.solver.x);
         let n = window.n();
@@ -275,7 +301,7 @@ impl Optimizer {
                 // v = 3 x / t at the far end.
                 let duration = 3.0 * length / x.a[0].sqrt();
                 (
-                    TimeLaw::Jerk {
+                    TimeLaw::ConstantJerk {
                         v: 0.0,
                         a: 0.0,
                         j: 6.0 * length / (duration * duration * duration),
@@ -286,7 +312,7 @@ impl Optimizer {
                 let v = x.a[n].sqrt();
                 let duration = 3.0 * length / v;
                 (
-                    TimeLaw::Jerk {
+                    TimeLaw::ConstantJerk {
                         v,
                         a: -2.0 * v / duration,
                         j: 2.0 * v / (duration * duration),
@@ -295,7 +321,7 @@ impl Optimizer {
                 )
             } else {
                 let k = i - lead;
-                let law = TimeLaw::Flow {
+                let law = TimeLaw::LinearAcceleration {
                     v: x.a[k].sqrt(),
                     b: x.b[k],
                     c: x.c[k],
@@ -306,7 +332,7 @@ impl Optimizer {
                 law,
                 length,
                 duration,
-                stretch: cell.stretch,
+                segment: cell.segment,
                 from: cell.from,
                 interval: span.interval,
             });
@@ -314,10 +340,10 @@ impl Optimizer {
     }
 }
 
-/// Refuses what is not on the grid, too large or not a number.
+/// Rejects positions outside of the grid, windows that are too large, and invalid numbers.
 pub(crate) fn check(
     grid: &Grid,
-    from: Place,
+    from: PathPosition,
     until: u64,
     v: f64,
     a: f64,
@@ -327,16 +353,16 @@ pub(crate) fn check(
         .interval_length(from.interval)
         .is_some_and(|length| from.x >= 0.0 && from.x <= length);
     if !known || until <= from.interval || until > grid.end() {
-        return Err(FeedError::Place {
+        return Err(FeedError::PathPosition {
             interval: from.interval,
             x: from.x,
             first: grid.first(),
             until: until.min(grid.end()),
         });
     }
-    let (intervals, most) = (until - from.interval, MAX_INTERVALS as u64);
-    if intervals > most {
-        return Err(FeedError::Window { intervals, most });
+    let (intervals, max) = (until - from.interval, MAX_INTERVALS as u64);
+    if intervals > max {
+        return Err(FeedError::Window { intervals, max });
     }
     if v >= 0.0 && v.is_finite() && a.is_finite() && (0.001..=2.0).contains(&factor) {
         Ok(())
@@ -355,10 +381,10 @@ mod tests {
     use super::*;
     use crate::barrier::constraint_ratio;
 
-    /// What the check finds on a small part of the motion is next to nothing beside the weight of the whole, by which
-    /// a centre is judged otherwise.
+    /// An excess in a small part of the motion is negligible compared to the weight of the whole, which otherwise decides when an
+    /// iterate counts as centred.
     #[test]
-    fn a_stiffer_interval_keeps_away_from_its_limit_however_little_time_it_takes() {
+    fn a_higher_constraint_weight_increases_the_margin() {
         let limits = Limits {
             present: [true; AXES],
             velocity: Axes::repeat(500.0),
@@ -375,7 +401,7 @@ mod tests {
         let line = Line::new(Axes::zeros(), end).expect("line");
         grid.push(&line.into(), 0.0, 100.0, 10.0);
         let mut optimizer = Optimizer::new(&limits);
-        let (start, mut out) = (Place { interval: 0, x: 0.0 }, Vec::new());
+        let (start, mut out) = (PathPosition { interval: 0, x: 0.0 }, Vec::new());
         let report = optimizer.plan(&grid, start, Entry::Rest, grid.end(), Exit::Rest, 1.0, &mut out);
         let total = report.expect("plan").duration;
         let (window, x) = (&optimizer.window, &optimizer.solver.x);
@@ -388,8 +414,10 @@ mod tests {
             before < 0.01 && time < 1e-3 * total,
             "{before}, {time} of {total}"
         );
-        optimizer.solver.stiff[k] *= 125.0;
-        optimizer.solver.follow_stiff(&optimizer.window, POLISH_STEPS);
+        optimizer.solver.constraint_weight[k] *= 125.0;
+        optimizer
+            .solver
+            .recentre_weighted(&optimizer.window, REFINEMENT_STEPS);
         let after = 1.0 - constraint_ratio(&optimizer.window, k, &optimizer.solver.x).1;
         assert!(after > 5.0 * before, "{before} of the limit left, then {after}");
     }

@@ -1,25 +1,25 @@
-//! What a plan is made of, and what is said of it.
+//! The elements of a plan, and its report.
 
 use crate::time_law::TimeLaw;
 
-/// A part of the time law: contiguous with its neighbours, the last one ends at rest.
+/// A part of the time law, contiguous with its neighbours; the last one ends at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Piece {
-    /// How the parameter runs.
+    /// The parameter as a function of time.
     pub law: TimeLaw,
     /// Length in parameter units.
     pub length: f64,
     /// Duration in s.
     pub duration: f64,
-    /// Absolute index of the stretch that it lies in.
-    pub stretch: u64,
-    /// Offset of its start from the stretch's.
+    /// Absolute index of its segment.
+    pub segment: u64,
+    /// Offset of its start from the start of the segment.
     pub from: f64,
     /// Absolute index of its grid interval.
     pub interval: u64,
 }
 
-/// How a plan begins.
+/// How a plan starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Entry {
     /// At rest.
@@ -33,19 +33,19 @@ pub enum Entry {
     },
 }
 
-/// How a plan ends: always at rest at the very end of its window.
+/// How a plan ends: always at rest at the end of its window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
-    /// The motion is meant to rest there: as fast as the limits allow.
+    /// The motion stops there, as fast as the limits permit.
     Rest,
-    /// More path will follow: the last interval is gone through gently enough for the motion to go on instead.
+    /// More path will follow: the last interval is passed gently enough for the motion to continue instead.
     Open,
 }
 
-/// The largest ratio of what an axis does to its limit.
+/// Maximum ratios of the motion of an axis to its limit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Ratios {
-    /// Velocity of an axis, or of the feed.
+    /// Velocity of an axis, or feed.
     pub velocity: f64,
     /// Acceleration.
     pub acceleration: f64,
@@ -53,20 +53,20 @@ pub struct Ratios {
     pub jerk: f64,
 }
 
-/// What a plan came to.
+/// Report of a plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlanReport {
     /// Newton steps.
     pub iterations: u32,
-    /// By what share of its duration the plan may at most be slower than the optimum on its stations, as the
-    /// barrier's parameter tells (exact for a convex problem).
+    /// Upper bound of the relative excess of the duration over the optimum on the same stations, from the barrier parameter
+    /// (exact for a convex problem).
     pub gap: f64,
-    /// Seconds.
+    /// Duration in s.
     pub duration: f64,
-    /// Stations of the window.
+    /// Number of stations of the window.
     pub stations: usize,
-    /// Whether the last plan served as the start.
+    /// Whether the previous plan served as a warm start.
     pub warm: bool,
-    /// The largest ratios found by the check between stations.
+    /// Maximum ratios found by the check between stations.
     pub worst: Ratios,
 }

@@ -1,42 +1,43 @@
 //! Time-optimal motion along one parameter under constant speed, acceleration and jerk limits.
 //!
-//! Everything here is closed form or a bisection of fixed length, allocates nothing, and may be called by the
-//! real-time cycle. Parameter `x` is the path parameter of one run; `v`, `a`, `j` are its time derivatives.
+//! Everything is in closed form or a bisection of fixed length, allocates nothing and is real-time safe. The parameter `x`
+//! is the path parameter of one run; `v`, `a`, `j` are its time derivatives.
 //!
-//! Two facts carry the solver:
-//! - the distance of a [`Change`] grows with the *initial* speed, so a speed that is allowed at a boundary stays
-//!   allowed when it is lowered;
-//! - for braking it is *not* monotone in the final speed: from 100 it takes longer to reach 33 (with zero
-//!   acceleration) than to stop. As a function of the final speed it has one hump, so a bisection between a
+//! The solver relies on two facts:
+//! - The distance of a [`Change`] grows with the *initial* speed, so a speed permitted at a boundary stays permitted when it
+//!   is reduced.
+//! - Braking distance is *not* monotone in the final speed: from 100 it takes longer to reach 33 (with zero acceleration)
+//!   than to stop. As a function of the final speed it has one maximum, so a bisection between a final speed that fits and
+//!   one that does not finds the only crossing.
 //!   final speed that fits and one that does not finds the only crossing.
 
 use crate::change::{Change, SPARE_JERK, SPEED_ROUNDING, ScalarLimits, ScalarState, bisect};
 
-/// Most pieces of a [`Profile`]: a change, a cruise, a change.
-const PIECES: usize = 7;
-/// Which of them is the cruise.
+/// Maximum number of phases of a [`Profile`]: a change, a cruise, a change.
+const MAX_PHASES: usize = 7;
+/// Index of the cruise phase.
 const CRUISE: usize = 3;
 
-/// What [`Profile::solve`] could do.
+/// Result of [`Profile::solve`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// Reaches the end of the run within all limits.
     Exits,
-    /// Comes to rest within the run.
+    /// Stops within the run.
     Rests,
-    /// Cannot end at or below the allowed exit speed: the state was not allowed in this run. The profile
-    /// brakes as hard as the limits permit.
+    /// Cannot end at or below the permitted exit speed: the state was not permitted in this run. The profile brakes as hard as
+    /// the limits permit.
     Overruns,
 }
 
-/// Pieces of constant jerk from a state to the end of a run, or to rest within it.
+/// Phases of constant jerk from a state to the end of a run, or to a stop within it.
 ///
-/// Jerk may exceed its limit by a ten-thousandth, to make up for rounding.
+/// Jerk may exceed its limit by 1e-4 to compensate rounding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {
     start: ScalarState,
-    pieces: [(f64, f64); PIECES],
-    /// Speed on the fourth piece; what rounding left of the acceleration before it must not act for minutes.
+    phases: [(f64, f64); MAX_PHASES],
+    /// Speed of the cruise phase: the rounding residue of the acceleration before it must not accumulate over minutes.
     cruise: f64,
     duration: f64,
     exit_speed: f64,
@@ -44,12 +45,12 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// A profile that stands still at `x` for ever.
+    /// A profile that rests at `x`.
     #[must_use]
     pub fn at_rest(x: f64) -> Self {
         Self {
             start: ScalarState { x, v: 0.0, a: 0.0 },
-            pieces: [(0.0, 0.0); PIECES],
+            phases: [(0.0, 0.0); MAX_PHASES],
             cruise: 0.0,
             duration: 0.0,
             exit_speed: 0.0,
@@ -57,17 +58,15 @@ impl Profile {
         }
     }
 
-    /// The fastest profile from `from` to `length` that exits with zero acceleration at no more than
-    /// `wanted`.
+    /// The fastest profile from `from` to `length` that exits with zero acceleration at `desired` or less.
     ///
-    /// `limits.velocity` may lie below the present speed (an override was lowered): the speed then falls to
-    /// it where the run is long enough. Where it is not, the exit may be faster than `wanted`, but never than
-    /// `allowed`. Real-time safe.
+    /// `limits.velocity` may be below the present speed (after a reduced override): the speed then falls to it if the run is
+    /// long enough. Otherwise the exit may be faster than `desired`, but not than `allowed`. Real-time safe.
     ///
     /// ```
     /// use evolvent_timing::{Outcome, Profile, ScalarLimits, ScalarState};
     ///
-    /// // 10 mm from rest to rest, with a cruise: 2 v/a + (10 - v v/a)/v without jerk, and a/j more with it.
+    /// // 10 mm from rest to rest, with a cruise: 2 v/a + (10 - v v/a)/v without jerk limit, and a/j more with it.
     /// let limits = ScalarLimits { velocity: 100.0, acceleration: 2000.0, jerk: 200_000.0 };
     /// let profile = Profile::solve(ScalarState::default(), 10.0, 0.0, 0.0, &limits);
     /// assert_eq!(profile.outcome(), Outcome::Exits);
@@ -75,10 +74,10 @@ impl Profile {
     /// assert!((profile.end().x - 10.0).abs() < 1e-9);
     /// ```
     #[must_use]
-    pub fn solve(from: ScalarState, length: f64, wanted: f64, allowed: f64, limits: &ScalarLimits) -> Self {
-        let room = length - from.x;
+    pub fn solve(from: ScalarState, length: f64, desired: f64, allowed: f64, limits: &ScalarLimits) -> Self {
+        let remaining = length - from.x;
         let cap = limits.velocity;
-        let exit = wanted.min(cap);
+        let exit = desired.min(cap);
         let change = |target: f64| Change::new(from, target, limits);
         let settle = |speed: f64| {
             Change::new(
@@ -94,137 +93,137 @@ impl Profile {
         };
         let relaxed = from.relaxed_speed(limits.jerk);
 
-        if change(cap).distance + settle(cap) <= room {
-            return Self::two_changes(from, room, cap, exit, limits);
+        if change(cap).distance + settle(cap) <= remaining {
+            return Self::two_changes(from, remaining, cap, exit, limits);
         }
         if relaxed < cap {
             let low = relaxed.max(exit);
-            if change(low).distance + settle(low) <= room {
-                let peak = bisect(low, cap, |v| change(v).distance + settle(v) <= room);
-                return Self::two_changes(from, room, peak, exit, limits);
+            if change(low).distance + settle(low) <= remaining {
+                let peak = bisect(low, cap, |v| change(v).distance + settle(v) <= remaining);
+                return Self::two_changes(from, remaining, peak, exit, limits);
             }
         }
-        if exit > relaxed && change(relaxed.max(0.0)).distance <= room {
-            let speed = bisect(relaxed.max(0.0), exit, |v| change(v).distance <= room);
-            return Self::one_change(from, room, speed, limits, Outcome::Exits);
+        if exit > relaxed && change(relaxed.max(0.0)).distance <= remaining {
+            let speed = bisect(relaxed.max(0.0), exit, |v| change(v).distance <= remaining);
+            return Self::one_change(from, remaining, speed, limits, Outcome::Exits);
         }
-        if change(exit).distance <= room {
-            // Braking already: between braking on and letting go first, what uses up the room exactly.
+        if change(exit).distance <= remaining {
+            // Already braking: interpolate between continued braking and immediate release, to use the length exactly.
             let high = relaxed.min(cap).max(exit);
-            let middle = bisect(exit, high, |v| change(v).distance + settle(v) <= room);
-            return Self::two_changes(from, room, middle, exit, limits);
+            let middle = bisect(exit, high, |v| change(v).distance + settle(v) <= remaining);
+            return Self::two_changes(from, remaining, middle, exit, limits);
         }
-        if let Some(released) = Self::release(from, room, exit, limits) {
+        if let Some(released) = Self::release(from, remaining, exit, limits) {
             return released;
         }
-        // Too short to come down to `exit`: the hump leaves lower speeds, the override leaves higher ones.
-        if change(0.0).distance <= room {
-            let speed = bisect(0.0, exit, |v| change(v).distance <= room);
-            return Self::one_change(from, room, speed, limits, Outcome::Exits);
+        // Too short to decelerate to `exit`: below the maximum of the distance there may be lower speeds, above it higher ones.
+        if change(0.0).distance <= remaining {
+            let speed = bisect(0.0, exit, |v| change(v).distance <= remaining);
+            return Self::one_change(from, remaining, speed, limits, Outcome::Exits);
         }
         let high = allowed.min(relaxed);
-        if high > exit && change(high).distance <= room {
-            let speed = bisect(high, exit, |v| change(v).distance <= room);
-            return Self::one_change(from, room, speed, limits, Outcome::Exits);
+        if high > exit && change(high).distance <= remaining {
+            let speed = bisect(high, exit, |v| change(v).distance <= remaining);
+            return Self::one_change(from, remaining, speed, limits, Outcome::Exits);
         }
-        Self::last_resort(from, room, allowed, limits)
+        Self::last_resort(from, remaining, allowed, limits)
     }
 
-    /// Brakes as hard as the limits permit: to rest within the run where it is long enough, otherwise to the
-    /// lowest speed at its end. Real-time safe.
+    /// Brakes as hard as the limits permit: to a stop within the run if it is long enough, otherwise to the lowest speed at its
+    /// end. Real-time safe.
     #[must_use]
     pub fn brake(from: ScalarState, length: f64, allowed: f64, limits: &ScalarLimits) -> Self {
-        let room = length - from.x;
+        let remaining = length - from.x;
         let change = |target: f64| Change::new(from, target, limits);
-        if change(0.0).distance <= room {
+        if change(0.0).distance <= remaining {
             return Self::one_change(from, f64::NAN, 0.0, limits, Outcome::Rests);
         }
         let high = allowed.min(from.relaxed_speed(limits.jerk));
-        if change(high).distance <= room {
-            let speed = bisect(high, 0.0, |v| change(v).distance <= room);
-            return Self::one_change(from, room, speed, limits, Outcome::Exits);
+        if change(high).distance <= remaining {
+            let speed = bisect(high, 0.0, |v| change(v).distance <= remaining);
+            return Self::one_change(from, remaining, speed, limits, Outcome::Exits);
         }
-        Self::last_resort(from, room, allowed, limits)
+        Self::last_resort(from, remaining, allowed, limits)
     }
 
-    /// The quickest change to a speed, with zero acceleration at its end.
+    /// The fastest change to a speed, with zero acceleration at its end.
     pub(crate) fn change(from: ScalarState, speed: f64, limits: &ScalarLimits) -> Self {
         Self::one_change(from, f64::NAN, speed, limits, Outcome::Exits)
     }
 
-    /// Ends a change that is over but for rounding. The time that a change takes is the root of what is left of
-    /// it, so a speed that is wrong in its last digit only asks for a distance far above rounding. Bringing the
-    /// acceleration to zero at once instead ends that last digit above `target`.
-    fn release(from: ScalarState, room: f64, target: f64, limits: &ScalarLimits) -> Option<Self> {
+    /// Completes a change that is finished except for rounding. The duration of a change is the root of the remaining speed
+    /// difference, so an error in the last digit of the speed costs a distance far above rounding. Bringing the acceleration to
+    /// zero at once ends above `target` by that last digit instead.
+    fn release(from: ScalarState, remaining: f64, target: f64, limits: &ScalarLimits) -> Option<Self> {
         let relaxed = from.relaxed_speed(limits.jerk);
-        let fits = |v: f64| Change::new(from, v, limits).distance <= room;
+        let fits = |v: f64| Change::new(from, v, limits).distance <= remaining;
         let over = (target..=target + SPEED_ROUNDING * from.v).contains(&relaxed);
         (over && fits(relaxed)).then(|| {
             let speed = bisect(relaxed, target, fits);
-            Self::one_change(from, room, speed, limits, Outcome::Exits)
+            Self::one_change(from, remaining, speed, limits, Outcome::Exits)
         })
     }
 
-    /// Brakes to `allowed`, or lets go at once below it, although neither quite fits: by rounding where the state
-    /// came from a profile that ends there, else because the state was not allowed.
+    /// Brakes to `allowed`, or releases at once below it, although neither quite fits: by rounding if the state came from a
+    /// profile that ends there, otherwise because the state was not permitted.
     ///
-    /// A little more jerk makes up for rounding. Passing the end instead would be seen: where the path comes to
-    /// rest, a nanometre too much is a step of acceleration.
-    fn last_resort(from: ScalarState, room: f64, allowed: f64, limits: &ScalarLimits) -> Self {
-        if let Some(released) = Self::release(from, room, allowed, limits) {
+    /// Slightly more jerk compensates rounding. Passing the end would be worse: where the path stops, an excess of 1 nm is a step
+    /// of acceleration.
+    fn last_resort(from: ScalarState, remaining: f64, allowed: f64, limits: &ScalarLimits) -> Self {
+        if let Some(released) = Self::release(from, remaining, allowed, limits) {
             return released;
         }
-        let with = |share: f64| {
-            let jerk = limits.jerk * (1.0 + share);
+        let with = |fraction: f64| {
+            let jerk = limits.jerk * (1.0 + fraction);
             (
                 ScalarLimits { jerk, ..*limits },
                 allowed.min(from.relaxed_speed(jerk)).max(0.0),
             )
         };
-        let overshoot = |share: f64| {
-            let (limits, target) = with(share);
-            Change::new(from, target, &limits).distance - room
+        let overshoot = |fraction: f64| {
+            let (limits, target) = with(fraction);
+            Change::new(from, target, &limits).distance - remaining
         };
-        let (share, outcome) = if overshoot(SPARE_JERK) <= 0.0 {
+        let (fraction, outcome) = if overshoot(SPARE_JERK) <= 0.0 {
             (
-                bisect(SPARE_JERK, 0.0, |share| overshoot(share) <= 0.0),
+                bisect(SPARE_JERK, 0.0, |fraction| overshoot(fraction) <= 0.0),
                 Outcome::Exits,
             )
-        } else if overshoot(0.0) <= Self::rounding(from.v, room, limits) {
+        } else if overshoot(0.0) <= Self::rounding(from.v, remaining, limits) {
             (0.0, Outcome::Exits)
         } else {
             (0.0, Outcome::Overruns)
         };
-        let (limits, target) = with(share);
-        Self::one_change(from, room, target, &limits, outcome)
+        let (limits, target) = with(fraction);
+        Self::one_change(from, remaining, target, &limits, outcome)
     }
 
-    /// By how much rounding can move the end of a change: `dv = target - v` is known to `eps v`, so the time
-    /// `sqrt(dv/J)` to `sqrt(eps v/J)`.
+    /// Error of the end of a change by rounding: `dv = target - v` is known to `eps v`, hence the time `sqrt(dv/J)` to
+    /// `sqrt(eps v/J)`.
     fn rounding(v: f64, length: f64, limits: &ScalarLimits) -> f64 {
         16.0 * v.abs() * (f64::EPSILON * v.abs() / limits.jerk).sqrt() + 1e-12 * length.abs()
     }
 
     fn one_change(
         from: ScalarState,
-        room: f64,
+        remaining: f64,
         target: f64,
         limits: &ScalarLimits,
         outcome: Outcome,
     ) -> Self {
         let change = Change::new(from, target, limits);
-        let mut pieces = [(0.0, 0.0); PIECES];
-        pieces[0] = (change.time[0], change.jerk);
-        pieces[1] = (change.time[1], 0.0);
-        pieces[2] = (change.time[2], -change.jerk);
-        // What is left over is cruised at the speed reached.
+        let mut phases = [(0.0, 0.0); MAX_PHASES];
+        phases[0] = (change.time[0], change.jerk);
+        phases[1] = (change.time[1], 0.0);
+        phases[2] = (change.time[2], -change.jerk);
+        // The remaining length is passed at the final speed.
         if outcome == Outcome::Exits && target > 0.0 {
-            pieces[3] = ((room - change.distance).max(0.0) / target, 0.0);
+            phases[3] = ((remaining - change.distance).max(0.0) / target, 0.0);
         }
-        Self::from_pieces(from, pieces, target, target, outcome)
+        Self::from_phases(from, phases, target, target, outcome)
     }
 
-    fn two_changes(from: ScalarState, room: f64, cruise: f64, exit: f64, limits: &ScalarLimits) -> Self {
+    fn two_changes(from: ScalarState, remaining: f64, cruise: f64, exit: f64, limits: &ScalarLimits) -> Self {
         let first = Change::new(from, cruise, limits);
         let second = Change::new(
             ScalarState {
@@ -235,8 +234,8 @@ impl Profile {
             exit,
             limits,
         );
-        let rest = room - first.distance - second.distance;
-        let pieces = [
+        let rest = remaining - first.distance - second.distance;
+        let phases = [
             (first.time[0], first.jerk),
             (first.time[1], 0.0),
             (first.time[2], -first.jerk),
@@ -250,20 +249,20 @@ impl Profile {
         } else {
             Outcome::Rests
         };
-        Self::from_pieces(from, pieces, cruise, exit, outcome)
+        Self::from_phases(from, phases, cruise, exit, outcome)
     }
 
-    fn from_pieces(
+    fn from_phases(
         start: ScalarState,
-        pieces: [(f64, f64); PIECES],
+        phases: [(f64, f64); MAX_PHASES],
         cruise: f64,
         exit_speed: f64,
         outcome: Outcome,
     ) -> Self {
-        let duration = pieces.iter().map(|piece| piece.0).sum();
+        let duration = phases.iter().map(|piece| piece.0).sum();
         Self {
             start,
-            pieces,
+            phases,
             cruise,
             duration,
             exit_speed,
@@ -271,13 +270,13 @@ impl Profile {
         }
     }
 
-    /// Seconds from start to end.
+    /// Duration in s.
     #[must_use]
     pub fn duration(&self) -> f64 {
         self.duration
     }
 
-    /// Speed at the end, where acceleration is zero.
+    /// Speed at the end, where the acceleration is zero.
     #[must_use]
     pub fn exit_speed(&self) -> f64 {
         self.exit_speed
@@ -289,11 +288,11 @@ impl Profile {
         self.outcome
     }
 
-    /// State and jerk `t` seconds after the start; at rest or at constant speed beyond the end. Real-time safe.
+    /// State and jerk `t` seconds after the start; at rest or at constant speed after the end. Real-time safe.
     #[must_use]
     pub fn at(&self, t: f64) -> (ScalarState, f64) {
         let (mut state, mut left) = (self.start, t);
-        for (i, &(time, jerk)) in self.pieces.iter().enumerate() {
+        for (i, &(time, jerk)) in self.phases.iter().enumerate() {
             if i == CRUISE {
                 (state.v, state.a) = (self.cruise, 0.0);
             }
@@ -311,10 +310,10 @@ impl Profile {
         (end.after((t - self.duration).max(0.0), 0.0), 0.0)
     }
 
-    /// The pieces of constant jerk that take time: state at their start, duration, jerk.
-    pub(crate) fn phases(&self) -> impl Iterator<Item = (ScalarState, f64, f64)> + '_ {
+    /// The phases of non-zero duration: state at the start, duration, jerk.
+    pub(crate) fn phase_states(&self) -> impl Iterator<Item = (ScalarState, f64, f64)> + '_ {
         let mut state = self.start;
-        self.pieces
+        self.phases
             .iter()
             .enumerate()
             .filter_map(move |(i, &(time, jerk))| {
@@ -346,7 +345,7 @@ mod tests {
         jerk: 50_000.0,
     };
 
-    /// Independent of the pieces: samples the profile and differentiates it.
+    /// Samples the profile and differentiates it, independently of its phases.
     fn assert_within(profile: &Profile, length: f64, from: ScalarState, limits: &ScalarLimits, what: &str) {
         let speed_cap = limits.velocity.max(from.relaxed_speed(limits.jerk)).max(from.v);
         let n = 400;
@@ -391,8 +390,8 @@ mod tests {
     }
 
     #[test]
-    fn rest_to_rest_takes_the_textbook_time() {
-        // Long: V/A + A/J + L/V. Short, jerk only: four equal pieces, T = 4 cbrt(L / (2 J)).
+    fn rest_to_rest_takes_the_closed_form_time() {
+        // Long: V/A + A/J + L/V. Short, jerk only: four equal phases, T = 4 cbrt(L / (2 J)).
         let long = Profile::solve(ScalarState::default(), 1000.0, 0.0, 0.0, &LIMITS);
         let expected = 200.0 / 2000.0 + 2000.0 / 50_000.0 + 1000.0 / 200.0;
         assert!((long.duration() - expected).abs() < 1e-9, "{}", long.duration());
@@ -402,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn profiles_keep_limits_and_land_from_any_allowed_state() {
+    fn profiles_keep_limits_and_reach_the_end() {
         let seed = 0x5eed_0001;
         println!("seed {seed:#x}");
         let mut random = Random::from_state(seed);
@@ -413,7 +412,7 @@ mod tests {
                 jerk: random.log(1e2, 1e7),
             };
             let length = random.log(1e-4, 1e3);
-            // An entry with a = 0 that the backward pass allows, then a moment on the way.
+            // An entry with a = 0 that the backward pass permits, then an instant during the profile.
             let exit_cap = limits.velocity * random.unit();
             let entry = reachable_speed(exit_cap, length, &limits).min(limits.velocity) * random.unit();
             let from = ScalarState {
@@ -464,8 +463,8 @@ mod tests {
     }
 
     #[test]
-    fn a_solved_profile_is_not_slower_than_any_sampled_one_of_its_family() {
-        // Independent optimum for a = 0 at both ends: the best peak speed by brute force.
+    fn a_solved_profile_is_the_fastest_of_its_family() {
+        // Independent optimum for a = 0 at both ends: the best peak speed by exhaustive search.
         let seed = 0x5eed_0002;
         println!("seed {seed:#x}");
         let mut random = Random::from_state(seed);
@@ -508,7 +507,7 @@ mod tests {
     }
 
     #[test]
-    fn no_history_of_changes_passes_the_end_by_more_than_rounding() {
+    fn repeated_changes_pass_the_end_by_rounding_only() {
         let seed = 0x5eed_0004;
         println!("seed {seed:#x}");
         let mut random = Random::from_state(seed);
@@ -529,8 +528,8 @@ mod tests {
             };
             let mut profile = Profile::solve(from, length, allowed, allowed, &limits);
             for _ in 0..20 {
-                // Half of the moments just before or after a piece ends, where roundings are magnified.
-                let border = profile.pieces[..(random.unit() * 7.0) as usize]
+                // Half of the instants are just before or after the end of a phase, where rounding is magnified.
+                let border = profile.phases[..(random.unit() * 7.0) as usize]
                     .iter()
                     .map(|piece| piece.0)
                     .sum::<f64>();
@@ -543,19 +542,19 @@ mod tests {
                 if moment.x >= length {
                     break;
                 }
-                let share = if random.unit() < 0.3 { 1.0 } else { random.unit() };
+                let fraction = if random.unit() < 0.3 { 1.0 } else { random.unit() };
                 let slower = ScalarLimits {
-                    velocity: limits.velocity * share,
+                    velocity: limits.velocity * fraction,
                     ..limits
                 };
                 profile = if random.unit() < 0.3 {
                     Profile::brake(moment, length, allowed, &limits)
                 } else {
-                    Profile::solve(moment, length, allowed * share, allowed, &slower)
+                    Profile::solve(moment, length, allowed * fraction, allowed, &slower)
                 };
                 let (end, what) = (profile.end(), format!("case {case} {moment:?} {limits:?}"));
                 let over = end.x - length;
-                // Where a change is over but for its last digits some of this is left, not all of it.
+                // After a change that is finished up to its last digits, part of this margin is used.
                 let slack = Profile::rounding(moment.v, 0.0, &limits);
                 worst = f64::max(worst, (over - 2e-14 * length) / slack);
                 beyond += u32::from(over > 1e-3 * slack + 2e-14 * length);

@@ -1,26 +1,26 @@
-//! From which speeds a boundary can be met.
+//! The entry speeds from which a boundary condition can be met.
 
 use crate::change::{BISECTIONS, SPEED_ROUNDING, ScalarLimits};
 
-/// The highest speed from which a run of `length` can be left at `exit` with zero acceleration at both ends
-/// (or, mirrored in time, reached from `exit`). The caller bounds it by the speed limits.
+/// The maximum entry speed of a run of `length` that can be left at `exit`, with zero acceleration at both ends (or, mirrored
+/// in time, the maximum exit speed after `exit`). The caller applies the speed limits.
 ///
-/// Closed form for the acceleration-limited case, a convex cubic by Newton's method otherwise; the result is
-/// rounded down by 1e-12 of the gain and by several roundings of the speed, so that the solver of the cycle finds
-/// it allowed even where rounding has made it enter a little faster.
+/// Closed form where the acceleration limit is reached, otherwise Newton's method on a convex cubic. The result is rounded
+/// down by 1e-12 of the gain and several roundings of the speed, so that the cycle's solver accepts it even if rounding has
+/// raised the entry speed slightly.
 ///
 /// ```
 /// use evolvent_timing::{ScalarLimits, reachable_speed};
 ///
 /// let limits = ScalarLimits { velocity: 100.0, acceleration: 1000.0, jerk: 10_000.0 };
-/// // From rest to 10 mm/s by jerk alone takes 2 sqrt(10/10000) s at 5 mm/s on average: 0.316 mm.
+/// // From rest to 10 mm/s, limited by jerk alone: 2 sqrt(10/10000) s at 5 mm/s on average, 0.316 mm.
 /// let length = 10.0 * (10.0_f64 / 10_000.0).sqrt();
 /// assert!((reachable_speed(0.0, length, &limits) - 10.0).abs() < 1e-8);
 /// ```
 #[must_use]
 pub fn reachable_speed(exit: f64, length: f64, limits: &ScalarLimits) -> f64 {
     let (a, j) = (limits.acceleration, limits.jerk);
-    // y^2 = dv:  (2 exit + y^2) y = length sqrt(J), convex and growing for y > 0.
+    // y^2 = dv:  (2 exit + y^2) y = length sqrt(J), convex and increasing for y > 0.
     let goal = length * j.sqrt();
     let mut y = libm::cbrt(goal);
     for _ in 0..BISECTIONS {
@@ -41,13 +41,13 @@ pub fn reachable_speed(exit: f64, length: f64, limits: &ScalarLimits) -> f64 {
     exit + gain.max(0.0)
 }
 
-/// The highest speed from which a run of `length` can be left at `exit`, and at every other speed up to
-/// `highest`: it never falls when `exit` grows.
+/// The maximum entry speed from which a run of `length` can be left at `exit` and at every speed from there to `highest`. It
+/// never decreases when `exit` increases.
 ///
-/// [`reachable_speed`] does. It takes longest to come down to `e = v/3`, or to `A^2/(2 J)` where that is less:
-/// there `(v + e)/2 T` has its one maximum. With jerk alone that is `L^2 J = 32/27 v^3`.
+/// [`reachable_speed`] can decrease: the braking distance has its maximum at the exit speed `e = v/3`, or at `A^2/(2 J)` if
+/// that is smaller; there `(v + e)/2 T` is largest. With jerk alone that is `L^2 J = 32/27 v^3`.
 #[must_use]
-pub fn lasting_speed(exit: f64, highest: f64, length: f64, limits: &ScalarLimits) -> f64 {
+pub fn monotone_reachable_speed(exit: f64, highest: f64, length: f64, limits: &ScalarLimits) -> f64 {
     let (a, j) = (limits.acceleration, limits.jerk);
     let farthest = (libm::cbrt(27.0 / 32.0 * length * length * j) / 3.0).min(0.5 * a * a / j);
     reachable_speed(exit.max(farthest.min(highest)), length, limits)
@@ -65,7 +65,7 @@ mod tests {
     };
 
     #[test]
-    fn reachable_speed_is_the_highest_from_which_the_exit_is_met() {
+    fn reachable_speed_is_the_maximum_entry_speed() {
         let seed = 0x5eed_0003;
         println!("seed {seed:#x}");
         let mut random = Random::from_state(seed);
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lasting_speed_meets_every_exit_and_is_the_highest_that_does() {
+    fn monotone_reachable_speed_is_maximal_for_all_exits() {
         let seed = 0x5eed_0005;
         println!("seed {seed:#x}");
         let mut random = Random::from_state(seed);
@@ -119,19 +119,13 @@ mod tests {
                 } else {
                     random.log(0.01, 300.0)
                 };
-            let speed = lasting_speed(exit, highest, length, &LIMITS);
-            let least = (0..=4000)
+            let speed = monotone_reachable_speed(exit, highest, length, &LIMITS);
+            let min = (0..=4000)
                 .map(|k| exit + (highest - exit) * (f64::from(k) / 4000.0).powi(4))
                 .map(|exit| reachable_speed(exit, length, &LIMITS))
                 .fold(f64::INFINITY, f64::min);
-            assert!(
-                speed <= least * (1.0 + 1e-9),
-                "case {case}: {speed} above {least}"
-            );
-            assert!(
-                speed >= least * (1.0 - 1e-4),
-                "case {case}: {speed} below {least}"
-            );
+            assert!(speed <= min * (1.0 + 1e-9), "case {case}: {speed} above {min}");
+            assert!(speed >= min * (1.0 - 1e-4), "case {case}: {speed} below {min}");
         }
     }
 }

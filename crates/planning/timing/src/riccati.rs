@@ -1,13 +1,12 @@
-//! Newton's step of a window by Riccati's recursion.
+//! Newton's step of a window by the Riccati recursion.
 //!
-//! Stage by stage from the end, the least value of the quadratic model that can still be reached is a quadratic
-//! form in the state `(a, b)` of a station; the control `c` of each interval follows from it. One division a
-//! stage, no matrix beyond 2 x 2.
+//! Stage by stage from the end, the minimum cost to go of the quadratic model is a quadratic form in the state `(a, b)` of a
+//! station; the control `c` of each interval follows from it. One division per stage, no matrix larger than 2 x 2.
 
 use crate::barrier::{Iterate, Local};
 use crate::window::Window;
 
-/// Gains of the controls, kept between calls for their memory only.
+/// Gains of the controls; kept between calls only to reuse the memory.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Riccati {
     gains: Vec<[f64; 3]>,
@@ -20,8 +19,8 @@ impl Riccati {
         }
     }
 
-    /// The step that minimises the quadratic model, with the first state's step `start` where the motion does not
-    /// begin at rest. Returns the directional derivative of the barrier function along it.
+    /// The step that minimises the quadratic model, with the given step `start` of the first state unless the motion starts at
+    /// rest. Returns the directional derivative of the barrier function along it.
     pub(crate) fn step(
         &mut self,
         window: &Window,
@@ -33,12 +32,12 @@ impl Riccati {
         step.reset(n);
         self.gains.clear();
         self.gains.resize(n, [0.0; 3]);
-        // Value form: p = (aa, ab, bb), r = linear part.
+        // Cost to go: p = (aa, ab, bb), r = linear part.
         let h = local.h[n];
         let (mut p, mut r) = ([h[0], h[1], h[2]], [local.g[n][0], local.g[n][1]]);
         for k in (0..n).rev() {
             let (d, h, g) = (window.d[k], local.h[k], local.g[k]);
-            // The whole stage by (a, b, c): next state is (a + 2 b d + c d^2, b + c d).
+            // The whole stage by (a, b, c): the next state is (a + 2 b d + c d^2, b + c d).
             let u = d * (p[0] * d + p[1]);
             let w = d * (p[1] * d + p[2]);
             let cc = h[5] + d * (d * u + w);

@@ -5,47 +5,47 @@ use crate::riccati::Riccati;
 use crate::start::InitialGuess;
 use crate::window::Window;
 
-/// Barrier parameter at the start, relative to the duration.
-pub(crate) const FIRST: f64 = 0.1;
+/// Barrier parameter at the start of a plan from rest, relative to the duration.
+pub(crate) const MU_FROM_REST: f64 = 0.1;
 /// The same where most of the motion is known.
-pub(crate) const KNOWN: f64 = 0.04;
-/// ... and at the end.
-pub(crate) const LAST: f64 = 4e-4;
-/// By which it falls from one centre to the next.
-const FALL: f64 = 0.2;
-/// Newton's decrement, as a share of the barrier's weight, below which an iterate counts as centred.
+pub(crate) const MU_WARM: f64 = 0.04;
+/// The final barrier parameter.
+pub(crate) const MU_FINAL: f64 = 4e-4;
+/// Factor of the barrier parameter from one centre to the next.
+const MU_FACTOR: f64 = 0.2;
+/// Newton decrement, relative to the barrier's weight, below which an iterate counts as centred.
 const CENTRED: f64 = 0.02;
-/// Share of the way to the nearest cap that a step may go.
-const TO_CAP: f64 = 0.98;
-/// Steps are shortened by this factor until they are feasible and descend.
-const SHORTER: f64 = 0.75;
-/// How much the first derivative of speed counts beside its distance from a guide.
-const LEAD_SLOPE: f64 = 0.02;
-/// How much the second derivative counts at first, and by which factor more where that leads out of the limits, in at
-/// most so many tries.
-const LEAD_SMOOTH: f64 = 0.2;
-const SMOOTHER: f64 = 5.0;
-const LEADS: usize = 3;
-/// Share of the way to the guide that is gone.
-const LEAD_FRACTION: f64 = 0.95;
-/// Most shortenings of one step.
-const SHORTENINGS: usize = 30;
+/// Maximum fraction of the way to the nearest cap that a step may go.
+const MAX_STEP_FRACTION: f64 = 0.98;
+/// Factor of the backtracking line search.
+const BACKTRACK_FACTOR: f64 = 0.75;
+/// Weight of the first derivative of the speed in the approach to the initial guess.
+const GUESS_SLOPE_WEIGHT: f64 = 0.02;
+/// Initial weight of its second derivative, the factor by which it grows after an infeasible attempt, and the number of
+/// attempts.
+const GUESS_SMOOTHNESS: f64 = 0.2;
+const GUESS_SMOOTHNESS_FACTOR: f64 = 5.0;
+const MAX_GUESSES: usize = 3;
+/// Fraction of the way to the initial guess.
+const GUESS_FRACTION: f64 = 0.95;
+/// Maximum number of backtracking steps of one line search.
+const MAX_BACKTRACKS: usize = 30;
 
-/// Working memory of the method.
+/// The state and working memory of the method.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Solver {
     pub(crate) x: Iterate,
     trial: Iterate,
-    /// An iterate to go back to, and the one from which that is done.
+    /// A feasible iterate to backtrack to, and the result from which to backtrack.
     base: Iterate,
     far: Iterate,
     step: Iterate,
     local: Local,
     riccati: Riccati,
     pub(crate) objective: Objective,
-    /// Factors on the barrier's weights, where the motion shall keep away from the limits.
-    pub(crate) stiff: Vec<f64>,
-    /// Linear weights on `u'^2` at stations that have to come down below what the start has there.
+    /// Factors on the barrier weights of the intervals, raised where the check between stations finds an excess.
+    pub(crate) constraint_weight: Vec<f64>,
+    /// Linear weights on `u'^2` at stations where the speed has to fall below that of the start.
     pub(crate) pull: Vec<f64>,
     pub(crate) iterations: u32,
 }
@@ -67,25 +67,25 @@ impl Solver {
                 linear: Vec::with_capacity(stations + 1),
                 weight: Vec::with_capacity(stations),
             },
-            stiff: Vec::with_capacity(stations),
+            constraint_weight: Vec::with_capacity(stations),
             pull: Vec::with_capacity(stations + 1),
             iterations: 0,
         }
     }
 
-    /// Forgets what an earlier window needed.
-    pub(crate) fn begin(&mut self, n: usize) {
+    /// Prepares for a window of `n` intervals.
+    pub(crate) fn reset(&mut self, n: usize) {
         self.iterations = 0;
-        self.stiff.clear();
-        self.stiff.resize(n, 1.0);
+        self.constraint_weight.clear();
+        self.constraint_weight.resize(n, 1.0);
         self.pull.clear();
         self.pull.resize(n + 1, 0.0);
         self.x.reset(n);
     }
 
-    /// Moves the first state by a little, and what follows with it, by the steering that costs the barrier least.
-    pub(crate) fn steer(&mut self, window: &Window, by: (f64, f64)) {
-        self.time_objective(window, FIRST);
+    /// Shifts the first state slightly, and the following states at the least cost to the barrier.
+    pub(crate) fn shift_start(&mut self, window: &Window, by: (f64, f64)) {
+        self.time_objective(window, MU_FROM_REST);
         assemble(window, &self.objective, &self.x, &mut self.local);
         self.local.g.fill([0.0; 3]);
         let _ = self.riccati.step(window, &self.local, by, &mut self.step);
@@ -93,50 +93,53 @@ impl Solver {
         self.x.along(&self.trial, &self.step, 1.0);
     }
 
-    /// Leads a crawl from rest towards a guide, if that stays within the limits: one step of least squares, in which speed
-    /// follows the guide and its derivatives are small over the guide's lengths.
-    pub(crate) fn lead(&mut self, window: &Window, guide: &InitialGuess) {
+    /// Moves a slow start motion towards the initial guess if that stays feasible: one least-squares step in which the speed
+    /// follows the guess and its derivatives are small over the guess's lengths.
+    pub(crate) fn approach_guess(&mut self, window: &Window, initial_guess: &InitialGuess) {
         let n = window.n();
         self.local.g.clear();
         self.local.h.clear();
         self.trial.copy(&self.x);
-        let mut smooth = LEAD_SMOOTH;
-        for _ in 0..LEADS {
+        let mut smooth = GUESS_SMOOTHNESS;
+        for _ in 0..MAX_GUESSES {
             self.local.g.clear();
             self.local.h.clear();
             for k in 0..=n {
-                let (aim, length, d) = (guide.a[k], guide.length[k], window.d[k.min(n - 1)]);
+                let (goal, length, d) = (
+                    initial_guess.a[k],
+                    initial_guess.length[k],
+                    window.d[k.min(n - 1)],
+                );
                 let (a, b) = (self.trial.a[k], self.trial.b[k]);
                 let c = if k < n { self.trial.c[k] } else { 0.0 };
-                let h = d / (aim * aim * aim.sqrt());
-                let hb = LEAD_SLOPE * h * length * length;
+                let h = d / (goal * goal * goal.sqrt());
+                let hb = GUESS_SLOPE_WEIGHT * h * length * length;
                 let hc = smooth * h * length * length * length * length;
-                self.local.g.push([h * (a - aim), hb * b, hc * c]);
+                self.local.g.push([h * (a - goal), hb * b, hc * c]);
                 self.local.h.push([h, 0.0, hb, 0.0, 0.0, hc]);
             }
             let _ = self.riccati.step(window, &self.local, (0.0, 0.0), &mut self.step);
-            self.x.along(&self.trial, &self.step, LEAD_FRACTION);
+            self.x.along(&self.trial, &self.step, GUESS_FRACTION);
             if self.feasible(window) {
                 return;
             }
-            smooth *= SMOOTHER;
+            smooth *= GUESS_SMOOTHNESS_FACTOR;
         }
         self.x.copy(&self.trial);
     }
 
-    /// Marks the iterate as one to go back to.
+    /// Saves the iterate as the one to backtrack to.
     pub(crate) fn mark(&mut self) {
         self.base.copy(&self.x);
     }
 
-    /// Marks the iterate as one to go back from.
+    /// Saves the iterate as the one to backtrack from.
     pub(crate) fn mark_end(&mut self) {
         self.far.copy(&self.x);
     }
 
-    /// Goes back to a share of the way from the marked iterate to the marked end. False where that is not within the
-    /// limits.
-    pub(crate) fn retreat(&mut self, window: &Window, share: f64) -> bool {
+    /// Moves to a fraction of the way between the two saved iterates. False if that is infeasible.
+    pub(crate) fn backtrack(&mut self, window: &Window, fraction: f64) -> bool {
         self.step.copy(&self.far);
         for (to, from) in [
             (&mut self.step.a, &self.base.a),
@@ -147,7 +150,7 @@ impl Solver {
                 *to -= from;
             }
         }
-        self.x.along(&self.base, &self.step, share);
+        self.x.along(&self.base, &self.step, fraction);
         self.feasible(window)
     }
 
@@ -157,7 +160,7 @@ impl Solver {
         value(window, &self.objective, &self.x).is_some()
     }
 
-    /// Duration as objective, barrier weights by the present times.
+    /// Sets the duration as objective, and the barrier weights from the present durations of the intervals.
     fn time_objective(&mut self, window: &Window, mu: f64) {
         let n = window.n();
         self.objective.linear.clone_from(&self.pull);
@@ -167,58 +170,60 @@ impl Solver {
             let middle = a + d * (self.x.b[k] + 0.25 * d * self.x.c[k]);
             let time = interval_time(d, a, middle.max(1e-300), self.x.a[k + 1]);
             let pull = 0.5 * (self.pull[k] * a + self.pull[k + 1] * self.x.a[k + 1]);
-            self.objective.weight.push(mu * (time + pull) * self.stiff[k]);
+            self.objective
+                .weight
+                .push(mu * (time + pull) * self.constraint_weight[k]);
         }
     }
 
-    /// Follows the centres from barrier parameter `mu` down to [`LAST`], in at most `most` steps. Returns the barrier
-    /// parameter reached.
-    pub(crate) fn descend(&mut self, window: &Window, mut mu: f64, most: u32) -> f64 {
-        let limit = self.iterations + most;
+    /// Follows the central path from barrier parameter `mu` down to [`MU_FINAL`] in at most `max` steps. Returns the final
+    /// barrier parameter.
+    pub(crate) fn descend(&mut self, window: &Window, mut mu: f64, max: u32) -> f64 {
+        let limit = self.iterations + max;
         loop {
             self.time_objective(window, mu);
             let left = limit.saturating_sub(self.iterations);
-            let share = if mu > LAST { 10.0 * CENTRED } else { CENTRED };
-            self.newton(window, left, share * self.weight());
-            if mu <= LAST || self.iterations >= limit {
+            let fraction = if mu > MU_FINAL { 10.0 * CENTRED } else { CENTRED };
+            self.newton(window, left, fraction * self.weight());
+            if mu <= MU_FINAL || self.iterations >= limit {
                 return mu;
             }
-            mu = (mu * FALL).max(LAST);
+            mu = (mu * MU_FACTOR).max(MU_FINAL);
         }
     }
 
-    /// A few steps at barrier parameter `mu`.
-    pub(crate) fn centre(&mut self, window: &Window, mu: f64, most: u32) {
+    /// Performs a few steps at barrier parameter `mu`.
+    pub(crate) fn centre(&mut self, window: &Window, mu: f64, max: u32) {
         self.time_objective(window, mu);
-        self.newton(window, most, CENTRED * self.weight());
+        self.newton(window, max, CENTRED * self.weight());
     }
 
-    /// A few steps at [`LAST`] after some intervals were made stiffer. How far from its centre the motion is there says
-    /// nothing beside the weight of the whole: it is measured by the least of the weights that were raised.
-    pub(crate) fn follow_stiff(&mut self, window: &Window, most: u32) {
-        self.time_objective(window, LAST);
-        let raised = (self.objective.weight.iter().zip(&self.stiff))
-            .filter(|(_, stiff)| **stiff > 1.0)
+    /// Performs a few steps at [`MU_FINAL`] after some constraint weights were raised. The decrement there is small compared to
+    /// the weight of the whole window, so the smallest raised weight is the measure.
+    pub(crate) fn recentre_weighted(&mut self, window: &Window, max: u32) {
+        self.time_objective(window, MU_FINAL);
+        let weights_raised = (self.objective.weight.iter().zip(&self.constraint_weight))
+            .filter(|(_, constraint_weight)| **constraint_weight > 1.0)
             .map(|(weight, _)| *weight)
             .fold(self.weight(), f64::min);
-        self.newton(window, most, CENTRED * raised);
+        self.newton(window, max, CENTRED * weights_raised);
     }
 
     fn weight(&self) -> f64 {
         self.objective.weight.iter().sum()
     }
 
-    /// At most `most` steps, until one promises less than `centred`.
-    fn newton(&mut self, window: &Window, most: u32, centred: f64) {
+    /// Performs at most `max` Newton steps, until the predicted decrease is below `centred`.
+    fn newton(&mut self, window: &Window, max: u32, centred: f64) {
         let Some(mut now) = value(window, &self.objective, &self.x) else {
             return;
         };
         self.trial.copy(&self.x);
-        for _ in 0..most {
+        for _ in 0..max {
             self.iterations += 1;
             assemble(window, &self.objective, &self.x, &mut self.local);
             let slope = self.riccati.step(window, &self.local, (0.0, 0.0), &mut self.step);
-            // NaN is no descent either.
+            // NaN is not a descent.
             if slope.is_nan() || slope >= -centred {
                 return;
             }
@@ -230,24 +235,24 @@ impl Solver {
         }
     }
 
-    /// A feasible step along the direction that descends; its value.
+    /// Line search: a feasible step along the direction that decreases the function. Returns the new value.
     fn search(&mut self, window: &Window, now: f64, slope: f64) -> Option<f64> {
         let mut t: f64 = 1.0;
         for ((step, a), cap) in self.step.a.iter().zip(&self.x.a).zip(&window.cap) {
             if *step > 0.0 {
-                t = t.min(TO_CAP * (cap - a) / step);
+                t = t.min(MAX_STEP_FRACTION * (cap - a) / step);
             } else if *step < 0.0 {
-                t = t.min(-TO_CAP * a / step);
+                t = t.min(-MAX_STEP_FRACTION * a / step);
             }
         }
-        for _ in 0..SHORTENINGS {
+        for _ in 0..MAX_BACKTRACKS {
             self.trial.along(&self.x, &self.step, t);
             if let Some(next) = value(window, &self.objective, &self.trial)
                 && next <= now + 1e-4 * t * slope
             {
                 return Some(next);
             }
-            t *= SHORTER;
+            t *= BACKTRACK_FACTOR;
         }
         None
     }

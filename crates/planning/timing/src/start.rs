@@ -1,19 +1,19 @@
-//! Feasible motions to start the solver from.
+//! Feasible motions from which the solver starts.
 
 use evolvent_path::AXES;
 
 use crate::barrier::Iterate;
 use crate::limits::PathLimits;
 use crate::stub::Stub;
-use crate::warm_start::Segment;
+use crate::warm_start::SolvedSpan;
 use crate::window::Window;
 
-/// Over how many lengths of the stub the acceleration fades between it and the crawl.
+/// Length over which the acceleration fades between the stub and the slow motion, in stub lengths.
 pub(crate) const FADE: f64 = 20.0;
-/// Share of what the limits allow at which the crawl begins to be tried.
-const SHARE: f64 = 0.3;
+/// Fraction of the permitted `u'^2` at which the first slow motion is tried.
+const CRAWL_FRACTION: f64 = 0.3;
 
-/// How the acceleration fades at distance `x` from a stub over `length`, within `room`.
+/// The fading factor of the acceleration at distance `x` from a stub, over `length` but at most 45 % of `total`.
 fn fade(x: f64, length: f64, room: f64) -> f64 {
     let reach = length.min(0.45 * room);
     if x < reach {
@@ -24,31 +24,30 @@ fn fade(x: f64, length: f64, room: f64) -> f64 {
     }
 }
 
-/// Sets the stations that lie on `segments`, which the window may divide further. Returns the index of the first
-/// station behind them; its state is that of their end.
-pub(crate) fn fill(window: &Window, segments: &[Segment], x: &mut Iterate) -> usize {
+/// Sets the stations on `segments`, which the window may divide further. Returns the index of the first station after them,
+/// which has the state of their end.
+pub(crate) fn fill(window: &Window, solved_spans: &[SolvedSpan], x: &mut Iterate) -> usize {
     let (mut k, n) = (0, window.n());
-    for segment in segments {
+    for solved_span in solved_spans {
         let mut at = 0.0;
-        while at < segment.span.length * (1.0 - 1e-9) && k < n {
-            (x.a[k], x.b[k]) = segment.at(at);
-            x.c[k] = segment.c;
+        while at < solved_span.span.length * (1.0 - 1e-9) && k < n {
+            (x.a[k], x.b[k]) = solved_span.at(at);
+            x.c[k] = solved_span.c;
             at += window.d[k];
             k += 1;
         }
-        (x.a[k], x.b[k]) = segment.at(segment.span.length);
+        (x.a[k], x.b[k]) = solved_span.at(solved_span.span.length);
     }
     k
 }
 
-/// Sets the stations from `first` on to a crawl at `u'^2 = level` that ends in the last stub, from so many lengths of
-/// it on. The state at `first`
-/// is taken as `level` with zero acceleration unless that is the last station but one and the stub is upon it.
+/// Sets the stations from `first` to a slow motion at `u'^2 = level` that decelerates over this many lengths of the last stub.
+/// The state at `first` is `level` with zero acceleration, unless `first` is the last station but one.
 pub(crate) fn crawl_to_end(window: &Window, first: usize, level: f64, lengths: f64, x: &mut Iterate) {
     let n = window.n();
     let room: f64 = window.d[first..].iter().sum();
     let stub = window.end.length;
-    // From the end: shape of b at the stations, and twice its integral.
+    // From the end: the shape of b at the stations, and twice its integral.
     let (mut twice, mut at) = (0.0, 0.0);
     x.b[n] = 1.0;
     for k in (first..n).rev() {
@@ -71,7 +70,7 @@ pub(crate) fn crawl_to_end(window: &Window, first: usize, level: f64, lengths: f
     }
 }
 
-/// Sets all stations to a crawl from rest to rest at `u'^2 = level`.
+/// Sets all stations to a slow motion from rest to rest at `u'^2 = level`.
 pub(crate) fn feasible_start(window: &Window, level: f64, x: &mut Iterate) {
     let n = window.n();
     let total: f64 = window.d.iter().sum();
@@ -117,20 +116,19 @@ pub(crate) fn feasible_start(window: &Window, level: f64, x: &mut Iterate) {
         x.c[k] = (x.b[k + 1] - x.b[k]) / window.d[k];
         x.a[k + 1] = x.a[k] + (x.b[k] + x.b[k + 1]) * window.d[k];
     }
-    // The last state lies on the stub's line but for rounding, which grows along the path: to the bit, then.
+    // The last state must be on the stub's line exactly, but rounding grows along the path.
     x.a[n] = -1.5 * end * x.b[n];
 }
 
-/// The level at which a crawl may be tried.
+/// The `u'^2` of the first slow motion that is tried.
 pub(crate) fn crawl_level(window: &Window, first: usize, limits: &PathLimits) -> f64 {
     (first..window.n())
         .map(|k| window.steady(k, limits))
         .fold(f64::INFINITY, f64::min)
-        * SHARE
+        * CRAWL_FRACTION
 }
 
-/// What a motion that begins with a crawl is led towards: `u'^2` at the stations, and the length over which speed may
-/// change much there.
+/// The initial guess of a motion: `u'^2` at the stations, and the length over which the speed may change significantly there.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct InitialGuess {
     pub(crate) a: Vec<f64>,
@@ -146,20 +144,20 @@ impl InitialGuess {
     }
 }
 
-/// Share of what a constant speed may have that the guide has, in `u'^2`.
+/// Fraction of the permitted constant `u'^2` that the initial guess has.
 const STEADY_FRACTION: f64 = 0.6;
-/// Growth of `u'^2` along the path: shares of acceleration and of the root of jerk.
+/// Growth of `u'^2` along the path: fractions of acceleration and of the root of jerk.
 const GUIDE_GROWTH: (f64, f64) = (0.6, 0.7);
 
-/// A speed without jumps that is about half of what the path allows: the least of what each place allows a constant
-/// speed and of what can be reached from its neighbours.
-pub(crate) fn guide(window: &Window, limits: &PathLimits, x: &Iterate, out: &mut InitialGuess) {
+/// A continuous speed of about half of what the path permits: at each station the minimum of the permitted constant speed and
+/// of what is reachable from the neighbours.
+pub(crate) fn initial_guess(window: &Window, limits: &PathLimits, x: &Iterate, out: &mut InitialGuess) {
     let n = window.n();
     let axes = limits.axes();
     out.a.clear();
     out.length.clear();
     let mut growths = std::mem::take(&mut out.length);
-    // Along the tangent: acceleration and the root of jerk, for the interval before and behind a station.
+    // Along the tangent: acceleration and the root of jerk, for the intervals before and after a station.
     let tangential = |k: usize, point: usize| {
         let first = &window.cells[window.span_index(k)].points[point].first;
         let (mut acceleration, mut jerk) = (f64::INFINITY, f64::INFINITY);
@@ -169,7 +167,7 @@ pub(crate) fn guide(window: &Window, limits: &PathLimits, x: &Iterate, out: &mut
         }
         (acceleration.min(1e30), jerk.min(1e30))
     };
-    let stub = |end: Stub| 0.75 * end.length * end.most;
+    let stub = |end: Stub| 0.75 * end.length * end.max_b;
     for k in 0..=n {
         let before = k
             .checked_sub(1)

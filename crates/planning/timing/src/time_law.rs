@@ -1,20 +1,20 @@
-//! How the path parameter runs over one piece.
+//! The path parameter as a function of time over one piece.
 
 use crate::change::ScalarState;
 
-/// Largest `|c t^2|` for which the power series are used; beyond it `libm`.
+/// Maximum `|c t^2|` for the power series; beyond it `libm` is used.
 const SERIES_RANGE: f64 = 1.0;
-/// From which growth of speed on the duration of a piece is begun with in closed form.
-const GROWS: f64 = 4.0;
-/// Steps of the search for the time at which a place is reached. Newton's method needs 2 to 5; bisection between.
-const STEPS: usize = 60;
+/// Growth of the speed from which the closed form is the initial guess of the duration.
+const CLOSED_FORM_GROWTH: f64 = 4.0;
+/// Maximum iterations of the inverse functions. Newton's method takes 2 to 5; bisections may interleave.
+const MAX_ITERATIONS: usize = 60;
 
-/// How the path parameter runs in time, `x` from the piece's start.
+/// The path parameter as a function of time; `x` is counted from the start of the piece.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TimeLaw {
-    /// `u'' = b + c x`: acceleration linear in the parameter, so jerk `c u'`. With `v` at the start,
-    /// `x(t) = v sinh(w t)/w + b (cosh(w t) - 1)/w^2`, `w^2 = c` (sines where `c` is negative).
-    Flow {
+    /// `u'' = b + c x`: the acceleration is linear in the parameter, so the jerk is `c u'`. With `v` at the start,
+    /// `x(t) = v sinh(w t)/w + b (cosh(w t) - 1)/w^2`, `w^2 = c` (sine and cosine if `c` is negative).
+    LinearAcceleration {
         /// Speed at the start.
         v: f64,
         /// Acceleration at the start.
@@ -22,8 +22,8 @@ pub enum TimeLaw {
         /// Change of acceleration per unit of the parameter.
         c: f64,
     },
-    /// Constant jerk: at the ends of a motion, where `c = u'''/u'` would be infinite.
-    Jerk {
+    /// Constant jerk, for the ends of a motion, where `c = u'''/u'` would be infinite.
+    ConstantJerk {
         /// Speed at the start.
         v: f64,
         /// Acceleration at the start.
@@ -34,12 +34,12 @@ pub enum TimeLaw {
 }
 
 impl TimeLaw {
-    /// The same law driven `rate` times as fast, over the same length. Real-time safe.
+    /// The same law executed `rate` times as fast, over the same length. Real-time safe.
     ///
     /// ```
     /// use evolvent_timing::TimeLaw;
     ///
-    /// let law = TimeLaw::Flow { v: 10.0, b: 4.0, c: -3.0 };
+    /// let law = TimeLaw::LinearAcceleration { v: 10.0, b: 4.0, c: -3.0 };
     /// let (at_full, _) = law.at(0.2);
     /// let (at_half, _) = law.slowed_down(0.5).at(0.4);
     /// assert!((at_full.x - at_half.x).abs() < 1e-12 && (at_full.v - 2.0 * at_half.v).abs() < 1e-12);
@@ -48,12 +48,12 @@ impl TimeLaw {
     pub fn slowed_down(self, rate: f64) -> Self {
         let square = rate * rate;
         match self {
-            Self::Jerk { v, a, j } => Self::Jerk {
+            Self::ConstantJerk { v, a, j } => Self::ConstantJerk {
                 v: rate * v,
                 a: square * a,
                 j: square * rate * j,
             },
-            Self::Flow { v, b, c } => Self::Flow {
+            Self::LinearAcceleration { v, b, c } => Self::LinearAcceleration {
                 v: rate * v,
                 b: square * b,
                 c: square * c,
@@ -61,11 +61,11 @@ impl TimeLaw {
         }
     }
 
-    /// State and jerk `t` seconds after the piece's start. Real-time safe: closed form, no allocation.
+    /// State and jerk `t` seconds after the start of the piece. Real-time safe: closed form, no allocation.
     #[must_use]
     pub fn at(&self, t: f64) -> (ScalarState, f64) {
         match *self {
-            Self::Flow { v, b, c } => {
+            Self::LinearAcceleration { v, b, c } => {
                 let (sine, versine) = waves(c, t);
                 let x = v * sine + b * versine;
                 let speed = (v + (c * v * versine + b * sine)).max(0.0);
@@ -76,7 +76,7 @@ impl TimeLaw {
                 };
                 (state, c * speed)
             }
-            Self::Jerk { v, a, j } => {
+            Self::ConstantJerk { v, a, j } => {
                 let state = ScalarState { x: 0.0, v, a }.after(t, j);
                 (
                     ScalarState {
@@ -89,8 +89,8 @@ impl TimeLaw {
         }
     }
 
-    /// The time in `0..=duration` at which the place `x` is reached, for a law that never runs backwards on it.
-    /// Real-time safe: bounded steps, no allocation.
+    /// The time in `0..=duration` at which position `x` is reached, for a law that does not run backwards. Real-time safe:
+    /// bounded iterations, no allocation.
     #[must_use]
     pub fn time_to(&self, x: f64, duration: f64) -> f64 {
         if x.is_nan() || x <= 0.0 {
@@ -102,7 +102,7 @@ impl TimeLaw {
             return duration;
         }
         let mut t = duration * x / end.x;
-        for _ in 0..STEPS {
+        for _ in 0..MAX_ITERATIONS {
             let now = self.at(t).0;
             let miss = now.x - x;
             if miss > 0.0 {
@@ -124,23 +124,23 @@ impl TimeLaw {
         t
     }
 
-    /// How long the piece takes over `length`, for a law that runs forwards all the way. Where rounding lets it
-    /// stand still a hair before the end, the time of its highest place.
+    /// The duration over `length`, for a law that runs forwards throughout. If rounding stops it just before the end, the time of
+    /// its maximum.
     pub(crate) fn duration(&self, length: f64) -> f64 {
         let mut t = match *self {
-            Self::Flow { v, b, c } => {
+            Self::LinearAcceleration { v, b, c } => {
                 let end = (v * v + length * (2.0 * b + c * length)).max(0.0).sqrt();
                 let middle = (v * v + length * (b + 0.25 * c * length)).max(0.0).sqrt();
-                if end > GROWS * v && c > 0.0 {
-                    // Newton's method alone takes a step for every unit of w t here, w^2 = c. But length by the sum of
-                    // the speeds at both ends is tanh(w t/2)/w.
+                if end > CLOSED_FORM_GROWTH * v && c > 0.0 {
+                    // Newton's method alone takes one iteration per unit of w t here, w^2 = c. The length divided by the sum of the speeds
+                    // at both ends is tanh(w t/2)/w.
                     let w = c.sqrt();
                     2.0 * libm::atanh((w * length / (v + end)).min(1.0 - f64::EPSILON)) / w
                 } else {
                     length / ((v + 4.0 * middle + end) / 6.0).max(v).max(1e-300)
                 }
             }
-            Self::Jerk { v, a, j } => {
+            Self::ConstantJerk { v, a, j } => {
                 if v == 0.0 && a == 0.0 {
                     return libm::cbrt(6.0 * length / j);
                 }
@@ -148,7 +148,7 @@ impl TimeLaw {
             }
         };
         let (mut low, mut high) = (0.0, f64::INFINITY);
-        for _ in 0..STEPS {
+        for _ in 0..MAX_ITERATIONS {
             let now = self.at(t).0;
             let miss = now.x - length;
             if miss > 0.0 {
@@ -221,14 +221,14 @@ mod tests {
     use evolvent_random::Random;
 
     #[test]
-    fn the_duration_of_a_flow_is_found_where_speed_grows_many_times_over() {
+    fn durations_are_accurate_for_large_speed_growth() {
         // From a speed v without acceleration x = v sinh(w t)/w, so w t = asinh(w x/v).
         for growth in [1e-9, 1e-3, 1.0, 1e3, 1e6] {
             for c in [1e-3, 1.0, 3428.0, 1e6_f64] {
                 let (v, w) = (0.03, c.sqrt());
                 let length = growth * v / w;
                 let expected = libm::asinh(growth) / w;
-                let found = TimeLaw::Flow { v, b: 0.0, c }.duration(length);
+                let found = TimeLaw::LinearAcceleration { v, b: 0.0, c }.duration(length);
                 assert!(
                     (found / expected - 1.0).abs() < 1e-9,
                     "{growth} {c}: {found} {expected}"
@@ -238,17 +238,17 @@ mod tests {
     }
 
     #[test]
-    fn a_flow_solves_its_differential_equation_on_both_sides_of_the_series() {
+    fn linear_acceleration_solves_its_equation() {
         let seed = 0x1a_0001;
         println!("seed {seed:#x}");
         let mut random = Random::from_state(seed);
         for case in 0..500 {
             let (v, b) = (random.log(1e-3, 300.0), 2000.0 * (random.unit() - 0.5));
             let t = random.log(1e-5, 0.1);
-            // z of either sign from tiny to beyond the range of the series.
+            // z of either sign, from tiny to beyond the range of the series.
             let c = random.log(1e-6, 6.0) / (t * t) * (random.unit() - 0.5).signum();
-            let law = TimeLaw::Flow { v, b, c };
-            // Runge-Kutta of order four in 2000 steps, independent of any closed form.
+            let law = TimeLaw::LinearAcceleration { v, b, c };
+            // Fourth-order Runge-Kutta in 2000 steps, independent of any closed form.
             let (mut x, mut speed) = (0.0, v);
             let h = t / 2000.0;
             for _ in 0..2000 {
@@ -283,17 +283,17 @@ mod tests {
     }
 
     #[test]
-    fn time_to_inverts_every_law_and_duration_ends_it_at_its_length() {
+    fn time_to_and_duration_invert_every_law() {
         let seed = 0x1a_0002;
         println!("seed {seed:#x}");
         let mut random = Random::from_state(seed);
         for case in 0..3000 {
             let v = random.log(1e-3, 300.0);
             let length = random.log(1e-6, 10.0);
-            // Any law that keeps at least a hundredth of its speed all the way.
+            // Any law that keeps at least 1 % of its speed throughout.
             let b = v * v / length * (random.unit() - 0.4);
             let c = v * v / (length * length) * (random.unit() - 0.2);
-            let law = TimeLaw::Flow { v, b, c };
+            let law = TimeLaw::LinearAcceleration { v, b, c };
             if (0..=100).any(|k| {
                 let x = length * f64::from(k) / 100.0;
                 v * v + x * (2.0 * b + c * x) < 1e-4 * v * v
@@ -315,7 +315,7 @@ mod tests {
             }
         }
         // From rest, where the speed is zero: x = j t^3 / 6.
-        let law = TimeLaw::Jerk {
+        let law = TimeLaw::ConstantJerk {
             v: 0.0,
             a: 0.0,
             j: 6.0,
@@ -325,7 +325,7 @@ mod tests {
         assert!((law.time_to(1.0, duration) - 1.0).abs() < 1e-13);
         assert!((law.time_to(1e-12, duration) - 1e-4).abs() < 1e-13);
         // And to rest.
-        let law = TimeLaw::Jerk {
+        let law = TimeLaw::ConstantJerk {
             v: 12.0,
             a: -12.0,
             j: 6.0,

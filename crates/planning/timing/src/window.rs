@@ -1,4 +1,4 @@
-//! The stations of one window with their rows, packed for the solver.
+//! The stations of one window with their constraints, packed for the solver.
 
 use evolvent_path::AXES;
 use wide::f64x2;
@@ -8,13 +8,13 @@ use crate::grid::Grid;
 use crate::limits::PathLimits;
 use crate::stub::Stub;
 
-/// Share of the axes' acceleration that is planned with: what may be gained between stations.
+/// Fraction of the acceleration limit used for planning; the rest is for excesses between the stations.
 const ACCELERATION_MARGIN: f64 = 0.9997;
 /// The same for jerk.
 const JERK_MARGIN: f64 = 0.997;
 /// The same for speed.
 const SPEED_MARGIN: f64 = 0.9999;
-/// Above every meaningful speed.
+/// Exceeds every real speed.
 pub(crate) const UNLIMITED: f64 = 1e9;
 
 /// A part of a grid interval between two stations of the window.
@@ -22,39 +22,39 @@ pub(crate) const UNLIMITED: f64 = 1e9;
 pub(crate) struct Span {
     /// Absolute index of the grid interval.
     pub(crate) interval: u64,
-    /// Offset from the interval's start.
+    /// Offset from the start of the interval.
     pub(crate) x: f64,
     pub(crate) length: f64,
 }
 
-/// Stations `0..=n` with the intervals between them; at rest beyond either end there may be a stub.
+/// Stations `0..=n` and the intervals between them; at an end at rest there is a stub in addition.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Window {
-    /// All spans, stubs included.
+    /// All spans, including stubs.
     pub(crate) spans: Vec<Span>,
     pub(crate) cells: Vec<Cell>,
     /// Whether the first span is a stub; the last one always is.
     pub(crate) from_rest: bool,
-    /// The axes that move, and how many they are.
+    /// The axes that move, and their number.
     pub(crate) active: [usize; AXES],
     pub(crate) count: usize,
     pub(crate) inverse_a: [f64; AXES],
     pub(crate) inverse_j: [f64; AXES],
     /// Lengths of the `n` intervals.
     pub(crate) d: Vec<f64>,
-    /// Per pair of neighbouring intervals and axis that moves: point (start, middle, end) and derivative (first, second,
-    /// third), a number for either interval. Of an odd count the last interval stands in both places.
+    /// Per pair of neighbouring intervals and moving axis: point (start, middle, end) and derivative (first, second, third), one
+    /// number for each of the two intervals. With an odd number of intervals the last one fills both places.
     pub(crate) rows: Vec<f64x2>,
-    /// Caps of `u'^2` at stations and in the middle of intervals.
+    /// Caps of `u'^2` at the stations and in the middle of the intervals.
     pub(crate) cap: Vec<f64>,
     pub(crate) middle_cap: Vec<f64>,
-    /// 1 for intervals with rows in the middle, 0 where second and third derivatives vanish.
-    pub(crate) bent: Vec<f64>,
-    /// 1 where the derivatives step at the end, so that there are rows of acceleration on both sides; otherwise 0.
+    /// 1 for intervals with constraints in the middle, 0 where second and third derivatives vanish.
+    pub(crate) curved: Vec<f64>,
+    /// 1 where the derivatives step at the end, so that both sides have acceleration constraints; otherwise 0.
     pub(crate) joints: Vec<f64>,
-    /// Factors on the rows of acceleration and of jerk of one interval, below 1 where a start needs more room.
-    pub(crate) loose: Vec<(f64, f64)>,
-    /// Whether caps were lifted for a start above them.
+    /// Factors on the acceleration and jerk constraints of each interval, below 1 where a start needs a margin.
+    pub(crate) relaxation: Vec<(f64, f64)>,
+    /// Whether caps were raised for a start above them.
     pub(crate) lifted: bool,
     pub(crate) start: Stub,
     pub(crate) end: Stub,
@@ -69,14 +69,14 @@ impl Window {
             rows: Vec::with_capacity((stations / 2 + 1) * 9 * AXES),
             cap: Vec::with_capacity(stations + 1),
             middle_cap: Vec::with_capacity(stations),
-            bent: Vec::with_capacity(stations),
+            curved: Vec::with_capacity(stations),
             joints: Vec::with_capacity(stations),
-            loose: Vec::with_capacity(stations),
+            relaxation: Vec::with_capacity(stations),
             ..Self::default()
         }
     }
 
-    /// Intervals between stations.
+    /// Number of intervals between stations.
     pub(crate) fn n(&self) -> usize {
         self.d.len()
     }
@@ -91,7 +91,7 @@ impl Window {
         k + usize::from(self.from_rest)
     }
 
-    /// Fills `cells` for `spans`. False where the grid does not know a span.
+    /// Fills `cells` for `spans`. False if the grid does not contain a span.
     pub(crate) fn fetch(&mut self, grid: &Grid) -> bool {
         self.cells.clear();
         for span in &self.spans {
@@ -102,13 +102,13 @@ impl Window {
                 self.cells.push(*cell);
                 continue;
             }
-            let Some(stretch) = grid.stretch(cell.stretch) else {
+            let Some(segment) = grid.segment(cell.segment) else {
                 return false;
             };
             let ends = span.x + span.length >= cell.length * (1.0 - 1e-12);
             let mut part = Cell::new(
-                stretch,
-                cell.stretch,
+                segment,
+                cell.segment,
                 cell.from + span.x,
                 span.length,
                 grid.limits(),
@@ -119,8 +119,8 @@ impl Window {
         true
     }
 
-    /// Packs the rows of all spans; `gentle` is the share of the jerk limit that the last stub may use.
-    pub(crate) fn pack(&mut self, limits: &PathLimits, factor: f64, gentle: f64) {
+    /// Packs the constraints of all spans; the last stub may use `end_jerk_fraction` of the jerk limit.
+    pub(crate) fn pack(&mut self, limits: &PathLimits, factor: f64, end_jerk_fraction: f64) {
         let axes = limits.axes();
         self.count = 0;
         for i in 0..AXES {
@@ -142,7 +142,7 @@ impl Window {
         self.rows.clear();
         self.cap.clear();
         self.middle_cap.clear();
-        self.bent.clear();
+        self.curved.clear();
         self.joints.clear();
         for k in lead..last {
             let cell = &self.cells[k];
@@ -165,8 +165,8 @@ impl Window {
                 .points
                 .iter()
                 .all(|p| p.second == p.third && p.third.amax() == 0.0);
-            let joint = next.stretch != cell.stretch;
-            self.bent.push(if straight { 0.0 } else { 1.0 });
+            let joint = next.segment != cell.segment;
+            self.curved.push(if straight { 0.0 } else { 1.0 });
             self.joints.push(if joint { 1.0 } else { 0.0 });
         }
         for k in lead..=last {
@@ -178,40 +178,46 @@ impl Window {
             self.cap.push(square(speed));
         }
         self.lifted = false;
-        self.loose.clear();
-        self.loose.resize(self.d.len(), (1.0, 1.0));
+        self.relaxation.clear();
+        self.relaxation.resize(self.d.len(), (1.0, 1.0));
         self.start = if self.from_rest {
             Stub::new(&self.cells[0], limits, factor, JERK_MARGIN, false)
         } else {
             Stub::default()
         };
-        self.end = Stub::new(&self.cells[last], limits, factor, JERK_MARGIN * gentle, true);
+        self.end = Stub::new(
+            &self.cells[last],
+            limits,
+            factor,
+            JERK_MARGIN * end_jerk_fraction,
+            true,
+        );
     }
 
-    /// The highest `u'^2` at which interval `k` may be gone through at constant speed.
+    /// The maximum `u'^2` at which interval `k` may be passed at constant speed.
     pub(crate) fn steady(&self, k: usize, limits: &PathLimits) -> f64 {
         let cell = &self.cells[self.span_index(k)];
-        let mut most = self.middle_cap[k].min(self.cap[k]).min(self.cap[k + 1]);
+        let mut max = self.middle_cap[k].min(self.cap[k]).min(self.cap[k + 1]);
         for point in &cell.points {
-            most = most.min(steady(point, limits));
+            max = max.min(steady(point, limits));
         }
-        most
+        max
     }
 }
 
-/// The highest `u'^2` of a constant parameter speed at a point, by acceleration and jerk of the axes.
+/// The maximum `u'^2` of a constant parameter speed at a point, by acceleration and jerk of the axes.
 pub(crate) fn steady(point: &Point, limits: &PathLimits) -> f64 {
     let axes = limits.axes();
-    let mut most = UNLIMITED * UNLIMITED;
+    let mut max = UNLIMITED * UNLIMITED;
     for i in 0..AXES {
         if axes.present[i] {
             let speed = libm::cbrt(axes.jerk[i] / point.third[i].abs());
-            most = most
+            max = max
                 .min(axes.acceleration[i] / point.second[i].abs())
                 .min(speed * speed);
         }
     }
-    most
+    max
 }
 
 fn square(speed: f64) -> f64 {

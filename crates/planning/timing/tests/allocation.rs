@@ -1,27 +1,27 @@
-//! A planner that has warmed up allocates nothing, so that its time does not depend on the allocator.
+//! After warming up the planner does not allocate, so its run time does not depend on the allocator.
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
 use evolvent_counting::allocations;
-use evolvent_timing::{Entry, Exit, Grid, Optimizer, Piece, Place};
+use evolvent_timing::{Entry, Exit, Grid, Optimizer, PathPosition, Piece};
 
-use crate::common::{axes, loose, square};
+use crate::common::{axes, relaxation, square};
 
-/// A plan from rest, its continuation at a lower feed, and a stop.
+/// A plan from rest, its continuation at a reduced feed, and a stop.
 fn round(grid: &Grid, optimizer: &mut Optimizer, out: &mut Vec<Piece>) {
-    let start = Place { interval: 0, x: 0.0 };
+    let start = PathPosition { interval: 0, x: 0.0 };
     optimizer
         .plan(grid, start, Entry::Rest, 40, Exit::Open, 1.0, out)
         .expect("plan");
-    for share in [2, 3] {
-        let piece = out[out.len() / share];
+    for fraction in [2, 3] {
+        let piece = out[out.len() / fraction];
         let state = piece.law.at(0.0).0;
-        let (_, begin) = grid.stretch_of(piece.interval).expect("known");
-        let place = Place {
+        let (_, begin) = grid.segment_of(piece.interval).expect("known");
+        let place = PathPosition {
             interval: piece.interval,
             x: piece.from - begin,
         };
         let (v, a) = (state.v, state.a);
-        let (entry, factor) = (Entry::Moving { v, a }, if share == 2 { 0.7 } else { 1.0 });
+        let (entry, factor) = (Entry::Moving { v, a }, if fraction == 2 { 0.7 } else { 1.0 });
         optimizer
             .plan(grid, place, entry, 60, Exit::Open, factor, out)
             .expect("plan");
@@ -30,7 +30,7 @@ fn round(grid: &Grid, optimizer: &mut Optimizer, out: &mut Vec<Piece>) {
 
 #[test]
 fn plans_allocate_nothing_after_the_first() {
-    let limits = loose(axes(3, 200.0, 2000.0, 5e4));
+    let limits = relaxation(axes(3, 200.0, 2000.0, 5e4));
     let mut grid = Grid::new(&limits);
     square(10.0, 0.02, 30.0).push_to(&mut grid);
     let (mut optimizer, mut out) = (Optimizer::new(&limits), Vec::with_capacity(2000));

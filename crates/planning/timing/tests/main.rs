@@ -1,4 +1,4 @@
-//! Time laws of known paths, all in one executable.
+//! Tests of the time laws, in one executable.
 
 mod common;
 
@@ -6,6 +6,6 @@ mod allocation;
 mod invariants;
 mod repeatable;
 
-// It counts by thread, so that tests beside each other do not count together.
+// It counts per thread, so that concurrent tests do not interfere.
 #[global_allocator]
 static ALLOCATOR: evolvent_counting::CountingAllocator = evolvent_counting::CountingAllocator;

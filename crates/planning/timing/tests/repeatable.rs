@@ -1,14 +1,14 @@
-//! The same question has the same answer, to the bit.
+//! The same calls give the same results, bit for bit.
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-use evolvent_timing::{Entry, Exit, FeedError, Grid, Optimizer, Piece, Place};
+use evolvent_timing::{Entry, Exit, FeedError, Grid, Optimizer, PathPosition, Piece};
 
-use crate::common::{Path, axes, loose, square};
+use crate::common::{Path, axes, relaxation, square};
 
-const START: Place = Place { interval: 0, x: 0.0 };
+const START: PathPosition = PathPosition { interval: 0, x: 0.0 };
 
 fn grid(path: &Path) -> (Grid, Optimizer) {
-    let limits = loose(axes(3, 200.0, 2000.0, 5e4));
+    let limits = relaxation(axes(3, 200.0, 2000.0, 5e4));
     let mut grid = Grid::new(&limits);
     path.push_to(&mut grid);
     (grid, Optimizer::new(&limits))
@@ -27,11 +27,11 @@ fn two(grid: &Grid, optimizer: &mut Optimizer) -> (Vec<Piece>, Vec<Piece>) {
     (first, second)
 }
 
-fn middle(grid: &Grid, plan: &[Piece]) -> (Place, Entry) {
+fn middle(grid: &Grid, plan: &[Piece]) -> (PathPosition, Entry) {
     let piece = plan[plan.len() / 2];
     let state = piece.law.at(0.0).0;
-    let (_, begin) = grid.stretch_of(piece.interval).expect("known");
-    let place = Place {
+    let (_, begin) = grid.segment_of(piece.interval).expect("known");
+    let place = PathPosition {
         interval: piece.interval,
         x: piece.from - begin,
     };

@@ -1,13 +1,13 @@
-//! What the cycle requests: a plan from a position ahead of it for another override, or from rest.
+//! Requests of the cycle: a plan from a position ahead of it for another override, or from rest.
 
-use evolvent_timing::{Entry, Place};
+use evolvent_timing::{Entry, PathPosition};
 
-use super::{Horizon, PendingBranch, PlanFrontier, Rest};
+use super::{Horizon, PendingBranch, PlanFrontier, RestPoint};
 use crate::step::{Answer, PlanSink, Request};
 
 impl<S: PlanSink> Horizon<S> {
-    /// Serves the request that is open, as soon as enough path is known: how much that is must not depend on how
-    /// the program's text happens to arrive. `true` if it was answered: what was solved before is gone.
+    /// Answers the open request as soon as enough path is known. That amount must not depend on how the program text arrives.
+    /// True if it was answered, which discards an earlier solution.
     pub(super) fn serve(&mut self) -> Result<bool, S::Error> {
         let mut gone = false;
         if let Some(request) = self.sink.request() {
@@ -17,37 +17,37 @@ impl<S: PlanSink> Horizon<S> {
         let Some(request) = self.request else {
             return Ok(false);
         };
-        let front = self.front_at(&request);
-        if matches!(front.entry, Entry::Rest) {
-            // Nothing is in a hurry: the next windows follow from here.
-            let known = self.planned_until(front.place);
+        let frontier = self.frontier_at(&request);
+        if matches!(frontier.entry, Entry::Rest) {
+            // No haste: the next windows start here.
+            let known = self.windows_before(frontier.place);
             self.windows.spare.extend(self.windows.planned.drain(known..));
-            self.front = front;
+            self.frontier = frontier;
             self.reply(&request, Some(self.appended));
             return Ok(true);
         }
-        let Some((until, exit)) = self.window(&front) else {
-            // Rounding may have the place where the path rests anyway; otherwise more of it will come.
-            let here = |rest: &Rest| rest.at <= front.place.interval;
-            let at_rest = self.rests.get(front.rest).is_some_and(here);
+        let Some((until, exit)) = self.window(&frontier) else {
+            // The path may stop at this position up to rounding; otherwise more path will come.
+            let here = |rest: &RestPoint| rest.at <= frontier.place.interval;
+            let at_rest = self.rests.get(frontier.rest).is_some_and(here);
             if at_rest {
                 self.reply(&request, None);
             }
             return Ok(gone || at_rest);
         };
-        // The window in which the place lies is what the cycle drives there.
-        let known = self.planned_until(front.place);
+        // The cycle executes the window that contains the position.
+        let known = self.windows_before(frontier.place);
         if let Some(planned) = known.checked_sub(1).and_then(|k| self.windows.planned.get(k)) {
-            self.optimizer.recall(&planned.memory);
+            self.optimizer.restore(&planned.snapshot);
         }
         if request.rate < 1.0 {
             self.optimizer.slow_down(request.rate);
         }
-        let solved = self.solve_some(&front, until, exit);
+        let solved = self.solve_shorter(&frontier, until, exit);
         let (until, exit) = solved.unwrap_or((until, exit));
         if solved.is_err() || self.pieces.is_empty() {
             if let Some(planned) = self.windows.planned.back() {
-                self.optimizer.recall(&planned.memory);
+                self.optimizer.restore(&planned.snapshot);
             }
             self.reply(&request, None);
             return Ok(true);
@@ -55,11 +55,11 @@ impl<S: PlanSink> Horizon<S> {
         self.windows.cut.extend(self.windows.planned.drain(known..));
         let (steps, segments, marks) = (self.pieces.len() + 3, self.segments_needed(), self.marks_needed());
         while !self.sink.has_room(steps, segments, marks) {
-            // The cycle may have stopped and request from there: then it takes nothing before that is answered.
+            // The cycle may have stopped and sent a request from there; then it accepts nothing before that is answered.
             if let Some(newer) = self.sink.request() {
                 self.windows.planned.append(&mut self.windows.cut);
                 if let Some(planned) = self.windows.planned.back() {
-                    self.optimizer.recall(&planned.memory);
+                    self.optimizer.restore(&planned.snapshot);
                 }
                 self.pieces.clear();
                 self.request = Some(newer);
@@ -67,38 +67,38 @@ impl<S: PlanSink> Horizon<S> {
             }
             self.sink.wait()?;
         }
-        if self.front.link.is_none() && !self.front.waits {
-            // What follows a rest follows its step: a cycle that drives on as planned must not find the answer there.
+        if self.frontier.link.is_none() && !self.frontier.is_waiting {
+            // A stop's successor follows its step: a cycle that continues as planned must not find the answer there.
             self.append_wait()?;
-            self.front.waits = true;
+            self.frontier.is_waiting = true;
         }
-        self.windows.fork = Some(PendingBranch {
+        self.windows.pending_branch = Some(PendingBranch {
             id: request.id,
-            front: self.front,
+            frontier: self.frontier,
             windows: 0,
         });
         let step = self.appended;
-        self.front = front;
+        self.frontier = frontier;
         self.commit(until, exit)?;
         self.reply(&request, Some(step));
         Ok(true)
     }
 
-    /// Settles which plan is in force. `true` if the last answer came too late, so that it is the one before.
+    /// Determines which plan is in force. True if the last answer came too late, so that the previous plan remains.
     pub(super) fn settle(&mut self) -> bool {
-        let Some(fork) = self.windows.fork.take() else {
+        let Some(pending_branch) = self.windows.pending_branch.take() else {
             return false;
         };
-        if self.sink.taken() >= fork.id {
+        if self.sink.taken() >= pending_branch.id {
             self.windows.spare.extend(self.windows.cut.drain(..));
             return false;
         }
-        let left = self.windows.planned.len().saturating_sub(fork.windows);
+        let left = self.windows.planned.len().saturating_sub(pending_branch.windows);
         self.windows.spare.extend(self.windows.planned.drain(left..));
         self.windows.planned.append(&mut self.windows.cut);
-        self.front = fork.front;
+        self.frontier = pending_branch.frontier;
         if let Some(planned) = self.windows.planned.back() {
-            self.optimizer.recall(&planned.memory);
+            self.optimizer.restore(&planned.snapshot);
         }
         true
     }
@@ -109,12 +109,12 @@ impl<S: PlanSink> Horizon<S> {
         self.sink.answer(Answer { id: request.id, step });
     }
 
-    fn front_at(&self, request: &Request) -> PlanFrontier {
+    fn frontier_at(&self, request: &Request) -> PlanFrontier {
         let interval = request.interval;
         let length = self.grid.interval_length(interval).unwrap_or(0.0);
         let x = (request.offset - self.interval_start(interval)).clamp(0.0, length);
         let moving = request.v > 0.0;
-        let passed = |rest: &Rest| match rest.step {
+        let passed = |rest: &RestPoint| match rest.step {
             Some(_) => rest.index < request.rests,
             None => rest.at < interval || (moving && rest.at == interval),
         };
@@ -122,14 +122,14 @@ impl<S: PlanSink> Horizon<S> {
             .rev()
             .find(|&k| passed(&self.rests[k]))
             .map_or(0, |k| k + 1);
-        // A place at an interval's end is the start of the next.
+        // A position at the end of an interval is the start of the next.
         let place = if x >= length {
-            Place {
+            PathPosition {
                 interval: interval + 1,
                 x: 0.0,
             }
         } else {
-            Place { interval, x }
+            PathPosition { interval, x }
         };
         PlanFrontier {
             place,
@@ -144,7 +144,7 @@ impl<S: PlanSink> Horizon<S> {
             link: None,
             rest,
             feed_factor: request.feed_factor,
-            waits: false,
+            is_waiting: false,
         }
     }
 }

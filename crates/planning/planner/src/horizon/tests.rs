@@ -9,16 +9,16 @@ use crate::recorder::{Recorder, equal_axes, point};
 use crate::step::Answer;
 use crate::step::{ExitSpeeds, SegmentMarks};
 
-/// A recorder that asks once, after so many looks for a request.
+/// A recorder that sends one request, after this many polls.
 #[derive(Default)]
-struct Asking {
+struct RequestingSink {
     recorder: Recorder,
     request: Option<Request>,
     looks: u32,
     answers: Vec<Answer>,
 }
 
-impl PlanSink for Asking {
+impl PlanSink for RequestingSink {
     type Error = Infallible;
 
     fn segment(&mut self, segment: &Segment) -> Result<(), Infallible> {
@@ -52,17 +52,17 @@ impl PlanSink for Asking {
     }
 }
 
-/// Lines of 10 mm straight on, of ten intervals each.
-fn horizon(lines: u32) -> Horizon<Asking> {
+/// Collinear lines of 10 mm, of ten intervals each.
+fn horizon(lines: u32) -> Horizon<RequestingSink> {
     let limits = PathLimits::new(equal_axes(100.0, 1000.0, 10_000.0), 1000.0, 1e-3);
-    let mut horizon = Horizon::new(&limits, 1.0, Asking::default());
+    let mut horizon = Horizon::new(&limits, 1.0, RequestingSink::default());
     for k in 0..lines {
         append(&mut horizon, k);
     }
     horizon
 }
 
-fn append(horizon: &mut Horizon<Asking>, k: u32) {
+fn append(horizon: &mut Horizon<RequestingSink>, k: u32) {
     let x = 10.0 * f64::from(k);
     let line = Line::new(point(x, 0.0), point(x + 10.0, 0.0)).expect("line");
     let segment = Segment {
@@ -77,7 +77,7 @@ fn append(horizon: &mut Horizon<Asking>, k: u32) {
 }
 
 #[test]
-fn a_window_is_planned_once_it_is_known_whether_the_path_rests_at_its_end() {
+fn a_window_waits_until_its_end_is_known() {
     let lines = MAX_INTERVALS as u32 / 10;
     let mut goes_on = horizon(lines);
     goes_on.advance().expect("plan");
@@ -96,7 +96,7 @@ fn a_window_is_planned_once_it_is_known_whether_the_path_rests_at_its_end() {
 }
 
 #[test]
-fn a_wish_a_hair_before_a_rest_is_answered() {
+fn a_request_just_before_a_stop_is_answered() {
     let mut horizon = horizon(1);
     horizon.rest(Step::End { line: 1 });
     horizon.advance().expect("plan");
@@ -118,7 +118,7 @@ fn a_wish_a_hair_before_a_rest_is_answered() {
 }
 
 #[test]
-fn a_wish_that_cannot_be_met_does_not_cost_the_window_that_waits_to_be_handed_on() {
+fn an_impossible_request_keeps_the_solved_window() {
     let lines = MAX_INTERVALS as u32 / 10 + 5;
     let mut undisturbed = horizon(lines);
     undisturbed.rest(Step::End { line: 1 });
@@ -146,12 +146,12 @@ fn a_wish_that_cannot_be_met_does_not_cost_the_window_that_waits_to_be_handed_on
 }
 
 #[test]
-fn where_nothing_can_be_planned_any_more_the_line_is_told() {
+fn a_planning_failure_reports_its_line() {
     let mut horizon = horizon(5);
     assert_eq!(horizon.failed_at(), None);
     horizon.failures = MAX_FAILURES + 1;
-    horizon.front.place.interval = horizon.grid.end() - 1;
+    horizon.frontier.place.interval = horizon.grid.end() - 1;
     assert_eq!(horizon.failed_at(), Some(4));
-    horizon.front.place.interval = horizon.grid.end();
+    horizon.frontier.place.interval = horizon.grid.end();
     assert_eq!(horizon.failed_at(), Some(0));
 }

@@ -1,11 +1,11 @@
-//! What lies between two stations of the law.
+//! The interval between two stations of the time law.
 
-/// Stations in an interval.
+/// Number of stations per interval.
 pub(super) const STATIONS: usize = 2;
-/// Coefficients of the law that an interval sees.
+/// Number of coefficients of the time law that affect an interval.
 pub(super) const LAW: usize = STATIONS + 2;
 
-/// Between two stations: how the law and the path follow from their coefficients at both.
+/// The interval between two stations: time law and path as functions of their coefficients at both ends.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cell {
     pub(super) width: f64,
@@ -14,13 +14,13 @@ pub(super) struct Cell {
     pub(super) b: [[f64; 3]; 2],
     pub(super) c: [f64; 3],
     pub(super) middle: [f64; 3],
-    /// First, second and third derivative of the four basis functions, at both ends.
+    /// First to third derivative of the four basis functions, at both ends.
     pub(super) path: [[[f64; 4]; 3]; 2],
-    /// Bound of `a`.
+    /// Upper bound of `a`.
     pub(super) cap: f64,
 }
 
-/// Jerk, acceleration and velocity of one axis at one end of a cell, in units of the limits.
+/// Jerk, acceleration and velocity of one axis at one end of an interval, relative to the limits.
 #[derive(Clone, Copy)]
 pub(super) struct Motion {
     pub(super) q: [f64; 3],

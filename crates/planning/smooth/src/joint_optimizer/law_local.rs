@@ -1,9 +1,9 @@
-//! What one interval adds to the gradient and Hessian of the law alone.
+//! Contribution of one interval to gradient and Hessian of the time law alone.
 
 use super::cell::{Cell, LAW, of3};
 use super::layout::Layout;
 
-/// What one interval adds where the path is fixed.
+/// The contribution of one interval with a fixed path.
 pub(super) struct LawLocal {
     pub(super) law: [[f64; LAW]; LAW],
     pub(super) gradient: [f64; LAW],
@@ -28,7 +28,7 @@ impl LawLocal {
 
     #[expect(
         clippy::too_many_arguments,
-        reason = "the innermost loop: all of them are at hand where it is called"
+        reason = "the innermost loop; every caller has all of them"
     )]
     pub(super) fn cell<const D: usize>(
         &mut self,
@@ -55,7 +55,7 @@ impl LawLocal {
             let root = a.sqrt();
             self.row(k, da, -width / (12.0 * a * root), width / (8.0 * a * a * root));
             let mut metric = 0.0;
-            // Bounds of `a` alone: their slopes and curvatures add up.
+            // Bounds of `a` alone: their gradients and curvatures add up.
             let inverse = mu / (cell.cap - a);
             let (mut slope, mut bend) = (inverse, inverse * inverse / mu);
             for d in 0..D {

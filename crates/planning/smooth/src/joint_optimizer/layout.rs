@@ -1,4 +1,4 @@
-//! Where the unknowns of a window stand in its matrix.
+//! Position of the unknowns of a window in its matrix.
 
 use evolvent_path::{AXES, FeedMetric};
 
@@ -8,11 +8,11 @@ use crate::newton::order;
 
 pub(super) const NONE: usize = usize::MAX;
 
-/// The columns of a problem with `D` axes: of each interval the coefficients of the law, then its control point.
+/// The columns of a problem with `D` axes: per interval the coefficients of the law, then its control point.
 pub(super) struct Layout<const D: usize> {
     pub(super) axes: [usize; D],
     pub(super) columns: [usize; AXES],
-    /// Axes that the feed speaks of.
+    /// The axes of the feed metric.
     pub(super) metric: [bool; D],
     pub(super) from: usize,
     pub(super) intervals: usize,
@@ -22,14 +22,14 @@ pub(super) struct Layout<const D: usize> {
 impl<const D: usize> Layout<D> {
     pub(super) const GROUP: usize = D + STATIONS;
     pub(super) const BAND: usize = 4 * Self::GROUP;
-    /// Columns before the first interval's: its first control points and coefficients of the law.
+    /// Columns before the first interval: its first control points and coefficients of the law.
     const PREFIX: usize = 3 * D + 2;
 
     pub(super) fn new(window: &Window<'_>) -> Self {
         let (mut axes, mut columns) = ([0; D], [NONE; AXES]);
         for (d, axis) in order(window.active).take(D).enumerate() {
             axes[d] = axis;
-            // Axes that only fill up have no part in the problem.
+            // Padding axes are not part of the problem.
             if window.active[axis] {
                 columns[axis] = d;
             }

@@ -1,4 +1,4 @@
-//! What one interval adds to gradient and Hessian of law and path.
+//! Contribution of one interval to gradient and Hessian of time law and path.
 
 use evolvent_path::Axes;
 
@@ -6,10 +6,10 @@ use super::cell::{Cell, LAW, STATIONS, of3};
 use super::layout::{Layout, NONE};
 use crate::tube::{GROUPS, Sample, dot};
 
-/// A bound of speed that is used less than this does not count in second derivatives.
-const ASLEEP: f64 = 0.2;
+/// A speed bound used to less than this fraction is omitted from the second derivatives.
+const INACTIVE_RATIO: f64 = 0.2;
 
-/// What one interval adds: by the law's coefficients, and axis by axis by the four control points.
+/// The contribution of one interval: by the coefficients of the law and, axis by axis, by the four control points.
 pub(super) struct Local<const D: usize> {
     law: [[f64; LAW]; LAW],
     mixed: [[[f64; LAW]; 4]; D],
@@ -29,7 +29,7 @@ impl<const D: usize> Local<D> {
         }
     }
 
-    /// A function of the law alone, from its `k`-th coefficient, with slope `g` and curvature `h` of the merit by it.
+    /// Adds a function of the law alone, from its `k`-th coefficient, with first and second derivative `g` and `h` of the merit.
     fn law_row(&mut self, k: usize, values: &[f64; 3], g: f64, h: f64) {
         for x in 0..3 {
             self.law_gradient[k + x] += g * values[x];
@@ -39,7 +39,7 @@ impl<const D: usize> Local<D> {
         }
     }
 
-    /// A function of the law and one axis of the control points.
+    /// Adds a function of the law and the control points of one axis.
     fn row(&mut self, k: usize, d: usize, law: &[f64; 3], points: &[f64; 4], g: f64, h: f64) {
         self.law_row(k, law, g, h);
         for l in 0..4 {
@@ -56,7 +56,7 @@ impl<const D: usize> Local<D> {
 
     #[expect(
         clippy::too_many_arguments,
-        reason = "the innermost loop: all of them are at hand where it is called"
+        reason = "the innermost loop; every caller has all of them"
     )]
     pub(super) fn cell(
         &mut self,
@@ -114,7 +114,7 @@ impl<const D: usize> Local<D> {
                 self.row(k, d, &by_law, &by_points, g, h);
                 // Velocity: -ln(1 - v^2).
                 let inverse = mu / (1.0 - motion.velocity2);
-                let h = if motion.velocity2 > ASLEEP {
+                let h = if motion.velocity2 > INACTIVE_RATIO {
                     inverse * inverse / mu
                 } else {
                     0.0
@@ -137,7 +137,7 @@ impl<const D: usize> Local<D> {
                 let f = 1.0 / (feed * feed);
                 let used = a * metric * f;
                 let inverse = mu / (1.0 - used);
-                let h = if used > ASLEEP {
+                let h = if used > INACTIVE_RATIO {
                     inverse * inverse / mu
                 } else {
                     0.0
@@ -155,7 +155,7 @@ impl<const D: usize> Local<D> {
         }
     }
 
-    /// The bound of the feed, which joins the axes.
+    /// Adds the feed bound, which couples the axes.
     #[expect(clippy::too_many_arguments, reason = "one row of the problem")]
     fn feed(
         &mut self,
@@ -192,18 +192,18 @@ impl<const D: usize> Local<D> {
 
     pub(super) fn sample(&mut self, sample: &Sample, points: &[Axes], layout: &Layout<D>, mu: f64) {
         let error = sample.error(points);
-        let (off, inside) = sample.off(&error);
-        let inverse = 1.0 / (1.0 - dot(&off, &off) / sample.radius2);
+        let (offset, inside) = sample.offset(&error);
+        let inverse = 1.0 / (1.0 - dot(&offset, &offset) / sample.radius2);
         let h1 = 2.0 * mu * inverse / sample.radius2;
         let h2 = 2.0 * inverse / sample.radius2;
         let flat = f64::from(u8::from(inside));
         let (first, count) = GROUPS[sample.group];
-        // In the problem's axes.
+        // In the axes of the problem.
         let (mut g, mut t, mut own) = ([0.0; D], [0.0; D], [0.0; D]);
         for p in 0..count {
             let column = layout.columns[first + p];
             if column != NONE {
-                g[column] = off[p];
+                g[column] = offset[p];
                 t[column] = sample.along[p];
                 own[column] = h1;
             }

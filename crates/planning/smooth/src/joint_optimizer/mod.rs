@@ -1,15 +1,15 @@
-//! Path and time law found together.
+//! Joint optimisation of path and time law.
 //!
 //! Along the parameter `u` let `a = u'^2`, `b = u''` and `c = u''' / u'`; then `da/du = 2 b`, `db/du = c`, and velocity,
-//! acceleration and jerk of an axis are `q' sqrt(a)`, `q'' a + q' b` and `sqrt(a) (q''' a + 3 q'' b + q' c)`. Here `a` is
-//! a quadratic spline, so that `c` is constant between stations. Its coefficients and the control points of the
-//! path are the unknowns of one problem: least time, the integral of `du / sqrt(a)`, inside the axes' limits and the
-//! tube, by a log barrier whose weight falls. Either alone gets stuck: where limits are reached nearly everywhere, path
-//! and law can only move together.
+//! acceleration and jerk of an axis are `q' sqrt(a)`, `q'' a + q' b` and `sqrt(a) (q''' a + 3 q'' b + q' c)`. Here `a` is a
+//! quadratic spline, so that `c` is constant between stations. Its coefficients and the control points of the path are the
+//! unknowns of one problem: minimum time, the integral of `du / sqrt(a)`, subject to the axis limits and the tube, by a log
+//! barrier with decreasing weight. Alternating between path and law stalls: where limits are active almost everywhere, both
+//! can only change together.
 //!
-//! Every condition belongs to one interval of the path, so the matrix is banded. Second derivatives are those of
-//! barrier and time, not of the conditions (Gauss and Newton). The law is then forgotten; the window's ends are free,
-//! so it is not what will be driven.
+//! Every constraint belongs to one interval of the path, so the matrix is banded. Second derivatives are those of barrier and
+//! time, not of the constraints (Gauss-Newton). The law is then discarded: the ends of the window are free, so it is not
+//! executed.
 
 mod cell;
 mod law_local;
@@ -29,42 +29,42 @@ use crate::tube::Sample;
 use crate::weights::Scales;
 use crate::zone::BlendZone;
 
-/// Factor of the law, so that it begins with room.
-const EASE: f64 = 0.8;
-/// Weight of the barrier: share of the time in the first round, factor between rounds.
+/// Factor of the initial law, so that it has a margin.
+const INITIAL_FACTOR: f64 = 0.8;
+/// Barrier weight: fraction of the time in the first round, factor between rounds; number of rounds and Newton steps of each.
 const BARRIER: f64 = 0.5;
-const FACTOR: f64 = 0.25;
+const BARRIER_FACTOR: f64 = 0.25;
 const ROUNDS: usize = 4;
 const STEPS: usize = 4;
-/// Decrease, in barrier weights, below which a round is done.
-const ENOUGH: f64 = 0.01;
-/// Shortenings of a step.
-const SHORTER: f64 = 0.6;
-const SHORTENINGS: usize = 25;
-/// The law alone: factor of the barrier between rounds, rounds, their steps, and the barrier at which it is enough.
+/// A round ends when the predicted decrease, in barrier weights, is below this.
+const DECREASE_TOLERANCE: f64 = 0.01;
+/// Factor and maximum number of backtracking steps of the line search.
+const BACKTRACK_FACTOR: f64 = 0.6;
+const MAX_BACKTRACKS: usize = 25;
+/// For the law alone: factor of the barrier between rounds, rounds, steps of each, and the final barrier.
 const LAW_FACTOR: f64 = 0.2;
 const LAW_ROUNDS: usize = 6;
 const LAW_STEPS: usize = 10;
-const LAW_ENDS: f64 = 0.02;
+const LAW_FINAL_BARRIER: f64 = 0.02;
 
-/// A window of the spline and what bounds the speed on it.
+/// A window of the spline and the limits of the speed on it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Window<'a> {
     pub(crate) zone: &'a BlendZone,
-    /// Intervals.
+    /// First and last interval.
     pub(crate) from: usize,
     pub(crate) to: usize,
-    /// Free control points.
+    /// Range of the free control points.
     pub(crate) free: (usize, usize),
     pub(crate) scales: &'a Scales,
     pub(crate) active: &'a [bool; AXES],
-    /// Bound of the feed of each interval.
+    /// Feed limit of each interval.
     pub(crate) feeds: &'a [f64],
-    /// Where the path is at rest before and behind; infinite where it is not.
+    /// Positions before and after the window where the path stops; infinite if it does not.
     pub(crate) rests: (f64, f64),
 }
 
-/// Memory that is kept between solutions.
+/// Working memory, kept between solutions.
 #[derive(Debug, Default)]
 pub(crate) struct JointOptimizer {
     cells: Vec<Cell>,
@@ -80,7 +80,7 @@ pub(crate) struct JointOptimizer {
 }
 
 impl JointOptimizer {
-    /// Improves the free control points of `points`; whether it did. They stay strictly inside the tube.
+    /// Improves the free control points of `points` and returns whether it did. They stay strictly inside the tube.
     pub(crate) fn improve(
         &mut self,
         window: &Window<'_>,
@@ -120,11 +120,11 @@ impl JointOptimizer {
         };
         let mut mu = time / rows;
         for _ in 0..LAW_ROUNDS {
-            self.law_round(window, &layout, mu, ENOUGH * mu * rows);
+            self.law_round(window, &layout, mu, DECREASE_TOLERANCE * mu * rows);
             let Some(time) = self.merit(window, &layout, samples, &self.points, &self.alpha, 0.0) else {
                 return false;
             };
-            if mu < LAW_ENDS * time / rows {
+            if mu < LAW_FINAL_BARRIER * time / rows {
                 break;
             }
             mu *= LAW_FACTOR;
@@ -133,22 +133,29 @@ impl JointOptimizer {
             .merit(window, &layout, samples, &self.points, &self.alpha, 0.0)
             .unwrap_or(time);
         for alpha in &mut self.alpha {
-            *alpha *= EASE;
+            *alpha *= INITIAL_FACTOR;
         }
         let mut mu = BARRIER * time / rows;
         for _ in 0..ROUNDS {
             let Some(merit) = self.merit(window, &layout, samples, &self.points, &self.alpha, mu) else {
                 break;
             };
-            self.round(window, &layout, samples, mu, merit, ENOUGH * mu * rows);
+            self.round(
+                window,
+                &layout,
+                samples,
+                mu,
+                merit,
+                DECREASE_TOLERANCE * mu * rows,
+            );
             follow(chain, samples, 0..samples.len(), &self.points);
-            mu *= FACTOR;
+            mu *= BARRIER_FACTOR;
         }
         points.copy_from_slice(&self.points);
         true
     }
 
-    /// Newton steps with one weight of the barrier.
+    /// Newton steps at one barrier weight.
     fn round<const D: usize>(
         &mut self,
         window: &Window<'_>,
@@ -226,8 +233,8 @@ impl JointOptimizer {
         }
     }
 
-    /// Shortens the step until it lowers the merit by enough, and takes it: the merit there, or `None` where it never does. Without
-    /// samples the step is one of the law alone.
+    /// Line search: shortens the step until the merit decreases sufficiently, and takes it. Returns the merit, or `None` if no step
+    /// decreases it. Without samples the step changes the law alone.
     fn descend<const D: usize>(
         &mut self,
         window: &Window<'_>,
@@ -238,7 +245,7 @@ impl JointOptimizer {
         slope: f64,
     ) -> Option<f64> {
         let mut length = 1.0;
-        for _ in 0..SHORTENINGS {
+        for _ in 0..MAX_BACKTRACKS {
             self.trial_alpha.clear();
             for (j, alpha) in self.alpha.iter().enumerate() {
                 let at = if samples.is_some() { layout.alpha(j) } else { j };
@@ -268,12 +275,12 @@ impl JointOptimizer {
                 }
                 return Some(value);
             }
-            length *= SHORTER;
+            length *= BACKTRACK_FACTOR;
         }
         None
     }
 
-    /// Time and barrier; `None` outside.
+    /// Time plus barrier; `None` outside of the limits.
     fn merit<const D: usize>(
         &self,
         window: &Window<'_>,
@@ -305,17 +312,17 @@ impl JointOptimizer {
                     return None;
                 }
                 time += cell.width / (6.0 * law[0].sqrt());
-                let (mut metric, mut least, mut rooms) = (0.0, f64::INFINITY, 1.0);
-                let mut room = |x: f64| {
-                    least = least.min(x);
+                let (mut metric, mut min, mut rooms) = (0.0, f64::INFINITY, 1.0);
+                let mut margin = |x: f64| {
+                    min = min.min(x);
                     rooms *= x;
                 };
                 for d in 0..D {
                     let motion = cell.motion(end, law, &local[d], scales[d]);
-                    room(1.0 - motion.jerk * motion.jerk);
+                    margin(1.0 - motion.jerk * motion.jerk);
                     if end == 0 {
-                        room(1.0 - motion.acceleration * motion.acceleration);
-                        room(1.0 - motion.velocity2);
+                        margin(1.0 - motion.acceleration * motion.acceleration);
+                        margin(1.0 - motion.velocity2);
                         if layout.metric[d] {
                             metric += motion.q[0] * motion.q[0];
                         }
@@ -323,10 +330,10 @@ impl JointOptimizer {
                 }
                 if end == 0 {
                     let feed = window.feeds[i - layout.from];
-                    room(1.0 - law[0] * metric / (feed * feed));
-                    room(1.0 - law[0] / cell.cap);
+                    margin(1.0 - law[0] * metric / (feed * feed));
+                    margin(1.0 - law[0] / cell.cap);
                 }
-                if !(least > 0.0) {
+                if !(min > 0.0) {
                     return None;
                 }
                 product *= rooms;
@@ -340,18 +347,18 @@ impl JointOptimizer {
             return None;
         }
         logs += libm::log(product);
-        // The samples of an interval share their weight, and so their logarithm.
+        // The samples of an interval share their weight, and so one logarithm.
         let mut samples = samples.iter().peekable();
         while let Some(first) = samples.next() {
             let i = first.interval;
             let mut sample = first;
             let (mut product, mut tube) = (1.0, 0.0);
             loop {
-                let room = 1.0 - sample.ratio(&sample.error(&points[i..i + 4]));
-                if !(room > 0.0) {
+                let margin = 1.0 - sample.ratio(&sample.error(&points[i..i + 4]));
+                if !(margin > 0.0) {
                     return None;
                 }
-                product *= room;
+                product *= margin;
                 if product < 1e-150 {
                     tube += libm::log(product);
                     product = 1.0;
@@ -410,7 +417,7 @@ impl JointOptimizer {
         }
     }
 
-    /// The Newton step, by an LDL' factorisation that updates to the right.
+    /// The Newton step, by an LDL' factorisation.
     fn solve<const D: usize>(&mut self, layout: &Layout<D>) {
         let size = layout.size();
         self.step.clear();
@@ -419,7 +426,7 @@ impl JointOptimizer {
     }
 }
 
-/// Reciprocal limits of an axis; zero for one that only fills up.
+/// Reciprocal limits of an axis; zero for a padding axis.
 fn scale(window: &Window<'_>, axis: usize) -> [f64; 3] {
     if !window.active[axis] {
         return [0.0; 3];

@@ -1,4 +1,4 @@
-//! Where the search begins: the stations of a window, and a slow law on them.
+//! Start of the optimisation: the stations of a window, and a slow law on them.
 
 use evolvent_path::Axes;
 
@@ -8,16 +8,16 @@ use super::{JointOptimizer, Window, scale};
 use crate::basis::Basis;
 use crate::tube::Sample;
 
-/// Share of the local limits that the first law uses, and stations to each side over which it is levelled.
-const BEGIN: f64 = 0.5;
-const LEVEL: usize = 4;
-/// Room that the first law leaves.
-const ROOM: f64 = 0.8;
-/// Least `|q'|` by which the speed of the parameter is bounded, as a share of one.
-const SLOWEST_RATE: f64 = 0.3;
+/// Fraction of the local limits that the initial law uses, and the number of stations on each side over which it is smoothed.
+const INITIAL_FRACTION: f64 = 0.5;
+const SMOOTHING_STATIONS: usize = 4;
+/// Fraction of the limits up to which the initial law may go.
+const MARGIN: f64 = 0.8;
+/// Lower bound of `|q'|`, relative to 1, in the speed limit of the parameter.
+const MIN_RATE: f64 = 0.3;
 
 impl JointOptimizer {
-    /// The cells of the window's path, and the weights of its samples.
+    /// Computes the intervals of the window's path and the weights of its samples.
     pub(super) fn prepare<const D: usize>(
         &mut self,
         window: &Window<'_>,
@@ -25,7 +25,7 @@ impl JointOptimizer {
         samples: &[Sample],
     ) {
         let zone = window.zone;
-        let most = |scale: &Axes| {
+        let max = |scale: &Axes| {
             layout
                 .axes
                 .iter()
@@ -35,9 +35,9 @@ impl JointOptimizer {
                 .max(1e-12)
         };
         let (velocity, acceleration, jerk) = (
-            most(&window.scales.velocity),
-            most(&window.scales.acceleration),
-            most(&window.scales.jerk),
+            max(&window.scales.velocity),
+            max(&window.scales.acceleration),
+            max(&window.scales.jerk),
         );
         let part = |i: usize| {
             let i = i.clamp(window.from, window.to - 1);
@@ -66,9 +66,9 @@ impl JointOptimizer {
                     ]
                 });
                 let u = zone.knot(i) + width * k as f64;
-                let mut cap = 1.0 / (SLOWEST_RATE * velocity);
+                let mut cap = 1.0 / (MIN_RATE * velocity);
                 for rest in [u - window.rests.0, window.rests.1 - u] {
-                    // From rest with the largest jerk: v^3 = 9/2 J s^2.
+                    // From rest with maximum jerk: v^3 = 9/2 J s^2.
                     let rest = rest.max(0.2 * width);
                     cap = cap
                         .min(libm::cbrt(4.5 * rest * rest / jerk))
@@ -90,15 +90,15 @@ impl JointOptimizer {
         }
     }
 
-    /// A slow law by the local limits, slowed until it has room everywhere.
+    /// A slow law from the local limits, slowed down until it has a margin everywhere.
     pub(super) fn begin<const D: usize>(&mut self, window: &Window<'_>, layout: &Layout<D>) -> bool {
         let count = self.cells.len() + 2;
-        // What each coefficient's cell allows at constant speed; the outermost repeat.
+        // The constant speed that the interval of each coefficient permits; the outermost are repeated.
         self.trial_alpha.clear();
         for j in 0..count {
             let cell = j.saturating_sub(1).min(self.cells.len() - 1);
             let i = layout.from + cell / STATIONS;
-            let mut most = self.cells[cell].cap;
+            let mut max = self.cells[cell].cap;
             let (mut first, mut second, mut third) = (0.0, 0.0, 0.0);
             let mut feed = 0.0;
             for d in 0..D {
@@ -117,20 +117,20 @@ impl JointOptimizer {
             }
             let feed = feed.sqrt() / window.feeds[i - layout.from];
             let slowest = first.max(feed).max(1e-12);
-            most = most.min(1.0 / (slowest * slowest));
-            most = most.min(1.0 / second.sqrt().max(1e-12));
+            max = max.min(1.0 / (slowest * slowest));
+            max = max.min(1.0 / second.sqrt().max(1e-12));
             let slow = libm::cbrt(1.0 / third.sqrt().max(1e-18));
-            self.trial_alpha.push(BEGIN * most.min(slow * slow));
+            self.trial_alpha.push(INITIAL_FRACTION * max.min(slow * slow));
         }
-        // The least of the neighbours, then averages.
-        let near = |k: usize| k.saturating_sub(LEVEL)..(k + LEVEL + 1).min(count);
+        // The minimum over the neighbours, then averages.
+        let near = |k: usize| k.saturating_sub(SMOOTHING_STATIONS)..(k + SMOOTHING_STATIONS + 1).min(count);
         self.alpha.clear();
         for k in 0..count {
-            let least = self.trial_alpha[near(k)]
+            let min = self.trial_alpha[near(k)]
                 .iter()
                 .copied()
                 .fold(f64::INFINITY, f64::min);
-            self.alpha.push(least);
+            self.alpha.push(min);
         }
         for k in 0..count {
             let part = &self.alpha[near(k)];
@@ -162,7 +162,7 @@ impl JointOptimizer {
                     .min(cell.cap / law[0]);
             }
         }
-        let factor = ROOM * factor;
+        let factor = MARGIN * factor;
         for alpha in &mut self.alpha {
             *alpha *= factor;
         }

@@ -10,25 +10,25 @@ use evolvent_path::{AXES, Axes, Jet, JointKind, JointLimits, classify_joint};
 
 use crate::chain::{Chain, ProgramSegment};
 use crate::spacing::{self, GROWTH};
-use crate::tube::sight;
+use crate::tube::lookahead;
 use crate::weights::Scales;
 use crate::zone::{BlendZone, EndCondition, spread};
 use crate::zone_solver::ZoneSolver;
-use crate::{Block, Mark, Output, Settings, Stretch, Tolerance};
+use crate::{Block, Mark, Output, PathSegment, Settings, Tolerance};
 
-/// How far a zone reaches to each side of a joint, in spacings there: where the spacing has grown for 20 knots.
+/// Extent of a zone on each side of a joint, in spacings there: the spacing has grown over 20 knots by then.
 const EXTENT: f64 = 150.0;
-/// Stretches shorter than this are rounding, parameter units.
-const SHORTEST: f64 = 1e-12;
+/// Minimum length of a segment, parameter units; shorter ones are rounding.
+const MIN_LENGTH: f64 = 1e-12;
 
-/// Whether the path is on the programmed curve or in a zone that becomes a spline.
+/// Whether the path follows the programmed curve or is in a zone that becomes a spline.
 #[derive(Clone, Copy, Debug)]
 #[expect(clippy::large_enum_variant, reason = "there is one, and it must not allocate")]
 enum State {
     Exact,
     BlendZone {
         start: EndCondition,
-        /// Number of the last joint that is known to belong to it.
+        /// Number of the last joint known to be in it.
         joint: usize,
         end: Option<(f64, EndCondition)>,
     },
@@ -43,47 +43,47 @@ enum Ending {
     Moving,
 }
 
-/// Turns programmed blocks into the path that is driven.
+/// Converts programmed blocks into the driven path.
 ///
-/// Nothing here may be called by the real-time cycle. After the first few thousand blocks no memory is allocated.
+/// Not real-time safe. After the first few thousand blocks no memory is allocated.
 #[derive(Debug)]
 pub struct Smoother {
     settings: Settings,
     scales: Scales,
-    /// The path since the last place at which it is kept: the section.
+    /// The path since the last position at which it is kept: the section.
     chain: Chain,
     state: State,
     zone: BlendZone,
     finder: ZoneSolver,
     last: Option<Block>,
     marks: VecDeque<Mark>,
-    /// Parameter of the section's start since the smoother was made, and what has come out of the section.
+    /// Parameter of the section's start since the smoother was created, and the end of the section's output.
     base: f64,
     cursor: f64,
-    /// The next joint whose spacing is to be found, the last spacing, and the next joint to be eased.
+    /// The next joint without spacing, the last spacing, and the next joint to be smoothed.
     spacing_pending: usize,
     guess: f64,
-    /// Links of which none is to be eased.
-    plain: Range<usize>,
-    /// Up to where joints of the section are kept: its start, or a joint that could not be eased.
+    /// Segments whose joints need no smoothing.
+    unsmoothed: Range<usize>,
+    /// Position up to which joints of the section are kept: its start, or a joint that could not be smoothed.
     kept: f64,
-    /// Where the zone has come to, if that is not the programmed point.
-    off: Option<Axes>,
-    /// Intervals since the zone's last joint became known, and that joint.
+    /// The present end of a zone, if it differs from the programmed point.
+    offset_point: Option<Axes>,
+    /// Number of intervals since the last joint of the zone became known, and that joint.
     spent: (usize, usize),
-    /// Whether the path leaves the last kept place in motion, and whether that is a joint.
+    /// Whether the path leaves the last kept position in motion, and whether that is a joint.
     moving: bool,
     joint: bool,
     active: [bool; AXES],
-    /// How far samples look ahead in this section.
-    sight: f64,
+    /// Lookahead of the samples in this section.
+    lookahead: f64,
     deviation: f64,
     failures: u64,
     at_end: bool,
 }
 
 impl Smoother {
-    /// At rest at the start of the first block.
+    /// Starts at rest at the beginning of the first block.
     #[must_use]
     pub fn new(settings: Settings) -> Self {
         let mut chain = Chain::default();
@@ -101,21 +101,21 @@ impl Smoother {
             cursor: 0.0,
             spacing_pending: 1,
             guess: 0.01,
-            plain: 0..0,
+            unsmoothed: 0..0,
             kept: 0.0,
-            off: None,
+            offset_point: None,
             spent: (0, 0),
             moving: false,
             joint: false,
             active: [false; AXES],
-            sight: 0.0,
+            lookahead: 0.0,
             deviation: 0.0,
             failures: 0,
             at_end: false,
         }
     }
 
-    /// Appends a block; whatever of the path is settled by it comes out.
+    /// Appends a block and outputs the path that is thereby determined.
     pub fn push(&mut self, block: &Block, out: &mut Vec<Output>) {
         let length = block.curve.domain();
         let mark = |end: f64| Mark {
@@ -129,7 +129,7 @@ impl Smoother {
             self.release_marks(out);
             return;
         }
-        let mut link = ProgramSegment::new(block, self.chain.end());
+        let mut segment = ProgramSegment::new(block, self.chain.end());
         if let Some(last) = self.last {
             let (end, start) = (last.curve.jet(last.curve.domain()), block.curve.jet(0.0));
             let joint_limits = JointLimits {
@@ -146,38 +146,38 @@ impl Smoother {
                 JointKind::Smooth if either => self.section(Ending::Moving, None, out),
                 JointKind::Smooth => {}
                 JointKind::Step { .. } | JointKind::Corner if free => {
-                    link.smoothed = true;
-                    link.exact_speed = kind.max_speed();
+                    segment.smoothed = true;
+                    segment.exact_speed = kind.max_speed();
                     let turn = end.first.fixed_rows::<3>(0).dot(&start.first.fixed_rows::<3>(0));
-                    link.sharp = turn < -0.5;
+                    segment.sharp = turn < -0.5;
                 }
                 JointKind::Step { max_speed } => self.section(Ending::Moving, Some(max_speed), out),
                 JointKind::Corner => self.section(Ending::Rest, Some(0.0), out),
             }
             let from = self.chain.end();
-            link.to += from - link.from;
-            link.from = from;
+            segment.to += from - segment.from;
+            segment.from = from;
         }
-        link.inner_spacing = spacing::inside(&link);
-        self.sight = self.sight.max(sight(link.tolerance));
-        if link.tolerance > 0.0 {
+        segment.inner_spacing = spacing::inside(&segment);
+        self.lookahead = self.lookahead.max(lookahead(segment.tolerance));
+        if segment.tolerance > 0.0 {
             let before = self.active;
             let (first, ..) = block.curve.derivative_bounds(0.0, length);
             for i in 0..AXES {
                 self.active[i] |= first[i] != 0.0;
             }
             if self.active != before && matches!(self.state, State::BlendZone { .. }) {
-                // What is laid but not final may now move in these axes too.
+                // What is placed but not final may now move in these axes too.
                 self.zone.measure(&self.chain, &self.active);
             }
         }
-        self.chain.push(link);
+        self.chain.push(segment);
         self.last = Some(*block);
         self.marks.push_back(mark(self.base + self.chain.end()));
         self.advance(None, out);
     }
 
-    /// The path comes to rest at the end of what was pushed: all of it comes out.
+    /// Stops at the end of the last block and outputs the complete path.
     pub fn rest(&mut self, out: &mut Vec<Output>) {
         if self.last.is_some() {
             self.section(Ending::Rest, Some(0.0), out);
@@ -186,23 +186,23 @@ impl Smoother {
         self.release_marks(out);
     }
 
-    /// Largest distance of the path that came out from the programmed one, mm (or degrees of a rotary axis).
+    /// Maximum distance so far between the path and the programmed one, mm (or degrees of a rotary axis).
     #[must_use]
     pub fn deviation_mm(&self) -> f64 {
         self.deviation
     }
 
-    /// How often no smooth path was found, and joints were passed as programmed instead.
+    /// Number of times that no smooth path was found and joints were passed as programmed.
     #[must_use]
     pub fn failures(&self) -> u64 {
         self.failures
     }
 
-    /// Brings out all of the section and begins the next.
+    /// Outputs the rest of the section and starts the next one.
     fn section(&mut self, ending: Ending, cap: Option<f64>, out: &mut Vec<Output>) {
         self.at_end = ending == Ending::Rest;
         self.advance(Some(ending), out);
-        if self.chain.end() - self.cursor > SHORTEST {
+        if self.chain.end() - self.cursor > MIN_LENGTH {
             self.fall_back(f64::INFINITY, out);
             self.advance(Some(ending), out);
         }
@@ -215,13 +215,13 @@ impl Smoother {
         self.state = State::Exact;
         self.cursor = 0.0;
         self.spacing_pending = 1;
-        self.plain = 0..0;
+        self.unsmoothed = 0..0;
         self.kept = 0.0;
-        self.off = None;
+        self.offset_point = None;
         self.moving = ending == Ending::Moving;
         self.joint = self.moving && cap.is_some();
         self.active = [false; AXES];
-        self.sight = 0.0;
+        self.lookahead = 0.0;
     }
 
     fn advance(&mut self, ending: Option<Ending>, out: &mut Vec<Output>) {
@@ -239,24 +239,26 @@ impl Smoother {
             * self
                 .chain
                 .get(self.chain.first())
-                .map_or(0.0, |link| spacing::most(link.tolerance));
-        // A zone's last joint tells where the zone ends.
+                .map_or(0.0, |segment| spacing::max_spacing(segment.tolerance));
+        // The last joint of a zone determines its end.
         let needed = match self.state {
-            State::BlendZone { joint, .. } => self.chain.get(joint).map_or(self.cursor, |link| link.from),
+            State::BlendZone { joint, .. } => {
+                self.chain.get(joint).map_or(self.cursor, |segment| segment.from)
+            }
             State::Exact => self.cursor,
         };
         self.chain.forget(needed.min(self.cursor) - keep);
     }
 
-    /// Finds the spacing at the joints for which enough of the path is known.
+    /// Determines the spacing at the joints for which enough of the path is known.
     fn resolve_spacing(&mut self, complete: bool) {
-        while let Some(link) = self.chain.get(self.spacing_pending) {
+        while let Some(segment) = self.chain.get(self.spacing_pending) {
             let before = self
                 .spacing_pending
                 .checked_sub(1)
                 .and_then(|n| self.chain.get(n));
-            let inherited = before.map_or(f64::INFINITY, |b| b.spacing + GROWTH * (link.from - b.from));
-            let own = if link.smoothed {
+            let inherited = before.map_or(f64::INFINITY, |b| b.spacing + GROWTH * (segment.from - b.from));
+            let own = if segment.smoothed {
                 let Some(own) = spacing::at_joint(&self.chain, self.spacing_pending, self.guess, complete)
                 else {
                     return;
@@ -266,79 +268,79 @@ impl Smoother {
             } else {
                 f64::INFINITY
             };
-            if let Some(link) = self.chain.get_mut(self.spacing_pending) {
-                link.spacing = link.spacing.min(own).min(inherited);
+            if let Some(segment) = self.chain.get_mut(self.spacing_pending) {
+                segment.spacing = segment.spacing.min(own).min(inherited);
             }
             spread(&mut self.chain, self.spacing_pending);
             self.spacing_pending += 1;
         }
     }
 
-    /// Up to where the spacing is settled.
+    /// Position up to which the spacing is determined.
     fn reach(&self, complete: bool) -> f64 {
         match self.chain.get(self.spacing_pending) {
-            Some(link) => link.from,
+            Some(segment) => segment.from,
             None if complete => return f64::INFINITY,
             None => self.chain.end(),
         }
-        .min(self.chain.end() - self.sight)
+        .min(self.chain.end() - self.lookahead)
     }
 
-    /// The first joint from `number` on that is eased.
+    /// The first joint from `number` that is smoothed.
     fn smoothed(&mut self, number: usize) -> Option<usize> {
         let from = number.max(self.chain.first());
-        if !self.plain.contains(&from) {
-            self.plain = from..from;
+        if !self.unsmoothed.contains(&from) {
+            self.unsmoothed = from..from;
         }
-        // Only links to come are ever marked, so what was looked through need not be again.
-        while let Some(link) = self.chain.get(self.plain.end) {
-            if link.smoothed {
-                return Some(self.plain.end);
+        // Only later segments are ever marked, so earlier ones need not be searched again.
+        while let Some(segment) = self.chain.get(self.unsmoothed.end) {
+            if segment.smoothed {
+                return Some(self.unsmoothed.end);
             }
-            self.plain.end += 1;
+            self.unsmoothed.end += 1;
         }
         None
     }
 
-    /// How far a joint's zone reaches, once its spacing is settled.
+    /// Extent of a joint's zone, once its spacing is determined.
     fn extent(&self, number: usize, complete: bool) -> Option<f64> {
-        let link = self.chain.get(number)?;
+        let segment = self.chain.get(number)?;
         let settled = number < self.spacing_pending
-            && (complete || link.from + link.spacing / GROWTH <= self.reach(complete));
-        settled.then_some(EXTENT * link.spacing)
+            && (complete || segment.from + segment.spacing / GROWTH <= self.reach(complete));
+        settled.then_some(EXTENT * segment.spacing)
     }
 
     fn advance_exact(&mut self, ending: Option<Ending>, out: &mut Vec<Output>) -> bool {
         let first = self.chain.find(self.cursor) + 1;
         let Some(joint) = self.smoothed(first) else {
             let end = self.chain.end();
-            let most = self
+            let max = self
                 .chain
                 .get(self.chain.next().wrapping_sub(1))
-                .map_or(0.0, |link| EXTENT * spacing::most(link.tolerance));
-            let to = if ending.is_some() { end } else { end - most };
-            self.exact(to, out);
+                .map_or(0.0, |segment| EXTENT * spacing::max_spacing(segment.tolerance));
+            let to = if ending.is_some() { end } else { end - max };
+            self.output_exact(to, out);
             return false;
         };
         let Some(extent) = self.extent(joint, ending.is_some()) else {
             return false;
         };
-        let Some(&link) = self.chain.get(joint) else {
+        let Some(&segment) = self.chain.get(joint) else {
             return false;
         };
-        let from = (link.from - extent).max(self.cursor).max(self.kept);
-        self.exact(from, out);
-        // A curve shorter than rounding may lie between.
+        let from = (segment.from - extent).max(self.cursor).max(self.kept);
+        self.output_exact(from, out);
+        // A curve shorter than rounding may be in between.
         self.cursor = from;
-        let run = link.from - self.cursor;
+        let run = segment.from - self.cursor;
         let at_start = self.cursor <= self.kept;
-        let start = if at_start && !self.moving && run < 4.0 * link.tolerance {
-            EndCondition::Place(self.chain.position(self.cursor))
+        let start = if at_start && !self.moving && run < 4.0 * segment.tolerance {
+            EndCondition::Position(self.chain.position(self.cursor))
         } else {
             if at_start {
                 let number = self.chain.find(self.cursor);
-                if let Some(link) = self.chain.get_mut(number) {
-                    link.spacing = link.spacing.min(0.5 * run);
+                if let Some(segment) = self.chain.get_mut(number) {
+                    segment.spacing = segment.spacing.min(0.5 * run);
                 }
                 spread(&mut self.chain, number);
             }
@@ -356,29 +358,29 @@ impl Smoother {
 
     fn jet(&self, u: f64) -> Jet {
         match self.chain.get(self.chain.find(u)) {
-            Some(link) => link.jet(u),
+            Some(segment) => segment.jet(u),
             None => Jet::at_rest(self.chain.position(u)),
         }
     }
 
-    /// Brings out the programmed path up to `to`.
-    fn exact(&mut self, to: f64, out: &mut Vec<Output>) {
+    /// Outputs the programmed path up to `to`.
+    fn output_exact(&mut self, to: f64, out: &mut Vec<Output>) {
         let mut number = self.chain.find(self.cursor);
-        while let Some(link) = self.chain.get(number) {
-            let stop = link.to.min(to);
-            if stop - self.cursor > SHORTEST {
-                out.push(Output::Stretch(Stretch {
-                    curve: link.curve,
-                    from: self.cursor - link.from,
+        while let Some(segment) = self.chain.get(number) {
+            let stop = segment.to.min(to);
+            if stop - self.cursor > MIN_LENGTH {
+                out.push(Output::Segment(PathSegment {
+                    curve: segment.curve,
+                    from: self.cursor - segment.from,
                     length: stop - self.cursor,
-                    feed: link.feed,
-                    rapid: link.rapid,
+                    feed: segment.feed,
+                    rapid: segment.rapid,
                     blend: false,
                     joint: std::mem::take(&mut self.joint),
                 }));
                 self.cursor = stop;
             }
-            let end = link.to;
+            let end = segment.to;
             if end > to {
                 break;
             }
@@ -399,16 +401,16 @@ impl Smoother {
         self.release_marks(out);
     }
 
-    /// Brings out the marks of what has come out.
+    /// Outputs the marks of the path output so far.
     fn release_marks(&mut self, out: &mut Vec<Output>) {
         release(&mut self.marks, self.base + self.cursor, out);
     }
 }
 
-/// Brings out the marks up to `end`.
+/// Outputs the marks up to `end`.
 fn release(marks: &mut VecDeque<Mark>, end: f64, out: &mut Vec<Output>) {
     while let Some(mark) = marks.front()
-        && mark.end <= end + SHORTEST
+        && mark.end <= end + MIN_LENGTH
     {
         out.push(Output::Mark(*mark));
         marks.pop_front();
@@ -424,11 +426,11 @@ mod tests {
     use super::common::{Kind, Random, check, equal_limits, limits, program, settings, within};
     use super::{Smoother, State};
 
-    /// Programs of which some zones are given up at random places, as if they had failed.
+    /// Programs in which zones are abandoned at random, as if they had failed.
     #[test]
-    fn a_path_whose_zones_are_given_up_anywhere_still_keeps_to_the_tolerance() {
+    fn abandoned_zones_keep_the_tolerance() {
         let mut random = Random::from_state(0x5300_0011);
-        let mut given_up = 0;
+        let mut abandoned = 0;
         for case in 0..16 {
             let smallest = random.log(1e-3, 0.3);
             let kind = Kind {
@@ -450,7 +452,7 @@ mod tests {
             for block in &blocks {
                 smoother.push(block, &mut out);
                 if matches!(smoother.state, State::BlendZone { .. }) && random.unit() < 0.2 {
-                    given_up += u64::from(smoother.off.is_some());
+                    abandoned += u64::from(smoother.offset_point.is_some());
                     let until = smoother.cursor + random.log(1e-3, 10.0) * smallest;
                     smoother.fall_back(until, &mut out);
                 }
@@ -458,6 +460,6 @@ mod tests {
             smoother.rest(&mut out);
             check(&blocks, &out, 5, &format!("case {case} {tolerance:?}"));
         }
-        assert!(given_up > 8, "{given_up}");
+        assert!(abandoned > 8, "{abandoned}");
     }
 }

@@ -1,23 +1,23 @@
-//! A zone from its first joint to its end: how far it goes, and its intervals as they become final.
+//! A zone from its first joint to its end: its extent, and its intervals as they become final.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Curve, Jet, ParamCurve, Spline};
 
-use super::{EXTENT, Ending, SHORTEST, Smoother, State, release};
+use super::{EXTENT, Ending, MIN_LENGTH, Smoother, State, release};
 use crate::chain::Chain;
 use crate::spacing::{self, GROWTH};
 use crate::tube::within_tolerance;
 use crate::zone::{BATCH, EndCondition, ExtendResult, spread};
-use crate::zone_solver::{Scene, WINDOW};
-use crate::{Output, Stretch};
+use crate::zone_solver::{Context, WINDOW};
+use crate::{Output, PathSegment};
 
-/// Beyond the travel by more than this is outside, mm or degrees.
-const OUTSIDE: f64 = 5e-7;
-/// Intervals that a zone may take from joint to joint; a few hundred are usual.
+/// Minimum excess over the travel that counts as outside, mm or degrees.
+const MIN_EXCESS: f64 = 5e-7;
+/// Maximum number of intervals of a zone from joint to joint; a few hundred are usual.
 const MAX_INTERVALS: usize = 2000;
 
 impl Smoother {
-    /// Where the zone ends, as far as that is known by now; also the last joint known to be in it.
+    /// The end of the zone, as far as known; also the last joint known to be in it.
     pub(super) fn zone_end(
         &mut self,
         joint: usize,
@@ -26,11 +26,11 @@ impl Smoother {
         let complete = ending.is_some();
         let mut joint = joint;
         loop {
-            let (Some(&link), Some(extent)) = (self.chain.get(joint), self.extent(joint, complete)) else {
+            let (Some(&segment), Some(extent)) = (self.chain.get(joint), self.extent(joint, complete)) else {
                 return (joint, None);
             };
-            let leave = link.from + extent;
-            let gap = 2.0 * (link.spacing + GROWTH * extent);
+            let leave = segment.from + extent;
+            let gap = 2.0 * (segment.spacing + GROWTH * extent);
             if let Some(next) = self.smoothed(joint + 1) {
                 let (Some(&following), Some(before)) = (self.chain.get(next), self.extent(next, complete))
                 else {
@@ -47,18 +47,18 @@ impl Smoother {
                 if end > leave + gap {
                     return (joint, Some((leave, EndCondition::Jet(self.jet(leave)))));
                 }
-                let run = end - link.from;
-                let clamp = if ending == Ending::Rest && run < 4.0 * link.tolerance {
-                    EndCondition::Place(self.end_jet().position)
+                let run = end - segment.from;
+                let end_condition = if ending == Ending::Rest && run < 4.0 * segment.tolerance {
+                    EndCondition::Position(self.end_jet().position)
                 } else {
                     self.chain.end_spacing = 0.5 * run;
                     self.spread_from_end();
                     EndCondition::Jet(self.end_jet())
                 };
-                return (joint, Some((end, clamp)));
+                return (joint, Some((end, end_condition)));
             }
-            let most = EXTENT * spacing::most(link.tolerance);
-            if end > leave + gap + most {
+            let max = EXTENT * spacing::max_spacing(segment.tolerance);
+            if end > leave + gap + max {
                 return (joint, Some((leave, EndCondition::Jet(self.jet(leave)))));
             }
             return (joint, None);
@@ -68,7 +68,7 @@ impl Smoother {
     fn end_jet(&self) -> Jet {
         let number = self.chain.next().wrapping_sub(1);
         match self.chain.get(number) {
-            Some(link) => link.curve.jet(link.curve.domain()),
+            Some(segment) => segment.curve.jet(segment.curve.domain()),
             None => Jet::at_rest(self.chain.position(self.chain.end())),
         }
     }
@@ -76,8 +76,8 @@ impl Smoother {
     fn spread_from_end(&mut self) {
         let number = self.chain.next().wrapping_sub(1);
         let bound = self.chain.end_spacing;
-        if let Some(link) = self.chain.get_mut(number) {
-            link.spacing = link.spacing.min(bound + GROWTH * (link.to - link.from));
+        if let Some(segment) = self.chain.get_mut(number) {
+            segment.spacing = segment.spacing.min(bound + GROWTH * (segment.to - segment.from));
             spread(&mut self.chain, number);
         }
     }
@@ -103,14 +103,17 @@ impl Smoother {
             if !ready {
                 let mut reach = self.reach(ending.is_some());
                 if end.is_none() {
-                    // Where the zone may end, knots have to fit.
+                    // Knots must fit where the zone may end.
                     let leave = self
                         .chain
                         .get(joint)
-                        .map_or(reach, |link| link.from + EXTENT * link.spacing);
+                        .map_or(reach, |segment| segment.from + EXTENT * segment.spacing);
                     reach = reach.min(leave);
                 }
-                match self.zone.lay(&mut self.chain, &start, end, reach, &self.active) {
+                match self
+                    .zone
+                    .extend(&mut self.chain, &start, end, reach, &self.active)
+                {
                     ExtendResult::Batch | ExtendResult::End if self.spent.0 > MAX_INTERVALS => {
                         self.fall_back(self.zone.knot(self.zone.intervals()), out);
                         return true;
@@ -134,29 +137,28 @@ impl Smoother {
                     f64::INFINITY
                 },
             );
-            let scene = Scene {
+            let context = Context {
                 chain: &self.chain,
                 scales: &self.scales,
                 rests,
                 measured: &self.active,
                 limits: &self.settings.limits,
             };
-            self.finder.find(&mut self.zone, &scene);
-            if let Some(until) = self.emit(end.map(|(_, clamp)| clamp), out) {
+            self.finder.optimize(&mut self.zone, &context);
+            if let Some(until) = self.output_final(end.map(|(_, end_condition)| end_condition), out) {
                 self.fall_back(until, out);
                 return true;
             }
             if self.zone.complete && self.zone.intervals() == 0 {
-                self.off = None;
+                self.offset_point = None;
                 self.state = State::Exact;
                 return true;
             }
         }
     }
 
-    /// Brings out the intervals that are final. If one of them is not what it should be, those before it come out, and
-    /// it returns where the bad one ends.
-    fn emit(&mut self, end: Option<EndCondition>, out: &mut Vec<Output>) -> Option<f64> {
+    /// Outputs the intervals that are final. If one of them is invalid, outputs those before it and returns its end.
+    fn output_final(&mut self, end: Option<EndCondition>, out: &mut Vec<Output>) -> Option<f64> {
         let zone = &self.zone;
         let count = zone.intervals();
         let done = zone.fixed.saturating_sub(3).min(count);
@@ -166,14 +168,14 @@ impl Smoother {
             let behind = match end {
                 _ if i + 1 < count => zone.jet(i + 1).position,
                 Some(EndCondition::Jet(jet)) => jet.position,
-                Some(EndCondition::Place(place)) => place,
+                Some(EndCondition::Position(place)) => place,
                 None => break,
             };
             let (from, to) = (zone.knot(i), zone.knot(i + 1));
             let spline = Spline::new(&jet, behind, to - from).ok();
             let Some(spline) = spline.filter(|spline| {
                 within_tolerance(&self.chain, (from, to), spline)
-                    && inside(spline, &self.chain, from, &self.settings.limits)
+                    && is_in_travel(spline, &self.chain, from, &self.settings.limits)
             }) else {
                 bad = Some(to);
                 break;
@@ -182,25 +184,25 @@ impl Smoother {
             let curve = Curve::Spline(spline);
             let mut number = self.chain.find(from);
             let mut at = from;
-            while let Some(link) = self.chain.get(number) {
-                let mut stop = link.to;
+            while let Some(segment) = self.chain.get(number) {
+                let mut stop = segment.to;
                 number += 1;
                 while stop < to
                     && let Some(next) = self.chain.get(number)
-                    && (next.feed, next.rapid) == (link.feed, link.rapid)
+                    && (next.feed, next.rapid) == (segment.feed, segment.rapid)
                 {
                     stop = next.to;
                     number += 1;
                 }
-                let last = stop >= to - SHORTEST;
+                let last = stop >= to - MIN_LENGTH;
                 let stop = if last { to } else { stop };
-                if stop - at > SHORTEST {
-                    out.push(Output::Stretch(Stretch {
+                if stop - at > MIN_LENGTH {
+                    out.push(Output::Segment(PathSegment {
                         curve,
                         from: at - from,
                         length: stop - at,
-                        feed: link.feed,
-                        rapid: link.rapid,
+                        feed: segment.feed,
+                        rapid: segment.rapid,
                         blend: true,
                         joint: std::mem::take(&mut self.joint),
                     }));
@@ -212,7 +214,7 @@ impl Smoother {
                 }
             }
             self.cursor = to;
-            self.off = Some(behind);
+            self.offset_point = Some(behind);
             release(&mut self.marks, self.base + to, out);
         }
         for sample in zone.samples.iter().take_while(|sample| sample.interval < gone) {
@@ -225,12 +227,15 @@ impl Smoother {
     }
 }
 
-/// Whether a piece stays in the travel, but for axes whose program does not.
-fn inside(piece: &Spline, chain: &Chain, from: f64, limits: &Limits) -> bool {
+/// Whether a piece stays within the travel, except for axes whose program does not.
+fn is_in_travel(piece: &Spline, chain: &Chain, from: f64, limits: &Limits) -> bool {
     let (low, high) = piece.bounds(0.0, piece.domain());
     let programmed = chain.position(from);
     (0..AXES).filter(|&i| limits.present[i]).all(|i| {
-        let (least, most) = (limits.travel_min[i] - OUTSIDE, limits.travel_max[i] + OUTSIDE);
-        !(least..=most).contains(&programmed[i]) || (low[i] >= least && high[i] <= most)
+        let (min, max) = (
+            limits.travel_min[i] - MIN_EXCESS,
+            limits.travel_max[i] + MIN_EXCESS,
+        );
+        !(min..=max).contains(&programmed[i]) || (low[i] >= min && high[i] <= max)
     })
 }

@@ -10,7 +10,7 @@
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Arc, Axes, Curve, Involute, Line, Plane, Sense};
 pub use evolvent_random::Random;
-use evolvent_smooth::{Block, Output, Settings, Smoother, Stretch, Tolerance};
+use evolvent_smooth::{Block, Output, PathSegment, Settings, Smoother, Tolerance};
 
 /// Seed and number of cases, from `EVOLVENT_SEED` and `EVOLVENT_CASES` if set; printed.
 pub fn campaign(seed: u64, cases: usize) -> (Random, usize) {
@@ -87,7 +87,7 @@ pub fn chain(points: &[Axes], feed: f64, tolerance: Tolerance) -> Vec<Block> {
         .collect()
 }
 
-/// What a random program is made of.
+/// The elements of a random program.
 #[derive(Clone, Copy)]
 pub struct Kind {
     pub smallest: f64,
@@ -124,9 +124,9 @@ pub fn program(random: &mut Random, kind: Kind, count: usize, tolerance: Toleran
         let curve = match random.pick(6) {
             0 if kind.curves => arc(random, at, step),
             1 if kind.curves => involute(random, at, step),
-            // Back the way it came: the sharpest corner there is.
+            // Straight back: the sharpest possible corner.
             2 if !blocks.is_empty() && random.unit() < 0.3 => Some(blocks[blocks.len() - 1].curve.reversed()),
-            // Straight on.
+            // Collinear.
             3 if !blocks.is_empty() => {
                 let last = &blocks[blocks.len() - 1].curve;
                 let ahead = last.jet(last.domain()).first;
@@ -193,7 +193,7 @@ fn arc(random: &mut Random, at: Axes, step: f64) -> Option<Curve> {
     Arc::new(plane, at, end, centre, sense, 0).map(Curve::Arc).ok()
 }
 
-/// From `at`, outwards, some of them from the base circle itself; half of them turned round.
+/// From `at`, outwards, some of them from the base circle itself; half of them reversed.
 pub fn involute(random: &mut Random, at: Axes, step: f64) -> Option<Curve> {
     let radius = (step * random.log(0.05, 1.0)).max(1e-3);
     let handed = if random.unit() < 0.5 { 1.0 } else { -1.0 };
@@ -241,10 +241,10 @@ pub fn smooth(settings: Settings, blocks: &[Block]) -> (Vec<Output>, Smoother) {
     (out, smoother)
 }
 
-pub fn stretches(out: &[Output]) -> Vec<Stretch> {
+pub fn stretches(out: &[Output]) -> Vec<PathSegment> {
     out.iter()
         .filter_map(|output| match output {
-            Output::Stretch(stretch) => Some(*stretch),
+            Output::Segment(stretch) => Some(*stretch),
             _ => None,
         })
         .collect()
@@ -254,7 +254,7 @@ fn norm(d: &Axes, i: usize) -> f64 {
     (d[i] * d[i] + d[i + 1] * d[i + 1] + d[i + 2] * d[i + 2]).sqrt()
 }
 
-/// The largest of the XYZ distance, the UVW distance and each rotary angle.
+/// The maximum of the XYZ distance, the UVW distance and each rotary angle.
 pub fn distance(d: &Axes) -> f64 {
     norm(d, 0)
         .max(norm(d, 6))
@@ -286,10 +286,10 @@ impl<'a> Programmed<'a> {
         self.starts[block + 1]
     }
 
-    /// The least distance of a point from the path about `u`, in units of the tolerance there.
+    /// The minimum distance of a point from the path near `u`, in units of the tolerance there.
     pub fn ratio(&self, place: &Axes, u: f64, reach: f64) -> f64 {
         let first = self.starts.partition_point(|&s| s < u - reach).saturating_sub(1);
-        let mut least = f64::INFINITY;
+        let mut min = f64::INFINITY;
         for k in first..self.blocks.len() {
             if self.starts[k] > u + reach {
                 break;
@@ -310,39 +310,39 @@ impl<'a> Programmed<'a> {
             for part in 0..parts {
                 let cut = |k: usize| low + (high - low) * k as f64 / parts as f64;
                 let (mut a, mut b) = (cut(part), cut(part + 1));
-                least = least.min(at(a)).min(at(b));
-                // The distance from a line is convex; from a short part of a curve nearly so.
+                min = min.min(at(a)).min(at(b));
+                // The distance from a line is convex; from a short part of a curve approximately so.
                 for _ in 0..if parts == 1 || tolerance < 1e-4 { 60 } else { 16 } {
                     let (x, y) = (a + (b - a) * 0.382, a + (b - a) * 0.618);
                     let (fx, fy) = (at(x), at(y));
-                    least = least.min(fx).min(fy);
+                    min = min.min(fx).min(fy);
                     if fx < fy {
                         b = y;
                     } else {
                         a = x;
                     }
                 }
-                if least <= 0.9 {
-                    return least;
+                if min <= 0.9 {
+                    return min;
                 }
             }
         }
-        least
+        min
     }
 }
 
-/// Checks everything that every path must keep.
+/// Checks the properties of every path.
 pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
     let programmed = Programmed::new(blocks);
     let scale = 1.0 + programmed.length();
-    let most = blocks.iter().map(|b| b.tolerance.mm()).fold(0.0, f64::max);
+    let max = blocks.iter().map(|b| b.tolerance.mm()).fold(0.0, f64::max);
     let (mut u, mut marks) = (0.0, 0);
     let mut last: Option<(evolvent_path::Jet, bool)> = None;
     let mut at_rest = true;
     for output in out {
         match output {
-            Output::Stretch(stretch) => {
-                // Marks no later than their path.
+            Output::Segment(stretch) => {
+                // Marks are not output after their path.
                 assert!(
                     programmed.end(marks) >= u - 1e-9 * scale,
                     "{what}: mark {marks} is late at {u}"
@@ -398,7 +398,7 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                 for k in 0..samples {
                     let x = stretch.length * (k as f64 + 0.5) / samples as f64;
                     let place = stretch.curve.position(stretch.from + x);
-                    let ratio = programmed.ratio(&place, u + x, 10.0 * most + 1e-6);
+                    let ratio = programmed.ratio(&place, u + x, 10.0 * max + 1e-6);
                     let near = programmed
                         .starts
                         .partition_point(|&s| s <= u + x)

@@ -1,8 +1,8 @@
 //! The optimum along a path by another method: sequential second-order cone programmes of the crate `copp`.
 //!
-//! Shares nothing with the planner but the curves: its own stations, aligned with joints and graded towards both
-//! rests, the limits at those stations alone, and no margins. It is no lower bound: on a line of 50 mm it stays 0.2 % above
-//! the closed form, and where curvature changes fast it stands still up to 2.5 % above motions that keep every limit.
+//! Shares only the curves with the planner: its own stations, aligned with joints and graded towards both
+//! ends, the limits at those stations alone, and no margins. It is not a lower bound: on a line of 50 mm it is 0.2 % above
+//! the closed form, and where curvature changes rapidly it stagnates up to 2.5 % above motions that keep every limit.
 
 use copp::robot::Robot;
 use copp::solver::topp2_ra::{ReachSet2OptionsBuilder, Topp2ProblemBuilder, topp2_ra};
@@ -14,19 +14,19 @@ use nalgebra::DMatrix;
 
 use crate::common::Path;
 
-/// Linearisations until the duration stands still.
+/// Maximum number of linearisations until the duration converges.
 const ROUNDS: usize = 30;
-/// Relative change of the duration that counts as standing still.
+/// Relative change of the duration that counts as converged.
 const STILL: f64 = 1e-5;
 
-/// A station: parameter along the whole path, derivatives there, highest speed by the feed.
+/// A station: parameter along the whole path, derivatives there, maximum speed by the feed.
 struct Station {
     u: f64,
     jet: Jet,
     feed: f64,
 }
 
-/// Offsets in a stretch: as dense as the tangent turns fast, and dense at both ends.
+/// Offsets in a stretch: dense where the tangent rotates rapidly, and at both ends.
 fn places(curve: &Curve, from: f64, length: f64, each: usize) -> Vec<f64> {
     const FINE: usize = 2000;
     let density = |k: usize| {
@@ -59,7 +59,7 @@ fn stations(path: &Path, each: usize) -> Vec<Station> {
     }
     let (last, (_, from, length, _)) = (path.parts.len() - 1, path.parts[path.parts.len() - 1]);
     marks.push((total, last, from + length));
-    // Graded by a tenth from both rests until that is coarser than what there is.
+    // Graded by a tenth from both ends until that is coarser than the existing stations.
     let grade = |limit: f64| {
         let mut x: f64 = limit * 1e-3;
         let mut out = Vec::new();
@@ -78,13 +78,13 @@ fn stations(path: &Path, each: usize) -> Vec<Station> {
     }
     marks.sort_by(|a, b| a.0.total_cmp(&b.0));
     marks.dedup_by(|b, a| (b.0 - a.0) < 1e-6 * total / (path.parts.len() as f64));
-    // The coarse stations that lie within the graded ends are too near to others: no harm.
+    // The coarse stations within the graded ends are close to others, which does no harm.
     marks
         .into_iter()
         .map(|(u, part, at)| {
             let (curve, from, _, feed) = &path.parts[part];
             let mut jet = curve.jet(at);
-            // At a joint the gentler of the two third derivatives: the optimum errs towards too fast.
+            // At a joint the smaller of the two third derivatives: the optimum errs on the fast side.
             if at <= *from && part > 0 {
                 let before = &path.parts[part - 1];
                 let left = before.0.jet(before.1 + before.2);
@@ -115,7 +115,7 @@ fn squares(pieces: &[Piece], stations: &[Station]) -> Vec<f64> {
         .collect()
 }
 
-/// The optimum of the path from rest to rest, s; and how many stations it was found on.
+/// The optimum of the path from rest to rest, s; and the number of its stations.
 pub(crate) fn optimum(
     path: &Path,
     limits: &Limits,

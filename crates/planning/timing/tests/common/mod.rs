@@ -1,4 +1,4 @@
-//! Paths, and a checker of plans that looks at nothing but positions.
+//! Paths, and a checker of plans that uses positions only.
 #![allow(dead_code, reason = "each test uses a part")]
 #![allow(clippy::expect_used, clippy::panic, reason = "a test may fail")]
 
@@ -25,8 +25,8 @@ pub(crate) fn axes(count: usize, velocity: f64, acceleration: f64, jerk: f64) ->
     }
 }
 
-/// Limits along the path at a rate and chord error that bind nowhere else.
-pub(crate) fn loose(limits: Limits) -> PathLimits {
+/// Limits along the path at a rate and chord error that are never active.
+pub(crate) fn relaxation(limits: Limits) -> PathLimits {
     PathLimits::new(limits, 1e5, 1.0)
 }
 
@@ -90,7 +90,7 @@ impl Path {
     }
 }
 
-/// Turns a point about the origin in the XY plane.
+/// Rotates a point about the origin in the XY plane.
 pub(crate) fn turned(p: Axes, degrees: f64) -> Axes {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let mut out = p;
@@ -151,18 +151,18 @@ pub(crate) fn square(side: f64, tolerance: f64, degrees: f64) -> Path {
     )
 }
 
-/// The largest ratio of a finite difference to its limit, over the axes.
+/// Maximum ratio of a finite difference to its limit over the axes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Measured {
     pub(crate) velocity: f64,
     pub(crate) acceleration: f64,
     pub(crate) jerk: f64,
-    /// Where the largest of all lies, s.
+    /// Time of the maximum, s.
     pub(crate) at: f64,
     pub(crate) jerk_at: f64,
 }
 
-/// Positions of a motion at a fixed rate, from pieces that may be replaced on the way.
+/// Positions of a motion at a fixed rate, from pieces that may be replaced during the motion.
 pub(crate) struct Player<'a> {
     pub(crate) grid: &'a Grid,
     pub(crate) pieces: &'a [Piece],
@@ -173,7 +173,7 @@ impl Player<'_> {
         self.pieces.iter().map(|piece| piece.duration).sum()
     }
 
-    /// Positions at `rate` from `phase` periods on, with the motion at rest for four periods before and after.
+    /// Positions at `rate` from `phase` periods, at rest for four periods before and after the motion.
     pub(crate) fn positions(&self, rate: f64, phase: f64) -> Vec<Axes> {
         let duration = self.duration();
         let (mut index, mut begin) = (0, 0.0);
@@ -194,7 +194,7 @@ impl Player<'_> {
                 .min(piece.length);
             out.push(
                 self.grid
-                    .position(piece.stretch, piece.from + x)
+                    .position(piece.segment, piece.from + x)
                     .expect("stretch"),
             );
         }
@@ -213,7 +213,7 @@ pub(crate) fn measure(positions: &[Axes], rate: f64, limits: &Limits) -> Measure
         for i in (0..AXES).filter(|&i| limits.present[i]) {
             let v = first[i].abs() * rate / limits.velocity[i];
             let a = second[i].abs() * rate * rate / limits.acceleration[i];
-            // What rounding of positions reads as jerk is not the plan's.
+            // The jerk that rounding of positions produces is not the plan's.
             let noise = 8.0 * f64::EPSILON * p[0][i].abs().max(p[3][i].abs());
             let j = (jerk_step[i].abs() - noise).max(0.0) * rate * rate * rate / limits.jerk[i];
             if v.max(a).max(j) > worst {
@@ -231,7 +231,7 @@ pub(crate) fn measure(positions: &[Axes], rate: f64, limits: &Limits) -> Measure
     out
 }
 
-/// Largest of several rates.
+/// Maximum over several rates.
 pub(crate) fn measure_all(player: &Player<'_>, limits: &Limits, rates: &[f64]) -> Measured {
     let mut out = Measured::default();
     for rate in rates {
@@ -246,7 +246,7 @@ pub(crate) fn measure_all(player: &Player<'_>, limits: &Limits, rates: &[f64]) -
     out
 }
 
-/// Asserts that pieces chain, cover `length` and end at rest.
+/// Asserts that pieces are contiguous, cover `length` and end at rest.
 pub(crate) fn assert_chained(pieces: &[Piece], from: (f64, f64), length: f64, what: &str) {
     let (mut v, mut a, mut covered) = (from.0, from.1, 0.0);
     let top = pieces.iter().map(|p| p.law.at(0.0).0.v).fold(0.0, f64::max);

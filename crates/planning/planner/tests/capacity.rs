@@ -1,5 +1,5 @@
-//! Nothing is handed on that there is no room for: a planner that waits for room in the middle of a window answers
-//! nobody.
+//! Nothing is handed over without capacity: a planner that waits for capacity in the middle of a window cannot answer
+//! requests.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -10,10 +10,10 @@ use evolvent_machine::{Limits, PlannerKind};
 use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind, PathMode};
 use evolvent_planner::{BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Segment, Step};
 
-/// Most marks that a window may need: what the queue to the cycle holds.
+/// Maximum number of marks of a window: the capacity of the queue to the cycle.
 const MARKS: usize = 1 << 17;
 
-/// Gives the room that it is asked for, and no more.
+/// A sink that provides exactly the requested capacity.
 #[derive(Default)]
 struct Granting {
     room: Cell<(usize, usize, usize)>,
@@ -59,7 +59,7 @@ impl PlanSink for Granting {
     }
 }
 
-/// Plans lines from point to point; which blocks were marked.
+/// Plans lines from point to point; returns the marked blocks.
 fn plan(count: usize, at: impl Fn(usize) -> (f64, f64)) -> Vec<u32> {
     let limits = Limits {
         present: [true; AXES],
@@ -109,7 +109,7 @@ fn a_window_asks_for_room_for_all_its_marks() {
 }
 
 #[test]
-fn a_line_of_very_many_blocks_has_no_more_marks_than_a_queue_holds() {
+fn marks_of_many_blocks_fit_into_the_queue() {
     let blocks = plan(5000, |k| {
         if k < 5000 {
             (0.01 * k as f64, 0.0)
