@@ -1,4 +1,4 @@
-//! What the interpreter hands on: canonical commands in machine coordinates.
+//! Output of the interpreter: canonical commands in machine coordinates.
 
 use std::sync::Arc;
 
@@ -6,23 +6,23 @@ use evolvent_path::{Curve, Move, PathMode, SurfaceSpeed};
 
 use crate::{Call, TurningCycle};
 
-/// One canonical command and the line of the program that asked for it.
+/// One canonical command, with the program line it comes from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Command {
     /// Physical line in the file, from 1.
     pub line: u32,
-    /// What is to be done.
+    /// The action.
     pub action: Action,
-    /// Where the line stands, if it is in a file of a subroutine; `line` is that of the call in the program then.
+    /// The line if it is in a subroutine file; `line` is then that of the call in the program.
     pub origin: Option<Origin>,
-    /// The calls that have led to the line.
+    /// The calls that led to the line.
     pub calls: CallChain,
-    /// Of a feed move in G95: mm, or degrees where only rotary axes move, per revolution of the spindle. The `feed` of the move is
-    /// the one at the spindle's commanded speed.
+    /// For a feed move in G95: mm per spindle revolution, or degrees if only rotary axes move. The `feed` of the move is that at
+    /// the commanded spindle speed.
     pub feed_per_revolution: Option<f64>,
 }
 
-/// The calls of subroutines that have led to a line, shared by all that tell of it. Empty in the program itself.
+/// The subroutine calls that led to a line, in shared memory. Empty in the program itself.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CallChain(Option<Arc<CallLink>>);
 
@@ -34,7 +34,7 @@ struct CallLink {
 }
 
 impl CallChain {
-    /// The chain of a subroutine that is called from a line with this chain.
+    /// The chain of a subroutine that a line with this chain calls.
     pub(crate) fn and_from(&self, file: Option<Arc<str>>, line: u32) -> Self {
         Self(Some(Arc::new(CallLink {
             file,
@@ -43,7 +43,7 @@ impl CallChain {
         })))
     }
 
-    /// Every call, the innermost first.
+    /// All calls, innermost first.
     #[must_use]
     pub fn innermost_first(&self) -> Box<[Call]> {
         let mut calls = Vec::new();
@@ -59,7 +59,7 @@ impl CallChain {
     }
 }
 
-/// A line of a file of a subroutine.
+/// A line of a subroutine file.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Origin {
     /// Path of the file.
@@ -68,138 +68,136 @@ pub struct Origin {
     pub line: u32,
 }
 
-/// What a machine can be asked to do. Commands of one line come in the order of execution of RS274/NGC
-/// (table 8), so that whoever carries them out needs no modal state of his own.
+/// A canonical action. The commands of one line come in the order of execution of RS274/NGC (table 8), so the consumer
+/// needs no modal state.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Action {
-    /// Move along a curve.
+    /// Moves along a curve.
     Move(Move),
-    /// Stand still (G4).
+    /// Dwells (G4).
     Dwell {
-        /// How long, in seconds, not negative.
+        /// Duration in seconds, not negative.
         seconds: f64,
     },
-    /// A tool is going to be needed (T): the changer may fetch it.
+    /// Selects the next tool (T); a tool changer may fetch it.
     SelectTool(u32),
-    /// The machine's subroutine begins to put this tool into the spindle (M6); 0 empties the spindle. Which tool is in the
-    /// spindle is not known from here to [`Action::ChangeTool`].
+    /// The machine's subroutine starts to put this tool into the spindle (M6); 0 empties the spindle. Up to the following
+    /// [`Action::ChangeTool`] the tool in the spindle is unknown.
     BeginToolChange(u32),
-    /// Put this tool into the spindle (M6); 0 empties the spindle. After [`Action::BeginToolChange`] it is done.
+    /// Puts this tool into the spindle (M6); 0 empties the spindle. After [`Action::BeginToolChange`] the change is complete.
     ChangeTool(u32),
-    /// Spindle state after M3, M4, M5, or a new S word.
+    /// State of the spindle after M3, M4, M5 or a new S word.
     Spindle {
-        /// Sense of rotation, or stopped.
+        /// Direction of rotation, or stopped.
         direction: SpindleDirection,
-        /// Commanded speed in revolutions per minute, not negative. It is kept while the spindle is stopped.
+        /// Commanded speed in revolutions per minute, not negative. Kept while the spindle is stopped.
         speed_rpm: f64,
     },
-    /// Coolant state after M7, M8, M9.
+    /// State of the coolant after M7, M8, M9.
     Coolant {
         /// Mist coolant (M7) runs.
         mist: bool,
         /// Flood coolant (M8) runs.
         flood: bool,
     },
-    /// The tool in the spindle is this one, without a change (M61).
+    /// Declares the tool in the spindle, without a change (M61).
     ToolNumber(u32),
-    /// Turn the stopped spindle to an angle (M19).
+    /// Orients the stopped spindle (M19).
     OrientSpindle {
-        /// In degrees, 0 to 360.
+        /// Angle in degrees, 0 to 360.
         degrees: f64,
-        /// The way; `None` for the shorter one.
+        /// Direction; `None` for the shorter way.
         direction: Option<SpindleDirection>,
-        /// Longest wait for it in seconds; 0 for none.
+        /// Time limit in seconds; 0 for none.
         timeout_s: f64,
     },
-    /// Constant surface speed (G96): the spindle's speed follows the radius, X of the tool. Again where offsets move the centre.
+    /// Constant surface speed (G96): the spindle speed follows the radius, X of the tool. Repeated when offsets move the centre.
     SurfaceSpeed {
-        /// Sense of rotation, or stopped.
+        /// Direction of rotation, or stopped.
         direction: SpindleDirection,
-        /// The speed of the surface, and where it is measured from.
+        /// Surface speed, and the centre of the radius.
         surface: SurfaceSpeed,
     },
-    /// A move in step with the spindle's angle (G33, G76).
+    /// A move synchronised with the spindle angle (G33, G76).
     Thread {
-        /// Where to.
+        /// The path.
         curve: Curve,
         /// Path length per revolution, mm.
         pitch_mm: f64,
-        /// Rapids between the passes of G76 are [`Action::Move`]s.
+        /// Path control mode; rapids between the passes of G76 are [`Action::Move`]s.
         path_mode: PathMode,
-        /// Angle of the spindle at which it begins, degrees from the index pulse: threads of several starts. A piece that goes on
-        /// with another has that one's.
+        /// Spindle angle at the start, degrees from the index pulse, for multi-start threads. A continuation of another thread has
+        /// the same angle.
         start_degrees: f64,
     },
-    /// Turn a step, in passes that the cutting load finds (a lathe's G82 Q1, G75 Q1). Begins and ends at its start.
+    /// Turns a step in load-adaptive passes (a lathe's G82 Q1, G75 Q1). Starts and ends at its start position.
     Turning(TurningCycle),
-    /// In with the spindle, out with the spindle reversed (G33.1). Ends where it began.
+    /// Rigid tapping: in with the spindle, out with the spindle reversed (G33.1). Ends where it started.
     RigidTap {
-        /// The way in.
+        /// The path inwards.
         curve: Curve,
         /// Path length per revolution, mm.
         pitch_mm: f64,
-        /// Spindle speed on the way out, as a multiple of that on the way in.
+        /// Spindle speed on the way out, relative to that on the way in.
         return_factor: f64,
     },
-    /// A straight move until the probe trips (G38.2 to G38.5). Where it did is told by
-    /// [`Interpreter::answer_probe`](crate::Interpreter::answer_probe); otherwise the program goes on as if there had been no
-    /// contact.
+    /// A straight move until the probe trips (G38.2 to G38.5). Report the position of contact with
+    /// [`Interpreter::answer_probe`](crate::Interpreter::answer_probe); otherwise the program continues as without contact.
     Probe {
-        /// Where to at the most.
+        /// The maximum path.
         curve: Curve,
         /// As [`Move::feed`].
         feed: f64,
         /// Until contact is made; otherwise until it is lost.
         toward: bool,
-        /// If the probe does not trip, the program stops with an error.
+        /// The program stops with an error if the probe does not trip.
         must: bool,
     },
-    /// A digital output (M62 to M65).
+    /// Sets a digital output (M62 to M65).
     Output {
-        /// Which.
+        /// Number of the output.
         index: u32,
         /// Its new state.
         on: bool,
-        /// With the beginning of the next move, not at once.
+        /// At the start of the next move instead of at once.
         synchronised: bool,
     },
-    /// An analogue output (M67, M68).
+    /// Sets an analog output (M67, M68).
     AnalogOutput {
-        /// Which.
+        /// Number of the output.
         index: u32,
         /// Its new value.
         value: f64,
-        /// With the beginning of the next move, not at once.
+        /// At the start of the next move instead of at once.
         synchronised: bool,
     },
-    /// Wait for an input (M66). Its value goes to #5399 if whoever carries this out tells it before asking for the next
-    /// command ([`Interpreter::answer_input`](crate::Interpreter::answer_input)); otherwise #5399 is -1, which stands for a
-    /// timeout.
+    /// Waits for an input (M66). Report its value with [`Interpreter::answer_input`](crate::Interpreter::answer_input) before
+    /// requesting the next command; it becomes #5399. Otherwise #5399 is -1, which means a timeout.
     WaitInput {
-        /// Which.
+        /// Number of the input.
         index: u32,
-        /// Analogue, not digital.
+        /// Analog instead of digital.
         analog: bool,
-        /// 0 at once, 1 rise, 2 fall, 3 high, 4 low.
+        /// 0 immediate, 1 rising edge, 2 falling edge, 3 high, 4 low.
         mode: u32,
-        /// Longest wait in seconds.
+        /// Time limit in seconds.
         timeout_s: f64,
     },
-    /// What the operator and other programs may do while the program runs (M48 to M53).
+    /// Overrides that are enabled (M48 to M53).
     Overrides {
-        /// Feed override counts.
+        /// The feed override is enabled.
         feed: bool,
-        /// Spindle override counts.
+        /// The spindle override is enabled.
         spindle: bool,
-        /// Adaptive feed is on (M52); none where the program has not said.
+        /// Adaptive feed is enabled (M52); `None` if the program has not set it.
         adaptive: Option<bool>,
-        /// Feed stop counts.
+        /// Feed hold is enabled.
         feed_stop: bool,
-        /// The cycle that switches them, not the program: `G84` or `G74`.
+        /// The cycle that sets them, `G84` or `G74`, instead of the program.
         cycle: Option<&'static str>,
     },
-    /// The machine's own command (M100 to M199).
+    /// A user-defined M code (M100 to M199).
     UserCommand {
         /// The number after M.
         number: u32,
@@ -208,34 +206,34 @@ pub enum Action {
         /// Q word.
         q: Option<f64>,
     },
-    /// `(PRINT, text)`: a line for the standard output.
+    /// `(PRINT, text)`: a line for standard output.
     Print(String),
-    /// `(LOG, text)` and what opens and closes the file: a line for a file of the user's.
+    /// `(LOG, text)` and the comments that open and close the file: a line for a log file.
     Log(LogAction),
-    /// Wait for the operator (M0, M1, M60).
+    /// Waits for the operator (M0, M1, M60).
     ProgramStop {
-        /// M1: only if the operator has switched the optional stop on.
+        /// M1: only if the operator has enabled the optional stop.
         optional: bool,
-        /// M60: change pallets first.
+        /// M60: with pallet change.
         pallet: bool,
     },
-    /// The program is over (M2, M30, a closing `%` or the end of the text). Nothing follows.
+    /// End of the program (M2, M30, a closing `%` or the end of the text). Nothing follows.
     ProgramEnd,
-    /// Show this text to the operator: `(MSG, text)`. Control characters have been taken out.
+    /// Shows a text to the operator: `(MSG, text)`. Control characters have been removed.
     Message(String),
-    /// The line is right but probably not what was meant: tell the operator.
+    /// A warning for the operator: the line is valid but probably not intended.
     Warning(String),
 }
 
-/// What log comments ask for.
+/// Operations of log comments.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LogAction {
-    /// `(LOGOPEN, file)`: begin a new file.
+    /// `(LOGOPEN, file)`: creates a file.
     Open(String),
-    /// `(PROBEOPEN file)`: begin a new file of its own for the positions of probing moves that met something, in program
-    /// coordinates and units: #5061 to #5069.
+    /// `(PROBEOPEN file)`: creates a separate file for the positions of probing moves with contact, in program coordinates and
+    /// units: #5061 to #5069.
     OpenProbes(String),
-    /// `(LOGAPPEND, file)`: go on in a file.
+    /// `(LOGAPPEND, file)`: appends to a file.
     Append(String),
     /// `(LOG, text)`.
     Line(String),
@@ -245,7 +243,7 @@ pub enum LogAction {
     CloseProbes,
 }
 
-/// Which way the spindle turns, seen along the tool from the spindle.
+/// Direction of rotation of the spindle, seen along the tool from the spindle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum SpindleDirection {
     /// M5.

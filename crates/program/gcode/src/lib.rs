@@ -1,4 +1,7 @@
-//! RS274/NGC: text in, a lazy stream of canonical commands out, errors with their place.
+//! RS274/NGC interpreter: program text in, a lazy stream of canonical commands out, and errors with their position.
+//!
+//! Input: text from any [`BufRead`](std::io::BufRead) and [`Settings`]. Output: an iterator over [`Command`]s in machine
+//! coordinates, and [`Diagnostic`]s.
 //!
 //! ```
 //! use evolvent_gcode::{Action, Interpreter, Settings};
@@ -16,35 +19,44 @@
 //! # Ok::<(), evolvent_gcode::Diagnostic>(())
 //! ```
 //!
+//! # Model
+//!
 //! ```text
 //! bytes ─► lines ─► O-words ─► words ─────► codes and words ─► commands
 //!         syntax    interpreter syntax      codes, syntax      execution, with state and parameters
 //! ```
 //!
-//! [`Interpreter`] is an iterator and reads one line at a time. O-words decide which line is next: the lines of a running
-//! loop are kept, subroutines are held in a library. Words get their values while they are read, from
-//! [parameters](Interpreter::parameter) and formulas. Codes are sorted into modal groups and the other words to the codes
-//! that use them; then the line is executed in the order of RS274/NGC, table 8. A line counts as a whole: after an error
-//! modal state and parameters are those before it, so the next error can be found.
+//! [`Interpreter`] reads one line at a time. O-words select the next line: the lines of an active loop are stored, subroutines
+//! are kept in a library. Words are evaluated while they are read, from [parameters](Interpreter::parameter) and expressions.
+//! Codes are sorted into modal groups, the other words to the codes that use them; then the line is executed in the order of
+//! RS274/NGC, table 8.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `syntax` | lines, tokens, words, formulas, comments; which word belongs to which code |
+//! | `syntax` | lines, tokens, words, expressions, comments; which word belongs to which code |
 //! | `codes` | G and M codes, modal groups |
-//! | `parameters` | numbered and named parameters, values of the system |
+//! | `parameters` | numbered and named parameters, system parameters |
 //! | `state` | modal state, settings, outputs |
 //! | `execution` | lines, arcs, splines, holes, offsets, cutter compensation, canned cycles |
 //! | `interpreter` | O-words, subroutines, restart at a line |
 //! | `tables` | tool table and parameter file |
-//! | `diagnostics` | errors, hints, what other dialects mean |
+//! | `diagnostics` | errors, advice, equivalents of other dialects |
 //!
-//! What comes out is free of modes: a [`Move`] carries a curve in machine coordinates in mm and degrees, a speed in mm/s
-//! and the path mode, so planners know nothing of units, planes, offsets, cycles or the cutter's radius.
-//! Along moves in G95 the feed is that at the commanded speed of the spindle, and the [`Command`] tells the feed per
-//! revolution; in G96 such a move comes in pieces of nearly one speed.
+//! Commands are free of modes: a [`Move`] carries a curve in machine coordinates in mm and degrees, a speed in mm/s and the path
+//! control mode, so planners know no units, planes, offsets, cycles or cutter radius. In G95 the feed of a move is that at the
+//! commanded spindle speed, and the [`Command`] has the feed per revolution; in G96 such a move is divided into pieces of
+//! nearly constant speed.
 //!
-//! Where the standard is silent, or LinuxCNC does otherwise, `docs/SPECNOTES.md` says what happens here;
-//! `tools/compare-rs274` compares both interpreters. Nothing here is for the real-time cycle: it allocates.
+//! # Guarantees
+//!
+//! No input panics. A line is executed completely or not at all: after an error modal state and parameters are those before
+//! it, so the following errors can be found. Memory is bounded by the settings. The commands depend on the text, the settings
+//! and the reported answers only. Nothing here is real-time safe: it allocates.
+//!
+//! # Where to read on
+//!
+//! `docs/SPECNOTES.md` for what the standard leaves open and where LinuxCNC differs; `tools/compare-rs274` compares both
+//! interpreters; `interpreter/mod.rs`, then `execution/execute.rs`.
 
 mod codes;
 mod command;

@@ -397,13 +397,13 @@ fn messages_name_the_word_that_is_wrong() {
 }
 
 #[test]
-fn bytes_that_are_no_text_are_an_error_outside_comments_and_none_inside() {
+fn invalid_utf8_is_permitted_in_comments_only() {
     assert_eq!(errors(b"G0 X1 \xff")[0].code, Code::NotAscii);
     assert_eq!(errors(b"G0 X1 (\xff\xfe\x00) ; \x80\x01"), []);
 }
 
 #[test]
-fn one_pass_finds_the_errors_of_many_lines_and_faulty_lines_change_nothing() {
+fn one_pass_finds_the_errors_of_many_lines() {
     let program = "G21 F60\nG1 X1\nG20 G91 X?\nG55 G0 X5 P1\nG1 X2\nG6\nM2\nthis is not reached";
     let mut commands = Vec::new();
     let mut lines = Vec::new();
@@ -434,7 +434,7 @@ fn nothing_of_a_faulty_line_is_handed_out() {
 }
 
 #[test]
-fn a_line_that_is_too_long_is_refused_and_the_next_one_read() {
+fn reading_continues_after_a_line_that_is_too_long() {
     let mut program = vec![b' '; 100_000];
     program.extend_from_slice(b"\nG6");
     let found = errors(&program);
@@ -456,7 +456,7 @@ impl std::io::Read for Broken {
 }
 
 #[test]
-fn a_failing_read_is_reported_once_and_ends_the_program_without_its_end() {
+fn a_read_error_is_reported_once() {
     let reader = std::io::BufReader::new(Broken(b"G0 X1\nG0 X"));
     let items: Vec<_> = Interpreter::new(reader, settings()).collect();
     assert_eq!(items.len(), 2);

@@ -308,7 +308,7 @@ fn landscape(random: &mut Random) -> Case {
 }
 
 #[test]
-fn landscapes_are_never_cut_and_refused_only_if_too_narrow() {
+fn random_contours_are_never_gouged() {
     let mut random = Random::new();
     let (mut accepted, mut refused) = (0, 0);
     for _ in 0..cases(3000) {

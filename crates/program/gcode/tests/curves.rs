@@ -75,7 +75,7 @@ fn g5_goes_on_with_the_mirrored_control_point() {
 }
 
 #[test]
-fn g5_1_in_rotated_and_shifted_coordinates_is_the_rotated_curve() {
+fn g5_1_respects_rotated_and_shifted_coordinates() {
     let plain = moves("F600\nG5.1 X11 Y7 I3 J9")[0].curve;
     let turned = moves("F600 G10 L2 P1 X5 Y-3 R30\nG0 X0 Y0\nG5.1 X11 Y7 I3 J9")[1].curve;
     let (sin, cos) = 30.0_f64.to_radians().sin_cos();
@@ -86,7 +86,7 @@ fn g5_1_in_rotated_and_shifted_coordinates_is_the_rotated_curve() {
 }
 
 #[test]
-fn a_nurbs_that_is_a_circle_is_one_and_its_pieces_join_smoothly() {
+fn a_nurbs_circle_is_a_smooth_circle() {
     // Quarter of a circle of radius 10 about zero: weights 1, cos 45 degrees, 1.
     let found = moves("F600 G0 X10 Y0\nG5.2 P1 L3\nX10 Y10 P0.707106781186548\nX0 Y10 P1\nG5.3");
     let pieces = &found[1..];
@@ -108,7 +108,7 @@ fn a_nurbs_that_is_a_circle_is_one_and_its_pieces_join_smoothly() {
 }
 
 #[test]
-fn a_curve_that_stands_still_at_its_ends_is_followed_all_the_same() {
+fn a_curve_with_stationary_ends_is_followed() {
     // No control points: a straight line with a speed of nought at both ends.
     let found = moves("F600\nG5 X10 Y5 P0 Q0");
     let total: f64 = found.iter().map(|step| step.curve.length()).sum();
@@ -125,7 +125,7 @@ fn reach(moves: &[Move], centre: [f64; 2]) -> f64 {
 }
 
 #[test]
-fn a_hole_reaches_its_wall_at_every_depth_and_not_beyond() {
+fn a_hole_reaches_its_wall_at_every_depth() {
     let found = moves("F600 G99 G0 Z20\nG13.2 X30 Y-10 Z-6 R2 D40 E12 Q3 K0.5 I3 F900");
     assert!((reach(&found, [30.0, -10.0]) - 14.0).abs() < 1e-9);
     // Once round on the final circle of radius 14 at each of three depths.
@@ -152,7 +152,7 @@ fn a_hole_reaches_its_wall_at_every_depth_and_not_beyond() {
 }
 
 #[test]
-fn a_hole_takes_the_tool_from_the_table_and_heeds_offsets_and_inches() {
+fn a_hole_uses_tool_table_offsets_and_inches() {
     let mut tool = Tool::new(4);
     tool.diameter_mm = 12.7;
     let settings = Settings {

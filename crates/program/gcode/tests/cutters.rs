@@ -117,7 +117,7 @@ fn arcs_with_rounded_ends_are_followed() {
 }
 
 #[test]
-fn a_full_circle_stays_one_beside_a_joint_that_is_not_smooth() {
+fn a_full_circle_next_to_a_corner_stays_one() {
     // The tool comes 0.03 rad off the circle's tangent, from outside or inside.
     for angle in [-0.03_f64, 0.03] {
         let (x, y) = (-40.0 * angle.cos(), -40.0 * angle.sin());
@@ -136,7 +136,7 @@ fn a_full_circle_stays_one_beside_a_joint_that_is_not_smooth() {
 }
 
 #[test]
-fn the_nose_of_a_turning_tool_cuts_the_programmed_diameter() {
+fn a_tool_nose_cuts_the_programmed_diameter() {
     let program =
         "G21 G18 G94 F100\nT1 M6 G43\nG0 X40 Z50\nG42\nG1 X20 Z45\nX20 Z20\nX30 Z10\nG40 G0 X60\nM2\n";
     let found = moves(program);
@@ -279,7 +279,7 @@ fn throat(width: f64, tool: f64, side: &str, before: &str, after: &str) -> Strin
 }
 
 #[test]
-fn a_throat_narrower_than_the_tool_is_told_of_with_both_lines() {
+fn a_narrow_throat_is_reported_with_both_lines() {
     for side in ["G42.1", "G41.1"] {
         let (before, after) = ("G0 X0 Y0", "G40 X0 Y0");
         for (width, tool) in [(8.0, 10.0), (9.9, 10.0), (0.1, 10.0)] {
@@ -313,7 +313,7 @@ fn a_throat_narrower_than_the_tool_is_told_of_with_both_lines() {
 }
 
 #[test]
-fn an_island_too_near_to_the_wall_of_its_pocket_is_told_of() {
+fn an_island_too_close_to_the_wall_is_reported() {
     let program = |gap: f64, depth: f64, inner: f64| {
         let (edge, top) = (40.0 - gap, 40.0 + inner);
         format!(
@@ -486,7 +486,7 @@ fn random_open_contour(random: &mut Random) -> (String, f64, Vec<Vec<[f64; 2]>>)
 }
 
 #[test]
-fn random_open_contours_are_told_of_where_samples_show_a_cut() {
+fn random_open_contours_report_sampled_cuts() {
     let mut random = Random::mixed(20_261_124);
     let (mut cut, mut clean, mut refused) = (0, 0, 0);
     for _ in 0..2000 {
@@ -543,7 +543,7 @@ fn random_open_contours_are_told_of_where_samples_show_a_cut() {
 }
 
 #[test]
-fn random_closed_contours_are_told_of_where_samples_show_a_cut() {
+fn random_closed_contours_report_sampled_cuts() {
     let mut random = Random::mixed(20_261_123);
     let (mut cut, mut clean, mut refused) = (0, 0, 0);
     for _ in 0..1000 {

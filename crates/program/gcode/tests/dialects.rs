@@ -25,12 +25,7 @@ fn errors(program: &str) -> Vec<Diagnostic> {
 fn other_dialects_are_told_what_to_write_here() {
     // Program, line with the error, what it means here, what to write. One error each: nothing follows from it.
     for (program, line, means, write) in [
-        (
-            "G21\nG05.1 Q1\nG0 X1\n",
-            2,
-            "quadratic spline",
-            "leave the line out",
-        ),
+        ("G21\nG05.1 Q1\nG0 X1\n", 2, "quadratic spline", "remove the line"),
         (
             "IF [#1 EQ 1] GOTO 10\nG0 X1\n",
             1,
@@ -94,7 +89,7 @@ fn other_dialects_are_told_what_to_write_here() {
 }
 
 #[test]
-fn words_of_other_dialects_are_no_error_where_they_mean_something() {
+fn valid_words_of_other_dialects_are_accepted() {
     for program in [
         "O1 if [1 EQ 1]\nG0 X1\nO1 endif\n",
         "#1=0\nO1 while [#1 LT 3]\n#1=[#1+1]\nO1 endwhile\n",
@@ -233,7 +228,7 @@ fn the_whole_chain_of_a_recursion_is_named() {
 }
 
 #[test]
-fn an_error_that_ends_a_subroutine_stands_in_that_subroutine() {
+fn an_error_names_the_subroutine_it_ends() {
     let (library, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let write = |folder: &tempfile::TempDir, name: &str, text: &str| {
         std::fs::write(folder.path().join(name), text).unwrap();
@@ -285,7 +280,7 @@ fn loops_of_errors_end_soon_and_say_so() {
         );
         assert_eq!(found.len(), 2, "{body}: {found:?}");
         assert_eq!((found[0].line, found[1].code), (2, Code::TooManySteps), "{body}");
-        assert!(found[1].message.contains("not looked at"), "{}", found[1].message);
+        assert!(found[1].message.contains("not checked"), "{}", found[1].message);
     }
     // A short loop is gone through, and what comes then is found.
     let found = errors("o1 repeat [50]\nG1 X?\no1 endrepeat\nG0 Y?\nM2\n");
@@ -358,7 +353,7 @@ fn a_probe_to_where_an_unanswered_one_ends_is_no_error() {
 }
 
 #[test]
-fn a_cycle_that_taps_switches_overrides_and_holds_off_and_leaves_them_as_they_were() {
+fn a_tapping_cycle_restores_overrides_and_hold() {
     for (program, cycle) in [
         ("G21 F100 S500 M3\nM50 P0\nG0 Z5\nG84 X1 Z-1 R1\nM2\n", "G84"),
         ("G21 F100 S500 M4\nM50 P0\nG0 Z5\nG74 X1 Z-1 R1\nM2\n", "G74"),
@@ -387,7 +382,7 @@ fn a_cycle_that_taps_switches_overrides_and_holds_off_and_leaves_them_as_they_we
 }
 
 #[test]
-fn with_a_measured_spindle_tapping_is_rigid_and_its_pitch_feed_by_speed() {
+fn a_measured_spindle_taps_rigidly() {
     let settings = Settings {
         rigid_tapping: true,
         ..Settings::default()
@@ -440,7 +435,7 @@ fn with_a_measured_spindle_tapping_is_rigid_and_its_pitch_feed_by_speed() {
 }
 
 #[test]
-fn a_block_of_mdi_leaves_spindle_and_coolant_as_they_are() {
+fn an_mdi_block_keeps_spindle_and_coolant() {
     let outputs = |program: &str, before: Outputs, is_block: bool| {
         let settings = Settings {
             outputs: before,

@@ -31,7 +31,7 @@ fn ends(program: &str, settings: Settings) -> Vec<f64> {
 }
 
 #[test]
-fn loops_without_motion_end_with_an_error_after_a_bounded_number_of_lines() {
+fn endless_loops_without_motion_are_bounded() {
     let settings = Settings {
         max_silent_lines: 5000,
         ..Settings::default()
@@ -57,7 +57,7 @@ fn recursion_ends_with_an_error_at_the_greatest_depth() {
 }
 
 #[test]
-fn an_endless_program_with_motion_goes_on_as_long_as_it_is_asked() {
+fn an_endless_program_with_motion_continues() {
     let program = &b"G91\nO1 while [1]\nG0 X1\nO1 endwhile"[..];
     let mut interpreter = Interpreter::new(program, Settings::default());
     for _ in 0..10_000 {
@@ -127,7 +127,7 @@ fn a_loop_runs_its_first_round_while_it_is_read() {
 }
 
 #[test]
-fn subroutines_come_from_files_of_the_folders_in_their_order() {
+fn subroutine_folders_are_searched_in_order() {
     let folder = std::env::temp_dir().join(format!("evolvent-gcode-{}", std::process::id()));
     let (first, second) = (folder.join("first"), folder.join("second"));
     std::fs::create_dir_all(&first).unwrap();
@@ -164,7 +164,7 @@ fn subroutines_come_from_files_of_the_folders_in_their_order() {
 }
 
 #[test]
-fn break_and_continue_work_in_repeat_and_continue_tests_the_condition_of_do() {
+fn break_and_continue_work_in_all_loops() {
     let all = Settings::default;
     let repeat = "O1 repeat [5]\n#1=[#1+1]\nO2 if [#1 EQ 2]\nO1 continue\nO2 endif\nO3 if [#1 EQ 4]\nO1 break\nO3 endif\nG0 X#1\nO1 endrepeat";
     assert_eq!(ends(repeat, all()), [1.0, 3.0]);
@@ -256,7 +256,7 @@ fn a_restart_leaves_the_state_of_all_lines_before() {
 }
 
 #[test]
-fn the_way_to_a_restart_goes_up_over_and_down_and_creeps_at_the_end() {
+fn a_restart_approach_is_up_over_and_down() {
     let program = "G21 F600\nG0 X3 Y4 Z10\nG1 Z-2\nX9\n";
     let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
     let restart = interpreter.start_at(4).unwrap();
@@ -324,7 +324,7 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
 
 /// Moves must chain, whatever lines fail between them. Found by damaging programs.
 #[test]
-fn a_line_that_fails_takes_back_what_it_did_to_moves_that_wait() {
+fn a_faulty_line_restores_the_held_moves() {
     for program in [
         // The call fails after the move of its line.
         "M98 P1 G0 X1\nG1 F9 X2 Y3",
@@ -383,7 +383,7 @@ fn a_restart_leaves_the_outputs_of_all_lines_before() {
 }
 
 #[test]
-fn an_input_is_not_waited_for_within_cutter_compensation() {
+fn m66_is_rejected_in_cutter_compensation() {
     let program = "G21 F100 G41.1 D1\nG1 X10\nM66 P0 L0\nG1 Y10\nG40\nM66 P0 L0\nG1 X0\nM66 P0 L0\nM2\n";
     let commands: Vec<_> = Interpreter::new(program.as_bytes(), Settings::default()).collect();
     let wrong: Vec<_> = commands

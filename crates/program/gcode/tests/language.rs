@@ -205,7 +205,7 @@ fn g92_makes_the_present_point_what_it_says() {
 }
 
 #[test]
-fn an_offset_left_by_earlier_programs_is_in_force_from_the_start() {
+fn an_earlier_g92_offset_is_active_from_the_start() {
     let settings = Settings {
         g92_offset: Axes::repeat(3.0),
         ..Settings::default()
@@ -214,7 +214,7 @@ fn an_offset_left_by_earlier_programs_is_in_force_from_the_start() {
 }
 
 #[test]
-fn arcs_in_centre_format_lie_on_their_circle_in_every_plane() {
+fn centre_format_arcs_are_on_their_circle() {
     // Quarter circles of radius 5, counter-clockwise, seen from the normal axis: from the first axis' direction
     // towards the second's.
     for (plane, first, second, words) in [
@@ -232,7 +232,7 @@ fn arcs_in_centre_format_lie_on_their_circle_in_every_plane() {
 }
 
 #[test]
-fn clockwise_and_counter_clockwise_are_the_two_ways_round() {
+fn g2_and_g3_are_the_two_directions() {
     let quarter = &moves("F60 G3 X5 Y5 J5")[0].curve;
     let rest = &moves("F60 G2 X5 Y5 J5")[0].curve;
     assert_near(quarter.length() * 3.0, rest.length());
@@ -253,7 +253,7 @@ fn full_circles_and_turns() {
 }
 
 #[test]
-fn a_circle_by_increments_that_do_not_add_up_exactly_is_still_a_circle() {
+fn inexact_increments_still_make_a_full_circle() {
     // 253.2 + 2.9 - 256.1 is not 0 in doubles, so in one of the two senses the way is 1e-14 mm.
     for sense in ["G2", "G3"] {
         let found = moves(&format!("G91 G0 Y253.2\nY2.9\nY-256.1\nG90 F60 {sense} Y0 I5"));
@@ -283,7 +283,7 @@ fn absolute_centres_follow_offsets_and_units() {
 }
 
 #[test]
-fn radius_format_takes_the_short_way_for_r_above_nought_and_the_long_way_below() {
+fn the_sign_of_r_selects_the_minor_or_major_arc() {
     // Chord 6, radius 5: the centre is 4 beside the chord.
     for (program, centre, long) in [
         ("F60 G2 X6 R5", [3.0, -4.0], false),
@@ -314,7 +314,7 @@ fn near_the_semicircle_radius_format_is_robust() {
 }
 
 #[test]
-fn arcs_rounded_to_hundredths_pass_and_end_where_they_say() {
+fn arcs_rounded_to_0_01_mm_are_accepted() {
     // Radius 10 at 30 degrees, all figures rounded to 0.01: 8.66, 5.00.
     let curve = moves("G0 X10\nF60 G3 X8.66 Y5 I-10")[1].curve;
     assert_eq!(xyz(&curve.end()), [8.66, 5.0, 0.0]);
@@ -333,7 +333,7 @@ fn involute(r: f64, phi: f64, turned: f64) -> [f64; 2] {
 }
 
 #[test]
-fn involutes_run_between_points_of_their_definition_in_every_plane() {
+fn involutes_match_their_definition_in_every_plane() {
     let (r, from, to) = (2.0, 1.0, 9.0);
     let (start, end) = (involute(r, from, 0.3), involute(r, to, 0.3));
     for (plane, axes, letters, centre) in [
@@ -365,7 +365,7 @@ fn involutes_run_between_points_of_their_definition_in_every_plane() {
 }
 
 #[test]
-fn involutes_inwards_clockwise_incremental_in_inches_and_with_a_third_axis() {
+fn involutes_work_in_all_modes() {
     // Mirrored at the X axis and run outwards it is clockwise.
     let (start, end) = (involute(2.0, 1.0, 0.0), involute(2.0, 7.0, 0.0));
     let program = format!(
@@ -430,7 +430,7 @@ fn path_control_rides_on_every_move() {
 }
 
 #[test]
-fn a_line_executes_in_the_order_of_table_8_whatever_the_order_of_its_words() {
+fn lines_execute_in_the_order_of_table_8() {
     let found = actions("T3\nM2 G1 X1 M8 G4 P0.5 (MSG, go) M3 M6 T7 S100 F60");
     assert_eq!(found[0], Action::SelectTool(3));
     assert_eq!(found[1], Action::Message("go".into()));
@@ -514,7 +514,7 @@ fn a_tool_change_stops_the_spindle() {
 }
 
 #[test]
-fn the_end_switches_off_what_runs_and_nothing_after_it_is_read() {
+fn m2_switches_everything_off_and_ends_reading() {
     let end = [
         Action::Spindle {
             direction: Turn::Stopped,
@@ -588,7 +588,7 @@ fn commands_carry_the_physical_line() {
 }
 
 #[test]
-fn the_program_is_read_only_as_far_as_commands_are_asked_for() {
+fn the_program_is_read_lazily() {
     // An endless program: whoever reads ahead never comes back.
     let endless = std::io::BufReader::new(std::io::Read::chain(&b"G91 G1 F60\n"[..], Endless));
     let mut interpreter = Interpreter::new(endless, Settings::default());

@@ -120,7 +120,7 @@ fn either<T>(random: &mut Random, one: T, other: T) -> T {
 }
 
 #[test]
-fn edges_and_corners_are_found_in_any_units_modes_and_offsets() {
+fn probing_cycles_work_in_all_units_and_modes() {
     let mut random = Random::new();
     for _ in 0..40 {
         let corner = [random.between(-3.0, 3.0), random.between(-3.0, 3.0)];

@@ -208,7 +208,7 @@ fn write(step: &Step) -> String {
 }
 
 #[test]
-fn positions_of_valid_programs_are_those_of_an_independent_reckoning() {
+fn positions_match_an_independent_computation() {
     let offsets: [Axes; 9] =
         std::array::from_fn(|index| Axes::from_fn(|axis, _| (index * 10 + axis) as f64 * 0.5 - 7.0));
     let seed = seed();

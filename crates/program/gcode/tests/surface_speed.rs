@@ -77,7 +77,7 @@ fn check_pieces(program: &str, law: impl Fn(f64) -> f64, feed_mm: f64) -> usize 
 }
 
 #[test]
-fn a_face_is_cut_with_the_same_chip_from_the_rim_to_the_limit_of_speed() {
+fn facing_keeps_the_chip_thickness() {
     let law = |x: f64| rpm(200.0, 3000.0, x.abs());
     let count = check_pieces(
         "G21 G18 G8 G95 G96 S200 D3000 M3\nG0 X60 Z0\nG1 X-2 F0.2\nM2\n",
@@ -96,7 +96,7 @@ fn a_face_is_cut_with_the_same_chip_from_the_rim_to_the_limit_of_speed() {
 }
 
 #[test]
-fn arcs_are_divided_and_keep_their_shape_and_cylinders_are_not() {
+fn arcs_are_divided_but_cylinders_are_not() {
     let law = |x: f64| rpm(150.0, 2500.0, x);
     let ball = "G21 G18 G8 G61.1 G95 G96 S150 D2500 M3\nG0 X1 Z20\nG3 X20 Z1 I0 K-19 F0.1\nM2\n";
     let count = check_pieces(ball, law, 0.1);
@@ -131,7 +131,7 @@ fn arcs_are_divided_and_keep_their_shape_and_cylinders_are_not() {
 }
 
 #[test]
-fn the_centre_is_where_the_program_has_x_0_and_follows_offsets() {
+fn the_centre_follows_offsets() {
     let program =
         "G21 G18 G8 G96 S100 D2000 M3\nG92 X5\nG10 L2 P2 X-30\nG55\nG43.1 X0.5\nG97 S600\nG54\nM5\nM2\n";
     let told = spindles(&run(program));
@@ -172,7 +172,7 @@ fn g97_alone_keeps_the_speed_of_the_place() {
 }
 
 #[test]
-fn feet_per_minute_are_those_of_the_surface_and_diameters_are_halved() {
+fn surface_speed_respects_feet_and_diameters() {
     // 300 ft/min at 1 inch of diameter: 300 * 12 / pi rpm.
     let told = spindles(&run("G20 G18 G7\nG0 X1\nG96 S300 M3\nG97\nM2\n"));
     let Action::Spindle { speed_rpm, .. } = told[1] else {
@@ -247,7 +247,7 @@ fn a_program_begins_in_g97_and_a_block_of_mdi_goes_on() {
 }
 
 #[test]
-fn what_cannot_be_divided_is_fed_at_its_slowest_place_and_behind_g97_nothing_is_divided() {
+fn indivisible_moves_use_the_slowest_feed() {
     let feeds = |program: &str| -> Vec<f64> {
         run(program)
             .iter()
@@ -282,7 +282,7 @@ fn what_cannot_be_divided_is_fed_at_its_slowest_place_and_behind_g97_nothing_is_
 }
 
 #[test]
-fn a_block_of_mdi_divides_its_moves_and_a_stopped_spindle_hears_nothing_of_offsets() {
+fn an_mdi_block_divides_its_moves() {
     let settings = Settings {
         is_block: true,
         outputs: Outputs {

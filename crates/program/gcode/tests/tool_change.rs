@@ -243,9 +243,9 @@ fn what_table_and_subroutine_contradict_is_refused() {
         .unwrap();
     assert!(error.help.unwrap().contains("T0 P5"));
     for (change, word) in [
-        ("T3 M6\n", "M6 in the subroutine"),
-        ("M2\n", "the program ends in the middle"),
-        ("M30\n", "the program ends in the middle"),
+        ("T3 M6\n", "M6 in the tool-change subroutine"),
+        ("M2\n", "the program ends inside"),
+        ("M30\n", "the program ends inside"),
         ("G1 X?\n", "?"),
         ("o1 if [1]\n", "endif"),
     ] {
@@ -272,7 +272,7 @@ fn what_table_and_subroutine_contradict_is_refused() {
 }
 
 #[test]
-fn a_change_that_gives_up_ends_the_program_before_the_tool_counts() {
+fn an_aborted_tool_change_ends_the_program() {
     let mut magazine = Magazine::new(TABLE, true, CHANGE);
     magazine.settings.waits_succeed = false;
     let run = magazine.run("T2 M6\nG0 X1\nM2\n");
@@ -292,7 +292,7 @@ fn a_change_that_gives_up_ends_the_program_before_the_tool_counts() {
 }
 
 #[test]
-fn errors_behind_the_change_are_those_of_the_line_and_leave_the_tool_changed() {
+fn errors_after_the_change_keep_the_new_tool() {
     let magazine = Magazine::new(TABLE, false, CHANGE);
     let run = magazine.run("G21\nT2 M6 G1 X5\nM2\n");
     // No feed: F was 10 inches per minute in the subroutine, and that is its own.

@@ -35,7 +35,7 @@ fn height(chain: &[(f64, f64)], z: f64) -> Option<f64> {
 }
 
 #[test]
-fn roughing_leaves_the_distance_and_finishing_the_profile_whatever_its_shape() {
+fn roughing_leaves_the_distance_to_any_profile() {
     let mut random = Random::new();
     for case in 0..cases(200) {
         // A profile of straight lines with pockets, below a stock of radius 30.
@@ -112,7 +112,7 @@ fn roughing_leaves_the_distance_and_finishing_the_profile_whatever_its_shape() {
 }
 
 #[test]
-fn a_profile_runs_without_moving_and_leaves_modes_as_they_were() {
+fn a_profile_is_read_without_side_effects() {
     let program = "G18 F100 S5\nG0 X30 Z5\nO1 sub\nF7 S900 M3 G91\nG0 X[10 - #<_x>] Z[0 - #<_z>]\nG1 Z-5\nX5\nG90\n#100 = 3\nO1 endsub\nG71 Q1 X20 Z1 I50\nG1 X[#100]\nM2\n";
     let all = actions(program).unwrap();
     assert!(
@@ -132,7 +132,7 @@ fn a_profile_runs_without_moving_and_leaves_modes_as_they_were() {
 }
 
 #[test]
-fn cycles_along_profiles_that_make_no_sense_are_refused_at_their_own_line() {
+fn invalid_profile_cycles_are_rejected() {
     let profile = "O1 sub\nG0 X10 Z0\nG1 Z-9\nX20\nO1 endsub\n";
     for (line, code) in [
         ("G71 X20 Z1", Code::WordMissing),
@@ -239,7 +239,7 @@ fn an_arc_in_a_turned_upright_plane_is_the_circle() {
 }
 
 #[test]
-fn cycles_of_the_second_planes_move_uvw_as_those_of_the_first_move_xyz() {
+fn uvw_cycles_behave_as_xyz_cycles() {
     for (plane, words) in [(17, "X3 Y4 Z-5"), (18, "X3 Z4 Y-5"), (19, "Y3 Z4 X-5")] {
         for cycle in ["G81", "G83 Q2", "G73 Q2", "G85", "G82 P1"] {
             let first = moves(&format!("F100\nG{plane} {cycle} {words} R1\nM2\n"));
@@ -265,7 +265,7 @@ fn cycles_of_the_second_planes_move_uvw_as_those_of_the_first_move_xyz() {
 }
 
 #[test]
-fn what_inputs_and_probes_answer_is_there_for_the_next_line() {
+fn input_and_probe_results_reach_the_next_line() {
     let program = "G21 F100\nM66 P1 L3 Q2\nG0 X[#5399]\nG38.2 Z-10\nG1 X[#5063] Y[#5070]\nM2\n";
     let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
     let mut ends = Vec::new();

@@ -62,7 +62,7 @@ fn left_over(program: &str, x0: f64, z0: f64, length: f64) -> Vec<f64> {
 }
 
 #[test]
-fn a_longitudinal_cycle_runs_in_passes_of_its_depth_and_returns() {
+fn a_longitudinal_cycle_has_passes_of_its_depth() {
     // From radius 30 to 26 in passes of 3: 27, 26, shoulder at Z-20.
     let program = "G21 G18 F100\nG0 X30 Z1\nG82 X52 Z-20 D3\nM2\n";
     assert_eq!(
@@ -85,7 +85,7 @@ fn a_longitudinal_cycle_runs_in_passes_of_its_depth_and_returns() {
 }
 
 #[test]
-fn what_is_left_is_the_contour_with_its_cone_and_rapids_touch_nothing() {
+fn turning_passes_leave_the_contour_with_its_cone() {
     for (words, allowance) in [("D1.7", 0.0), ("D1.7 H0.4", 0.0), ("D50", 0.0), ("D0.3 H1", 0.0)] {
         let program = format!("G21 G18 F100\nG0 X30 Z1\nG82 X40 Z-20 R54 L-30 {words}\nM2\n");
         let field = left_over(&program, 30.0, 1.0, 40.0);
@@ -127,7 +127,7 @@ fn inner_steps_are_turned_outwards() {
 }
 
 #[test]
-fn facing_runs_along_x_at_its_own_feed_and_finishes_cylinder_and_face() {
+fn facing_uses_its_own_feed_and_finishes() {
     let ends = moves("G21 G18 F100\nG0 X30 Z0\nG75 X20 Z-5 K3 H1 E60\nM2\n");
     assert_eq!(
         ends,
@@ -180,7 +180,7 @@ fn increments_and_radii_are_as_configured() {
 }
 
 #[test]
-fn a_program_that_asks_for_it_hands_the_cycle_on_where_a_load_is_measured() {
+fn q1_outputs_the_cycle_if_a_load_is_measured() {
     let program = "G21 G18 F60 S800\nG10 L2 P1 X1 Z2\nG0 X30 Z1\nG82 X40 Z-20 R50 L-25 H0.5 Q1\nG75 X40 Z-5 K2 E30 Q1\nM2\n";
     let with_load = Settings {
         load_channel: true,
@@ -247,7 +247,7 @@ fn a_program_that_asks_for_it_hands_the_cycle_on_where_a_load_is_measured() {
 }
 
 #[test]
-fn what_cannot_be_turned_is_refused_and_a_mill_drills_with_g82() {
+fn invalid_turning_is_rejected_and_mills_drill() {
     let at = |line: &str| {
         let program = format!("G21 G18 F60\nG0 X30 Z1\n{line}\n");
         run_with(&program, lathe()).map_err(|error| (error.code, error.line))

@@ -1,4 +1,4 @@
-//! G and M numbers to what they mean, and the modal groups they belong to.
+//! Meaning and modal group of every G and M code.
 //!
 //! RS274/NGC, table 4 (NISTIR 6556), with LinuxCNC's additions.
 
@@ -19,9 +19,9 @@ pub(crate) enum Motion {
     CubicSpline,
     /// G5.1.
     QuadraticSpline,
-    /// G5.2: collects control points.
+    /// G5.2: adds a control point.
     Nurbs,
-    /// G5.3: runs them.
+    /// G5.3: executes the NURBS.
     NurbsEnd,
     /// G12.2, G13.2.
     Hole(Sense),
@@ -31,9 +31,9 @@ pub(crate) enum Motion {
     RigidTap,
     /// G38.2 to G38.5.
     Probe {
-        /// Until contact is made, not lost.
+        /// Until contact is made; otherwise until it is lost.
         toward: bool,
-        /// A probe that does not trip is an error.
+        /// The program stops with an error if the probe does not trip.
         must: bool,
     },
     /// G73, G74, G81 to G89.
@@ -48,12 +48,12 @@ pub(crate) enum Motion {
     None,
 }
 
-/// Cycles along a profile.
+/// Roughing and finishing cycles along a profile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Rough {
-    /// Passes along X (G72), not Z.
+    /// Passes along X (G72) instead of Z.
     pub(crate) facing: bool,
-    /// 0 all, 1 without pockets, 2 pockets alone.
+    /// 0 everything, 1 without pockets, 2 only pockets.
     pub(crate) variant: u8,
     /// G70.
     pub(crate) finishing: bool,
@@ -96,7 +96,7 @@ pub(crate) enum Cycle {
 }
 
 impl Motion {
-    /// As written, for messages.
+    /// Its name for messages.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Rapid => "G0",
@@ -158,26 +158,26 @@ impl Motion {
         }
     }
 
-    /// As LinuxCNC counts it in `#<_motion_mode>`: tenths of the code.
+    /// Its number in LinuxCNC's `#<_motion_mode>`: the code times ten.
     pub(crate) fn tenths(self) -> f64 {
         let number = self.name()[1..].parse::<f64>().unwrap_or(0.0);
         (number * 10.0).round()
     }
 
-    /// Whether I, J, K or R alone ask for the motion.
+    /// Whether I, J, K or R without a code selects the motion.
     pub(crate) fn is_round(self) -> bool {
         matches!(self, Self::Arc(_) | Self::Involute(_))
     }
 }
 
-/// Codes of group 0: they act once.
+/// Non-modal codes, group 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum NonModal {
     /// G4.
     Dwell,
     /// G10.
     SetData,
-    /// G28, G30: the first parameter of the place.
+    /// G28, G30, with the first parameter of the stored position.
     Home(usize),
     /// G28.1, G30.1.
     SetHome(usize),
@@ -236,17 +236,17 @@ pub(crate) enum FeedMode {
 /// Tool length offset, group 8.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LengthOffset {
-    /// G43: of the tool H, or of the tool in the spindle.
+    /// G43: offset of tool H, or of the tool in the spindle.
     Table,
-    /// G43.1: the axis words.
+    /// G43.1: offset given by the axis words.
     Given,
-    /// G43.2: of the tool H, or the axis words, on top of what is in force.
+    /// G43.2: offset of tool H, or of the axis words, added to the present one.
     Added,
     /// G49.
     Off,
 }
 
-/// Path control, group 13; the tolerance of G64 is a word of its own.
+/// Path control, group 13. The tolerance of G64 is a separate word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PathControl {
     /// G61.
@@ -262,12 +262,12 @@ pub(crate) enum PathControl {
 pub(crate) enum Compensation {
     /// G40.
     Off,
-    /// G41, G42: on which side of the path the tool is, and whether D is the tool's number (G41) or its
-    /// diameter (G41.1).
+    /// G41, G42: the side of the path on which the tool is, and whether D is the number of a tool (G41) or a diameter
+    /// (G41.1).
     On { left: bool, given: bool },
 }
 
-/// Planes, group 2; the path knows arcs only in the first three.
+/// Planes, group 2. Curves exist only in the first three.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PlaneCode {
     /// G17, G18, G19.
@@ -276,7 +276,7 @@ pub(crate) enum PlaneCode {
     Secondary(Plane),
 }
 
-/// A G code that can be executed.
+/// An executable G code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum GCode {
     NonModal(NonModal),
@@ -297,17 +297,17 @@ pub(crate) enum GCode {
     Path(PathControl),
     /// G96 (`true`), G97 (`false`).
     ConstantSurfaceSpeed(bool),
-    /// G98: retract to where the tool was (`true`), G99: to R.
+    /// G98: retract to the initial height (`true`), G99: to R.
     RetractToOld(bool),
     /// G7 (`true`), G8 (`false`).
     Diameter(bool),
 }
 
-/// Modal groups. A line may hold one code of each.
+/// Modal groups. A line may contain one code of each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Group {
     NonModal,
-    /// G92.1, G92.2, G92.3: LinuxCNC lets them stand beside a code of group 0, and executes them after it.
+    /// G92.1, G92.2, G92.3: LinuxCNC permits them next to a code of group 0, and executes them after it.
     OffsetSwitch,
     Motion,
     Plane,
@@ -332,15 +332,15 @@ pub(crate) enum Group {
     User,
 }
 
-/// How many groups there are.
+/// The number of groups.
 pub(crate) const GROUPS: usize = Group::User as usize + 1;
 
 impl Group {
-    /// For messages.
+    /// Its name for messages.
     pub(crate) fn name(self) -> &'static str {
         match self {
-            Self::NonModal => "codes that act once",
-            Self::OffsetSwitch => "codes that switch the offset of G92",
+            Self::NonModal => "non-modal codes",
+            Self::OffsetSwitch => "codes for the offset of G92",
             Self::Motion => "motion codes",
             Self::Plane => "plane codes",
             Self::Distance => "distance modes",
@@ -360,14 +360,14 @@ impl Group {
             Self::Coolant => "coolant codes",
             Self::Override => "override codes",
             Self::InputOutput => "input and output codes",
-            Self::Modes => "codes that save modes",
-            Self::User => "user codes",
+            Self::Modes => "codes that save or restore modes",
+            Self::User => "user-defined codes",
         }
     }
 }
 
 impl GCode {
-    /// The code of a number in tenths: 22 for G2.2.
+    /// The code with this number in tenths: 22 for G2.2.
     pub(crate) fn from_tenths(tenths: u32) -> Option<Self> {
         use crate::parameters::values::{HOME_G28, HOME_G30};
         let cycle = |cycle| Self::Motion(Motion::Cycle(cycle));
@@ -482,7 +482,7 @@ impl GCode {
     }
 }
 
-/// The code of a number in tenths that means something else on a lathe.
+/// The code with this number in tenths, where a lathe differs.
 pub(crate) fn lathe_code(tenths: u32) -> Option<GCode> {
     match tenths {
         750 => Some(GCode::Motion(Motion::Turning(Turning::Facing))),
@@ -491,14 +491,14 @@ pub(crate) fn lathe_code(tenths: u32) -> Option<GCode> {
     }
 }
 
-/// An M code that can be executed.
+/// An executable M code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum MCode {
     /// M0.
     Stop,
     /// M1.
     OptionalStop,
-    /// M2 (`false`), M30 (`true`: with a change of pallets).
+    /// M2 (`false`), M30 (`true`: with pallet change).
     End(bool),
     /// M60.
     PalletStop,
@@ -536,13 +536,13 @@ pub(crate) enum MCode {
     FeedStop,
     /// M62 to M65.
     Output {
-        /// In step with the motion, not at once.
+        /// Synchronised with motion instead of at once.
         synchronised: bool,
         on: bool,
     },
     /// M66.
     Input,
-    /// M67 (`true`: in step with the motion), M68.
+    /// M67 (`true`: synchronised with motion), M68.
     AnalogOutput(bool),
     /// M70.
     SaveModes,

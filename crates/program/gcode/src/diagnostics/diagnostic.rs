@@ -1,4 +1,4 @@
-//! What is wrong, where, and what to do about it.
+//! Error reports: what is wrong, where, and what to do.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -7,39 +7,39 @@ use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 
 use crate::Code;
 
-/// Bytes of the source line that a diagnostic keeps on either side of the place: a program may come as one
-/// line of many kilobytes, and nobody reads that.
+/// Bytes of the source line that a diagnostic keeps on either side of the error. A program may be a single line of many
+/// kilobytes.
 const CONTEXT_BYTES: usize = 100;
 
-/// An error in a program, with its place. All fields are plain data, for editors (`check --json`).
+/// An error in a program with its position. All fields are plain data, for editors (`check --json`).
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Diagnostic {
     /// Stable number, such as `G0103`.
     pub code: Code,
-    /// The file, where it is not the program itself but one of a subroutine.
+    /// The file, if it is a subroutine file instead of the program.
     pub file: Option<Box<str>>,
     /// Physical line in the file, from 1.
     pub line: u32,
     /// Column of the first character concerned, from 1, in characters.
     pub column: u32,
-    /// Characters concerned; may be 0 at the end of a line.
+    /// Number of characters concerned; may be 0 at the end of a line.
     pub length: u32,
-    /// One sentence with the figures in it.
+    /// The error in one sentence, with its numbers.
     pub message: String,
     /// What is expected, or what to write instead.
     pub help: Option<Box<str>>,
-    /// The source line, or the part of a long one around the place.
+    /// The source line, or the part of a long line around the error.
     pub source: Box<str>,
-    /// Bytes of `source` concerned.
+    /// Byte range in `source`.
     pub span: Range<usize>,
-    /// The calls that have led to the line, the innermost first; empty in the program itself.
+    /// The calls that led to the line, innermost first; empty in the program itself.
     pub calls: Box<[Call]>,
 }
 
 /// A line that calls a subroutine.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Call {
-    /// The file, where it is not the program itself.
+    /// The file, if it is not the program itself.
     pub file: Option<Box<str>>,
     /// Physical line, from 1.
     pub line: u32,
@@ -52,8 +52,8 @@ impl serde::Serialize for Code {
 }
 
 impl Diagnostic {
-    /// A diagnostic about a whole line, or about the first word on it with this letter, from a room that knows
-    /// commands but not words. `text` is the line as it stands in the file.
+    /// A diagnostic about a whole line, or about the first word with this letter on it, for callers that know commands but not
+    /// words. `text` is the line as in the file.
     #[must_use]
     pub fn about_line(code: Code, line: u32, text: &[u8], letter: Option<char>, message: String) -> Self {
         let body = text
@@ -73,21 +73,21 @@ impl Diagnostic {
         Fault::new(code, span, message).locate(line, text.trim_ascii_end())
     }
 
-    /// The diagnostic as a compiler would print it: several lines, plain text, no trailing newline.
+    /// The diagnostic in the style of compilers: several lines of plain text, without a trailing newline.
     #[must_use]
     pub fn render(&self, file_name: &str) -> String {
         self.render_with(file_name, &Renderer::plain())
     }
 
-    /// The same with the terminal's colours.
+    /// The same with terminal colours.
     #[must_use]
     pub fn render_styled(&self, file_name: &str) -> String {
         self.render_with(file_name, &Renderer::styled())
     }
 
     fn render_with(&self, file_name: &str, renderer: &Renderer) -> String {
-        // Of a long line only a part is kept. Blanks take the place of what was before it, so that columns count as in the
-        // file; the renderer leaves out what does not fit, on both sides.
+        // Only a part of a long line is kept. Spaces replace what precedes it, so that columns count as in the file; the renderer
+        // truncates the line on both sides.
         let before = self.source[..self.span.start].chars().count();
         let missing = (self.column as usize).saturating_sub(1 + before);
         let source = format!("{}{}", " ".repeat(missing), self.source);
@@ -101,7 +101,7 @@ impl Diagnostic {
             .primary_title(self.message.as_str())
             .id(self.code.as_str())
             .element(snippet);
-        // A recursion is one line of text.
+        // Recursion is shown as one line.
         let calls: Vec<String> = (self.calls)
             .chunk_by(|a, b| a == b)
             .map(|same| same[0].told(file_name, same.len()))
@@ -139,7 +139,7 @@ impl std::fmt::Display for Diagnostic {
 
 impl std::error::Error for Diagnostic {}
 
-/// Bytes of a line, from the first to before the last. Lines are short, so 32 bits do.
+/// Byte range of a line, end exclusive. Lines are short, so 32 bits suffice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Span {
     pub(crate) start: u32,
@@ -155,18 +155,18 @@ impl Span {
         }
     }
 
-    /// The one byte at a place.
+    /// A single byte.
     pub(crate) fn at(place: usize) -> Self {
         Self::new(place, place + 1)
     }
 }
 
-/// An error before it knows its line: what the rooms inside this crate hand up. Boxed, so that results without one are
-/// small: every number and every formula gives one.
+/// An error whose line is not known yet, as returned inside this crate. Boxed, because every number and every expression
+/// returns a result.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Fault(Box<Body>);
 
-/// What is in it.
+/// The contents of a [`Fault`].
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Body {
     pub(crate) code: Code,
@@ -205,7 +205,7 @@ impl Fault {
         self
     }
 
-    /// Adds the place in the file. `text` is the line's bytes, which may be anything.
+    /// Adds the line number. `text` is the line, in any bytes.
     pub(crate) fn locate(self, line: u32, text: &[u8]) -> Diagnostic {
         let body = *self.0;
         body.locate(line, text)
@@ -227,7 +227,7 @@ impl Body {
         let marked = head(&marked, CONTEXT_BYTES);
         source.push_str(marked);
         let span = span_start..source.len();
-        // A bounded piece of the rest: `from_utf8_lossy` on all of a long line would cost for nothing.
+        // Only a bounded part: `from_utf8_lossy` on all of a long line would be wasted work.
         let rest = &text[end..text.len().min(end + CONTEXT_BYTES)];
         source.push_str(&printable(&String::from_utf8_lossy(rest)));
         Diagnostic {
@@ -248,8 +248,7 @@ impl Body {
     }
 }
 
-/// Control characters replaced one for one, so that a program cannot steer the reader's terminal. Tabs become
-/// blanks.
+/// Replaces control characters one by one, so that a program cannot control the terminal. Tabs become spaces.
 pub(crate) fn printable(text: &str) -> String {
     text.chars()
         .map(|character| match character {
@@ -260,7 +259,7 @@ pub(crate) fn printable(text: &str) -> String {
         .collect()
 }
 
-/// At most the last `bytes` bytes, cut at a character.
+/// The last `bytes` bytes at most, cut at a character boundary.
 fn tail(text: &str, bytes: usize) -> &str {
     let mut start = text.len().saturating_sub(bytes);
     while !text.is_char_boundary(start) {
@@ -269,7 +268,7 @@ fn tail(text: &str, bytes: usize) -> &str {
     &text[start..]
 }
 
-/// At most the first `bytes` bytes, cut at a character.
+/// The first `bytes` bytes at most, cut at a character boundary.
 fn head(text: &str, bytes: usize) -> &str {
     let mut end = text.len().min(bytes);
     while !text.is_char_boundary(end) {
@@ -283,7 +282,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn columns_count_characters_and_spans_count_bytes_of_the_kept_source() {
+    fn columns_count_characters_and_spans_count_bytes() {
         let text = "(\u{e9}\u{e9}) G1 X?".as_bytes();
         let place = text.len() - 1;
         let found = Fault::new(Code::UnexpectedCharacter, Span::at(place), "what").locate(3, text);
@@ -292,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_that_are_no_text_do_not_shift_the_mark() {
+    fn invalid_utf8_does_not_shift_the_marker() {
         let text = b"(\xff\xfe) G1 X?";
         let found = Fault::new(Code::UnexpectedCharacter, Span::at(text.len() - 1), "what").locate(1, text);
         assert_eq!(found.column, 10);

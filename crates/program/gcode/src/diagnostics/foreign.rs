@@ -1,38 +1,38 @@
-//! What other dialects write, and what to write here: only looked at where a line has an error.
+//! Code of other dialects and its equivalent here. Only consulted for lines with an error.
 
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
 
-/// Words that other dialects begin a line with.
+/// Keywords with which lines of other dialects start.
 const KEYWORDS: [(&str, &str, &str); 5] = [
     (
         "IF",
-        "IF is not a word of this dialect: conditions are O-words",
-        "write O1 if [#1 EQ 1], the lines that depend on it, O1 endif; there is no GOTO",
+        "IF is not a keyword of this dialect: conditions are O-words",
+        "write O1 if [#1 EQ 1], the dependent lines, O1 endif; there is no GOTO",
     ),
     (
         "WHILE",
-        "WHILE ... DO is not a word of this dialect: loops are O-words",
+        "WHILE ... DO is not part of this dialect: loops are O-words",
         "write O1 while [#1 LT 3], the lines to repeat, O1 endwhile",
     ),
     (
         "END",
-        "END is not a word of this dialect: loops end with an O-word",
-        "write O1 endwhile, with the number or name of the O1 while that begins the loop",
+        "END is not a keyword of this dialect: loops end with an O-word",
+        "write O1 endwhile, with the number or name of the O1 while that starts the loop",
     ),
     (
         "GOTO",
-        "GOTO is not a word of this dialect: there are no jumps to line numbers",
+        "GOTO is not part of this dialect: there are no jumps to line numbers",
         "write O1 if [...] ... O1 endif to skip lines, O1 while [...] ... O1 endwhile to repeat them",
     ),
     (
         "THEN",
-        "THEN is not a word of this dialect: conditions are O-words",
-        "write O1 if [...], the lines that depend on it, O1 endif",
+        "THEN is not a keyword of this dialect: conditions are O-words",
+        "write O1 if [...], the dependent lines, O1 endif",
     ),
 ];
 
-/// The error of a line that is written in another dialect, instead of what the parser finds in it.
+/// Replaces the parser's error by a better one if the line is written in another dialect.
 #[cold]
 pub(crate) fn explain(text: &[u8], fault: Fault) -> Fault {
     let Some((span, word)) = first_word(text) else {
@@ -45,7 +45,7 @@ pub(crate) fn explain(text: &[u8], fault: Fault) -> Fault {
     }
 }
 
-/// The letters that a line begins with, behind `/` and a line number, in capitals.
+/// The letters at the start of a line, after `/` and a line number, in capitals.
 fn first_word(text: &[u8]) -> Option<(Span, String)> {
     let blank = |byte: &u8| matches!(byte, b' ' | b'\t');
     let skip = |mut place: usize, is: &dyn Fn(&u8) -> bool| {
@@ -63,7 +63,7 @@ fn first_word(text: &[u8]) -> Option<(Span, String)> {
     (end > place + 1).then(|| (Span::new(place, end), String::from_utf8_lossy(&word).into_owned()))
 }
 
-/// What to write instead of a G code that other dialects have, by its number times ten.
+/// Error and advice for a G code of other dialects, by its number times ten.
 #[cold]
 pub(crate) fn g_code(tenths: u32) -> Option<(&'static str, &'static str)> {
     Some(match tenths {
@@ -85,7 +85,7 @@ pub(crate) fn g_code(tenths: u32) -> Option<(&'static str, &'static str)> {
         ),
         434 | 435 => (
             "tool centre point control (G43.4, G43.5) is not available",
-            "write G43 H.. with a program whose postprocessor has worked out the rotary axes",
+            "write G43 H.. with a program whose postprocessor has computed the rotary axes",
         ),
         310 => (
             "G31 is not a code of this dialect: probing is G38",
@@ -100,7 +100,7 @@ pub(crate) fn g_code(tenths: u32) -> Option<(&'static str, &'static str)> {
             "multiply in the program, as in X[2 * 10]",
         ),
         150 | 160 => (
-            "polar coordinates (G15, G16) are not codes of this dialect: they are words",
+            "polar coordinates (G15, G16) are words in this dialect, not codes",
             "write @ for the distance from the program zero and ^ for the angle, as in G0 @10 ^45",
         ),
         _ => return None,

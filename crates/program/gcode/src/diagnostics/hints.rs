@@ -2,23 +2,23 @@
 
 use crate::Code;
 
-/// What helps in general; a test looks that no code is missing.
+/// General advice on each error; a test checks that no code is missing.
 const HINTS: &[(Code, &str)] = &[
     (Code::LineTooLong, "is this a part program? If so, split the line"),
-    (Code::ReadFailed, "see whether the file and its disk can be read"),
+    (Code::ReadFailed, "check whether the file can be read"),
     (
         Code::StrayPercent,
-        "% stands alone, on the first line and on the last",
+        "% must be alone on the first line and on the last",
     ),
     (Code::StrayReturn, "end lines with LF or CR LF"),
     (
         Code::UnexpectedCharacter,
-        "outside comments there are letters with numbers, # parameters and [ ] formulas",
+        "outside comments only letters with numbers, # parameters and [ ] expressions are permitted",
     ),
-    (Code::NotAscii, "outside comments a program is plain ASCII"),
+    (Code::NotAscii, "outside comments a program must be plain ASCII"),
     (
         Code::NumberMissing,
-        "write a number, a parameter (#5) or a formula ([1 + 2]) after the letter",
+        "write a number, a parameter (#5) or an expression ([1 + 2]) after the letter",
     ),
     (
         Code::BadNumber,
@@ -27,7 +27,7 @@ const HINTS: &[(Code, &str)] = &[
     (Code::NumberTooLarge, "is a decimal point missing?"),
     (
         Code::UnclosedComment,
-        "write ) at its end; a comment does not go on in the next line",
+        "write ) at its end; a comment does not continue on the next line",
     ),
     (
         Code::NestedComment,
@@ -35,11 +35,11 @@ const HINTS: &[(Code, &str)] = &[
     ),
     (
         Code::StrayParenthesis,
-        "write ( before the comment, or leave the ) out",
+        "write ( before the comment, or remove the )",
     ),
     (
         Code::MisplacedLineNumber,
-        "write N first on the line, or leave it out: line numbers do nothing",
+        "write N first on the line, or remove it: line numbers have no effect",
     ),
     (
         Code::MisplacedBlockDelete,
@@ -47,7 +47,7 @@ const HINTS: &[(Code, &str)] = &[
     ),
     (
         Code::LetterMissing,
-        "write the letter whose value it is, as in X5 or X[1 + 2]",
+        "write a letter before the value, as in X5 or X[1 + 2]",
     ),
     (
         Code::Parameter,
@@ -63,49 +63,49 @@ const HINTS: &[(Code, &str)] = &[
     ),
     (
         Code::PolarCoordinates,
-        "@ is a distance from the program's zero and ^ an angle; X and Y do not go with them",
+        "@ is the distance from the program zero and ^ the angle; they cannot be combined with X and Y",
     ),
-    (Code::SpindleSelection, "leave $ out: there is one spindle"),
+    (Code::SpindleSelection, "remove $: there is one spindle"),
     (
         Code::ActiveComment,
-        "the program itself ends here: see what it says",
+        "the program aborts itself here: read its text",
     ),
     (
         Code::ReadOnlyParameter,
-        "it shows the state of the machine; keep your value in another parameter",
+        "it shows the state of the machine; store your value in another parameter",
     ),
     (
         Code::UndefinedParameter,
-        "set it before: #<name> = 1; names with _ in front are known everywhere",
+        "set it first: #<name> = 1; names that start with _ are global",
     ),
     (
         Code::Arithmetic,
-        "look at the values that the parameters have here: (DEBUG, #<name>) shows them",
+        "check the values of the parameters here: (DEBUG, #<name>) shows them",
     ),
     (
         Code::NestingTooDeep,
-        "keep a part of the formula in a parameter, or end a subroutine that calls itself",
+        "store a part of the expression in a parameter, or end the recursion of a subroutine",
     ),
-    (Code::BadName, "a name has 1 to 100 characters of plain ASCII"),
+    (Code::BadName, "a name has 1 to 100 ASCII characters"),
     (
         Code::SubroutineMissing,
-        "define it by O<name> sub ... O<name> endsub, or in name.ngc in a folder of subroutines",
+        "define it by O<name> sub ... O<name> endsub, or in name.ngc in a subroutine folder",
     ),
     (
         Code::SubroutineFile,
-        "see whether the file can be read, and whether it is a program",
+        "check whether the file can be read, and whether it is a program",
     ),
     (
         Code::OWordOrder,
-        "what is opened last is closed first, by an O-word of the same number or name",
+        "O-words nest: the last one opened must be closed first, with the same number or name",
     ),
     (
         Code::OWordOpen,
-        "each O-word that opens something has one of the same name or number that closes it",
+        "each O-word that opens a block needs one with the same name or number that closes it",
     ),
     (
         Code::BodyTooLong,
-        "lines inside a loop are kept to be run again: make its body a subroutine, or shorter",
+        "lines inside a loop are stored to be repeated: make its body a subroutine, or shorter",
     ),
     (Code::TooManySteps, "does the condition of the loop ever change?"),
     (Code::Interrupted, "start it again"),
@@ -117,46 +117,43 @@ const HINTS: &[(Code, &str)] = &[
         Code::UnknownG,
         "look for a mistyped number; decimals count: G59.3 is not G593",
     ),
-    (Code::UnsupportedG, "another kind of machine has this code"),
+    (Code::UnsupportedG, "another kind of machine supports this code"),
     (
         Code::UnknownM,
-        "look for a mistyped number; M100 to M199 are the machine's own",
+        "look for a mistyped number; M100 to M199 are user-defined codes",
     ),
     (
         Code::UnsupportedM,
         "[program] user_codes in the machine file names those of M100 to M199 that exist",
     ),
-    (
-        Code::RepeatedWord,
-        "only G and M may be repeated: write two lines",
-    ),
+    (Code::RepeatedWord, "only G and M may be repeated: use two lines"),
     (
         Code::ModalGroup,
-        "one of a kind per line: write them on two lines, or leave one out",
+        "one code per group and line: write them on two lines, or remove one",
     ),
     (
         Code::UnusedWord,
-        "leave the word out, or write the code that it belongs to",
+        "remove the word, or add the code that it belongs to",
     ),
     (
         Code::NoSuchAxis,
-        "leave the word out, or choose the machine file that has this axis",
+        "remove the word, or choose a machine file with this axis",
     ),
     (Code::AxisWithoutMotion, "write G0, G1, G2 or G3 on this line"),
     (Code::TwoUsers, "write the codes on two lines"),
     (
         Code::NotInteger,
-        "write a whole number; ROUND[...] makes one of a formula",
+        "write an integer; ROUND[...] rounds an expression",
     ),
-    (Code::Negative, "write a number that is not below 0"),
+    (Code::Negative, "write a number of at least 0"),
     (
         Code::FeedMissing,
-        "write F on this line or before; a change of feed mode forgets F",
+        "write F on this line or before; a change of feed mode clears F",
     ),
     (Code::FeedZero, "write an F above 0"),
     (
         Code::InverseTimeFeedMissing,
-        "in G93 every feed move has its own F: 1 / minutes",
+        "in G93 every feed move needs its own F: 1 / minutes",
     ),
     (Code::SpindleSpeedMissing, "write S and M3 or M4 first"),
     (
@@ -167,135 +164,135 @@ const HINTS: &[(Code, &str)] = &[
         Code::MachineCoordinatesIncremental,
         "machine coordinates are absolute: write G90 first",
     ),
-    (
-        Code::DwellTimeMissing,
-        "write G4 P1.5 to wait for one and a half seconds",
-    ),
+    (Code::DwellTimeMissing, "write G4 P1.5 to dwell for 1.5 seconds"),
     (
         Code::OffsetAxesMissing,
         "G92 X0 makes the present position X0; G92.1 clears the offset",
     ),
     (
         Code::ToolMissing,
-        "write T and the tool's number before M6 or on its line",
+        "write T and the tool number before M6 or on its line",
     ),
     (
         Code::UnknownTool,
         "add the tool to the table, or name another one",
     ),
-    (Code::WordMissing, "the words that a code needs stand on its line"),
+    (
+        Code::WordMissing,
+        "the words that a code needs must be on its line",
+    ),
     (
         Code::OutOfRange,
-        "see what values the message allows, and whether the units are right (G20, G21)",
+        "check the permitted values in the message, and the units (G20, G21)",
     ),
     (Code::CompensationActive, "write G40 first"),
-    (Code::WrongPlane, "G17, G18, G19 choose the plane"),
+    (Code::WrongPlane, "select the plane with G17, G18 or G19"),
     (Code::WrongMode, "write G94 or G95 first"),
     (
         Code::SplineOpen,
-        "a NURBS is a G5.2 line for each control point, and G5.3 at its end",
+        "a NURBS is one G5.2 line per control point, and G5.3 at its end",
     ),
     (Code::NothingSaved, "write M70 before"),
     (
         Code::ToolChange,
-        "look at the tool table and at the subroutine that changes tools",
+        "check the tool table and the subroutine that changes tools",
     ),
     (
         Code::ArcCentreMissing,
         "write the centre (I, J, K from the start) or the radius R",
     ),
-    (Code::ArcMixedFormat, "give either R or I, J, K"),
+    (Code::ArcMixedFormat, "give either R or I, J, K, not both"),
     (
         Code::ArcOffsetAcrossPlane,
-        "centre words lie in the plane: I J in G17, I K in G18, J K in G19",
+        "centre words are in the plane: I J in G17, I K in G18, J K in G19",
     ),
-    (Code::ArcNoChord, "for a full circle write I and J instead of R"),
+    (Code::ArcNoChord, "for a full circle give I and J instead of R"),
     (
         Code::ArcRadiusTooSmall,
-        "R is at least half the distance from start to end; is the start where it should be?",
+        "R must be at least half the distance from start to end; check the start point",
     ),
     (
         Code::ArcRadiusMismatch,
-        "the end must lie on the circle: look at I, J, K and at G90.1 or G91.1",
+        "the end must be on the circle: check I, J, K and G90.1 or G91.1",
     ),
     (
         Code::ArcZeroRadius,
-        "I, J and K lead from the start to the centre",
+        "I, J and K are the distance from the start to the centre",
     ),
-    (Code::ArcTurns, "P is the number of turns, a whole number from 1"),
+    (Code::ArcTurns, "P is the number of turns, an integer from 1"),
     (
         Code::ArcEndMissing,
-        "write the end of the arc: two words of its plane",
+        "give the end of the arc: two words of its plane",
     ),
     (
         Code::ArcCentreIncomplete,
         "give both centre words, or G91.1 for a centre relative to the start",
     ),
-    (Code::ArcRefused, "look at start, end and centre of the arc"),
+    (Code::ArcRefused, "check start, end and centre of the arc"),
     (
         Code::InvoluteEndMissing,
-        "write the end of the involute: two words of its plane",
+        "give the end of the involute: two words of its plane",
     ),
     (
         Code::InvoluteCentreMissing,
-        "I and J lead from the start to the base circle's centre, also in G90.1",
+        "I and J are the distance from the start to the centre of the base circle, also in G90.1",
     ),
     (Code::InvoluteRadiusMissing, "R is the radius of the base circle"),
     (
         Code::InvoluteRefused,
-        "look at start, end, centre and base radius of the involute",
+        "check start, end, centre and base radius of the involute",
     ),
     (
         Code::InvoluteOffsetAcrossPlane,
-        "centre words lie in the plane: I J in G17, I K in G18, J K in G19",
+        "centre words are in the plane: I J in G17, I K in G18, J K in G19",
     ),
     (
         Code::InvoluteInside,
-        "no involute lies inside its base circle: make R smaller, or look at I and J",
+        "no involute exists inside its base circle: reduce R, or check I and J",
     ),
     (
         Code::InvoluteEqualRadii,
-        "a curve with equal distances at both ends is an arc: G2 or G3",
+        "a curve with equal radii at both ends is an arc: use G2 or G3",
     ),
     (
         Code::InvoluteTurns,
-        "look at the unit of R: a small base circle makes many turns",
+        "check the unit of R: a small base circle gives many turns",
     ),
     (
         Code::InvoluteMissed,
-        "compute the end with more decimals, or look at the sense of rotation (G2.2, G3.2)",
+        "compute the end with more decimals, or check the sense of rotation (G2.2, G3.2)",
     ),
     (
         Code::PositionTooLarge,
-        "no machine travels that far: look at offsets and increments",
+        "check offsets and increments: no machine travels that far",
     ),
-    (Code::LineRefused, "look at start and end of the move"),
+    (Code::LineRefused, "check start and end of the move"),
     (
         Code::HoleRefused,
-        "D is the hole's diameter, E or the tool table the tool's, Q the pitch, K the allowance",
+        "D is the diameter of the hole, E or the tool table that of the tool, Q the pitch, K the allowance",
     ),
     (
         Code::CompensationEntry,
-        "let the first move after G41 or G42 be longer than the tool's radius",
+        "make the first move after G41 or G42 longer than the tool radius",
     ),
     (Code::CompensationGouge, "use a smaller tool, or open the corner"),
     (
         Code::ProfileRefused,
-        "a profile is a subroutine of G0, G1, G2 and G3 in X and Z that never turns back",
+        "a profile is a subroutine of G0, G1, G2 and G3 in X and Z that never reverses",
     ),
     (
         Code::BeyondTravel,
-        "look at work offsets, tool length and the part's place on the machine",
+        "check work offsets, tool length and the position of the part on the machine",
     ),
-    (Code::MoveRefused, "see what the machine says about this move"),
+    (Code::MoveRefused, "read the machine's message about this move"),
     (
         Code::MissingAbility,
-        "leave it out, or run the program where it can be done",
+        "remove it, or run the program on a machine that supports it",
     ),
 ];
 
 impl Code {
-    /// What helps in general.
+    /// General advice on this error.
     pub(crate) fn hint(self) -> &'static str {
         HINTS
             .iter()

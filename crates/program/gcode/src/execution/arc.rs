@@ -1,7 +1,7 @@
-//! Words of arcs and involutes to curves.
+//! Converts the words of arcs and involutes into curves.
 //!
-//! RS274/NGC, 3.5.3: centre format (I J K) and radius format (R). Tolerances and texts as LinuxCNC's, so that a
-//! program passes here if it passes there. Involutes: Fanuc's words (G2.2, G3.2) and a linear third axis.
+//! RS274/NGC, 3.5.3: centre format (I J K) and radius format (R). Tolerances and messages are LinuxCNC's, so that a program
+//! accepted there is accepted here. Involutes: Fanuc's words (G2.2, G3.2) and a linear third axis.
 
 use evolvent_path::{Arc, Axes, Blend, Curve, Involute, InvoluteError, Jet, MAX_ARC_TURNS, Plane, Sense};
 
@@ -11,14 +11,14 @@ use crate::state::machine_state::State;
 use crate::syntax::statement::Statement;
 use crate::{Code, MoveKind, Settings};
 
-/// How far an arc in a turned plane may be off, mm.
-const TURNED_TOLERANCE_MM: f64 = 1e-4;
+/// Permitted deviation of an arc in a rotated plane, mm.
+const ROTATED_TOLERANCE_MM: f64 = 1e-4;
 
-/// The letters that belong to a plane.
+/// The letters of a plane.
 struct Letters {
     first: u8,
     second: u8,
-    /// Centre words along first, second and across.
+    /// Centre words along first, second and normal axis.
     centre: [u8; 3],
     /// Indices of the in-plane axes.
     axes: [usize; 2],
@@ -58,13 +58,13 @@ impl Executor<'_> {
         let name = if sense == Sense::Clockwise { "G2" } else { "G3" };
         self.check_feed(name)?;
         if self.state.cutter.programmed.is_some() && !self.state.cutter.is_on() {
-            let message = format!("{name} right after G40");
+            let message = format!("{name} directly after G40");
             let fault = Fault::new(Code::CompensationActive, self.line.motion_span(), message);
-            return Err(fault.help("the tool comes back to the programmed path on a straight move: G0 or G1"));
+            return Err(fault.help("the tool returns to the programmed path on a straight move: G0 or G1"));
         }
         let target = self.target()?;
         if self.state.rotation[0] != 0.0 && plane != Plane::Xy {
-            return self.turned_arc(plane, sense, target);
+            return self.rotated_plane_arc(plane, sense, target);
         }
         let curve = arc(self.state, plane, sense, target, self.line, self.settings)?;
         if self.state.cutter.is_on() {
@@ -75,13 +75,13 @@ impl Executor<'_> {
         self.put_curve(curve, MoveKind::Feed, feed, path_mode)
     }
 
-    /// An arc in G18 or G19 while XY is rotated: it lies in an upright plane that no axis is part of, and is run as a chain of
-    /// quintics, each within [`TURNED_TOLERANCE_MM`] of it.
-    fn turned_arc(&mut self, plane: Plane, sense: Sense, target: Axes) -> Result<(), Fault> {
+    /// An arc in G18 or G19 while XY is rotated. Its plane contains no axis, so it becomes a chain of quintics, each within
+    /// [`ROTATED_TOLERANCE_MM`] of it.
+    fn rotated_plane_arc(&mut self, plane: Plane, sense: Sense, target: Axes) -> Result<(), Fault> {
         if self.state.cutter.is_on() {
             return Err(self.wrong_plane("cutter compensation in rotated coordinates"));
         }
-        // In coordinates that are turned back by the rotation the arc lies in its plane.
+        // In coordinates without the rotation the arc is in its plane.
         let state = &*self.state;
         let mut straight = *state;
         straight.rotation = [0.0, 1.0, 0.0];
@@ -95,8 +95,8 @@ impl Executor<'_> {
             Curve::Arc(arc) => arc.radius_mm(),
             _ => 0.0,
         };
-        // A quintic through both ends of an angle with two derivatives is off by radius * angle^6 / (6! 2^6).
-        let angle = libm::pow(46_080.0 * TURNED_TOLERANCE_MM / radius.max(1e-3), 1.0 / 6.0).min(0.5);
+        // A quintic that matches both ends of an angle with two derivatives deviates by radius * angle^6 / (6! 2^6).
+        let angle = libm::pow(46_080.0 * ROTATED_TOLERANCE_MM / radius.max(1e-3), 1.0 / 6.0).min(0.5);
         let length = curve.length();
         let count = (length / (angle * radius.max(1e-3))).ceil().clamp(1.0, 1e6);
         let width = length / count;
@@ -131,7 +131,7 @@ impl Executor<'_> {
         if self.state.cutter.is_on() {
             let message = format!("{name} while cutter compensation is on");
             let fault = Fault::new(Code::CompensationActive, self.line.motion_span(), message);
-            return Err(fault.help("write G40 first, and program the path of the tool's centre"));
+            return Err(fault.help("write G40 first, and program the path of the tool centre"));
         }
         let target = self.target()?;
         let curve = involute(self.state, plane, sense, target, self.line, self.settings)?;
@@ -187,7 +187,7 @@ fn arc(
         centre_by_offset(state, start, end, line, settings, &letters)?
     };
     if !line.has(b'R') && same_point(start, end) {
-        // A full circle: rounding of the end must not make it a speck.
+        // A full circle: rounding of the end must not shrink it to a point.
         target[letters.axes[0]] = start[0];
         target[letters.axes[1]] = start[1];
     }
@@ -196,18 +196,18 @@ fn arc(
         .map_err(|error| Fault::new(Code::ArcRefused, span, error.to_string()))
 }
 
-/// Full turns beyond the first, from P.
+/// Full turns after the first, from P.
 fn turns(line: &Statement) -> Result<u32, Fault> {
     let Some(p) = line.word(b'P') else { return Ok(0) };
     let rounded = p.round();
     if (p - rounded).abs() > 1e-4 || rounded < 1.0 || rounded > f64::from(MAX_ARC_TURNS) {
-        let message = format!("P{p}: P on an arc is the number of turns, a whole number from 1");
+        let message = format!("P{p}: P on an arc is the number of turns, an integer from 1");
         return Err(Fault::new(Code::ArcTurns, line.span(b'P'), message));
     }
     Ok(rounded as u32 - 1)
 }
 
-/// Whether an arc's end is its start, but for the rounding of sums of increments and offsets.
+/// Whether an arc ends at its start, up to the rounding of increments and offsets.
 fn same_point(start: [f64; 2], end: [f64; 2]) -> bool {
     let near = |a: f64, b: f64| (a - b).abs() <= 1e-10 + 8.0 * f64::EPSILON * a.abs().max(b.abs());
     near(start[0], end[0]) && near(start[1], end[1])
@@ -223,11 +223,11 @@ fn centre_by_offset(
 ) -> Result<[f64; 2], Fault> {
     let across = letters.centre[2];
     if line.has(across) {
-        let message = format!("{} does not lie in the plane of this arc", char::from(across));
+        let message = format!("{} is not in the plane of this arc", char::from(across));
         let (i, j) = letters.centre_names();
         return Err(
             Fault::new(Code::ArcOffsetAcrossPlane, line.span(across), message).help(format!(
-                "in this plane an arc's centre has {i} and {j}; G17, G18, G19 choose the plane"
+                "in this plane the centre of an arc is given by {i} and {j}; G17, G18, G19 select the plane"
             )),
         );
     }
@@ -257,7 +257,7 @@ fn centre_by_offset(
     Ok(centre)
 }
 
-/// LinuxCNC's two conditions on an arc in centre format, with its texts.
+/// LinuxCNC's two conditions on an arc in centre format, with its messages.
 fn check_radii(
     state: &State,
     start: [f64; 2],
@@ -306,7 +306,9 @@ fn check_radii(
             line.motion_span(),
             format!("Zero-radius arc: {figures}"),
         )
-        .help(format!("{i} and {j} lead from the start to the centre")));
+        .help(format!(
+            "{i} and {j} are the distance from the start to the centre"
+        )));
     }
     let message = format!(
         "Radius to end of arc differs from radius to start: {figures} abs_err={:.4} rel_err={:.4}%",
@@ -320,7 +322,7 @@ fn check_radii(
     };
     Err(
         Fault::new(Code::ArcRadiusMismatch, line.motion_span(), message).help(format!(
-            "the end must lie on the circle; {i} and {j} are {meaning} now"
+            "the end must be on the circle; {i} and {j} are {meaning} now"
         )),
     )
 }
@@ -342,7 +344,7 @@ fn centre_by_radius(
         let (i, j) = letters.centre_names();
         let message = "an arc with R that ends where it starts could be any circle";
         return Err(Fault::new(Code::ArcNoChord, line.motion_span(), message)
-            .help(format!("for a full circle write {i} and {j} instead of R")));
+            .help(format!("for a full circle give {i} and {j} instead of R")));
     }
     if half - r.abs() > settings.arc.radius_mm {
         let unit = state.unit_mm();
@@ -353,10 +355,10 @@ fn centre_by_radius(
         );
         return Err(Fault::new(Code::ArcRadiusTooSmall, line.span(b'R'), message));
     }
-    // Distance of the centre from the chord, by a product that loses nothing near the semicircle. A radius a
-    // rounding short of the semicircle is one.
+    // Distance of the centre from the chord, by a product that does not cancel near the semicircle. A radius short of the
+    // semicircle by rounding is a semicircle.
     let height = ((r.abs() - half).max(0.0) * (r.abs() + half)).sqrt();
-    // R > 0: at most half a turn, so the centre is on the side to which the arc turns.
+    // R > 0: at most half a turn, so the centre is on the side towards which the arc turns.
     let side = sense.sign() * if r < 0.0 { -1.0 } else { 1.0 };
     let scale = side * height / length;
     Ok([
@@ -365,7 +367,7 @@ fn centre_by_radius(
     ])
 }
 
-/// The involute of a line.
+/// The involute of a line of the program.
 fn involute(
     state: &State,
     plane: Plane,
@@ -384,13 +386,11 @@ fn involute(
     }
     let across = letters.centre[2];
     if line.has(across) {
-        let message = format!(
-            "{} does not lie in the plane of this involute",
-            char::from(across)
-        );
+        let message = format!("{} is not in the plane of this involute", char::from(across));
         return Err(
-            Fault::new(Code::InvoluteOffsetAcrossPlane, line.span(across), message)
-                .help(format!("in this plane the base circle's centre has {i} and {j}")),
+            Fault::new(Code::InvoluteOffsetAcrossPlane, line.span(across), message).help(format!(
+                "in this plane the centre of the base circle is given by {i} and {j}"
+            )),
         );
     }
     let unit = state.unit_mm();
@@ -403,7 +403,7 @@ fn involute(
     if offset == [0.0; 2] {
         let message = format!("an involute needs {i} and {j}, and not both 0");
         return Err(Fault::new(Code::InvoluteCentreMissing, span, message)
-            .help("they lead from the start to the base circle's centre, also in G90.1"));
+            .help("they are the distance from the start to the centre of the base circle, also in G90.1"));
     }
     let radius = line.word(b'R').unwrap_or(0.0) * unit;
     if radius <= 0.0 {

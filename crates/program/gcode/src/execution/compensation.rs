@@ -1,9 +1,9 @@
 //! Cutter compensation: G40 to G42.1, in G17 and G18.
 //!
-//! The tool's centre runs beside the programmed path, one radius to the left (G41) or to the right. How a move
-//! ends is known only when the next one is: at an outer corner both ends are joined by an arc about the corner, at
-//! an inner corner both are cut off where the offset paths cross. So the last move waits among the commands, and
-//! whatever follows it waits too, until the next move in the plane has come.
+//! The tool centre moves beside the programmed path, one radius to the left (G41) or right. The end of a move is known only
+//! with the next one: at an outer corner an arc about the corner joins both ends, at an inner corner both moves are trimmed at
+//! the intersection of the offset paths. So the last move is held in the command queue, together with everything after it,
+//! until the next move in the plane arrives.
 
 use evolvent_path::{Arc, Axes, Curve, Line, MIN_RADIUS_MM, Plane, Sense};
 
@@ -15,29 +15,29 @@ use crate::execution::offset_path::{add, along, dot, left, length, sub};
 use crate::tables::tools::MAX_ORIENTATION;
 use crate::{Action, Code, Command, Move, MoveKind};
 
-/// A command of an earlier line as it was before this line cut it off.
+/// A command of an earlier line, as it was before the present line trimmed it.
 #[derive(Clone, Debug)]
 pub(crate) struct Changed {
     pub(crate) index: usize,
     pub(crate) command: Command,
-    /// It is no longer among the commands.
+    /// It has been removed from the commands.
     pub(crate) removed: bool,
 }
 
-/// What compensation keeps between lines.
+/// State of compensation between lines.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CutterState {
     pub(crate) code: Compensation,
-    /// Where the program is, while the tool's centre is elsewhere.
+    /// The programmed position, while the tool centre is elsewhere.
     pub(crate) programmed: Option<Axes>,
     radius: f64,
-    /// +1 to the left.
+    /// +1 for the left side.
     side: f64,
-    /// From the centre of the tool's nose to the point that the machine moves, in the plane: not zero for turning tools.
+    /// From the centre of the tool nose to the controlled point, in the plane; not zero for turning tools.
     nose: Point,
-    /// The last move in the plane, which may still be cut off.
+    /// The last move in the plane, which may still be trimmed.
     last: Option<Element>,
-    /// Where among the commands the last move waits.
+    /// Index of the last move among the held commands.
     pub(crate) held: Option<usize>,
 }
 
@@ -66,10 +66,10 @@ impl CutterState {
     }
 }
 
-/// From the centre of a nose to the point of a turning tool whose place the program tells, in Z and X: the tip that
-/// lines along Z and X through the nose's ends have in common, or the end of the nose itself.
+/// The vector from the centre of a nose to the controlled point of a turning tool, in Z and X: the intersection of the lines
+/// along Z and X that touch the nose, or the end of the nose itself.
 ///
-/// Directions are those of LinuxCNC's tool table, 1 to 9; 0 is a mill and, like 9, has its point at the centre.
+/// Orientations are those of LinuxCNC's tool table, 1 to 9; 0 is a mill and, like 9, has its point at the centre.
 fn nose(orientation: u32, radius: f64) -> Point {
     let z = match orientation {
         2 | 3 | 7 => -radius,
@@ -90,9 +90,9 @@ fn curve_length(from: &Axes, to: &Axes) -> f64 {
     libm::sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
 }
 
-/// An arc with about this swept angle; `None` where nothing is left of it.
+/// An arc with approximately this swept angle; `None` if nothing remains of it.
 ///
-/// The angle tells a full turn from none, which start and end alone do not.
+/// The angle distinguishes a full turn from none, which start and end alone do not.
 fn arc(
     plane: Plane,
     (start, end): (Axes, Axes),
@@ -140,7 +140,7 @@ impl Executor<'_> {
         } else {
             self.cutter_of_table()?
         };
-        // A tool of negative diameter runs on the other side.
+        // A tool of negative diameter moves on the other side.
         let side = if left { 1.0 } else { -1.0 };
         let radius = 0.5 * diameter.abs();
         self.state.cutter = CutterState {
@@ -172,20 +172,20 @@ impl Executor<'_> {
             if orientation > MAX_ORIENTATION {
                 let message = format!("L{orientation}: the tip of a turning tool points to one of 0 to 9");
                 return Err(Fault::new(Code::OutOfRange, span, message).help(
-                    "the directions are those of Q in the tool table; 0 and 9 are the centre of the nose",
+                    "the orientations are those of Q in the tool table; 0 and 9 are the centre of the nose",
                 ));
             }
             if self.state.plane() != Some(Plane::Zx) {
                 let message = "L, the orientation of a turning tool, with cutter compensation outside of G18";
                 return Err(
-                    Fault::new(Code::WrongPlane, span, message).help("write G18, or leave out L for a mill")
+                    Fault::new(Code::WrongPlane, span, message).help("write G18, or remove L for a mill")
                 );
             }
         }
         Ok((diameter * self.state.unit_mm(), orientation.unwrap_or(0)))
     }
 
-    /// Diameter in mm and orientation of the tool that D names, or of the one in the spindle.
+    /// Diameter in mm and orientation of the tool named by D, or of the tool in the spindle.
     fn cutter_of_table(&mut self) -> Result<(f64, u32), Fault> {
         let number = self.tool_number(b'D')?;
         let tool = self.tool(number, b'D', Group::CutterCompensation)?;
@@ -197,12 +197,12 @@ impl Executor<'_> {
                 tool.number, tool.orientation
             );
             return Err(Fault::new(Code::WrongPlane, span, message)
-                .help("write G18; the Q of a mill in the tool table is 0, or left out"));
+                .help("write G18; Q of a mill in the tool table is 0 or absent"));
         }
         Ok((tool.diameter_mm, tool.orientation))
     }
 
-    /// G40: the last move stays as it is, the next one leads to where the program is.
+    /// G40: the last move stays as it is; the next one leads to the programmed position.
     pub(crate) fn leave_compensation(&mut self) {
         self.watch.end(self.out.len());
         let programmed = self.state.cutter.programmed;
@@ -230,7 +230,7 @@ impl Executor<'_> {
         let size = length(path);
         let cutter = self.state.cutter;
         if size <= 1e-9 {
-            // Nothing in the plane: up or down beside the path.
+            // No motion in the plane: up or down beside the path.
             let mut beside = target;
             (beside[first], beside[second]) = (self.state.position[first], self.state.position[second]);
             self.put_line(beside, kind)?;
@@ -254,13 +254,13 @@ impl Executor<'_> {
             begin_tangent: direction,
             end: along(end, left(direction), aside),
             end_tangent: direction,
-            room: size,
+            remaining: size,
             entry: cutter.last.is_none().then_some(start),
         };
         let length_mm = curve_length(&from, &target);
         if let Some(last) = cutter.last {
             let corner_feed = self.speed(length_mm, false);
-            next.room -= self.join(&last, &next, start, corner_feed)?;
+            next.remaining -= self.join(&last, &next, start, corner_feed)?;
         } else if size <= cutter.radius {
             let message = format!(
                 "the first move with cutter compensation is {:.4} long, not longer than the radius of {:.4}",
@@ -269,12 +269,12 @@ impl Executor<'_> {
             );
             return Err(
                 Fault::new(Code::CompensationEntry, self.line.motion_span(), message)
-                    .help("begin farther away from the contour"),
+                    .help("start farther away from the contour"),
             );
         }
         let mut place = target;
-        // What rounding alone would leave, or run backwards, is none.
-        let stop = if next.room > ROUNDING_MM || cutter.last.is_none() {
+        // A remainder within rounding, or negative, is dropped.
+        let stop = if next.remaining > ROUNDING_MM || cutter.last.is_none() {
             add(next.end, cutter.nose)
         } else {
             [self.state.position[first], self.state.position[second]]
@@ -284,7 +284,7 @@ impl Executor<'_> {
         if place == self.state.position {
             self.state.cutter.held = None;
         } else {
-            // In inverse time the programmed path counts.
+            // In inverse time mode the length of the programmed path applies.
             let feed = match kind {
                 MoveKind::Rapid => f64::INFINITY,
                 MoveKind::Feed => self.speed(length_mm, false),
@@ -315,10 +315,10 @@ impl Executor<'_> {
         let feed = self.speed(curve.length(), false);
         let path_mode = self.state.modes.path_mode;
         if let Some(last) = cutter.last {
-            next.room -= self.join(&last, &next, start, feed)?;
+            next.remaining -= self.join(&last, &next, start, feed)?;
         } else {
             next = self.entry_arc(&next, [target[first], target[second]])?;
-            // The arc begins where the nose's centre stands: the tool's point goes there first.
+            // The arc starts at the centre of the nose: the controlled point moves there first.
             let mut there = self.state.position;
             (there[first], there[second]) = (there[first] + cutter.nose[0], there[second] + cutter.nose[1]);
             self.put_line(there, MoveKind::Feed)?;
@@ -329,13 +329,13 @@ impl Executor<'_> {
         let stop = add(next.end, cutter.nose);
         let mut place = target;
         (place[first], place[second]) = (stop[0], stop[1]);
-        let moved = if next.room > ROUNDING_MM {
+        let moved = if next.remaining > ROUNDING_MM {
             let ends = (self.state.position, place);
-            let sweep = next.room / radius;
+            let sweep = next.remaining / radius;
             arc(plane, ends, add(centre, cutter.nose), curve.sense(), sweep)
                 .map_err(|error| Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string()))?
         } else {
-            // The corner has taken all of it in the plane.
+            // The corner has consumed the whole move in the plane.
             (place[first], place[second]) = (self.state.position[first], self.state.position[second]);
             Line::new(self.state.position, place).ok().map(Curve::Line)
         };
@@ -348,7 +348,7 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// The path of the tool's centre beside an arc.
+    /// The path of the tool centre beside an arc.
     fn beside_arc(&self, arc: &Arc, start: Point, end: Point) -> Result<Element, Fault> {
         let cutter = self.state.cutter;
         let centre = arc.centre_mm();
@@ -377,7 +377,7 @@ impl Executor<'_> {
             );
             return Err(
                 Fault::new(Code::CompensationGouge, self.line.motion_span(), message)
-                    .help("take a smaller tool or a larger radius"),
+                    .help("use a smaller tool or a larger radius"),
             );
         };
         Ok(Element {
@@ -386,12 +386,12 @@ impl Executor<'_> {
             begin_tangent,
             end,
             end_tangent,
-            room: arc.sweep_rad().abs() * radius,
+            remaining: arc.sweep_rad().abs() * radius,
             entry: None,
         })
     }
 
-    /// An arc as the first move: from where the tool stands, to end as the offset arc does.
+    /// An arc as the first move: from the present position to the end of the offset arc, with its direction there.
     fn entry_arc(&self, offset: &Element, target: Point) -> Result<Element, Fault> {
         let cutter = self.state.cutter;
         let (_, first, second) = self.cutter_axes()?;
@@ -401,14 +401,14 @@ impl Executor<'_> {
         let here = [self.state.position[first], self.state.position[second]];
         let refuse = |message: &str| {
             Fault::new(Code::CompensationEntry, self.line.motion_span(), message)
-                .help("begin farther away from the contour, or with a straight move")
+                .help("start farther away from the contour, or with a straight move")
         };
         if length(sub(here, target)) <= cutter.radius {
             return Err(refuse(
                 "the first move with cutter compensation is too short for the tool",
             ));
         }
-        // Where a square of the angle at the end opens, the arc would arrive from the other side.
+        // Beyond a right angle at the end, the arc would arrive from the other side.
         let ray = sub(centre, offset.end);
         let size = length(ray);
         let inward = [ray[0] / size, ray[1] / size];
@@ -416,7 +416,7 @@ impl Executor<'_> {
         let radius = dot(chord, chord) / (2.0 * dot(chord, inward));
         if !(radius.is_finite() && radius >= MIN_RADIUS_MM) {
             return Err(refuse(
-                "no arc from where the tool stands ends in the direction of the programmed one",
+                "no arc from the present position ends in the direction of the programmed one",
             ));
         }
         let centre = along(offset.end, inward, radius);
@@ -430,19 +430,18 @@ impl Executor<'_> {
         Ok(Element {
             shape: Shape::Circle { centre, radius, sign },
             begin: here,
-            room: sweep * radius,
+            remaining: sweep * radius,
             ..*offset
         })
     }
 
-    /// The next command waits for the move after it.
+    /// Holds the next command until the following move.
     fn hold(&mut self, element: Element) {
         self.state.cutter.last = Some(element);
         self.state.cutter.held = Some(self.out.len());
     }
 
-    /// Joins the move that waits and the next one at a corner of the programmed path. Returns how much of the next one
-    /// is lost, in mm.
+    /// Joins the held move and the next one at a corner of the programmed path. Returns the length in mm that the next one loses.
     fn join(&mut self, last: &Element, next: &Element, corner: Point, feed: f64) -> Result<f64, Fault> {
         let cutter = self.state.cutter;
         let (plane, first, second) = self.cutter_axes()?;
@@ -453,7 +452,7 @@ impl Executor<'_> {
                 let left_mm = if last.entry.is_some() {
                     f64::INFINITY
                 } else {
-                    last.room - before
+                    last.remaining - before
                 };
                 self.cut_off(plane, point, left_mm)?;
                 Ok(after)
@@ -487,7 +486,7 @@ impl Executor<'_> {
         let short = |which: &str, needed: f64, left: f64| {
             let (needed, left) = (needed / unit, left.max(0.0) / unit);
             format!(
-                "the move {which} this inner corner is too short for the tool of radius {radius:.4}: the corner takes {needed:.4} of the {left:.4} left of it"
+                "the move {which} this inner corner is too short for the tool of radius {radius:.4}: the corner takes {needed:.4}, but only {left:.4} are left"
             )
         };
         let message = match misfit {
@@ -498,15 +497,14 @@ impl Executor<'_> {
             Misfit::After { needed, left } => short("after", needed, left),
         };
         Fault::new(Code::CompensationGouge, self.line.motion_span(), message)
-            .help("the tool does not fit into the inner corner: take a smaller tool or longer moves")
+            .help("the tool does not fit into the inner corner: use a smaller tool or longer moves")
     }
 
-    /// Makes the waiting move end at a point of the plane, and what follows it begin there. `left_mm` of its path is
-    /// left then.
+    /// Ends the held move at a point of the plane, and starts what follows there. `left_mm` of its path remains.
     fn cut_off(&mut self, plane: Plane, point: Point, left_mm: f64) -> Result<(), Fault> {
         let (first, second, _) = plane.axes();
         let Some(held) = self.state.cutter.held else {
-            // The last move had no length: there is nothing to cut off, and the next begins where it does.
+            // The last move had no length: there is nothing to trim, and the next one starts at the same position.
             return Ok(());
         };
         let nothing = left_mm <= ROUNDING_MM;
@@ -543,7 +541,7 @@ impl Executor<'_> {
                     command.action = Action::Move(step);
                     (before, false)
                 }),
-                // Nothing is left of it.
+                // Nothing remains of it.
                 None => self.out.remove(index).map(|before| (before, true)),
             };
             if let Some((command, removed)) = before {

@@ -1,11 +1,11 @@
-//! Parts of a contour that are near each other without being neighbours: a throat or slot narrower than the tool, or an
-//! island too near to the wall.
+//! Parts of a contour that are close to each other without being neighbours: a throat or slot narrower than the tool, or an
+//! island too close to the wall.
 //!
-//! Compensation knows the neighbours of a move only, as in LinuxCNC: where the tool passes a narrow throat beside one wall it
-//! cuts into the other one. So closed contours are kept, with the path beside each, and compared when compensation ends. Of an
-//! open one it is not known which moves are edges and which lead there and away, and those may be crossed: the first and
-//! the last move of the compensation, and arcs that follow the one and precede the other, do not count as edges. A cut into an edge
-//! is found from either side, so one of two near parts may be among those.
+//! Like LinuxCNC's, compensation knows only the neighbours of a move: where the tool passes a narrow throat along one wall, it
+//! cuts into the other one. So closed contours are stored together with the offset path and compared when compensation ends.
+//! In an open contour it is unknown which moves are edges of the part and which are entry and exit moves, which may be
+//! crossed: the first and last move of the compensation, and arcs next to them, do not count as edges. A cut into an edge is
+//! found from either side, so one of two close parts may be among those.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -16,41 +16,41 @@ use crate::execution::compensation::CutterState;
 use crate::execution::offset_path::{Point, dot, length, sub};
 use crate::{Action, CallChain, Command, Move, MoveKind};
 
-/// Programmed moves of a contour that are compared at most, and three times as many of paths: some milliseconds.
+/// Maximum number of programmed moves of a contour that are compared, with three times as many of the path: some milliseconds.
 const MAX_EDGES: usize = 2000;
 
-/// Moves of earlier contours and of their paths that are kept at most; the oldest contours are forgotten.
+/// Maximum number of stored moves of earlier contours and their paths; the oldest contours are dropped.
 const MAX_PIECES: usize = 10_000;
 
-/// How deep the tool may cut before it is told of, mm: what programs and corners round.
+/// Depth of a cut that is tolerated, mm: rounding of programs and corners.
 const PERMITTED_MM: f64 = 0.01;
 
-/// By how much of its radius a corner that is passed straight brings the tool nearer: see [`STRAIGHT`].
+/// Fraction of the radius by which the tool comes closer at a corner that is passed straight: see [`STRAIGHT`].
 ///
 /// [`STRAIGHT`]: crate::execution::offset_path::STRAIGHT
 const STRAIGHT_LOSS: f64 = 0.00125;
 
-/// How far apart the ends of a closed contour may be, mm.
+/// Maximum distance of the ends of a closed contour, mm.
 const CLOSED_MM: f64 = 0.001;
 
-/// A line or an arc in the plane, and the heights that it covers.
+/// A line or an arc in the plane, and its range of heights.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     line: u32,
     start: Point,
     end: Point,
-    /// Centre, radius, angle at the start, and angle swept, of an arc.
+    /// Centre, radius, start angle and swept angle of an arc.
     arc: Option<(Point, f64, f64, f64)>,
     lowest: Point,
     highest: Point,
     heights: [f64; 2],
     is_feed: bool,
-    /// How many commands there were before it.
+    /// Number of commands before it.
     at: u64,
 }
 
 impl Piece {
-    /// `aside` is taken off every point.
+    /// `aside` is subtracted from every point.
     fn of(curve: &Curve, plane: Plane, aside: Point) -> Option<Self> {
         let (.., third) = plane.axes();
         let (from, to) = (curve.start(), curve.end());
@@ -84,7 +84,7 @@ impl Piece {
         })
     }
 
-    /// Whether the boxes about two pieces are farther apart than a distance.
+    /// Whether the bounding boxes of two pieces are farther apart than a distance.
     fn is_far(&self, other: &Self, distance: f64) -> bool {
         (0..2).any(|axis| {
             self.lowest[axis] - other.highest[axis] > distance
@@ -93,7 +93,7 @@ impl Piece {
             || other.heights[0] > self.heights[1] + CLOSED_MM
     }
 
-    /// Whether an arc reaches the direction of a point from its centre.
+    /// Whether an arc contains the direction of a point from its centre.
     fn reaches(&self, point: Point) -> bool {
         let Some((centre, _, first, sweep)) = self.arc else {
             return false;
@@ -103,7 +103,7 @@ impl Piece {
         turned.rem_euclid(TAU) <= sweep.abs()
     }
 
-    /// The point nearest to another one.
+    /// The point nearest to another point.
     fn nearest(&self, point: Point) -> Point {
         let Some((centre, radius, ..)) = self.arc else {
             let way = sub(self.end, self.start);
@@ -126,7 +126,7 @@ impl Piece {
         }
     }
 
-    /// Whether they have a point in common.
+    /// Whether two pieces have a common point.
     fn crosses(&self, other: &Self) -> bool {
         let (a, b) = match (self.arc, other.arc) {
             (None, None) => {
@@ -143,7 +143,7 @@ impl Piece {
         let Some((centre, radius, ..)) = a.arc else {
             return false;
         };
-        // The points of the circle that are on the line or circle of the other one: a middle, and two sides of it.
+        // The points of the circle on the other line or circle: a middle, and two points beside it.
         let (middle, direction, square) = match b.arc {
             None => {
                 let way = sub(b.end, b.start);
@@ -181,17 +181,17 @@ impl Piece {
         })
     }
 
-    /// The smallest distance between two pieces.
+    /// The minimum distance between two pieces.
     fn distance(&self, other: &Self) -> f64 {
         if self.crosses(other) {
             return 0.0;
         }
         let to = |piece: &Self, point: Point| length(sub(piece.nearest(point), point));
-        let mut least = to(self, other.start)
+        let mut min = to(self, other.start)
             .min(to(self, other.end))
             .min(to(other, self.start))
             .min(to(other, self.end));
-        // Within both: on the line through an arc's centre that is square to the other one.
+        // Inside both: on the line through an arc's centre that is perpendicular to the other piece.
         for (round, other) in [(self, other), (other, self)] {
             let Some((centre, radius, ..)) = round.arc else {
                 continue;
@@ -225,15 +225,15 @@ impl Piece {
                         centre[1] + sign * radius * ray[1] / size,
                     ];
                     if round.reaches(point) {
-                        least = least.min(length(sub(point, foot)));
+                        min = min.min(length(sub(point, foot)));
                     }
                 }
             }
         }
-        least
+        min
     }
 
-    /// Points along it, so near to each other that what is between two of them is about straight.
+    /// Points along it, so dense that the piece is approximately straight in between.
     fn points(&self) -> impl Iterator<Item = Point> + '_ {
         let steps = self.arc.map_or(1, |(.., sweep)| 1 + (sweep.abs() / 0.1) as u32);
         (0..steps).map(move |step| match self.arc {
@@ -249,30 +249,30 @@ impl Piece {
     }
 }
 
-/// What a contour is compensated for.
+/// The tool of a compensated contour.
 #[derive(Clone, Copy, Debug)]
 struct Tool {
     radius: f64,
-    /// +1 to the left.
+    /// +1 for the left side.
     side: f64,
     nose: Point,
     plane: Plane,
-    /// Millimetres of a unit of the program.
+    /// Millimetres per program unit.
     unit: f64,
 }
 
-/// A closed contour and the path of the tool beside it, there and away.
+/// A closed contour with the path of the tool beside it, including entry and exit.
 #[derive(Debug)]
-struct Loop {
+struct ClosedContour {
     tool: Tool,
     edges: Vec<Piece>,
     path: Vec<Piece>,
     outline: Vec<Point>,
-    /// The tool runs inside.
+    /// Whether the tool is inside.
     is_pocket: bool,
 }
 
-/// The tool cuts into an edge.
+/// A cut of the tool into an edge.
 #[derive(Clone, Copy, Debug)]
 struct Cut {
     path: u32,
@@ -280,7 +280,7 @@ struct Cut {
     depth: f64,
 }
 
-impl Loop {
+impl ClosedContour {
     fn new(tool: Tool, edges: Vec<Piece>, path: Vec<Piece>) -> Self {
         let outline: Vec<Point> = edges.iter().flat_map(Piece::points).collect();
         let next = outline.iter().cycle().skip(1);
@@ -302,7 +302,7 @@ impl Loop {
         self.edges.len() + self.path.len()
     }
 
-    /// Whether a point is inside, by how often a ray from it crosses the outline.
+    /// Whether a point is inside, by the number of crossings of a ray with the outline.
     fn contains(&self, point: Point) -> bool {
         let next = self.outline.iter().cycle().skip(1);
         let crossings = self.outline.iter().zip(next).filter(|(a, b)| {
@@ -312,7 +312,7 @@ impl Loop {
         crossings.count() % 2 == 1
     }
 
-    /// Whether this is an island in a pocket. Contours that cross are pockets into one another.
+    /// Whether this is an island in a pocket. Contours that intersect count as pockets of each other.
     fn is_island_in(&self, pocket: &Self) -> bool {
         let is_one = !self.is_pocket && pocket.is_pocket && self.tool.plane == pocket.tool.plane;
         is_one
@@ -353,7 +353,7 @@ impl Loop {
         let unless = if is_known {
             ""
         } else {
-            " (nothing is wrong where that line only leads to the part or away)"
+            " (ignore this if that line only leads to or from the part)"
         };
         let text = format!(
             "the tool of radius {:.4} beside this move cuts {:.4} deep into the contour of line {}, which is near but not next to \
@@ -372,27 +372,27 @@ impl Loop {
     }
 }
 
-/// Contours with cutter compensation of one program.
+/// The contours with cutter compensation of one program.
 #[derive(Debug, Default)]
 pub(crate) struct ContourWatch {
-    /// Commands that have been handed out.
-    handed: u64,
-    /// The tool under way.
+    /// Number of commands that have been output.
+    output_count: u64,
+    /// The tool of the present compensation.
     tool: Option<Tool>,
-    /// Behind how many commands its compensation ends.
+    /// Number of commands after which its compensation ends.
     end: Option<u64>,
     /// Programmed moves, and the path as far as it is final.
     edges: Vec<Piece>,
     path: Vec<Piece>,
-    /// The move that leads to the contour has been handed out.
+    /// Whether the move to the contour has been output.
     has_entered: bool,
     /// Earlier contours.
-    loops: VecDeque<Loop>,
+    contours: VecDeque<ClosedContour>,
     findings: VecDeque<Command>,
 }
 
 impl ContourWatch {
-    /// Compensation begins.
+    /// Starts compensation.
     pub(crate) fn begin(&mut self, cutter: &CutterState, plane: Plane, unit: f64) {
         self.forget();
         let (radius, side, nose) = cutter.tool();
@@ -405,29 +405,29 @@ impl ContourWatch {
         });
     }
 
-    /// Compensation ends behind the commands that wait now.
+    /// Ends compensation after the commands that are held now.
     pub(crate) fn end(&mut self, waiting: usize) {
         if self.tool.is_some() && self.end.is_none() {
-            self.end = Some(self.handed + waiting as u64);
+            self.end = Some(self.output_count + waiting as u64);
         }
     }
 
-    /// A programmed move with compensation.
+    /// Adds a programmed move with compensation.
     pub(crate) fn programmed(&mut self, curve: &Curve, kind: MoveKind, line: u32, waiting: usize) {
         let Some(tool) = self.tool else { return };
-        // One more tells that there were too many.
+        // One more shows that there were too many.
         if self.edges.len() <= MAX_EDGES {
             let piece = Piece::of(curve, tool.plane, [0.0; 2]);
             self.edges.extend(piece.map(|piece| Piece {
                 line,
                 is_feed: kind == MoveKind::Feed,
-                at: self.handed + waiting as u64,
+                at: self.output_count + waiting as u64,
                 ..piece
             }));
         }
     }
 
-    /// How many programmed moves there are, to go back to where a line is wrong.
+    /// The number of programmed moves, for rolling back a line with an error.
     pub(crate) fn mark(&self) -> usize {
         self.edges.len()
     }
@@ -436,7 +436,7 @@ impl ContourWatch {
         self.edges.truncate(mark);
     }
 
-    /// Commands were thrown away.
+    /// Commands were discarded.
     pub(crate) fn skip(&mut self) {
         self.forget();
     }
@@ -447,38 +447,38 @@ impl ContourWatch {
         (self.tool, self.end, self.has_entered) = (None, None, false);
     }
 
-    /// A command is handed out and does not change any more.
+    /// A command is output and final.
     #[inline]
-    pub(crate) fn hands_out(&mut self, command: &Command) {
+    pub(crate) fn output(&mut self, command: &Command) {
         if self.tool.is_some() {
             self.follow(command);
         }
-        self.handed += 1;
+        self.output_count += 1;
     }
 
     fn follow(&mut self, command: &Command) {
         let (Some(tool), Action::Move(Move { curve, .. })) = (self.tool, &command.action) else {
             return;
         };
-        if self.end.is_some_and(|end| self.handed >= end) || self.path.len() > 3 * MAX_EDGES {
+        if self.end.is_some_and(|end| self.output_count >= end) || self.path.len() > 3 * MAX_EDGES {
             return;
         }
-        // From where the tool stands without compensation.
+        // From the position of the tool without compensation.
         if !std::mem::replace(&mut self.has_entered, true) {
             return;
         }
         let piece = Piece::of(curve, tool.plane, tool.nose);
         self.path.extend(piece.map(|piece| Piece {
             line: command.line,
-            at: self.handed,
+            at: self.output_count,
             ..piece
         }));
     }
 
-    /// What is wrong with the contours of a compensation that is over, one after the other.
+    /// The findings on the contours of a finished compensation, one per call.
     #[inline]
     pub(crate) fn finding(&mut self) -> Option<Command> {
-        if self.end.is_some_and(|end| self.handed >= end) {
+        if self.end.is_some_and(|end| self.output_count >= end) {
             self.compare();
         }
         self.findings.pop_front()
@@ -493,32 +493,32 @@ impl ContourWatch {
         {
             let closed = closed(&self.edges);
             for (index, &(first, last)) in closed.iter().enumerate() {
-                // With the ways there and away.
+                // Including entry and exit moves.
                 let edge = |index: usize| self.edges.get(index).map(|edge| edge.at);
                 let begin = index.checked_sub(1).and_then(|before| edge(closed[before].1 + 1));
                 let end = closed.get(index + 1).and_then(|next| edge(next.0));
                 let (begin, end) = (begin.unwrap_or(0), end.unwrap_or(u64::MAX));
                 let edges = self.edges[first..=last].iter().filter(|edge| edge.is_feed);
                 let path = self.path.iter().filter(|piece| (begin..end).contains(&piece.at));
-                let contour = Loop::new(tool, edges.copied().collect(), path.copied().collect());
+                let contour = ClosedContour::new(tool, edges.copied().collect(), path.copied().collect());
                 if contour.edges.is_empty() {
                     continue;
                 }
                 found.extend(contour.cut(&contour).map(|cut| contour.warning(cut, true)));
-                for other in &self.loops {
+                for other in &self.contours {
                     if contour.is_island_in(other) || other.is_island_in(&contour) {
                         found.extend(contour.cut(other).map(|cut| contour.warning(cut, true)));
                         found.extend(other.cut(&contour).map(|cut| other.warning(cut, true)));
                     }
                 }
-                self.loops.push_back(contour);
-                while self.loops.iter().map(Loop::size).sum::<usize>() > MAX_PIECES {
-                    self.loops.pop_front();
+                self.contours.push_back(contour);
+                while self.contours.iter().map(ClosedContour::size).sum::<usize>() > MAX_PIECES {
+                    self.contours.pop_front();
                 }
             }
             if closed.is_empty() {
                 let edges = open(&self.edges).iter().filter(|edge| edge.is_feed);
-                let contour = Loop::new(tool, edges.copied().collect(), self.path.clone());
+                let contour = ClosedContour::new(tool, edges.copied().collect(), self.path.clone());
                 found.extend(contour.cut(&contour).map(|cut| contour.warning(cut, false)));
             }
         }
@@ -527,7 +527,7 @@ impl ContourWatch {
     }
 }
 
-/// The moves of an open contour between those that may lead there and away.
+/// The moves of an open contour without possible entry and exit moves.
 fn open(edges: &[Piece]) -> &[Piece] {
     fn leads<'a>(mut moves: impl Iterator<Item = &'a Piece>) -> usize {
         let first = usize::from(moves.next().is_some());
@@ -543,7 +543,7 @@ fn closed(edges: &[Piece]) -> Vec<(usize, usize)> {
     let mut free = 0;
     for last in 0..edges.len() {
         let is_start = |first: &usize| length(sub(edges[*first].start, edges[last].end)) <= CLOSED_MM;
-        // Nearest first: back where the contour began, before the way there is gone back.
+        // The latest first: back at the start of the contour, before the entry path is retraced.
         if let Some(first) = (free..=last).rev().find(is_start) {
             found.push((first, last));
             free = last + 1;

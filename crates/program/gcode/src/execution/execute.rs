@@ -1,4 +1,4 @@
-//! A line in the order of execution of RS274/NGC, table 8, as LinuxCNC has it.
+//! Executes a line in the order of RS274/NGC, table 8, as LinuxCNC does.
 
 use std::collections::VecDeque;
 
@@ -17,10 +17,10 @@ use crate::{
 };
 
 /// Maximum number of commands that wait for cutter compensation or that one line gives: some hundred megabytes.
-pub(crate) const MAX_WAITING: usize = 1_000_000;
+pub(crate) const MAX_HELD_COMMANDS: usize = 1_000_000;
 
-/// A dwell of a whole number of seconds from this on is probably meant in milliseconds (tuned: spindles reach their speed
-/// within a minute, and dialects with milliseconds rarely dwell less than 100 of them).
+/// A dwell of an integral number of seconds from this on is probably meant in milliseconds. Tuned: spindles reach their speed
+/// within a minute, and dialects with milliseconds rarely dwell less than 100 of them.
 const LONG_DWELL_S: f64 = 100.0;
 
 /// Everything that a line can change.
@@ -33,19 +33,19 @@ pub(crate) struct Executor<'a> {
     /// Control points of a NURBS: X, Y in mm of program coordinates, and weight.
     pub(crate) control_points: &'a mut Vec<[f64; 3]>,
     pub(crate) out: &'a mut VecDeque<Command>,
-    /// What cutter compensation has changed among them.
+    /// Commands that cutter compensation has changed.
     pub(crate) changed: &'a mut Vec<Changed>,
-    /// Contours whose parts may be too near to each other.
+    /// Contours whose parts may be too close to each other.
     pub(crate) watch: &'a mut ContourWatch,
-    /// Number of the line for commands.
+    /// Line number for commands.
     pub(crate) number: u32,
-    /// Where the line stands, if not in the program itself.
+    /// The line if it is in a subroutine file.
     pub(crate) origin: Option<Origin>,
-    /// The calls that have led to it.
+    /// The calls that led to it.
     pub(crate) calls: CallChain,
 }
 
-/// What a line asks of the flow of control.
+/// A request of a line to the control flow.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Request {
     /// M98.
@@ -54,20 +54,20 @@ pub(crate) enum Request {
     Return,
     /// M70 to M73.
     Modes(MCode),
-    /// G70 to G72.2: the profile is read from a subroutine first.
+    /// G70 to G72.2: the profile has to be read from a subroutine first.
     Profile(RoughCall),
     /// M6 by a subroutine.
     ToolChange(ToolCall, Span),
 }
 
-/// What the subroutine of a tool change is told.
+/// The arguments of a tool-change subroutine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ToolCall {
-    /// The tool for the spindle; 0 empties it.
+    /// The tool to be put into the spindle; 0 empties it.
     pub(crate) tool: u32,
     /// The tool that is in the spindle.
     pub(crate) present: u32,
-    /// Where the tool is, and where the present one goes; 0 for nowhere.
+    /// The pocket of the tool, and that for the present one; 0 for none.
     pub(crate) from_pocket: u32,
     pub(crate) to_pocket: u32,
 }
@@ -90,7 +90,7 @@ impl Executor<'_> {
         if let Some(GCode::FeedMode(mode)) = line.g(Group::FeedMode)
             && mode != self.state.modes.feed_mode
         {
-            // F means something else now.
+            // The meaning of F changes.
             self.state.modes.feed_mode = mode;
             self.state.modes.feed = None;
         }
@@ -138,7 +138,7 @@ impl Executor<'_> {
         Ok(called.or(request))
     }
 
-    /// A dwell that is probably meant in milliseconds.
+    /// Warns of a dwell that is probably meant in milliseconds.
     pub(crate) fn warn_of_dwell(&mut self, code: &str, seconds: f64) {
         if seconds >= LONG_DWELL_S && seconds.fract() == 0.0 {
             self.out(Action::Warning(format!(
@@ -181,14 +181,14 @@ impl Executor<'_> {
         }
     }
 
-    /// The end of a block of MDI: spindle and coolant stay as they are.
+    /// The end of an MDI block: spindle and coolant keep their state.
     pub(crate) fn end_block(&mut self) {
         self.leave_compensation();
         self.state.ended = true;
         self.out(Action::ProgramEnd);
     }
 
-    /// What M2 does: spindle and coolant off, then the end.
+    /// M2: spindle and coolant off, then the end.
     pub(crate) fn end(&mut self) {
         self.leave_compensation();
         let modes = &mut self.state.modes;
@@ -197,7 +197,7 @@ impl Executor<'_> {
         modes.spindle = SpindleDirection::Stopped;
         (modes.mist, modes.flood) = (false, false);
         if modes.surface.take().is_some() {
-            // What follows begins in G97, where metres per minute are no speed.
+            // The next program starts in G97, where metres per minute are not a speed.
             modes.speed = 0.0;
         }
         if turning {
@@ -220,7 +220,7 @@ impl Executor<'_> {
             return Err(Fault::new(Code::UnusedWord, self.line.span(b'F'), message).help("leave F out"));
         }
         self.state.modes.feed = match self.state.modes.feed_mode {
-            // Only for the line that it stands on.
+            // Only for its own line.
             FeedMode::InverseTime => None,
             FeedMode::PerMinute => Some(ProgrammedFeed {
                 linear: feed * unit / 60.0,
@@ -250,7 +250,7 @@ impl Executor<'_> {
             if on && !line.has(b'S') {
                 let span = line.group_span(Group::SpindleMode);
                 return Err(
-                    Fault::new(Code::WordMissing, span, "G96 needs S, the speed of the surface")
+                    Fault::new(Code::WordMissing, span, "G96 needs S, the surface speed")
                         .help("in metres per minute, or feet per minute in G20"),
                 );
             }
@@ -261,7 +261,7 @@ impl Executor<'_> {
                 return Err(crate::syntax::word_faults::negative('D', limit, line.span(b'D')));
             }
             if !on && self.state.modes.surface.is_some() && !line.has(b'S') {
-                // The spindle keeps the speed that it has here.
+                // The spindle keeps its present speed.
                 self.state.modes.speed = self.state.rpm();
             }
             self.state.modes.surface = on.then(|| {
@@ -315,16 +315,16 @@ impl Executor<'_> {
     }
 
     pub(crate) fn spindle(&mut self) {
-        self.state.modes.told_centre_mm = self.state.centre_mm();
+        self.state.modes.output_centre_mm = self.state.centre_mm();
         self.out(self.state.spindle_action());
     }
 
-    /// Offsets may have moved the centre to which the radius of G96 is measured.
+    /// Offsets may have moved the centre of the radius of G96.
     fn follow_centre(&mut self) {
         let modes = &self.state.modes;
         if modes.surface.is_some()
             && modes.spindle != SpindleDirection::Stopped
-            && modes.told_centre_mm != self.state.centre_mm()
+            && modes.output_centre_mm != self.state.centre_mm()
         {
             self.spindle();
         }
@@ -351,7 +351,7 @@ impl Executor<'_> {
             Some(2) => Some(SpindleDirection::CounterClockwise),
             Some(other) => {
                 let message =
-                    format!("P{other}: M19 knows P0 the shorter way, P1 clockwise, P2 counter-clockwise");
+                    format!("P{other}: M19 supports P0 the shorter way, P1 clockwise, P2 counter-clockwise");
                 return Err(Fault::new(Code::OutOfRange, line.span(b'P'), message));
             }
         };
@@ -402,7 +402,7 @@ impl Executor<'_> {
             }
             _ => {
                 if self.state.cutter.is_on() || self.state.cutter.held.is_some() {
-                    // The line after it is read before its result is known.
+                    // The next line is read before its result is known.
                     return Err(Fault::new(
                         Code::CompensationActive,
                         span,
@@ -413,20 +413,20 @@ impl Executor<'_> {
                 let (digital, analog) = (line.whole(b'P')?, line.whole(b'E')?);
                 let index = match (digital, analog) {
                     (Some(index), None) | (None, Some(index)) => index,
-                    _ => return missing("M66 needs either P, a digital input, or E, an analogue one"),
+                    _ => return missing("M66 needs either P, a digital input, or E, an analog one"),
                 };
                 let mode = line.whole(b'L')?.unwrap_or(0);
                 if mode > 4 || analog.is_some() && mode != 0 {
                     let message =
-                        format!("L{mode}: M66 waits with L0 not at all, L1 rise, L2 fall, L3 high, L4 low");
+                        format!("L{mode}: M66 supports L0 immediate, L1 rise, L2 fall, L3 high, L4 low");
                     return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message)
-                        .help("an analogue input knows L0 only"));
+                        .help("an analog input supports L0 only"));
                 }
                 let timeout_s = line.word(b'Q').unwrap_or(0.0);
                 if timeout_s <= 0.0 && mode != 0 {
-                    return missing("M66 needs Q above 0, the longest wait in seconds");
+                    return missing("M66 needs Q above 0, the time limit in seconds");
                 }
-                // As a machine would have it whose inputs do what they are waited for, or as after a timeout.
+                // The result on a machine whose inputs reach the awaited state, or after a timeout.
                 let imagined = match (self.settings.waits_succeed, mode) {
                     (true, 1 | 3) => 1.0,
                     (true, 2 | 4) => 0.0,
@@ -468,7 +468,7 @@ impl Executor<'_> {
                 let Some(tool) = self.state.selected_tool else {
                     return Err(
                         Fault::new(Code::ToolMissing, span, "M6, but no tool has been selected")
-                            .help("write T and the tool's number before M6 or on its line"),
+                            .help("write T and the tool number before M6 or on its line"),
                     );
                 };
                 if self.state.cutter.is_on() {
@@ -483,7 +483,7 @@ impl Executor<'_> {
                     self.state.modes.spindle = SpindleDirection::Stopped;
                     self.spindle();
                 }
-                // The tool is where it is, wherever the program was when compensation ended.
+                // The present position counts, wherever the program was when compensation ended.
                 self.state.cutter.programmed = None;
                 if self.settings.tool_change.is_some() && tool != self.state.tool {
                     let call = self.tool_call(tool, span)?;
@@ -497,7 +497,7 @@ impl Executor<'_> {
         }
     }
 
-    /// Where the changer finds a tool, and where it puts the present one.
+    /// The pocket of the new tool, and the pocket for the present one.
     fn tool_call(&self, tool: u32, span: Span) -> Result<ToolCall, Fault> {
         let present = self.state.tool;
         let is_random = self
@@ -530,7 +530,7 @@ impl Executor<'_> {
         }
         let Some(known) = row(tool) else {
             let help = if tool == 0 {
-                "a random changer puts the present tool into the pocket that T0 names: write a line such as T0 P5 for an empty pocket"
+                "a random tool changer stores the present tool in the pocket of T0: write a line such as T0 P5 for an empty pocket"
             } else {
                 "write its line, such as T3 P3, into the tool table"
             };
@@ -557,7 +557,7 @@ impl Executor<'_> {
             );
             return Err(wrong(
                 message,
-                "look into the pocket, then correct P of the other one in the tool table",
+                "check the pocket, then correct P of the other one in the tool table",
             ));
         }
         Ok(ToolCall {
@@ -568,7 +568,7 @@ impl Executor<'_> {
         })
     }
 
-    /// A random changer has put the present tool where the new one was.
+    /// A random tool changer has stored the present tool in the pocket of the new one.
     pub(crate) fn move_pockets(&mut self, tool: u32) {
         let present = self.state.tool;
         if self
@@ -589,7 +589,7 @@ impl Executor<'_> {
         self.publish_tool(&tool);
     }
 
-    /// Writes the measures of the tool in the spindle to the parameters #5400 to #5413.
+    /// Writes the data of the tool in the spindle to the parameters #5400 to #5413.
     pub(crate) fn publish_tool(&mut self, tool: &Tool) {
         self.parameters.set_numbered(TOOL, f64::from(tool.number));
         self.parameters.set_axes(TOOL + 1, &tool.offset);
@@ -700,7 +700,7 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Brings saved modes back, and tells the machine what has changed.
+    /// Restores saved modes, and outputs what has changed.
     pub(crate) fn restore(&mut self, saved: crate::state::machine_state::Modes) {
         let before = self.state.modes;
         self.state.modes = saved;
@@ -728,7 +728,7 @@ impl Executor<'_> {
         }
     }
 
-    /// A motion of the line.
+    /// Executes the motion of the line.
     fn motion(&mut self, motion: Motion) -> Result<(), Fault> {
         if motion != Motion::CubicSpline {
             self.state.spline_end = None;
@@ -769,22 +769,23 @@ impl Executor<'_> {
             Motion::Cycle(cycle) => self.cycle(cycle),
             Motion::ThreadCycle => self.thread_cycle(),
             Motion::Turning(turning) => self.turning(turning),
-            // It goes on when its profile has been read.
+            // It continues when its profile has been read.
             Motion::Rough(_) | Motion::None => Ok(()),
         }
     }
 
-    /// The error that some cycle, spline or arc is asked for in a plane that it cannot use.
+    /// The error of a cycle, spline or arc in a plane that does not support it.
     pub(crate) fn wrong_plane(&self, what: &str) -> Fault {
-        let message = format!("{what} is not available in the plane in force");
-        Fault::new(Code::WrongPlane, self.line.motion_span(), message).help("G17, G18, G19 choose the plane")
+        let message = format!("{what} is not available in the active plane");
+        Fault::new(Code::WrongPlane, self.line.motion_span(), message)
+            .help("select the plane with G17, G18 or G19")
     }
 
     pub(crate) fn no_axes_but(&self, allowed: &[u8], what: &str) -> Result<(), Fault> {
         for axis in AxisLetter::ALL {
             let letter = axis.letter() as u8;
             if self.line.has(letter) && !allowed.contains(&letter) {
-                let message = format!("{} does not go with {what}", axis.letter());
+                let message = format!("{} cannot be combined with {what}", axis.letter());
                 return Err(Fault::new(Code::UnusedWord, self.line.span(letter), message));
             }
         }
@@ -792,7 +793,7 @@ impl Executor<'_> {
     }
 }
 
-/// Cycles that need the spindle to turn.
+/// Whether a cycle needs a rotating spindle.
 pub(crate) fn needs_spindle(cycle: Cycle) -> bool {
     matches!(
         cycle,

@@ -1,7 +1,7 @@
-//! G12.2 and G13.2: a hole milled along involutes, as a cycle.
+//! G12.2 and G13.2: the cycle that mills a hole along involutes.
 //!
-//! The path is that of [`evolvent_path::Hole`]: at each depth an involute from the centre out, then once round;
-//! with an allowance all depths are roughed first, then finished by an approach, a circle and a departure.
+//! The path is that of [`evolvent_path::Hole`]: at each depth an involute from the centre outwards and one revolution. With an
+//! allowance all depths are roughed first, then finished by approach, circle and departure.
 
 use evolvent_path::{Axes, Hole, HoleError, HolePass, HoleStart, Milling, Plane, Sense, depths_mm};
 
@@ -50,7 +50,7 @@ impl HoleOrder {
 }
 
 impl Executor<'_> {
-    /// A line with G12.2 (conventional with M3) or G13.2 (climb).
+    /// Executes a line with G12.2 (conventional with M3) or G13.2 (climb).
     pub(crate) fn hole(&mut self, sense: Sense) -> Result<(), Fault> {
         let order = self.hole_order(sense)?;
         // Nothing moves unless the whole hole is possible.
@@ -170,7 +170,7 @@ impl Executor<'_> {
 
     fn refuse_hole(&self, error: &HoleError) -> Fault {
         Fault::new(Code::HoleRefused, self.line.motion_span(), error.to_string())
-            .help("D is the hole's diameter, E or the tool table the tool's, Q the pitch, K the allowance")
+            .help("D is the diameter of the hole, E or the tool table that of the tool, Q the pitch, K the allowance")
     }
 
     /// The path at one depth.
@@ -180,7 +180,7 @@ impl Executor<'_> {
             .map_err(|error| self.refuse_hole(&error))
     }
 
-    /// One pass at one depth, from R and back there.
+    /// One pass at one depth, starting and ending at R.
     fn pass(&mut self, pass: &HolePass, r: f64) -> Result<(), Fault> {
         let Some(first) = pass.blocks.first() else {
             return Ok(());

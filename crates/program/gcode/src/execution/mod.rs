@@ -1,4 +1,4 @@
-//! Blocks into moves, in the order of execution: lines, arcs, splines, offsets, compensation, cycles.
+//! Converts blocks into moves, in the order of execution: lines, arcs, splines, offsets, compensation, cycles.
 
 pub(crate) mod arc;
 pub(crate) mod compensation;

@@ -1,24 +1,24 @@
-//! Geometry of cutter compensation in the plane: the path of the tool's centre beside a programmed line or arc, and
-//! how two such paths meet at a corner of the programmed path.
+//! Geometry of cutter compensation in the plane: the path of the tool centre beside a programmed line or arc, and the corners
+//! between two such paths.
 //!
-//! Every corner is decided once, when the move after it is known. What a corner takes from the beginning of a move is
-//! no longer there for the corner at its end ([`Element::room`]): otherwise a move that is too short for both would be
-//! run backwards, and an arc all the way round.
+//! Every corner is decided once, when the move after it is known. The length that a corner takes from the start of a move is
+//! not available to the corner at its end ([`Element::remaining`]): otherwise a move that is too short for both would be
+//! reversed, and an arc would wrap around.
 
-/// Corners that turn by less than this, in radians, are passed straight, as in LinuxCNC, unless that brings the tool
-/// nearer to the contour by more than `1 - cos(0.05)` = 0.125 % of its radius.
+/// Corners that turn by less than this, in radians, are passed straight, as in LinuxCNC, unless the tool would come closer to the
+/// contour by more than `1 - cos(0.05)` = 0.125 % of its radius.
 pub(crate) const STRAIGHT: f64 = 0.05;
 
-/// What a length on the path may be short by, in mm: roundings of coordinates in double precision, with margin.
+/// Tolerance for missing length on the path, mm: rounding of coordinates in double precision, with a margin.
 pub(crate) const ROUNDING_MM: f64 = 1e-6;
 
-/// Where a path leads back beside itself: how deep between the two ways the tool may cut, in mm. Programs round to
-/// 0.01 mm, so two ways that are meant as one may lie that far apart.
+/// Where a path returns beside itself: permitted depth of a cut between the two parts, mm. Programs are rounded to 0.01 mm, so
+/// two parts that are meant to coincide may be that far apart.
 const FOLD_MM: f64 = 0.005;
 
 pub(crate) type Point = [f64; 2];
 
-/// A path of the tool's centre without its ends.
+/// A path of the tool centre without its ends.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Shape {
     Line {
@@ -33,42 +33,42 @@ pub(crate) enum Shape {
     },
 }
 
-/// The path of the tool's centre beside one programmed move.
+/// The path of the tool centre beside one programmed move.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Element {
     pub(crate) shape: Shape,
     pub(crate) begin: Point,
-    /// Direction at the beginning.
+    /// Direction at the start.
     pub(crate) begin_tangent: Point,
     pub(crate) end: Point,
     /// Direction at the end.
     pub(crate) end_tangent: Point,
     /// Length in the plane that corners have left of it, in mm.
-    pub(crate) room: f64,
-    /// Of the straight move that leads to the contour: where the tool stands before. It goes straight from there to
-    /// wherever the first corner lets it, so its length is no bound.
+    pub(crate) remaining: f64,
+    /// For the straight move to the contour: its start. It goes straight from there to wherever the first corner permits, so its
+    /// length is not a limit.
     pub(crate) entry: Option<Point>,
 }
 
-/// How two elements meet.
+/// The corner between two elements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Corner {
-    /// The second begins where the first ends; `after` of the second is lost, which is below 0 where it grows.
+    /// The second starts where the first ends; it loses `after`, which is negative if it grows.
     Straight { after: f64 },
-    /// An arc about the corner leads from the end of the first to the beginning of the second.
+    /// An arc about the corner joins the end of the first and the start of the second.
     Outer,
-    /// Both are cut off at a point where they cross.
+    /// Both are trimmed at an intersection.
     Inner { point: Point, before: f64, after: f64 },
 }
 
-/// Why the tool cannot follow both elements. Lengths in mm.
+/// The reason why the tool cannot follow both elements. Lengths in mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Misfit {
-    /// The paths of its centre do not cross.
+    /// The paths of its centre do not intersect.
     Apart,
-    /// The corner takes more of the first than is left of it.
+    /// The corner takes more of the first element than remains.
     Before { needed: f64, left: f64 },
-    /// The corner takes more of the second than there is.
+    /// The corner takes more of the second element than its length.
     After { needed: f64, left: f64 },
 }
 
@@ -80,7 +80,7 @@ pub(crate) fn add(a: Point, b: Point) -> Point {
     [a[0] + b[0], a[1] + b[1]]
 }
 
-/// The point at a distance from another one.
+/// The point at a distance from another point.
 pub(crate) fn along(a: Point, direction: Point, distance: f64) -> Point {
     [a[0] + distance * direction[0], a[1] + distance * direction[1]]
 }
@@ -93,7 +93,7 @@ fn cross(a: Point, b: Point) -> f64 {
     a[0] * b[1] - a[1] * b[0]
 }
 
-/// A quarter turn to the left.
+/// Rotated by +90 degrees.
 pub(crate) fn left(a: Point) -> Point {
     [-a[1], a[0]]
 }
@@ -103,7 +103,7 @@ pub(crate) fn length(a: Point) -> f64 {
 }
 
 impl Shape {
-    /// The points that two paths have in common, at most two.
+    /// The common points of two paths, at most two.
     fn crossings(&self, other: &Self) -> impl Iterator<Item = Point> {
         let known = |point: Point| point.iter().all(|value| value.is_finite()).then_some(point);
         // Two points on either side of the middle of a chord.
@@ -157,8 +157,7 @@ impl Shape {
         points.into_iter().flatten()
     }
 
-    /// The length of path between two of its points, below 0 where `to` comes before `from`; of a circle the shorter
-    /// way.
+    /// The path length between two of its points, negative if `to` comes before `from`; on a circle the shorter way.
     fn between(&self, from: Point, to: Point) -> f64 {
         match *self {
             Self::Line { direction, .. } => dot(sub(to, from), direction),
@@ -179,8 +178,7 @@ impl Shape {
         }
     }
 
-    /// Curvature of the programmed path beside which a tool of this radius runs, in 1/mm, above 0 where it bends to
-    /// the tool's side.
+    /// Curvature of the programmed path beside which a tool of this radius moves, in 1/mm, positive if it curves towards the tool.
     fn bend(&self, tool_radius: f64, side: f64) -> f64 {
         match *self {
             Self::Line { .. } => 0.0,
@@ -188,7 +186,7 @@ impl Shape {
         }
     }
 
-    /// Whether a straight way between two points keeps to the tool's side of this path.
+    /// Whether the straight line between two points stays on the tool's side of this path.
     fn is_clear(&self, from: Point, to: Point, side: f64) -> bool {
         match *self {
             Self::Line { point, direction } => {
@@ -209,17 +207,17 @@ impl Shape {
 }
 
 impl Element {
-    /// How this element and the next meet; `radius` is the tool's, `side` is +1 where it runs on the left.
+    /// The corner between this element and the next; `radius` is the tool's, `side` is +1 if it moves on the left.
     ///
     /// # Errors
-    /// The tool cannot follow both without cutting into the contour.
+    /// [`Misfit`] if the tool cannot follow both without cutting into the contour.
     pub(crate) fn meet(&self, next: &Self, radius: f64, side: f64) -> Result<Corner, Misfit> {
         let turn = side
             * libm::atan2(
                 cross(self.end_tangent, next.begin_tangent),
                 dot(self.end_tangent, next.begin_tangent),
             );
-        // Onto a hollow arc little wider than the tool even a small corner would lead the tool far beside its path.
+        // On a concave arc only slightly wider than the tool even a small corner would lead the tool far from its path.
         let gives = radius * (1.0 - libm::cos(STRAIGHT)) + ROUNDING_MM;
         let small = turn.abs() <= STRAIGHT;
         if small && next.aside(self.end) <= gives || radius < ROUNDING_MM {
@@ -231,7 +229,7 @@ impl Element {
         if turn < 0.0 {
             return Ok(Corner::Outer);
         }
-        // Of the two points where a line and a circle cross only one has the second path lead inwards.
+        // Of the two intersections of a line and a circle the second path leads inwards at only one.
         let inward =
             |point: &Point| side * cross(self.shape.tangent(*point), next.shape.tangent(*point)) >= 0.0;
         let crossings = self.shape.crossings(&next.shape).filter(inward);
@@ -239,7 +237,7 @@ impl Element {
         let Some(((before, after), point)) =
             nearest.min_by(|a, b| (a.0.0.abs() + a.0.1.abs()).total_cmp(&(b.0.0.abs() + b.0.1.abs())))
         else {
-            // Arcs whose ends are rounded may miss each other by as much.
+            // Arcs with rounded ends may miss each other by that much.
             return if small {
                 next.straight_from(self.end)
             } else {
@@ -253,8 +251,8 @@ impl Element {
         Ok(Corner::Inner { point, before, after })
     }
 
-    /// Straight back. On a line the tool goes round the end. Where arcs bend so that the second path lies on the tool's
-    /// side of the first, as between the legs of an `h`, the corner is an inner one.
+    /// A reversal. On a line the tool goes around the end. If arcs curve so that the second path is on the tool's side of the first,
+    /// as between the legs of an `h`, the corner is an inner one.
     fn turn_back(
         &self,
         next: &Self,
@@ -272,10 +270,10 @@ impl Element {
         if let Some(((before, after), point)) = fitting.min_by(|a, b| a.0.0.total_cmp(&b.0.0)) {
             return Ok(Corner::Inner { point, before, after });
         }
-        // How wide the second path is of the first: by its angle, and by how much both bend to the tool's side.
+        // Opening between the two paths: from their angle, and from the curvature of both towards the tool.
         let angle = turn.signum() * (std::f64::consts::PI - turn.abs());
         let bend = self.shape.bend(radius, side) + next.shape.bend(radius, side);
-        let far = self.room.min(next.room);
+        let far = self.remaining.min(next.remaining);
         let far = if bend > 0.0 {
             far.min(angle.max(0.0) / bend)
         } else {
@@ -288,8 +286,8 @@ impl Element {
         Ok(Corner::Outer)
     }
 
-    /// How far a point is beside the path where it begins. The radius of an arc is that of its beginning, since that of
-    /// its end may differ by what programs round.
+    /// Distance of a point from the path at its start. The radius of an arc is that at its start, since the radius at its end may
+    /// differ by rounding in the program.
     fn aside(&self, place: Point) -> f64 {
         match self.shape {
             Shape::Line { point, direction } => cross(direction, sub(place, point)).abs(),
@@ -299,14 +297,14 @@ impl Element {
         }
     }
 
-    /// This element begun where the one before it ends.
+    /// This element started at the end of the previous one.
     fn straight_from(&self, place: Point) -> Result<Corner, Misfit> {
         let after = self.shape.between(self.begin, place);
         self.fits_after(after.max(0.0))
             .map(|()| Corner::Straight { after })
     }
 
-    /// How much of this element and of the next is lost where the tool changes over at a point.
+    /// Lengths that this element and the next lose if the tool changes over at a point.
     fn lost(&self, next: &Self, point: Point) -> (f64, f64) {
         (
             self.shape.between(point, self.end),
@@ -314,14 +312,14 @@ impl Element {
         )
     }
 
-    /// Whether this is the move to the contour, and leads to a point of the next element without touching that one.
+    /// Whether this is the move to the contour, and reaches a point of the next element without touching that one.
     fn enters(&self, next: &Self, before: f64, point: Point, side: f64) -> bool {
         let clear = |from: Point| before >= 0.0 && next.shape.is_clear(from, point, side);
         self.entry.is_some_and(clear)
     }
 
     fn fits_before(&self, needed: f64) -> Result<(), Misfit> {
-        let left = self.room;
+        let left = self.remaining;
         if (-ROUNDING_MM..=left + ROUNDING_MM).contains(&needed) {
             return Ok(());
         }
@@ -333,7 +331,7 @@ impl Element {
     }
 
     fn fits_after(&self, needed: f64) -> Result<(), Misfit> {
-        let left = self.room;
+        let left = self.remaining;
         if (-ROUNDING_MM..=left + ROUNDING_MM).contains(&needed) {
             return Ok(());
         }

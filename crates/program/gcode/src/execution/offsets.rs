@@ -1,4 +1,4 @@
-//! Offsets and the data that G10 writes.
+//! Offsets, and the data that G10 writes.
 
 use evolvent_path::{AXES, Axes, AxisLetter, MAX_COORDINATE};
 
@@ -57,13 +57,13 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// The tool that H or D names: without the word, and with 0, the one in the spindle.
+    /// The tool of H or D; without the word, or with 0, the tool in the spindle.
     pub(crate) fn tool_number(&self, letter: u8) -> Result<u32, Fault> {
         let number = self.line.whole(letter)?.filter(|number| *number != 0);
         Ok(number.unwrap_or(self.state.tool))
     }
 
-    /// A tool of the table, for the word or the group that asks for it.
+    /// A tool of the table, for the word or group that needs it.
     pub(crate) fn tool(&mut self, number: u32, letter: u8, group: Group) -> Result<Tool, Fault> {
         let tools = self.tools.as_ref();
         match tools.map(|tools| tools.get(number).copied()) {
@@ -84,7 +84,7 @@ impl Executor<'_> {
             }
             None if self.settings.tools_without_table => {
                 self.out(Action::Warning(format!(
-                    "there is no tool table, so offsets and diameter of tool {number} are taken as 0"
+                    "there is no tool table, so offsets and diameter of tool {number} are 0"
                 )));
                 Ok(Tool::new(number))
             }
@@ -204,7 +204,7 @@ impl Executor<'_> {
                     return missing("G10 L1, L10 and L11 need P, the number of the tool");
                 };
                 if number == 0 {
-                    let message = "P0: the tools of the table have numbers from 1";
+                    let message = "P0: tools in the table have numbers from 1";
                     return Err(Fault::new(Code::OutOfRange, line.span(b'P'), message)
                         .help("write the number of the tool in the spindle: #5400"));
                 }
@@ -235,7 +235,7 @@ impl Executor<'_> {
             }
         }
         let shift = there.turn(now - wanted);
-        // In rotated coordinates a shift along X is one along both axes of the machine.
+        // In rotated coordinates an offset along X changes both axes of the machine.
         let level = here && there.rotation[0] != 0.0 && (line.has(b'X') || line.has(b'Y'));
         for axis in AxisLetter::ALL {
             let place = axis.index();
@@ -259,7 +259,7 @@ impl Executor<'_> {
         let line = self.line;
         let known = self.tools.as_ref().and_then(|tools| tools.get(number)).copied();
         let mut tool = known.unwrap_or_else(|| Tool::new(number));
-        // Where the tip is, had the tool no length: in the coordinates in force, or those of G59.3.
+        // The position of the tip without tool length: in the active coordinates, or in those of G59.3.
         let mut there = *self.state;
         there.tool_offset = Axes::zeros();
         if what == 11 {
@@ -287,7 +287,7 @@ impl Executor<'_> {
         }
         if let Some(orientation) = line.whole(b'Q')? {
             if orientation > MAX_ORIENTATION {
-                let message = format!("Q{orientation}: the tip of a tool points to one of 0 to 9");
+                let message = format!("Q{orientation}: the orientation of a tool is 0 to 9");
                 return Err(Fault::new(Code::OutOfRange, line.span(b'Q'), message));
             }
             tool.orientation = orientation;
@@ -300,7 +300,7 @@ impl Executor<'_> {
     }
 }
 
-/// Whether a machine coordinate is one.
+/// Checks that a machine coordinate is finite and in range.
 #[inline]
 pub(crate) fn check_coordinate(value: f64, axis: AxisLetter, line: &Statement) -> Result<(), Fault> {
     if value.abs() <= MAX_COORDINATE {
@@ -314,5 +314,5 @@ fn too_far(value: f64, axis: AxisLetter, line: &Statement) -> Fault {
     let letter = axis.letter();
     let message = format!("{letter} would be {value:e} in machine coordinates");
     Fault::new(Code::PositionTooLarge, line.span(letter as u8), message)
-        .help("no machine travels that far; look at offsets and increments")
+        .help("no machine travels that far; check offsets and increments")
 }

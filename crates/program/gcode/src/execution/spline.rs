@@ -1,8 +1,8 @@
-//! Splines in the XY plane: G5, G5.1 and the NURBS of G5.2 and G5.3.
+//! Splines in the XY plane: G5, G5.1, and the NURBS of G5.2 and G5.3.
 //!
-//! A Bezier curve of degree two or three is one polynomial of the path, exactly. A rational curve is a chain of
-//! quintics that take over its place and its first two derivatives at each joint, each within
-//! [`TOLERANCE_MM`] of the curve at the same parameter.
+//! A Bezier curve of degree two or three is exactly one polynomial of the path. A rational curve becomes a chain of quintics
+//! that match position and first two derivatives at each joint, each within [`TOLERANCE_MM`] of the curve at the same
+//! parameter.
 
 use evolvent_path::{Axes, Blend, Curve, Jet, Line, Plane};
 
@@ -10,16 +10,16 @@ use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
 use crate::{Code, MoveKind};
 
-/// How far a quintic may be off a rational curve, in mm.
+/// Maximum deviation of a quintic from a rational curve, in mm.
 const TOLERANCE_MM: f64 = 1e-4;
 
-/// Most control points of one NURBS.
+/// Maximum number of control points of one NURBS.
 const MAX_POINTS: usize = 100_000;
 
-/// Greatest order: degree nine.
+/// Maximum order: degree nine.
 const MAX_ORDER: u32 = 10;
 
-/// How often a span of a NURBS is halved at the most.
+/// Maximum number of bisections of a span of a NURBS.
 const MAX_HALVINGS: u32 = 16;
 
 type Point = [f64; 2];
@@ -38,7 +38,7 @@ impl Executor<'_> {
         self.check_feed(name)
     }
 
-    /// Words I, J or the like as a vector of program coordinates in mm.
+    /// Two words such as I and J as a vector in program coordinates, mm.
     fn pair(&self, first: u8, second: u8) -> Option<Point> {
         let unit = self.state.unit_mm();
         Some([self.line.word(first)? * unit, self.line.word(second)? * unit])
@@ -72,7 +72,7 @@ impl Executor<'_> {
             (None, _) if line.has(b'I') || line.has(b'J') => {
                 return Err(self.word_missing("G5 needs both I and J, or neither"));
             }
-            // Goes on straight where the last one ended.
+            // Continues with the tangent of the last one.
             (None, Some([p, q])) => [-p, -q],
             (None, None) => [0.0, 0.0],
         };
@@ -126,7 +126,7 @@ impl Executor<'_> {
             }
             derivatives
         };
-        // A polynomial of degree three is its own quintic; only where it stands still is it cut.
+        // A polynomial of degree three is its own quintic; it is divided only where it is stationary.
         let mut pieces = Vec::new();
         self.approximate(&at, 0.0, 1.0, 0, &mut pieces)?;
         self.put_pieces(&pieces)
@@ -148,12 +148,12 @@ impl Executor<'_> {
             self.control_points.clear();
             self.control_points.push([here[0], here[1], weight]);
         } else if line.has(b'L') {
-            let message = "L stands on the first line of a NURBS";
+            let message = "L must be on the first line of a NURBS";
             return Err(Fault::new(Code::UnusedWord, line.span(b'L'), message));
         }
         if line.has_axes() {
             let weight = self.weight()?;
-            // Missing words and increments count from the last control point.
+            // Missing words and increments refer to the last control point.
             let mut base = self.state.program_of(self.state.position);
             if let Some(last) = self.control_points.last() {
                 (base[0], base[1]) = (last[0], last[1]);
@@ -183,14 +183,15 @@ impl Executor<'_> {
         match self.line.word(b'P') {
             Some(weight) if (1e-6..=1e6).contains(&weight) => Ok(weight),
             Some(weight) => {
-                let message = format!("P{weight}: the weight of a control point is above 0 and not absurd");
+                let message =
+                    format!("P{weight}: the weight of a control point must be above 0 and not extreme");
                 Err(Fault::new(Code::OutOfRange, self.line.span(b'P'), message))
             }
             None => Err(self.word_missing("every control point of a NURBS needs P, its weight")),
         }
     }
 
-    /// G5.3: runs the NURBS.
+    /// G5.3: executes the NURBS.
     pub(crate) fn nurbs(&mut self) -> Result<(), Fault> {
         let Some(order) = self.state.nurbs_order.take() else {
             let message = "G5.3 without G5.2 before it";
@@ -214,13 +215,13 @@ impl Executor<'_> {
             self.approximate(&at, span as f64, (span + 1) as f64, 0, &mut pieces)?;
         }
         self.put_pieces(&pieces)?;
-        // The memory serves the next NURBS.
+        // The memory is reused by the next NURBS.
         *self.control_points = points;
         self.control_points.clear();
         Ok(())
     }
 
-    /// Cuts a curve into quintics. `at` gives place, first and second derivative in program coordinates.
+    /// Divides a curve into quintics. `at` returns position, first and second derivative in program coordinates.
     fn approximate(
         &self,
         at: &impl Fn(f64) -> [Point; 3],
@@ -239,7 +240,7 @@ impl Executor<'_> {
         let start = pieces.last().map_or(self.state.position, Curve::end);
         let width = to - from;
         let speed = |jet: &[Point; 3]| libm::hypot(jet[1][0], jet[1][1]) * width;
-        // A curve that nearly stands still at an end has no direction there to plan with.
+        // A curve that is almost stationary at an end has no direction there for the planner.
         let stands = speed(&left).min(speed(&right)) < 1e-3 * size;
         let close = |blend: &Blend| {
             [0.125, 0.25, 0.5, 0.75, 0.875].iter().all(|x| {
@@ -264,7 +265,7 @@ impl Executor<'_> {
             return Ok(());
         }
         if halvings >= MAX_HALVINGS || size <= TOLERANCE_MM {
-            // So short that a line is as good.
+            // So short that a line is equivalent.
             let line = Line::new(start, self.lift(right[0], &start));
             pieces.extend(line.ok().map(Curve::Line));
             return Ok(());
@@ -274,7 +275,7 @@ impl Executor<'_> {
         self.approximate(at, between, to, halvings + 1, pieces)
     }
 
-    /// A point of the plane in machine coordinates; the other axes rest.
+    /// A point of the plane in machine coordinates; the other axes do not move.
     fn lift(&self, point: Point, rest: &Axes) -> Axes {
         let mut program = self.state.program_of(*rest);
         (program[0], program[1]) = (point[0], point[1]);
@@ -313,13 +314,13 @@ impl Executor<'_> {
     }
 }
 
-/// Place and two derivatives of a NURBS (Piegl and Tiller, "The NURBS Book", algorithms A2.2, A3.1 and equation
-/// (4.8)): derivatives of a B-spline are B-splines of the differences.
+/// Position and two derivatives of a NURBS (Piegl and Tiller, "The NURBS Book", algorithms A2.2, A3.1 and equation (4.8)): the
+/// derivatives of a B-spline are B-splines of the differences.
 fn rational(points: &[[f64; 3]], order: usize, knot: &impl Fn(usize) -> f64, u: f64) -> [Point; 3] {
     let degree = order - 1;
     let spans = points.len() - degree;
     let span = (u.floor().max(0.0) as usize).min(spans - 1) + degree;
-    // The control points that count, homogeneous.
+    // The relevant control points in homogeneous coordinates.
     let mut local = [[0.0; 3]; MAX_ORDER as usize];
     for (slot, point) in local.iter_mut().zip(&points[span - degree..=span]) {
         *slot = [point[0] * point[2], point[1] * point[2], point[2]];
@@ -331,7 +332,7 @@ fn rational(points: &[[f64; 3]], order: usize, knot: &impl Fn(usize) -> f64, u: 
         }
         let left = degree - derivative;
         let mut work = local;
-        // de Boor's triangle over the points that are left.
+        // De Boor's triangle over the remaining points.
         for level in 1..=left {
             for place in (level..=left).rev() {
                 let index = span - left + place;
@@ -371,7 +372,7 @@ fn rational(points: &[[f64; 3]], order: usize, knot: &impl Fn(usize) -> f64, u: 
 mod tests {
     use super::*;
 
-    /// A quarter of a circle is a rational quadratic with the middle weight cos 45 degrees.
+    /// A quarter circle is a rational quadratic with the middle weight cos 45 degrees.
     const QUARTER: [[f64; 3]; 3] = [
         [1.0, 0.0, 1.0],
         [1.0, 1.0, std::f64::consts::FRAC_1_SQRT_2],
@@ -383,12 +384,12 @@ mod tests {
     }
 
     #[test]
-    fn a_rational_quadratic_is_the_circle_and_its_derivatives_those_of_the_circle() {
+    fn a_rational_quadratic_reproduces_the_circle() {
         for step in 0..=20 {
             let u = f64::from(step) / 20.0;
             let [place, first, second] = rational(&QUARTER, 3, &knots(3, 1), u);
             assert!((libm::hypot(place[0], place[1]) - 1.0).abs() < 1e-14);
-            // x x' + y y' = 0, and once more: x'^2 + y'^2 + x x'' + y y'' = 0.
+            // x x' + y y' = 0, and differentiated: x'^2 + y'^2 + x x'' + y y'' = 0.
             assert!((place[0] * first[0] + place[1] * first[1]).abs() < 1e-13);
             let speed = first[0] * first[0] + first[1] * first[1];
             assert!((speed + place[0] * second[0] + place[1] * second[1]).abs() < 1e-12);

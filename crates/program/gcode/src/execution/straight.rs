@@ -5,12 +5,12 @@ use evolvent_path::{Axes, AxisLetter, Curve, Line, ParamCurve as _};
 use crate::codes::modal_groups::{FeedMode, Group, Motion, NonModal};
 use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
-use crate::execution::execute::MAX_WAITING;
+use crate::execution::execute::MAX_HELD_COMMANDS;
 use crate::execution::offsets::check_coordinate;
 use crate::{Action, Code, Command, Move, MoveKind, PathMode, SpindleDirection};
 
 impl Executor<'_> {
-    /// Where the axis words lead to, in machine coordinates.
+    /// The target of the axis words, in machine coordinates.
     pub(crate) fn target(&self) -> Result<Axes, Fault> {
         let (state, line) = (&*self.state, self.line);
         let from = state.programmed();
@@ -59,7 +59,7 @@ impl Executor<'_> {
         Ok(target)
     }
 
-    /// `@` is the distance from the program's zero, `^` the angle from X in degrees.
+    /// `@` is the distance from the program zero, `^` the angle from X in degrees.
     pub(crate) fn polar(&self, program: &mut Axes) -> Result<(), Fault> {
         let line = self.line;
         let bad = |letter: u8, message: &str| {
@@ -75,7 +75,7 @@ impl Executor<'_> {
             ))
         };
         if line.has(b'X') || line.has(b'Y') {
-            return bad(b'@', "X and Y do not go with @ and ^");
+            return bad(b'@', "X and Y cannot be combined with @ and ^");
         }
         let (radius, angle) = (
             libm::hypot(program[0], program[1]),
@@ -159,7 +159,7 @@ impl Executor<'_> {
         let feed = match kind {
             MoveKind::Rapid => f64::INFINITY,
             MoveKind::Feed => {
-                // After G40 the programmed path counts, in inverse time.
+                // After G40 the programmed path counts, in inverse time mode.
                 let programmed = match self.state.cutter.programmed {
                     Some(from) => libm::sqrt((target - from).fixed_rows::<3>(0).norm_squared()),
                     None => length,
@@ -169,7 +169,7 @@ impl Executor<'_> {
             }
         };
         self.check_move(length, feed)?;
-        // Not by way of a curve of its own: lines are what long programs consist of, and a curve is large.
+        // Without constructing a curve first: long programs consist of lines, and a curve is large.
         self.state.position = target;
         if !self.state.cutter.is_on() {
             self.state.cutter.programmed = None;
@@ -201,7 +201,7 @@ impl Executor<'_> {
         AxisLetter::ALL.iter().all(|axis| axis.is_rotary() || still(axis))
     }
 
-    /// Hands out a move.
+    /// Outputs a move.
     #[inline]
     pub(crate) fn put_curve(
         &mut self,
@@ -211,10 +211,10 @@ impl Executor<'_> {
         path_mode: PathMode,
     ) -> Result<(), Fault> {
         self.check_move(curve.length(), feed)?;
-        // The curve keeps its end bit for bit, but rounds may have moved it (a circle's end is its start).
+        // The curve keeps its end bit for bit, but rounding may have moved it (a circle ends at its start).
         self.state.position = curve.end();
         if !self.state.cutter.is_on() {
-            // After G40 the tool has come back to the programmed path.
+            // After G40 the tool has returned to the programmed path.
             self.state.cutter.programmed = None;
         }
         self.out.push_back(Command {
@@ -232,15 +232,16 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// A path that a double cannot tell from nothing would have no direction and no time; one line may not fill the memory.
+    /// Rejects a path too short for a direction and duration in double precision, and more commands than fit into memory.
     #[inline]
     fn check_move(&self, length: f64, feed: f64) -> Result<(), Fault> {
-        if length > 0.0 && feed > 0.0 && self.out.len() < MAX_WAITING {
+        if length > 0.0 && feed > 0.0 && self.out.len() < MAX_HELD_COMMANDS {
             return Ok(());
         }
-        if self.out.len() >= MAX_WAITING {
-            let message =
-                format!("more than {MAX_WAITING} commands from one line, or waiting for cutter compensation");
+        if self.out.len() >= MAX_HELD_COMMANDS {
+            let message = format!(
+                "more than {MAX_HELD_COMMANDS} commands from one line, or waiting for cutter compensation"
+            );
             return Err(Fault::new(Code::BodyTooLong, self.line.motion_span(), message));
         }
         let message = format!("a move of {length:e} mm at {feed:e} mm/s");
@@ -248,7 +249,7 @@ impl Executor<'_> {
             .help("length or feed is too small to compute with"))
     }
 
-    /// What a move in G95 is fed by each revolution of the spindle.
+    /// Feed per spindle revolution of a move in G95.
     #[inline]
     fn feed_per_revolution(&self, kind: MoveKind, rotary: bool) -> Option<f64> {
         let modes = &self.state.modes;
@@ -260,7 +261,7 @@ impl Executor<'_> {
             .map(|feed| if rotary { feed.rotary } else { feed.linear })
     }
 
-    /// A feed move needs a speed.
+    /// Checks that a feed move has a feed.
     pub(crate) fn check_feed(&self, name: &str) -> Result<(), Fault> {
         let modes = &self.state.modes;
         let span = self.line.motion_span();
@@ -269,15 +270,15 @@ impl Executor<'_> {
                 let Some(feed) = self.line.word(b'F') else {
                     let message = format!("{name} in G93 without F");
                     return Err(Fault::new(Code::InverseTimeFeedMissing, span, message)
-                        .help("in inverse time mode every feed move has its own F: 1 / minutes"));
+                        .help("in inverse time mode every feed move needs its own F: 1 / minutes"));
                 };
                 feed
             }
             FeedMode::PerMinute | FeedMode::PerRevolution => {
                 let Some(feed) = modes.feed else {
-                    let message = format!("{name}, but no feed is in force");
+                    let message = format!("{name}, but no feed is active");
                     return Err(Fault::new(Code::FeedMissing, span, message)
-                        .help("write F on this line or before; a change of feed mode forgets F"));
+                        .help("write F on this line or before; a change of feed mode clears F"));
                 };
                 feed.linear
             }
@@ -294,8 +295,7 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Speed of a path of a length in mm/s, or deg/s if only rotary axes move. [`check_feed`](Self::check_feed)
-    /// has passed.
+    /// Speed in mm/s for a path of this length, or deg/s if only rotary axes move. [`check_feed`](Self::check_feed) has passed.
     pub(crate) fn speed(&self, length: f64, rotary: bool) -> f64 {
         let modes = &self.state.modes;
         if modes.feed_mode == FeedMode::InverseTime {
@@ -305,14 +305,14 @@ impl Executor<'_> {
             .feed
             .map_or(0.0, |feed| if rotary { feed.rotary } else { feed.linear });
         match modes.feed_mode {
-            // Along the move it is followed where the spindle's speed follows the radius.
+            // Updated along the move if the spindle speed follows the radius.
             FeedMode::PerRevolution => feed * self.state.rpm() / 60.0,
             _ => feed,
         }
     }
 
-    /// G28, G30: by way of the point of the axis words to the place that is stored; without axis words all axes
-    /// go there, else only those named.
+    /// G28, G30: via the point of the axis words to the stored position. Without axis words all axes move there, else only those
+    /// named.
     pub(crate) fn home(&mut self, first: usize) -> Result<(), Fault> {
         let line = self.line;
         let stored = self.parameters.axes(first);
@@ -335,7 +335,7 @@ impl Executor<'_> {
         self.put_line(place, MoveKind::Rapid)
     }
 
-    /// Checks that the spindle turns, and gives the pitch K in mm.
+    /// Checks that the spindle rotates, and returns the pitch K in mm.
     pub(crate) fn pitch(&self, name: &str, letter: u8) -> Result<f64, Fault> {
         let line = self.line;
         let Some(pitch) = line.word(letter) else {
@@ -343,7 +343,7 @@ impl Executor<'_> {
             return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
         };
         if pitch <= 0.0 {
-            let message = format!("{}{pitch}: a pitch is above 0", char::from(letter));
+            let message = format!("{}{pitch}: a pitch must be above 0", char::from(letter));
             return Err(Fault::new(Code::OutOfRange, line.span(letter), message));
         }
         if self.state.modes.spindle == SpindleDirection::Stopped {
@@ -362,8 +362,7 @@ impl Executor<'_> {
         let pitch_mm = self.pitch("G33", b'K')?;
         let start_degrees = self.line.word(b'Q').unwrap_or(0.0);
         if !(0.0..360.0).contains(&start_degrees) {
-            let message =
-                format!("G33: Q{start_degrees} is the angle at which the thread begins, 0 to 360 degrees");
+            let message = format!("G33: Q{start_degrees} is the start angle of the thread, 0 to 360 degrees");
             return Err(Fault::new(Code::OutOfRange, self.line.span(b'Q'), message));
         }
         let target = self.target()?;
@@ -419,7 +418,7 @@ impl Executor<'_> {
     pub(crate) fn probe(&mut self, toward: bool, must: bool) -> Result<(), Fault> {
         let line = self.line;
         if !line.has_axes() {
-            let message = "G38 needs an axis word: where the probe goes at the most";
+            let message = "G38 needs an axis word: the maximum travel of the probe";
             return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
         }
         if self.state.cutter.is_on() {
@@ -432,10 +431,10 @@ impl Executor<'_> {
         let target = self.target()?;
         if target == self.state.position {
             if self.state.is_probed {
-                // Where the probe before has stopped is not known: without contact it stands here, and there is no way.
+                // The stop position of the previous probe is unknown: without contact it is here, and there is no path.
                 return Ok(());
             }
-            let message = "G38 ends where it begins";
+            let message = "G38 ends where it starts";
             return Err(Fault::new(Code::OutOfRange, line.motion_span(), message));
         }
         let curve = self.line_to(target)?;

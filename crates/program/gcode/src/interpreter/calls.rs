@@ -1,4 +1,4 @@
-//! Calls: subroutines are collected while the program passes by, found in files or further on, entered and left.
+//! Calls: subroutines are collected as the program is read, found in files or later in the program, entered and left.
 
 use std::io::BufRead;
 use std::sync::Arc as Shared;
@@ -13,22 +13,22 @@ use crate::syntax::block::{Keyword, OWord};
 use crate::syntax::lines::{FileFault, Lines, Subroutine, find_file};
 use crate::syntax::parser::o_word;
 
-/// How many arguments a call may have.
+/// Maximum number of arguments of a call.
 const ARGUMENTS: usize = 30;
 
 impl<R: BufRead> Interpreter<R> {
-    /// A line of a subroutine that is being collected.
+    /// Processes a line of a subroutine that is being collected.
     pub(crate) fn define(&mut self, word: Option<&OWord>) -> Result<(), Fault> {
         let label = match word {
             Some(word) => self.label(word).ok(),
             None => None,
         };
-        let room = self.settings.max_body_bytes.saturating_sub(self.library.size);
+        let remaining = self.settings.max_body_bytes.saturating_sub(self.library.size);
         let Some(definition) = &mut self.definition else {
             return Ok(());
         };
         definition.lines.push(self.line, &self.text);
-        if definition.lines.size() > room {
+        if definition.lines.size() > remaining {
             self.definition = None;
             return Err(self.body_too_long());
         }
@@ -41,13 +41,13 @@ impl<R: BufRead> Interpreter<R> {
             }
             Some(word) if word.keyword == Keyword::EndSub => {
                 let (begun, text) = (definition.line, definition.text.clone());
-                // It ends here all the same, so that one mistake is one error.
+                // It ends here in any case, so that one mistake gives one error.
                 if let Some(Definition { name, lines, .. }) = self.definition.take() {
                     let lines = Shared::new(lines);
                     self.library.insert(name, Subroutine { lines, first: 0 });
                 }
                 let message = format!(
-                    "O<{}> endsub, but O<{text}> sub of line {begun} is what ends here",
+                    "O<{}> endsub, but O<{text}> sub of line {begun} has to end here",
                     word.name.as_str()
                 );
                 return Err(Fault::new(Code::OWordOrder, word.span, message).help(format!(
@@ -55,7 +55,7 @@ impl<R: BufRead> Interpreter<R> {
                 )));
             }
             Some(word) if word.keyword == Keyword::Sub => {
-                return Err(order(word, "begins inside another subroutine"));
+                return Err(order(word, "starts inside another subroutine"));
             }
             _ => {}
         }
@@ -68,7 +68,7 @@ impl<R: BufRead> Interpreter<R> {
             self.settings.max_body_bytes
         );
         Fault::new(Code::BodyTooLong, Span::new(0, self.text.len()), message)
-            .help("lines inside a loop are kept to be run again; make its body a subroutine or shorter")
+            .help("lines inside a loop are stored to be repeated; make its body a subroutine or shorter")
     }
 
     pub(crate) fn call(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
@@ -83,7 +83,7 @@ impl<R: BufRead> Interpreter<R> {
         self.enter(&word.name, name, word.span, true, 1)
     }
 
-    /// M98: the subroutine of a number, as often as told.
+    /// M98: calls the subroutine with this number, `times` times.
     pub(crate) fn call_number(&mut self, number: u32, times: u32, span: Span) -> Result<(), Fault> {
         if times == 0 {
             return Ok(());
@@ -100,7 +100,7 @@ impl<R: BufRead> Interpreter<R> {
         self.enter(&text, label, span, false, times)
     }
 
-    /// M99: back to the caller. `false` in the program itself.
+    /// M99: returns to the caller. False in the program itself.
     pub(crate) fn return_number(&mut self) -> bool {
         if self.frames.len() == 1 {
             return false;
@@ -123,7 +123,7 @@ impl<R: BufRead> Interpreter<R> {
                 self.settings.max_call_depth
             );
             return Err(Fault::new(Code::NestingTooDeep, span, message)
-                .help("does a subroutine call itself without end?"));
+                .help("check for a subroutine that calls itself without end"));
         }
         let found = match self.library.get(name) {
             Some(found) => Some(found.clone()),
@@ -176,16 +176,16 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// Looks for a subroutine in files, then further on in the program.
+    /// Searches a subroutine in files, then further on in the program.
     fn load(&mut self, text: &Normal, name: NameId, span: Span) -> Result<Option<Subroutine>, Fault> {
-        let most = self.settings.max_body_bytes.saturating_sub(self.library.size);
-        match find_file(text.as_str(), &self.settings.subroutine_folders, most) {
+        let max_bytes = self.settings.max_body_bytes.saturating_sub(self.library.size);
+        match find_file(text.as_str(), &self.settings.subroutine_folders, max_bytes) {
             Ok(Some(lines)) => {
                 let lines = Shared::new(lines);
                 self.library.note_file(text.as_str(), &lines);
                 self.index(&lines);
                 if self.library.get(name).is_none() {
-                    // A file of a main program's kind: the whole of it, for M98.
+                    // A file with a main program: all of it, for M98.
                     let subroutine = Subroutine { lines, first: 0 };
                     self.library.insert(name, subroutine);
                 }
@@ -197,14 +197,14 @@ impl<R: BufRead> Interpreter<R> {
                 return Err(Fault::new(Code::SubroutineFile, span, message));
             }
             Err(FileFault::TooLong(path)) => {
-                let message = format!("{} is longer than {most} bytes", path.display());
+                let message = format!("{} is longer than {max_bytes} bytes", path.display());
                 return Err(Fault::new(Code::SubroutineFile, span, message));
             }
         }
         self.look_ahead(name)
     }
 
-    /// Makes the subroutines of a file known.
+    /// Registers the subroutines of a file.
     fn index(&mut self, lines: &Shared<Lines>) {
         for place in 0..lines.len() {
             let Some((text, _)) = lines.get(place) else {
@@ -225,13 +225,13 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// Reads on in the program, keeping what is read, until the subroutine has been found.
+    /// Reads ahead in the program, storing the lines, until the subroutine has been found.
     fn look_ahead(&mut self, name: NameId) -> Result<Option<Subroutine>, Fault> {
         if self.frames.len() == 1 && !self.on_tape {
             self.mark();
         }
         let mut found: Option<(Keyword, Lines)> = None;
-        // Lines that are on the tape already and have not been reached may hold it too.
+        // Lines that are on the tape but not executed yet may contain it too.
         let mut place = self.frames[0].at.min(self.tape.len());
         let mut text = Vec::new();
         loop {
@@ -241,7 +241,7 @@ impl<R: BufRead> Interpreter<R> {
                 line
             } else {
                 if !matches!(self.reader.read_into(&mut text), Ok(true)) {
-                    // An unreadable line ahead is found again by nobody; the call then has no target.
+                    // An unreadable line ahead is reported when it is reached; here the call has no target.
                     break;
                 }
                 let line = self.reader.line();

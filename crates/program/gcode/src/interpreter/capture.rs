@@ -1,4 +1,4 @@
-//! Reading the profile of a turning cycle: a subroutine is run, and its moves are kept instead of handed out.
+//! Reads the profile of a turning cycle: a subroutine is executed, and its moves are stored instead of output.
 
 use std::io::BufRead;
 
@@ -17,22 +17,22 @@ use crate::syntax::statement::Statement;
 #[derive(Debug)]
 pub(crate) struct Capture {
     call: RoughCall,
-    /// How many frames there were before the subroutine.
+    /// Number of frames before the subroutine.
     depth: usize,
-    /// Where its commands begin.
+    /// Index of its first command.
     first: usize,
-    /// What it is to leave unchanged.
+    /// The state that it must leave unchanged.
     state: State,
     statement: Statement,
     /// The line of the cycle, for errors, and its number for commands.
     text: Vec<u8>,
     line: u32,
     number: u32,
-    /// The move that leads to the profile has been seen.
+    /// Whether the approach to the profile has been seen.
     led: bool,
-    /// Fillet or chamfer of the line in hand.
+    /// Fillet or chamfer of the present line.
     corner: Option<Corner>,
-    /// Those of the commands.
+    /// Fillets and chamfers of the commands.
     corners: Vec<(usize, Corner)>,
 }
 
@@ -42,9 +42,8 @@ impl<R: BufRead> Interpreter<R> {
         let span = self.statement.motion_span();
         if self.capture.is_some() {
             let message = "a cycle along a profile inside a profile";
-            return Err(
-                Fault::new(Code::ProfileRefused, span, message).help("a profile holds G0, G1, G2 and G3")
-            );
+            return Err(Fault::new(Code::ProfileRefused, span, message)
+                .help("a profile must contain only G0, G1, G2 and G3"));
         }
         let depth = self.frames.len();
         let text = Normal::of_number(call.number);
@@ -78,7 +77,7 @@ impl<R: BufRead> Interpreter<R> {
             corner: None,
             corners: Vec::new(),
         }));
-        // Speeds of the profile mean nothing, so none is asked for.
+        // Speeds in the profile are meaningless, so none is required.
         self.state.modes.feed_mode = FeedMode::PerMinute;
         self.state.modes.feed = Some(ProgrammedFeed {
             linear: 1.0,
@@ -120,7 +119,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// After a line of the profile that was right.
+    /// Called after a valid line of the profile.
     pub(crate) fn profile_line(&mut self) {
         let moves = self.statement.motion().is_some() && self.statement.has_axes();
         let Some(capture) = &mut self.capture else { return };
@@ -136,7 +135,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// After each line: what it has given, and the cycle itself when the subroutine is over.
+    /// Called after each line: takes its commands, and executes the cycle when the subroutine has ended.
     pub(crate) fn captured(&mut self) -> Result<(), Box<Diagnostic>> {
         let inside = self.frames.len();
         let Some(capture) = &mut self.capture else {
@@ -148,7 +147,7 @@ impl<R: BufRead> Interpreter<R> {
                 capture.statement.motion_span(),
                 "the program ends inside the profile of this cycle",
             )
-            .help("a profile ends with O.. endsub");
+            .help("a profile must end with O.. endsub");
             let diagnostic = Box::new(fault.locate(capture.line, &capture.text));
             self.pending.truncate(capture.first);
             self.capture = None;

@@ -1,4 +1,4 @@
-//! What a line does beside moving: parameters, comments, calls, saved modes; and what the machine answers.
+//! Effects of a line other than motion: parameters, comments, calls, saved modes; and the answers of the machine.
 
 use std::io::BufRead;
 
@@ -15,25 +15,25 @@ use crate::syntax::expression::Target;
 use crate::{Action, Code, Command, LogAction};
 
 impl<R: BufRead> Interpreter<R> {
-    /// What an input gave (M66): to be called when [`Action::WaitInput`] has been carried out, before the next command is asked
-    /// for. It becomes #5399; without it that is -1, as after a timeout. Values that are not finite count as -1.
+    /// Reports the value of an input (M66). Call it after [`Action::WaitInput`] has been executed, before the next command is
+    /// requested. The value becomes #5399; otherwise that is -1, as after a timeout. Values that are not finite count as -1.
     pub fn answer_input(&mut self, value: f64) {
         let value = if value.is_finite() { value } else { -1.0 };
         self.parameters.set_numbered(INPUT_RESULT, value);
         self.parameters.commit();
     }
 
-    /// What came of a probing move: to be called when [`Action::Probe`] has been carried out, before the next command is asked for.
-    /// `contact` is where the probe tripped, machine coordinates (mm, degrees), and `stands_at` where the machine has stopped; without
-    /// contact they are the same. The contact in program coordinates and units becomes #5061 to #5069, and whether there was one
-    /// #5070. `false`, and nothing happens, if one of them is no position.
+    /// Reports the result of a probing move. Call it after [`Action::Probe`] has been executed, before the next command is
+    /// requested. `contact` is the position at which the probe tripped, in machine coordinates (mm, degrees), and `stands_at` the
+    /// stop position; without contact both are equal. The contact in program coordinates and units becomes #5061 to #5069, and
+    /// whether there was one #5070. Returns false, without effect, if one of them is not a valid position.
     pub fn answer_probe(&mut self, contact: &Axes, stands_at: &Axes, tripped: bool) -> bool {
         let mut both = contact.iter().chain(stands_at.iter());
         if !both.all(|value| value.abs() <= MAX_COORDINATE) {
             return false;
         }
         self.state.is_probed = false;
-        // Program coordinates are those of the position in force.
+        // Program coordinates refer to the present position.
         self.state.position = *contact;
         for axis in 0..AXES {
             let value = self.state.program_position(axis);
@@ -50,7 +50,7 @@ impl<R: BufRead> Interpreter<R> {
         match request {
             Request::Call { number, times, span } => self.call_number(number, times, span),
             Request::Profile(call) => self.begin_profile(call),
-            Request::ToolChange(call, span) => self.call_changer(&call, span),
+            Request::ToolChange(call, span) => self.call_tool_change_subroutine(&call, span),
             Request::Return => {
                 if !self.return_number() {
                     self.end();
@@ -101,7 +101,7 @@ impl<R: BufRead> Interpreter<R> {
         Ok(())
     }
 
-    /// Comments that do something.
+    /// Executes active comments.
     pub(crate) fn remarks(&mut self, line: u32) -> Result<(), Fault> {
         for index in 0..self.block.comments.len() {
             let inside = self.block.comments[index];
@@ -122,7 +122,7 @@ impl<R: BufRead> Interpreter<R> {
                     return Err(Fault::new(
                         Code::ActiveComment,
                         inside,
-                        format!("the program gives up: {text}"),
+                        format!("the program aborts: {text}"),
                     ));
                 }
             };

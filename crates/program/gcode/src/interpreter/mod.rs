@@ -1,4 +1,4 @@
-//! Which line is next, and the iterator that callers see.
+//! The interpreter: selects the next line, executes it, and outputs its commands as an iterator.
 
 pub(crate) mod calls;
 pub(crate) mod capture;
@@ -21,7 +21,7 @@ use evolvent_path::Axes;
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::execution::compensation::Changed;
 use crate::execution::contour_watch::ContourWatch;
-use crate::execution::execute::{Executor, MAX_WAITING};
+use crate::execution::execute::{Executor, MAX_HELD_COMMANDS};
 use crate::interpreter::capture::Capture;
 use crate::interpreter::o_words::{Definition, Frame, Skip};
 use crate::interpreter::surface_feed::SurfaceFeed;
@@ -37,31 +37,31 @@ use crate::syntax::reader::LineReader;
 use crate::syntax::statement::Statement;
 use crate::{Action, CallChain, Code, Command, Diagnostic, Origin, Settings, ToolTable};
 
-/// After so many errors a program is given up.
+/// Number of errors after which a program is abandoned.
 const MAX_ERRORS: usize = 1000;
 
-/// Errors of lines that were told already, after which a program is given up: loops repeat them. Some 50 ms.
+/// Number of repeated errors, from lines reported before, after which a program is abandoned: loops repeat them. About 50 ms.
 const MAX_REPEATED_ERRORS: u32 = 10_000;
 
-/// How often the interrupt is looked at, in lines.
+/// Number of lines between two checks of the interrupt flag.
 const INTERRUPT_LINES: u64 = 1024;
 
-/// Where the line in hand stands. It is taken when the line is fetched: the line itself may leave the subroutine.
+/// The position of the present line. Recorded when the line is read, because the line itself may leave the subroutine.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Place {
-    /// The file, where it is not the program itself.
+    /// The file, if it is not the program itself.
     pub(crate) file: Option<Shared<str>>,
     pub(crate) calls: CallChain,
-    /// No file of a subroutine is among the calls.
+    /// Whether no subroutine file is among the calls.
     is_of_program: bool,
 }
 
-/// Interprets a program line by line, as commands are asked for. Memory is bounded by the longest line and, where
-/// there are loops and subroutines, by [`Settings::max_body_bytes`].
+/// Interprets a program line by line, as commands are requested. Memory is bounded by the longest line and, for loops and
+/// subroutines, by [`Settings::max_body_bytes`].
 ///
-/// After an error the iterator goes on with the next line, with the modal state unchanged by the faulty one, so
-/// that one pass finds many errors; whoever moves a machine stops at the first. It ends after
-/// [`Action::ProgramEnd`], or after an error in reading.
+/// After an error the iterator continues with the next line; the modal state is that before the faulty line. So one pass finds
+/// many errors; a consumer that moves a machine stops at the first. The iterator ends after [`Action::ProgramEnd`], or after a
+/// read error.
 ///
 /// ```
 /// use evolvent_gcode::{Action, Interpreter, Settings};
@@ -77,58 +77,58 @@ pub struct Interpreter<R> {
     pub(crate) reader: LineReader<R>,
     pub(crate) settings: Settings,
     pub(crate) state: State,
-    /// The state before the line in hand, which comes back if something is wrong with it.
+    /// The state before the present line, restored if the line has an error.
     before: State,
     pub(crate) parameters: Parameters,
     tools: Option<ToolTable>,
     control_points: Vec<[f64; 3]>,
     pub(crate) block: Block,
     pub(crate) statement: Statement,
-    /// The line in hand, and its number in its file.
+    /// The present line, and its number in its file.
     pub(crate) text: Vec<u8>,
     pub(crate) line: u32,
     pub(crate) place: Place,
-    /// A subroutine has begun or ended since.
+    /// Whether a subroutine has started or ended since.
     pub(crate) has_moved: bool,
-    /// Lines of the program that may be needed again, and whether the line in hand is among them.
+    /// Lines of the program that may be needed again, and whether the present line is among them.
     pub(crate) tape: Lines,
     pub(crate) on_tape: bool,
-    /// The program, and above it the subroutines that run.
+    /// The program, and on top of it the active subroutines.
     pub(crate) frames: Vec<Frame>,
     pub(crate) skip: Option<Skip>,
     pub(crate) definition: Option<Definition>,
     pub(crate) library: Library,
     pub(crate) labels: Names,
-    /// Values behind an O-word.
+    /// Values after an O-word.
     pub(crate) arguments: Vec<f64>,
-    /// Commands of the last line that nobody has asked for yet.
+    /// Commands of the last line that have not been requested yet.
     pub(crate) pending: VecDeque<Command>,
-    /// Commands of earlier lines that the line in hand has changed.
+    /// Commands of earlier lines that the present line has changed.
     pub(crate) changed: Vec<Changed>,
-    /// Contours whose parts may be too near to each other.
+    /// Contours whose parts may be too close to each other.
     watch: ContourWatch,
-    /// Moves whose feed follows the spindle's speed.
+    /// Moves whose feed follows the spindle speed.
     pub(crate) surface_feed: SurfaceFeed,
-    /// Outputs as the lines before a restart have left them, by kind and number.
+    /// Outputs as set by the lines before a restart, by kind and number.
     pub(crate) outputs_left: BTreeMap<(bool, u32), Action>,
-    /// The tool whose change has just begun.
+    /// The tool whose change has just started.
     pub(crate) begun_change: Option<u32>,
-    /// What is left of a line that its tool change has divided.
+    /// The remainder of a line that was divided by its tool change.
     pub(crate) resumed: Option<Resumed>,
     /// The profile that is being read for a cycle.
     pub(crate) capture: Option<Box<Capture>>,
-    /// Errors that were told before.
+    /// Number of repeated errors.
     repeated_errors: u32,
-    /// Lines that begin with `/`: skipped, executed.
+    /// Number of lines that start with `/`: skipped, executed.
     block_delete_lines: (u64, u64),
-    /// Line of the program that the subroutine files in use were called from.
+    /// Line of the program from which the present subroutine files were called.
     calling_line: u32,
-    /// Whether the program began with `%`; unknown before the first line that is not blank.
+    /// Whether the program started with `%`; unknown before the first line that is not blank.
     percent: Option<bool>,
-    /// Lines since the last command.
-    silent: u64,
+    /// Number of lines since the last command.
+    lines_without_command: u64,
     interrupt: Option<Arc<AtomicBool>>,
-    /// Places of the errors so far: a loop does not tell of one twice.
+    /// Positions of the errors so far: a loop reports each once.
     reported: BTreeSet<(Option<Shared<str>>, u32)>,
     pub(crate) finished: bool,
 }
@@ -182,64 +182,63 @@ impl<R: BufRead> Interpreter<R> {
             block_delete_lines: (0, 0),
             calling_line: 0,
             percent: None,
-            silent: 0,
+            lines_without_command: 0,
             interrupt: None,
             reported: BTreeSet::new(),
             finished: false,
         }
     }
 
-    /// Where the machine will be after the lines read so far, in machine coordinates (mm, degrees).
+    /// Position of the machine after the lines read so far, in machine coordinates (mm, degrees).
     #[must_use]
     pub fn position(&self) -> Axes {
         self.state.position
     }
 
-    /// Physical line read last, from 1; 0 before the first.
+    /// Last physical line read, from 1; 0 before the first.
     #[must_use]
     pub fn line(&self) -> u32 {
         self.reader.line()
     }
 
-    /// Leaves out lines that begin with `/`, or not, from the next line on that is read.
+    /// Enables or disables block delete (skipping lines that start with `/`) from the next line read.
     pub fn set_block_delete(&mut self, on: bool) {
         self.settings.block_delete = on;
     }
 
-    /// Lines that begin with `/` so far: skipped because block delete is on, executed because it is off.
+    /// Number of lines that start with `/` so far: skipped with block delete on, executed with block delete off.
     #[must_use]
     pub fn block_delete_lines(&self) -> (u64, u64) {
         self.block_delete_lines
     }
 
-    /// Stops soon after the flag has been set from another thread: the next item is the error
-    /// [`Code::Interrupted`], and the last. A program that computes for long without moving can be stopped so.
+    /// Sets a flag with which another thread can stop the interpreter: the next item is then the error [`Code::Interrupted`], and
+    /// the last. This also stops a program that computes for a long time without motion.
     pub fn set_interrupt(&mut self, flag: Arc<AtomicBool>) {
         self.interrupt = Some(flag);
     }
 
-    /// The value of a numbered parameter after the lines read so far, lengths of offsets in mm; 0 for numbers that
-    /// do not exist. Whoever keeps parameters from run to run reads them here and gives them back in
-    /// [`Settings::parameters`].
+    /// The value of a numbered parameter after the lines read so far, lengths of offsets in mm; 0 for numbers that do not exist.
+    /// To keep parameters from run to run, read them here and supply them in [`Settings::parameters`].
     #[must_use]
     pub fn parameter(&self, number: u32) -> f64 {
         self.scope().numbered(number as usize)
     }
 
-    /// The tool table after the lines read so far: G10 writes it.
+    /// The tool table after the lines read so far; G10 writes it.
     #[must_use]
     pub fn tools(&self) -> Option<&ToolTable> {
         self.tools.as_ref()
     }
 
-    /// How many files of subroutines have been read so far.
+    /// Number of subroutine files read so far.
     #[must_use]
     pub fn subroutine_file_count(&self) -> usize {
         self.library.file_count()
     }
 
-    /// The files of subroutines that have been read so far, in that order: name and text as it was read. Whoever keeps
-    /// them beside the program can run it again without the folders.
+    /// The subroutine files read so far, in order: name and text as read. Stored with the program they allow running it again
+    /// without the folders.
     pub fn subroutine_files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
         self.library.files()
     }
@@ -252,7 +251,7 @@ impl<R: BufRead> Interpreter<R> {
         self.finished
     }
 
-    /// Whether a subroutine runs, or lines are skipped or collected.
+    /// Whether a subroutine is active, or lines are being skipped or collected.
     pub(crate) fn is_inside(&self) -> bool {
         self.frames.len() > 1 || self.skip.is_some() || self.definition.is_some() || self.resumed.is_some()
     }
@@ -263,7 +262,7 @@ impl<R: BufRead> Interpreter<R> {
         self.state.ended
     }
 
-    /// Number of the line of the program that comes next.
+    /// Number of the next line of the program.
     pub(crate) fn next_of_program(&self) -> u32 {
         match self.tape.get(self.frames[0].at) {
             Some((_, line)) => line,
@@ -271,7 +270,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// Executes a line and forgets its commands.
+    /// Executes a line and discards its commands.
     pub(crate) fn step_silently(&mut self) -> Result<(), Box<Diagnostic>> {
         self.advance()?;
         if self.state.cutter.held.is_none() && self.capture.is_none() {
@@ -299,7 +298,7 @@ impl<R: BufRead> Interpreter<R> {
                 }
             }
             self.watch.skip();
-            self.silent = 0;
+            self.lines_without_command = 0;
         }
         Ok(())
     }
@@ -336,7 +335,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// Brings saved modes back at the end of a subroutine.
+    /// Restores saved modes at the end of a subroutine.
     pub(crate) fn restore(&mut self, modes: Modes) {
         let mut state = self.state;
         let statement = Statement::new();
@@ -346,7 +345,7 @@ impl<R: BufRead> Interpreter<R> {
         self.state = state;
     }
 
-    /// The line that commands carry: of the program, not of another file.
+    /// The line number for commands: of the program, not of another file.
     pub(crate) fn shown_line(&self) -> u32 {
         if self.place.is_of_program {
             self.line
@@ -355,7 +354,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// Where the line in hand stands, if it is not in the program itself.
+    /// The present line if it is not in the program itself.
     #[inline]
     pub(crate) fn origin(&self) -> Option<Origin> {
         Some(Origin {
@@ -364,7 +363,7 @@ impl<R: BufRead> Interpreter<R> {
         })
     }
 
-    /// Takes the place of the lines that come next.
+    /// Records the position of the following lines.
     #[cold]
     fn take_place(&mut self) {
         let file_of = |frame: &Frame| frame.lines.as_ref().and_then(|lines| lines.file.clone());
@@ -388,13 +387,13 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     fn line_of_program(&mut self) -> Result<(), Box<Diagnostic>> {
-        self.silent += 1;
-        if let Some(fault) = self.silence() {
+        self.lines_without_command += 1;
+        if let Some(fault) = self.check_bounds() {
             self.finished = true;
             return Err(self.locate(fault));
         }
         if let Some(resumed) = self.resumed.take() {
-            return self.or_undone(|interpreter| interpreter.resume_line(resumed));
+            return self.or_roll_back(|interpreter| interpreter.resume_line(resumed));
         }
         if self.has_moved {
             self.take_place();
@@ -407,11 +406,11 @@ impl<R: BufRead> Interpreter<R> {
                 return Err(Box::new(fault.locate(self.reader.line(), &self.text)));
             }
         }
-        self.or_undone(Self::interpret)
+        self.or_roll_back(Self::interpret)
     }
 
-    /// Executes something of a line; where it fails, the line has done nothing.
-    fn or_undone(
+    /// Executes a part of a line; if it fails, the line has no effect.
+    fn or_roll_back(
         &mut self,
         execute: impl FnOnce(&mut Self) -> Result<(), Fault>,
     ) -> Result<(), Box<Diagnostic>> {
@@ -441,43 +440,42 @@ impl<R: BufRead> Interpreter<R> {
         diagnostic
     }
 
-    /// Whether it has been silent for too long, or too much waits for a move in the plane.
-    fn silence(&self) -> Option<Fault> {
+    /// The error of too many lines without a command, or of too many commands that wait for a move in the plane.
+    fn check_bounds(&self) -> Option<Fault> {
         let place = Span::new(0, self.text.len());
-        if self.silent > self.settings.max_silent_lines {
+        if self.lines_without_command > self.settings.max_silent_lines {
             let message = format!(
                 "{} lines without anything to do for the machine: an endless loop",
                 self.settings.max_silent_lines
             );
             return Some(
                 Fault::new(Code::TooManySteps, place, message)
-                    .help("does the condition of the loop ever change?"),
+                    .help("check whether the condition of the loop ever changes"),
             );
         }
-        if self.pending.len() > MAX_WAITING {
+        if self.pending.len() > MAX_HELD_COMMANDS {
             let message =
-                format!("more than {MAX_WAITING} commands between two moves with cutter compensation");
+                format!("more than {MAX_HELD_COMMANDS} commands between two moves with cutter compensation");
             return Some(Fault::new(Code::BodyTooLong, place, message).help("write G40 before them"));
         }
-        let interrupted = self.silent % INTERRUPT_LINES == 1
+        let interrupted = self.lines_without_command % INTERRUPT_LINES == 1
             && self
                 .interrupt
                 .as_ref()
                 .is_some_and(|flag| flag.load(Ordering::Relaxed));
-        interrupted.then(|| Fault::new(Code::Interrupted, place, "the interpreter was told to stop"))
+        interrupted.then(|| Fault::new(Code::Interrupted, place, "the interpreter was interrupted"))
     }
 
-    /// A loop goes round in lines with errors.
+    /// The error of a loop that repeats lines with errors.
     fn too_many_repeats(&self) -> Fault {
         let place = Span::new(0, self.text.len());
         let message = format!(
-            "lines with errors were executed {MAX_REPEATED_ERRORS} times more in loops; lines after this one were not looked at"
+            "lines with errors were executed {MAX_REPEATED_ERRORS} times more in loops; lines after this one were not checked"
         );
-        Fault::new(Code::TooManySteps, place, message)
-            .help("correct the errors that were told before this one")
+        Fault::new(Code::TooManySteps, place, message).help("correct the errors reported before this one")
     }
 
-    /// Fetches the next line; `false` where there is none in this frame.
+    /// Reads the next line; false at the end of this frame.
     fn next_line(&mut self) -> Result<bool, Fault> {
         let last = self.frames.len() - 1;
         let frame = &mut self.frames[last];
@@ -519,12 +517,12 @@ impl<R: BufRead> Interpreter<R> {
         Ok(read)
     }
 
-    /// The lines of a frame are over.
+    /// Processes the end of the lines of a frame.
     fn end_of_lines(&mut self) -> Result<(), Box<Diagnostic>> {
         let open = self.unfinished();
         if self.frames.len() > 1 {
             let may_end = self.frames.last().is_some_and(Frame::is_whole_file);
-            // A tool change that ends in the middle of a condition has not been done.
+            // A tool change that ends inside a condition is incomplete.
             let is_cut_off =
                 self.skip.is_some() || self.definition.is_some() || !self.frame().open.is_empty();
             let is_change = self.frame().change.is_some();
@@ -549,7 +547,7 @@ impl<R: BufRead> Interpreter<R> {
             return Ok(());
         }
         if self.frames.len() > 1 {
-            // What frames a file of its own has no meaning inside the program.
+            // The delimiters of a file have no meaning inside the program.
             if is_percent(&self.text) {
                 return Ok(());
             }
@@ -590,7 +588,7 @@ impl<R: BufRead> Interpreter<R> {
             self.take_corner()?;
         }
         if self.block.words.is_empty() {
-            // Parameters and comments alone do nothing for the machine.
+            // Parameters and comments alone give no command.
             self.assign()?;
             let number = self.shown_line();
             self.remarks(number)?;
@@ -614,12 +612,12 @@ impl<R: BufRead> Interpreter<R> {
         Ok(())
     }
 
-    /// Executes the statement in hand; where it fails, the state is as before.
+    /// Executes the present statement; if it fails, the state is as before.
     pub(crate) fn execute_statement(&mut self) -> Result<(), Fault> {
         let number = self.shown_line();
-        // What a line with nothing but a straight move changes is little, and long programs consist of such lines.
+        // A line with only a straight move changes little of the state, and long programs consist of such lines.
         let small = self.statement.is_plain_move() && self.state.is_plain();
-        let few = self.state.few();
+        let plain_move_state = self.state.plain_move_state();
         if !small {
             self.before = self.state;
         }
@@ -645,7 +643,7 @@ impl<R: BufRead> Interpreter<R> {
         });
         if answered.is_err() {
             if small {
-                self.state.restore_few(few);
+                self.state.restore_plain_move_state(plain_move_state);
             } else {
                 self.state = self.before;
             }
@@ -660,7 +658,7 @@ impl<R: BufRead> Interpreter<R> {
         let command = self.pending.pop_front()?;
         let held = &mut self.state.cutter.held;
         *held = held.map(|held| held - 1);
-        self.watch.hands_out(&command);
+        self.watch.output(&command);
         Some(self.surface_feed.divide(command))
     }
 
@@ -689,13 +687,13 @@ impl<R: BufRead> Iterator for Interpreter<R> {
             return Some(Ok(piece));
         }
         loop {
-            // A move that cutter compensation may still change waits, and all that comes after it.
+            // A move that cutter compensation may still change is held, with everything after it.
             let waits = self.state.cutter.held;
             if waits != Some(0)
                 && self.capture.is_none()
                 && let Some(command) = self.watch.finding().or_else(|| self.take_pending())
             {
-                self.silent = 0;
+                self.lines_without_command = 0;
                 return Some(Ok(command));
             }
             if self.finished {

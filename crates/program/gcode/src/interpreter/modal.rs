@@ -1,4 +1,4 @@
-//! The modes in force, as numbers for a screen.
+//! The active modes, as numbers for display.
 
 use std::io::BufRead;
 
@@ -12,24 +12,23 @@ use crate::{PathMode, SpindleDirection};
 /// Modes, offsets and tool after a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Modal {
-    /// G codes in force, one of each modal group but motion, times ten: 170 is G17, 591 is G59.1. Zeros fill up.
+    /// Active G codes, one per modal group except motion, times ten: 170 is G17, 591 is G59.1. Padded with zeros.
     pub codes: [u32; 16],
-    /// Work coordinate system in force, times ten: 540 to 593.
+    /// Active work coordinate system, times ten: 540 to 593.
     pub work_system: u32,
-    /// Work zero, G92 included, in machine coordinates, mm and degrees. The rotation of the system is not in it.
+    /// Work zero, including G92, in machine coordinates, mm and degrees, without the rotation of the system.
     pub work_offset: Axes,
-    /// Offset of G43 in force, mm and degrees.
+    /// Active offset of G43, mm and degrees.
     pub tool_offset: Axes,
     /// Tool in the spindle; 0 for none.
     pub tool: u32,
-    /// Tool that T has selected for the next M6.
+    /// Tool selected by T for the next M6.
     pub selected_tool: Option<u32>,
-    /// Spindle speed in revolutions a minute, negative counter-clockwise; 0 where it is stopped or follows a surface
-    /// speed.
+    /// Spindle speed in revolutions per minute, negative counter-clockwise; 0 if it is stopped or follows a surface speed.
     pub spindle_rpm: f64,
-    /// Mist coolant runs.
+    /// Mist coolant is on.
     pub mist: bool,
-    /// Flood coolant runs.
+    /// Flood coolant is on.
     pub flood: bool,
 }
 
@@ -124,7 +123,7 @@ mod tests {
     #[test]
     fn offsets_are_in_millimetres_and_machine_coordinates() {
         let modal = after("G21 G10 L2 P1 X10 Y-5\nG92 X3\nG43.1 Z7\n\n");
-        // The machine stands at zero, which G92 calls 3 where it was -10 before.
+        // The machine is at zero, which G92 sets to 3 where it was -10 before.
         assert_eq!(modal.work_offset.as_slice()[..3], [-3.0, -5.0, 0.0]);
         assert_eq!(modal.tool_offset[2], 7.0);
         assert!(modal.codes.contains(&430));

@@ -1,7 +1,7 @@
 //! O-words: subroutines, conditions and loops.
 //!
-//! A program is read once, as a stream. Only what may be run again is kept: from the first line of a loop while
-//! it runs, and the bodies of subroutines. What a condition leaves out is skipped without being kept.
+//! A program is read once, as a stream. Only lines that may be repeated are stored: those of a loop while it is active, and the
+//! bodies of subroutines. Branches that are not taken are skipped without being stored.
 
 use std::io::BufRead;
 use std::sync::Arc as Shared;
@@ -18,45 +18,45 @@ use crate::syntax::lines::Lines;
 use crate::syntax::parser::o_word;
 use crate::{CallChain, Code};
 
-/// What runs: the program itself (no lines: they come from the stream) or a subroutine.
+/// An active program or subroutine. The program itself has no lines here: they come from the stream.
 #[derive(Debug, Default)]
 pub(crate) struct Frame {
     pub(crate) lines: Option<Shared<Lines>>,
     /// Next line in `lines`, or on the tape.
     pub(crate) at: usize,
     pub(crate) open: Vec<Open>,
-    /// The subroutine, and where it begins.
+    /// The subroutine, and its first line.
     pub(crate) name: NameId,
     pub(crate) first: usize,
-    /// The calls that have led to its lines.
+    /// The calls that led to its lines.
     pub(crate) calls: CallChain,
-    /// How often it is still to be run after this time (M98 L).
+    /// Number of further repetitions (M98 L).
     pub(crate) again: u32,
-    /// Whether it has parameters of its own.
+    /// Whether it has its own parameters.
     pub(crate) own_parameters: bool,
-    /// What M70 and M73 saved, and whether it comes back by itself.
+    /// The modes saved by M70 or M73, and whether they are restored automatically.
     pub(crate) saved: Option<(Modes, bool)>,
-    /// The line with M6 whose tool it changes.
+    /// The line with M6 for which it changes the tool.
     pub(crate) change: Option<Box<DividedLine>>,
 }
 
 impl Frame {
-    /// Whether the lines are a file without a subroutine of its own, which may just end.
+    /// Whether the lines are a file without a subroutine of its own, which may end anywhere.
     pub(crate) fn is_whole_file(&self) -> bool {
         self.first == 0 && (!self.own_parameters || self.change.is_some())
     }
 }
 
-/// A condition or loop that has begun.
+/// An open condition or loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Open {
-    /// Whether one of its branches has been run.
+    /// Whether one of its branches has been executed.
     If { name: NameId, taken: bool },
-    /// `start` is the place of the line with `while`.
+    /// `start` is the index of the line with `while`.
     While { name: NameId, start: usize },
     /// `start` is the first line of the body.
     Do { name: NameId, start: usize },
-    /// `start` is the first line of the body; `left` counts the present run.
+    /// `start` is the first line of the body; `left` includes the present repetition.
     Repeat { name: NameId, start: usize, left: f64 },
 }
 
@@ -75,12 +75,12 @@ impl Open {
     }
 }
 
-/// Lines are not executed until an O-word of this name.
+/// Lines are skipped until an O-word with this name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Skip {
     /// The next branch or the end of a condition.
     Branch(NameId),
-    /// The end of a loop that is over.
+    /// The end of a finished loop.
     End(NameId, Keyword),
     /// The `while` at the end of a `do`.
     Test(NameId),
@@ -97,14 +97,14 @@ pub(crate) struct Definition {
 }
 
 impl<R: BufRead> Interpreter<R> {
-    /// Whether the lines of the program must be kept.
+    /// Whether lines of the program must be stored.
     pub(crate) fn recording(&self) -> bool {
         self.frames
             .first()
             .is_some_and(|main| main.open.iter().any(|open| open.is_loop()))
     }
 
-    /// Deals with the line if it is being skipped or collected, or is an O-word. `false`: it is an ordinary line.
+    /// Processes the line if it is being skipped or collected, or is an O-word. False for an ordinary line.
     pub(crate) fn flow(&mut self) -> Result<bool, Fault> {
         if self.definition.is_none() && self.skip.is_none() {
             let found = o_word(&self.text, &self.scope())?;
@@ -113,7 +113,7 @@ impl<R: BufRead> Interpreter<R> {
                 None => Ok(false),
             };
         }
-        // A name that cannot be worked out is none of those that are waited for.
+        // A name that cannot be evaluated does not match.
         let word = o_word(&self.text, &self.scope()).unwrap_or_default();
         if self.definition.is_some() {
             self.define(word.as_ref())?;
@@ -130,12 +130,12 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     pub(crate) fn frame(&mut self) -> &mut Frame {
-        // There is always the program's own frame.
+        // The frame of the program itself always exists.
         let last = self.frames.len() - 1;
         &mut self.frames[last]
     }
 
-    /// The place of the current line among the lines that are kept; from now on the program's are.
+    /// Index of the present line among the stored lines; from now on those of the program are stored.
     pub(crate) fn mark(&mut self) -> usize {
         if self.frames.len() == 1 && !self.on_tape {
             self.tape.clear();
@@ -162,7 +162,7 @@ impl<R: BufRead> Interpreter<R> {
             Keyword::EndSub => self.end_sub(word, name)?,
             Keyword::Return => {
                 if self.frames.len() == 1 {
-                    return Err(order(word, "stands outside of any subroutine"));
+                    return Err(order(word, "is outside of any subroutine"));
                 }
                 let value = self.optional_value(word)?;
                 self.return_from(value);
@@ -170,7 +170,7 @@ impl<R: BufRead> Interpreter<R> {
             Keyword::Call => self.call(word, name)?,
             Keyword::If => self.if_(word, name)?,
             Keyword::ElseIf | Keyword::Else => {
-                // Reached from above, so a branch has been run.
+                // Reached from above, so a branch has been executed.
                 match self.frame().open.last() {
                     Some(Open::If { name: open, .. }) if *open == name => {
                         self.skip = Some(Skip::Branch(name));
@@ -212,7 +212,7 @@ impl<R: BufRead> Interpreter<R> {
                 _ => return Err(order(word, "has no repeat before it")),
             },
             Keyword::Break | Keyword::Continue => self.leave_loop(word, name)?,
-            // A program's number does nothing.
+            // A program number has no effect.
             Keyword::Program => self.nothing_more(word)?,
         }
         Ok(())
@@ -222,13 +222,13 @@ impl<R: BufRead> Interpreter<R> {
         if self.frames.len() == 1 {
             return Err(order(
                 word,
-                "ends a subroutine that has not begun: there is no sub of this name before it",
+                "ends a subroutine that has not started: there is no sub with this name before it",
             ));
         }
         if self.frame().name != name {
-            let fault = order(word, "is not the end of the subroutine that runs")
+            let fault = order(word, "is not the end of the active subroutine")
                 .help("write the same name or number at sub and endsub");
-            // It ends here all the same, so that one mistake is one error.
+            // It ends here in any case, so that one mistake gives one error.
             self.return_from(None);
             return Err(fault);
         }
@@ -297,7 +297,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// The next run of a repeat, or its end; the current line is behind its body or in it.
+    /// Starts the next repetition of a repeat, or ends it; the present line is after or in its body.
     fn repeat(&mut self, name: NameId, start: usize, left: f64) -> bool {
         self.frame().open.pop();
         if left > 1.0 {
@@ -315,7 +315,7 @@ impl<R: BufRead> Interpreter<R> {
             .iter()
             .rposition(|open| open.is_loop() && open.name() == name)
         else {
-            return Err(order(word, "is not inside a loop of this name"));
+            return Err(order(word, "is not inside a loop with this name"));
         };
         let found = open[place];
         self.frame().open.truncate(place + 1);
@@ -354,7 +354,7 @@ impl<R: BufRead> Interpreter<R> {
         self.frame().at = place;
     }
 
-    /// An O-word among skipped lines.
+    /// Processes an O-word among skipped lines.
     fn skipped(&mut self, skip: Skip, word: &OWord) -> Result<(), Fault> {
         let Ok(name) = self.label(word) else { return Ok(()) };
         match skip {
@@ -387,7 +387,7 @@ impl<R: BufRead> Interpreter<R> {
         Ok(())
     }
 
-    /// Every value in brackets behind the keyword.
+    /// All values in brackets after the keyword.
     pub(crate) fn values(&mut self, word: &OWord) -> Result<(), Fault> {
         self.arguments.clear();
         let text = std::mem::take(&mut self.text);
@@ -446,7 +446,7 @@ impl<R: BufRead> Interpreter<R> {
         match self.arguments[..] {
             [] => Ok(None),
             [value] => Ok(Some(value)),
-            _ => Err(order(word, "gives back one value at most")),
+            _ => Err(order(word, "returns at most one value")),
         }
     }
 
@@ -458,15 +458,15 @@ impl<R: BufRead> Interpreter<R> {
         Err(order(word, "takes no value"))
     }
 
-    /// What is still open where the lines of a frame end.
+    /// The error of blocks that are still open at the end of a frame.
     pub(crate) fn unfinished(&mut self) -> Option<Fault> {
         if let Some(Definition { text, line, .. }) = &self.definition {
             let message = format!(
-                "the text ends, but O<{text}> endsub is missing: O<{text}> sub begins in line {line}"
+                "the text ends, but O<{text}> endsub is missing: O<{text}> sub starts in line {line}"
             );
             return Some(
                 Fault::new(Code::OWordOpen, Span::new(0, self.text.len()), message).help(format!(
-                    "write O<{text}> endsub behind the last line of the subroutine"
+                    "write O<{text}> endsub after the last line of the subroutine"
                 )),
             );
         }
@@ -485,7 +485,7 @@ impl<R: BufRead> Interpreter<R> {
         let message = format!("the text ends, but O.. {what} is missing");
         Some(
             Fault::new(Code::OWordOpen, Span::new(0, self.text.len()), message)
-                .help("each O-word that opens something has one of the same name or number that closes it"),
+                .help("each O-word that opens a block needs one with the same name or number that closes it"),
         )
     }
 }

@@ -1,4 +1,4 @@
-//! Beginning at a line in the middle of a program.
+//! Starting at a line in the middle of a program.
 
 use std::io::BufRead;
 
@@ -10,47 +10,47 @@ use crate::interpreter::Interpreter;
 use crate::state::machine_state::{INCH_MM, State};
 use crate::{Action, CallChain, Code, Command, Diagnostic, Move, MoveKind, PathMode, SpindleDirection};
 
-/// What the lines before a restart have left behind. The user has to see it before anything moves: the machine is
-/// brought to `position` and into this state first.
+/// The state that the lines before a restart have left. The user has to see it before anything moves: the machine is first
+/// brought to `position` and into this state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Restart {
-    /// The line that is executed first; later than asked for where that line is inside a subroutine.
+    /// The line that is executed first; later than requested if that line is inside a subroutine.
     pub line: u32,
-    /// Where the program supposes the tool to be, machine coordinates (mm, degrees). The first move begins there.
+    /// The tool position assumed by the program, in machine coordinates (mm, degrees). The first move starts there.
     pub position: Axes,
-    /// What has to be switched on or changed, in this order: tool, spindle, coolant, outputs.
+    /// What has to be switched or changed, in this order: tool, spindle, coolant, outputs.
     pub actions: Vec<Action>,
-    /// The modes in force, for people: `G1 G17 G21 G90 G94 G54 G64 F1000 S500 M3 T2 M8`.
+    /// The active modes for display: `G1 G17 G21 G90 G94 G54 G64 F1000 S500 M3 T2 M8`.
     pub modes: String,
-    /// The feed in force, mm/s; `None` where there is none or it belongs to single moves (G93).
+    /// The active feed, mm/s; `None` if there is none or it belongs to single moves (G93).
     pub feed_mm_s: Option<f64>,
-    /// The F word in force as it was written, and whether in inches: a later G20 or G21 does not change the speed.
+    /// The active F word as written, and whether in inches: a later G20 or G21 does not change the speed.
     pub feed_word: Option<(f64, bool)>,
 }
 
-/// How a machine gets to where a program goes on, and what is switched on there.
+/// The approach to the restart position, and what is switched there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Approach {
-    /// Tool, then spindle and coolant, then the moves, every one of which ends at rest.
+    /// Tool, then spindle and coolant, then the moves, each of which ends at rest.
     pub commands: Vec<Command>,
-    /// The moves for people, one a line: `Z to 100.000, rapid`.
+    /// The moves for display, one per line: `Z to 100.000, rapid`.
     pub told: Vec<String>,
 }
 
-/// The last millimetres of an approach are at the feed, not rapid.
-const CREEP_MM: f64 = 5.0;
+/// Length of the last part of an approach, which uses the feed instead of rapid.
+const SLOW_APPROACH_MM: f64 = 5.0;
 
-/// The feed of the last millimetres where the program has none, mm/s.
-const CREEP_FEED_MM_S: f64 = 5.0;
+/// Feed of the last part if the program has none, mm/s.
+const SLOW_APPROACH_FEED_MM_S: f64 = 5.0;
 
 impl Restart {
-    /// The way from where the machine stands: along `axis` (the tool's: Z of a mill, X of a lathe) away from the work to
-    /// at least `clear`, then all other axes, then along `axis` in, the last 5 mm at the feed in force. `clear` is in
-    /// machine coordinates, mm: where nothing is in the way, such as the home of the axis. Nothing is known of the work or
-    /// its clamps: who starts has to see the way first.
+    /// The approach from the present position: along `axis` (the tool's: Z of a mill, X of a lathe) away from the work to at least
+    /// `clear`, then all other axes, then along `axis` in, the last 5 mm at the active feed. `clear` is a machine coordinate in mm
+    /// that is free of obstacles, such as the home position of the axis. Work and clamps are unknown: the operator has to check
+    /// the approach first.
     ///
     /// # Errors
-    /// [`Code::RestartRefused`] where the place is none (not finite).
+    /// [`Code::RestartRefused`] if the position is not finite.
     pub fn approach(&self, from: &Axes, axis: AxisLetter, clear: f64) -> Result<Approach, Box<Diagnostic>> {
         let index = axis.index();
         let mut commands: Vec<Command> = Vec::new();
@@ -69,9 +69,9 @@ impl Restart {
         let mut over = self.position;
         over[index] = out[index];
         let mut near = self.position;
-        near[index] = out[index].min(self.position[index] + CREEP_MM);
+        near[index] = out[index].min(self.position[index] + SLOW_APPROACH_MM);
         let creep = MoveKind::Feed;
-        let feed = self.feed_mm_s.unwrap_or(CREEP_FEED_MM_S);
+        let feed = self.feed_mm_s.unwrap_or(SLOW_APPROACH_FEED_MM_S);
         let mut at = *from;
         for (to, kind) in [
             (out, MoveKind::Rapid),
@@ -123,14 +123,13 @@ impl Restart {
 }
 
 impl<R: BufRead> Interpreter<R> {
-    /// Interprets all lines before a line without handing anything out, and says what they leave behind; the next
-    /// command is that of the line. Loops and subroutines before it are run. To be called before the first
-    /// command is asked for. Takes as long as the lines before take to be interpreted, without allocation but for
-    /// the result.
+    /// Interprets all lines before `line` without output, and returns the state they leave; the next command is that of `line`.
+    /// Loops and subroutines before it are executed. Call it before the first command is requested. It takes as long as
+    /// interpreting the lines before, and allocates only the result.
     ///
     /// # Errors
-    /// The first error of the lines before; [`Code::TooManySteps`] if they go round for ever; [`Code::RestartRefused`] if the program ends before the line, or the line
-    /// is in the middle of cutter compensation or of a NURBS.
+    /// The first error of the lines before; [`Code::TooManySteps`] if they loop without end; [`Code::RestartRefused`] if the program
+    /// ends before the line, or the line is inside cutter compensation or a NURBS.
     pub fn start_at(&mut self, line: u32) -> Result<Restart, Box<Diagnostic>> {
         let tool = self.state().tool;
         let mut executed = 0_u64;
@@ -138,12 +137,12 @@ impl<R: BufRead> Interpreter<R> {
         while self.next_of_program() < line || self.is_inside() {
             executed += 1;
             if executed > self.settings.max_lines_before_start {
-                return Err(Box::new(self.goes_round(line)));
+                return Err(Box::new(self.endless_loop(line)));
             }
             self.step_silently()?;
             if self.is_finished() {
                 return Err(Box::new(
-                    self.refuse(format!("the program ends before line {line}")),
+                    self.reject(format!("the program ends before line {line}")),
                 ));
             }
         }
@@ -151,13 +150,11 @@ impl<R: BufRead> Interpreter<R> {
         let state = *self.state();
         if state.cutter.is_on() || state.cutter.programmed.is_some() {
             return Err(Box::new(
-                self.refuse(format!("line {line} is in the middle of cutter compensation")),
+                self.reject(format!("line {line} is inside cutter compensation")),
             ));
         }
         if state.nurbs_order.is_some() {
-            return Err(Box::new(
-                self.refuse(format!("line {line} is in the middle of a NURBS")),
-            ));
+            return Err(Box::new(self.reject(format!("line {line} is inside a NURBS"))));
         }
         self.surface_feed.set_speed(&state.spindle_action());
         let mut actions = Vec::new();
@@ -188,7 +185,7 @@ impl<R: BufRead> Interpreter<R> {
         })
     }
 
-    fn goes_round(&self, line: u32) -> Diagnostic {
+    fn endless_loop(&self, line: u32) -> Diagnostic {
         let message = format!(
             "{} lines were interpreted and line {line} was not reached: an endless loop",
             self.settings.max_lines_before_start
@@ -196,7 +193,7 @@ impl<R: BufRead> Interpreter<R> {
         Fault::new(Code::TooManySteps, Span::new(0, self.text.len()), message).locate(self.line, &self.text)
     }
 
-    fn refuse(&self, message: String) -> Diagnostic {
+    fn reject(&self, message: String) -> Diagnostic {
         let place = Span::new(0, self.text.len());
         Fault::new(Code::RestartRefused, place, message)
             .help("choose a line between two operations, such as a rapid move to the next one")
@@ -205,7 +202,7 @@ impl<R: BufRead> Interpreter<R> {
 }
 
 impl State {
-    /// What M48 to M53 have left, where that is not as at the start.
+    /// The overrides set by M48 to M53, if they differ from those at the start.
     fn overrides_left(&self) -> Option<Action> {
         let modes = &self.modes;
         let (feed, spindle) = (modes.feed_override, modes.spindle_override);
@@ -230,10 +227,10 @@ impl State {
         (feed > 0.0 && feed.is_finite()).then_some(feed)
     }
 
-    /// The F word as it was written, and whether in inches.
+    /// The F word as written, and whether in inches.
     fn feed_word(&self) -> Option<(f64, bool)> {
         let feed = self.modes.feed?;
-        // Both come from the word in the same way but for the unit.
+        // Both come from the word in the same way except for the unit.
         let is_metric = (feed.linear - feed.rotary).abs() <= 1e-9 * feed.rotary.abs();
         Some((feed.word, !is_metric))
     }
@@ -304,7 +301,7 @@ impl State {
             SpindleDirection::Clockwise => "M3",
             SpindleDirection::CounterClockwise => "M4",
         };
-        // From S on they are those of the periphery.
+        // From S on the state of the periphery.
         words.push(format!("S{}", modes.speed));
         if let Some(max_rpm) = modes.surface {
             words.push("G96".to_owned());

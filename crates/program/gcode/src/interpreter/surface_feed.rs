@@ -1,25 +1,26 @@
-//! Feed per revolution (G95) while the spindle's speed follows the radius (G96): a move becomes pieces of nearly one speed.
+//! Feed per revolution (G95) while the spindle speed follows the radius (G96): a move is divided into pieces of nearly constant
+//! speed.
 
 use evolvent_path::{Axes, Curve, MoveKind, PathMode, SpindleSpeed};
 
 use crate::{Action, Command};
 
-/// The spindle's speed changes by no more than this along a piece, so that the feed per revolution is right to half of it.
-const MOST_CHANGE: f64 = 1.02;
-/// No piece is shorter, mm: at the centre the speed of the surface would ask for any number of them.
-const SHORTEST_MM: f64 = 0.005;
+/// Maximum ratio of spindle speeds along a piece, so that the feed per revolution is accurate to half of the excess over 1.
+const MAX_SPEED_RATIO: f64 = 1.02;
+/// Minimum length of a piece, mm: near the centre the surface speed would need an unlimited number.
+const MIN_PIECE_MM: f64 = 0.005;
 
-/// Divides moves on their way out, behind cutter compensation and cycles.
+/// Divides moves on output, after cutter compensation and cycles.
 #[derive(Debug, Default)]
 pub(crate) struct SurfaceFeed {
-    /// The spindle's speed, where it follows the radius.
+    /// The spindle speed, if it follows the radius.
     speed: Option<SpindleSpeed>,
-    /// A move of which a part has been handed out, and how long that is, mm.
+    /// A partly output move, and the length output so far, mm.
     rest: Option<(Command, f64)>,
 }
 
 impl SurfaceFeed {
-    /// The spindle's speed is this from here on.
+    /// Sets the spindle speed from here on.
     pub(crate) fn set_speed(&mut self, action: &Action) {
         match action {
             Action::SurfaceSpeed { surface, .. } => self.speed = Some(SpindleSpeed::Surface(*surface)),
@@ -28,13 +29,13 @@ impl SurfaceFeed {
         }
     }
 
-    /// The next piece of the move in hand.
+    /// The next piece of the present move.
     pub(crate) fn next(&mut self) -> Option<Command> {
         let (command, done_mm) = self.rest.take()?;
         Some(self.piece(command, done_mm))
     }
 
-    /// A command, or the first piece of it.
+    /// A command, or its first piece.
     pub(crate) fn divide(&mut self, command: Command) -> Command {
         self.set_speed(&command.action);
         let is_fed = matches!(&command.action, Action::Move(motion) if motion.kind == MoveKind::Feed);
@@ -44,7 +45,7 @@ impl SurfaceFeed {
         self.piece(command, 0.0)
     }
 
-    /// The piece of a move behind what has been handed out of it.
+    /// The next piece of a move of which `done_mm` has been output.
     fn piece(&mut self, mut command: Command, done_mm: f64) -> Command {
         let (Some(speed), Some(feed), Action::Move(motion)) =
             (self.speed, command.feed_per_revolution, &mut command.action)
@@ -54,7 +55,7 @@ impl SurfaceFeed {
         let length_mm = motion.curve.length();
         let mut end_mm = length_mm;
         let mut range = range_rpm(&speed, &motion.curve, done_mm, end_mm);
-        while range.1 > MOST_CHANGE * range.0 && end_mm - done_mm > 2.0 * SHORTEST_MM {
+        while range.1 > MAX_SPEED_RATIO * range.0 && end_mm - done_mm > 2.0 * MIN_PIECE_MM {
             let middle_mm = 0.5 * (done_mm + end_mm);
             if motion.curve.part(done_mm, middle_mm).is_none() {
                 break;
@@ -62,8 +63,8 @@ impl SurfaceFeed {
             end_mm = middle_mm;
             range = range_rpm(&speed, &motion.curve, done_mm, end_mm);
         }
-        // What cannot be divided is driven at the feed of its slowest place, so that no chip is thicker than programmed.
-        let rpm = if range.1 > MOST_CHANGE * range.0 {
+        // An indivisible move has the feed of its slowest point, so that no chip is thicker than programmed.
+        let rpm = if range.1 > MAX_SPEED_RATIO * range.0 {
             range.0
         } else {
             (range.0 * range.1).sqrt()
@@ -80,7 +81,7 @@ impl SurfaceFeed {
             motion.curve = part;
             if end_mm < length_mm {
                 if motion.path_mode == PathMode::ExactStop {
-                    // The stop is at the end of the move alone.
+                    // Only the end of the move is a stop.
                     motion.path_mode = PathMode::ExactPath;
                 }
                 self.rest = Some((command, end_mm));
@@ -90,7 +91,7 @@ impl SurfaceFeed {
     }
 }
 
-/// The spindle's lowest and highest speed along a part of a curve.
+/// Minimum and maximum spindle speed along a part of a curve.
 fn range_rpm(speed: &SpindleSpeed, curve: &Curve, from_mm: f64, to_mm: f64) -> (f64, f64) {
     let (low, high): (Axes, Axes) = curve.bounds(curve.parameter(from_mm), curve.parameter(to_mm));
     speed.range_rpm((low[0], high[0]))

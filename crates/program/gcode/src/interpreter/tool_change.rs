@@ -1,7 +1,7 @@
 //! M6 by a subroutine of the machine: the line is divided at the change.
 //!
-//! T and M6 count first, then the subroutine runs, then the tool counts as changed, and then what else is on the line. The
-//! subroutine finds the modes of the line and leaves none of its own.
+//! T and M6 are executed first, then the subroutine, then the tool counts as changed, then the rest of the line is executed. The
+//! subroutine sees the modes of the line and leaves none of its own.
 
 use std::io::BufRead;
 
@@ -14,11 +14,11 @@ use crate::state::machine_state::{CycleModal, Modes};
 use crate::syntax::statement::Statement;
 use crate::{Action, Code};
 
-/// A line with M6 while its subroutine runs, and until its rest has been executed.
+/// A line with M6 while its subroutine is active, and until its rest has been executed.
 #[derive(Debug)]
 pub(crate) struct DividedLine {
     tool: u32,
-    /// What the line asks for beside the change.
+    /// The rest of the line.
     rest: Statement,
     text: Vec<u8>,
     line: u32,
@@ -28,7 +28,7 @@ pub(crate) struct DividedLine {
     cycle: CycleModal,
 }
 
-/// What comes next of a divided line.
+/// The next step of a divided line.
 #[derive(Debug)]
 pub(crate) enum Resumed {
     /// The tool counts as changed.
@@ -38,12 +38,12 @@ pub(crate) enum Resumed {
 }
 
 impl<R: BufRead> Interpreter<R> {
-    /// Whether the subroutine of a tool change runs.
+    /// Whether the tool-change subroutine is active.
     fn is_changing(&self) -> bool {
         self.frames.iter().any(|frame| frame.change.is_some())
     }
 
-    /// Whether the line in hand is to be divided.
+    /// Whether the present line has to be divided.
     pub(crate) fn divides(&self) -> Result<bool, Fault> {
         if self.settings.tool_change.is_none() {
             return Ok(false);
@@ -52,30 +52,22 @@ impl<R: BufRead> Interpreter<R> {
         if self.is_changing() {
             let ends = matches!(self.statement.m(Group::Stop), Some(MCode::End(_)));
             if let Some((group, message)) = [
-                (
-                    changes,
-                    Group::ToolChange,
-                    "M6 in the subroutine that changes tools",
-                ),
-                (
-                    ends,
-                    Group::Stop,
-                    "the program ends in the middle of a tool change",
-                ),
+                (changes, Group::ToolChange, "M6 in the tool-change subroutine"),
+                (ends, Group::Stop, "the program ends inside a tool change"),
             ]
             .into_iter()
             .find_map(|(found, group, message)| found.then_some((group, message)))
             {
                 let span = self.statement.group_span(group);
                 return Err(Fault::new(Code::ToolChange, span, message).help(
-                    "leave it out; the change is done where its subroutine ends, and (ABORT, text) gives it up",
+                    "remove it; the change is complete when its subroutine ends, and (ABORT, text) aborts it",
                 ));
             }
         }
         Ok(changes)
     }
 
-    /// Executes a line with M6 up to the change, and calls the subroutine if another tool is wanted.
+    /// Executes a line with M6 up to the change, and calls the subroutine if another tool is requested.
     pub(crate) fn divide(&mut self) -> Result<(), Fault> {
         let rest = self.statement.divide();
         self.execute_statement()?;
@@ -98,8 +90,8 @@ impl<R: BufRead> Interpreter<R> {
         Ok(())
     }
 
-    /// Enters the subroutine that changes the tool.
-    pub(crate) fn call_changer(&mut self, call: &ToolCall, span: Span) -> Result<(), Fault> {
+    /// Enters the tool-change subroutine.
+    pub(crate) fn call_tool_change_subroutine(&mut self, call: &ToolCall, span: Span) -> Result<(), Fault> {
         let name = match &self.settings.tool_change {
             Some(changer) => changer.subroutine.clone(),
             None => return Ok(()),
@@ -130,7 +122,7 @@ impl<R: BufRead> Interpreter<R> {
         Ok(())
     }
 
-    /// Goes on with a divided line.
+    /// Continues a divided line.
     pub(crate) fn resume_line(&mut self, resumed: Resumed) -> Result<(), Fault> {
         match resumed {
             Resumed::Changed(divided) => {
@@ -158,7 +150,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// Takes the place of the divided line again, for what is told of it.
+    /// Restores the position of the divided line, for error messages.
     fn at_line_of(&mut self, divided: &DividedLine) {
         self.place = divided.place.clone();
         self.line = divided.line;

@@ -1,23 +1,23 @@
-//! The parameters of a program that no file keeps, for whoever goes on with them in another program.
+//! The parameters of a program that no file stores, for transfer to another program.
 
 use std::fmt::Write;
 use std::io::BufRead;
 
 use crate::interpreter::Interpreter;
-use crate::syntax::lexer::LARGEST_NUMBER;
+use crate::syntax::lexer::MAX_NUMBER;
 use crate::tables::parameter_file::KeptParameters;
 
-/// The numbers that programs have for themselves.
+/// The numbered parameters that programs use freely.
 const OF_PROGRAMS: std::ops::RangeInclusive<u32> = 1..=5000;
-/// Beyond this a decimal number is long, and written by a power of two.
+/// Minimum magnitude written as a plain decimal; smaller numbers are long and are written with a power of two.
 const SMALLEST_DECIMAL: f64 = 1e-9;
-/// Less is 0.
+/// Minimum magnitude; smaller numbers are written as 0.
 const SMALLEST: f64 = 1e-300;
 
 impl<R: BufRead> Interpreter<R> {
-    /// Lines that give another program the parameters that this one has set up to the line that was read last: #1 to #5000,
-    /// but for those of `kept`, and named ones. Every value is the same to the bit, but for those below 1e-300, which are 0.
-    /// Inside a subroutine its arguments and local names are not among them.
+    /// Program lines that set the parameters of this program, up to the line read last, in another program: #1 to #5000, except
+    /// those of `kept`, and named ones. Every value is reproduced bit for bit, except magnitudes below 1e-300, which become 0.
+    /// Inside a subroutine its arguments and local names are not included.
     ///
     /// ```
     /// use evolvent_gcode::{Interpreter, KeptParameters, Settings};
@@ -33,7 +33,7 @@ impl<R: BufRead> Interpreter<R> {
         let is_outside = self.parameters.depth() == 0;
         let mut put = |name: std::fmt::Arguments<'_>, value: f64| {
             if value.is_finite() {
-                // Writing into a text cannot fail.
+                // Writing to a string cannot fail.
                 let _ = writeln!(lines, "{name}={}", Literal(value));
             }
         };
@@ -62,11 +62,11 @@ impl std::fmt::Display for Literal {
         if size < SMALLEST {
             return write!(f, "0");
         }
-        if (SMALLEST_DECIMAL..=LARGEST_NUMBER).contains(&size) {
+        if (SMALLEST_DECIMAL..=MAX_NUMBER).contains(&size) {
             return write!(f, "{value}");
         }
-        // Powers of two are exact, and so are products and quotients with them. The largest numbers have a logarithm of 1024 once
-        // it is rounded, so the mantissa is from 2 to 4.
+        // Powers of two are exact, and so are products and quotients with them. The logarithm of the largest numbers rounds to 1024,
+        // so the mantissa is from 2 to 4.
         let power = size.log2().floor() as i32 - 1;
         let (high, low) = (power / 2, power - power / 2);
         let mantissa = value / 2_f64.powi(high) / 2_f64.powi(low);
@@ -133,12 +133,12 @@ mod tests {
     }
 
     #[test]
-    fn kept_ones_arguments_and_what_the_system_has_are_left_out() {
+    fn persistent_and_system_parameters_are_omitted() {
         let kept = KeptParameters::parse("77 1\n").unwrap();
         let text = "#1=4 #77=9 #5161=3 #<b>=2 #<a>=0 #<_global>=7 #4999=1\no<s> sub\n#1=8 #<b>=6 #2=#<_line>\no<s> endsub\no<s> call [5]\n";
         let left = after(text).volatile_parameters(&kept);
         assert_eq!(left, "#1=4\n#4999=1\n#<_global>=7\n#<a>=0\n#<b>=2\n");
-        // Ended inside of a subroutine.
+        // Ended inside a subroutine.
         let inside = text.replace("o<s> endsub", "M2\no<s> endsub");
         assert_eq!(
             after(&inside).volatile_parameters(&kept),

@@ -1,4 +1,4 @@
-//! Numbered and named parameters, and what the system provides.
+//! Numbered and named parameters, and the values of the system.
 
 pub(crate) mod names;
 pub(crate) mod system;

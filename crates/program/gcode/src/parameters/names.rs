@@ -1,23 +1,23 @@
-//! The names of parameters: written with blanks and in either case, kept as small numbers.
+//! The names of parameters: case and spaces are ignored, and names are stored as small numbers.
 //!
-//! A name that begins with `_` is global; some of those are predefined and read-only
-//! ([`System`](crate::parameters::system::System)); all others are local to a subroutine.
+//! Names that start with `_` are global; some of those are predefined and read-only
+//! ([`System`](crate::parameters::system::System)). All others are local to a subroutine.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
 use crate::parameters::system::System;
 
-/// Longest name, after blanks have been taken out.
-const LONGEST: usize = 100;
+/// Maximum length of a name without spaces.
+const MAX_BYTES: usize = 100;
 
-/// How many names a program may invent.
-const MOST: usize = 100_000;
+/// Maximum number of names in a program.
+const MAX_NAMES: usize = 100_000;
 
-/// A name's number.
+/// The number of a name.
 pub(crate) type NameId = u32;
 
-/// What a name stands for.
+/// The scope of a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum NameKind {
     Local,
@@ -25,24 +25,24 @@ pub(crate) enum NameKind {
     System(System),
 }
 
-/// All names met so far.
+/// All names so far.
 #[derive(Debug, Default)]
 pub(crate) struct Names {
     ids: HashMap<Box<[u8]>, NameId, BuildHasherDefault<Fnv>>,
     kinds: Vec<NameKind>,
 }
 
-/// A name as it is compared: lower case, without blanks.
+/// A normalised name: lower case, without spaces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Normal {
-    bytes: [u8; LONGEST],
+    bytes: [u8; MAX_BYTES],
     length: usize,
 }
 
 impl Normal {
     /// `None` if the name is empty, too long or not plain ASCII.
     pub(crate) fn new(text: &[u8]) -> Option<Self> {
-        let mut bytes = [0; LONGEST];
+        let mut bytes = [0; MAX_BYTES];
         let mut length = 0;
         for byte in text {
             if matches!(byte, b' ' | b'\t') {
@@ -57,7 +57,7 @@ impl Normal {
         (length > 0).then_some(Self { bytes, length })
     }
 
-    /// The name that a whole number is.
+    /// The name that equals an integer.
     pub(crate) fn of_number(mut number: u32) -> Self {
         let mut reversed = [0; 10];
         let mut length = 0;
@@ -69,7 +69,7 @@ impl Normal {
                 break;
             }
         }
-        let mut bytes = [0; LONGEST];
+        let mut bytes = [0; MAX_BYTES];
         for (place, digit) in reversed[..length].iter().rev().enumerate() {
             bytes[place] = *digit;
         }
@@ -86,7 +86,7 @@ impl Normal {
 }
 
 impl Names {
-    /// The number of a name that has been met; predefined names need not have been.
+    /// The number of a known name; predefined names are always known.
     pub(crate) fn find(&self, name: &Normal) -> Option<(NameId, NameKind)> {
         if let Some(&id) = self.ids.get(name.as_bytes()) {
             return Some((id, self.kinds[id as usize]));
@@ -94,7 +94,7 @@ impl Names {
         System::of(name.as_str()).map(|system| (NameId::MAX, NameKind::System(system)))
     }
 
-    /// The number of a name; `None` where there are too many.
+    /// The number of a name, added if needed; `None` if there are too many.
     pub(crate) fn intern(&mut self, name: &Normal) -> Option<(NameId, NameKind)> {
         if let Some(found) = self.find(name) {
             return Some(found);
@@ -102,7 +102,7 @@ impl Names {
         self.add(name)
     }
 
-    /// The number of an O-word's name: none of them is predefined.
+    /// The number of the name of an O-word; none of them is predefined.
     pub(crate) fn intern_label(&mut self, name: &Normal) -> Option<NameId> {
         if let Some(&id) = self.ids.get(name.as_bytes()) {
             return Some(id);
@@ -110,7 +110,7 @@ impl Names {
         self.add(name).map(|(id, _)| id)
     }
 
-    /// All names met so far, in no particular order; those of O-words are among them.
+    /// All names so far, in no particular order, including those of O-words.
     pub(crate) fn all(&self) -> impl Iterator<Item = (&str, NameId, NameKind)> {
         self.ids.iter().filter_map(|(name, id)| {
             let name = std::str::from_utf8(name).ok()?;
@@ -119,7 +119,7 @@ impl Names {
     }
 
     fn add(&mut self, name: &Normal) -> Option<(NameId, NameKind)> {
-        if self.kinds.len() >= MOST {
+        if self.kinds.len() >= MAX_NAMES {
             return None;
         }
         let id = self.kinds.len() as NameId;
@@ -134,7 +134,7 @@ impl Names {
     }
 }
 
-/// Fowler-Noll-Vo: short keys, no secrets, the same on every machine.
+/// Fowler-Noll-Vo hash: suits short keys without secrets, and is the same on every machine.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fnv(u64);
 
@@ -183,7 +183,7 @@ mod tests {
     fn names_are_plain_text_of_some_length() {
         assert!(Normal::new(b"  ").is_none());
         assert!(Normal::new(b"caf\xc3\xa9").is_none());
-        assert!(Normal::new(&[b'a'; LONGEST]).is_some());
-        assert!(Normal::new(&[b'a'; LONGEST + 1]).is_none());
+        assert!(Normal::new(&[b'a'; MAX_BYTES]).is_some());
+        assert!(Normal::new(&[b'a'; MAX_BYTES + 1]).is_none());
     }
 }

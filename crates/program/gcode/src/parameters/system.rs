@@ -76,7 +76,7 @@ systems! {
 }
 
 impl System {
-    /// By the name in lower case.
+    /// The parameter with this name in lower case.
     pub(crate) fn of(name: &str) -> Option<Self> {
         if !name.starts_with('_') {
             return None;
@@ -85,13 +85,13 @@ impl System {
         Some(TABLE[place].1)
     }
 
-    /// For `_x` and its kin the axis' index.
+    /// The axis index of `_x` and similar names.
     pub(crate) fn axis(self) -> Option<usize> {
         use System::{A, B, C, U, V, W, X, Y, Z};
         [X, Y, Z, A, B, C, U, V, W].iter().position(|axis| *axis == self)
     }
 
-    /// For `_abs_x` and its kin the axis' index.
+    /// The axis index of `_abs_x` and similar names.
     pub(crate) fn machine_axis(self) -> Option<usize> {
         use System::{AbsA, AbsB, AbsC, AbsU, AbsV, AbsW, AbsX, AbsY, AbsZ};
         [AbsX, AbsY, AbsZ, AbsA, AbsB, AbsC, AbsU, AbsV, AbsW]

@@ -1,47 +1,46 @@
 //! Numbered and named parameters.
 //!
-//! The numbered ones keep what LinuxCNC keeps there, at the same places, lengths in mm: work offsets, places of
-//! G28 and G30, the offset of G92, the tool. Whoever needs such a value at a code reads it from here, so that a
-//! program can prepare it by an assignment.
+//! The numbered ones contain what LinuxCNC stores there, under the same numbers, lengths in mm: work offsets, positions of G28
+//! and G30, the offset of G92, the tool. Codes read such values from here, so a program can prepare them by assignment.
 
 use evolvent_path::{AXES, Axes};
 
 use crate::parameters::names::{NameId, NameKind, Names, Normal};
 
-/// One more than the greatest number of a parameter.
+/// The largest parameter number plus one.
 pub(crate) const NUMBERED: usize = 5602;
 
-/// Parameters from 1 to this one belong to the subroutine that runs.
+/// Parameters from 1 to this one belong to the active subroutine.
 const LOCAL_NUMBERED: usize = 30;
 
 /// Whether DEBUG comments are shown.
 pub(crate) const DEBUG: usize = 5599;
-/// Where the probe tripped, nine axes in program coordinates and units.
+/// Position at which the probe tripped, nine axes in program coordinates and units.
 pub(crate) const PROBED: usize = 5061;
-/// Whether it did.
+/// Whether it tripped.
 pub(crate) const PROBE_TRIPPED: usize = 5070;
 /// Result of M66.
 pub(crate) const INPUT_RESULT: usize = 5399;
-/// Place of G28, nine axes.
+/// Position of G28, nine axes.
 pub(crate) const HOME_G28: usize = 5161;
-/// Place of G30, nine axes.
+/// Position of G30, nine axes.
 pub(crate) const HOME_G30: usize = 5181;
-/// Whether the offset of G92 is on.
+/// Whether the offset of G92 is active.
 pub(crate) const G92_ACTIVE: usize = 5210;
 /// The offset of G92, nine axes.
 pub(crate) const G92: usize = 5211;
-/// Number of the work offset in force, from 1.
+/// Number of the active work offset, from 1.
 pub(crate) const WORK_OFFSET: usize = 5220;
-/// First work offset, nine axes and the rotation; the next ones follow every 20.
+/// First work offset, nine axes and the rotation; the others follow at intervals of 20.
 pub(crate) const WORK_OFFSET_1: usize = 5221;
 /// Tool in the spindle, then its offsets on nine axes.
 pub(crate) const TOOL: usize = 5400;
 /// Diameter, front angle, back angle, orientation of the tool in the spindle.
 pub(crate) const TOOL_DIAMETER: usize = 5410;
-/// Present place in program coordinates and units, nine axes: not kept, worked out.
+/// Present position in program coordinates and units, nine axes: computed, not stored.
 pub(crate) const POSITION: usize = 5420;
 
-/// One change that can be taken back.
+/// One change that can be rolled back.
 #[derive(Clone, Copy, Debug)]
 enum Change {
     Numbered(usize, f64),
@@ -50,7 +49,7 @@ enum Change {
     NewLocal,
 }
 
-/// What a call saves.
+/// The data saved by a call.
 #[derive(Clone, Debug)]
 struct Frame {
     numbered: [f64; LOCAL_NUMBERED],
@@ -62,14 +61,14 @@ struct Frame {
 pub(crate) struct Parameters {
     numbered: Vec<f64>,
     pub(crate) names: Names,
-    /// By name; `None` for what has not been set.
+    /// By name; `None` if not set.
     globals: Vec<Option<f64>>,
-    /// Those of all frames; the running one's begin at `base`.
+    /// The local parameters of all frames; those of the active frame start at `base`.
     locals: Vec<(NameId, f64)>,
     base: usize,
     frames: Vec<Frame>,
     undo: Vec<Change>,
-    /// What the last subroutine gave back.
+    /// The value returned by the last subroutine.
     pub(crate) returned: Option<f64>,
 }
 
@@ -87,18 +86,18 @@ impl Parameters {
         }
     }
 
-    /// Whether a program may write this one.
+    /// Whether a program must not write this parameter.
     pub(crate) fn is_read_only(index: usize) -> bool {
         matches!(index, TOOL..=5413 | POSITION..=5428)
     }
 
-    /// A numbered parameter; 0 outside the range.
+    /// A numbered parameter; 0 outside of the range.
     #[inline]
     pub(crate) fn numbered(&self, index: usize) -> f64 {
         self.numbered.get(index).copied().unwrap_or(0.0)
     }
 
-    /// Writes a numbered parameter; nothing outside the range.
+    /// Writes a numbered parameter; no effect outside of the range.
     #[inline]
     pub(crate) fn set_numbered(&mut self, index: usize, value: f64) {
         if let Some(slot) = self.numbered.get_mut(index) {
@@ -107,7 +106,7 @@ impl Parameters {
         }
     }
 
-    /// Nine parameters in a row.
+    /// Nine consecutive parameters.
     pub(crate) fn axes(&self, first: usize) -> Axes {
         let mut axes = Axes::zeros();
         for index in 0..AXES {
@@ -122,7 +121,7 @@ impl Parameters {
         }
     }
 
-    /// A named parameter that is not predefined; `None` where it has not been set.
+    /// A named parameter that is not predefined; `None` if not set.
     pub(crate) fn named(&self, id: NameId, kind: NameKind) -> Option<f64> {
         match kind {
             NameKind::Global => self.globals.get(id as usize).copied().flatten(),
@@ -134,7 +133,7 @@ impl Parameters {
         }
     }
 
-    /// Writes a named parameter. `false` where there are too many names, or the name is predefined.
+    /// Writes a named parameter. False if there are too many names, or if the name is predefined.
     pub(crate) fn set_named(&mut self, name: &Normal, value: f64) -> bool {
         let Some((id, kind)) = self.names.intern(name) else {
             return false;
@@ -164,7 +163,7 @@ impl Parameters {
         true
     }
 
-    /// Those with a name that count here, by their names.
+    /// The named parameters visible here, sorted by name.
     pub(crate) fn all_named(&self) -> Vec<(&str, f64)> {
         let mut found: Vec<_> = self
             .names
@@ -175,13 +174,13 @@ impl Parameters {
         found
     }
 
-    /// The changes so far are for good.
+    /// Makes the changes so far permanent.
     #[inline]
     pub(crate) fn commit(&mut self) {
         self.undo.clear();
     }
 
-    /// Takes back the changes since [`commit`](Self::commit).
+    /// Undoes the changes since [`commit`](Self::commit).
     pub(crate) fn roll_back(&mut self) {
         while let Some(change) = self.undo.pop() {
             match change {
@@ -195,7 +194,7 @@ impl Parameters {
         }
     }
 
-    /// Enters a subroutine: its arguments become #1 and on, the rest of #1 to #30 is 0.
+    /// Enters a subroutine: its arguments become #1 and following, the rest of #1 to #30 is 0.
     pub(crate) fn enter(&mut self, arguments: &[f64]) {
         let mut saved = [0.0; LOCAL_NUMBERED];
         saved.copy_from_slice(&self.numbered[1..=LOCAL_NUMBERED]);
@@ -220,7 +219,7 @@ impl Parameters {
         }
     }
 
-    /// How deep subroutines are nested.
+    /// Nesting depth of subroutines.
     pub(crate) fn depth(&self) -> usize {
         self.frames.len()
     }
@@ -263,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_call_has_its_own_locals_and_arguments_and_shares_the_rest() {
+    fn a_call_has_its_own_locals_and_arguments() {
         let mut parameters = Parameters::new();
         parameters.set_numbered(1, 5.0);
         parameters.set_numbered(31, 6.0);

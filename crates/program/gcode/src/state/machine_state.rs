@@ -8,10 +8,10 @@ use crate::parameters::system::System;
 use crate::parameters::values::{G92, G92_ACTIVE, Parameters, WORK_OFFSET, WORK_OFFSET_1};
 use crate::{Action, Outputs, PathMode, Settings, SpindleDirection};
 
-/// Millimetres of an inch.
+/// Millimetres per inch.
 pub(crate) const INCH_MM: f64 = 25.4;
 
-/// F as it was when it was given: a later G20 or G21 does not change the speed.
+/// F in the units in which it was programmed: a later G20 or G21 does not change the speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ProgrammedFeed {
     /// For motion of linear axes: mm/s, or mm per revolution in G95.
@@ -22,7 +22,7 @@ pub(crate) struct ProgrammedFeed {
     pub(crate) word: f64,
 }
 
-/// What M70 saves and M72 brings back.
+/// The modes saved by M70 and restored by M72.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Modes {
     pub(crate) plane: PlaneCode,
@@ -38,10 +38,10 @@ pub(crate) struct Modes {
     pub(crate) spindle: SpindleDirection,
     /// Revolutions per minute, or metres per minute in G96.
     pub(crate) speed: f64,
-    /// G96: the greatest speed in revolutions per minute.
+    /// G96: the maximum spindle speed in revolutions per minute.
     pub(crate) surface: Option<f64>,
-    /// The machine was told that the spindle's centre is at this X, machine coordinates.
-    pub(crate) told_centre_mm: f64,
+    /// X of the spindle centre that was output last, machine coordinates.
+    pub(crate) output_centre_mm: f64,
     pub(crate) mist: bool,
     pub(crate) flood: bool,
     pub(crate) feed_override: bool,
@@ -50,46 +50,45 @@ pub(crate) struct Modes {
     pub(crate) feed_stop: bool,
 }
 
-/// Words of a canned cycle that stay in force while lines of the cycle follow each other; mm in program
-/// coordinates along the axis of the cycle.
+/// Words of a canned cycle that stay active over consecutive lines of the cycle; mm in program coordinates along the axis of
+/// the cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct CycleModal {
     pub(crate) r: Option<f64>,
     pub(crate) depth: Option<f64>,
     pub(crate) q: Option<f64>,
     pub(crate) p: Option<f64>,
-    /// Where the tool stood before the first line of the cycle.
+    /// Position of the tool before the first line of the cycle.
     pub(crate) old: f64,
-    /// Whether lines of a cycle are being run.
+    /// The active cycle.
     pub(crate) running: Option<Motion>,
 }
 
-/// Everything that outlives a line. `Copy`: a line works on a copy, which replaces the original only if the whole
-/// line is right.
+/// All state between lines. `Copy`: a line works on a copy, which replaces the original only if the whole line is valid.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct State {
     /// Machine coordinates, mm and degrees.
     pub(crate) position: Axes,
     pub(crate) motion: Motion,
     pub(crate) modes: Modes,
-    /// Work zero of the offset in force, machine coordinates.
+    /// Work zero of the active offset, machine coordinates.
     pub(crate) work: Axes,
     /// Rotation of the work's XY about its zero: degrees, cosine, sine.
     pub(crate) rotation: [f64; 3],
-    /// Offset of G92 and G52 in force; rotated with the work.
+    /// Active offset of G92 and G52; rotated with the work.
     pub(crate) g92: Axes,
     pub(crate) tool_offset: Axes,
     pub(crate) tool: u32,
     pub(crate) selected_tool: Option<u32>,
     pub(crate) sticky: CycleModal,
-    /// P and Q of the last G5, mm: it may go on from there.
+    /// P and Q of the last G5, mm; the next one may continue its tangent.
     pub(crate) spline_end: Option<[f64; 2]>,
-    /// The order of the NURBS that G5.2 collects.
+    /// The order of the NURBS that G5.2 defines.
     pub(crate) nurbs_order: Option<usize>,
     pub(crate) cutter: CutterState,
-    /// The last motion was a probe, and nobody has told where it stopped.
+    /// The last motion was a probing move whose result has not been reported.
     pub(crate) is_probed: bool,
-    /// M2 or M30 has been executed.
+    /// Whether M2 or M30 has been executed.
     pub(crate) ended: bool,
 }
 
@@ -105,7 +104,7 @@ pub(crate) struct PlainMoveState {
 
 impl State {
     pub(crate) fn new(settings: &Settings) -> Self {
-        // A program begins in G97, where metres per minute are no speed; a block of MDI goes on in what is in force.
+        // A program starts in G97, where metres per minute are not a speed; an MDI block continues in the active mode.
         let surface = settings.outputs.surface.filter(|_| settings.is_block);
         let mut state = Self {
             position: settings.start,
@@ -128,7 +127,7 @@ impl State {
                     (None, None) => settings.outputs.speed_rpm,
                 },
                 surface: surface.map(|surface| surface.max_rpm),
-                told_centre_mm: surface.map_or(0.0, |surface| surface.centre_mm),
+                output_centre_mm: surface.map_or(0.0, |surface| surface.centre_mm),
                 mist: settings.outputs.mist,
                 flood: settings.outputs.flood,
                 feed_override: true,
@@ -153,15 +152,15 @@ impl State {
         state
     }
 
-    /// Whether a straight move changes nothing but [`State::few`].
+    /// Whether a straight move changes only [`State::plain_move_state`].
     #[inline]
     pub(crate) fn is_plain(&self) -> bool {
         !self.cutter.is_on() && self.cutter.programmed.is_none() && self.cutter.held.is_none()
     }
 
-    /// What a plain move changes before it may fail.
+    /// The state that a plain move changes before it may fail.
     #[inline]
-    pub(crate) fn few(&self) -> PlainMoveState {
+    pub(crate) fn plain_move_state(&self) -> PlainMoveState {
         PlainMoveState {
             position: self.position,
             motion: self.motion,
@@ -171,15 +170,15 @@ impl State {
         }
     }
 
-    pub(crate) fn restore_few(&mut self, few: PlainMoveState) {
-        self.position = few.position;
-        self.motion = few.motion;
-        self.modes.feed = few.feed;
-        self.sticky.running = few.running;
-        self.spline_end = few.spline_end;
+    pub(crate) fn restore_plain_move_state(&mut self, plain_move_state: PlainMoveState) {
+        self.position = plain_move_state.position;
+        self.motion = plain_move_state.motion;
+        self.modes.feed = plain_move_state.feed;
+        self.sticky.running = plain_move_state.running;
+        self.spline_end = plain_move_state.spline_end;
     }
 
-    /// Writes what the settings say of offsets and tool to the parameters.
+    /// Writes the offsets and the tool of the settings to the parameters.
     pub(crate) fn publish(&self, settings: &Settings, parameters: &mut Parameters) {
         for (index, offset) in settings.work_offsets.iter().enumerate() {
             parameters.set_axes(WORK_OFFSET_1 + 20 * index, offset);
@@ -188,14 +187,14 @@ impl State {
         let active = self.g92 != Axes::zeros();
         parameters.set_numbered(G92_ACTIVE, f64::from(u8::from(active)));
         if active {
-            // Otherwise what the parameters hold is suspended, and G92.3 brings it back.
+            // Otherwise the parameters hold a suspended offset, which G92.3 restores.
             parameters.set_axes(G92, &self.g92);
         }
         parameters.set_numbered(crate::parameters::values::TOOL, f64::from(self.tool));
         parameters.set_numbered(crate::parameters::values::DEBUG, 1.0);
     }
 
-    /// Takes the work offset in force from the parameters.
+    /// Reads the active work offset from the parameters.
     pub(crate) fn load_work(&mut self, parameters: &Parameters) {
         let first = WORK_OFFSET_1 + 20 * self.modes.work_index;
         self.work = parameters.axes(first);
@@ -209,7 +208,7 @@ impl State {
         self.rotation = [degrees, cos, sin];
     }
 
-    /// The plane for arcs; `None` for G17.1 and its kin.
+    /// The plane for arcs; `None` for G17.1 and similar.
     pub(crate) fn plane(&self) -> Option<Plane> {
         match self.modes.plane {
             PlaneCode::Main(plane) => Some(plane),
@@ -217,12 +216,12 @@ impl State {
         }
     }
 
-    /// Millimetres of a unit of length.
+    /// Millimetres per unit of length.
     pub(crate) fn unit_mm(&self) -> f64 {
         if self.modes.inches { INCH_MM } else { 1.0 }
     }
 
-    /// Millimetres or degrees of a program unit of an axis.
+    /// Millimetres or degrees per program unit of an axis.
     pub(crate) fn axis_unit(&self, index: usize) -> f64 {
         if AxisLetter::ALL[index].is_rotary() {
             1.0
@@ -244,7 +243,7 @@ impl State {
         self.rotation[0] != 0.0
     }
 
-    /// A vector of program coordinates in machine coordinates.
+    /// Converts a vector from program to machine coordinates.
     pub(crate) fn turn(&self, mut vector: Axes) -> Axes {
         if self.turned() {
             let [_, cos, sin] = self.rotation;
@@ -256,7 +255,7 @@ impl State {
         vector
     }
 
-    /// A vector of machine coordinates in program coordinates.
+    /// Converts a vector from machine to program coordinates.
     pub(crate) fn turn_back(&self, mut vector: Axes) -> Axes {
         if self.turned() {
             let [_, cos, sin] = self.rotation;
@@ -268,16 +267,16 @@ impl State {
         vector
     }
 
-    /// A point of program coordinates (mm, degrees) in machine coordinates.
+    /// Converts a point from program coordinates (mm, degrees) to machine coordinates.
     pub(crate) fn machine_of(&self, program: Axes) -> Axes {
         if self.turned() {
             return self.turn(program + self.g92) + self.work + self.tool_offset;
         }
-        // In this order sums of offsets are what they were before the tool's length came in.
+        // In this order sums of offsets are as they were before the tool length was added.
         self.work + self.g92 + self.tool_offset + program
     }
 
-    /// What the spindle is told.
+    /// The command for the spindle.
     pub(crate) fn spindle_action(&self) -> Action {
         let modes = &self.modes;
         let direction = modes.spindle;
@@ -297,19 +296,19 @@ impl State {
         }
     }
 
-    /// X of the program's zero in machine coordinates: the spindle's centre.
+    /// X of the program zero in machine coordinates: the centre of the spindle.
     pub(crate) fn centre_mm(&self) -> f64 {
         self.machine_of(Axes::zeros())[0]
     }
 
-    /// The spindle's speed while it turns, where the tool is.
+    /// Spindle speed while it rotates, at the position of the tool.
     pub(crate) fn rpm(&self) -> f64 {
         let mut outputs = Outputs::default();
         outputs.apply(&self.spindle_action());
         outputs.speed().rpm_at(self.position[0])
     }
 
-    /// A point of machine coordinates in program coordinates (mm, degrees).
+    /// Converts a point from machine coordinates to program coordinates (mm, degrees).
     pub(crate) fn program_of(&self, machine: Axes) -> Axes {
         if self.turned() {
             return self.turn_back(machine - self.work - self.tool_offset) - self.g92;
@@ -317,17 +316,17 @@ impl State {
         machine - (self.work + self.g92 + self.tool_offset)
     }
 
-    /// Where a program's words refer to: the programmed point, not the centre of a compensated tool.
+    /// The reference of a program's words: the programmed point, not the centre of a compensated tool.
     pub(crate) fn programmed(&self) -> Axes {
         self.cutter.programmed.unwrap_or(self.position)
     }
 
-    /// Place of an axis in program coordinates and units.
+    /// Position of an axis in program coordinates and units.
     pub(crate) fn program_position(&self, axis: usize) -> f64 {
         self.program_of(self.programmed())[axis] / self.axis_unit(axis)
     }
 
-    /// Place of an axis in machine coordinates, in program units.
+    /// Position of an axis in machine coordinates, in program units.
     pub(crate) fn machine_position(&self, axis: usize) -> f64 {
         self.position[axis] / self.axis_unit(axis)
     }
@@ -383,9 +382,9 @@ impl State {
             System::SpindleClockwise => truth(modes.spindle == SpindleDirection::Clockwise),
             System::SpindleOn => truth(modes.spindle != SpindleDirection::Stopped),
             System::ToolOffset => truth(self.tool_offset != Axes::zeros()),
-            // The release of LinuxCNC whose language this is.
+            // The version of LinuxCNC whose language this is.
             System::VersionMajor => 2.9,
-            // Where the text is executed (Task), remaps: there is nothing of that kind.
+            // The executing task, remaps: not applicable.
             _ => 0.0,
         }
     }

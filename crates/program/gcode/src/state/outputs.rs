@@ -1,17 +1,17 @@
-//! Spindle and coolant: what a program switches on the machine.
+//! Spindle and coolant as commanded by a program.
 
 use evolvent_path::{SpindleSpeed, SurfaceSpeed};
 
 use crate::{Action, SpindleDirection};
 
-/// State of spindle and coolant, as the program has commanded it.
+/// State of spindle and coolant, as commanded by the program.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Outputs {
-    /// Sense of rotation, or stopped.
+    /// Direction of rotation, or stopped.
     pub direction: SpindleDirection,
     /// Speed of the last S word in revolutions per minute, not negative; kept while the spindle is stopped.
     pub speed_rpm: f64,
-    /// The speed follows the radius (G96), and `speed_rpm` counts for nothing.
+    /// Constant surface speed (G96); `speed_rpm` is then ignored.
     pub surface: Option<SurfaceSpeed>,
     /// Mist coolant (M7) is on.
     pub mist: bool,
@@ -20,7 +20,7 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Takes over what an action switches. Returns whether it is an action of spindle or coolant.
+    /// Applies an action. Returns whether it concerns spindle or coolant.
     pub fn apply(&mut self, action: &Action) -> bool {
         match *action {
             Action::Spindle { direction, speed_rpm } => {
@@ -35,7 +35,7 @@ impl Outputs {
         true
     }
 
-    /// The speed of the spindle while it turns.
+    /// Spindle speed while it rotates.
     #[must_use]
     pub fn speed(&self) -> SpindleSpeed {
         match self.surface {
@@ -44,8 +44,8 @@ impl Outputs {
         }
     }
 
-    /// Commanded speed in revolutions per minute, negative counter-clockwise; 0 where the spindle is stopped, or has no speed that is
-    /// the same everywhere.
+    /// Commanded speed in revolutions per minute, negative counter-clockwise; 0 if the spindle is stopped or its speed depends on
+    /// the position.
     #[must_use]
     pub fn constant_rpm(&self) -> f64 {
         match self.surface {
@@ -54,8 +54,8 @@ impl Outputs {
         }
     }
 
-    /// Commanded speed in revolutions per minute where the tool is at X in machine coordinates, mm: negative counter-clockwise, 0
-    /// where the spindle is stopped.
+    /// Commanded speed in revolutions per minute with the tool at X in machine coordinates, mm: negative counter-clockwise, 0 if the
+    /// spindle is stopped.
     #[must_use]
     pub fn signed_rpm_at(&self, x_mm: f64) -> f64 {
         match self.direction {

@@ -1,4 +1,4 @@
-//! What a formula can see: parameters and, through the predefined ones, the modal state.
+//! The data visible to an expression: parameters and, through the predefined ones, the modal state.
 
 use crate::Settings;
 use crate::parameters::names::{NameKind, Normal};
@@ -6,12 +6,12 @@ use crate::parameters::system::System;
 use crate::parameters::values::{POSITION, Parameters};
 use crate::state::machine_state::State;
 
-/// The surroundings of a line.
+/// The context of a line.
 pub(crate) struct Scope<'a> {
     pub(crate) parameters: &'a Parameters,
     pub(crate) state: &'a State,
     pub(crate) settings: &'a Settings,
-    /// The line's number.
+    /// The line number.
     pub(crate) line: u32,
 }
 
@@ -25,7 +25,7 @@ impl Scope<'_> {
         self.parameters.numbered(index)
     }
 
-    /// A named parameter; `None` where it has not been set.
+    /// A named parameter; `None` if not set.
     pub(crate) fn named(&self, name: &Normal) -> Option<f64> {
         let (id, kind) = self.parameters.names.find(name)?;
         match kind {
@@ -62,7 +62,7 @@ impl Scope<'_> {
 pub(crate) mod tests {
     use super::*;
 
-    /// Runs something in the scope of a program's first line.
+    /// Runs a function in the scope of the first line of a program.
     pub(crate) fn with_scope<T>(run: impl FnOnce(&Scope<'_>) -> T) -> T {
         let settings = Settings::default();
         let parameters = Parameters::new();

@@ -1,4 +1,4 @@
-//! What stands on one line.
+//! The contents of one line.
 
 use crate::diagnostics::diagnostic::Span;
 use crate::parameters::names::Normal;
@@ -14,14 +14,14 @@ pub(crate) struct Word {
     pub(crate) span: Span,
 }
 
-/// One line. Kept and filled again, so that a line costs no allocation.
+/// One line. Reused, so that a line needs no allocation.
 #[derive(Debug, Default)]
 pub(crate) struct Block {
     /// Words in the order written, without N.
     pub(crate) words: Vec<Word>,
-    /// Parameters to be written once the whole line has been read.
+    /// Parameters to be written after the whole line has been read.
     pub(crate) assignments: Vec<(Target, f64)>,
-    /// What stands between the parentheses of each comment.
+    /// The text between the parentheses of each comment.
     pub(crate) comments: Vec<Span>,
 }
 
@@ -33,13 +33,13 @@ impl Block {
     }
 }
 
-/// The name and the keyword of a line that begins with O.
+/// The name and keyword of a line that starts with O.
 pub(crate) struct OWord {
-    /// The place of the name, from O.
+    /// The span of the name, including O.
     pub(crate) span: Span,
     pub(crate) name: Normal,
     pub(crate) keyword: Keyword,
-    /// Where on the line the rest begins.
+    /// Byte offset of the rest of the line.
     pub(crate) rest: usize,
 }
 
@@ -61,12 +61,12 @@ pub(crate) enum Keyword {
     EndRepeat,
     Break,
     Continue,
-    /// None: the number of a program, as in `O1234`.
+    /// None: a program number, as in `O1234`.
     Program,
 }
 
 impl Keyword {
-    /// By its letters, lower case.
+    /// The keyword with these lower-case letters.
     #[inline]
     pub(crate) fn of(letters: &[u8]) -> Option<Self> {
         Some(match letters {

@@ -1,7 +1,7 @@
-//! Comments that do something.
+//! Active comments.
 //!
-//! RS274/NGC, 3.3.4: a comment whose first printing characters are `MSG,`, in either case and with blanks
-//! anywhere, is a message. LinuxCNC adds more of that kind; in those parameters are replaced by their values.
+//! RS274/NGC, 3.3.4: a comment whose first printing characters are `MSG,`, in either case and with spaces anywhere, is a
+//! message. LinuxCNC adds more active comments, in which parameters are replaced by their values.
 
 use std::fmt::Write as _;
 
@@ -9,7 +9,7 @@ use crate::diagnostics::diagnostic::{Span, printable};
 use crate::parameters::names::Normal;
 use crate::state::scope::Scope;
 
-/// What a comment asks for.
+/// The meaning of a comment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Remark {
     None,
@@ -25,7 +25,7 @@ pub(crate) enum Remark {
     Abort(String),
 }
 
-/// What the comment at a place of a line asks for.
+/// The meaning of the comment at a position of a line.
 pub(crate) fn remark(line: &[u8], inside: Span, scope: &Scope<'_>) -> Remark {
     let text = &line[inside.start as usize..inside.end as usize];
     let plain = |rest: &[u8]| printable(String::from_utf8_lossy(rest).trim());
@@ -62,7 +62,7 @@ pub(crate) fn remark(line: &[u8], inside: Span, scope: &Scope<'_>) -> Remark {
     Remark::None
 }
 
-/// What follows a keyword.
+/// The text after a keyword.
 fn after_keyword<'text>(text: &'text [u8], keyword: &[u8]) -> Option<&'text [u8]> {
     let mut wanted = keyword.iter();
     let mut next = wanted.next();
@@ -81,8 +81,8 @@ fn after_keyword<'text>(text: &'text [u8], keyword: &[u8]) -> Option<&'text [u8]
     None
 }
 
-/// The text with `#5` and `#<name>` replaced by values. `%d`, `%f` and `%.3f` choose how those that follow are
-/// written; what is not known is shown as `######`.
+/// Replaces `#5` and `#<name>` in the text by values. `%d`, `%f` and `%.3f` select the format of the following ones; unknown values
+/// are shown as `######`.
 fn expanded(text: &[u8], scope: &Scope<'_>) -> String {
     let text = printable(&String::from_utf8_lossy(text));
     let mut out = String::with_capacity(text.len());
@@ -113,7 +113,7 @@ fn expanded(text: &[u8], scope: &Scope<'_>) -> String {
     out.trim().to_owned()
 }
 
-/// Decimals asked for after `%`, and what follows.
+/// The number of decimals requested after `%`, and the remaining text.
 fn format_of(text: &str) -> Option<(usize, &str)> {
     let text_lower = text.get(..1)?;
     match text_lower {
@@ -129,7 +129,7 @@ fn format_of(text: &str) -> Option<(usize, &str)> {
     }
 }
 
-/// The value of the parameter after `#`, `None` if it is not set, and what follows.
+/// The value of the parameter after `#`, `None` if it is not set, and the remaining text.
 fn parameter_of<'text>(text: &'text str, scope: &Scope<'_>) -> Option<(Option<f64>, &'text str)> {
     if let Some(inside) = text.strip_prefix('<') {
         let end = inside.find('>')?;
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn messages_are_known_by_their_first_printing_characters() {
+    fn messages_start_with_their_keyword() {
         assert_eq!(of(b"MSG, turn the part"), Remark::Message("turn the part".into()));
         assert_eq!(of(b" m s\tG , Turn"), Remark::Message("Turn".into()));
         assert_eq!(of(b"a MSG, no"), Remark::None);

@@ -1,8 +1,8 @@
-//! Formulas: worked out while they are read.
+//! Expressions, evaluated while they are read.
 //!
-//! RS274/NGC, 3.3.2.2 and 3.3.2.3, with LinuxCNC's comparisons: `**` binds tightest, then `*` `/` `MOD`, then
-//! `+` `-`, then `EQ` `NE` `GT` `GE` `LT` `LE`, then `AND` `OR` `XOR`; equals are worked out from the left, `**`
-//! too. Angles are in degrees. EQ and NE take two numbers for equal within 1e-6.
+//! RS274/NGC, 3.3.2.2 and 3.3.2.3, with LinuxCNC's comparisons. Precedence: `**`, then `*` `/` `MOD`, then `+` `-`, then `EQ` `NE`
+//! `GT` `GE` `LT` `LE`, then `AND` `OR` `XOR`; operators of equal precedence, `**` included, are evaluated from left to right.
+//! Angles are in degrees. EQ and NE compare within 1e-6.
 
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
@@ -11,10 +11,10 @@ use crate::parameters::values::NUMBERED;
 use crate::state::scope::Scope;
 use crate::syntax::lexer::Lexer;
 
-/// How deep brackets, functions and parameters of parameters may be nested.
+/// Maximum nesting depth of brackets, functions and parameters of parameters.
 const DEPTH: u32 = 64;
 
-/// Numbers closer than this are equal to EQ and NE; LE and GE compare exactly, as in LinuxCNC.
+/// Numbers closer than this are equal for EQ and NE; LE and GE compare exactly, as in LinuxCNC.
 const EQUAL: f64 = 1e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,7 +37,7 @@ enum Operator {
 }
 
 impl Operator {
-    /// How tightly it binds.
+    /// Its precedence.
     fn level(self) -> u32 {
         match self {
             Self::And | Self::Or | Self::Xor => 1,
@@ -54,12 +54,12 @@ impl Operator {
     }
 }
 
-/// What an assignment writes.
+/// The target of an assignment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Target {
     /// `#5`
     Numbered(usize),
-    /// `#<name>`: the place of the name on the line.
+    /// `#<name>`: the span of the name on the line.
     Named(Span),
 }
 
@@ -79,8 +79,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         }
     }
 
-    /// A number, a parameter, a function or a formula in brackets, with any signs before it. `None` if nothing
-    /// of that kind comes next.
+    /// A number, parameter, function or bracketed expression, with any signs before it. `None` if none of these comes next.
     #[inline]
     pub(crate) fn value(&mut self) -> Result<Option<f64>, Fault> {
         match self.lexer.peek() {
@@ -107,7 +106,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         }
     }
 
-    /// The same, but there must be one. `what` is what the value is for.
+    /// The same, but required. `what` is the use of the value, for the error message.
     pub(crate) fn required(&mut self, what: &str) -> Result<f64, Fault> {
         let start = self.lexer.place();
         match self.value()? {
@@ -131,7 +130,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         }
     }
 
-    /// A formula in brackets; the next character is `[`.
+    /// A bracketed expression; the next character is `[`.
     pub(crate) fn bracket(&mut self) -> Result<f64, Fault> {
         let start = self.lexer.place();
         self.lexer.advance();
@@ -149,8 +148,9 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         let place = self.lexer.place();
         match self.lexer.peek() {
             None | Some(b';' | b'(') => {
-                Fault::new(Code::Expression, Span::at(start), "this '[' is not closed")
-                    .help("write ] at the end of the formula; comments do not stand inside formulas")
+                Fault::new(Code::Expression, Span::at(start), "this '[' is not closed").help(
+                    "write ] at the end of the expression; comments are not permitted inside expressions",
+                )
             }
             Some(_) => Fault::new(
                 Code::Expression,
@@ -161,9 +161,9 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         }
     }
 
-    /// Operators of at least a level, from the left.
+    /// Operators of at least a precedence, from left to right.
     fn binary(&mut self, level: u32) -> Result<f64, Fault> {
-        let mut left = self.required("in this formula")?;
+        let mut left = self.required("in this expression")?;
         loop {
             let before = self.lexer.place();
             let Some(operator) = self.operator()? else {
@@ -223,7 +223,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         Ok(Some(operator))
     }
 
-    /// A function of a bracket. `None` if no letters with `[` behind come next.
+    /// A function of a bracketed value. `None` if no letters followed by `[` come next.
     fn function(&mut self) -> Result<Option<f64>, Fault> {
         let start = self.lexer.place();
         let mut word = [0; 16];
@@ -248,7 +248,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
                     return Err(Fault::new(Code::Expression, place, message).help("write ATAN[y]/[x]"));
                 }
                 if self.lexer.peek() != Some(b'[') {
-                    let message = "ATAN's second value stands in brackets";
+                    let message = "the second value of ATAN must be in brackets";
                     return Err(Fault::new(Code::Expression, place, message).help("write ATAN[y]/[x]"));
                 }
                 self.deeper(start)?;
@@ -291,7 +291,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
             Fault::new(
                 Code::Expression,
                 Span::at(place),
-                "EXISTS asks for a named parameter",
+                "EXISTS requires a named parameter",
             )
             .help("write EXISTS[#<name>]")
         };
@@ -299,7 +299,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
             return Err(asks(start));
         }
         if self.lexer.second() != Some(b'<') {
-            // Numbered parameters exist or not by their number alone.
+            // Whether a numbered parameter exists depends on its number alone.
             self.lexer.advance();
             self.deeper(start)?;
             let index = self.required("after #")?.round();
@@ -329,10 +329,10 @@ impl<'line, 'text> Evaluator<'line, 'text> {
                 self.scope.named(&name).ok_or_else(|| {
                     for (prefix, what) in [("_ini[", "an INI file"), ("_hal[", "HAL pins")] {
                         if name.as_str().starts_with(prefix) {
-                            let message = format!("#<{}> reads {what} of LinuxCNC, and there is none here", name.as_str());
+                            let message = format!("#<{}> reads {what} of LinuxCNC, which does not exist here", name.as_str());
                             let place = Span::new(start, self.lexer.place());
                             return Fault::new(Code::UndefinedParameter, place, message).help(
-                                "write the number itself, or keep it in a parameter: #<_limit> = 400 once, then #<_limit>",
+                                "write the number itself, or store it in a parameter: #<_limit> = 400 once, then #<_limit>",
                             );
                         }
                     }
@@ -341,14 +341,14 @@ impl<'line, 'text> Evaluator<'line, 'text> {
                     Fault::new(Code::UndefinedParameter, place, message).help(if name.as_str().starts_with('_') {
                         "write #<_name> = value before it is read"
                     } else {
-                        "names without _ at the beginning are local to the subroutine in which they are set"
+                        "names that do not start with _ are local to the subroutine in which they are set"
                     })
                 })
             }
         }
     }
 
-    /// Which parameter is meant; the next character is `#`.
+    /// The parameter that is meant; the next character is `#`.
     #[inline]
     pub(crate) fn target(&mut self) -> Result<Target, Fault> {
         if let Some(index) = self.lexer.index() {
@@ -369,7 +369,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         let rounded = value.round();
         let place = Span::new(start, self.lexer.place());
         if (value - rounded).abs() > 1e-4 {
-            let message = format!("#{value}: a parameter's number is whole");
+            let message = format!("#{value}: the number of a parameter must be an integer");
             return Err(Fault::new(Code::NotInteger, place, message));
         }
         if !(1.0..NUMBERED as f64).contains(&rounded) {
@@ -379,12 +379,12 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         Ok(Target::Numbered(rounded as usize))
     }
 
-    /// The name at a place as it is compared.
+    /// The normalised name at a position.
     pub(crate) fn normal(&self, inside: Span) -> Result<Normal, Fault> {
         let text = &self.lexer.text()[inside.start as usize..inside.end as usize];
         Normal::new(text).ok_or_else(|| {
-            Fault::new(Code::BadName, inside, "this is no name")
-                .help("a name has 1 to 100 characters of plain ASCII")
+            Fault::new(Code::BadName, inside, "this is not a valid name")
+                .help("a name has 1 to 100 ASCII characters")
         })
     }
 
@@ -393,7 +393,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         if self.depth > DEPTH {
             let message = format!("nested deeper than {DEPTH}");
             return Err(Fault::new(Code::NestingTooDeep, Span::at(start), message)
-                .help("keep a part of the formula in a parameter"));
+                .help("store a part of the expression in a parameter"));
         }
         Ok(())
     }
@@ -432,7 +432,7 @@ fn apply(operator: Operator, left: f64, right: f64, place: Span) -> Result<f64, 
             if rest < 0.0 { rest + right.abs() } else { rest }
         }
         Operator::Power if left < 0.0 && right.floor() != right => {
-            let message = format!("{left} ** {right}: a negative number to a power that is not whole");
+            let message = format!("{left} ** {right}: a negative number to a power that is not an integer");
             return Err(Fault::new(Code::Arithmetic, place, message));
         }
         Operator::Power => libm::pow(left, right),
@@ -447,7 +447,7 @@ fn finite(value: f64, place: Span) -> Result<f64, Fault> {
         Err(Fault::new(
             Code::Arithmetic,
             place,
-            "the result is no finite number",
+            "the result is not a finite number",
         ))
     }
 }
@@ -469,7 +469,7 @@ mod tests {
 
     #[test]
     fn operators_bind_as_in_linuxcnc() {
-        // Figures by hand; those that surprise were confirmed with LinuxCNC 2.9.
+        // Values computed by hand; surprising ones were confirmed with LinuxCNC 2.9.
         for (text, expected) in [
             ("[1 + 2 * 3]", 7.0),
             ("[2 ** 3 ** 2]", 64.0),
@@ -499,7 +499,7 @@ mod tests {
     }
 
     #[test]
-    fn functions_take_and_give_degrees_and_round_as_in_linuxcnc() {
+    fn functions_use_degrees_and_round_as_in_linuxcnc() {
         for (text, expected) in [
             ("sin[30]", 0.5),
             ("COS[60]", 0.5),
@@ -525,7 +525,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_worked_out_is_refused() {
+    fn invalid_expressions_are_rejected() {
         for (text, expected) in [
             ("[1/0]", Code::Arithmetic),
             ("[1 MOD 0]", Code::Arithmetic),

@@ -1,16 +1,16 @@
-//! Characters to tokens.
+//! Splits characters into tokens.
 //!
-//! RS274/NGC, 3.3.2: letters in either case; blanks and tabs mean nothing anywhere outside comments, even inside
-//! a number. Numbers have an optional sign, digits, at most one point, at least one digit and no exponent.
+//! RS274/NGC, 3.3.2: letters in either case; spaces and tabs have no meaning outside comments, even inside a number. Numbers have
+//! an optional sign, digits, at most one point, at least one digit and no exponent.
 
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::parameters::values::NUMBERED;
 
-/// Greatest magnitude of a number in a program. Ten thousand kilometres of mm leave a double its micrometres.
-pub(crate) const LARGEST_NUMBER: f64 = 1e9;
+/// Maximum magnitude of a number in a program: 1000 km in mm, where a double still resolves micrometres.
+pub(crate) const MAX_NUMBER: f64 = 1e9;
 
-/// Walks along a line.
+/// Reads a line character by character.
 pub(crate) struct Lexer<'text> {
     text: &'text [u8],
     at: usize,
@@ -21,23 +21,23 @@ impl<'text> Lexer<'text> {
         Self { text, at: 0 }
     }
 
-    /// Where the lexer stands.
+    /// The present position.
     pub(crate) fn place(&self) -> usize {
         self.at
     }
 
-    /// Goes on after the next character, which has been looked at.
+    /// Skips the next character, which has been peeked.
     #[inline]
     pub(crate) fn advance(&mut self) {
         self.at += 1;
     }
 
-    /// Goes back to an earlier place.
+    /// Returns to an earlier position.
     pub(crate) fn go_back(&mut self, place: usize) {
         self.at = place;
     }
 
-    /// Leaves the rest of the line unread.
+    /// Skips the rest of the line.
     pub(crate) fn finish(&mut self) {
         self.at = self.text.len();
     }
@@ -57,8 +57,8 @@ impl<'text> Lexer<'text> {
         found
     }
 
-    /// Takes letters as long as there are any, lower case, with blanks between them left out; at most 15. Where
-    /// there are more than that the rest is dropped, since no keyword is as long.
+    /// Takes consecutive letters, in lower case and without spaces between them; at most 15. Further letters are dropped, because no
+    /// keyword is that long.
     pub(crate) fn letters(&mut self, into: &mut [u8; 16]) -> usize {
         let mut count = 0;
         while let Some(byte) = self.peek() {
@@ -74,7 +74,7 @@ impl<'text> Lexer<'text> {
         count
     }
 
-    /// Takes the keyword if it comes next, in either case and with blanks anywhere.
+    /// Takes the keyword if it comes next, in either case and with spaces anywhere.
     pub(crate) fn keyword(&mut self, wanted: &[u8]) -> bool {
         let start = self.at;
         for &letter in wanted {
@@ -89,7 +89,7 @@ impl<'text> Lexer<'text> {
         true
     }
 
-    /// The character after the next one that is not blank, without taking any.
+    /// The character after the next one that is not a space, without taking any.
     pub(crate) fn second(&self) -> Option<u8> {
         let mut rest = self.text.get(self.at..)?.iter();
         let mut meaning = rest
@@ -100,7 +100,7 @@ impl<'text> Lexer<'text> {
         meaning.next()
     }
 
-    /// What stands between `<` and `>`; the next character is `<`.
+    /// The text between `<` and `>`; the next character is `<`.
     pub(crate) fn name(&mut self) -> Result<Span, Fault> {
         let open = self.at;
         let mut depth = 0_u32;
@@ -120,7 +120,7 @@ impl<'text> Lexer<'text> {
         Err(Fault::new(Code::BadName, Span::at(open), message).help("write > after it, as in #<width>"))
     }
 
-    /// The next character that means something, not taken.
+    /// The next significant character, not taken.
     #[inline]
     pub(crate) fn peek(&mut self) -> Option<u8> {
         while let Some(&byte) = self.text.get(self.at) {
@@ -132,8 +132,8 @@ impl<'text> Lexer<'text> {
         None
     }
 
-    /// The number of a parameter as programs nearly always write it: `#` and up to four digits, without blanks. `None`, and
-    /// nothing taken, for any other, and where there is no such parameter. The next character is `#`.
+    /// The number of a parameter in its usual form: `#` and up to four digits, without spaces. `None`, and nothing taken, for any other
+    /// form, and if the parameter does not exist. The next character is `#`.
     #[inline]
     pub(crate) fn index(&mut self) -> Option<usize> {
         let (index, end) = self.short_whole(self.at + 1)?;
@@ -144,7 +144,7 @@ impl<'text> Lexer<'text> {
         Some(index)
     }
 
-    /// A whole number of up to four digits that goes on behind no blank, and where it ends.
+    /// An integer of up to four digits that is not followed by a space, and its end.
     #[inline]
     pub(crate) fn short_whole(&self, start: usize) -> Option<(usize, usize)> {
         let mut at = start;
@@ -169,8 +169,7 @@ impl<'text> Lexer<'text> {
         }
     }
 
-    /// The number as programs nearly always write it: up to 15 digits without blanks between them. `None`, and nothing taken,
-    /// for any other.
+    /// A number in its usual form: up to 15 digits without spaces between them. `None`, and nothing taken, for any other form.
     #[inline]
     fn plain_number(&mut self) -> Option<f64> {
         let text = self.text;
@@ -179,7 +178,7 @@ impl<'text> Lexer<'text> {
         if matches!(text.get(at), Some(b'+' | b'-')) {
             at += 1;
         }
-        // Sums wrap where there are more digits than count, and are not used then.
+        // Sums wrap if there are more digits than permitted, and are not used then.
         let mut mantissa: u64 = 0;
         let first = at;
         let digits = |mut at: usize, mantissa: &mut u64| {
@@ -205,7 +204,7 @@ impl<'text> Lexer<'text> {
         if !(1..=15).contains(&count) {
             return None;
         }
-        // A number may go on behind blanks.
+        // A number may continue after spaces.
         let mut next = at;
         while matches!(text.get(next), Some(b' ' | b'\t')) {
             next += 1;
@@ -215,7 +214,7 @@ impl<'text> Lexer<'text> {
         }
         // As below: both are exact, so the quotient is correctly rounded.
         let magnitude = mantissa as f64 / POWERS_OF_TEN.get(decimals)?;
-        if magnitude > LARGEST_NUMBER {
+        if magnitude > MAX_NUMBER {
             return None;
         }
         self.at = at;
@@ -238,7 +237,7 @@ impl<'text> Lexer<'text> {
             match byte {
                 b'0'..=b'9' => {
                     digits += 1;
-                    // Digits beyond these do not fit the fast way; they are read again below.
+                    // Further digits do not fit the fast path; they are read again below.
                     if mantissa < 100_000_000_000_000 {
                         mantissa = mantissa * 10 + u64::from(byte - b'0');
                         decimals += usize::from(point);
@@ -274,8 +273,8 @@ impl<'text> Lexer<'text> {
             Some(power) if exact => mantissa as f64 / power,
             _ => self.slow_number(start, end)?,
         };
-        if magnitude > LARGEST_NUMBER {
-            let message = format!("a number beyond {LARGEST_NUMBER:e}");
+        if magnitude > MAX_NUMBER {
+            let message = format!("a number beyond {MAX_NUMBER:e}");
             return Err(Fault::new(Code::NumberTooLarge, Span::new(start, end), message)
                 .help("no machine travels that far; is a decimal point missing?"));
         }
@@ -308,7 +307,7 @@ impl<'text> Lexer<'text> {
             .map_err(|error| Fault::new(Code::BadNumber, Span::new(start, end), error.to_string()))
     }
 
-    /// Reads a comment; the next character is `(`. Whatever is inside may be any bytes.
+    /// Reads a comment; the next character is `(`. It may contain any bytes.
     pub(crate) fn comment(&mut self) -> Result<Span, Fault> {
         let open = self.at;
         for (place, &byte) in self.text.iter().enumerate().skip(open + 1) {
@@ -330,15 +329,19 @@ impl<'text> Lexer<'text> {
             Span::at(open),
             "this comment is not closed",
         )
-        .help("write ) at its end; a comment does not go on in the next line"))
+        .help("write ) at its end; a comment does not continue on the next line"))
     }
 
     #[cold]
     pub(crate) fn unexpected(&self, byte: u8) -> Fault {
         let span = Span::at(self.at);
         match byte {
-            b'[' => Fault::new(Code::LetterMissing, span, "a formula without a letter before it")
-                .help("write the letter whose value it is, as in X[1 + 2]"),
+            b'[' => Fault::new(
+                Code::LetterMissing,
+                span,
+                "an expression without a letter before it",
+            )
+            .help("write a letter before the value, as in X[1 + 2]"),
             b']' => {
                 Fault::new(Code::Expression, span, "']' closes nothing").help("is a [ missing before it?")
             }
@@ -348,11 +351,11 @@ impl<'text> Lexer<'text> {
                 "')' closes a comment that was not opened",
             ),
             b'%' => Fault::new(Code::StrayPercent, span, "'%' in the middle of a program")
-                .help("% stands alone, on the first line and on the last"),
+                .help("% must be alone on the first line and on the last"),
             b'\r' => Fault::new(Code::StrayReturn, span, "a carriage return inside a line")
                 .help("end lines with LF or CR LF"),
             b' '..=b'~' => {
-                let message = format!("'{}' means nothing here", char::from(byte));
+                let message = format!("'{}' has no meaning here", char::from(byte));
                 Fault::new(Code::UnexpectedCharacter, span, message)
             }
             0..=0x7f => {
@@ -365,12 +368,12 @@ impl<'text> Lexer<'text> {
 
     fn not_ascii(&self, byte: u8) -> Fault {
         let piece = &self.text[self.at..self.text.len().min(self.at + 4)];
-        let help = "outside comments a program is plain ASCII";
+        let help = "outside comments a program must be plain ASCII";
         match String::from_utf8_lossy(piece).chars().next() {
             Some(character) if character != char::REPLACEMENT_CHARACTER => {
                 let span = Span::new(self.at, self.at + character.len_utf8());
                 let shown = character.escape_debug();
-                Fault::new(Code::NotAscii, span, format!("'{shown}' means nothing here")).help(help)
+                Fault::new(Code::NotAscii, span, format!("'{shown}' has no meaning here")).help(help)
             }
             _ => {
                 let message = format!("byte 0x{byte:02x}, which is not even UTF-8");
@@ -380,7 +383,7 @@ impl<'text> Lexer<'text> {
     }
 }
 
-/// The powers of ten that a double holds exactly and a number of 15 digits needs.
+/// The powers of ten that a double represents exactly and a number of 15 digits needs.
 const POWERS_OF_TEN: [f64; 16] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
 ];
@@ -413,8 +416,8 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_correctly_rounded_like_the_standard_library_s() {
-        // Independent: the standard library's decimal conversion is exact to the last bit.
+    fn numbers_are_correctly_rounded() {
+        // Independent: the decimal conversion of the standard library is exact to the last bit.
         let mut random = evolvent_random::Random::from_state(0x9e37_79b9_7f4a_7c15);
         for _ in 0..20_000 {
             let state = random.bits();
@@ -425,7 +428,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_is_refused() {
+    fn invalid_numbers_are_rejected() {
         for (text, expected) in [
             (".", Code::BadNumber),
             ("+-1", Code::BadNumber),

@@ -1,4 +1,4 @@
-//! Lines that are kept to be read again: bodies of loops and subroutines, files of subroutines.
+//! Lines that are stored to be read again: bodies of loops and subroutines, subroutine files.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -6,11 +6,11 @@ use std::sync::Arc as Shared;
 
 use crate::parameters::names::NameId;
 
-/// Lines in one piece of memory.
+/// Lines in one block of memory.
 #[derive(Debug, Default)]
 pub(crate) struct Lines {
     bytes: Vec<u8>,
-    /// Where each line ends, and its number in its file.
+    /// End of each line, and its number in its file.
     ends: Vec<(usize, u32)>,
     /// The file, if it is not the program itself.
     pub(crate) file: Option<Shared<str>>,
@@ -36,7 +36,7 @@ impl Lines {
         Some((&self.bytes[start..end], line))
     }
 
-    /// All lines, one below the other.
+    /// All lines, separated by line feeds.
     fn text(&self) -> Vec<u8> {
         let mut text = Vec::with_capacity(self.bytes.len() + self.len());
         for index in 0..self.len() {
@@ -65,20 +65,20 @@ impl Lines {
     }
 }
 
-/// Where a subroutine's first line is.
+/// Position of a subroutine's first line.
 #[derive(Clone, Debug)]
 pub(crate) struct Subroutine {
     pub(crate) lines: Shared<Lines>,
     pub(crate) first: usize,
 }
 
-/// All subroutines known so far.
+/// All known subroutines.
 #[derive(Debug, Default)]
 pub(crate) struct Library {
     known: BTreeMap<NameId, Subroutine>,
-    /// Memory that the bodies take.
+    /// Memory of the bodies.
     pub(crate) size: usize,
-    /// Files that were read, by the name that was looked for.
+    /// Files that were read, by the requested name.
     files: Vec<(String, Shared<Lines>)>,
 }
 
@@ -87,12 +87,12 @@ impl Library {
         self.known.get(&name)
     }
 
-    /// Notes a file that was read.
+    /// Records a file that was read.
     pub(crate) fn note_file(&mut self, name: &str, lines: &Shared<Lines>) {
         self.files.push((format!("{name}.ngc"), Shared::clone(lines)));
     }
 
-    /// Files read so far: name and text, as it was taken up.
+    /// Files read so far: name, and text as read.
     pub(crate) fn files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
         self.files
             .iter()
@@ -103,7 +103,7 @@ impl Library {
         self.files.len()
     }
 
-    /// Keeps a subroutine; one of the same name is forgotten.
+    /// Stores a subroutine, replacing one with the same name.
     pub(crate) fn insert(&mut self, name: NameId, subroutine: Subroutine) {
         self.size += subroutine.lines.size();
         if let Some(old) = self.known.insert(name, subroutine)
@@ -114,15 +114,19 @@ impl Library {
     }
 }
 
-/// Why a file of a subroutine cannot be used.
+/// The reason why a subroutine file cannot be used.
 #[derive(Debug)]
 pub(crate) enum FileFault {
     Io(PathBuf, std::io::Error),
     TooLong(PathBuf),
 }
 
-/// Reads `NAME.ngc` from the first folder that has it; `None` where none has.
-pub(crate) fn find_file(name: &str, folders: &[PathBuf], most: usize) -> Result<Option<Lines>, FileFault> {
+/// Reads `NAME.ngc` from the first folder that contains it; `None` if none does.
+pub(crate) fn find_file(
+    name: &str,
+    folders: &[PathBuf],
+    max_bytes: usize,
+) -> Result<Option<Lines>, FileFault> {
     // A name in a program must not lead out of the folders.
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-' | b'.');
     if !name.bytes().all(plain) || name.starts_with('.') {
@@ -130,12 +134,12 @@ pub(crate) fn find_file(name: &str, folders: &[PathBuf], most: usize) -> Result<
     }
     for folder in folders {
         let path = folder.join(format!("{name}.ngc"));
-        let bytes = match evolvent_config::read_regular(&path, most as u64) {
+        let bytes = match evolvent_config::read_regular(&path, max_bytes as u64) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
             Err(error) => return Err(FileFault::Io(path, error)),
         };
-        if bytes.len() > most {
+        if bytes.len() > max_bytes {
             return Err(FileFault::TooLong(path));
         }
         let mut lines = Lines::of_file(Some(path.display().to_string().into()));

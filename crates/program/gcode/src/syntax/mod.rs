@@ -1,4 +1,4 @@
-//! From bytes to blocks: lines, tokens, words, formulas, and which word belongs to which code.
+//! From bytes to blocks: lines, tokens, words, expressions, and which word belongs to which code.
 
 pub(crate) mod block;
 pub(crate) mod comment;

@@ -1,4 +1,4 @@
-//! Characters to words, with their values.
+//! Converts characters into words with values.
 
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
@@ -8,29 +8,29 @@ use crate::state::scope::Scope;
 use crate::syntax::block::{Block, Keyword, OWord, Word};
 use crate::syntax::expression::Evaluator;
 use crate::syntax::expression::Target;
-use crate::syntax::lexer::{LARGEST_NUMBER, Lexer};
+use crate::syntax::lexer::{Lexer, MAX_NUMBER};
 
-/// Whether the line begins with `/`: with block delete on it is left out without being looked at.
+/// Whether the line starts with `/`: with block delete on it is skipped unread.
 pub(crate) fn is_block_delete(text: &[u8]) -> bool {
     first_character(text) == Some(b'/')
 }
 
-/// Whether the line is a `%` and nothing else.
+/// Whether the line consists of a `%`.
 pub(crate) fn is_percent(text: &[u8]) -> bool {
     let mut rest = text.iter().filter(|byte| !matches!(byte, b' ' | b'\t'));
     rest.next() == Some(&b'%') && rest.next().is_none()
 }
 
-/// First character of a line that is not blank.
+/// First character of a line that is not a space.
 pub(crate) fn first_character(text: &[u8]) -> Option<u8> {
     text.iter().copied().find(|byte| !matches!(byte, b' ' | b'\t'))
 }
 
-/// Reads one line into `block`, whatever was in there before.
+/// Reads one line into `block`, replacing its contents.
 pub(crate) fn parse(text: &[u8], block: &mut Block, scope: &Scope<'_>) -> Result<(), Fault> {
     block.clear();
     let mut lexer = Lexer::new(text);
-    // What may still come at the beginning: `/`, then N, then O.
+    // What may still come at the start: `/`, then N, then O.
     let mut first = true;
     let mut numbered = false;
     while let Some(byte) = lexer.peek() {
@@ -48,7 +48,7 @@ pub(crate) fn parse(text: &[u8], block: &mut Block, scope: &Scope<'_>) -> Result
                     line_number(value, span, numbered || !block.words.is_empty())?;
                     numbered = true;
                 } else {
-                    if value.abs() > LARGEST_NUMBER {
+                    if value.abs() > MAX_NUMBER {
                         return Err(too_large(letter, value, span));
                     }
                     block.words.push(Word { letter, value, span });
@@ -59,7 +59,7 @@ pub(crate) fn parse(text: &[u8], block: &mut Block, scope: &Scope<'_>) -> Result
             b';' => lexer.finish(),
             b'/' if first => lexer.advance(),
             b'/' => {
-                let message = "'/' only stands at the beginning of a line";
+                let message = "'/' is only permitted at the start of a line";
                 return Err(Fault::new(Code::MisplacedBlockDelete, Span::at(start), message));
             }
             b'0'..=b'9' | b'.' | b'+' | b'-' => {
@@ -80,7 +80,7 @@ pub(crate) fn parse(text: &[u8], block: &mut Block, scope: &Scope<'_>) -> Result
 
 fn line_number(number: f64, span: Span, misplaced: bool) -> Result<(), Fault> {
     if misplaced {
-        let message = "N: a line number only stands at the beginning of a line, once";
+        let message = "N: a line number is only permitted once, at the start of a line";
         return Err(Fault::new(
             Code::MisplacedLineNumber,
             Span::at(span.start as usize),
@@ -88,7 +88,7 @@ fn line_number(number: f64, span: Span, misplaced: bool) -> Result<(), Fault> {
         ));
     }
     if number < 0.0 {
-        let message = format!("N{number}: a line number is not negative");
+        let message = format!("N{number}: a line number must not be negative");
         return Err(Fault::new(Code::Negative, span, message));
     }
     Ok(())
@@ -96,7 +96,7 @@ fn line_number(number: f64, span: Span, misplaced: bool) -> Result<(), Fault> {
 
 #[cold]
 fn too_large(letter: u8, value: f64, span: Span) -> Fault {
-    let message = format!("{}{value:e} is beyond {LARGEST_NUMBER:e}", char::from(letter));
+    let message = format!("{}{value:e} is beyond {MAX_NUMBER:e}", char::from(letter));
     Fault::new(Code::NumberTooLarge, span, message).help("no machine travels that far")
 }
 
@@ -112,7 +112,7 @@ fn no_value(lexer: &mut Lexer<'_>, letter: u8, start: usize) -> Fault {
         _ => Fault::new(
             Code::NumberMissing,
             Span::at(start),
-            format!("{name} needs a number right after it"),
+            format!("{name} needs a number directly after it"),
         ),
     }
 }
@@ -149,7 +149,7 @@ fn assignment(lexer: &mut Lexer<'_>, block: &mut Block, scope: &Scope<'_>) -> Re
     Ok(())
 }
 
-/// The O-word at the beginning of a line; `None` for any other line.
+/// The O-word at the start of a line; `None` for any other line.
 #[inline]
 pub(crate) fn o_word(text: &[u8], scope: &Scope<'_>) -> Result<Option<OWord>, Fault> {
     match first_character(text) {
@@ -165,7 +165,7 @@ fn read_o_word(text: &[u8], scope: &Scope<'_>) -> Result<Option<OWord>, Fault> {
     }
     if matches!(lexer.peek(), Some(b'n' | b'N')) {
         lexer.advance();
-        // A bad line number is found when the line is read as an ordinary one.
+        // An invalid line number is reported when the line is read as an ordinary one.
         if !matches!(lexer.peek(), Some(b'0'..=b'9' | b'.')) || lexer.number().is_err() {
             return Ok(None);
         }
@@ -192,7 +192,10 @@ fn read_o_word(text: &[u8], scope: &Scope<'_>) -> Result<Option<OWord>, Fault> {
                 let number = Evaluator::new(&mut lexer, scope).value()?.unwrap_or(-1.0);
                 let whole = (number - number.round()).abs() <= 1e-4;
                 if !(0.0..=f64::from(u32::MAX)).contains(&number) || !whole {
-                    return Err(bad(&lexer, "the number of an O-word is whole and not negative"));
+                    return Err(bad(
+                        &lexer,
+                        "the number of an O-word must be an integer of at least 0",
+                    ));
                 }
                 Some(Normal::of_number(number.round() as u32))
             }
@@ -200,7 +203,7 @@ fn read_o_word(text: &[u8], scope: &Scope<'_>) -> Result<Option<OWord>, Fault> {
         _ => return Err(bad(&lexer, "O without a number or a name")),
     };
     let Some(name) = name else {
-        return Err(bad(&lexer, "this is no name for an O-word"));
+        return Err(bad(&lexer, "this is not a valid name for an O-word"));
     };
     let span = Span::new(start, lexer.place());
     let mut word = [0; 16];

@@ -1,11 +1,11 @@
-//! Lines out of a stream, in bounded memory.
+//! Reads lines from a stream in bounded memory.
 
 use std::io::{BufRead, Read};
 
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
 
-/// Reads physical lines. Memory is bounded by the longest line that is allowed.
+/// Reads physical lines. Memory is bounded by the maximum length of a line.
 pub(crate) struct LineReader<R> {
     input: R,
     max_line_bytes: usize,
@@ -26,13 +26,13 @@ impl<R: BufRead> LineReader<R> {
         self.line
     }
 
-    /// Reads the next line into `buffer`, without its end; `false` at the end of the input. After
-    /// [`Code::LineTooLong`] one can read on, after [`Code::ReadFailed`] not.
+    /// Reads the next line into `buffer`, without its end; false at the end of the input. Reading can continue after
+    /// [`Code::LineTooLong`], but not after [`Code::ReadFailed`].
     pub(crate) fn read_into(&mut self, buffer: &mut Vec<u8>) -> Result<bool, Fault> {
         buffer.clear();
-        // Two more than allowed: for CR and LF.
-        let room = self.max_line_bytes.saturating_add(2) as u64;
-        let read = self.input.by_ref().take(room).read_until(b'\n', buffer);
+        // Two more than permitted, for CR and LF.
+        let limit = self.max_line_bytes.saturating_add(2) as u64;
+        let read = self.input.by_ref().take(limit).read_until(b'\n', buffer);
         match read {
             Ok(0) => return Ok(false),
             Ok(_) => self.line = self.line.saturating_add(1),
@@ -59,7 +59,7 @@ impl<R: BufRead> LineReader<R> {
             let help = "is this a part program? If so, split the line";
             return Err(Fault::new(Code::LineTooLong, span, message).help(help));
         }
-        // The mark that some editors put at the beginning of UTF-8 text; columns count from after it.
+        // The byte order mark that some editors write; columns are counted after it.
         if self.line == 1 && buffer.starts_with(b"\xef\xbb\xbf") {
             buffer.drain(..3);
         }
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ends_of_lines_of_every_system_and_a_byte_order_mark_are_taken_off() {
+    fn line_ends_and_byte_order_marks_are_removed() {
         let mut text = Vec::new();
         let mut reader = LineReader::new(&b"\xef\xbb\xbfG0\r\n\nG1\nend"[..], 10);
         for expected in [&b"G0"[..], b"", b"G1", b"end"] {
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_of_the_greatest_length_passes_and_one_byte_more_does_not() {
+    fn the_maximum_line_length_is_exact() {
         let mut text = Vec::new();
         let mut reader = LineReader::new(&b"12345\r\n123456\r\n1234567890123\nG1"[..], 5);
         assert_eq!(reader.read_into(&mut text), Ok(true));

@@ -1,7 +1,7 @@
-//! What a line asks for: its codes by modal group, its other words by letter, and who uses which.
+//! The meaning of a line: its codes by modal group, its other words by letter, and the assignment of words to codes.
 //!
-//! Everything that can be wrong with a line whatever the machine's state (but for the motion mode that it
-//! inherits) is found here, before anything is executed.
+//! All errors of a line that are independent of the machine's state (except the inherited motion mode) are found here, before
+//! anything is executed.
 
 use evolvent_path::{AXES, AxisLetter};
 
@@ -17,7 +17,7 @@ use crate::{Code, Settings};
 /// The letters, and `@` `^` `$`.
 pub(crate) const WORDS: usize = 29;
 
-/// Codes and words of one line. Kept and filled again.
+/// Codes and words of one line. Reused.
 #[derive(Clone, Debug)]
 pub(crate) struct Statement {
     /// The G code of each group, if any, its place and its number as written.
@@ -26,11 +26,11 @@ pub(crate) struct Statement {
     m: [Option<(MCode, Span, f64)>; GROUPS],
     values: [f64; WORDS],
     spans: [Span; WORDS],
-    /// Bit per word.
+    /// One bit per word.
     present: u32,
     any_m: bool,
     any_mode: bool,
-    /// What moves: a code on the line, or the motion mode in force if there is something for it.
+    /// The motion: a code on the line, or the active motion mode if the line has words for it.
     motion: Option<Motion>,
 }
 
@@ -86,7 +86,7 @@ impl Statement {
         }
     }
 
-    /// Fills in a line. `modal` is the motion mode in force.
+    /// Fills in a line. `modal` is the active motion mode.
     pub(crate) fn fill(&mut self, block: &Block, modal: Motion, settings: &Settings) -> Result<(), Fault> {
         if self.any_mode || self.g[Group::Motion as usize].is_some() {
             self.g = [None; GROUPS];
@@ -104,14 +104,14 @@ impl Statement {
                 letter => self.add_word(letter, word.value, word.span, settings)?,
             }
         }
-        self.settle_motion(modal)?;
+        self.select_motion(modal)?;
         if settings.lathe {
             self.check_increments(&settings.axes)?;
         }
         self.check_use()
     }
 
-    /// Leaves T and M6 here and gives what else is on the line.
+    /// Keeps T and M6 here and returns the rest of the line.
     pub(crate) fn divide(&mut self) -> Self {
         let mut rest = self.clone();
         rest.m[Group::ToolChange as usize] = None;
@@ -155,7 +155,7 @@ impl Statement {
         }
     }
 
-    /// The tool length offset that stands on the line.
+    /// The tool length offset on the line.
     pub(crate) fn length_offset(&self) -> Option<LengthOffset> {
         match self.g(Group::LengthOffset) {
             Some(GCode::LengthOffset(offset)) => Some(offset),
@@ -163,7 +163,7 @@ impl Statement {
         }
     }
 
-    /// The cutter compensation that stands on the line.
+    /// The cutter compensation code on the line.
     pub(crate) fn compensation(&self) -> Option<Compensation> {
         match self.g(Group::CutterCompensation) {
             Some(GCode::Compensation(code)) => Some(code),
@@ -171,12 +171,12 @@ impl Statement {
         }
     }
 
-    /// What moves.
+    /// The motion.
     pub(crate) fn motion(&self) -> Option<Motion> {
         self.motion
     }
 
-    /// The motion code that stands on the line.
+    /// The motion code on the line.
     pub(crate) fn motion_code(&self) -> Option<Motion> {
         match self.g(Group::Motion) {
             Some(GCode::Motion(motion)) => Some(motion),
@@ -184,7 +184,7 @@ impl Statement {
         }
     }
 
-    /// Whether the line holds a straight move and F, and nothing else.
+    /// Whether the line consists of a straight move and F.
     #[inline]
     pub(crate) fn is_plain_move(&self) -> bool {
         matches!(self.motion, Some(Motion::Rapid | Motion::Linear))
@@ -204,7 +204,7 @@ impl Statement {
         self.present & bit(letter) != 0
     }
 
-    /// Value of an axis' word, by the axis' index.
+    /// Value of an axis word, by axis index.
     #[inline]
     pub(crate) fn axis(&self, index: usize) -> Option<f64> {
         self.word(b"XYZABCUVW"[index])
@@ -220,7 +220,7 @@ impl Statement {
         self.any_m
     }
 
-    /// Whether there is any G code but a motion.
+    /// Whether there is any G code other than a motion.
     #[inline]
     pub(crate) fn has_g_modes(&self) -> bool {
         self.any_mode
@@ -230,7 +230,7 @@ impl Statement {
         self.present & POLAR_BITS != 0
     }
 
-    /// A word that is a whole number, not negative.
+    /// A word that must be a non-negative integer.
     pub(crate) fn whole(&self, letter: u8) -> Result<Option<u32>, Fault> {
         match self.word(letter) {
             Some(value) => whole(value, char::from(letter), self.span(letter)).map(Some),
@@ -238,7 +238,7 @@ impl Statement {
         }
     }
 
-    /// Place of a word on the line, or of the motion if there is no such word.
+    /// Span of a word on the line, or of the motion if the word is absent.
     pub(crate) fn span(&self, letter: u8) -> Span {
         if self.has(letter) {
             self.spans[place(letter)]
@@ -247,7 +247,7 @@ impl Statement {
         }
     }
 
-    /// Place of a group's code, or of the motion.
+    /// Span of a group's code, or of the motion.
     pub(crate) fn group_span(&self, group: Group) -> Span {
         self.g[group as usize]
             .map(|(_, span, _)| span)
@@ -255,7 +255,7 @@ impl Statement {
             .unwrap_or_else(|| self.motion_span())
     }
 
-    /// Place of the motion code; if it does not stand on the line, of the words that it moves.
+    /// Span of the motion code, or of the words that it moves if it is not on the line.
     pub(crate) fn motion_span(&self) -> Span {
         if let Some((_, span, _)) = self.g[Group::Motion as usize] {
             return span;
@@ -275,7 +275,7 @@ impl Statement {
             .unwrap_or_else(|| Span::new(0, 0))
     }
 
-    /// U and W are increments of X and Z in the turning cycles of a lathe that has no such axes.
+    /// U and W are increments of X and Z in the turning cycles of a lathe without such axes.
     fn check_increments(&self, axes: &[bool; AXES]) -> Result<(), Fault> {
         if matches!(self.motion, Some(Motion::Turning(_))) {
             return Ok(());
@@ -301,7 +301,7 @@ impl Statement {
                     span,
                     "G75 is a turning cycle, and this machine is a mill",
                 )
-                .help("machines of kind = \"lathe\" have it"));
+                .help("machines with kind = \"lathe\" support it"));
             }
             if let Some((message, help)) = crate::diagnostics::foreign::g_code(tenths).filter(|_| whole) {
                 return Err(Fault::new(Code::UnknownG, span, message).help(help));
@@ -311,7 +311,7 @@ impl Statement {
         };
         let group = code.group();
         if let Some((before, _, first)) = self.g[group as usize] {
-            // G80 cancels a cycle and leaves the rest to the other code.
+            // G80 cancels a cycle and leaves the words to the other code.
             if code == GCode::Motion(Motion::None) && before != code {
                 return Ok(());
             }
@@ -352,7 +352,7 @@ impl Statement {
         let axes = &settings.axes;
         let name = char::from(letter);
         if self.has(letter) {
-            let message = format!("{name} stands twice on this line");
+            let message = format!("{name} occurs twice on this line");
             return Err(Fault::new(Code::RepeatedWord, span, message).help("only G and M may be repeated"));
         }
         if bit(letter) & AXIS_BITS & !POLAR_BITS != 0 {
@@ -380,8 +380,8 @@ impl Statement {
         Ok(())
     }
 
-    /// Decides what moves, and that one code only wants the axis words.
-    fn settle_motion(&mut self, modal: Motion) -> Result<(), Fault> {
+    /// Determines the motion, and checks that only one code uses the axis words.
+    fn select_motion(&mut self, modal: Motion) -> Result<(), Fault> {
         let code = self.motion_code();
         let moving = code.filter(|motion| *motion != Motion::None);
         let taker = match self.once() {
@@ -402,7 +402,7 @@ impl Statement {
                 ));
             }
             if let Some(motion) = moving {
-                let message = format!("{taker} and {} both want the axis words", motion.name());
+                let message = format!("{taker} and {} both use the axis words", motion.name());
                 return Err(
                     Fault::new(Code::TwoUsers, self.motion_span(), message).help("write them on two lines")
                 );
@@ -445,7 +445,7 @@ impl Statement {
         Ok(())
     }
 
-    /// Every word has a user, and P, Q, R, L, D, E and H only one.
+    /// Checks that every word has a user, and that P, Q, R, L, D, E and H have only one.
     fn check_use(&self) -> Result<(), Fault> {
         let plain = ALWAYS_USED | AXIS_BITS;
         if self.present & !plain == 0 && self.once().is_none() {
@@ -547,7 +547,7 @@ impl Statement {
         }
     }
 
-    /// Values that are wrong whatever the state.
+    /// Values that are invalid in any state.
     fn check_values(&self) -> Result<(), Fault> {
         let dwell = self.once() == Some(NonModal::Dwell);
         let blend = self.g(Group::PathControl) == Some(GCode::Path(PathControl::Blend));
@@ -578,7 +578,7 @@ impl Statement {
             && self.has_axes()
             && self.motion_code().is_none()
         {
-            // LinuxCNC takes the axis words for a motion in the mode in force, which is rarely what was meant.
+            // LinuxCNC uses the axis words for a motion in the active mode, which is rarely intended.
             return Ok(());
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! What can be wrong with words, told.
+//! Errors about words.
 
 use evolvent_path::{AXES, AxisLetter};
 
@@ -21,7 +21,7 @@ impl Statement {
         if first == b'Q' && self.motion_code() == Some(Motion::QuadraticSpline) {
             let message = "G5.1 Q: G5.1 is a quadratic spline in this dialect, not a switch for look-ahead";
             return Fault::new(Code::UnusedWord, self.motion_span(), message)
-                .help("leave the line out: look-ahead is always on; G64 P.. sets the tolerance at corners");
+                .help("remove the line: look-ahead is always on; G64 P.. sets the tolerance at corners");
         }
         match first {
             b'E' => fault.help(
@@ -59,7 +59,7 @@ pub(crate) fn two_of_group(group: Group, span: Span, mut message: String) -> Fau
     message.push_str(" are both ");
     message.push_str(group.name());
     Fault::new(Code::ModalGroup, span, message)
-        .help("one of a kind per line: write them on two lines, or leave one out")
+        .help("one code per group and line: write them on two lines, or remove one")
 }
 
 #[cold]
@@ -67,19 +67,19 @@ pub(crate) fn negative(letter: char, value: f64, span: Span) -> Fault {
     Fault::new(Code::Negative, span, format!("{letter}{value} is negative"))
 }
 
-/// A whole number that is not negative. As in LinuxCNC a rounding error of 1e-4 passes.
+/// A non-negative integer. As in LinuxCNC a rounding error of 1e-4 is accepted.
 pub(crate) fn whole(value: f64, name: char, span: Span) -> Result<u32, Fault> {
     let rounded = value.round();
     if (value - rounded).abs() > 1e-4 {
         return Err(Fault::new(
             Code::NotInteger,
             span,
-            format!("{name}{value}: {name} must be a whole number"),
+            format!("{name}{value}: {name} must be an integer"),
         ));
     }
     if rounded < 0.0 {
         return Err(negative(name, value, span));
     }
-    // The parser lets no number beyond 1e9 pass, so this fits.
+    // The parser rejects numbers beyond 1e9, so this fits.
     Ok(rounded as u32)
 }

@@ -1,4 +1,4 @@
-//! Files beside a program: tool table and parameter file.
+//! Files of a machine: tool table and parameter file.
 
 pub(crate) mod parameter_file;
 pub(crate) mod store;

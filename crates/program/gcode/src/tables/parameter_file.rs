@@ -1,4 +1,4 @@
-//! Parameters that outlive a program, in LinuxCNC's file format: a line each, number and value.
+//! Persistent parameters in LinuxCNC's file format: number and value on each line.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -11,43 +11,43 @@ use crate::parameters::values::{G92, G92_ACTIVE, HOME_G28, HOME_G30, NUMBERED, W
 use crate::tables::store::{read_text, replace_file};
 use crate::{Interpreter, Settings, StoreError, WORK_OFFSETS};
 
-/// Greatest magnitude of a kept value, as of a number in a program.
-const LARGEST: f64 = 1e9;
+/// Maximum magnitude of a stored value, as for a number in a program.
+const MAX_VALUE: f64 = 1e9;
 
-/// Why a text is no parameter file.
+/// The reason why a text is not a parameter file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ParameterFileError {
-    /// A line that is not a number and a value.
+    /// A line is not a number and a value.
     #[error(
         "line {line}: \"{text}\" is no number of a parameter with a value; write lines such as 5221 12.5, values within \
          1e9"
     )]
     Line {
-        /// From 1.
+        /// Line, from 1.
         line: usize,
         /// As written.
         text: String,
     },
-    /// A number that no parameter has.
-    #[error("line {line}: there is no parameter {number}; numbers are 1 to {}", NUMBERED - 1)]
+    /// The parameter does not exist.
+    #[error("line {line}: parameter {number} does not exist; numbers are 1 to {}", NUMBERED - 1)]
     Number {
-        /// From 1.
+        /// Line, from 1.
         line: usize,
         /// As written.
         number: u32,
     },
-    /// A parameter twice.
-    #[error("line {line}: parameter {number} is there already; keep one of the lines")]
+    /// A parameter occurs twice.
+    #[error("line {line}: parameter {number} occurs twice; keep one of the lines")]
     Twice {
-        /// From 1.
+        /// Line, from 1.
         line: usize,
         /// The parameter.
         number: u32,
     },
 }
 
-/// Numbered parameters that are kept from run to run: those that the file names, and always the places of G28 and G30, the
-/// offset of G92 and the work offsets. Lengths in mm, angles in degrees.
+/// Numbered parameters that persist from run to run: those in the file, and always the positions of G28 and G30, the offset of
+/// G92 and the work offsets. Lengths in mm, angles in degrees.
 ///
 /// ```no_run
 /// use evolvent_gcode::{Interpreter, KeptParameters, Settings};
@@ -69,7 +69,7 @@ pub struct KeptParameters {
 }
 
 impl Default for KeptParameters {
-    /// Everything at 0, G54 in force.
+    /// Everything at 0, G54 active.
     fn default() -> Self {
         let mut values = BTreeMap::new();
         let mut row = |first: usize, count: usize| {
@@ -88,10 +88,10 @@ impl Default for KeptParameters {
 }
 
 impl KeptParameters {
-    /// Reads a text: lines of number and value, in any order; blank lines and what follows `;` are skipped.
+    /// Parses a text: lines of number and value, in any order; empty lines and text after `;` are skipped.
     ///
     /// # Errors
-    /// The first line that is none.
+    /// The first invalid line.
     pub fn parse(text: &str) -> Result<Self, ParameterFileError> {
         let mut kept = Self::default();
         let mut seen = std::collections::BTreeSet::new();
@@ -106,7 +106,7 @@ impl KeptParameters {
             let value = words
                 .next()
                 .and_then(|word| word.parse::<f64>().ok())
-                .filter(|value| value.is_finite() && value.abs() <= LARGEST);
+                .filter(|value| value.is_finite() && value.abs() <= MAX_VALUE);
             let (Some(number), Some(value), None) = (number, value, words.next()) else {
                 let text = content.chars().take(60).collect();
                 return Err(ParameterFileError::Line { line, text });
@@ -122,10 +122,10 @@ impl KeptParameters {
         Ok(kept)
     }
 
-    /// Reads a file. One that does not exist yet is [`KeptParameters::default`].
+    /// Reads a file. A file that does not exist yet gives [`KeptParameters::default`].
     ///
     /// # Errors
-    /// The file cannot be read or is none.
+    /// [`StoreError`] if the file cannot be read or is invalid.
     pub fn load(path: &Path) -> Result<Self, StoreError> {
         let Some(text) = read_text(path)? else {
             return Ok(Self::default());
@@ -136,35 +136,35 @@ impl KeptParameters {
         })
     }
 
-    /// Replaces a file, or leaves it as it is: written aside, then renamed.
+    /// Replaces a file atomically: written under another name, then renamed.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// [`StoreError`] if the file cannot be written; the old one is then unchanged.
     pub fn save(&self, path: &Path) -> Result<(), StoreError> {
         replace_file(path, &self.to_text())
     }
 
-    /// The text of a file. LinuxCNC reads it too.
+    /// The text of the file, which LinuxCNC reads too.
     #[must_use]
     pub fn to_text(&self) -> String {
         let mut text = String::new();
         for (number, value) in &self.values {
-            // Writing to a string cannot fail; all digits, so that a value comes back to the last bit.
+            // Writing to a string cannot fail; all digits, so that a value is reproduced bit for bit.
             let _ = writeln!(text, "{number}\t{value:?}");
         }
         text
     }
 
-    /// A parameter; `None` if it is not kept.
+    /// A parameter; `None` if it is not persistent.
     #[must_use]
     pub fn get(&self, number: u32) -> Option<f64> {
         self.values.get(&number).copied()
     }
 
-    /// Keeps a parameter from now on. `false`, and nothing happens, for a number that no parameter has and a value
-    /// that is not finite or beyond 1e9.
+    /// Makes a parameter persistent. Returns false, without effect, if the parameter does not exist or the value is not finite or
+    /// beyond 1e9.
     pub fn set(&mut self, number: u32, value: f64) -> bool {
-        let right = (1..NUMBERED as u32).contains(&number) && value.is_finite() && value.abs() <= LARGEST;
+        let right = (1..NUMBERED as u32).contains(&number) && value.is_finite() && value.abs() <= MAX_VALUE;
         if right {
             self.values.insert(number, value);
         }
@@ -176,7 +176,7 @@ impl KeptParameters {
         self.values.iter().map(|(number, value)| (*number, *value))
     }
 
-    /// Which work offset is in force, 0 for G54.
+    /// The active work offset, 0 for G54.
     #[must_use]
     pub fn active_offset(&self) -> usize {
         let number = self.at(WORK_OFFSET);
@@ -187,7 +187,7 @@ impl KeptParameters {
         }
     }
 
-    /// Work zero of an offset (0 for G54 to 8 for G59.3), machine coordinates in mm and degrees; zero for others.
+    /// Work zero of an offset (0 for G54 to 8 for G59.3), machine coordinates in mm and degrees; zero for other indices.
     #[must_use]
     pub fn work_offset(&self, index: usize) -> Axes {
         if index >= WORK_OFFSETS {
@@ -196,7 +196,7 @@ impl KeptParameters {
         self.axes(WORK_OFFSET_1 + 20 * index)
     }
 
-    /// Rotation of a work offset's XY, degrees.
+    /// Rotation of XY of a work offset, degrees.
     #[must_use]
     pub fn rotation_deg(&self, index: usize) -> f64 {
         if index >= WORK_OFFSETS {
@@ -205,12 +205,12 @@ impl KeptParameters {
         self.at(WORK_OFFSET_1 + 20 * index + AXES)
     }
 
-    /// Writes a work offset. `false`, and nothing happens, for an index beyond 8 or values that are none.
+    /// Writes a work offset. Returns false, without effect, for an index above 8 or invalid values.
     pub fn set_work_offset(&mut self, index: usize, offset: &Axes) -> bool {
         let right = index < WORK_OFFSETS
             && offset
                 .iter()
-                .all(|value| value.is_finite() && value.abs() <= LARGEST);
+                .all(|value| value.is_finite() && value.abs() <= MAX_VALUE);
         if right {
             for (axis, value) in offset.iter().enumerate() {
                 self.values
@@ -220,7 +220,7 @@ impl KeptParameters {
         right
     }
 
-    /// Puts the values where a program finds them: offsets, rotation, the places of G28 and G30, and all others.
+    /// Supplies the values to a program: offsets, rotation, the positions of G28 and G30, and all others.
     pub fn apply(&self, settings: &mut Settings) {
         settings.parameters = self.iter().collect();
         for (index, offset) in settings.work_offsets.iter_mut().enumerate() {
@@ -234,11 +234,11 @@ impl KeptParameters {
         };
     }
 
-    /// Takes over what a program has written to the parameters that are kept, up to the line that was read last.
+    /// Takes over what a program has written to the persistent parameters, up to the line read last.
     pub fn update<R: BufRead>(&mut self, interpreter: &Interpreter<R>) {
         for (number, value) in &mut self.values {
             let now = interpreter.parameter(*number);
-            if now.is_finite() && now.abs() <= LARGEST {
+            if now.is_finite() && now.abs() <= MAX_VALUE {
                 *value = now;
             }
         }
@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_parameter_file_is_refused_with_its_line() {
+    fn invalid_parameter_files_are_rejected_with_their_line() {
         for (text, line) in [
             ("5161", 1),
             ("5161 1\nx 1", 2),
@@ -348,7 +348,7 @@ mod tests {
         assert_eq!((kept.get(100), kept.get(101)), (Some(42.0), None));
         let text = kept.to_text();
         let mut kept = KeptParameters::parse(&text).unwrap();
-        // G55 turned by 90 degrees: X1 of the work is one beyond Y20 of the machine.
+        // G55 rotated by 90 degrees: X1 of the work is one beyond Y20 of the machine.
         let end = end_of(&run("G0 X1 Y0 Z0\nM2\n", &mut kept));
         assert!(
             (end[0] - 10.0).abs() < 1e-12 && (end[1] - 21.0).abs() < 1e-12,
@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn a_suspended_offset_of_g92_can_be_restored_by_the_next_program() {
+    fn the_next_program_can_restore_a_suspended_g92() {
         let mut kept = KeptParameters::default();
         run("G92 X7\nG92.2\nM2\n", &mut kept);
         assert_eq!((kept.get(5210), kept.get(5211)), (Some(0.0), Some(-7.0)));
@@ -367,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_replaced_whole_and_a_missing_one_is_the_default() {
+    fn files_are_replaced_atomically() {
         let folder = std::env::temp_dir().join(format!("evolvent-kept-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         let file = folder.join("mill.var");

@@ -1,4 +1,4 @@
-//! Files that outlive a run: read whole and bounded, written aside and renamed.
+//! Files that outlive a run: read completely with a size limit, and replaced atomically.
 
 use std::ffi::OsString;
 use std::fs::File;
@@ -7,21 +7,21 @@ use std::path::Path;
 
 use crate::{ParameterFileError, ToolTableError};
 
-/// Longest file of tools or parameters, in bytes.
+/// Maximum size of a tool table or parameter file, in bytes.
 const MAX_BYTES: u64 = 4 << 20;
 
-/// Why a file of tools or parameters cannot be read or written.
+/// The reason why a tool table or parameter file cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// It cannot be read.
-    #[error("{file}: {source}; name a file that can be read")]
+    #[error("{file}: {source}; name a readable file")]
     Read {
         /// The file.
         file: String,
-        /// Why not.
+        /// The error of the operating system.
         source: Error,
     },
-    /// It is too long to be one.
+    /// It exceeds the maximum size.
     #[error("{file} is longer than {limit_bytes} bytes; is it the right file?")]
     TooLong {
         /// The file.
@@ -29,41 +29,41 @@ pub enum StoreError {
         /// The limit.
         limit_bytes: u64,
     },
-    /// It is no text.
-    #[error("{file} is no text from byte {byte} on; save it as UTF-8")]
+    /// It is not text.
+    #[error("{file} is not text at byte {byte}; save it as UTF-8")]
     NotText {
         /// The file.
         file: String,
-        /// How many bytes are.
+        /// Offset of the first invalid byte.
         byte: usize,
     },
-    /// It is no tool table.
+    /// It is not a tool table.
     #[error("{file}: {source}")]
     Tools {
         /// The file.
         file: String,
-        /// What is wrong.
+        /// The error.
         source: ToolTableError,
     },
-    /// It is no parameter file.
+    /// It is not a parameter file.
     #[error("{file}: {source}")]
     Parameters {
         /// The file.
         file: String,
-        /// What is wrong.
+        /// The error.
         source: ParameterFileError,
     },
-    /// It cannot be written; what was there before is still there.
-    #[error("{file} cannot be written: {source}; free room or name another place")]
+    /// It cannot be written; the old contents are unchanged.
+    #[error("{file} cannot be written: {source}; free disk space or name another file")]
     Write {
         /// The file.
         file: String,
-        /// Why not.
+        /// The error of the operating system.
         source: Error,
     },
 }
 
-/// The text of a file; `None` where there is no such file.
+/// The text of a file; `None` if it does not exist.
 pub(crate) fn read_text(path: &Path) -> Result<Option<String>, StoreError> {
     let file = || path.display().to_string();
     let failed = |source| StoreError::Read { file: file(), source };
@@ -86,12 +86,12 @@ pub(crate) fn read_text(path: &Path) -> Result<Option<String>, StoreError> {
         })
 }
 
-/// Replaces a file, or leaves it as it is: whoever reads it sees the old or the new text, also after a power cut.
+/// Replaces a file atomically: readers see either the old or the new text, also after a power failure.
 ///
 /// # Errors
-/// It cannot be written.
+/// [`StoreError`] if it cannot be written.
 pub fn replace_file(path: &Path, text: &str) -> Result<(), StoreError> {
-    // A link stays one.
+    // A symbolic link stays a link.
     let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
     let mut name = OsString::from(".");
     name.push(target.file_name().unwrap_or_default());
@@ -104,14 +104,14 @@ pub fn replace_file(path: &Path, text: &str) -> Result<(), StoreError> {
         })
         .and_then(|()| std::fs::rename(&beside, &target));
     if let Err(source) = written {
-        // Nothing to add if this fails too: the first error says why.
+        // Ignored: the first error states the cause.
         let _ = std::fs::remove_file(&beside);
         return Err(StoreError::Write {
             file: path.display().to_string(),
             source,
         });
     }
-    // Some file systems cannot sync a folder; the new text is complete all the same.
+    // Some file systems cannot sync a folder; the new text is complete in any case.
     if let Some(folder) = target.parent() {
         let folder = if folder.as_os_str().is_empty() {
             Path::new(".")

@@ -9,78 +9,78 @@ use evolvent_path::{AXES, Axes, AxisLetter};
 use crate::StoreError;
 use crate::tables::store::{read_text, replace_file};
 
-/// A tool: its number and what is known of its shape.
+/// A tool: its number and geometry.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tool {
-    /// The number that T and H name, from 1.
+    /// Number used by T and H, from 1.
     pub number: u32,
-    /// Where the changer keeps it.
+    /// Pocket in the tool changer.
     pub pocket: u32,
-    /// From the spindle's reference to the tool's tip, mm and degrees: what G43 adds.
+    /// From the spindle's reference point to the tool tip, mm and degrees: the offset of G43.
     pub offset: Axes,
-    /// In mm; 0 if unknown.
+    /// Diameter in mm; 0 if unknown.
     pub diameter_mm: f64,
-    /// Angle of the front edge of a turning tool, degrees.
+    /// Front angle of a turning tool, degrees.
     pub front_angle: f64,
-    /// Angle of the back edge of a turning tool, degrees.
+    /// Back angle of a turning tool, degrees.
     pub back_angle: f64,
-    /// Where the tip of a turning tool points, 1 to 9; 0 for a mill. G41 and G42 in G18 count on it: they guide the centre
-    /// of the nose, and the lengths of `offset` belong to the tip.
+    /// Orientation of the tip of a turning tool, 1 to 9; 0 for a mill. G41 and G42 in G18 use it: they guide the centre of the nose,
+    /// whereas `offset` refers to the tip.
     pub orientation: u32,
 }
 
-/// Greatest [`Tool::orientation`].
+/// Maximum [`Tool::orientation`].
 pub(crate) const MAX_ORIENTATION: u32 = 9;
 
-/// Why a tool table cannot be used.
+/// The reason why a tool table is invalid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ToolTableError {
-    /// A word that is none.
+    /// An invalid word.
     #[error(
-        "line {line} of the tool table: \"{word}\" is no letter with a number; write words such as T1 P1 D6 Z12.5"
+        "line {line} of the tool table: \"{word}\" is not a letter with a number; write words such as T1 P1 D6 Z12.5"
     )]
     Word {
-        /// From 1.
+        /// Line, from 1.
         line: usize,
         /// As written.
         word: String,
     },
     /// A line without T.
-    #[error("line {line} of the tool table names no tool; begin it with T and the tool's number")]
+    #[error("line {line} of the tool table names no tool; start it with T and the tool number")]
     NoTool {
-        /// From 1.
+        /// Line, from 1.
         line: usize,
     },
-    /// A direction of the tip that there is none.
+    /// An invalid orientation of the tip.
     #[error(
-        "line {line} of the tool table: \"{word}\": the tip of a turning tool points to one of Q1 to Q9, a mill has Q0"
+        "line {line} of the tool table: \"{word}\": the orientation of a turning tool is Q1 to Q9, that of a mill Q0"
     )]
     Orientation {
-        /// From 1.
+        /// Line, from 1.
         line: usize,
         /// As written.
         word: String,
     },
-    /// One tool twice.
+    /// A tool occurs twice.
     #[error("line {line} of the tool table names tool {tool} again; keep one of the lines")]
     Twice {
-        /// From 1.
+        /// Line, from 1.
         line: usize,
         /// The tool.
         tool: u32,
     },
 }
 
-/// All tools that a machine knows.
+/// All tools of a machine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToolTable {
     tools: Vec<Tool>,
-    /// What stands behind `;` on the line of a tool.
+    /// The text after `;` on the line of a tool.
     remarks: BTreeMap<u32, String>,
 }
 
 impl Tool {
-    /// A tool about which nothing is known.
+    /// A tool without data.
     #[must_use]
     pub fn new(number: u32) -> Self {
         Self {
@@ -96,7 +96,7 @@ impl Tool {
 }
 
 impl ToolTable {
-    /// A table of these tools; of several with one number the first counts.
+    /// A table of these tools; of several with the same number the first is used.
     #[must_use]
     pub fn new(tools: Vec<Tool>) -> Self {
         Self {
@@ -108,7 +108,7 @@ impl ToolTable {
     /// Reads a file in LinuxCNC's format; see [`ToolTable::parse`].
     ///
     /// # Errors
-    /// The file cannot be read or is none; a table that does not exist is an error too.
+    /// [`StoreError`] if the file does not exist, cannot be read or is invalid.
     pub fn load(path: &Path) -> Result<Self, StoreError> {
         let file = || path.display().to_string();
         let text = read_text(path)?.ok_or_else(|| StoreError::Read {
@@ -118,20 +118,20 @@ impl ToolTable {
         Self::parse(&text).map_err(|source| StoreError::Tools { file: file(), source })
     }
 
-    /// Replaces a file, or leaves it as it is: written aside, then renamed.
+    /// Replaces a file atomically: written under another name, then renamed.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// [`StoreError`] if the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), StoreError> {
         replace_file(path, &self.to_text())
     }
 
-    /// The table in LinuxCNC's format, a tool a line in the order read; remarks are kept.
+    /// The table in LinuxCNC's format, one tool per line in the order read; remarks are kept.
     #[must_use]
     pub fn to_text(&self) -> String {
         let mut text = String::new();
         for tool in &self.tools {
-            // Writing to a string cannot fail; all digits, so that a measure comes back to the last bit.
+            // Writing to a string cannot fail; all digits, so that a value is reproduced bit for bit.
             let _ = write!(text, "T{} P{}", tool.number, tool.pocket);
             let lengths = AxisLetter::ALL.map(|axis| (axis.letter(), tool.offset[axis.index()]));
             let shape = [
@@ -155,11 +155,11 @@ impl ToolTable {
         text
     }
 
-    /// Reads a table in LinuxCNC's format: a tool a line, words `T P X Y Z A B C U V W D I J Q`, `;` before a
-    /// remark. Lengths in mm.
+    /// Parses a table in LinuxCNC's format: one tool per line, words `T P X Y Z A B C U V W D I J Q`, `;` before a remark. Lengths in
+    /// mm.
     ///
     /// # Errors
-    /// The first word that cannot be read, a line without T, a tool that is there twice.
+    /// [`ToolTableError`] for the first invalid word, a line without T, or a tool that occurs twice.
     pub fn parse(text: &str) -> Result<Self, ToolTableError> {
         let mut tools: Vec<Tool> = Vec::new();
         let mut remarks = BTreeMap::new();
@@ -225,7 +225,7 @@ impl ToolTable {
         Ok(Self { tools, remarks })
     }
 
-    /// The tool of a number.
+    /// The tool with this number.
     #[must_use]
     pub fn get(&self, number: u32) -> Option<&Tool> {
         self.tools.iter().find(|tool| tool.number == number)
@@ -237,7 +237,7 @@ impl ToolTable {
         &self.tools
     }
 
-    /// Writes a tool, new or known. Measures are checked where a program uses them.
+    /// Adds or replaces a tool. Its data are checked when a program uses them.
     pub fn set(&mut self, tool: Tool) {
         match self.tools.iter_mut().find(|known| known.number == tool.number) {
             Some(known) => *known = tool,
@@ -245,8 +245,8 @@ impl ToolTable {
         }
     }
 
-    /// A random changer has put tool `present` into the pocket of tool `new`, which is in the spindle now, pocket 0. An empty
-    /// pocket is a tool of number 0.
+    /// Records the exchange of a random tool changer: tool `present` is now in the pocket of tool `new`, which is in the spindle,
+    /// pocket 0. An empty pocket is a tool with number 0.
     pub fn swap_pockets(&mut self, new: u32, present: u32) {
         let Some(pocket) = self
             .get(new)
@@ -269,7 +269,7 @@ impl ToolTable {
         }
     }
 
-    /// Forgets a tool; `false` if it is not there.
+    /// Removes a tool; false if it does not exist.
     pub fn remove(&mut self, number: u32) -> bool {
         let before = self.tools.len();
         self.tools.retain(|tool| tool.number != number);
@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_are_changed_and_come_back_from_a_file_to_the_last_bit() {
+    fn tables_round_trip_bit_for_bit() {
         let mut table = ToolTable::parse("T1 P1 Z1 ;one\nT2 P2\n").unwrap();
         let mut tool = Tool::new(7);
         tool.offset[2] = 0.1 + 0.2;
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_table_is_refused_with_its_line() {
+    fn invalid_tables_are_rejected_with_their_line() {
         assert_eq!(
             ToolTable::parse("T1\nP2"),
             Err(ToolTableError::NoTool { line: 2 })

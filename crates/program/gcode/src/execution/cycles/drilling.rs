@@ -1,6 +1,6 @@
 //! Canned cycles: G73, G74, G81 to G89 in G17, G18 and G19.
 //!
-//! RS274/NGC, 3.5.16, with LinuxCNC's sequence of moves, so that a program leaves the tool where it does there.
+//! RS274/NGC, 3.5.16, with LinuxCNC's sequence of moves, so that a program leaves the tool at the same position.
 
 use evolvent_path::{Axes, AxisLetter, Plane};
 
@@ -10,13 +10,13 @@ use crate::execution::execute::{Executor, needs_spindle};
 use crate::execution::offsets::check_coordinate;
 use crate::{Action, Code, MoveKind, PathMode, SpindleDirection};
 
-/// How far chips are broken back, and how far above the last depth the rapid ends: 0.01 inch.
+/// Retract for breaking chips, and the distance above the last depth at which the rapid ends: 0.01 inch.
 const CHIP_MM: f64 = 0.254;
 
-/// Most holes of one line.
+/// Maximum number of holes of one line.
 pub(super) const MAX_REPEATS: u32 = 100_000;
 
-/// Most pecks of one hole.
+/// Maximum number of pecks of one hole.
 const MAX_PECKS: f64 = 100_000.0;
 
 /// A hole in program coordinates, mm, along the axis of the cycle.
@@ -26,7 +26,7 @@ struct Hole {
     along: usize,
     r: f64,
     bottom: f64,
-    /// Where the tool goes in the end.
+    /// The final height.
     clear: f64,
     q: f64,
     p: f64,
@@ -34,7 +34,7 @@ struct Hole {
 }
 
 impl Executor<'_> {
-    /// A line of a drilling cycle.
+    /// Executes a line of a drilling cycle.
     pub(crate) fn cycle(&mut self, cycle: Cycle) -> Result<(), Fault> {
         let line = self.line;
         let motion = Motion::Cycle(cycle);
@@ -60,7 +60,7 @@ impl Executor<'_> {
         if self.state.modes.feed_mode == FeedMode::InverseTime {
             let message = format!("{name} in G93");
             return Err(Fault::new(Code::WrongMode, line.motion_span(), message)
-                .help("cycles need a feed per minute or revolution: G94 or G95"));
+                .help("cycles need a feed per minute or per revolution: G94 or G95"));
         }
         self.check_feed(name)?;
         let here = self.state.program_of(self.state.position);
@@ -120,7 +120,7 @@ impl Executor<'_> {
                     };
                 }
             }
-            // Sideways at the height where the tool is, but not below R.
+            // Sideways at the present height, but not below R.
             at[along] = at[along].max(hole.r);
             self.rapid_to(at, &hole)?;
             at[along] = hole.r;
@@ -131,7 +131,7 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// R, depth, Q and P, from the line or from the lines before.
+    /// R, depth, Q and P, from the line or from earlier lines.
     fn hole_of_line(&mut self, cycle: Cycle, along: usize) -> Result<Hole, Fault> {
         let line = self.line;
         let name = Motion::Cycle(cycle).name();
@@ -142,7 +142,7 @@ impl Executor<'_> {
         }
         if let Some(q) = line.word(b'Q') {
             if q <= 0.0 {
-                let message = format!("Q{q}: the depth of a peck is above 0");
+                let message = format!("Q{q}: the depth of a peck must be above 0");
                 return Err(Fault::new(Code::OutOfRange, line.span(b'Q'), message));
             }
             sticky.q = Some(q * unit);
@@ -173,12 +173,12 @@ impl Executor<'_> {
         }
         if r < bottom {
             let message = format!(
-                "{name}: R lies below the bottom of the hole ({:.4} and {:.4})",
+                "{name}: R is below the bottom of the hole ({:.4} and {:.4})",
                 r / unit,
                 bottom / unit
             );
             return Err(Fault::new(Code::OutOfRange, line.motion_span(), message)
-                .help("in G91 R counts from the present height, and the bottom from R"));
+                .help("in G91 R is relative to the present height, and the bottom to R"));
         }
         let q = match (cycle, sticky.q) {
             (Cycle::ChipBreak | Cycle::Peck, None) => {
@@ -197,7 +197,7 @@ impl Executor<'_> {
             (_, p) => p.unwrap_or(0.0),
         };
         let path_mode = match self.state.modes.path_mode {
-            // Corners of a cycle are not rounded: a hole has a bottom.
+            // Corners of a cycle are not rounded: the bottom of a hole must be reached.
             PathMode::Blend { .. } => PathMode::ExactPath,
             other => other,
         };
@@ -226,7 +226,7 @@ impl Executor<'_> {
         };
         Err(
             Fault::new(Code::SpindleSpeedMissing, self.line.motion_span(), message)
-                .help("G84 taps right-hand threads with M3, G74 left-hand ones with M4"),
+                .help("G84 taps right-hand threads with M3, G74 left-hand threads with M4"),
         )
     }
 
@@ -234,7 +234,7 @@ impl Executor<'_> {
         self.go(program, MoveKind::Rapid, hole.path_mode)
     }
 
-    /// A straight move to a point of program coordinates. Axes that stay keep their place to the last bit.
+    /// A straight move to a point in program coordinates. Axes that do not move keep their position bit for bit.
     pub(crate) fn go(&mut self, program: Axes, kind: MoveKind, path_mode: PathMode) -> Result<(), Fault> {
         let here = self.state.program_of(self.state.position);
         let mut target = self.state.machine_of(program);
@@ -250,7 +250,7 @@ impl Executor<'_> {
         self.put_line_in(target, kind, path_mode)
     }
 
-    /// In and out with the angle of the spindle; the pitch is feed by speed, or the feed per revolution.
+    /// Rigid tapping, synchronised with the spindle angle; the pitch is feed by speed, or the feed per revolution.
     fn tap_rigidly(&mut self, cycle: Cycle, at: Axes, hole: &Hole) -> Result<(), Fault> {
         let name = Motion::Cycle(cycle).name();
         let modes = self.state.modes;
@@ -260,7 +260,7 @@ impl Executor<'_> {
             _ => feed * 60.0 / modes.speed,
         };
         if modes.surface.is_some() || modes.speed <= 0.0 || !pitch_mm.is_finite() {
-            let message = format!("{name} needs a speed, which gives the pitch together with F");
+            let message = format!("{name} needs a spindle speed, which determines the pitch together with F");
             return Err(
                 Fault::new(Code::SpindleSpeedMissing, self.line.motion_span(), message).help(
                     "write S in revolutions per minute (G97); F is S times the pitch, or in G95 the pitch",
@@ -268,7 +268,7 @@ impl Executor<'_> {
             );
         }
         if hole.p > 0.0 {
-            let text = format!("{name}: P has no effect, a rigid tap turns back at the depth without a stop");
+            let text = format!("{name}: P has no effect, a rigid tap reverses at the depth without a dwell");
             self.out(Action::Warning(text));
         }
         let target = self.state.machine_of(with(at, hole.along, hole.bottom));
@@ -339,7 +339,7 @@ impl Executor<'_> {
                     pallet: false,
                 });
                 self.turn_spindle(turning);
-                // The operator has taken the tool out.
+                // The operator has retracted the tool.
                 return Ok(());
             }
             Cycle::Tap | Cycle::TapLeft if self.settings.rigid_tapping => {
@@ -353,7 +353,7 @@ impl Executor<'_> {
             Cycle::Tap | Cycle::TapLeft => {
                 let modes = self.state.modes;
                 (self.state.modes.feed_override, self.state.modes.spindle_override) = (false, false);
-                // A hold within would stop the feed and not the spindle.
+                // A feed hold inside would stop the feed but not the spindle.
                 self.state.modes.feed_stop = false;
                 self.put_overrides(Some(Motion::Cycle(cycle).name()));
                 to(self, hole.bottom, feed)?;
@@ -382,11 +382,11 @@ impl Executor<'_> {
         self.spindle();
     }
 
-    /// G87: through the hole beside its axis, then bore upwards.
+    /// G87: through the hole beside its axis, then boring upwards.
     fn back_bore(&mut self, at: Axes, hole: &Hole, turning: SpindleDirection) -> Result<(), Fault> {
         let line = self.line;
         let along = hole.along;
-        // U, V and W go with I, J and K as X, Y and Z do.
+        // U, V and W use I, J and K as X, Y and Z do.
         let first_axis = along / 6 * 6;
         let across = match along - first_axis {
             2 => [(first_axis, b'I'), (first_axis + 1, b'J')],
@@ -399,7 +399,7 @@ impl Executor<'_> {
             line.word(across[1].1),
             line.word(depth_letter),
         ) else {
-            let message = "G87 needs I, J and K: the way aside and the top of the bore";
+            let message = "G87 needs I, J and K: the offset from the axis and the top of the bore";
             return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
         };
         let unit = self.state.unit_mm();

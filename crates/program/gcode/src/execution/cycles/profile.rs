@@ -1,19 +1,19 @@
-//! The profile of a turned part: lines and arcs in a plane, moved aside by an allowance, and cut by levels.
+//! The profile of a turned part: lines and arcs in a plane, offset by an allowance, and intersected with the levels of passes.
 //!
-//! Coordinates `[u, w]`: passes run along growing `u`, depths along falling `w`; the stock lies above the profile.
+//! Coordinates `[u, w]`: passes run towards increasing `u`, depths towards decreasing `w`; the stock is above the profile.
 
-/// Points nearer than this are one, mm.
+/// Points closer than this are equal, mm.
 pub(crate) const NEAR: f64 = 1e-7;
 
-/// Corners that turn by less than this, in radians, are joined as they are where their sides do not cross.
+/// Corners that turn by less than this, rad, are joined as they are if their sides do not intersect.
 const ALL_BUT_TANGENT: f64 = 0.02;
 
-/// Ends of pieces moved aside that are no farther apart are joined: programs round to a hundredth or thousandth of a mm.
+/// Ends of offset pieces no farther apart than this are joined, mm: programs are rounded to 0.01 or 0.001 mm.
 const JOIN_MM: f64 = 2e-3;
 
 pub(crate) type Point = [f64; 2];
 
-/// A line, or an arc about `centre` that turns left (`turn` +1) or right (-1), by less than a whole turn.
+/// A line, or an arc about `centre` that turns left (`turn` +1) or right (-1), by less than a full turn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Piece {
     Line {
@@ -28,11 +28,11 @@ pub(crate) enum Piece {
     },
 }
 
-/// Why a profile cannot be turned.
+/// The reason why a profile cannot be turned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ProfileFault {
     Empty,
-    /// It goes back along the direction of the passes.
+    /// It reverses along the direction of the passes.
     NotMonotonic,
     /// The allowance leaves nothing of it.
     Allowance,
@@ -65,7 +65,7 @@ fn left(a: Point) -> Point {
     [-a[1], a[0]]
 }
 
-/// By how much the direction from the centre turns from `a` to `b`, 0 to a whole turn, the way of `turn`.
+/// Rotation of the direction from the centre from `a` to `b` in the sense of `turn`, 0 to a full turn.
 fn sweep(centre: Point, a: Point, b: Point, turn: f64) -> f64 {
     let (a, b) = (minus(a, centre), minus(b, centre));
     let angle = turn * libm::atan2(cross(a, b), a[0] * b[0] + a[1] * b[1]);
@@ -103,16 +103,16 @@ impl Piece {
         self
     }
 
-    /// Both parts of the piece on either side of a point of it.
+    /// The two parts of the piece on either side of a point on it.
     pub(crate) fn split(self, at: Point) -> (Self, Self) {
         (self.with_end(at), self.with_start(at))
     }
 
-    pub(crate) fn is_speck(&self) -> bool {
+    pub(crate) fn is_degenerate(&self) -> bool {
         distance(self.start(), self.end()) < NEAR
     }
 
-    /// Direction at its start or end.
+    /// Direction at the start or end.
     fn direction(&self, at_end: bool) -> Point {
         match *self {
             Self::Line { a, b } => unit(minus(b, a)),
@@ -124,7 +124,7 @@ impl Piece {
         }
     }
 
-    /// Whether a point of its line or circle lies on it.
+    /// Whether a point of its line or circle is on the piece.
     fn holds(&self, point: Point) -> bool {
         if distance(point, self.start()) < NEAR || distance(point, self.end()) < NEAR {
             return true;
@@ -139,10 +139,10 @@ impl Piece {
         }
     }
 
-    /// Where lines or circles of both cross.
+    /// Intersections of the lines or circles of both pieces.
     fn crossings(&self, other: &Self) -> [Option<Point>; 2] {
         let pair = |middle: Point, direction: Point, square: f64| {
-            // Rounding makes a touch a miss.
+            // Rounding may turn a tangent into a miss.
             if square < -NEAR * NEAR {
                 return [None; 2];
             }
@@ -188,7 +188,7 @@ impl Piece {
         }
     }
 
-    /// The piece a distance to its left; `None` for an arc that vanishes.
+    /// The piece offset to its left; `None` for an arc that vanishes.
     fn aside(&self, allowance: f64) -> Option<Self> {
         match *self {
             Self::Line { a, b } => {
@@ -217,13 +217,13 @@ impl Piece {
         let Self::Arc { a, b, centre, turn } = *self else {
             return None;
         };
-        // Along growing u an arc that turns left is a dip, one that turns right a bump.
+        // With increasing u an arc that turns left has a minimum, one that turns right a maximum.
         let point = [centre[0], centre[1] - turn * distance(a, centre)];
         let inside = sweep(centre, a, point, turn) < sweep(centre, a, b, turn);
         (inside && distance(point, a) > NEAR && distance(point, b) > NEAR).then_some(point)
     }
 
-    /// Where a piece that only rises or only falls has a height.
+    /// The point of a monotonic piece at a height.
     pub(crate) fn at_height(&self, w: f64) -> Option<Point> {
         let (a, b) = (self.start(), self.end());
         if (w - a[1]).abs() < NEAR {
@@ -244,7 +244,7 @@ impl Piece {
     }
 }
 
-/// Whether the passes never have to turn back.
+/// Checks that the passes never have to reverse.
 pub(crate) fn check_monotonic(pieces: &[Piece]) -> Result<(), ProfileFault> {
     if pieces.is_empty() {
         return Err(ProfileFault::Empty);
@@ -266,7 +266,7 @@ pub(crate) fn check_monotonic(pieces: &[Piece]) -> Result<(), ProfileFault> {
     }
 }
 
-/// Where a line and an arc that are all but tangent touch.
+/// The point at which a line and a nearly tangent arc touch.
 fn touch(before: &Piece, after: &Piece) -> Option<Point> {
     let (a, b, centre) = match (*before, *after) {
         (Piece::Line { a, b }, Piece::Arc { centre, .. })
@@ -279,8 +279,8 @@ fn touch(before: &Piece, after: &Piece) -> Option<Point> {
     (distance(foot, before.end()) < 10.0 * JOIN_MM).then_some(foot)
 }
 
-/// The profile `allowance` to the left: corners that open get an arc about the corner, corners that close are cut off where
-/// both sides cross, and what does not fit between its neighbours goes.
+/// The profile offset by `allowance` to the left. Convex corners get an arc about the corner, concave ones are trimmed at the
+/// intersection of both sides, and pieces that do not fit between their neighbours are removed.
 pub(crate) fn aside(pieces: &[Piece], allowance: f64) -> Result<Vec<Piece>, ProfileFault> {
     if allowance == 0.0 {
         return Ok(pieces.to_vec());
@@ -324,11 +324,11 @@ pub(crate) fn aside(pieces: &[Piece], allowance: f64) -> Result<Vec<Piece>, Prof
     if gap || out.is_empty() {
         return Err(ProfileFault::Allowance);
     }
-    out.retain(|piece| !piece.is_speck());
+    out.retain(|piece| !piece.is_degenerate());
     Ok(out)
 }
 
-/// Adds a piece behind those before it, where it goes on or crosses them; otherwise there is a gap.
+/// Appends a piece after those before it if it continues or intersects them; otherwise there is a gap.
 fn append(out: &mut Vec<Piece>, piece: Piece, corner: Point, allowance: f64, gap: &mut bool) {
     let Some(last) = out.last().copied() else {
         out.push(piece);
@@ -339,7 +339,7 @@ fn append(out: &mut Vec<Piece>, piece: Piece, corner: Point, allowance: f64, gap
         out.push(piece.with_start(last.end()));
         return;
     }
-    // The nearest of the pieces before that it crosses.
+    // The latest of the previous pieces that it intersects.
     let crossing = (0..out.len()).rev().take(64).find_map(|place| {
         let points = out[place].crossings(&piece).into_iter().flatten();
         points
@@ -355,7 +355,7 @@ fn append(out: &mut Vec<Piece>, piece: Piece, corner: Point, allowance: f64, gap
         out.push(piece.with_start(point));
         *gap = false;
     } else if !*gap && distance(last.end(), piece.start()) < ALL_BUT_TANGENT * allowance {
-        // Pieces that are all but tangent, but for the decimals of the program, need not cross.
+        // Pieces that are tangent up to the decimals of the program need not intersect.
         out.push(Piece::Line {
             a: last.end(),
             b: piece.start(),
@@ -366,7 +366,7 @@ fn append(out: &mut Vec<Piece>, piece: Piece, corner: Point, allowance: f64, gap
     }
 }
 
-/// Cuts arcs at their lowest and highest points, so that every piece only rises or only falls.
+/// Divides arcs at their lowest and highest points, so that every piece is monotonic.
 pub(crate) fn split_at_extremes(pieces: &[Piece]) -> Vec<Piece> {
     let mut out = Vec::with_capacity(pieces.len() + 8);
     for piece in pieces {
@@ -381,16 +381,16 @@ pub(crate) fn split_at_extremes(pieces: &[Piece]) -> Vec<Piece> {
     out
 }
 
-/// What stands at the end of a piece of the profile.
+/// What is at the end of a piece of the profile.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Corner {
     /// A fillet of this radius.
     Fillet(f64),
-    /// A chamfer that begins this far from the corner on either side.
+    /// A chamfer that starts at this distance from the corner on both sides.
     Chamfer(f64),
 }
 
-/// Rounds or breaks the corner between two lines.
+/// Rounds or chamfers the corner between two lines.
 pub(crate) fn corner(before: Piece, after: Piece, kind: Corner) -> Result<[Piece; 3], ProfileFault> {
     let (Piece::Line { a, b: at }, Piece::Line { b, .. }) = (before, after) else {
         return Err(ProfileFault::Corner);
@@ -398,21 +398,21 @@ pub(crate) fn corner(before: Piece, after: Piece, kind: Corner) -> Result<[Piece
     let (back, ahead) = (unit(minus(a, at)), unit(minus(b, at)));
     let turn = cross(back, ahead);
     let cosine = (back[0] * ahead[0] + back[1] * ahead[1]).clamp(-1.0, 1.0);
-    // Half the angle between both legs.
+    // Half of the angle between the two legs.
     let half = 0.5 * libm::acos(cosine);
     let length = match kind {
         Corner::Fillet(radius) => radius / libm::tan(half),
         Corner::Chamfer(length) => length,
     };
-    let room = distance(a, at).min(distance(at, b));
-    if !(length > 0.0 && length <= room + NEAR) || turn.abs() < 1e-9 {
+    let available = distance(a, at).min(distance(at, b));
+    if !(length > 0.0 && length <= available + NEAR) || turn.abs() < 1e-9 {
         return Err(ProfileFault::Corner);
     }
     let (begin, end) = (plus(at, back, length), plus(at, ahead, length));
     let between = match kind {
         Corner::Chamfer(_) => Piece::Line { a: begin, b: end },
         Corner::Fillet(radius) => {
-            // The path turns left where the way back and the way ahead turn right.
+            // The path turns left where the two legs seen from the corner turn right.
             let turn = -turn.signum();
             Piece::Arc {
                 a: begin,
@@ -438,8 +438,8 @@ mod tests {
     }
 
     #[test]
-    fn an_allowance_is_kept_from_every_piece_and_closes_corners() {
-        // Down a wall, along, up a slope: closing corners both; then over a ridge: an opening one.
+    fn an_allowance_offsets_every_piece() {
+        // Down a wall, along, up a slope: both corners concave; then over a ridge: a convex one.
         let profile = [
             line([0.0, 0.0], [5.0, 0.0]),
             line([5.0, 0.0], [8.0, 3.0]),
@@ -448,7 +448,7 @@ mod tests {
         let moved = aside(&profile, 1.0).unwrap();
         assert_eq!(moved.len(), 4);
         assert!(near(moved[0].start(), [0.0, 1.0]));
-        // Where w = 1 meets the slope moved by 1: 5 + 1 - sqrt(2).
+        // The intersection of w = 1 with the slope offset by 1: 5 + 1 - sqrt(2).
         assert!(near(moved[0].end(), [6.0 - 2.0_f64.sqrt(), 1.0]));
         let Piece::Arc { centre, turn, .. } = moved[2] else {
             panic!("{moved:?}")
@@ -460,8 +460,8 @@ mod tests {
     }
 
     #[test]
-    fn what_the_allowance_swallows_goes_and_too_much_is_refused() {
-        // A groove 1 wide closes at an allowance of 1.
+    fn pieces_below_the_allowance_are_removed() {
+        // A groove of width 1 closes at an allowance of 1.
         let groove = [
             line([0.0, 5.0], [5.0, 5.0]),
             line([5.0, 5.0], [5.0, 0.0]),
@@ -474,7 +474,7 @@ mod tests {
             .iter()
             .map(|piece| piece.end()[1])
             .fold(f64::INFINITY, f64::min);
-        // The arcs about the groove's two edges meet over its middle.
+        // The arcs about the two edges of the groove meet above its middle.
         assert!((lowest - (5.0 + 0.75_f64.sqrt())).abs() < 1e-9, "{moved:?}");
         let dip = Piece::Arc {
             a: [0.0, 0.0],
@@ -486,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn arcs_are_cut_where_they_turn_from_rising_to_falling() {
+    fn arcs_are_divided_at_their_extrema() {
         let bump = Piece::Arc {
             a: [0.0, 0.0],
             b: [2.0, 0.0],
@@ -501,7 +501,7 @@ mod tests {
     }
 
     #[test]
-    fn profiles_that_turn_back_are_told() {
+    fn reversing_profiles_are_rejected() {
         assert_eq!(check_monotonic(&[]), Err(ProfileFault::Empty));
         assert_eq!(
             check_monotonic(&[line([0.0, 0.0], [-1.0, 1.0])]),
@@ -518,7 +518,7 @@ mod tests {
     }
 
     #[test]
-    fn fillets_touch_both_legs_and_chamfers_cut_both_equally() {
+    fn fillets_and_chamfers_are_symmetric() {
         let (before, after) = (line([0.0, 0.0], [5.0, 0.0]), line([5.0, 0.0], [5.0, 5.0]));
         let [first, arc, second] = corner(before, after, Corner::Fillet(2.0)).unwrap();
         let Piece::Arc { centre, turn, .. } = arc else {

@@ -1,9 +1,9 @@
-//! G70 to G72.2: finishing and roughing of a profile that a subroutine describes.
+//! G70 to G72.2: finishing and roughing along a profile that a subroutine describes.
 //!
-//! LinuxCNC's cycles, with its sequence of moves. The subroutine is run without moving anything; its straight moves and
-//! arcs are the profile. Passes begin on the line from the start (X, Z) to the profile, run along Z (G71) or X (G72) to it,
-//! pull off at 45 degrees and return. Then the profile is followed; G71 and G72 cut its pockets on the way, G71.1 leaves
-//! them, G71.2 cuts nothing else.
+//! LinuxCNC's cycles, with its sequence of moves. The subroutine is executed without motion; its straight moves and arcs are
+//! the profile. Passes start on the line from the start (X, Z) to the profile, run along Z (G71) or X (G72) to the profile,
+//! retract at 45 degrees and return. Then the profile is followed; G71 and G72 cut its pockets on the way, G71.1 skips them,
+//! G71.2 cuts only them.
 
 use evolvent_path::{Arc, Axes, Curve, Plane, Sense};
 
@@ -16,30 +16,30 @@ use crate::execution::execute::{Executor, Request};
 use crate::state::machine_state::State;
 use crate::{Action, Code, Command, MoveKind, PathMode};
 
-/// Most passes of a cycle, and most pieces of a profile.
-const MOST: usize = 100_000;
+/// Maximum number of passes of a cycle, and of pieces of a profile.
+const MAX_MOVES: usize = 100_000;
 
-/// What a line with G70 to G72.2 asks for, and from where; mm, program coordinates.
+/// The words of a line with G70 to G72.2, and its start; mm, program coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct RoughCall {
     pub(crate) rough: Rough,
     /// Number of the subroutine.
     pub(crate) number: u32,
-    /// X and Z where the cycle starts.
+    /// X and Z at the start of the cycle.
     start: Point,
-    /// D: distance that is left to the profile; of G70 that of the first pass.
+    /// D: remaining distance to the profile; of G70 that of the first pass.
     leave: f64,
     /// E of G70: distance of the last pass.
     last: f64,
     /// I: depth of a pass.
     depth: f64,
-    /// R: how far it pulls off.
+    /// R: retract distance.
     retract: f64,
-    /// P of G70: passes.
+    /// P of G70: number of passes.
     passes: u32,
 }
 
-/// How Z and X become `u` and `w`.
+/// The mapping of Z and X to `u` and `w`.
 #[derive(Clone, Copy, Debug)]
 struct Frame {
     /// Passes along X (G72).
@@ -58,7 +58,7 @@ impl Frame {
         if self.facing { [w, u] } else { [u, w] }
     }
 
-    /// A mirror image turns the other way.
+    /// A mirror image has the opposite sense of rotation.
     fn turn(&self, turn: f64) -> f64 {
         let mirror = self.signs[0] * self.signs[1] * if self.facing { -1.0 } else { 1.0 };
         mirror * turn
@@ -88,7 +88,7 @@ enum Stroke {
 }
 
 impl Executor<'_> {
-    /// A line with G70 to G72.2: the way to the start, and the call of the profile.
+    /// Executes a line with G70 to G72.2: the move to the start, and the call of the profile.
     pub(crate) fn roughing(&mut self, rough: Rough) -> Result<Request, Fault> {
         let line = self.line;
         let name = Motion::Rough(rough).name();
@@ -99,7 +99,7 @@ impl Executor<'_> {
             _ => None,
         };
         if let Some((unit, instead)) = units.filter(|_| !line.has(b'Q') && !line.has_axes()) {
-            let message = format!("{name} is a turning cycle in this dialect, not a switch to {unit}");
+            let message = format!("{name} is a turning cycle in this dialect, not the selection of {unit}");
             return Err(Fault::new(Code::WordMissing, line.motion_span(), message).help(format!(
                 "write {instead} for {unit}; the cycle needs G18 and Q, the number of the subroutine with the profile"
             )));
@@ -122,9 +122,9 @@ impl Executor<'_> {
             );
         };
         let unit = self.state.unit_mm();
-        let positive = |letter: u8, default: f64, least: f64| match line.word(letter) {
+        let positive = |letter: u8, default: f64, min: f64| match line.word(letter) {
             None => Ok(default),
-            Some(value) if value * unit > least => Ok(value * unit),
+            Some(value) if value * unit > min => Ok(value * unit),
             Some(value) => {
                 let message = format!("{}{value}: too small for {name}", char::from(letter));
                 Err(Fault::new(Code::OutOfRange, line.span(letter), message))
@@ -142,15 +142,15 @@ impl Executor<'_> {
             retract: positive(b'R', 0.5 * unit, 0.0)?,
             passes: line.whole(b'P')?.unwrap_or(1),
         };
-        if call.passes == 0 || call.passes as usize > MOST {
-            let message = format!("P{}: {name} has 1 to {MOST} passes", call.passes);
+        if call.passes == 0 || call.passes as usize > MAX_MOVES {
+            let message = format!("P{}: {name} has 1 to {MAX_MOVES} passes", call.passes);
             return Err(Fault::new(Code::OutOfRange, line.span(b'P'), message));
         }
         self.put_line_in(start, MoveKind::Rapid, PathMode::ExactPath)?;
         Ok(Request::Profile(call))
     }
 
-    /// The moves of a cycle whose profile has been read. `profile` in `[z, x]`, program coordinates.
+    /// The moves of a cycle whose profile has been read. `profile` is in `[z, x]`, program coordinates.
     pub(crate) fn rough(
         &mut self,
         call: &RoughCall,
@@ -161,16 +161,16 @@ impl Executor<'_> {
             let (what, help) = match fault {
                 ProfileFault::Empty => (
                     "has no moves",
-                    "the subroutine holds G0, G1, G2 and G3 in X and Z",
+                    "the subroutine must contain G0, G1, G2 and G3 in X and Z",
                 ),
                 ProfileFault::NotMonotonic => (
-                    "turns back",
-                    "for G70 and G71 Z never goes back and forth along the profile, for G72 X",
+                    "reverses",
+                    "for G70 and G71 Z must be monotonic along the profile, for G72 X",
                 ),
-                ProfileFault::Allowance => ("vanishes at the distance D", "make D smaller"),
+                ProfileFault::Allowance => ("vanishes at the distance D", "reduce D"),
                 ProfileFault::Corner => (
                     "has a fillet (A) or chamfer (C) that does not fit",
-                    "they stand between two straight lines that are long enough",
+                    "they must be between two straight lines that are long enough",
                 ),
             };
             let message = format!("{name}: the profile of O{} {what}", call.number);
@@ -183,8 +183,11 @@ impl Executor<'_> {
         let begin = pieces.first().map_or([0.0; 2], Piece::start);
         if call.rough.finishing {
             let moves = call.passes as usize * pieces.len();
-            if moves > MOST {
-                let message = format!("P{} makes more than {MOST} moves of this profile", call.passes);
+            if moves > MAX_MOVES {
+                let message = format!(
+                    "P{} makes more than {MAX_MOVES} moves of this profile",
+                    call.passes
+                );
                 return Err(Fault::new(Code::OutOfRange, self.line.span(b'P'), message));
             }
             for pass in (0..call.passes).rev() {
@@ -198,9 +201,9 @@ impl Executor<'_> {
         } else {
             let moved = aside(&pieces, call.leave).map_err(refuse)?;
             strokes = rough_strokes(call, &frame, begin, moved).ok_or_else(|| {
-                let message = format!("more than {MOST} passes");
+                let message = format!("more than {MAX_MOVES} passes");
                 Fault::new(Code::OutOfRange, self.line.span(b'I'), message)
-                    .help("is the depth I of a pass in the right unit?")
+                    .help("check the unit of the depth I of a pass")
             })?;
         }
         for stroke in strokes {
@@ -252,12 +255,12 @@ impl Executor<'_> {
     }
 }
 
-/// The profile with passes along growing `u` below the start.
+/// The profile with passes along increasing `u` below the start.
 fn oriented(call: &RoughCall, profile: &[Piece]) -> Result<(Frame, Vec<Piece>), ProfileFault> {
     let (Some(first), Some(last)) = (profile.first(), profile.last()) else {
         return Err(ProfileFault::Empty);
     };
-    if profile.len() > MOST {
+    if profile.len() > MAX_MOVES {
         return Err(ProfileFault::Empty);
     }
     let mut frame = Frame {
@@ -266,7 +269,7 @@ fn oriented(call: &RoughCall, profile: &[Piece]) -> Result<(Frame, Vec<Piece>), 
     };
     let start = frame.of(call.start);
     let (begin, end) = (frame.of(first.start()), frame.of(last.end()));
-    // Where the profile goes; if it does not, away from the start.
+    // The direction of the profile; without one, away from the start.
     let way = if (end[0] - begin[0]).abs() > NEAR {
         end[0] - begin[0]
     } else {
@@ -284,13 +287,13 @@ fn oriented(call: &RoughCall, profile: &[Piece]) -> Result<(Frame, Vec<Piece>), 
     Ok((frame, pieces))
 }
 
-/// Where the line begins on which passes begin: at the start, but not beyond the beginning of the profile.
+/// Start of the line on which passes start: at the start of the cycle, but not beyond the start of the profile.
 fn begin_of_passes(call: &RoughCall, frame: &Frame, profile: Point) -> Point {
     let [u, w] = frame.of(call.start);
     [u.min(profile[0]), w]
 }
 
-/// The moves of G71 to G72.2; `profile` is where the profile itself begins. `None` where there are too many passes.
+/// The moves of G71 to G72.2; `profile` is the start of the profile itself. `None` if there are too many passes.
 fn rough_strokes(
     call: &RoughCall,
     frame: &Frame,
@@ -299,7 +302,7 @@ fn rough_strokes(
 ) -> Option<Vec<Stroke>> {
     let (first, last) = (pieces.first()?.start(), pieces.last()?.end());
     let start = begin_of_passes(call, frame, profile);
-    // The profile ends at the stock's surface.
+    // The profile ends at the surface of the stock.
     if last[1] < start[1] - NEAR {
         pieces.push(Piece::Line {
             a: last,
@@ -309,11 +312,11 @@ fn rough_strokes(
     let pieces = split_at_extremes(&pieces);
     let mut strokes = Vec::new();
     let deep = start[1] - first[1];
-    if deep / call.depth > MOST as f64 {
+    if deep / call.depth > MAX_MOVES as f64 {
         return None;
     }
     if call.rough.variant != 2 {
-        for pass in 0..MOST {
+        for pass in 0..MAX_MOVES {
             let level = start[1] - pass as f64 * call.depth;
             if level < first[1] + NEAR {
                 break;
@@ -332,7 +335,7 @@ fn rough_strokes(
     if deep > NEAR {
         strokes.push(Stroke::Rapid(first));
     } else {
-        // Along the stock's surface.
+        // Along the surface of the stock.
         strokes.push(Stroke::Cut(Piece::Line { a: start, b: first }));
     }
     follow(call, start, &pieces, &mut strokes)?;
@@ -341,7 +344,7 @@ fn rough_strokes(
 
 /// From the end of a pass off the wall, and back over it.
 fn pull_off(begin: Point, end: Point, retract: f64) -> [Stroke; 2] {
-    // Not beyond the beginning of a pass that is shorter than the retract.
+    // Not beyond the start of a pass that is shorter than the retract.
     let aside = retract.min(0.5 * (end[0] - begin[0]).max(0.0));
     let high = end[1] + aside;
     [
@@ -350,7 +353,7 @@ fn pull_off(begin: Point, end: Point, retract: f64) -> [Stroke; 2] {
     ]
 }
 
-/// Where the profile comes up to a height, from a piece on.
+/// Where the profile rises to a height, from a piece on.
 fn next_rise(pieces: &[Piece], from: usize, level: f64) -> Option<(usize, Point)> {
     pieces[from..].iter().enumerate().find_map(|(offset, piece)| {
         let rises = piece.end()[1] > piece.start()[1] && piece.end()[1] >= level - NEAR;
@@ -360,8 +363,8 @@ fn next_rise(pieces: &[Piece], from: usize, level: f64) -> Option<(usize, Point)
     })
 }
 
-/// Along the profile, with the pockets as the variant says. `None` where they take too many passes: they may be deeper than
-/// the profile is as a whole.
+/// Along the profile, with the pockets as the variant says. `None` if they take too many passes: they may be deeper than the
+/// profile as a whole.
 fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<Stroke>) -> Option<()> {
     let mut index = 0;
     let mut steps = 0;
@@ -370,7 +373,7 @@ fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<St
     let mut level: Option<f64> = None;
     while let Some(piece) = rest.take().or_else(|| pieces.get(index).copied()) {
         steps += 1;
-        if steps > MOST + pieces.len() {
+        if steps > MAX_MOVES + pieces.len() {
             return None;
         }
         let (a, b) = (piece.start(), piece.end());
@@ -391,7 +394,7 @@ fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<St
                     strokes.push(Stroke::Cut(Piece::Line { a, b: point }));
                     let (_, after) = pieces[place].split(point);
                     index = place;
-                    if after.is_speck() {
+                    if after.is_degenerate() {
                         index += 1;
                     } else {
                         rest = Some(after);
@@ -407,7 +410,7 @@ fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<St
         }
         let next = *level.get_or_insert_with(|| match call.rough.variant {
             2 => a[1],
-            // The levels go on from those of the passes above.
+            // The levels continue those of the passes above.
             _ => start[1] - ((start[1] - a[1]) / call.depth - 1e-9).ceil() * call.depth,
         });
         let Some(point) = (next > b[1] + NEAR)
@@ -419,7 +422,7 @@ fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<St
             continue;
         };
         let (before, after) = piece.split(point);
-        if !before.is_speck() {
+        if !before.is_degenerate() {
             push_cut(strokes, before, false);
         }
         if let Some((_, end)) = next_rise(pieces, index + 1, next)
@@ -433,7 +436,7 @@ fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<St
             }));
         }
         level = Some(next - call.depth);
-        if after.is_speck() {
+        if after.is_degenerate() {
             index += 1;
         } else {
             rest = Some(after);
@@ -442,7 +445,7 @@ fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<St
     Some(())
 }
 
-/// A piece of the profile; the second half of a dip is one arc with the first.
+/// Appends a piece of the profile; the second half of a concave arc is joined with the first.
 fn push_cut(strokes: &mut Vec<Stroke>, piece: Piece, after_falling: bool) {
     if let (true, Piece::Arc { b, centre, turn, .. }) = (after_falling, piece)
         && let Some(Stroke::Cut(Piece::Arc {
@@ -460,7 +463,8 @@ fn push_cut(strokes: &mut Vec<Stroke>, piece: Piece, after_falling: bool) {
     strokes.push(Stroke::Cut(piece));
 }
 
-/// The pieces of a profile from the moves of its subroutine, without that which leads there. `corners` tells which move ends in a fillet or chamfer.
+/// The pieces of a profile from the moves of its subroutine, without the approach. `corners` lists the moves that end in a
+/// fillet or chamfer.
 pub(crate) fn profile_of(
     commands: &[Command],
     corners: &[(usize, Corner)],
@@ -496,7 +500,7 @@ pub(crate) fn profile_of(
             .iter()
             .find(|(place, _)| *place == index)
             .map(|(_, kind)| *kind);
-        if piece.is_speck() {
+        if piece.is_degenerate() {
             continue;
         }
         match (pending.take(), pieces.pop()) {

@@ -1,6 +1,6 @@
-//! The thread cycle G76.
+//! The threading cycle G76.
 //!
-//! LinuxCNC's sequence of passes: RS274/NGC has none.
+//! LinuxCNC's sequence of passes; RS274/NGC has none.
 
 use evolvent_path::{Axes, AxisLetter};
 
@@ -13,17 +13,17 @@ use crate::{Code, MoveKind, PathMode};
 /// A thread in program coordinates, mm.
 struct ThreadCycle {
     start: Axes,
-    /// Z of the end.
+    /// Z at the end.
     end: f64,
     pitch_mm: f64,
-    /// Radial way from the drive line to the thread's crest.
+    /// Radial distance from the drive line to the crest of the thread.
     crest: f64,
-    /// Which way X goes with the depth: -1 for outer threads, 1 for inner ones.
+    /// Direction of X with the depth: -1 for outer threads, 1 for inner ones.
     outward: f64,
     first_depth: f64,
     full_depth: f64,
     degression: f64,
-    /// Way along Z for each depth, so that the tool cuts with one flank.
+    /// Offset along Z per depth, so that the tool cuts with one flank.
     slope: f64,
     steps: u32,
     spring: u32,
@@ -34,13 +34,13 @@ struct ThreadCycle {
 }
 
 impl Executor<'_> {
-    /// G76: P pitch, Z end, I from the drive line to the thread's crest, J first depth, K full depth; R degression,
-    /// Q angle of the flank on which the tool advances, H spring passes, E length and L place of tapers, D number of
-    /// starts (P is the lead of one then).
+    /// G76: P pitch, Z end, I from the drive line to the crest, J first depth, K full depth; R degression, Q angle of the flank
+    /// along which the tool infeeds, H spring passes, E length and L position of tapers, D number of starts (P is then the lead
+    /// of one).
     pub(crate) fn thread_cycle(&mut self) -> Result<(), Fault> {
         let cycle = self.read_thread_cycle()?;
         for pass in 1..=cycle.steps + cycle.spring {
-            // Every start at one depth before the next depth.
+            // All starts at one depth before the next depth.
             for start in 0..cycle.starts {
                 let degrees = 360.0 * f64::from(start) / f64::from(cycle.starts);
                 self.thread_pass(&cycle, pass, degrees)?;
@@ -74,21 +74,27 @@ impl Executor<'_> {
             ))
         };
         if crest == 0.0 {
-            return range(b'I', "G76: I is below 0 for outer and above 0 for inner threads");
+            return range(
+                b'I',
+                "G76: I must be below 0 for outer and above 0 for inner threads",
+            );
         }
         if first <= 0.0 || full <= 0.0 || first > full {
             return range(
                 b'J',
-                "G76: the first depth J is above 0 and at most the full depth K",
+                "G76: the first depth J must be above 0 and at most the full depth K",
             );
         }
         let degression = line.word(b'R').unwrap_or(1.0);
         if degression < 1.0 {
-            return range(b'R', "G76: R is at least 1, for passes of equal depth");
+            return range(
+                b'R',
+                "G76: R must be at least 1, which gives passes of equal depth",
+            );
         }
         let flank = line.word(b'Q').unwrap_or(0.0);
         if !(0.0..80.0).contains(&flank) {
-            return range(b'Q', "G76: the angle Q of the flank is 0 to 80 degrees");
+            return range(b'Q', "G76: the flank angle Q must be 0 to 80 degrees");
         }
         let spring = line.whole(b'H')?.unwrap_or(0);
         let taper = line.word(b'E').unwrap_or(0.0) * self.state.unit_mm();
@@ -98,16 +104,16 @@ impl Executor<'_> {
         if taper < 0.0 || tapers > 3 || tapers != 0 && taper <= 0.0 || 2.0 * taper > (end - start[2]).abs() {
             return range(
                 b'E',
-                "G76: tapers (L1 entry, L2 exit, L3 both) have a length E of at most half the thread",
+                "G76: the length E of tapers (L1 entry, L2 exit, L3 both) must be at most half of the thread",
             );
         }
         let starts = line.whole(b'D')?.unwrap_or(1);
         if starts < 1 {
-            return range(b'D', "G76: D, the number of starts, is at least 1");
+            return range(b'D', "G76: D, the number of starts, must be at least 1");
         }
         let steps = libm::pow(full / first, degression).ceil();
         if (steps + f64::from(spring)) * f64::from(starts) > f64::from(MAX_REPEATS) {
-            return range(b'J', "G76 with far too many passes");
+            return range(b'J', "G76 with too many passes");
         }
         // X is a diameter in G7, and so are the depths along X.
         let unit = self.state.word_unit(0);
@@ -152,7 +158,7 @@ impl Executor<'_> {
             (at[0], at[2]) = (x, z);
             at
         };
-        // The same way along Z a turn as in the thread itself.
+        // The same distance along Z per turn as in the thread itself.
         let steep_mm = pitch_mm * libm::hypot(taper, full_depth) / taper.max(f64::MIN_POSITIVE);
         self.go(point(clear, begin), MoveKind::Rapid, PathMode::ExactPath)?;
         if cycle.has_entry {

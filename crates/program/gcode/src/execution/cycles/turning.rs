@@ -1,8 +1,8 @@
 //! G82 and G75 of a lathe: longitudinal turning and facing in passes.
 //!
-//! After the fixed cycles that V. A. Timiryazev, A. V. Mukhin and A. A. Ivanov compare with ("Adaptable control in
-//! autoprogramming of cutting tool path on a numerical control lathe"). The tool stands outside the stock, at the corner
-//! where the work begins: its X is the stock's surface (or above), its Z before the stock's face.
+//! After the fixed cycles with which V. A. Timiryazev, A. V. Mukhin and A. A. Ivanov compare ("Adaptable control in
+//! autoprogramming of cutting tool path on a numerical control lathe"). The tool starts outside the stock, at the corner where
+//! the work starts: its X is the surface of the stock (or above), its Z in front of the face of the stock.
 //!
 //! ```text
 //!   G82 X Z R L D H             start ───────────┐          G75 X Z K H E
@@ -19,57 +19,57 @@ use crate::execution::execute::Executor;
 use crate::execution::offsets::check_coordinate;
 use crate::{Action, Code, MoveKind, PathMode, TurningWords};
 
-/// How far the tool is pulled off what it has cut before a rapid, mm.
+/// Retract of the tool from the cut before a rapid, mm.
 const PULL_OFF_MM: f64 = 0.5;
 
-/// Most passes of a cycle.
+/// Maximum number of passes of a cycle.
 const MAX_PASSES: f64 = 100_000.0;
 
-/// Which of the two cycles.
+/// One of the two cycles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TurningKind {
-    /// G82: passes along Z, one below the other.
+    /// G82: passes along Z, at decreasing radii.
     Longitudinal,
-    /// G75: passes along X, one behind the other.
+    /// G75: passes along X, one after the other.
     Facing,
 }
 
-/// A turning cycle as data, for a controller that finds its passes itself: from the start to the final contour, in whatever
-/// passes the cutting load permits. Machine coordinates in mm; X is a radius. Beginning and end are at `start`.
+/// A turning cycle as data, for a controller that determines the passes from the cutting load: from the start to the final
+/// contour, in the passes that the load permits. Machine coordinates in mm; X is a radius. It starts and ends at `start`.
 ///
-/// A program asks for it by the word Q1 on a machine with a load channel ([`crate::Settings::load_channel`]). Whoever carries
-/// it out has to bring the tool back to `start`: the moves that follow begin there. Without a load channel, or without Q1,
-/// the cycle comes as plain [`Action::Move`]s in passes of `depth_mm`.
+/// The word Q1 requests it on a machine with a load channel ([`crate::Settings::load_channel`]). The consumer has to return the
+/// tool to `start`, where the following moves start. Without a load channel, or without Q1, the cycle is output as plain
+/// [`Action::Move`]s in passes of `depth_mm`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TurningCycle {
-    /// Which way the passes run.
+    /// Direction of the passes.
     pub kind: TurningKind,
-    /// Where the tool stands: corner of the stock, all axes (mm, degrees).
+    /// Position of the tool: the corner of the stock, all axes (mm, degrees).
     pub start: Axes,
     /// Final radius.
     pub x_mm: f64,
     /// End of the step along Z.
     pub z_mm: f64,
-    /// G82: the cone that follows the step, from (`x_mm`, `z_mm`) to this radius and Z; none for a square shoulder.
+    /// G82: the cone after the step, from (`x_mm`, `z_mm`) to this radius and Z; `None` for a square shoulder.
     pub cone_mm: Option<[f64; 2]>,
-    /// Depth of a plain pass, if the program gives one: what to fall back on.
+    /// Depth of a plain pass as a fallback, if the program gives one.
     pub depth_mm: Option<f64>,
-    /// What is left for the finishing pass, along X and along Z; 0 for none. That pass follows as plain moves.
+    /// Allowance for the finishing pass, along X and Z; 0 for none. That pass follows as plain moves.
     pub allowance_mm: f64,
-    /// The final diameter as programmed, mm: for the cutting speed. X of the machine has offsets in it.
+    /// The programmed final diameter, mm, for the cutting speed. X of the machine includes offsets.
     pub diameter_mm: f64,
-    /// Speed of the spindle, rev/min; 0 where the program has not told it, or G96 is in force.
+    /// Spindle speed, rev/min; 0 if the program has not set it, or in G96.
     pub spindle_rpm: f64,
     /// Programmed speed along Z in mm/s, before override.
     pub feed_mm_s: f64,
-    /// Programmed speed along X in mm/s: E of G75, else the same.
+    /// Programmed speed along X in mm/s: E of G75, otherwise the same.
     pub cross_feed_mm_s: f64,
 }
 
 /// A cycle in program coordinates, mm and radii.
 #[derive(Clone, Copy, Debug)]
 struct Step {
-    /// Where the tool stands.
+    /// Position of the tool.
     x0: f64,
     z0: f64,
     /// The final corner.
@@ -79,14 +79,14 @@ struct Step {
     allowance: f64,
     feed: f64,
     cross_feed: f64,
-    /// Away from the axis of the work: +1 for outer turning.
+    /// Direction away from the axis of the work: +1 for outer turning.
     out: f64,
-    /// From the work back to the start along Z.
+    /// Direction along Z from the work back to the start.
     back: f64,
 }
 
 impl Executor<'_> {
-    /// A line with G82 or G75 on a lathe.
+    /// Executes a line with G82 or G75 on a lathe.
     pub(crate) fn turning(&mut self, turning: Turning) -> Result<(), Fault> {
         let line = self.line;
         let name = Motion::Turning(turning).name();
@@ -100,7 +100,7 @@ impl Executor<'_> {
         if self.state.modes.feed_mode == FeedMode::InverseTime {
             let message = format!("{name} in G93");
             return Err(Fault::new(Code::WrongMode, line.motion_span(), message)
-                .help("cycles need a feed per minute or revolution: G94 or G95"));
+                .help("cycles need a feed per minute or per revolution: G94 or G95"));
         }
         if self.state.rotation[0] != 0.0 {
             return Err(self.wrong_plane("a turning cycle in rotated coordinates"));
@@ -108,29 +108,29 @@ impl Executor<'_> {
         self.check_feed(name)?;
         let step = self.step_of_line(turning, name)?;
         let depth = self.depth_of_pass(turning, name)?;
-        let itself = match line.whole(b'Q')? {
+        let load_adaptive = match line.whole(b'Q')? {
             None | Some(0) => false,
             Some(1) => true,
             Some(other) => {
                 let message =
-                    format!("Q{other}: {name} knows Q0, plain passes, and Q1, passes that the load finds");
+                    format!("Q{other}: {name} supports Q0, plain passes, and Q1, load-adaptive passes");
                 return Err(Fault::new(Code::OutOfRange, line.span(b'Q'), message));
             }
         };
-        if itself && self.settings.load_channel {
-            return self.hand_on(turning, &step, depth);
+        if load_adaptive && self.settings.load_channel {
+            return self.output_cycle(turning, &step, depth);
         }
         let Some(depth) = depth else {
             let letter = depth_letter(turning);
             let message = format!("{name} needs {letter}, the depth of a pass");
-            let help = if itself {
-                "Q1 finds the passes itself only where the machine file says load_channel = true"
+            let help = if load_adaptive {
+                "Q1, load-adaptive passes, requires load_channel = true in the machine file"
             } else {
                 "D is the depth of a pass of G82, K that of G75, both radii"
             };
             return Err(Fault::new(Code::WordMissing, line.motion_span(), message).help(help));
         };
-        if itself {
+        if load_adaptive {
             self.out(Action::Message(format!(
                 "warning: no cutting load is measured, so {name} runs in plain passes"
             )));
@@ -141,7 +141,7 @@ impl Executor<'_> {
         }
     }
 
-    /// X, Z and what goes with them.
+    /// X, Z and related words.
     fn step_of_line(&self, turning: Turning, name: &str) -> Result<Step, Fault> {
         let line = self.line;
         let unit = self.state.unit_mm();
@@ -176,9 +176,9 @@ impl Executor<'_> {
             |letter: u8, message: String| Err(Fault::new(Code::OutOfRange, line.span(letter), message));
         let shown = |value: f64| value / unit;
         if x == here[0] || z == here[2] {
-            let message = format!("{name} with nothing to cut: the tool stands at its X or Z");
+            let message = format!("{name} with nothing to cut: the tool is at its X or Z");
             return Err(Fault::new(Code::OutOfRange, line.motion_span(), message)
-                .help("the tool stands at the corner of the stock before the cycle"));
+                .help("the tool must be at the corner of the stock before the cycle"));
         }
         let (out, back) = ((here[0] - x).signum(), (here[2] - z).signum());
         let cone = match (line.word(b'R'), line.word(b'L'), turning) {
@@ -186,7 +186,7 @@ impl Executor<'_> {
                 let cone = [r * across, l * unit];
                 if (cone[0] - x) * out < 0.0 || (z - cone[1]) * back < 0.0 {
                     let message = format!(
-                        "{name}: the cone from radius {:.4} at Z{:.4} to radius {:.4} at Z{:.4} does not go on outwards",
+                        "{name}: the cone from radius {:.4} at Z{:.4} to radius {:.4} at Z{:.4} does not continue outwards",
                         shown(x),
                         shown(z),
                         shown(cone[0]),
@@ -199,23 +199,23 @@ impl Executor<'_> {
             (None, None, _) | (_, _, Turning::Facing) => None,
             (r, ..) => {
                 let (has, lacks) = if r.is_some() { ('R', 'L') } else { ('L', 'R') };
-                let message = format!("{name} with {has} but without {lacks}: a cone has both");
+                let message = format!("{name} with {has} but without {lacks}: a cone needs both");
                 return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
             }
         };
         let allowance = line.word(b'H').unwrap_or(0.0) * unit;
-        let room = ((here[0] - x) * out).min((here[2] - z) * back);
-        if !(0.0..room).contains(&allowance) {
+        let available = ((here[0] - x) * out).min((here[2] - z) * back);
+        if !(0.0..available).contains(&allowance) {
             let message = format!(
-                "H{}: the allowance is at least 0 and below what there is to cut, {:.4}",
+                "H{}: the allowance must be at least 0 and below the depth to be cut, {:.4}",
                 shown(allowance),
-                shown(room)
+                shown(available)
             );
             return refuse(b'H', message);
         }
         let feed = self.speed(1.0, false);
         let cross_feed = match line.word(b'E') {
-            Some(e) if e <= 0.0 => return refuse(b'E', format!("E{e}: the feed along X is above 0")),
+            Some(e) if e <= 0.0 => return refuse(b'E', format!("E{e}: the feed along X must be above 0")),
             Some(e) => match self.state.modes.feed_mode {
                 FeedMode::PerRevolution => e * unit * self.state.modes.speed / 60.0,
                 _ => e * unit / 60.0,
@@ -236,7 +236,7 @@ impl Executor<'_> {
         })
     }
 
-    /// D or K: a radius.
+    /// D or K, a radius.
     fn depth_of_pass(&self, turning: Turning, name: &str) -> Result<Option<f64>, Fault> {
         let letter = depth_letter(turning) as u8;
         let Some(depth) = self.line.word(letter) else {
@@ -247,13 +247,13 @@ impl Executor<'_> {
             return Ok(Some(depth_mm));
         }
         let message = format!(
-            "{}{depth}: the depth of a pass of {name} is above 0",
+            "{}{depth}: the depth of a pass of {name} must be above 0",
             char::from(letter)
         );
         Err(Fault::new(Code::OutOfRange, self.line.span(letter), message))
     }
 
-    fn hand_on(&mut self, turning: Turning, step: &Step, depth_mm: Option<f64>) -> Result<(), Fault> {
+    fn output_cycle(&mut self, turning: Turning, step: &Step, depth_mm: Option<f64>) -> Result<(), Fault> {
         let here = self.state.program_of(self.state.position);
         let machine = |x: f64, z: f64| {
             let mut at = here;
@@ -285,7 +285,7 @@ impl Executor<'_> {
             cross_feed_mm_s: step.cross_feed,
         };
         self.out(Action::Turning(cycle));
-        // What is left is finished as ever, from where the cycle has begun.
+        // The allowance is finished as usual, from the start of the cycle.
         match turning {
             Turning::Longitudinal => self.finish_longitudinal(step)?,
             Turning::Facing => self.finish_facing(step)?,
@@ -302,7 +302,7 @@ impl Executor<'_> {
             let x = step.x0 - step.out * (depth * f64::from(pass)).min(total);
             self.rapid(x, step.z0)?;
             self.cut(x, step.end_of(x, step.allowance), step.feed)?;
-            // Up the shoulder or the cone, so that no step is left for the next pass.
+            // Up the shoulder or the cone, so that no step remains for the next pass.
             self.along_wall(step, x, above, step.allowance)?;
             self.home_from(step, above)?;
             above = x;
@@ -311,7 +311,7 @@ impl Executor<'_> {
         self.rapid(step.x0, step.z0)
     }
 
-    /// The finishing pass, if something was left for it.
+    /// The finishing pass, if there is an allowance.
     fn finish_longitudinal(&mut self, step: &Step) -> Result<(), Fault> {
         if step.allowance > 0.0 {
             self.rapid(step.x, step.z0)?;
@@ -335,7 +335,7 @@ impl Executor<'_> {
         self.cut(x, z, step.cross_feed)
     }
 
-    /// Off the surface at `x`, and back to where passes begin.
+    /// Off the surface at `x`, and back to the start of the passes.
     fn home_from(&mut self, step: &Step, x: f64) -> Result<(), Fault> {
         let z = self.state.program_of(self.state.position)[2];
         let off = x + step.out * PULL_OFF_MM;
@@ -363,10 +363,10 @@ impl Executor<'_> {
         self.rapid(step.x0, step.z0)
     }
 
-    /// The finishing pass, if something was left for it.
+    /// The finishing pass, if there is an allowance.
     fn finish_facing(&mut self, step: &Step) -> Result<(), Fault> {
         if step.allowance > 0.0 {
-            // The step's cylinder, then its face, outwards.
+            // The cylinder of the step, then its face, outwards.
             let off = step.z0 + step.back * PULL_OFF_MM;
             self.rapid(step.x0, off)?;
             self.rapid(step.x, off)?;
@@ -377,12 +377,12 @@ impl Executor<'_> {
     }
 
     fn passes(&self, total: f64, depth: f64) -> Result<u32, Fault> {
-        // A rounding error is no pass.
+        // Rounding must not add a pass.
         let passes = (total / depth - 1e-9).ceil().max(1.0);
         if passes > MAX_PASSES {
             let message = format!("{passes:.0} passes; at most {MAX_PASSES:.0} are possible");
             return Err(Fault::new(Code::OutOfRange, self.line.motion_span(), message)
-                .help("is the depth of a pass (D of G82, K of G75) in the right unit?"));
+                .help("check the unit of the depth of a pass (D of G82, K of G75)"));
         }
         Ok(passes as u32)
     }
@@ -413,7 +413,7 @@ impl Executor<'_> {
 }
 
 impl Step {
-    /// Where a pass at `x` meets the wall, which is `allowance` before the final one along X and Z.
+    /// Where a pass at `x` meets the wall, which is `allowance` in front of the final one along X and Z.
     fn end_of(&self, x: f64, allowance: f64) -> f64 {
         let (x, z) = (x - self.out * allowance, self.z + self.back * allowance);
         match self.cone {
