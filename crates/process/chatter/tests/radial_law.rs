@@ -88,7 +88,7 @@ fn a_radial_law_in_proportion_is_the_ratio() {
 }
 
 #[test]
-fn with_a_radial_law_cycles_are_those_of_another_program() {
+fn radial_law_cycles_match_another_program() {
     let (tangential, radial) = (steel(), power());
     let laws = Laws {
         tangential: &tangential,

@@ -180,7 +180,7 @@ fn a_cut_with_unstable_cycles_only_leaves_the_model() {
 }
 
 #[test]
-fn an_unstable_cycle_between_its_neighbours_is_not_missed() {
+fn an_unstable_cycle_is_not_missed() {
     for (depth, harmonics) in [
         (2.606, 5),
         (2.608, 5),

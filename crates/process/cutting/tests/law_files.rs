@@ -13,7 +13,7 @@ fn refusal(text: &str) -> String {
 }
 
 #[test]
-fn every_key_of_the_shipped_law_is_needed_or_optional_by_name() {
+fn every_key_of_a_law_is_required_or_known_optional() {
     assert_eq!(LawDefinition::built_in_names(), ["40X-R1"]);
     assert!(LawDefinition::built_in("50X").is_none());
     for line in GOOD

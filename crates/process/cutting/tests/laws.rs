@@ -23,7 +23,7 @@ fn cut(speed_m_min: f64, depth_mm: f64, feed_mm_rev: f64) -> Cut {
 
 /// Computed independently, in another language, from the formula.
 #[test]
-fn the_reconstruction_has_the_forces_that_were_computed_independently() {
+fn the_law_40x_r1_has_independently_computed_forces() {
     for (v, t, s, rake, lead, expected) in [
         (60.0, 4.0, 0.49, 10.0, 60.0, 3430.035994103838),
         (60.0, 2.0, 0.3, 10.0, 45.0, 1216.370309229079),
@@ -44,7 +44,7 @@ fn the_reconstruction_has_the_forces_that_were_computed_independently() {
 
 /// Largest at 38.33 m/min, smallest at 11.28, steepest fall -19.0274 N per m/min between 10 and 70 m/min.
 #[test]
-fn the_reconstruction_rises_and_falls_over_the_speed_as_in_the_figure() {
+fn the_law_40x_r1_rises_and_falls_as_in_the_figure() {
     let law = steel(10.0, 60.0);
     let at = |v: f64| law.force(cut(v, 4.0, 0.49)).unwrap();
     let (mut most, mut least, mut steepest) = ((0.0, 0.0_f64), (0.0, f64::INFINITY), 0.0_f64);

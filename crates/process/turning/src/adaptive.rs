@@ -359,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_that_fails_slows_at_once_and_holds_within_a_revolution() {
+    fn a_failed_sensor_holds_within_a_revolution() {
         for fault in SensorFault::ALL
             .into_iter()
             // Zero is what a sensor shows in air.

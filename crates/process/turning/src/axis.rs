@@ -211,7 +211,7 @@ mod tests {
     };
 
     #[test]
-    fn whatever_it_is_told_and_when_the_limits_hold_in_its_positions() {
+    fn arbitrary_targets_keep_the_limits() {
         let seed = 0x5eed_0101_u64;
         println!("seed {seed:#x}");
         let mut random = evolvent_random::Random::from_state(seed);
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn it_ends_where_it_is_told_to_the_last_bit() {
+    fn the_target_is_reached_bit_for_bit() {
         let mut axis = AxisDrive::new(0.1, &LIMITS);
         axis.aim(17.3, 50.0);
         for _ in 0..50 {

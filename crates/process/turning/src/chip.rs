@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_of_the_feed_grows_into_the_chip_over_a_revolution_and_leaves_it_so() {
+    fn a_feed_step_reaches_the_chip_in_one_revolution() {
         for cycles in [60.0, 1000.0] {
             let mut trail = ChipTrail::new(cycles);
             for k in 1..=1500 {

@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_depth_that_falls_with_the_lead_angle_leaves_nothing() {
+    fn a_depth_falling_at_the_lead_angle_leaves_nothing() {
         let slope = 60.0_f64.to_radians().tan();
         let mut felt = Engagement::new(slope);
         for k in 0..=4000 {

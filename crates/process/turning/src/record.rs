@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_tip_has_passed_is_known_and_what_only_the_edge_has_met_is_bounded() {
+    fn passed_stock_is_known_and_edge_contact_bounds_it() {
         let mut record = record(20.0);
         assert!(record.is_blank());
         for i in -20..=100 {
@@ -347,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn the_shoulder_of_a_pass_that_was_given_up_is_seen_but_not_taken_for_known() {
+    fn an_abandoned_shoulder_is_seen_but_not_known() {
         let mut record = record(40.0);
         for i in -20..=200 {
             record.sweep(f64::from(i) * 0.1, 2.0, true, true);
@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shoulder_ahead_is_seen_when_the_leading_end_of_the_edge_reaches_it() {
+    fn a_shoulder_is_seen_when_the_edge_reaches_it() {
         let mut record = record(40.0);
         for i in -20..=400 {
             let along = f64::from(i) * 0.1;

@@ -455,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn the_narrowest_range_is_two_to_the_ratio_of_the_exponents() {
+    fn the_minimum_range_follows_from_the_exponents() {
         for (x, y) in [(1.0, 0.75), (0.9, 0.8), (1.2, 0.6)] {
             let mut changed = input();
             (changed.law.depth_exponent, changed.law.feed_exponent) = (x, y);

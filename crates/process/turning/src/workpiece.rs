@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn a_steady_cut_has_the_depth_the_feed_and_the_load_of_the_law() {
+    fn a_steady_cut_has_the_load_of_the_law() {
         for (depth, feed_rev) in [(3.0, 0.4), (1.0, 0.7), (5.0, 0.2)] {
             let mut piece = Workpiece::new(Blank::uniform(depth), 40.0, LAW, tool(), 60.0);
             let cuts = feed(&mut piece, -8.0, 30.0, feed_rev, 0.0, 60.0);
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn the_depth_grows_with_the_tangent_of_the_lead_angle_from_the_outer_end() {
+    fn the_depth_grows_with_the_lead_angle() {
         let mut piece = Workpiece::new(Blank::uniform(8.0), 60.0, LAW, tool(), 100.0);
         // The outer corner, 8 mm up, is met when the tip is 8/tan(60) before the face.
         let contact = -8.0 / 60.0_f64.to_radians().tan();

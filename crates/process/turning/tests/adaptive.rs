@@ -144,7 +144,7 @@ fn blanks() -> [(&'static str, Blank); 5] {
 }
 
 #[test]
-fn the_load_is_held_however_slow_late_or_noisy_the_sensor_is() {
+fn the_load_is_held_with_slow_and_noisy_sensors() {
     for (lag_s, dead_s) in SENSORS {
         for noise in [0.0, 0.02, 0.05] {
             for (name, blank) in blanks() {
@@ -168,7 +168,7 @@ fn the_load_is_held_however_slow_late_or_noisy_the_sensor_is() {
 }
 
 #[test]
-fn a_lag_that_is_half_or_twice_what_was_said_leaves_the_load_within_its_bound() {
+fn a_wrong_lag_keeps_the_load_bounded() {
     for (true_s, said_s) in [(0.1, 0.05), (0.05, 0.1), (0.02, 0.01), (0.01, 0.02)] {
         for (name, blank) in blanks() {
             let seen = pass(blank, settings(said_s), (true_s, 0.0), 0.02);
@@ -180,7 +180,7 @@ fn a_lag_that_is_half_or_twice_what_was_said_leaves_the_load_within_its_bound() 
 }
 
 #[test]
-fn the_programmed_feed_does_not_hold_the_load_on_a_taper() {
+fn a_fixed_feed_does_not_hold_the_load_on_a_taper() {
     let mut peak = 0.0;
     let blank = Blank::outline(&[(0.0, 1.5), (120.0, 5.0)]);
     drive(blank, None, (0.01, 0.0), 0.02, |now| {

@@ -114,7 +114,7 @@ fn fixed_passes_take_the_published_times() {
 }
 
 #[test]
-fn the_literal_strategy_takes_the_published_time_and_overloads_as_published() {
+fn the_literal_strategy_matches_the_paper() {
     // Time in s and peak over the set load.
     let published = [
         (188.0854, 1.7126),
@@ -136,7 +136,7 @@ fn the_literal_strategy_takes_the_published_time_and_overloads_as_published() {
 }
 
 #[test]
-fn the_safe_strategy_is_as_fast_as_published_and_peaks_lower() {
+fn the_safe_strategy_is_as_fast_with_lower_peaks() {
     let published = [
         (190.3039, 1.2798),
         (181.1624, 1.2816),
@@ -165,7 +165,7 @@ fn the_safe_strategy_is_as_fast_as_published_and_peaks_lower() {
 }
 
 #[test]
-fn stock_with_many_humps_takes_two_passes_more_than_equation_5_at_most() {
+fn humped_stock_takes_at_most_two_more_passes() {
     let endless = TurningSettings {
         strategy: Strategy {
             on_thin: OnThin::Return,
@@ -306,7 +306,7 @@ fn campaign(
 }
 
 #[test]
-fn random_stocks_come_to_size_within_the_load_and_in_few_passes() {
+fn random_stock_reaches_size_within_the_load() {
     let continuing = TurningSettings {
         strategy: Strategy {
             on_thin: OnThin::Continue,
@@ -332,12 +332,12 @@ fn random_stocks_come_to_size_within_the_load_and_in_few_passes() {
 }
 
 #[test]
-fn random_stocks_that_are_not_round_come_to_size_within_the_load() {
+fn eccentric_stock_reaches_size_within_the_load() {
     campaign(8, 4, random_rough_stock, &[("safe", safe()), ("fast", fast())]);
 }
 
 #[test]
-fn random_stocks_too_thick_for_the_edge_are_left_at_their_face_and_missing_ones_are_told() {
+fn too_thick_or_missing_stock_is_reported() {
     let mut random = Random::seeded(9);
     for case in 0..cases(6) {
         let settings = [safe(), fast()][case % 2];
@@ -400,7 +400,7 @@ fn fixed_passes_at_a_load_keep_it_on_any_stock() {
 }
 
 #[test]
-fn the_safe_strategy_saves_a_sixth_on_every_stock_of_the_cases() {
+fn the_safe_strategy_saves_one_sixth_on_every_stock() {
     // Published: 5, 32, 16 and 11 %; before parts of least time 7, 38, 16 and 17 %; before gaps were crossed at the largest
     // feed the gap 17 %.
     for ((name, blank), least) in stocks().into_iter().zip([0.20, 0.36, 0.205, 0.44]) {
@@ -418,7 +418,7 @@ fn the_safe_strategy_saves_a_sixth_on_every_stock_of_the_cases() {
 }
 
 #[test]
-fn safe_jobs_take_two_passes_more_than_equation_5_at_most() {
+fn safe_jobs_take_at_most_two_more_passes() {
     let mut random = Random::seeded(7);
     let count = cases(8);
     let mut beyond = Vec::new();

@@ -285,7 +285,7 @@ fn a_load_that_dies_on_the_cone_is_a_fault() {
 }
 
 #[test]
-fn stock_that_rises_faster_than_the_cone_is_backed_off_from() {
+fn stock_steeper_than_the_cone_causes_backing_off() {
     let blank = Blank::outline(&[(0.0, 3.0), (150.0, 3.0), (170.0, 10.0), (200.0, 10.0)]);
     for settings in [safe(), fast()] {
         let settings = with_cone(settings, 140.0, 2.0);
@@ -305,7 +305,7 @@ fn stock_that_rises_faster_than_the_cone_is_backed_off_from() {
 }
 
 #[test]
-fn a_jam_on_the_cone_draws_the_tool_out_and_the_job_can_go_on() {
+fn a_jam_on_the_cone_retracts_and_can_continue() {
     let settings = with_cone(safe(), 175.0, 15.0);
     let cone = settings.cone.unwrap();
     let blank = Blank::uniform(6.0);

@@ -129,7 +129,7 @@ fn fail(mut sim: Simulation, mut limits: Limits, fault: SensorFault, what: &str)
 }
 
 #[test]
-fn a_sensor_that_fails_at_any_tick_on_any_stock_stops_the_axial_feed_within_a_revolution() {
+fn a_failed_sensor_stops_the_feed_within_a_revolution() {
     let mut random = Random::seeded(1);
     let (mut stopped, mut states) = (0, [0_u32; 10]);
     let count = cases(6);
@@ -171,7 +171,7 @@ fn a_sensor_that_fails_at_any_tick_on_any_stock_stops_the_axial_feed_within_a_re
 }
 
 #[test]
-fn a_sensor_that_is_away_for_moments_slows_the_job_and_for_longer_ends_it_without_overload() {
+fn sensor_dropouts_never_overload() {
     let mut random = Random::seeded(6);
     let (mut done, mut faults, mut gaps) = (0, 0, 0);
     let count = cases(4);
@@ -255,7 +255,7 @@ fn an_overload_at_any_moment_draws_the_tool_out() {
 }
 
 #[test]
-fn a_load_that_goes_away_in_known_stock_is_a_broken_insert() {
+fn a_load_lost_in_known_stock_is_a_broken_insert() {
     for case in 0..8 {
         let settings = [safe(), fast()][case % 2];
         let mut sim = simulation(settings, Blank::uniform(8.0), case as u64);
@@ -285,7 +285,7 @@ fn a_load_that_goes_away_in_known_stock_is_a_broken_insert() {
 }
 
 #[test]
-fn stock_that_is_higher_than_the_edge_is_refused_at_its_face() {
+fn stock_higher_than_the_edge_is_rejected() {
     for settings in [safe(), fast(), literal()] {
         for height in [10.5, 11.0, 15.0] {
             let mut sim = simulation(settings, Blank::uniform(height), 3);
@@ -300,7 +300,7 @@ fn stock_that_is_higher_than_the_edge_is_refused_at_its_face() {
 }
 
 #[test]
-fn missing_stock_is_told_and_not_taken_for_a_finished_part() {
+fn missing_stock_is_reported() {
     let settings = safe();
     let mut sim = simulation(settings, Blank::uniform(0.0), 3);
     let reason = run_out(&mut sim, &mut Limits::new(&settings));
@@ -349,7 +349,7 @@ fn cuts_that_are_not_round_are_held_at_their_deepest() {
 }
 
 #[test]
-fn holds_and_overrides_at_random_moments_end_at_size_without_overload() {
+fn random_holds_and_overrides_reach_size() {
     let mut random = Random::seeded(4);
     for case in 0..cases(6) {
         let settings = [safe(), fast()][case % 2];
@@ -416,7 +416,7 @@ fn a_held_tool_stands_and_goes_on_only_when_told() {
 }
 
 #[test]
-fn after_a_fault_the_job_goes_on_from_what_is_known_when_it_is_started_again() {
+fn a_restart_after_a_fault_uses_known_stock() {
     let settings = safe();
     let mut sim = simulation(settings, Blank::uniform(8.0), 1);
     let mut limits = Limits::new(&settings);
@@ -480,7 +480,7 @@ fn a_load_that_goes_away_after_a_shoulder_is_a_fault() {
 }
 
 #[test]
-fn a_load_that_goes_away_after_a_shoulder_with_slots_does_not_end_as_done() {
+fn a_load_lost_after_slots_is_not_done() {
     // The mean of a revolution is far below the cut between the slots, so how high the shoulder is is not sure.
     let blank = Blank {
         runout_mm: 0.3,

@@ -89,7 +89,7 @@ fn a_steady_cut_has_the_depth_of_its_law() {
 }
 
 #[test]
-fn a_feed_that_changes_does_not_change_the_depth_however_the_sensor_lags() {
+fn feed_changes_do_not_change_the_depth() {
     for lag in [0.0, 0.02, 0.1] {
         let mut watched = Watched::new(lag);
         watched.cut_for(20 * TURN, 3.0, 0.2);
@@ -143,7 +143,7 @@ fn growth_is_that_of_a_revolution_and_noise_is_none() {
 }
 
 #[test]
-fn a_chip_that_is_too_thin_tells_nothing_and_what_is_forgotten_is_gone() {
+fn thin_chips_and_cleared_readings_are_ignored() {
     let mut watched = Watched::new(0.0);
     watched.cut_for(5 * TURN, 3.0, 0.4);
     let view = watched.cut_for(TURN / 4, 3.0, 0.0);
@@ -162,7 +162,7 @@ fn a_chip_that_is_too_thin_tells_nothing_and_what_is_forgotten_is_gone() {
 }
 
 #[test]
-fn readings_that_cannot_be_believed_are_trouble_once_they_have_lasted() {
+fn implausible_readings_become_trouble() {
     // Missing for 10 ms is allowed for; the sum of tenths may be a cycle off.
     let soon = 10..=11;
     let (cycle, trouble) = until_trouble(|w| w.watch.step(None, 0.4)).unwrap_or((0, SensorTrouble::Frozen));

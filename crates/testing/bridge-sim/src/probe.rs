@@ -325,7 +325,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_contact_is_found_between_two_periods_and_told_after_its_delay() {
+    fn a_contact_is_interpolated_and_delayed() {
         let settings: ProbeSettings = "plane:Z<-3;delay=2;latched".parse().unwrap();
         let mut probe = SimProbe::new(settings);
         let mut message = MachineInputs::default();

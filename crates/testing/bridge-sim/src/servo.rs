@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn at_constant_velocity_the_axis_trails_by_what_is_not_fed_forward() {
+    fn constant_velocity_lags_by_missing_feedforward() {
         for feed_forward in [0.0, 0.9, 1.0] {
             let settings = ServoSettings {
                 feed_forward,

@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn it_speeds_up_by_its_torque_and_tells_when_it_is_at_speed() {
+    fn a_spindle_accelerates_and_reports_at_speed() {
         let mut spindle = SimSpindle::new(SpindleSimulation::usual(0), 1);
         spindle.step(0, &outputs(0, 0.0), &[]);
         let (after_ms, message) =
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn the_shown_angle_is_the_integral_of_the_speed_within_a_step_of_the_encoder() {
+    fn the_angle_is_the_integral_of_the_speed() {
         let simulation = SpindleSimulation {
             ripple: 0.02,
             counts: 1000,

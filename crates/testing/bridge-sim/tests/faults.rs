@@ -173,7 +173,7 @@ fn run(fault: Option<Fault>, seconds: f64) -> Outcome {
 }
 
 #[test]
-fn a_minute_without_a_fault_raises_nothing_and_the_axes_move() {
+fn a_minute_without_faults_has_no_alarm() {
     let outcome = run(None, 60.0);
     assert_eq!(outcome.alarm, None);
     assert!(outcome.shares[0] > 0.5, "{:?}", outcome.shares);
@@ -210,7 +210,7 @@ fn is_right(kind: FaultKind, axis: usize, alarm: &DriveAlarm) -> bool {
 }
 
 #[test]
-fn each_kind_of_fault_at_50_random_moments_is_named_and_ends_at_rest_within_the_limits() {
+fn every_fault_is_reported_and_stops_within_limits() {
     let mut random = Random::new();
     let of_drives = |kind: FaultKind| !kind.is_of_load() && !kind.is_of_spindle();
     for (kind, name) in FaultKind::ALL.into_iter().filter(|(kind, _)| of_drives(*kind)) {
@@ -263,7 +263,7 @@ fn a_fault_of_one_drive_stops_the_others_quickly() {
 
 /// Setpoints that stop for ever, at random moments: the bridge alone brings the axes to rest.
 #[test]
-fn when_the_core_dies_at_50_random_moments_the_drives_stop_by_themselves_within_the_limits() {
+fn drives_stop_by_themselves_when_the_core_dies() {
     let mut random = Random::new();
     let mut worst = 0.0_f64;
     for _ in 0..50 {
@@ -321,7 +321,7 @@ fn the_same_inputs_give_the_same_feedback_to_the_bit() {
 }
 
 #[test]
-fn a_load_sensor_fails_as_it_was_told_and_at_no_other_time() {
+fn a_load_sensor_fails_as_configured() {
     for (kind, name) in FaultKind::ALL.into_iter().filter(|(kind, _)| kind.is_of_load()) {
         let mut settings = settings();
         settings.faults = vec![format!("{name}@0.5+0.2").parse().expect("a fault")];

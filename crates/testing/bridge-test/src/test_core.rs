@@ -361,7 +361,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_bridge_that_goes_on_was_paused_and_one_that_has_died_was_not() {
+    fn paused_and_dead_bridges_are_distinguished() {
         let of = |instance| Feedback {
             instance,
             ..Feedback::default()

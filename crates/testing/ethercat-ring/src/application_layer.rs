@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn states_are_reached_one_by_one_and_an_error_is_acknowledged() {
+    fn states_are_sequential_and_errors_acknowledged() {
         let mut layer = ApplicationLayer::new();
         layer.request(8, 0, |_| Check::Fine);
         assert_eq!(

@@ -148,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_drift_of_50_ppm_is_50_us_a_second_until_the_loop_takes_it_away() {
+    fn a_drift_of_50_ppm_is_removed_by_the_loop() {
         let mut clock = Clock::new(1_000, 50.0);
         assert!(clock.local(1_000_001_000).abs_diff(1_000_050_000) <= 1);
         for millisecond in 1..2000_u64 {

@@ -623,7 +623,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_text_goes_up_and_down_in_segments_and_a_wrong_toggle_ends_it() {
+    fn long_texts_are_segmented_with_toggle_checks() {
         let (mut server, mut objects) = server();
         let reply = ask(&mut server, &mut objects, &[0x40, 0x01, 0x20, 0, 0, 0, 0, 0]);
         assert_eq!(reply[2], 0x41);

@@ -639,7 +639,7 @@ mod tests {
 
     /// Behind a ramp a position loop trails by speed over gain; with the speed fed forward by next to nothing.
     #[test]
-    fn it_trails_by_speed_over_gain_without_a_velocity_offset() {
+    fn the_lag_is_speed_over_gain() {
         let mut axis = Axis::new(DriveSettings::default());
         axis.switch_on();
         let trail = axis.go(5.0, 500, false);
@@ -707,7 +707,7 @@ mod tests {
     }
 
     #[test]
-    fn a_blocked_load_ends_in_a_following_error_and_a_reset_clears_it() {
+    fn a_blocked_load_is_a_following_error() {
         let mut axis = Axis::new(DriveSettings::default());
         axis.switch_on();
         axis.drive.trouble.blocked = true;

@@ -67,7 +67,7 @@ fn play(script: &'static str) -> Option<(u8, f64)> {
 }
 
 #[test]
-fn soem_brings_it_to_op_reads_and_writes_objects_and_turns_the_drive() {
+fn soem_reaches_op_and_moves_the_drive() {
     unless_disturbed(|| {
         let Some((driven, turns)) = play("ethercat_soem.py") else {
             return;

@@ -119,7 +119,7 @@ fn every_command_counts_as_the_standard_says() {
 }
 
 #[test]
-fn a_broadcast_ors_and_a_multiple_write_copies_the_reader() {
+fn broadcast_and_multiple_write_follow_the_standard() {
     let mut ring = ring();
     send(
         &mut ring,

@@ -35,7 +35,7 @@ fn several_commands_share_a_packet() {
 }
 
 #[test]
-fn steps_come_at_the_rate_and_reach_the_motor_only_by_the_pins() {
+fn steps_reach_the_motor_only_by_the_pins() {
     let mut board = Board::new(BoardModel::B7i96s, 0);
     for (address, value) in [(0x2500, 199), (0x2600, 199), (0x2000, 429_497)] {
         write(&mut board, 10, address, value);

@@ -56,7 +56,7 @@ fn curves(rate_hz: f64) -> Motion {
 }
 
 #[test]
-fn a_tolerance_that_becomes_fine_at_once_on_a_straight_way_is_no_leaving_of_the_path() {
+fn a_sudden_tight_tolerance_on_a_line_is_no_deviation() {
     // The place that is kept lags by the tolerance; in the exact block behind, that is many of its own.
     let program = "G21 G90 G64 P0.02 F12000\nG1 X1\nG61\nG1 X2\nG1 X30\nM2\n";
     let motion = Motion::new(1000.0).to(xyz(30.0, 0.0, 0.0), 1.5);
@@ -73,7 +73,7 @@ fn a_tolerance_that_becomes_fine_at_once_on_a_straight_way_is_no_leaving_of_the_
 }
 
 #[test]
-fn a_motion_on_every_kind_of_curve_has_no_fault_at_any_rate() {
+fn valid_motion_on_every_curve_has_no_fault() {
     for rate_hz in [250.0, 1000.0, 10_000.0, 35_000.0] {
         let (mut kinds, verdict) = found(CURVES, &curves(rate_hz));
         if rate_hz < 300.0 {
@@ -91,7 +91,7 @@ fn a_motion_on_every_kind_of_curve_has_no_fault_at_any_rate() {
 }
 
 #[test]
-fn differences_of_a_known_polynomial_are_its_derivatives() {
+fn differences_of_a_polynomial_are_its_derivatives() {
     // 25 mm in 0.35 s, against the peaks of the polynomial.
     let motion = Motion::new(35_000.0).to(xyz(25.0, 0.0, 0.0), 0.35);
     let seconds = motion.setpoints.len() as f64 * motion.period_ns as f64 * 1e-9;
@@ -145,7 +145,7 @@ fn a_jerk_three_per_cent_too_high_is_found() {
 }
 
 #[test]
-fn a_setpoint_moved_by_a_micrometre_is_found_at_any_rate() {
+fn a_shift_of_1_um_is_found_at_any_rate() {
     for rate_hz in [250.0, 1000.0, 10_000.0, 35_000.0] {
         let mut motion = square(rate_hz);
         let middle = motion.setpoints.len() / 8;
@@ -183,7 +183,7 @@ fn a_tolerance_exceeded_by_one_per_cent_is_found() {
 }
 
 #[test]
-fn a_corner_cut_within_the_tolerance_of_both_sides_is_allowed_and_half_as_much_again_is_not() {
+fn a_corner_cut_is_judged_by_the_tolerance() {
     // The chord of a right angle runs within P of either side while it cuts off 1.41 P.
     let program = "G21 G64 P0.02 G90 F12000\nG1 X10\nG1 Y10\nM2\n";
     for (cut, allowed) in [(0.019, true), (0.029, true), (0.06, false)] {
@@ -240,7 +240,7 @@ fn a_block_left_out_is_found() {
 }
 
 #[test]
-fn a_spike_left_out_is_found_though_every_setpoint_lies_on_the_path() {
+fn a_skipped_spike_is_found() {
     let program = "G21 G64 P0.02 G90 F12000\nG1 X10\nG1 Y1\nG1 Y0\nG1 X20\nM2\n";
     let motion = Motion::new(1000.0).to(xyz(20.0, 0.0, 0.0), 0.5);
     let (kinds, verdict) = found(program, &motion);
@@ -274,7 +274,7 @@ fn a_reversal_may_turn_within_the_tolerance_of_its_tip() {
 }
 
 #[test]
-fn going_to_and_fro_about_one_place_passes_the_programs_own_to_and_fro() {
+fn unprogrammed_reversals_are_distinguished() {
     let program = |low: f64, high: f64| {
         let there_and_back = format!("G1 X{low}\nG1 X{high}\n").repeat(8);
         format!("G21 G64 P0.02 G90 F12000\nG1 X{high}\n{there_and_back}G1 X0\nM2\n")
@@ -321,7 +321,7 @@ fn a_changed_order_is_found() {
 }
 
 #[test]
-fn turns_left_out_are_found_where_start_and_end_are_one_place() {
+fn skipped_turns_of_a_circle_are_found() {
     let twice = "G21 G61 G90 F12000\nG3 X0 Y0 I5 J0 P2\nM2\n";
     let turns = |count: f64| Motion::new(1000.0).turn([0, 1], [5.0, 0.0], 360.0 * count, 0.0, 1.5 * count);
     assert_eq!(found(twice, &turns(2.0)).0, []);
@@ -387,7 +387,7 @@ fn a_motion_that_breaks_off_is_found() {
 }
 
 #[test]
-fn a_dwell_that_is_passed_without_a_rest_at_its_place_is_found() {
+fn a_dwell_without_a_stop_is_found() {
     let program = "G21 G64 P0.02 G90 F12000\nG1 X10\nG4 P0.1\nG1 Y10\nM2\n";
     let legs = |radius: f64, wait: f64| {
         Motion::new(1000.0)
@@ -411,7 +411,7 @@ fn a_dwell_that_is_passed_without_a_rest_at_its_place_is_found() {
 }
 
 #[test]
-fn numbers_that_are_none_and_places_beyond_the_travel_are_found() {
+fn nan_and_positions_beyond_the_travel_are_found() {
     let mut motion = square(1000.0);
     motion.setpoints[100][0] = f64::NAN;
     assert!(found(SQUARE, &motion).0.contains(&Kind::Unreadable));
@@ -423,7 +423,7 @@ fn numbers_that_are_none_and_places_beyond_the_travel_are_found() {
 }
 
 #[test]
-fn nine_axes_are_followed_together_and_rotary_axes_in_degrees() {
+fn nine_axes_are_followed_together() {
     let machine = machine("XYZABCUVW");
     let program = "G21 G64 P0.02 G90 F3000\nG1 X10 A40 U3\nG1 Y10 B-30 C20 W2\nG1 A400 B0\nG1 V5 F300\nM2\n";
     use AxisLetter::{A, B, C, U, V, W, X, Y};
@@ -515,7 +515,7 @@ fn blocks_of_ten_micrometres_are_followed_at_full_speed() {
 }
 
 #[test]
-fn steps_of_curvature_in_exact_path_mode_are_judged_by_the_joint_time() {
+fn curvature_steps_are_judged_by_the_joint_time() {
     // Line into arc at a constant 10 mm/s on radius 2 mm: 50 mm/s2 at once, which is J times 1 ms; jerk knows no bound.
     let program = "G21 G61 G90 F12000\nG1 X20\nG3 X20 Y4 I0 J2\nG1 X0\nM2\n";
     // At 35 kHz three periods are 0.086 ms: 54.3 mm/s2 are allowed from one to the other.
@@ -560,7 +560,7 @@ fn steps_of_curvature_in_exact_path_mode_are_judged_by_the_joint_time() {
 }
 
 #[test]
-fn the_deviation_is_that_of_a_search_over_the_whole_program() {
+fn the_deviation_matches_an_exhaustive_search() {
     let mut random = Random::from_state(seed(0x5eed_0007) | 1);
     let mut unit = || random.unit();
     for case in 0..20 {

@@ -18,7 +18,7 @@ fn programs(names: &[&str]) -> Vec<Program> {
 }
 
 #[test]
-fn programs_of_every_class_are_driven_as_asked_at_every_rate() {
+fn programs_of_every_class_pass_at_every_rate() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let machine = root().join("config/machines/bench-3axis.toml");
     for rate_hz in [250.0, 1000.0, 10_000.0, 35_000.0] {

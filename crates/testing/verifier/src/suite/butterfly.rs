@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn it_starts_and_ends_at_its_outer_points_and_is_a_butterfly_of_two_like_wings() {
+    fn the_butterfly_is_symmetric() {
         assert_eq!(butterfly_point(0.0), POINTS[0]);
         assert_eq!(butterfly_point(1.0), POINTS[50]);
         // The figures are printed to a few digits, and the wings differ by as much.
