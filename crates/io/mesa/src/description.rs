@@ -204,7 +204,8 @@ impl Description {
                 register_stride: stride(u32::from(strides), 14),
             });
         }
-        let mut words = vec![0; pins as usize];
+        // Pins beyond the bits of the ports have no register.
+        let mut words = vec![0; (pins as usize).min(ports * port_width as usize)];
         for (i, some) in words.chunks_mut(64).enumerate() {
             registers.read(pins_at + 256 * i as u16, some)?;
         }
@@ -286,5 +287,55 @@ fn figure(what: &'static str, value: u32, least: u32, most: u32) -> Result<u32, 
         Ok(value)
     } else {
         Err(DescriptionError::Figure { what, value })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A board that claims `pins` pins in `ports` ports of `width` bits.
+    struct Claim {
+        pins: u32,
+        ports: u32,
+        width: u32,
+    }
+
+    impl Registers for Claim {
+        type Error = DescriptionError;
+
+        fn read(&mut self, address: u16, values: &mut [u32]) -> Result<(), DescriptionError> {
+            values.fill(0);
+            let text = |part: &[u8; 4]| u32::from_le_bytes(*part);
+            let idrom = [
+                3,
+                0x40,
+                0x200,
+                0,
+                0,
+                0,
+                0,
+                self.ports,
+                self.pins,
+                self.width,
+                100_000_000,
+                200_000_000,
+            ];
+            match address {
+                0x0100 => values.copy_from_slice(&[COOKIE, text(b"HOST"), text(b"MOT2"), 0x0400]),
+                0x0400 => values[..idrom.len()].copy_from_slice(&idrom),
+                _ => {}
+            }
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn pins_beyond_the_bits_of_the_ports_are_left_out() {
+        for (pins, ports, width, kept) in [(144, 2, 4, 8), (51, 3, 17, 51), (34, 2, 17, 34)] {
+            let mut board = Claim { pins, ports, width };
+            let description = Description::explore("board".to_owned(), &mut board).unwrap();
+            assert_eq!(description.pins.len(), kept);
+        }
     }
 }
