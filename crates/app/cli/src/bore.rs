@@ -341,7 +341,7 @@ mod tests {
             ("--hole 200 --tool 40 --pitch 4 --feed nan", "--feed NaN"),
             (
                 "--hole 200 --tool 40 --pitch 4 --depth -3",
-                "bottom must lie below the top",
+                "bottom must be below the top",
             ),
             ("--hole 200 --tool 40 --pitch 4 --start 1", "two finite numbers"),
             ("--hole 200 --tool 40", "--pitch"),

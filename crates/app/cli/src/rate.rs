@@ -282,7 +282,7 @@ mod tests {
             ..RateArgs::default()
         });
         assert!(
-            out.contains("121.43 Hz") && out.contains("no less than 250 Hz"),
+            out.contains("121.43 Hz") && out.contains("minimum rate of the loop is 250 Hz"),
             "{out}"
         );
     }

@@ -116,6 +116,15 @@ impl FaultKind {
         )
     }
 
+    /// Whether it shows only while an axis homes: a switch, an index pulse or an absolute encoder.
+    #[must_use]
+    pub const fn is_of_homing(self) -> bool {
+        matches!(
+            self,
+            Self::SwitchClosed | Self::SwitchOpen | Self::IndexMissing | Self::AbsoluteLost
+        )
+    }
+
     /// The name on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {

@@ -268,8 +268,8 @@ mod tests {
             ("none.mcap", "is not there; check the name"),
             ("none/run.mcap", "is not there; check the name"),
             ("", "is a folder; name one of the traces in it"),
-            ("empty.mcap", "is no trace: it"),
-            ("text.mcap", "is no trace: it"),
+            ("empty.mcap", "is not a trace: it"),
+            ("text.mcap", "is not a trace: it"),
         ] {
             for command in commands(&there(name)) {
                 let words: Vec<&str> = command.iter().map(String::as_str).collect();
