@@ -149,12 +149,12 @@ fn signals_are_refused_where_they_are_wrong() {
         (
             "bit = 8, values = [0, 10]",
             "bit = 0",
-            "bit 0 belongs to another signal",
+            "bit 0 also belongs to another signal",
         ),
         (
             "bit = 0 },\n    { name = \"level\"",
             "bit = 15 },\n    { name = \"level\"",
-            "bit 8 belongs",
+            "bit 8 also belongs",
         ),
         ("bit = 8, values = [0, 10]", "bit = 8192", "out of range"),
         (

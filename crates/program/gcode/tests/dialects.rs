@@ -49,10 +49,10 @@ fn other_dialects_are_told_what_to_write_here() {
         (
             "G71\nG0 X1\n",
             1,
-            "turning cycle in this dialect, not a switch to millimetres",
+            "turning cycle in this dialect, not the selection of millimetres",
             "write G21",
         ),
-        ("G70\nG0 X1\n", 1, "not a switch to inches", "write G20"),
+        ("G70\nG0 X1\n", 1, "not the selection of inches", "write G20"),
         (
             "G68 X0 Y0 R30\nG0 X1\n",
             1,
@@ -148,7 +148,7 @@ fn an_endsub_of_another_name_is_one_error_in_its_line() {
     assert_eq!(found.len(), 1, "{found:?}");
     let found = errors("o<a> sub\nG0 X1\n");
     assert!(
-        found[0].message.contains("O<a> sub begins in line 1"),
+        found[0].message.contains("O<a> sub starts in line 1"),
         "{}",
         found[0].message
     );
