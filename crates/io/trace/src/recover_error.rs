@@ -66,7 +66,7 @@ fn nothing_left(path: &Path, bytes: u64) -> String {
         );
     }
     format!(
-        "{name} is no trace: its {bytes} bytes do not start as an MCAP file; name a truncated trace, such \
+        "{name} is not a trace: its {bytes} bytes do not start as an MCAP file; name a truncated trace, such \
          as the NAME.mcap.part of an aborted run"
     )
 }
