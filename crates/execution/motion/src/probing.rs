@@ -94,12 +94,12 @@ pub struct ProbeResult {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
-    /// At rest before the move, for so many seconds more.
+    /// At rest before the move, for this many more seconds.
     Settling(f64),
     Moving,
-    /// At rest at the end without contact, for so many seconds more.
+    /// At rest at the end without contact, for this many more seconds.
     Lingering(f64),
-    /// At rest after a contact whose position has yet to come, for so many seconds more.
+    /// At rest after a contact whose position has yet to come, for this many more seconds.
     Awaiting(f64),
     Over,
 }

@@ -62,7 +62,7 @@ impl IndexLatch {
         }
     }
 
-    /// Positions are named anew.
+    /// Positions refer to another datum.
     pub fn rename(&mut self, shift: &[f64; AXES]) {
         if let Some(position) = &mut self.position {
             *position += shift[self.request.axis];

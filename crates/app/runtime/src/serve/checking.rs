@@ -91,7 +91,7 @@ impl Drop for Checking {
     }
 }
 
-/// What program text and machine have against a program, whose lines are counted after so many.
+/// The errors that program text and machine raise against a program; its lines count from an offset.
 pub(super) fn judge(
     file: &Path,
     setup: &Setup,

@@ -7,7 +7,7 @@ use evolvent_path::Axes;
 use super::{CycleState, ServedParts, Turn};
 use crate::serve::orders::{ActiveJob, CycleCommand, CycleEvent, Following};
 
-/// Orders that one cycle takes at most; there are never so many.
+/// Maximum number of orders that one cycle takes; more than ever wait.
 const MAX_ORDERS: usize = 32;
 
 impl ServedParts {
