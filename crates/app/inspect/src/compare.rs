@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use evolvent_trace::{CycleRecord, ReadError};
+use evolvent_trace::{CycleRecord, ReadError, inputs};
 
+use crate::jobs::recorded_jobs;
 use crate::lines::LineTimes;
 use crate::opened::{InspectError, Opened};
 
@@ -11,6 +12,8 @@ use crate::opened::{InspectError, Opened};
 const MAX_LINES: usize = 40;
 /// Points of the curve of the difference.
 const POINTS: usize = 200;
+/// Texts of lines are looked up as far as this.
+const MAX_LINE: usize = 1_000_000;
 /// Differences in time below this are ignored, s.
 const MIN_S: f64 = 1e-9;
 
@@ -60,27 +63,113 @@ pub struct Comparison {
     pub notes: Vec<String>,
 }
 
+/// One of two runs that are compared.
+#[derive(Clone, Copy, Debug)]
+pub struct ComparedRun<'a> {
+    /// Its trace.
+    pub trace: &'a Path,
+    /// The job of a served machine that is meant; `None` for all of the trace.
+    pub job: Option<u32>,
+}
+
+/// The cycles of a run in its trace.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    first: u64,
+    /// The first after it.
+    end: u64,
+    is_job: bool,
+}
+
+impl Part {
+    fn of(opened: &mut Opened, job: Option<u32>) -> Result<Self, InspectError> {
+        let Some(job) = job else {
+            return Ok(Self {
+                first: 0,
+                end: u64::MAX,
+                is_job: false,
+            });
+        };
+        let starts = recorded_jobs(&mut opened.trace)?;
+        let first = starts.iter().position(|start| start.job == job);
+        let first = first.ok_or_else(|| InspectError::NoJob {
+            file: opened.trace.info().path.display().to_string(),
+            job,
+            jobs: starts.back().map_or(0, |start| start.job),
+        })?;
+        let next = starts.iter().skip(first).find(|start| start.job != job);
+        Ok(Self {
+            first: starts[first].sequence,
+            end: next.map_or(u64::MAX, |next| next.sequence),
+            is_job: true,
+        })
+    }
+
+    /// The cycle, counted from the beginning of the run; `None` for one in which the job does not move the axes.
+    fn cut(self, record: Result<CycleRecord, ReadError>) -> Option<Result<CycleRecord, ReadError>> {
+        let mut record = match record {
+            Ok(record) => record,
+            Err(error) => return Some(Err(error)),
+        };
+        let is_moved = record.inputs & (inputs::FOLLOWS | inputs::STEERS) != 0;
+        if !(self.first..self.end).contains(&record.sequence) || (self.is_job && !is_moved) {
+            return None;
+        }
+        record.sequence -= self.first;
+        Some(Ok(record))
+    }
+
+    /// Texts of lines: of the attached program, or of the blocks of a job.
+    fn lines(self, opened: &mut Opened) -> Result<Vec<String>, InspectError> {
+        let mut lines = opened.program_lines();
+        if self.is_job {
+            for block in opened.trace.blocks() {
+                let block = block?;
+                let at = block.line as usize;
+                if !(self.first..self.end).contains(&block.start_sequence) || !(1..=MAX_LINE).contains(&at) {
+                    continue;
+                }
+                if lines.len() < at {
+                    lines.resize(at, String::new());
+                }
+                lines[at - 1] = block.text;
+            }
+        }
+        Ok(lines)
+    }
+}
+
 /// Compares two traces.
 ///
 /// # Errors
 /// [`InspectError`] of either.
 pub fn compare(a: &Path, b: &Path) -> Result<Comparison, InspectError> {
-    let mut a = Opened::open(a)?;
-    let mut b = Opened::open(b)?;
+    let whole = |trace| ComparedRun { trace, job: None };
+    compare_runs(whole(a), whole(b))
+}
+
+/// Compares two runs: traces, or jobs in the traces of served machines.
+///
+/// # Errors
+/// [`InspectError`] of either; a trace that has no such job.
+pub fn compare_runs(run_a: ComparedRun<'_>, run_b: ComparedRun<'_>) -> Result<Comparison, InspectError> {
+    let mut a = Opened::open(run_a.trace)?;
+    let mut b = Opened::open(run_b.trace)?;
     let mut result = Comparison {
         notes: surroundings(&a, &b),
         ..Comparison::default()
     };
-    let lines = a.program_lines();
+    let (part_a, part_b) = (Part::of(&mut a, run_a.job)?, Part::of(&mut b, run_b.job)?);
+    let lines = part_a.lines(&mut a)?;
     let mut times = [
         LineTimes::new(&a.machine, a.run.period_ns),
         LineTimes::new(&b.machine, b.run.period_ns),
     ];
     let periods = [a.period_s(), b.period_s()];
-    let mut b_cycles = Ahead::new(b.trace.cycles());
+    let mut b_cycles = Ahead::new(b.trace.cycles().filter_map(|record| part_b.cut(record)));
     let mut last_lag = (0.0, 0.0);
     let mut lags = Vec::new();
-    for record in a.trace.cycles() {
+    for record in a.trace.cycles().filter_map(|record| part_a.cut(record)) {
         let record = record?;
         times[0].cycle(&record);
         result.path_mm[0] = result.path_mm[0].max(record.path_mm);

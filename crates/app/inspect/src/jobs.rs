@@ -20,6 +20,28 @@ pub struct RecordedJob {
     pub switched: VecDeque<Switched>,
 }
 
+impl RecordedJob {
+    /// What it was, in words.
+    #[must_use]
+    pub fn name(&self) -> String {
+        match &self.start {
+            Some(JobStart::Program(program)) if program.is_mdi => "MDI".to_owned(),
+            Some(JobStart::Program(program)) => {
+                let name = program.program.rsplit('/').next().unwrap_or_default();
+                format!("program {name}")
+            }
+            Some(JobStart::Steered(_)) => "jog or homing".to_owned(),
+            None => "of another version".to_owned(),
+        }
+    }
+
+    /// Whether it is a program or a block of MDI.
+    #[must_use]
+    pub const fn is_program(&self) -> bool {
+        matches!(self.start, Some(JobStart::Program(_)))
+    }
+}
+
 /// Another travel, and the cycle from which it applies.
 pub type TravelFrom = (u64, Axes, Axes);
 

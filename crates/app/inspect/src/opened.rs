@@ -32,6 +32,18 @@ pub enum InspectError {
         /// The version that recorded it.
         version: String,
     },
+    /// The trace has no such job.
+    #[error(
+        "{file} has no job {job}; its jobs end with number {jobs}, and `evolvent trace report` lists them"
+    )]
+    NoJob {
+        /// The trace.
+        file: String,
+        /// The number.
+        job: u32,
+        /// Number of its last job; 0 where it is a run of one program.
+        jobs: u32,
+    },
     /// Writing or the system failed.
     #[error("{what}: {source}")]
     Io {

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use evolvent_inspect::{Comparison, compare};
+use evolvent_inspect::{ComparedRun, Comparison, compare_runs};
 
 use super::{inspect_error, write_error};
 use crate::{CommandError, Ending};
@@ -11,8 +11,14 @@ use crate::{CommandError, Ending};
 /// Maximum number of lines shown.
 const SHOWN: usize = 12;
 
-pub(super) fn run(a: &Path, b: &Path, json: bool, out: &mut dyn Write) -> Result<Ending, CommandError> {
-    let comparison = compare(a, b).map_err(|error| inspect_error(&error))?;
+pub(super) fn run(
+    a: (&Path, Option<u32>),
+    b: (&Path, Option<u32>),
+    json: bool,
+    out: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let run = |(trace, job)| ComparedRun { trace, job };
+    let comparison = compare_runs(run(a), run(b)).map_err(|error| inspect_error(&error))?;
     let written = if json {
         serde_json::to_string(&comparison)
             .map_err(io::Error::from)

@@ -68,6 +68,12 @@ enum TraceCommand {
         a: PathBuf,
         /// The second trace.
         b: PathBuf,
+        /// A job of the first trace, where it is that of a served machine: its number in the report. Default: all of the trace.
+        #[arg(long, value_name = "N")]
+        job_a: Option<u32>,
+        /// The same of the second trace.
+        #[arg(long, value_name = "N")]
+        job_b: Option<u32>,
         /// Print one JSON object.
         #[arg(long)]
         json: bool,
@@ -96,7 +102,13 @@ pub(crate) fn run(
         TraceCommand::Export(args) => export::run(args, err),
         TraceCommand::Verify { file, json } => verify::run(file, *json, out),
         TraceCommand::Replay(args) => replay::run(args, out, err),
-        TraceCommand::Compare { a, b, json } => compare::run(a, b, *json, out),
+        TraceCommand::Compare {
+            a,
+            b,
+            job_a,
+            job_b,
+            json,
+        } => compare::run((a, *job_a), (b, *job_b), *json, out),
         TraceCommand::Recover { file, output, json } => {
             recover::run(file, output.as_deref(), *json, out, err)
         }

@@ -17,6 +17,8 @@ const ALL_ROWS: usize = 2000;
 /// tables.
 const WHOLE_LINES: usize = 3000;
 const SURROUNDINGS: usize = 4;
+/// Maximum number of texts of lines for a viewer.
+const MAX_TEXTS: usize = 50_000;
 /// Longer lines are truncated in the page.
 const LINE_CHARACTERS: usize = 200;
 
@@ -169,6 +171,44 @@ fn spans(list: &[Span]) -> Value {
 
 /// The data, safe within a script element.
 pub(crate) fn json(opened: &Opened, g: &Gathered) -> String {
+    // So that no content can end the script element.
+    value(opened, g).to_string().replace('<', "\\u003c")
+}
+
+/// Adds where each line was driven, and the texts of all lines that were.
+pub(crate) fn link_lines(value: &mut Value, opened: &Opened, g: &Gathered) {
+    let runs = g.line_runs.list();
+    let starts: Vec<u8> = runs
+        .iter()
+        .flat_map(|(start, _)| (*start as f64).to_le_bytes())
+        .collect();
+    let lines: Vec<u8> = runs.iter().flat_map(|(_, line)| line.to_le_bytes()).collect();
+    value["line_runs"] = json!({ "start": base64(&starts), "line": base64(&lines) });
+    let program = opened.program_lines();
+    let mut left = MAX_TEXTS;
+    let texts: serde_json::Map<String, Value> = g
+        .jobs
+        .iter()
+        .map(|job| {
+            let texts: serde_json::Map<String, Value> = job
+                .times
+                .lines()
+                .keys()
+                .filter_map(|line| {
+                    let own = job.texts.get(line).map(String::as_str);
+                    let text =
+                        own.or_else(|| program.get((*line as usize).checked_sub(1)?).map(String::as_str))?;
+                    left = left.checked_sub(1)?;
+                    Some((line.to_string(), cut(text).into()))
+                })
+                .collect();
+            (job.number.to_string(), texts.into())
+        })
+        .collect();
+    value["texts"] = texts.into();
+}
+
+pub(crate) fn value(opened: &Opened, g: &Gathered) -> Value {
     let slowest = top(g, |time| time.time_s);
     let limited = top(g, |time| time.limited_s);
     let shown: Vec<u32> = slowest.iter().chain(&limited).map(|(_, line, _)| *line).collect();
@@ -227,7 +267,7 @@ pub(crate) fn json(opened: &Opened, g: &Gathered) -> String {
         .iter()
         .map(|event| json!([event.sequence, event.kind as u8, event.code, said(event)]))
         .collect();
-    let value = json!({
+    json!({
         "period_s": opened.period_s(),
         "first": g.first_sequence,
         "last": g.last_sequence,
@@ -258,9 +298,7 @@ pub(crate) fn json(opened: &Opened, g: &Gathered) -> String {
         "slowest": rows(&slowest),
         "limited": rows(&limited),
         "program": program(opened, &shown),
-    });
-    // So that no content can end the script element.
-    value.to_string().replace('<', "\\u003c")
+    })
 }
 
 /// Lines of the program with their numbers.

@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use evolvent_path::AxisLetter;
-use evolvent_runtime::JobStart;
 use evolvent_trace::{CycleRecord, EventKind, EventRecord, inputs};
 
 use crate::check::LimitCheck;
@@ -11,6 +10,7 @@ use crate::jobs::{RecordedJob, TravelFrom, recorded_jobs, travel_of};
 use crate::lines::LineTimes;
 use crate::opened::{InspectError, Opened};
 use crate::pyramid::{Level, Pyramid};
+use crate::report::line_runs::LineRuns;
 use crate::report::trail::{Spot, Trail};
 
 /// Maximum number of parts of a curve in a page; fewer for machines with many axes, so that the page stays
@@ -107,6 +107,7 @@ pub(crate) struct Gathered {
     /// Cycles in which the emergency stop was pressed.
     pub(crate) emergency_stops: Vec<u64>,
     pub(crate) trail: Vec<Spot>,
+    pub(crate) line_runs: LineRuns,
     pub(crate) lateness: LogBars,
     pub(crate) work: LogBars,
     pub(crate) times: LineTimes,
@@ -237,16 +238,7 @@ fn jobs(starts: &VecDeque<RecordedJob>, times: &LineTimes) -> Vec<JobPart> {
         if jobs.last().is_some_and(|job| job.number == start.job) || jobs.len() >= MAX_JOBS {
             continue;
         }
-        let name = match &start.start {
-            Some(JobStart::Program(program)) if program.is_mdi => "MDI".to_owned(),
-            Some(JobStart::Program(program)) => {
-                let name = program.program.rsplit('/').next().unwrap_or_default();
-                format!("program {name}")
-            }
-            Some(JobStart::Steered(_)) => "jog or homing".to_owned(),
-            None => "of another version".to_owned(),
-        };
-        jobs.push(part(start.job, name, start.sequence));
+        jobs.push(part(start.job, start.name(), start.sequence));
     }
     jobs
 }
@@ -271,6 +263,7 @@ impl Gathered {
             events_left_out: 0,
             alarms: Vec::new(),
             trail: Vec::new(),
+            line_runs: LineRuns::default(),
             lateness: LogBars::default(),
             work: LogBars::default(),
             times: LineTimes::new(&opened.machine, opened.run.period_ns),
@@ -279,10 +272,7 @@ impl Gathered {
             max_error: 0.0,
             path_mm: 0.0,
             last_path_mm: 0.0,
-            programs: starts
-                .iter()
-                .filter(|start| matches!(start.start, Some(JobStart::Program(_))))
-                .count(),
+            programs: starts.iter().filter(|start| start.is_program()).count(),
             travels: starts
                 .iter()
                 .map(|start| travel_of(start, &opened.machine))
@@ -381,6 +371,7 @@ impl Gathered {
         self.check.cycle(record);
         self.times.cycle(record);
         self.note_job(record);
+        self.line_runs.push(record.sequence, record.line);
         let is_rapid = record.flags & FLAG_RAPID != 0 || record.inputs & inputs::STEERS != 0;
         if !is_rapid {
             self.fastest_cut = self.fastest_cut.max(record.feed_mm_s);

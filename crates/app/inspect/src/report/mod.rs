@@ -2,6 +2,7 @@
 
 mod data;
 mod gather;
+mod line_runs;
 mod trail;
 mod verdict;
 
@@ -37,9 +38,7 @@ pub enum ReportError {
 /// # Errors
 /// [`ReportError`].
 pub fn write_report(trace: &Path, output: &Path) -> Result<u64, ReportError> {
-    let mut opened = Opened::open(trace)?;
-    let gathered = gather::gather(&mut opened)?;
-    let page = page(&opened, &gathered);
+    let page = report_page(trace)?;
     let write = || -> io::Result<()> {
         let folder = output
             .parent()
@@ -57,6 +56,29 @@ pub fn write_report(trace: &Path, output: &Path) -> Result<u64, ReportError> {
         source,
     })?;
     Ok(page.len() as u64)
+}
+
+/// The page of a trace, as [`write_report`] writes it.
+///
+/// # Errors
+/// [`InspectError`].
+pub fn report_page(trace: &Path) -> Result<String, InspectError> {
+    let mut opened = Opened::open(trace)?;
+    let gathered = gather::gather(&mut opened)?;
+    Ok(page(&opened, &gathered))
+}
+
+/// What the page of a trace draws, as JSON, with what a viewer needs to go from a time to its line and back: `line_runs`, the cycles with
+/// which a line begins, and `texts`, the lines of each job.
+///
+/// # Errors
+/// [`InspectError`].
+pub fn report_data(trace: &Path) -> Result<String, InspectError> {
+    let mut opened = Opened::open(trace)?;
+    let gathered = gather::gather(&mut opened)?;
+    let mut value = data::value(&opened, &gathered);
+    data::link_lines(&mut value, &opened, &gathered);
+    Ok(value.to_string())
 }
 
 fn page(opened: &Opened, gathered: &gather::Gathered) -> String {
