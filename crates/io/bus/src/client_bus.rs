@@ -190,6 +190,19 @@ impl ClientBus {
         Ok(LoadSender { publisher })
     }
 
+    /// Subscribes to the values of sensors, starting with the next; the core's own watch does not see this reader.
+    ///
+    /// # Errors
+    /// The service does not exist, or all connections are taken.
+    pub fn loads(&self) -> Result<LoadReader, BusError> {
+        let service = self
+            .domain
+            .open::<Load>(Channel::Load, &self.wanted, self.deadline())?;
+        Ok(LoadReader {
+            subscriber: self.subscribe(&service, Channel::Load)?,
+        })
+    }
+
     /// Subscribes to the machine's outputs, starting with those in force.
     ///
     /// # Errors
@@ -346,6 +359,22 @@ impl FeedbackReader {
     /// The connection is damaged, or a bridge uses another version.
     pub fn receive(&mut self) -> Result<Option<Feedback>, ReceiveError> {
         receive(&self.subscriber, Channel::Feedback)
+    }
+}
+
+/// The values of all sensors, in the order in which they came.
+#[derive(Debug)]
+pub struct LoadReader {
+    subscriber: Subscriber<Ipc, Load, ()>,
+}
+
+impl LoadReader {
+    /// The oldest value not read yet; none if there is none. Does not wait. Whether it is valid is the reader's to see.
+    ///
+    /// # Errors
+    /// The connection is damaged, or a sensor speaks another version.
+    pub fn receive(&mut self) -> Result<Option<Load>, ReceiveError> {
+        receive(&self.subscriber, Channel::Load)
     }
 }
 

@@ -70,7 +70,7 @@ mod stale_resources;
 
 pub use bindings::{c_header, python_module};
 pub use client_bus::{
-    ClientBus, EventReader, FeedbackReader, FeedbackSender, InputReader, InputSender, LoadSender,
+    ClientBus, EventReader, FeedbackReader, FeedbackSender, InputReader, InputSender, LoadReader, LoadSender,
     OutputReader, SetpointReader, SpindleSender, StatusReader,
 };
 pub use config::{BusConfig, ClientConfig, MAX_SETPOINT_BUFFER, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
