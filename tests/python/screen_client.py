@@ -203,7 +203,20 @@ def rules(url: str, watch_url: str) -> None:
     assert request(url, path="programs/a.ngc")[2] == program
     path = request(url, path="path/a.ngc")[2]
     count = int.from_bytes(path[:4], "little")
-    assert count > 2 and len(path) == 4 + 20 * count, (count, len(path))
+    assert count > 2 and len(path) == 4 + 21 * count, (count, len(path))
+    # How it would begin in the middle, and traces: nothing but what is in their folders.
+    status, _, text = request(url, path="restart/a.ngc/2")
+    assert status == 200 and json.loads(text)["line"] == 2 and "G1" in json.loads(text)["modes"], text
+    outside = ("restart/..%2fparameters.var/2", "traces/..%2f..%2fetc%2fpasswd/data", "traces/..%2fparameters.var/report", "traces/parameters.var/data", "chatter")
+    for path in (*outside, "comparison/..%2fa/0/..%2fb/0"):
+        assert request(url, path=path)[0] == 404, path
+    assert request(url, path="traces", Host="evil.example")[0] == 403
+    traces = json.loads(request(watch_url, path="traces")[2])
+    assert len(traces) == 1 and traces[0]["is_open"], traces
+    status, headers, text = request(url, path=f"traces/{traces[0]['name']}/report")
+    assert status == 200 and b"verdict" in text, text
+    assert "sandbox allow-scripts;" in headers["content-security-policy"] + ";" and "frame-ancestors 'self'" in headers["content-security-policy"], headers
+    assert headers["x-frame-options"] == "SAMEORIGIN", headers
     # More than a program may have ends the upload.
     parts = urlsplit(url)
     link = http.client.HTTPConnection(parts.hostname or "", parts.port, timeout=60)

@@ -31,7 +31,11 @@ enum Loss {
 }
 
 fn scene(name: &str) -> (Scene, [String; 2]) {
-    let mut scene = Scene::with(name, &["--screen=127.0.0.1:0"]);
+    scene_with(name, &["--screen=127.0.0.1:0"])
+}
+
+fn scene_with(name: &str, options: &[&str]) -> (Scene, [String; 2]) {
+    let mut scene = Scene::with(name, options);
     let addresses = scene.served.as_mut().expect("a core").screen();
     (scene, addresses)
 }
@@ -137,7 +141,8 @@ fn stop_behind(operator: &mut Operator, mut client: Child, loss: Loss) -> Option
 
 #[test]
 fn leases_numbers_roles_hosts_origins_and_uploads_keep_their_rules() {
-    let (scene, [address, watch]) = scene("screen-rules");
+    let options = ["--screen=127.0.0.1:0", "--trace-limit=1"];
+    let (scene, [address, watch]) = scene_with("screen-rules", &options);
     let _said = client(&["rules", &address, &watch]);
     scene.end();
 }

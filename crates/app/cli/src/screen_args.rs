@@ -41,6 +41,15 @@ pub(crate) struct ScreenArgs {
     key: Option<PathBuf>,
 }
 
+/// Options of a screen from which a machine is operated.
+#[derive(Debug, Args)]
+pub(crate) struct OperateArgs {
+    /// File of macros: buttons of the screen, each with blocks of MDI (config/macros). Default: macros.toml in the state folder,
+    /// if it is there.
+    #[arg(long = "screen-macros", value_name = "FILE.toml", requires = "address")]
+    pub(crate) macros: Option<PathBuf>,
+}
+
 impl ScreenArgs {
     pub(crate) const fn is_wanted(&self) -> bool {
         self.address.is_some()

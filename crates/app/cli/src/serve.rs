@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
-use evolvent_analysis::{install_process_file, load_setup};
+use evolvent_analysis::{load_setup, sort_process_files};
 use evolvent_machine::ControlRate;
 use evolvent_runtime::{
     Clock, ProgramMemory, ServeConfig, ServeNews, ServeSummary, Setup, StartError, TraceTo, serve,
@@ -15,7 +15,7 @@ use evolvent_runtime::{
 use evolvent_screen::ScreenScope;
 
 use crate::program::parse_rate;
-use crate::screen_args::{ScreenArgs, write_screen};
+use crate::screen_args::{OperateArgs, ScreenArgs, write_screen};
 use crate::signals::{ignore_suspension, stop_at_first};
 use crate::{CommandError, Ending};
 
@@ -46,12 +46,14 @@ pub(crate) struct ServeArgs {
     /// Folder for offsets, tools and parameters. Default: $XDG_STATE_HOME/evolvent/NAME.
     #[arg(long, value_name = "FOLDER")]
     state: Option<PathBuf>,
-    /// The cutting process, for turning cycles with Q1, which compute their passes from the cutting load on
-    /// the bus: a process file of `evolvent turn`.
+    /// The cutting process. A process file of `evolvent turn`: for turning cycles with Q1, which compute their passes from the cutting load
+    /// on the bus. A case file of `evolvent chatter`: its limits are shown on the screen. May be given once for each.
     #[arg(long, value_name = "FILE.toml")]
-    process: Option<PathBuf>,
+    process: Vec<PathBuf>,
     #[command(flatten)]
     screen: ScreenArgs,
+    #[command(flatten)]
+    operate: OperateArgs,
     /// Print the summary as one JSON object.
     #[arg(long)]
     json: bool,
@@ -65,8 +67,11 @@ pub(crate) fn run(
     let mut setup: Setup = load_setup(&args.machine, args.rate)?;
     setup.memory = ProgramMemory::of_machine(&setup.machine, &args.machine)
         .map_err(|error| CommandError::Usage(error.to_string()))?;
-    if let Some(file) = &args.process {
-        install_process_file(&mut setup, file, Clock::Realtime)?;
+    let chatter = sort_process_files(&mut setup, &args.process, Clock::Realtime)?.map(Path::to_path_buf);
+    if chatter.is_some() && !args.screen.is_wanted() {
+        return Err(CommandError::Usage(
+            "a case file of chatter is for the screen: add --screen, or leave it out".to_owned(),
+        ));
     }
     let state = args
         .state
@@ -92,6 +97,9 @@ pub(crate) fn run(
     stop_at_first(move || stopped.store(true, Ordering::Relaxed))?;
     let scope = ScreenScope::Operate {
         state_folder: config.state_folder.clone(),
+        traces: config.trace.clone(),
+        macros: args.operate.macros.clone(),
+        chatter,
     };
     let screen = args
         .screen

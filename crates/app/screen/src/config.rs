@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use evolvent_runtime::Setup;
+use evolvent_runtime::{Setup, TraceTo};
 
 /// Settings of a screen.
 #[derive(Clone, Debug)]
@@ -31,6 +31,12 @@ pub enum ScreenScope {
     Operate {
         /// The service's state folder.
         state_folder: PathBuf,
+        /// Where the service records, to be looked at.
+        traces: TraceTo,
+        /// File of macros; none for `macros.toml` in the state folder, if it is there.
+        macros: Option<PathBuf>,
+        /// Case file of chatter, whose limits are shown.
+        chatter: Option<PathBuf>,
     },
     /// They watch the run of one program.
     Watch {

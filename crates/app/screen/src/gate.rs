@@ -13,7 +13,16 @@ use axum::response::{IntoResponse, Response};
 
 /// Nothing from other sites, nothing inline.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; \
-     worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+     worker-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// The policy of a report, whose page has its script and style in it. It is shown in a frame of the page, in an origin of its own: it
+/// reaches neither the page nor its cookie nor the server.
+const FRAMED_POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; base-uri 'none'; \
+     form-action 'none'; frame-ancestors 'self'; sandbox allow-scripts";
+
+/// Marks a response that the page shows in a frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Framed;
 
 /// What a key permits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,11 +121,15 @@ pub(crate) async fn pass(State(gate): State<Gate>, mut request: Request, next: N
             next.run(request).await
         }
     };
+    let (policy, framing) = match response.extensions().get::<Framed>() {
+        Some(Framed) => (FRAMED_POLICY, "SAMEORIGIN"),
+        None => (POLICY, "DENY"),
+    };
     let headers = response.headers_mut();
     for (name, value) in [
-        (CONTENT_SECURITY_POLICY, POLICY),
+        (CONTENT_SECURITY_POLICY, policy),
         (X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (X_FRAME_OPTIONS, "DENY"),
+        (X_FRAME_OPTIONS, framing),
         (REFERRER_POLICY, "no-referrer"),
         (CACHE_CONTROL, "no-store"),
     ] {

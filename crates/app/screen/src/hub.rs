@@ -1,11 +1,12 @@
 //! The pages, which of them has control, and the messages to all.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use axum::body::Bytes;
 use axum::extract::ws::Utf8Bytes;
+use evolvent_bus::Status;
 use tokio::sync::{mpsc, watch};
 
 use crate::gate::Role;
@@ -34,6 +35,7 @@ struct Inner {
     next_entry: u64,
     program: Option<ProgramInfo>,
     kept: Option<ToPage>,
+    macros: Option<ToPage>,
 }
 
 /// Data shared by all threads of the server. No lock is held during a wait.
@@ -61,9 +63,19 @@ impl Hub {
         self.frames.subscribe()
     }
 
-    pub(crate) fn show(&self, status: &ToPage, samples: Bytes) {
+    /// What pages draw next; `present` is the status that it shows, where one comes.
+    pub(crate) fn show(&self, status: &ToPage, samples: Bytes, present: Option<Arc<Status>>) {
         let status = text(status);
-        self.frames.send_replace(Frame { status, samples });
+        self.frames.send_replace(Frame {
+            status,
+            samples,
+            present,
+        });
+    }
+
+    /// The status that is shown; none while none comes.
+    pub(crate) fn present(&self) -> Option<Arc<Status>> {
+        self.frames.borrow().present.clone()
     }
 
     /// Adds a page, which finds its snapshot in the channel; none if there are too many.
@@ -80,6 +92,7 @@ impl Hub {
             program: inner.program.clone(),
         });
         snapshot.extend(inner.kept.clone());
+        snapshot.extend(inner.macros.clone());
         snapshot.push(ToPage::Lease(inner.lease_of(number, role)));
         snapshot.push(ToPage::Log {
             entries: inner.log.iter().cloned().collect(),
@@ -206,6 +219,13 @@ impl Hub {
         {
             self.tell_program(ProgramInfo { planned_s, ..program });
         }
+    }
+
+    /// Sends the present macros.
+    pub(crate) fn tell_macros(&self, macros: ToPage) {
+        let mut inner = self.lock();
+        inner.tell(&macros);
+        inner.macros = Some(macros);
     }
 
     /// Sends offsets and tools if they have changed.

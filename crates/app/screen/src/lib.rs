@@ -11,20 +11,27 @@
 //! # Ok::<(), serde_json::Error>(())
 //! ```
 
+mod chatter;
 mod command;
 mod config;
 mod connection;
 mod gate;
 mod hub;
 mod listener;
+mod macro_file;
 pub mod messages;
 mod orders;
 mod programs;
+mod restart;
 mod routes;
+mod sampling;
 mod server;
+mod streaming;
 mod tls;
+mod traces;
 mod upload;
 mod watcher;
 
 pub use config::{ScreenConfig, ScreenError, ScreenScope};
+pub use macro_file::{macros_schema, parse_macros};
 pub use server::Screen;

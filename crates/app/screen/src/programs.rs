@@ -4,12 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use axum::body::Bytes;
+use evolvent_analysis::{FeedWords, LimitClassifier};
 use evolvent_bus::flags;
 use evolvent_gcode::Diagnostic;
 use evolvent_runtime::{CheckBounds, Clock, Controls, Job, Notice, RunObserver, Setup, Warning, check, run};
 use tokio::sync::mpsc;
 
 use crate::messages::{Finding, PathChunk, ProgramInfo, ToPage, ToolEntry, WorkOffset};
+use crate::streaming::hand_over;
 
 /// Maximum number of errors shown.
 const ERRORS: usize = 50;
@@ -17,6 +19,8 @@ const ERRORS: usize = 50;
 const CHUNK: usize = 16_384;
 /// The first chunk is small, so that it is shown at once.
 const FIRST_CHUNK: usize = 1024;
+/// A path with more vertices is not shown to its end: a program may loop for ever.
+const MAX_VERTICES: usize = 8_000_000;
 /// Time between two vertices of the path, ns.
 const VERTEX_NS: u64 = 8_000_000;
 /// Maximum length of a program name, bytes: it fits into the status.
@@ -29,7 +33,7 @@ pub(crate) fn is_good_name(name: &str) -> bool {
 }
 
 /// The machine with the present offsets and tools.
-fn present_setup(setup: &Setup, state_folder: Option<&Path>) -> Setup {
+pub(crate) fn present_setup(setup: &Setup, state_folder: Option<&Path>) -> Setup {
     let mut setup = setup.clone();
     let Some(state_folder) = state_folder else {
         return setup;
@@ -189,7 +193,11 @@ pub(crate) fn plan(
         stop_at_program_stops: false,
     };
     let controls = Arc::new(Controls::new(1.0));
+    let classifier = LimitClassifier::new(&job.setup.machine, job.setup.period_ns as f64 * 1e-9);
+    // A program that cannot be opened is the run's to complain of.
+    let mut feeds = FeedWords::open(&job.program, &job.setup).ok();
     let (mut chunk, mut full, mut line) = (PathChunk::default(), FIRST_CHUNK, u32::MAX);
+    let mut sent = 0;
     let outcome = run(&job, &controls, &mut Quiet, |setpoint| {
         if setpoint.sequence % every != 0 && setpoint.line == line {
             return;
@@ -202,17 +210,20 @@ pub(crate) fn plan(
         } else {
             setpoint.feed_mm_s
         };
-        chunk.push([x, y, z], feed as f32, setpoint.line);
+        let word = feeds.as_mut().and_then(|feeds| feeds.of_block(setpoint.block));
+        let limit = classifier.classify(setpoint, word).index() as u8;
+        chunk.push([x, y, z], feed as f32, setpoint.line, limit);
         if chunk.len() >= full {
+            sent += chunk.len();
             full = CHUNK;
-            if chunks.blocking_send(chunk.take_bytes().into()).is_err() {
+            if sent > MAX_VERTICES || !hand_over(chunks, chunk.take_bytes().into()) {
                 controls.stop();
             }
         }
     });
     if !chunk.is_empty() {
         // The receiver may be gone.
-        let _gone = chunks.blocking_send(chunk.take_bytes().into());
+        let _gone = hand_over(chunks, chunk.take_bytes().into());
     }
     let outcome = outcome.ok()?;
     (outcome.program.is_ok() && outcome.fault.is_none() && !controls.is_stopping())

@@ -1,10 +1,11 @@
 //! The response of each address.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use axum::Router;
-use axum::body::{Body, Bytes};
+use axum::body::Bytes;
 use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::{Extension, Path as UrlPath, State};
 use axum::http::header::{CONTENT_TYPE, COOKIE, SET_COOKIE};
@@ -15,10 +16,14 @@ use axum::routing::get;
 use rust_embed::RustEmbed;
 use tokio::sync::mpsc;
 
+use crate::chatter::chatter;
 use crate::connection;
 use crate::gate::{Gate, Role, pass};
 use crate::programs::{background, plan};
+use crate::restart::restart;
 use crate::server::{Server, random_hex};
+use crate::streaming::{channel, hand_over, streamed};
+use crate::traces;
 use crate::upload::upload;
 
 /// Maximum size of a page's message.
@@ -38,6 +43,16 @@ pub(crate) fn router(server: Arc<Server>, gate: Gate) -> Router {
         .route("/{key}/ws", get(socket))
         .route("/{key}/programs/{name}", get(text).put(upload))
         .route("/{key}/path/{name}", get(path))
+        .route("/{key}/chatter", get(chatter))
+        .route("/{key}/restart/{name}/{line}", get(restart))
+        .route("/{key}/traces", get(traces::list))
+        .route("/{key}/traces/{name}/jobs", get(traces::jobs))
+        .route("/{key}/traces/{name}/report", get(traces::report))
+        .route("/{key}/traces/{name}/data", get(traces::data))
+        .route(
+            "/{key}/comparison/{a}/{job_a}/{b}/{job_b}",
+            get(traces::comparison),
+        )
         .route("/{key}/{*file}", get(file))
         .layer(from_fn_with_state(gate, pass))
         .with_state(server)
@@ -76,7 +91,12 @@ fn embedded(name: &str) -> Option<Response> {
         Some("json") => "application/json",
         _ => "application/octet-stream",
     };
-    Some(([(CONTENT_TYPE, kind)], file.data.into_owned()).into_response())
+    // Part of the binary: a slow client holds no copy of it.
+    let bytes = match file.data {
+        Cow::Borrowed(bytes) => Bytes::from_static(bytes),
+        Cow::Owned(bytes) => bytes.into(),
+    };
+    Some(([(CONTENT_TYPE, kind)], bytes).into_response())
 }
 
 async fn file(UrlPath((_key, name)): UrlPath<(String, String)>) -> Response {
@@ -100,13 +120,20 @@ async fn text(
     State(server): State<Arc<Server>>,
     UrlPath((_key, name)): UrlPath<(String, String)>,
 ) -> Response {
-    let open = move || server.file_of(&name).map(std::fs::File::open);
+    let of_file = Arc::clone(&server);
+    let open = move || of_file.file_of(&name).map(std::fs::File::open);
     let Ok(Some(Ok(opened))) = tokio::task::spawn_blocking(open).await else {
         return StatusCode::NOT_FOUND.into_response();
     };
-    let (sender, receiver) = mpsc::channel(4);
+    let Ok(permit) = Arc::clone(&server.texts).acquire_owned().await else {
+        return StatusCode::SERVICE_UNAVAILABLE.into_response();
+    };
+    let (sender, receiver) = channel();
     // A stalled reader must not block a shared thread.
-    let reading = background("screen-text", move || read_chunks(opened, &sender));
+    let reading = background("screen-text", move || {
+        read_chunks(opened, &sender);
+        drop(permit);
+    });
     match reading {
         Ok(()) => streamed("text/plain; charset=utf-8", receiver),
         Err(_) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
@@ -117,23 +144,10 @@ fn read_chunks(mut file: std::fs::File, sender: &mpsc::Sender<Bytes>) {
     use std::io::Read;
     let mut buffer = vec![0; 1 << 16];
     while let Ok(count @ 1..) = file.read(&mut buffer) {
-        if sender
-            .blocking_send(Bytes::copy_from_slice(&buffer[..count]))
-            .is_err()
-        {
+        if !hand_over(sender, Bytes::copy_from_slice(&buffer[..count])) {
             return;
         }
     }
-}
-
-fn streamed(kind: &'static str, receiver: mpsc::Receiver<Bytes>) -> Response {
-    let stream = futures_util::stream::unfold(receiver, |mut receiver| async {
-        receiver
-            .recv()
-            .await
-            .map(|bytes| (Ok::<_, std::io::Error>(bytes), receiver))
-    });
-    ([(CONTENT_TYPE, kind)], Body::from_stream(stream)).into_response()
 }
 
 async fn path(
@@ -146,7 +160,7 @@ async fn path(
     let Ok(permit) = Arc::clone(&server.workers).acquire_owned().await else {
         return StatusCode::SERVICE_UNAVAILABLE.into_response();
     };
-    let (sender, receiver) = mpsc::channel(4);
+    let (sender, receiver) = channel();
     let planning = background("screen-path", move || {
         plan_path(&server, &name, file, &sender);
         drop(permit);

@@ -2,29 +2,34 @@
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, UdpSocket};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use evolvent_bus::ClientConfig;
-use evolvent_machine::{Machine, MachineKind};
-use evolvent_runtime::Setup;
+use evolvent_machine::MachineKind;
+use evolvent_runtime::{Setup, TraceTo};
 use qrcode::QrCode;
 use qrcode::render::unicode::Dense1x2;
 use tokio::sync::Semaphore;
 use tokio_rustls::TlsAcceptor;
 
+use crate::chatter::ChatterCase;
 use crate::config::{ScreenConfig, ScreenError, ScreenScope};
 use crate::gate::{Gate, Role};
 use crate::hub::Hub;
 use crate::listener::listen;
-use crate::messages::{AxisInfo, MachineInfo, ProgramInfo, ToPage};
+use crate::macro_file::MacroWatch;
+use crate::messages::{AxisInfo, MachineInfo, ProcessInfo, ProgramInfo, ToPage};
 use crate::orders::Orders;
 use crate::programs::{is_good_name, kept};
 use crate::routes::router;
+use crate::traces::remove_copies;
 use crate::{tls, watcher};
 
+/// Texts of programs that are sent at the same time, each by a thread.
+const MAX_TEXTS: usize = 16;
 /// Poll interval of offsets and tools.
 const KEPT: Duration = Duration::from_millis(500);
 /// Poll interval of the end.
@@ -46,10 +51,21 @@ pub(crate) struct Server {
     pub(crate) programs: Option<PathBuf>,
     /// The service's state; none if a run is watched.
     pub(crate) state_folder: Option<PathBuf>,
+    /// Recorded runs that pages may look into.
+    pub(crate) traces: TraceTo,
     /// The only program of a run.
     run: Option<PathBuf>,
     /// Checks and plans one program after another.
     pub(crate) workers: Arc<Semaphore>,
+    /// Texts of programs that are sent at the same time.
+    pub(crate) texts: Arc<Semaphore>,
+    pub(crate) chatter: ChatterCase,
+    /// Calculates one approach after another.
+    pub(crate) restarts: Arc<Semaphore>,
+    /// File of macros, and whether it must exist; none if pages only watch.
+    macros: Option<(PathBuf, bool)>,
+    /// Reads one trace after another.
+    pub(crate) readers: Arc<Semaphore>,
     /// Receives one upload after another.
     pub(crate) receiving: Semaphore,
     pub(crate) uploads: AtomicU64,
@@ -100,11 +116,29 @@ impl Screen {
         listener.set_nonblocking(true)?;
         let local = listener.local_addr()?;
         let is_remote = !local.ip().is_loopback();
-        let (programs, state_folder, run) = match config.scope.clone() {
-            ScreenScope::Operate { state_folder } => {
-                (Some(programs_folder(&state_folder)?), Some(state_folder), None)
+        let chatter = match &config.scope {
+            ScreenScope::Operate { chatter, .. } => chatter.clone(),
+            ScreenScope::Watch { .. } => None,
+        };
+        let (programs, state_folder, traces, macros, run) = match config.scope.clone() {
+            ScreenScope::Operate {
+                state_folder,
+                traces,
+                macros,
+                ..
+            } => {
+                remove_copies(&state_folder);
+                let is_named = macros.is_some();
+                let macros = macros.unwrap_or_else(|| state_folder.join("macros.toml"));
+                (
+                    Some(programs_folder(&state_folder)?),
+                    Some(state_folder),
+                    traces,
+                    Some((macros, is_named)),
+                    None,
+                )
             }
-            ScreenScope::Watch { program } => (None, None, Some(program)),
+            ScreenScope::Watch { program } => (None, None, TraceTo::Nowhere, None, Some(program)),
         };
         let host = public_host(local);
         let names = names(&config, host);
@@ -124,7 +158,7 @@ impl Screen {
             ..ClientConfig::new(&config.setup.machine.name)
         };
         let hub = Arc::new(Hub::new(ToPage::Machine {
-            machine: machine_info(&config.setup.machine),
+            machine: machine_info(&config.setup, chatter.is_some()),
             version: env!("CARGO_PKG_VERSION").to_owned(),
         }));
         if let Some(file) = &run {
@@ -151,8 +185,14 @@ impl Screen {
             setup: config.setup,
             programs,
             state_folder,
+            traces,
             run,
             workers: Arc::new(Semaphore::new(1)),
+            restarts: Arc::new(Semaphore::new(1)),
+            macros,
+            texts: Arc::new(Semaphore::new(MAX_TEXTS)),
+            chatter: ChatterCase::new(chatter),
+            readers: Arc::new(Semaphore::new(1)),
             receiving: Semaphore::new(1),
             uploads: AtomicU64::new(0),
             is_encrypted,
@@ -287,7 +327,8 @@ pub(crate) fn random_hex() -> std::io::Result<String> {
     Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-fn machine_info(machine: &Machine) -> MachineInfo {
+fn machine_info(setup: &Setup, has_chatter: bool) -> MachineInfo {
+    let machine = &setup.machine;
     let axes = machine.axes.iter().map(|axis| AxisInfo {
         letter: axis.letter.letter().to_string(),
         kind: if axis.letter.is_rotary() {
@@ -308,6 +349,8 @@ fn machine_info(machine: &Machine) -> MachineInfo {
             MachineKind::Lathe => "lathe",
         },
         axes: axes.collect(),
+        process: setup.process.as_deref().map(ProcessInfo::from),
+        has_chatter,
     }
 }
 
@@ -334,11 +377,18 @@ async fn serve(
 }
 
 async fn watch_kept(server: Arc<Server>) {
+    let macros = Arc::new(Mutex::new(MacroWatch::default()));
     loop {
-        let of_thread = Arc::clone(&server);
+        let (of_thread, macros) = (Arc::clone(&server), Arc::clone(&macros));
         let read = move || {
             let kept = kept(&of_thread.setup, of_thread.state_folder.as_deref());
             of_thread.hub.tell_kept(kept);
+            let mut macros = macros.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some((file, must_exist)) = &of_thread.macros
+                && let Some(told) = macros.look(file, *must_exist)
+            {
+                of_thread.hub.tell_macros(told);
+            }
         };
         // It is read again soon.
         let _read = tokio::task::spawn_blocking(read).await;

@@ -7,11 +7,15 @@ use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
 use axum::extract::ws::Utf8Bytes;
-use evolvent_bus::{ClientBus, ClientConfig, SetpointReader, Status, StatusReader, flags};
+use evolvent_bus::{
+    ClientBus, ClientConfig, FeedbackReader, LoadReader, ReceiveError, Setpoint, SetpointReader, Status,
+    StatusReader, flags,
+};
 use evolvent_control::{Alarm, AlarmKind};
 
 use crate::hub::Hub;
-use crate::messages::{LogKind, SAMPLE_BYTES, ScreenStatus, ToPage, put_sample};
+use crate::messages::{LogKind, SAMPLE_BYTES, ScreenStatus, ToPage};
+use crate::sampling::Sampler;
 
 /// 60 per second.
 const FRAME: Duration = Duration::from_micros(16_667);
@@ -25,6 +29,8 @@ const MAX_SAMPLES: usize = 4096;
 pub(crate) struct Frame {
     pub(crate) status: Utf8Bytes,
     pub(crate) samples: Bytes,
+    /// The status itself.
+    pub(crate) present: Option<Arc<Status>>,
 }
 
 /// Starts the thread that reads the bus. It retries if the core does not exist yet.
@@ -37,11 +43,19 @@ pub(crate) fn spawn(
         .name("screen-bus".into())
         .spawn(move || {
             while !stop.load(Ordering::Relaxed) {
-                let opened = ClientBus::open(&config).and_then(|bus| Ok((bus.status()?, bus.setpoints()?)));
+                let opened = ClientBus::open(&config).and_then(|bus| {
+                    Ok(Readers {
+                        status: bus.status()?,
+                        setpoints: bus.setpoints()?,
+                        // The scope shows what there is.
+                        feedback: bus.feedback().ok(),
+                        loads: bus.loads().ok(),
+                    })
+                });
                 match opened {
-                    Ok((status, setpoints)) => watch(status, setpoints, &hub, &stop),
+                    Ok(readers) => watch(readers, &hub, &stop),
                     Err(_) => {
-                        hub.show(&ToPage::Core { alive: false }, Bytes::new());
+                        hub.show(&ToPage::Core { alive: false }, Bytes::new(), None);
                         std::thread::sleep(SILENCE);
                     }
                 }
@@ -49,26 +63,49 @@ pub(crate) fn spawn(
         })
 }
 
+/// What is read.
+struct Readers {
+    status: StatusReader,
+    setpoints: SetpointReader,
+    feedback: Option<FeedbackReader>,
+    loads: Option<LoadReader>,
+}
+
+impl Readers {
+    /// Everything that is new on the bus; the newest setpoint. An error where the connection breaks.
+    fn read(&mut self, sampler: &mut Sampler) -> Result<Option<Setpoint>, ReceiveError> {
+        let mut newest = None;
+        while let Some(setpoint) = self.setpoints.receive()? {
+            sampler.setpoint(setpoint);
+            newest = Some(setpoint);
+        }
+        if let Some(feedback) = &mut self.feedback {
+            while let Some(answer) = feedback.receive()? {
+                sampler.feedback(answer);
+            }
+        }
+        if let Some(loads) = &mut self.loads {
+            while let Some(load) = loads.receive()? {
+                sampler.load(&load);
+            }
+        }
+        Ok(newest)
+    }
+}
+
 /// Until the connection breaks.
-fn watch(mut status_reader: StatusReader, mut setpoints: SetpointReader, hub: &Hub, stop: &AtomicBool) {
+fn watch(mut readers: Readers, hub: &Hub, stop: &AtomicBool) {
+    let mut sampler = Sampler::default();
     let (mut heard, mut last): (Instant, Option<Status>) = (Instant::now(), None);
     while !stop.load(Ordering::Relaxed) {
         std::thread::sleep(FRAME);
-        let mut samples: Vec<u8> = Vec::new();
-        let mut newest = None;
-        loop {
-            match setpoints.receive() {
-                Ok(Some(setpoint)) => {
-                    put_sample(&mut samples, &setpoint);
-                    newest = Some(setpoint);
-                }
-                Ok(None) => break,
-                Err(_) => return,
-            }
-        }
+        let Ok(newest) = readers.read(&mut sampler) else {
+            return;
+        };
+        let mut samples = sampler.take();
         let excess = (samples.len() / SAMPLE_BYTES).saturating_sub(MAX_SAMPLES);
         samples.drain(..excess * SAMPLE_BYTES);
-        match status_reader.latest() {
+        match readers.status.latest() {
             Ok(Some(status)) if last.is_none_or(|last| status.sequence != last.sequence) => {
                 heard = Instant::now();
                 if let Some(before) = &last {
@@ -80,7 +117,7 @@ fn watch(mut status_reader: StatusReader, mut setpoints: SetpointReader, hub: &H
             Err(_) => return,
         }
         if heard.elapsed() > SILENCE {
-            hub.show(&ToPage::Core { alive: false }, Bytes::new());
+            hub.show(&ToPage::Core { alive: false }, Bytes::new(), None);
             std::thread::sleep(SILENCE / 2);
             continue;
         }
@@ -95,7 +132,11 @@ fn watch(mut status_reader: StatusReader, mut setpoints: SetpointReader, hub: &H
             shown.flags &= !flags::LATE;
         }
         let status = Box::new(ScreenStatus::from(&shown));
-        hub.show(&ToPage::Status { status }, Bytes::from(samples));
+        hub.show(
+            &ToPage::Status { status },
+            Bytes::from(samples),
+            Some(Arc::new(shown)),
+        );
     }
 }
 

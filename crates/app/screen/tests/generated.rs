@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use evolvent_screen::messages::{FromPage, ToPage};
+use evolvent_screen::messages::{FromPage, RestartInfo, ToPage, TraceEntry, TraceJob};
 use ts_rs::{Config, TS};
 
 /// `EVOLVENT_WRITE=1` writes them anew.
@@ -15,6 +15,9 @@ fn the_generated_types_match() {
     let config = Config::new().with_out_dir(target);
     ToPage::export_all(&config).unwrap();
     FromPage::export_all(&config).unwrap();
+    TraceEntry::export_all(&config).unwrap();
+    RestartInfo::export_all(&config).unwrap();
+    TraceJob::export_all(&config).unwrap();
     let list = |folder: &Path| {
         let mut files: Vec<(String, String)> = std::fs::read_dir(folder)
             .unwrap()

@@ -61,19 +61,26 @@ fn binary_messages_have_their_layout() {
     let mut setpoint = Setpoint {
         line: 12,
         due_time_ns: 2_500_000_000,
+        flags: evolvent_wire::flags::RAPID,
         ..Setpoint::default()
     };
     setpoint.velocity[8] = 3.0;
-    put_sample(&mut bytes, &setpoint);
+    let mut errors = [f64::NAN; 9];
+    errors[8] = 0.25;
+    put_sample(&mut bytes, &setpoint, &errors, 1500.0);
     assert_eq!(bytes.len(), SAMPLE_BYTES);
     assert_eq!(bytes[0..8], 2.5_f64.to_le_bytes());
     assert_eq!(bytes[8..12], 12_u32.to_le_bytes());
+    assert_eq!(bytes[12..16], evolvent_wire::flags::RAPID.to_le_bytes());
     let at = 24 + 4 * (9 + 8);
     assert_eq!(bytes[at..at + 4], 3.0_f32.to_le_bytes());
+    let at = 24 + 4 * (27 + 8);
+    assert_eq!(bytes[at..at + 4], 0.25_f32.to_le_bytes());
+    assert_eq!(bytes[at + 4..], 1500.0_f32.to_le_bytes());
 
     let mut chunk = PathChunk::default();
-    chunk.push([1.0, 2.0, 3.0], 50.0, 4);
-    chunk.push([5.0, 6.0, 7.0], -90.0, 8);
+    chunk.push([1.0, 2.0, 3.0], 50.0, 4, 0);
+    chunk.push([5.0, 6.0, 7.0], -90.0, 8, 7);
     let bytes = chunk.take_bytes();
     assert!(chunk.is_empty());
     assert_eq!(bytes.len(), 4 + 2 * VERTEX_BYTES);
@@ -81,4 +88,5 @@ fn binary_messages_have_their_layout() {
     assert_eq!(bytes[16..20], 5.0_f32.to_le_bytes(), "second vertex");
     assert_eq!(bytes[32..36], (-90.0_f32).to_le_bytes(), "second feed");
     assert_eq!(bytes[40..44], 8_u32.to_le_bytes(), "second line");
+    assert_eq!(bytes[44..], [0, 7], "what limits");
 }

@@ -1,4 +1,6 @@
-// The cases against a page that somebody serves: `node tests/against.mjs URL [CASE]`.
+// The cases against a page that somebody serves: `node tests/against.mjs URL [CASE]`. With EVOLVENT_MACROS, the name of the service's file of
+// macros, those of macros are measured, too.
+import { writeFileSync } from 'node:fs';
 import { launch } from './browser.mjs';
 import { runCases } from './run.mjs';
 
@@ -9,6 +11,8 @@ if (browser === null) {
   console.log('not measured: no Chromium (Debian: apt-get install chromium)');
   process.exit(0);
 }
-const failed = await runCases(browser, url, only, { real: true });
+const file = process.env.EVOLVENT_MACROS;
+const macros = file ? (text) => writeFileSync(file, text) : undefined;
+const failed = await runCases(browser, url, only, { real: true, macros });
 await browser.close();
 process.exit(failed === 0 ? 0 : 1);

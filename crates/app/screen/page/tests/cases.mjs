@@ -4,7 +4,7 @@ import { readFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
 
 const axeSource = readFileSync(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8');
-const VIEWS = ['jog', 'program', 'path', 'mdi', 'offsets', 'tools', 'scope', 'events'];
+const VIEWS = ['jog', 'program', 'path', 'mdi', 'offsets', 'tools', 'scope', 'events', 'traces'];
 
 export const at = (name) => `[data-test="${name}"]`;
 export const text = async (page, name) => (await page.locator(at(name)).innerText()).trim();
@@ -269,6 +269,12 @@ export const cases = {
     await until('checked', async () => (await text(page, 'findings-button')) === 'no errors' || text(page, 'findings-button'), 20_000);
     await page.locator('[data-line="5"]').click();
     await page.locator(at('run-from')).click();
+    // What is in force there and the way, before anything is started: line 4 ended at (0, 20).
+    const told = page.locator(at('run-from-way'));
+    await until('the way', async () => /Z/.test(await told.locator('ol').innerText().catch(() => '')) || told.innerText());
+    assert.match(await told.innerText(), /G1 [\s\S]*F3000[\s\S]*X0\.000 Y20\.000/);
+    assert.ok((await told.locator('li').count()) >= 3, await told.innerText());
+    assert.equal(await text(page, 'state'), 'Ready', 'nothing has begun');
     await page.locator(at('run-from-ok')).click();
     await until('waits', async () => (await text(page, 'state')) === 'Program stop' || text(page, 'state'));
     console.log(`        ${await text(page, 'advice')}`);
@@ -324,6 +330,154 @@ export const cases = {
     await until('line 3', async () => /line 3/.test(await page.locator('.holder .note').innerText()) || page.locator('.holder .note').innerText());
     await view(page, 'program');
     await page.locator('[data-line="3"][aria-selected="true"]').waitFor();
+  },
+
+  async 'macros run block by block, are asked for, and end where a block is rejected'(page, context) {
+    if (!context.macros) return 'not measured';
+    const park = '[[macro]]\nname = "Park"\nnote = "out of the way"\nblocks = ["G53 G0 X10", "G53 G0 Y5", "G53 G0 X0 Y0"]\n';
+    context.macros(park + '[[macro]]\nname = "Ask"\nconfirm = true\nblocks = ["G53 G0 X3"]\n[[macro]]\nname = "Wrong"\nblocks = ["G53 G0 X1", "G1 Q", "G53 G0 X50"]\n');
+    await ready(page);
+    await view(page, 'mdi');
+    await page.locator('button:has-text("Machine")').first().click();
+    await page.locator('[data-macro="Park"]').click();
+    await until('block 2', async () => /block [23] of 3/.test(await text(page, 'macros')) || text(page, 'macros'));
+    await until('its end', async () => ((await number(page, 'large-X')) === 0 && (await number(page, 'large-Y')) === 0 && !/block/.test(await text(page, 'macros'))) || text(page, 'macros'));
+    await page.locator('[data-macro="Ask"]').click();
+    assert.equal(await number(page, 'large-X'), 0, 'nothing moves before the answer');
+    await page.locator(at('macro-ok')).click();
+    await until('X 3', async () => (await number(page, 'large-X')) === 3 || number(page, 'large-X'));
+    await until('ready', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'));
+    await page.locator('[data-macro="Wrong"]').click();
+    await until('its fault', async () => /Wrong has ended at block 2/.test(await text(page, 'macros')) || text(page, 'macros'));
+    await page.waitForTimeout(300);
+    assert.equal(await number(page, 'large-X'), 1, 'no block behind the one that was rejected');
+    // Read again when it changes; what is wrong is told with its place.
+    context.macros(`${park}blocks = 3\n`);
+    await until('the problem', async () => ((await page.locator(at('macros-problem')).count()) === 1 && /macros\.toml:5/.test(await text(page, 'macros-problem'))) || page.locator(at('macros')).innerText());
+    assert.equal(await page.locator('[data-macro]').count(), 0);
+    context.macros('');
+    await until('gone', async () => (await page.locator(at('macros')).count()) === 0);
+  },
+
+  async 'time, line and point of the path of a recorded run lead to each other'(page, context) {
+    if (!context.real) return 'not measured';
+    await ready(page);
+    for (const feed of [3000, 6000]) {
+      await upload(page, `run-${feed}.ngc`, square(30, feed));
+      await until('planned', async () => (await page.locator(at('planned')).count()) === 1, 20_000);
+      await page.locator(at('start')).click();
+      await until('runs', async () => (await text(page, 'state')) === 'Program' || text(page, 'state'));
+      await until('done', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'), 20_000);
+    }
+    // What is being recorded is flushed four times a second.
+    await page.waitForTimeout(600);
+    await view(page, 'traces');
+    await page.locator(at('trace-list')).locator('button').first().click();
+    await page.locator(at('trace-readout')).waitFor({ timeout: 30_000 });
+    const shown = await page.locator(at('trace-job')).locator('option:checked').innerText();
+    assert.match(shown, /run-6000\.ngc/, 'the program that was run last');
+    const place = async () => Object.fromEntries([...(await text(page, 'trace-place')).matchAll(/([XYZ]) ([-0-9.]+)/g)].map(([, letter, value]) => [letter, Number(value)]));
+    const corner = await place();
+    // Line to time and point: line 3 goes up from (30, 0), line 4 back from (30, 30).
+    await page.locator('[data-trace-line="3"]').click();
+    assert.equal(await text(page, 'trace-line'), '3');
+    const [third, at3] = [await number(page, 'trace-time'), await place()];
+    await page.locator('[data-trace-line="4"]').click();
+    const [fourth, at4] = [await number(page, 'trace-time'), await place()];
+    assert.ok(third > 0.25 && fourth > third + 0.25, `${third}, ${fourth}`);
+    for (const [seen, x, y] of [[at3, 30, 0], [at4, 30, 30]]) {
+      assert.ok(Math.hypot(seen.X - corner.X - x, seen.Y - corner.Y - y) < 0.2, JSON.stringify([corner, seen]));
+    }
+    // Time to line and point: the middle of line 3.
+    const scrub = page.locator(at('trace-scrub'));
+    const [from, to] = await scrub.evaluate((element) => [Number(element.min), Number(element.max)]);
+    const cycle = await scrub.evaluate((element) => Number(element.value));
+    const perSecond = (cycle - from) / fourth;
+    await scrub.fill(String(Math.round(from + perSecond * ((third + fourth) / 2))));
+    assert.equal(await text(page, 'trace-line'), '3');
+    const middle = await place();
+    assert.ok(Math.abs(middle.X - corner.X - 30) < 0.02 && middle.Y - corner.Y > 5 && middle.Y - corner.Y < 25, JSON.stringify([corner, middle]));
+    await scrub.press('ArrowRight');
+    assert.ok(Math.abs((await number(page, 'trace-time')) - (third + fourth) / 2 - 0.01) < 0.003, 'an arrow goes by 10 ms');
+    assert.ok(to > cycle);
+    // Point to time and line: the middle of the left edge is of line 5.
+    await page.locator(at('trace-plan')).click();
+    const box = await page.locator(at('trace-path')).boundingBox();
+    const side = 0.88 * Math.min(box.width, box.height);
+    await page.mouse.click(box.x + box.width / 2 - side / 2, box.y + box.height / 2);
+    assert.equal(await text(page, 'trace-line'), '5');
+    const left = await place();
+    assert.ok(Math.abs(left.X - corner.X) < 0.02 && Math.abs(left.Y - corner.Y - 15) < 2, JSON.stringify([corner, left]));
+    // The report is a page in a frame of its own origin.
+    await page.locator(at('traces-report')).click();
+    const frame = page.frameLocator(at('trace-report'));
+    await frame.locator('#verdict li').first().waitFor({ timeout: 30_000 });
+    await until('curves are drawn', async () => (await frame.locator('#charts canvas').count()) > 3);
+    // The two programs of this session.
+    await page.locator(at('traces-compare')).click();
+    await until('jobs', async () => (await page.locator(at('compare-job-b')).count()) === 1, 20_000);
+    assert.match(await page.locator(at('compare-job-a')).locator('option:checked').innerText(), /run-3000/);
+    await page.locator(at('compare-run')).click();
+    await page.locator(at('comparison')).waitFor({ timeout: 30_000 });
+    const found = await text(page, 'comparison');
+    const [, less] = /B took (-?[0-9.]+) s/.exec(found) ?? [];
+    assert.ok(Number(less) < -0.8 && Number(less) > -2.5, found);
+    assert.match(found, /the programs are not the same|same places|apart/);
+  },
+
+  async 'a lathe shows its stock, its passes, and the limits of chatter with the present speed'(page, context) {
+    if (!context.real || (await page.locator('[data-view="cut"]').count()) === 0) return 'not measured';
+    await ready(page);
+    await view(page, 'mdi');
+    for (const block of ['G18 G21 G90 G94', 'G53 G0 X40', 'G53 G0 Z260', 'M3 S3000', 'G1 Z230 F3000', 'G0 X45', 'G0 Z260', 'G0 Z250']) {
+      await page.locator(at('mdi-block')).fill(block);
+      await page.locator(at('mdi-run')).click();
+      await until(block, async () => (await page.locator(at('mdi-block')).inputValue()) === '' && (await text(page, 'state')) === 'Ready', 20_000);
+    }
+    await view(page, 'cut');
+    // The way from 260 to 230 is a pass; the way back is none, nor is a rapid.
+    await until('a pass', async () => /260\.00 … 230\.00/.test(await text(page, 'passes')) || text(page, 'passes'));
+    assert.equal(await page.locator(`${at('passes')} tbody tr`).count(), 1);
+    assert.match(await text(page, 'load'), /not measured[\s\S]*held 2200/);
+    await page.locator(at('cut-chatter')).click();
+    // Y. Altintas's example: 7.185 mm are stable at every speed.
+    await until('the limit', async () => /S3000: stable up to a depth of/.test(await text(page, 'chatter-here')) || text(page, 'chatter-here'), 60_000);
+    const limit = Number(/depth of ([0-9.]+) mm/.exec(await text(page, 'chatter-here'))[1]);
+    assert.ok(limit >= 7.184 && limit < 40, `${limit}`);
+  },
+
+  async 'the path is coloured by what limits it, in the box of its stock'(page, context) {
+    if (!context.real) return 'not measured';
+    await takeControl(page);
+    await upload(page, 'limits.ngc', square(60, 3000));
+    await view(page, 'path');
+    await page.locator(at('path-plan')).click();
+    const canvas = page.locator('.holder canvas');
+    const pixels = (which, test) =>
+      canvas.nth(which).evaluate(
+        (element, source) => {
+          const copy = document.createElement('canvas');
+          [copy.width, copy.height] = [element.width, element.height];
+          const context = copy.getContext('2d');
+          context.drawImage(element, 0, 0);
+          const { data } = context.getImageData(0, 0, copy.width, copy.height);
+          const [r, g, b] = source;
+          let count = 0;
+          for (let i = 0; i < data.length; i += 4) if (data[i + 3] > 100 && Math.abs(data[i] - r) + Math.abs(data[i + 1] - g) + Math.abs(data[i + 2] - b) < 60) count += 1;
+          return count;
+        },
+        test,
+      );
+    await page.locator(at('path-by-limit')).click();
+    // At F3000 the feed word limits nearly all of it: green.
+    await until('green', async () => (await pixels(0, [38, 166, 64])) > 200 || pixels(0, [38, 166, 64]), 20_000);
+    const before = await pixels(1, [7, 90, 156]);
+    await page.locator(at('path-stock')).click();
+    for (const [row, values] of [[0, ['-5', '-5', '-10']], [1, ['65', '65', '0']]]) {
+      for (const [i, letter] of ['X', 'Y', 'Z'].entries()) await page.locator(at(`stock-${row}-${letter}`)).fill(values[i]);
+    }
+    await page.locator(at('stock-ok')).click();
+    await until('a box', async () => (await pixels(1, [7, 90, 156])) > before + 200 || pixels(1, [7, 90, 156]));
   },
 
   async 'an offset and a tool are set where they stand in their tables'(page, context) {

@@ -3,6 +3,8 @@
 use serde::Serialize;
 use ts_rs::TS;
 
+use super::ProcessInfo;
+
 /// One axis.
 #[derive(Clone, Debug, PartialEq, Serialize, TS)]
 pub struct AxisInfo {
@@ -33,4 +35,8 @@ pub struct MachineInfo {
     pub kind: &'static str,
     /// In the order of the machine file.
     pub axes: Vec<AxisInfo>,
+    /// What a cut is like, where the service was given a process file.
+    pub process: Option<ProcessInfo>,
+    /// The service was given a chatter case.
+    pub has_chatter: bool,
 }

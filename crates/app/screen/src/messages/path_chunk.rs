@@ -1,20 +1,22 @@
 //! The planned path, in binary.
 
 /// Bytes of a vertex.
-pub const VERTEX_BYTES: usize = 20;
+pub const VERTEX_BYTES: usize = 21;
 
 /// Vertices of the planned path. Little-endian: count (u32), x y z of all (f32, mm), feed of all (f32, mm/s, negative:
-/// rapid), line of all (u32).
+/// rapid), line of all (u32), what limits the motion of all (u8: a number of `Limiting` of `evolvent-analysis`).
 #[derive(Clone, Debug, Default)]
 pub struct PathChunk {
     position: Vec<[f32; 3]>,
     feed: Vec<f32>,
     line: Vec<u32>,
+    limit: Vec<u8>,
 }
 
 impl PathChunk {
     /// Adds a vertex.
-    pub fn push(&mut self, position: [f32; 3], feed: f32, line: u32) {
+    pub fn push(&mut self, position: [f32; 3], feed: f32, line: u32, limit: u8) {
+        self.limit.push(limit);
         self.position.push(position);
         self.feed.push(feed);
         self.line.push(line);
@@ -43,6 +45,7 @@ impl PathChunk {
         for line in self.line.drain(..) {
             bytes.extend(line.to_le_bytes());
         }
+        bytes.append(&mut self.limit);
         bytes
     }
 }

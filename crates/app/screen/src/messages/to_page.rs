@@ -3,7 +3,7 @@
 use serde::Serialize;
 use ts_rs::TS;
 
-use super::{Lease, LogEntry, MachineInfo, ProgramInfo, ScreenStatus, ToolEntry, WorkOffset};
+use super::{Lease, LogEntry, MachineInfo, MacroButton, ProgramInfo, ScreenStatus, ToolEntry, WorkOffset};
 
 /// A text message to a page. Binary ones are samples ([`put_sample`](super::put_sample)).
 #[derive(Clone, Debug, PartialEq, Serialize, TS)]
@@ -39,6 +39,13 @@ pub enum ToPage {
         offsets: Vec<WorkOffset>,
         /// The table.
         tools: Vec<ToolEntry>,
+    },
+    /// Buttons with blocks of MDI, from the file of macros.
+    Macros {
+        /// In the order of the file.
+        macros: Vec<MacroButton>,
+        /// Why there are none: what is wrong with the file, and where.
+        problem: Option<String>,
     },
     /// Answer to a command.
     Answer {

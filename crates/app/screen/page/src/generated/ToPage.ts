@@ -2,6 +2,7 @@
 import type { Lease } from "./Lease";
 import type { LogEntry } from "./LogEntry";
 import type { MachineInfo } from "./MachineInfo";
+import type { MacroButton } from "./MacroButton";
 import type { ProgramInfo } from "./ProgramInfo";
 import type { ScreenStatus } from "./ScreenStatus";
 import type { ToolEntry } from "./ToolEntry";
@@ -38,7 +39,15 @@ offsets: Array<WorkOffset>,
 /**
  * The table.
  */
-tools: Array<ToolEntry>, } | { "type": "answer", 
+tools: Array<ToolEntry>, } | { "type": "macros", 
+/**
+ * In the order of the file.
+ */
+macros: Array<MacroButton>, 
+/**
+ * Why there are none: what is wrong with the file, and where.
+ */
+problem: string | null, } | { "type": "answer", 
 /**
  * Of the command.
  */

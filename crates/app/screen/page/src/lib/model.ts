@@ -1,5 +1,7 @@
 // What the page knows of a machine, in the words that the views use. `link/` makes it from the server's messages.
 
+import type { ProcessInfo } from '../generated/ProcessInfo';
+
 export type AxisKind = 'linear' | 'rotary';
 
 export interface Axis {
@@ -21,6 +23,10 @@ export interface Machine {
   axes: Axis[];
   periodNs: number;
   version: string;
+  /** what a cut is like, for turning cycles that find their passes */
+  process: ProcessInfo | null;
+  /** there are limits of chatter to be shown */
+  hasChatter: boolean;
 }
 
 export type MachineState = 'estop' | 'off' | 'on';
@@ -168,6 +174,15 @@ export interface Tool {
   offsets: number[];
   diameter: number;
   comment: string;
+}
+
+/** A button with blocks of MDI. */
+export interface Macro {
+  name: string;
+  note: string;
+  blocks: string[];
+  /** the operator is asked first */
+  confirm: boolean;
 }
 
 export const WORK_SYSTEMS = ['G54', 'G55', 'G56', 'G57', 'G58', 'G59', 'G59.1', 'G59.2', 'G59.3'] as const;

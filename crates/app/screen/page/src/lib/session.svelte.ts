@@ -1,7 +1,7 @@
 // The one place where the page keeps what it has been told, and from which commands go out.
 import type { Incoming, Sample } from '../link/incoming';
 import type { Source } from '../link/source';
-import type { Answer, Command, EventEntry, Lease, Machine, ProgramInfo, Status, Tool, WorkOffset } from './model';
+import type { Answer, Command, EventEntry, Lease, Machine, Macro, ProgramInfo, Status, Tool, WorkOffset } from './model';
 import { changes } from './journal';
 import { settings } from './settings.svelte';
 
@@ -15,6 +15,7 @@ export class History {
   readonly axes: number;
   readonly time: Float64Array;
   readonly line: Uint32Array;
+  readonly rapid: Uint8Array;
   readonly feed: Float32Array;
   readonly load: Float32Array;
   readonly position: Float32Array[];
@@ -31,6 +32,7 @@ export class History {
     const list = (): Float32Array[] => Array.from({ length: axes }, () => new Float32Array(capacity));
     this.time = new Float64Array(capacity);
     this.line = new Uint32Array(capacity);
+    this.rapid = new Uint8Array(capacity);
     this.feed = new Float32Array(capacity);
     this.load = new Float32Array(capacity);
     this.lateness = new Float32Array(capacity);
@@ -44,6 +46,7 @@ export class History {
     const at = this.count % this.capacity;
     this.time[at] = sample.time;
     this.line[at] = sample.line;
+    this.rapid[at] = sample.rapid ? 1 : 0;
     this.feed[at] = sample.feed;
     this.load[at] = sample.load ?? NaN;
     this.lateness[at] = latenessUs;
@@ -68,6 +71,9 @@ class Session {
   program = $state.raw<ProgramInfo | null>(null);
   offsets = $state.raw<WorkOffset[]>([]);
   tools = $state.raw<Tool[]>([]);
+  macros = $state.raw<Macro[]>([]);
+  /** what is wrong with the file of macros */
+  macrosProblem = $state<string | null>(null);
   /** The latest rejection, shown until the next command. */
   rejection = $state.raw<Answer | null>(null);
   history: History | null = null;
@@ -211,6 +217,9 @@ class Session {
         break;
       case 'tools':
         this.tools = message.tools;
+        break;
+      case 'macros':
+        [this.macros, this.macrosProblem] = [message.macros, message.problem];
         break;
       case 'log':
         this.#serverLogs = true;

@@ -76,6 +76,15 @@ class Settings {
     }
   }
 
+  /** What `keep` kept; null where it is nothing that can be read. */
+  kept(key: string): unknown {
+    try {
+      return JSON.parse(stored(key) ?? 'null');
+    } catch {
+      return null;
+    }
+  }
+
   keep(key: string, value: unknown): void {
     store(key, JSON.stringify(value));
   }

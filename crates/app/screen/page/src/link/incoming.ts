@@ -1,10 +1,12 @@
-import type { EventEntry, Lease, Machine, ProgramInfo, Status, Tool, WorkOffset } from '../lib/model';
+import type { EventEntry, Lease, Machine, Macro, ProgramInfo, Status, Tool, WorkOffset } from '../lib/model';
 
 /** One value per axis, in the order of the machine file. */
 export interface Sample {
   /** s, of the machine's clock */
   time: number;
   line: number;
+  /** no cut */
+  rapid: boolean;
   feed: number;
   position: ArrayLike<number>;
   velocity: ArrayLike<number>;
@@ -23,5 +25,6 @@ export type Incoming =
   | { kind: 'program'; program: ProgramInfo | null }
   | { kind: 'offsets'; offsets: WorkOffset[] }
   | { kind: 'tools'; tools: Tool[] }
+  | { kind: 'macros'; macros: Macro[]; problem: string | null }
   | { kind: 'log'; entries: Omit<EventEntry, 'id'>[] }
   | { kind: 'samples'; samples: Sample[] };

@@ -17,6 +17,8 @@ const machine: Machine = {
   ],
   periodNs: 1_000_000,
   version: '0.1.0',
+  process: null,
+  hasChatter: false,
 };
 
 export class MadeUp implements Source {
@@ -49,7 +51,7 @@ export class MadeUp implements Source {
   #path(): void {
     path.clear();
     for (let layer = 0; layer < 8; layer += 1) {
-      const chunk = { position: new Float32Array(3 * CHUNK_VERTICES), feed: new Float32Array(CHUNK_VERTICES), line: new Uint32Array(CHUNK_VERTICES) };
+      const chunk = { position: new Float32Array(3 * CHUNK_VERTICES), feed: new Float32Array(CHUNK_VERTICES), line: new Uint32Array(CHUNK_VERTICES), limit: new Uint8Array(CHUNK_VERTICES) };
       for (let i = 0; i < CHUNK_VERTICES; i += 1) {
         const [t, r] = [i * 0.01, 10 + (i / CHUNK_VERTICES) * 90];
         chunk.position.set([r * Math.cos(t), r * Math.sin(t), -5 * layer], 3 * i);
@@ -79,7 +81,7 @@ export class MadeUp implements Source {
     this.#handle({ kind: 'status', status: { ...s } });
     this.#handle({
       kind: 'samples',
-      samples: [{ time: s.time, line: s.line, feed: s.feed, position: s.machine, velocity: s.velocity, acceleration: [0, 0, 0], error: null, load: null }],
+      samples: [{ time: s.time, line: s.line, rapid: false, feed: s.feed, position: s.machine, velocity: s.velocity, acceleration: [0, 0, 0], error: null, load: null }],
     });
   }
 

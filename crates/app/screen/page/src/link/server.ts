@@ -1,5 +1,9 @@
 // The server that the page came from: what it says becomes the words of `model`.
-import type { Activity, Answer, Command, EventEntry, Finding, JobResult, Lease, Machine, MachineState, Mode, RunState, Status, Tool, WorkOffset } from '../lib/model';
+import type { Finding as ServerFinding } from '../generated/Finding';
+import type { ProgramInfo as ServerProgram } from '../generated/ProgramInfo';
+import type { ScreenStatus } from '../generated/ScreenStatus';
+import type { ToPage } from '../generated/ToPage';
+import type { Answer, Command, Finding, Lease, Machine, Status } from '../lib/model';
 import { programText } from '../lib/program-text.svelte';
 import { settings } from '../lib/settings.svelte';
 import { path } from '../path/store.svelte';
@@ -9,85 +13,13 @@ import { Socket } from './socket';
 import type { Source } from './source';
 
 const SWITCH = { singleStep: 1, optionalStop: 2, blockDelete: 4, hold: 8, chainOpen: 16, inputWait: 32 } as const;
-/** Bytes of a sample: time f64, line u32, 0 u32, feed f64, then position, velocity and acceleration of nine axes, f32. */
-const SAMPLE_BYTES = 24 + 27 * 4;
+/** Bit of a setpoint's flags: a rapid. */
+const RAPID = 8;
+/** Bytes of a sample: time f64, line u32, flags u32, feed f64, then position, velocity, acceleration and following error of nine axes and the load, f32. */
+const SAMPLE_BYTES = 24 + 37 * 4;
 
-interface BusStatus {
-  time_ns: number;
-  machine_state: MachineState;
-  mode: Mode;
-  activity: Activity;
-  state: RunState;
-  job_result: JobResult;
-  line: number;
-  job: number;
-  program: string;
-  homed_mask: number;
-  position_machine: number[];
-  position_work: number[];
-  distance_to_go: number[];
-  velocity: number[];
-  work_offset: number[];
-  tool_offset: number[];
-  position_actual: number[];
-  following_error: number[];
-  feedback_age_ns: number;
-  feed_mm_s: number;
-  feed_programmed_mm_s: number;
-  override_ratio: number;
-  rapid_override_ratio: number;
-  spindle_override_ratio: number;
-  spindle_rpm: number;
-  coolant: number;
-  tool: number;
-  tool_change: 'none' | 'operator' | 'program';
-  tool_wanted: number;
-  work_system: number;
-  modal: number[];
-  alarms: number[];
-  alarm_text: string;
-  message: string;
-  switches: number;
-  path_mm: number;
-  path_to_go_mm: number;
-  late_cycles: number;
-  wake_lateness_ns: number;
-  longest_stop_mm: number;
-  longest_stop_s: number;
-}
-
-interface ServerProgram {
-  name: string;
-  bytes: number;
-  errors: Partial<Finding>[];
-  warnings: Partial<Finding>[];
-  checked: boolean;
-  planned_s: number | null;
-}
-
-interface ServerMachine {
-  name: string;
-  description: string;
-  kind: 'mill' | 'lathe';
-  axes: { letter: string; kind: 'linear' | 'rotary'; min: number; max: number; max_velocity: number; has_home_switch: boolean }[];
-}
-
-/** An entry of the server's log; `at` in ms since 1970. */
-export type LogEntry = Omit<EventEntry, 'id'>;
-
-type Message =
-  | { type: 'machine'; machine: ServerMachine; version: string }
-  | { type: 'status'; status: BusStatus }
-  | { type: 'core'; alive: boolean }
-  | { type: 'lease'; mine: boolean; holder: string | null; read_only: boolean }
-  | { type: 'program'; program: ServerProgram | null }
-  | { type: 'kept'; offsets: WorkOffset[]; tools: Tool[] }
-  | { type: 'log'; entries: LogEntry[] }
-  | ({ type: 'answer'; id: number } & Answer);
-
-function finding(found: Partial<Finding>): Finding {
-  const { line = 0, column = 0, length = 0, code = '', message = '', help = '', file = null } = found;
-  return { line, column, length, code, message, help, file };
+function finding({ line, column, length, code, message, help, file }: ServerFinding): Finding {
+  return { line, column, length, code, message, help, file: file ?? null };
 }
 
 export class Server implements Source {
@@ -108,7 +40,7 @@ export class Server implements Source {
     url.protocol = url.protocol.replace('http', 'ws');
     this.#socket = new Socket(url.href, {
       opened: () => {},
-      text: (text) => this.#take(JSON.parse(text) as Message),
+      text: (text) => this.#take(JSON.parse(text) as ToPage),
       binary: (buffer) => this.#samples(buffer),
       lost: (reason, final) => this.#lost(reason, final),
     });
@@ -165,13 +97,14 @@ export class Server implements Source {
     this.#handle({ kind: 'connection', state: final ? 'refused' : 'lost', reason });
   }
 
-  #take(message: Message): void {
+  #take(message: ToPage): void {
     switch (message.type) {
       case 'machine': {
-        const { axes, ...rest } = message.machine;
+        const { axes, has_chatter: hasChatter, ...rest } = message.machine;
         this.#bits = axes.map((axis) => AXES.indexOf(axis.letter));
         this.#machine = {
           ...rest,
+          hasChatter,
           axes: axes.map(({ max_velocity: maxVelocity, has_home_switch: hasHomeSwitch, ...axis }) => ({ ...axis, maxVelocity, hasHomeSwitch })),
           periodNs: 0,
           version: message.version,
@@ -217,6 +150,9 @@ export class Server implements Source {
         this.#kept = JSON.stringify([message.offsets, message.tools]);
         this.#path();
         break;
+      case 'macros':
+        this.#handle({ kind: 'macros', macros: message.macros, problem: message.problem });
+        break;
       case 'log':
         this.#handle({ kind: 'log', entries: message.entries });
         break;
@@ -238,7 +174,7 @@ export class Server implements Source {
     }
   }
 
-  #status(status: BusStatus): Status {
+  #status(status: ScreenStatus): Status {
     const of = (list: number[]): number[] => this.#bits.map((bit) => list[bit] ?? NaN);
     const on = (bit: number): boolean => (status.switches & bit) !== 0;
     // Ages above a minute are those of a bridge that never was.
@@ -300,12 +236,13 @@ export class Server implements Source {
       samples.push({
         time: view.getFloat64(at, true),
         line: view.getUint32(at + 8, true),
+        rapid: (view.getUint32(at + 12, true) & RAPID) !== 0,
         feed: view.getFloat64(at + 16, true),
         position: list(0),
         velocity: list(9),
         acceleration: list(18),
-        error: null,
-        load: null,
+        error: list(27),
+        load: view.getFloat32(at + 24 + 4 * 36, true),
       });
     }
     this.#handle({ kind: 'samples', samples });

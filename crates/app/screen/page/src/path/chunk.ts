@@ -1,9 +1,21 @@
 /** Vertices of a chunk at most, so that indices fit into 16 bits. */
 export const CHUNK_VERTICES = 65_536;
 
-/** A polyline: `position` x y z a vertex, `feed` mm/s of the segment that ends there (negative: rapid), `line` of the program. */
+/** What limits the motion, by classes of the numbers of `Limiting` in evolvent-analysis: feed word, chord error, joint, nothing; velocity, acceleration, jerk. */
+export const LIMITS = ['feed', 'chord', 'joint', 'none', 'velocity', 'acceleration', 'jerk'] as const;
+export const LIMIT_COLOURS = ['#26a640', '#8a3ffc', '#00b5c8', '#8c97a1', '#294dd9', '#e69900', '#d9261a'] as const;
+
+/** The class of such a number. Standing still is of no segment. */
+export function limitClass(number: number): number {
+  if (number < 3) return number;
+  return number < 5 ? 3 : 4 + ((number - 5) % 3);
+}
+
+/** A polyline: `position` x y z a vertex, `feed` mm/s of the segment that ends there (negative: rapid), `line` of the program, `limit` of that segment's motion. */
 export interface PathChunk {
   position: Float32Array;
   feed: Float32Array;
   line: Uint32Array;
+  /** a number of `LIMITS` */
+  limit: Uint8Array;
 }

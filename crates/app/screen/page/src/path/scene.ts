@@ -15,7 +15,7 @@ import {
   Vector3,
   WebGLRenderer,
 } from 'three';
-import type { PathChunk } from './chunk';
+import { LIMIT_COLOURS, type PathChunk } from './chunk';
 import type { Box, View } from './view';
 
 const STRIDES = [1, 4, 16, 64, 256];
@@ -29,8 +29,11 @@ uniform mat4 viewMatrix;
 uniform mat4 projectionMatrix;
 uniform float fastest;
 uniform vec3 rapid;
+uniform bool byLimit;
+uniform vec3 limits[7];
 in vec3 position;
 in float feed;
+in float limit;
 flat out vec3 colour;
 vec3 scaled(float t) {
   vec3 a = vec3(0.16, 0.30, 0.85);
@@ -45,7 +48,7 @@ vec3 scaled(float t) {
   return mix(d, e, s - 3.0);
 }
 void main() {
-  colour = feed < 0.0 ? rapid : scaled(feed / fastest);
+  colour = feed < 0.0 ? rapid : byLimit ? limits[int(limit)] : scaled(feed / fastest);
   gl_Position = projectionMatrix * viewMatrix * vec4(position, 1.0);
 }`;
 const fragmentShader = `
@@ -103,7 +106,7 @@ export class PathScene {
       glslVersion: GLSL3,
       vertexShader,
       fragmentShader,
-      uniforms: { fastest: { value: 1 }, rapid: { value: new Color(0.6, 0.6, 0.6) } },
+      uniforms: { fastest: { value: 1 }, rapid: { value: new Color(0.6, 0.6, 0.6) }, byLimit: { value: false }, limits: { value: LIMIT_COLOURS.map((colour) => new Color(colour).convertLinearToSRGB()) } },
     });
     this.#camera.matrixAutoUpdate = false;
   }
@@ -131,6 +134,7 @@ export class PathScene {
     const geometry = new BufferGeometry();
     geometry.setAttribute('position', new BufferAttribute(chunk.position, 3));
     geometry.setAttribute('feed', new BufferAttribute(chunk.feed, 1));
+    geometry.setAttribute('limit', new BufferAttribute(chunk.limit, 1));
     geometry.setIndex(indices(count, 1));
     const line = new Line(geometry, this.#material);
     line.frustumCulled = false;
@@ -157,6 +161,12 @@ export class PathScene {
     const segments = new LineSegments(geometry, this.#boxMaterial);
     segments.frustumCulled = false;
     this.#boxes.add(segments);
+    this.invalidate();
+  }
+
+  /** Colours by what limits the motion, or by feed. */
+  colourByLimit(on: boolean): void {
+    this.#material.uniforms['byLimit']!.value = on;
     this.invalidate();
   }
 

@@ -1,4 +1,6 @@
 import type { Component } from 'svelte';
+import type { Machine } from '../lib/model';
+import Cut from './Cut.svelte';
 import Events from './Events.svelte';
 import Jog from './Jog.svelte';
 import Mdi from './Mdi.svelte';
@@ -7,8 +9,9 @@ import Path from './Path.svelte';
 import Program from './Program.svelte';
 import Scope from './Scope.svelte';
 import Tools from './Tools.svelte';
+import Traces from './Traces.svelte';
 
-export type ViewName = 'jog' | 'program' | 'path' | 'mdi' | 'offsets' | 'tools' | 'scope' | 'events';
+export type ViewName = 'jog' | 'program' | 'path' | 'mdi' | 'offsets' | 'tools' | 'scope' | 'events' | 'traces' | 'cut';
 
 export const views: { name: ViewName; component: Component }[] = [
   { name: 'jog', component: Jog },
@@ -19,4 +22,12 @@ export const views: { name: ViewName; component: Component }[] = [
   { name: 'tools', component: Tools },
   { name: 'scope', component: Scope },
   { name: 'events', component: Events },
+  { name: 'traces', component: Traces },
+  { name: 'cut', component: Cut },
 ];
+
+/** The views of a machine: that of the cut only where there is something to show. */
+export function viewsOf(machine: Machine | null): ViewName[] {
+  const cuts = machine?.kind === 'lathe' || machine?.hasChatter === true;
+  return views.map((view) => view.name).filter((name) => name !== 'cut' || cuts);
+}

@@ -1,6 +1,7 @@
 // Reads the programmed path and hands it on in chunks that the graphics side takes as they are. Chunks of the server follow each
-// other as u32 count, then for all vertices x y z (f32), feed of the segment that ends there in mm/s (f32, negative: rapid), line (u32).
-import { CHUNK_VERTICES, type PathChunk } from '../path/chunk';
+// other as u32 count, then for all vertices x y z (f32), feed of the segment that ends there in mm/s (f32, negative: rapid), line (u32), what
+// limits it (u8).
+import { CHUNK_VERTICES, limitClass, type PathChunk } from '../path/chunk';
 import { emptyBox, type Box } from '../path/view';
 
 export type PathRequest = { kind: 'load'; url: string; id: number } | { kind: 'clear'; id: number };
@@ -12,7 +13,7 @@ export type PathReply =
 
 /** A server that sent more in one chunk would be none of ours. */
 const MAX_COUNT = 1 << 20;
-const VERTEX_BYTES = 20;
+const VERTEX_BYTES = 21;
 /** vertices between two entries of the profile */
 const PROFILE_STEP = 128;
 
@@ -35,16 +36,17 @@ class Builder {
   }
 
   #fresh(): PathChunk {
-    return { position: new Float32Array(3 * CHUNK_VERTICES), feed: new Float32Array(CHUNK_VERTICES), line: new Uint32Array(CHUNK_VERTICES) };
+    return { position: new Float32Array(3 * CHUNK_VERTICES), feed: new Float32Array(CHUNK_VERTICES), line: new Uint32Array(CHUNK_VERTICES), limit: new Uint8Array(CHUNK_VERTICES) };
   }
 
-  add(x: number, y: number, z: number, feed: number, line: number): void {
+  add(x: number, y: number, z: number, feed: number, line: number, limit: number): void {
     const at = this.#count;
     this.#chunk.position[3 * at] = x;
     this.#chunk.position[3 * at + 1] = y;
     this.#chunk.position[3 * at + 2] = z;
     this.#chunk.feed[at] = feed;
     this.#chunk.line[at] = line;
+    this.#chunk.limit[at] = limit;
     if (at > 0) {
       const p = this.#chunk.position;
       const length = Math.hypot(x - p[3 * at - 3]!, y - p[3 * at - 2]!, z - p[3 * at - 1]!);
@@ -69,7 +71,7 @@ class Builder {
       // The next chunk begins where this one ended.
       this.#count = 0;
       this.vertices -= 1;
-      this.add(x, y, z, feed, line);
+      this.add(x, y, z, feed, line, limit);
     }
   }
 
@@ -83,9 +85,9 @@ class Builder {
     const whole = this.#count === CHUNK_VERTICES;
     const chunk = whole
       ? this.#chunk
-      : { position: this.#chunk.position.slice(0, 3 * this.#count), feed: this.#chunk.feed.slice(0, this.#count), line: this.#chunk.line.slice(0, this.#count) };
+      : { position: this.#chunk.position.slice(0, 3 * this.#count), feed: this.#chunk.feed.slice(0, this.#count), line: this.#chunk.line.slice(0, this.#count), limit: this.#chunk.limit.slice(0, this.#count) };
     const reply: PathReply = { kind: 'chunk', id: this.#id, chunk, box: this.#box, fastest: this.#fastest, read };
-    postMessage(reply, { transfer: [chunk.position.buffer, chunk.feed.buffer, chunk.line.buffer] });
+    postMessage(reply, { transfer: [chunk.position.buffer, chunk.feed.buffer, chunk.line.buffer, chunk.limit.buffer] });
     if (whole) this.#chunk = this.#fresh();
     this.#box = emptyBox();
   }
@@ -113,11 +115,11 @@ async function load(url: string, id: number): Promise<void> {
       const count = view.getUint32(at, true);
       if (count > MAX_COUNT) throw new Error(`a chunk of ${count} vertices`);
       if (at + 4 + count * VERTEX_BYTES > bytes.length) break;
-      const [positions, feeds, lines] = [at + 4, at + 4 + 12 * count, at + 4 + 16 * count];
+      const [positions, feeds, lines, limits] = [at + 4, at + 4 + 12 * count, at + 4 + 16 * count, at + 4 + 20 * count];
       for (let i = 0; i < count; i += 1) {
         const p = positions + 12 * i;
         const feed = view.getFloat32(feeds + 4 * i, true);
-        builder.add(view.getFloat32(p, true), view.getFloat32(p + 4, true), view.getFloat32(p + 8, true), feed, view.getUint32(lines + 4 * i, true));
+        builder.add(view.getFloat32(p, true), view.getFloat32(p + 4, true), view.getFloat32(p + 8, true), feed, view.getUint32(lines + 4 * i, true), limitClass(view.getUint8(limits + i)));
       }
       at += 4 + count * VERTEX_BYTES;
     }

@@ -1,0 +1,196 @@
+//! Setpoints for the scope, each with what drives and sensors answered to it.
+
+use std::collections::VecDeque;
+
+use evolvent_bus::{Feedback, Load, Setpoint};
+use evolvent_wire::AXES;
+
+use crate::messages::{SAMPLE_BYTES, put_sample};
+
+/// A setpoint whose answer does not come waits as long for it.
+const PATIENCE_NS: u64 = 60_000_000;
+/// An answer, or a load, tells nothing of setpoints that are so much later.
+const STALE_NS: u64 = 100_000_000;
+/// Setpoints, answers and loads that wait at most; of more the oldest are left out.
+const MAX_WAITING: usize = 4096;
+
+/// Brings setpoints, feedback and loads together.
+#[derive(Debug)]
+pub(crate) struct Sampler {
+    setpoints: VecDeque<Setpoint>,
+    answers: VecDeque<Feedback>,
+    loads: VecDeque<(u64, f64)>,
+    /// Following errors that were told last, and due time of the setpoint that they answer.
+    errors: [(u64, f64); AXES],
+    load: (u64, f64),
+}
+
+impl Default for Sampler {
+    fn default() -> Self {
+        Self {
+            setpoints: VecDeque::new(),
+            answers: VecDeque::new(),
+            loads: VecDeque::new(),
+            errors: [(0, f64::NAN); AXES],
+            load: (0, f64::NAN),
+        }
+    }
+}
+
+fn push<T>(list: &mut VecDeque<T>, item: T) {
+    if list.len() >= MAX_WAITING {
+        list.pop_front();
+    }
+    list.push_back(item);
+}
+
+impl Sampler {
+    pub(crate) fn setpoint(&mut self, setpoint: Setpoint) {
+        push(&mut self.setpoints, setpoint);
+    }
+
+    pub(crate) fn feedback(&mut self, feedback: Feedback) {
+        // An answer to a setpoint that nobody has sent would stand before all others for ever.
+        let newest = self.setpoints.back().map_or(u64::MAX, |newest| newest.sequence);
+        if feedback.sequence <= newest {
+            push(&mut self.answers, feedback);
+        }
+    }
+
+    pub(crate) fn load(&mut self, load: &Load) {
+        if load.is_valid() {
+            push(&mut self.loads, (load.time_ns, load.value));
+        }
+    }
+
+    /// The samples that are complete, in binary.
+    pub(crate) fn take(&mut self) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(self.setpoints.len() * SAMPLE_BYTES);
+        let newest_ns = self.setpoints.back().map_or(0, |newest| newest.due_time_ns);
+        let answered = self.answers.back().map_or(0, |newest| newest.sequence);
+        while let Some(setpoint) = self.setpoints.front() {
+            let is_complete =
+                setpoint.sequence <= answered || setpoint.due_time_ns.saturating_add(PATIENCE_NS) < newest_ns;
+            if !is_complete {
+                break;
+            }
+            let Some(setpoint) = self.setpoints.pop_front() else {
+                break;
+            };
+            self.answer(&setpoint);
+            let fresh = |(at, value): (u64, f64)| {
+                if setpoint.due_time_ns.saturating_sub(at) <= STALE_NS {
+                    value
+                } else {
+                    f64::NAN
+                }
+            };
+            put_sample(&mut bytes, &setpoint, &self.errors.map(fresh), fresh(self.load));
+        }
+        bytes
+    }
+
+    /// Takes in what was told up to a setpoint.
+    fn answer(&mut self, setpoint: &Setpoint) {
+        while self
+            .answers
+            .front()
+            .is_some_and(|answer| answer.sequence <= setpoint.sequence)
+        {
+            let Some(answer) = self.answers.pop_front() else {
+                break;
+            };
+            for (axis, error) in self.errors.iter_mut().enumerate() {
+                if answer.axes_mask >> axis & 1 == 1 {
+                    *error = (setpoint.due_time_ns, answer.following_error[axis]);
+                }
+            }
+        }
+        while self
+            .loads
+            .front()
+            .is_some_and(|(at, _)| *at <= setpoint.due_time_ns)
+        {
+            self.load = self.loads.pop_front().unwrap_or(self.load);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn setpoint(sequence: u64) -> Setpoint {
+        Setpoint {
+            sequence,
+            due_time_ns: sequence * 1_000_000,
+            ..Setpoint::default()
+        }
+    }
+
+    fn feedback(sequence: u64, error: f64) -> Feedback {
+        let mut answer = Feedback {
+            sequence,
+            axes_mask: 1,
+            ..Feedback::default()
+        };
+        answer.following_error[0] = error;
+        answer
+    }
+
+    /// Time, following errors of the first two axes, load.
+    fn read(bytes: &[u8]) -> Vec<(f64, f32, f32, f32)> {
+        let float = |at: usize| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
+        let one = |at: usize| {
+            let time = f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
+            (
+                time,
+                float(at + 24 + 108),
+                float(at + 24 + 112),
+                float(at + 24 + 144),
+            )
+        };
+        (0..bytes.len()).step_by(SAMPLE_BYTES).map(one).collect()
+    }
+
+    #[test]
+    fn each_setpoint_has_the_answer_to_it() {
+        let mut sampler = Sampler::default();
+        (100..110).for_each(|sequence| sampler.setpoint(setpoint(sequence)));
+        (100..106).for_each(|sequence| sampler.feedback(feedback(sequence, sequence as f64)));
+        sampler.feedback(feedback(u64::MAX, 7.0));
+        for (time_ns, value) in [(102_500_000, 5.0), (104_500_000, 6.0), (104_600_000, f64::NAN)] {
+            sampler.load(&Load {
+                time_ns,
+                value,
+                kind: 1,
+                range_max: 10.0,
+                ..Load::default()
+            });
+        }
+        let samples = read(&sampler.take());
+        assert_eq!(samples.len(), 6, "later ones wait for their answers");
+        for (i, (time, x, y, load)) in samples.iter().enumerate() {
+            assert!((time - (0.1 + 0.001 * i as f64)).abs() < 1e-9);
+            assert_eq!((*x, y.is_nan()), (100.0 + i as f32, true));
+            let expected = [None, None, None, Some(5.0), Some(5.0), Some(6.0)][i];
+            assert_eq!((!load.is_nan()).then_some(*load), expected);
+        }
+        assert!(sampler.take().is_empty());
+    }
+
+    #[test]
+    fn without_answers_setpoints_are_shown_all_the_same_and_old_answers_end() {
+        let mut sampler = Sampler::default();
+        sampler.setpoint(setpoint(1));
+        sampler.feedback(feedback(1, 0.5));
+        assert_eq!(read(&sampler.take())[0].1, 0.5);
+        (2..1000).for_each(|sequence| sampler.setpoint(setpoint(sequence)));
+        let samples = read(&sampler.take());
+        assert_eq!(samples.len(), 998 - 61);
+        assert_eq!(samples[50].1, 0.5, "as it was told last");
+        assert!(samples[200].1.is_nan(), "not for ever");
+        (1000..20_000).for_each(|sequence| sampler.setpoint(setpoint(sequence)));
+        assert!(sampler.take().len() <= MAX_WAITING * SAMPLE_BYTES);
+    }
+}

@@ -1,0 +1,339 @@
+//! Recorded runs for pages: listed here, read by `evolvent-inspect` in a thread of normal priority.
+
+use std::fs::{File, Metadata};
+use std::io::{Read as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::UNIX_EPOCH;
+
+use axum::extract::{Path as UrlPath, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use evolvent_inspect::{ComparedRun, compare_runs, recorded_jobs, report_data, report_page};
+use evolvent_runtime::TraceTo;
+use evolvent_trace::{TraceFile, recover};
+use tokio::sync::oneshot;
+
+use crate::gate::Framed;
+use crate::messages::{TraceEntry, TraceJob};
+use crate::programs::{background, is_good_name};
+use crate::server::Server;
+use crate::streaming::{channel, hand_over_text, streamed};
+
+/// Traces that are listed at most, the newest first.
+const MAX_LISTED: usize = 200;
+/// The same of the jobs of a trace.
+const MAX_LISTED_JOBS: usize = 500;
+/// A trace that is still being written is read from a copy, if it is not larger.
+const MAX_COPY: u64 = 2 << 30;
+/// Copies are made in folders of this beginning.
+const COPY_PREFIX: &str = ".reading-";
+/// Ending of a trace that is being written.
+const OPEN: &str = ".mcap.part";
+
+const JSON: &str = "application/json";
+
+/// Why a trace is not shown.
+type Refusal = (StatusCode, String);
+
+/// Removes what a killed process has left of copies.
+pub(crate) fn remove_copies(state_folder: &Path) {
+    let Ok(entries) = std::fs::read_dir(state_folder) else {
+        return;
+    };
+    for entry in entries.flatten() {
+        if entry.file_name().to_string_lossy().starts_with(COPY_PREFIX) {
+            // What cannot be removed is in nobody's way.
+            let _left = std::fs::remove_dir_all(entry.path());
+        }
+    }
+}
+
+pub(crate) async fn list(State(server): State<Arc<Server>>) -> Response {
+    let listed = |server: &Server| serde_json::to_string(&listed(&server.traces)).map_err(unreadable);
+    read(&server, JSON, listed).await
+}
+
+/// The jobs of a trace, programs and blocks of MDI: none for a run of one program.
+pub(crate) async fn jobs(
+    State(server): State<Arc<Server>>,
+    UrlPath((_key, name)): UrlPath<(String, String)>,
+) -> Response {
+    let jobs = move |server: &Server| {
+        let trace = Readable::open(server, &name)?;
+        let mut trace = TraceFile::open(&trace.file).map_err(unreadable)?;
+        let period_s = (trace.info().run.as_ref()).map_or(0.0, |run| run.period_ns as f64 * 1e-9);
+        let jobs = recorded_jobs(&mut trace).map_err(unreadable)?;
+        let jobs: Vec<TraceJob> = jobs
+            .iter()
+            .filter(|job| job.is_program())
+            .rev()
+            .take(MAX_LISTED_JOBS)
+            .map(|job| TraceJob {
+                job: job.job,
+                name: job.name(),
+                start_s: job.sequence as f64 * period_s,
+            })
+            .collect();
+        serde_json::to_string(&jobs).map_err(unreadable)
+    };
+    read(&server, JSON, jobs).await
+}
+
+pub(crate) async fn report(
+    State(server): State<Arc<Server>>,
+    UrlPath((_key, name)): UrlPath<(String, String)>,
+) -> Response {
+    let page = move |server: &Server| {
+        let trace = Readable::open(server, &name)?;
+        report_page(&trace.file).map_err(unreadable)
+    };
+    let mut response = read(&server, "text/html; charset=utf-8", page).await;
+    response.extensions_mut().insert(Framed);
+    response
+}
+
+pub(crate) async fn data(
+    State(server): State<Arc<Server>>,
+    UrlPath((_key, name)): UrlPath<(String, String)>,
+) -> Response {
+    let data = move |server: &Server| {
+        let trace = Readable::open(server, &name)?;
+        report_data(&trace.file).map_err(unreadable)
+    };
+    read(&server, JSON, data).await
+}
+
+/// Key; file and job of the first run; file and job of the second. Job 0 is all of a trace.
+type TwoRuns = (String, String, u32, String, u32);
+
+pub(crate) async fn comparison(
+    State(server): State<Arc<Server>>,
+    UrlPath((_key, a, job_a, b, job_b)): UrlPath<TwoRuns>,
+) -> Response {
+    let found = move |server: &Server| {
+        let first = Readable::open(server, &a)?;
+        // Two jobs of one session: an open trace is copied once.
+        let second = (a != b).then(|| Readable::open(server, &b)).transpose()?;
+        let b = second.as_ref().unwrap_or(&first);
+        let found = compare_runs(first.run(job_a), b.run(job_b)).map_err(unreadable)?;
+        serde_json::to_string(&found).map_err(unreadable)
+    };
+    read(&server, JSON, found).await
+}
+
+fn unreadable(error: impl std::fmt::Display) -> Refusal {
+    (StatusCode::UNPROCESSABLE_ENTITY, error.to_string())
+}
+
+/// Reads something in a thread of its own, one after the other, and sends it from there: of what is large there is one at a time,
+/// however many ask and however slowly they take it.
+async fn read(
+    server: &Arc<Server>,
+    kind: &'static str,
+    work: impl FnOnce(&Server) -> Result<String, Refusal> + Send + 'static,
+) -> Response {
+    let Ok(permit) = Arc::clone(&server.readers).acquire_owned().await else {
+        return StatusCode::SERVICE_UNAVAILABLE.into_response();
+    };
+    let (outcome, told) = oneshot::channel();
+    let of_thread = Arc::clone(server);
+    let started = background("screen-traces", move || {
+        match work(&of_thread) {
+            Ok(text) => {
+                let (sender, receiver) = channel();
+                if outcome.send(Ok(receiver)).is_ok() {
+                    hand_over_text(&sender, text);
+                }
+            }
+            Err(refusal) => {
+                // Nobody may wait for it any more.
+                let _gone = outcome.send(Err(refusal));
+            }
+        }
+        drop(permit);
+    });
+    if let Err(error) = started {
+        return (StatusCode::SERVICE_UNAVAILABLE, error.to_string()).into_response();
+    }
+    match told.await {
+        Ok(Ok(receiver)) => streamed(kind, receiver),
+        Ok(Err(refusal)) => refusal.into_response(),
+        Err(_) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
+    }
+}
+
+/// The files that may be shown; the newest first.
+fn files(traces: &TraceTo) -> Vec<(PathBuf, Metadata)> {
+    let candidates: Vec<PathBuf> = match traces {
+        TraceTo::Nowhere => Vec::new(),
+        TraceTo::File(file) => vec![evolvent_trace::part_path(file), file.clone()],
+        TraceTo::Folder { folder, .. } => {
+            let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+            entries.map(|entry| entry.path()).collect()
+        }
+    };
+    let mut files: Vec<_> = candidates
+        .into_iter()
+        .filter(|file| {
+            let name = name_of(file);
+            is_good_name(&name) && (name.ends_with(".mcap") || name.ends_with(OPEN))
+        })
+        // Not what a link leads to, and no device.
+        .filter_map(|file| Some((file.clone(), std::fs::symlink_metadata(&file).ok()?)))
+        .filter(|(_, facts)| facts.is_file())
+        .collect();
+    files.sort_by_key(|(_, facts)| std::cmp::Reverse(modified(facts)));
+    files
+}
+
+fn name_of(file: &Path) -> String {
+    let name = file.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
+}
+
+fn modified(facts: &Metadata) -> u64 {
+    let since = facts.modified().unwrap_or(UNIX_EPOCH).duration_since(UNIX_EPOCH);
+    since.map_or(0, |since| since.as_millis() as u64)
+}
+
+fn listed(traces: &TraceTo) -> Vec<TraceEntry> {
+    let entry = |(file, facts): (PathBuf, Metadata)| {
+        let name = name_of(&file);
+        let entry = TraceEntry {
+            is_open: name.ends_with(OPEN),
+            name,
+            bytes: facts.len(),
+            modified: modified(&facts),
+            ..TraceEntry::default()
+        };
+        if entry.is_open {
+            return entry;
+        }
+        match TraceFile::open(&file) {
+            Ok(trace) => {
+                let info = trace.info();
+                let run = info.run.clone().unwrap_or_default();
+                TraceEntry {
+                    machine: run.machine_name,
+                    program: run.program_name,
+                    started: info.start_time_ns / 1_000_000,
+                    duration_s: info.duration_s(),
+                    ..entry
+                }
+            }
+            Err(error) => TraceEntry {
+                problem: error.to_string(),
+                ..entry
+            },
+        }
+    };
+    files(traces).into_iter().take(MAX_LISTED).map(entry).collect()
+}
+
+/// A trace that can be read: the file itself, or the complete copy of one that is being written.
+struct Readable {
+    file: PathBuf,
+    /// Removed when reading is over.
+    _copy: Option<tempfile::TempDir>,
+}
+
+impl Readable {
+    fn open(server: &Server, name: &str) -> Result<Self, Refusal> {
+        let found = files(&server.traces)
+            .into_iter()
+            .find(|(file, _)| name_of(file) == name);
+        let (file, facts) = found.ok_or((StatusCode::NOT_FOUND, "there is no such trace".to_owned()))?;
+        if !name.ends_with(OPEN) {
+            return Ok(Self { file, _copy: None });
+        }
+        let folder = server.state_folder.as_deref().unwrap_or(Path::new("."));
+        Self::copy(&file, &facts, folder).map_err(|error| {
+            let text = format!("{name} is being written, and a copy of it cannot be read: {error}");
+            (StatusCode::UNPROCESSABLE_ENTITY, text)
+        })
+    }
+
+    fn run(&self, job: u32) -> ComparedRun<'_> {
+        ComparedRun {
+            trace: &self.file,
+            job: (job > 0).then_some(job),
+        }
+    }
+
+    /// A complete trace of what is on the disk of an open one. Its recorder is not disturbed.
+    fn copy(open: &Path, facts: &Metadata, folder: &Path) -> std::io::Result<Self> {
+        if facts.len() > MAX_COPY {
+            let text = format!(
+                "it has more than {} GiB; read it when it has ended",
+                MAX_COPY >> 30
+            );
+            return Err(std::io::Error::other(text));
+        }
+        let own = tempfile::Builder::new().prefix(COPY_PREFIX).tempdir_in(folder)?;
+        let (torn, whole) = (own.path().join("torn.mcap.part"), own.path().join("present.mcap"));
+        let mut from = File::open(open)?.take(facts.len());
+        let mut to = File::create(&torn)?;
+        std::io::copy(&mut from, &mut to)?;
+        to.flush()?;
+        drop(to);
+        recover(&torn, Some(&whole)).map_err(std::io::Error::other)?;
+        std::fs::remove_file(&torn)?;
+        Ok(Self {
+            file: whole,
+            _copy: Some(own),
+        })
+    }
+}
+
+/// The present time, ms since 1970.
+#[cfg(test)]
+fn now_ms() -> u64 {
+    std::time::SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.as_millis() as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn traces_are_listed_the_newest_first_and_nothing_else_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &[u8]| std::fs::write(folder.path().join(name), text).unwrap();
+        write("old.mcap", b"no trace");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        write("now.mcap.part", b"");
+        write("secret.txt", b"");
+        write(".hidden.mcap", b"");
+        std::os::unix::fs::symlink("/etc/passwd", folder.path().join("link.mcap")).unwrap();
+        std::fs::create_dir(folder.path().join("folder.mcap")).unwrap();
+        let traces = TraceTo::Folder {
+            folder: folder.path().to_owned(),
+            limit_bytes: 1 << 30,
+        };
+        let entries = listed(&traces);
+        let names: Vec<_> = entries.iter().map(|entry| entry.name.as_str()).collect();
+        assert_eq!(names, ["now.mcap.part", "old.mcap"]);
+        assert!(entries[0].is_open && entries[0].problem.is_empty());
+        assert!(!entries[1].is_open && !entries[1].problem.is_empty());
+        assert!(entries[1].modified.abs_diff(now_ms()) < 600_000);
+        assert!(listed(&TraceTo::Nowhere).is_empty());
+        let gone = TraceTo::Folder {
+            folder: folder.path().join("gone"),
+            limit_bytes: 1 << 30,
+        };
+        assert!(listed(&gone).is_empty());
+    }
+
+    #[test]
+    fn copies_that_a_killed_process_has_left_are_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join(".reading-abc")).unwrap();
+        std::fs::create_dir(folder.path().join("programs")).unwrap();
+        remove_copies(folder.path());
+        assert!(!folder.path().join(".reading-abc").exists());
+        assert!(folder.path().join("programs").exists());
+    }
+}
