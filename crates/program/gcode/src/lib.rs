@@ -50,7 +50,7 @@
 //! # Guarantees
 //!
 //! No input panics. A line is executed completely or not at all: after an error modal state and parameters are those before
-//! it, so the following errors can be found. Memory is bounded by the settings. The commands depend on the text, the settings
+//! it, so the following errors can be found, without those that follow from it alone. Memory is bounded by the settings. The commands depend on the text, the settings
 //! and the reported answers only. Nothing here is real-time safe: it allocates.
 //!
 //! # Where to read on

@@ -492,3 +492,67 @@ fn lines_of_block_delete_are_counted() {
         assert_eq!(moves as u64, 1 + counted.1);
     }
 }
+
+/// A move that is refused leaves the place and the mode that the lines behind it were written for.
+#[test]
+fn a_refused_move_gives_no_errors_behind_it() {
+    let cases = [
+        // Arcs from the end of a wrong arc, absolute and incremental, in millimetres and inches.
+        "G0 X0 Y0\nG1 X10\nG2 X20 Y10 I3 J0\nG2 X30 Y0 I0 J-10\nG1 X0 Y0\nG2 X10 Y10 I10 J0\n",
+        "G91\nG1 X10\nG2 X10 Y10 I3 J0\nX10 Y-10 I0 J-10\nG1 X1\n",
+        "G1 X10\nG20 G2 X2 Y1 I.1 J0\nG2 X3 Y0 I0 J-1\n",
+        // A contour in a tool's radius that leaves no room, then the arc that follows it and the way out.
+        "G1 X-60 Y0\nG41.1 D10\nX-40\nX0 Y0\nG2 X2.232 Y2.660 I8.660 J-5\nG1 X-3 Y32.2\nG3 X-13 Y42.2 I-10 J0\n\
+         G40 X-30 Y32.2\nG1 X0 Y0\n",
+    ];
+    for program in cases {
+        let errors = errors(&format!("G21 G90 G17 F300\n{program}M2\n"));
+        assert_eq!(errors.len(), 1, "{program}\n{errors:#?}");
+    }
+}
+
+/// Every arc of the shipped programs with another centre is one error, and every error is on its line.
+#[test]
+fn one_wrong_arc_of_a_real_program_is_one_error() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../tests/programs");
+    let mut tried = 0;
+    for file in std::fs::read_dir(folder)
+        .expect("the programs")
+        .filter_map(Result::ok)
+    {
+        let path = file.path();
+        if path.extension().is_none_or(|extension| extension != "ngc") {
+            continue;
+        }
+        let text = std::fs::read_to_string(&path).expect("a program");
+        if !errors(&text).is_empty() {
+            continue;
+        }
+        let lines: Vec<&str> = text.lines().collect();
+        let is_arc = |line: &str| {
+            (line.contains("G2 ") || line.contains("G3 "))
+                && line.contains(" I")
+                && !line.contains(['#', '(', 'o'])
+        };
+        for index in (0..lines.len()).filter(|index| is_arc(lines[*index])).take(40) {
+            let words = lines[index].split(' ').map(|word| match word.as_bytes() {
+                [b'I', ..] => "I777.7",
+                [b'J', ..] => "J-333.3",
+                _ => word,
+            });
+            let wrong = words.collect::<Vec<_>>().join(" ");
+            let program = [&lines[..index], &[wrong.as_str()], &lines[index + 1..]]
+                .concat()
+                .join("\n");
+            let found = errors(&program);
+            let at: Vec<u32> = found.iter().map(|error| error.line).collect();
+            // A full circle may have any centre.
+            if at.is_empty() {
+                continue;
+            }
+            assert_eq!(at, [index as u32 + 1], "{}: {found:#?}", path.display());
+            tried += 1;
+        }
+    }
+    assert!(tried > 50, "{tried} arcs");
+}

@@ -2,6 +2,7 @@
 
 pub(crate) mod calls;
 pub(crate) mod capture;
+pub(crate) mod doubt;
 pub(crate) mod effects;
 pub(crate) mod modal;
 pub(crate) mod o_words;
@@ -23,6 +24,7 @@ use crate::execution::compensation::Changed;
 use crate::execution::contour_watch::ContourWatch;
 use crate::execution::execute::{Executor, MAX_HELD_COMMANDS};
 use crate::interpreter::capture::Capture;
+use crate::interpreter::doubt::Doubt;
 use crate::interpreter::o_words::{Definition, Frame, Skip};
 use crate::interpreter::surface_feed::SurfaceFeed;
 use crate::interpreter::tool_change::Resumed;
@@ -60,8 +62,8 @@ pub(crate) struct Place {
 /// subroutines, by [`Settings::max_body_bytes`].
 ///
 /// After an error the iterator continues with the next line; the modal state is that before the faulty line. So one pass finds
-/// many errors; a consumer that moves a machine stops at the first. The iterator ends after [`Action::ProgramEnd`], or after a
-/// read error.
+/// many errors; those that are likely to follow from an earlier one alone are not reported, such as an arc behind a refused move.
+/// A consumer that moves a machine stops at the first. The iterator ends after [`Action::ProgramEnd`], or after a read error.
 ///
 /// ```
 /// use evolvent_gcode::{Action, Interpreter, Settings};
@@ -79,6 +81,8 @@ pub struct Interpreter<R> {
     pub(crate) state: State,
     /// The state before the present line, restored if the line has an error.
     before: State,
+    /// What refused lines have left unknown.
+    doubt: Doubt,
     pub(crate) parameters: Parameters,
     tools: Option<ToolTable>,
     control_points: Vec<[f64; 3]>,
@@ -151,6 +155,7 @@ impl<R: BufRead> Interpreter<R> {
         Self {
             reader: LineReader::new(input, settings.max_line_bytes),
             before: state,
+            doubt: Doubt::default(),
             state,
             parameters,
             tools: settings.tools.clone(),
@@ -398,6 +403,7 @@ impl<R: BufRead> Interpreter<R> {
         if self.has_moved {
             self.take_place();
         }
+        self.block.clear();
         match self.next_line() {
             Ok(true) => {}
             Ok(false) => return self.end_of_lines(),
@@ -651,6 +657,9 @@ impl<R: BufRead> Interpreter<R> {
         }
         self.parameters.commit();
         self.finished |= self.state.ended;
+        if self.doubt.is_any() {
+            self.doubt.accept(&self.statement, &self.state);
+        }
         Ok(())
     }
 
@@ -701,7 +710,9 @@ impl<R: BufRead> Iterator for Interpreter<R> {
             }
             if let Err(diagnostic) = self.advance() {
                 let file: Option<Shared<str>> = diagnostic.file.as_deref().map(Shared::from);
-                let fresh = self.reported.insert((file, diagnostic.line));
+                let follows = self.doubt.excuses(diagnostic.code, &self.block, &self.state);
+                self.doubt.refuse(diagnostic.code, &self.block, &self.state);
+                let fresh = !follows && self.reported.insert((file, diagnostic.line));
                 self.finished |= self.reported.len() >= MAX_ERRORS;
                 if fresh || self.finished {
                     return Some(Err(*diagnostic));
