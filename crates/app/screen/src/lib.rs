@@ -21,6 +21,7 @@ mod listener;
 mod macro_file;
 pub mod messages;
 mod orders;
+mod places;
 mod programs;
 mod restart;
 mod routes;

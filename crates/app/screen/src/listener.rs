@@ -1,7 +1,6 @@
 //! Connections: their number, and the time to send a request.
 
 use std::convert::Infallible;
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
@@ -10,8 +9,9 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::Semaphore;
 use tokio_rustls::TlsAcceptor;
+
+use crate::places::Places;
 
 /// Maximum number of connections. A page needs up to seven; each is a descriptor of the process that moves
 /// the machine.
@@ -25,12 +25,16 @@ pub(crate) async fn listen(
     router: Router,
     encryption: Option<TlsAcceptor>,
 ) -> Infallible {
-    let places = Arc::new(Semaphore::new(MAX_CONNECTIONS));
+    let places = Places::new(MAX_CONNECTIONS);
     loop {
-        // Never closed; further connections wait in the kernel's queue.
-        let place = Arc::clone(&places).acquire_owned().await;
-        let stream = match listener.accept().await {
-            Ok((stream, _)) => stream,
+        // Further connections wait in the kernel's queue.
+        let Some(free) = places.free().await else { continue };
+        let (stream, place) = match listener.accept().await {
+            Ok((stream, from)) => match places.take(free, from.ip()) {
+                Some(place) => (stream, place),
+                // Closed at once: a client that holds that many has ended none of them.
+                None => continue,
+            },
             Err(_) => {
                 // No descriptors: other connections end soon.
                 tokio::time::sleep(Duration::from_millis(50)).await;
