@@ -404,3 +404,49 @@ fn what_is_switched_while_a_program_runs_counts_for_the_same_lines_when_it_is_co
         assert!(verified.differing > 0, "{verified:?}");
     });
 }
+
+/// Blocks before it have set so many parameters that the text of a block is longer than a short program.
+#[test]
+fn a_block_behind_thousands_of_parameters_is_checked_and_recorded_whole() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let mill = std::fs::read_to_string(workshop.mill("sv-many", &[])).expect("a machine file");
+        let machine = workshop.write(
+            "sv-many.toml",
+            format!("{mill}\n[program]\nsubroutines = [\".\"]\n"),
+        );
+        // 116 kB of them, none of which can be written in fewer digits.
+        let _file = workshop.write(
+            "fill.ngc",
+            "o<fill> sub\n#100 = 100\no<each> while [#100 LT 4990]\n#100 = [#100 + 1]\n\
+             #[#100] = [#100 / 7 + 0.123456789]\no<each> endwhile\no<fill> endsub\n",
+        );
+        let trace = workshop.path("sv-many.mcap");
+        let options = ["--trace", trace.to_str().expect("UTF-8")];
+        let served = Served::start(&machine, "sv-many", &domain, &workshop.path("state"), &options);
+        let mut operator = Operator::join("sv-many", &domain);
+        operator.brings_up();
+        operator.says_number("MODE", 2);
+        for text in ["o<fill> call", "G0 X[-#4500 / 100] Y[-#101 / 10]"] {
+            let job = operator.says_text("MDI", text).job;
+            assert_eq!(operator.sees_end(job).job_result, DONE, "{text}");
+        }
+        let at = operator.now().position_machine;
+        let expected = [4500.0, 101.0].map(|number: f64| number / 7.0 + 0.123_456_789);
+        assert!(
+            (at[0] + expected[0] / 100.0).abs() < 1e-9 && (at[1] + expected[1] / 10.0).abs() < 1e-9,
+            "{at:?}"
+        );
+        // Refused at once, as behind few parameters.
+        let mut beyond = command("MDI");
+        assert!(beyond.set_text("G0 X[-#4500 * 100]"));
+        let answer = operator.ask(&beyond);
+        assert_eq!((answer.verdict, answer.alarm), (1, 919), "{}", answer.text());
+        drop(operator);
+        served.end().expect_code(&[0, 3]);
+        if came_in_time(&trace) {
+            let verified = verify(&trace).expect("a trace");
+            assert!(verified.holds() && !verified.lacks_data(), "{verified:?}");
+        }
+    });
+}

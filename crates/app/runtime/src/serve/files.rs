@@ -49,7 +49,8 @@ pub(super) struct ProgramFile {
 }
 
 impl ProgramFile {
-    fn open(file: &Path) -> Result<Self, Rejection> {
+    /// `whole_bytes`: up to this length the text is read.
+    fn open(file: &Path, whole_bytes: u64) -> Result<Self, Rejection> {
         let wrong = |error| {
             let text = format!("{}: {error}; name a readable part program", file.display());
             Rejection::new(Alarm::File, text)
@@ -62,8 +63,8 @@ impl ProgramFile {
             bytes: facts.len(),
             changed: facts.modified().ok(),
         };
-        let text = if look.bytes <= SHORT {
-            Some(read_regular(file, SHORT).map_err(wrong)?)
+        let text = if look.bytes <= whole_bytes {
+            Some(read_regular(file, whole_bytes).map_err(wrong)?)
         } else {
             None
         };
@@ -99,7 +100,7 @@ pub(super) enum Found {
 
 /// Opens a program and checks a short one.
 pub(super) fn read_program(file: &Path, setup: &Setup) -> Result<Found, Rejection> {
-    Ok(Found::Program(ProgramFile::open(file)?.judged(setup, 0)))
+    Ok(Found::Program(ProgramFile::open(file, SHORT)?.judged(setup, 0)))
 }
 
 /// A block of MDI: what it leaves, and the file from which it is planned.
@@ -123,7 +124,8 @@ impl MdiBlock {
         std::fs::create_dir_all(&self.folder)
             .and_then(|()| std::fs::write(&path, &whole))
             .map_err(|error| Rejection::new(Alarm::File, format!("{}: {error}", path.display())))?;
-        let file = ProgramFile::open(&path)?.judged(&self.setup, lines);
+        // However many parameters earlier blocks have set: the next block takes the place of this file.
+        let file = ProgramFile::open(&path, whole.len() as u64)?.judged(&self.setup, lines);
         if let Some(Err(refusal)) = file.verdict {
             return Err(refusal);
         }
