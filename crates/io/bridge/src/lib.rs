@@ -59,9 +59,13 @@ mod bus_side;
 mod clock;
 mod confinement;
 mod ends;
+mod network_card;
 mod privileges;
+mod round_trips;
 
 pub use bridge::{BridgeError, BridgeRuns, BridgeSettings, Hardware, run_bridge};
 pub use clock::monotonic_ns;
 pub use confinement::confine_writer;
 pub use ends::{BusEnds, Incoming};
+pub use network_card::{CardFinding, CardVerdict, examine_card};
+pub use round_trips::{RoundTrips, measure_round_trips};
