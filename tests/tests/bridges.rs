@@ -95,6 +95,7 @@ fn systemd_finds_nothing_wrong_with_the_units() {
         "evolvent@.service",
         "evolvent-bridge@.service",
         "evolvent-ethercat@.service",
+        "evolvent-mesa@.service",
     ] {
         let text = read_to_string(repository().join("tools/systemd").join(unit)).expect("a unit");
         for line in ["RemoveIPC=no", "LimitMEMLOCK=infinity", "LimitRTPRIO="] {

@@ -17,7 +17,7 @@ fn units() -> Vec<PathBuf> {
         .map(|entry| entry.expect("an entry").path())
         .filter(|path| path.extension().is_some_and(|ending| ending == "service"))
         .collect();
-    assert_eq!(units.len(), 3);
+    assert_eq!(units.len(), 4);
     units
 }
 

@@ -7,7 +7,9 @@ use evolvent_path::AxisMask;
 
 use crate::axis::{AxisLimits, MesaAxis};
 use crate::board_file::{Actuator, BoardSettings, Pin};
+use crate::field_pins::{InputPlace, OutputPlace};
 use crate::plan::{Inputs, Outputs, Plan};
+use crate::smart_serial::{bit_of, set_bit};
 
 /// Number of periods for which the last motion continues if setpoints are missing.
 const BRIDGE_CYCLES: u32 = 10;
@@ -213,16 +215,29 @@ impl AxisSet {
 }
 
 /// Whether a pin is on.
-pub(crate) const fn level(plan: &Plan, inputs: &Inputs, pin: Pin) -> bool {
-    let (port, bit) = plan.place(pin.pin);
-    (inputs.ports[port] >> bit & 1 == 1) != pin.inverted
+pub(crate) fn level(plan: &Plan, inputs: &Inputs, pin: Pin) -> bool {
+    let (register, bit) = match plan.input_place(pin) {
+        InputPlace::Remote { remote, bit } => {
+            return bit_of(&inputs.serial.words[remote], bit) != pin.inverted;
+        }
+        InputPlace::Port { port, bit } => (inputs.ports[port], bit),
+        InputPlace::Filter { unit, bit } => (inputs.filtered[unit], bit),
+    };
+    (register >> bit & 1 == 1) != pin.inverted
 }
 
 /// Switches a pin on or off.
-pub(crate) const fn set(plan: &Plan, outputs: &mut Outputs, pin: Pin, on: bool) {
-    let (port, bit) = plan.place(pin.pin);
-    outputs.ports[port] &= !(1 << bit);
+pub(crate) fn set(plan: &Plan, outputs: &mut Outputs, pin: Pin, on: bool) {
+    let (register, bit) = match plan.output_place(pin) {
+        OutputPlace::Remote { remote, bit } => {
+            return set_bit(&mut outputs.serial.words[remote], bit, on != pin.inverted);
+        }
+        OutputPlace::Port { port, bit } => (&mut outputs.ports[port], bit),
+        OutputPlace::Relay { unit, bit } => (&mut outputs.field.relays[unit], bit),
+        OutputPlace::Simple { unit, bit } => (&mut outputs.field.simple[unit], bit),
+    };
+    *register &= !(1 << bit);
     if on != pin.inverted {
-        outputs.ports[port] |= 1 << bit;
+        *register |= 1 << bit;
     }
 }

@@ -9,6 +9,8 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use thiserror::Error;
 
+use crate::smart_serial::MAX_REMOTES;
+
 /// The largest file that is read, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 20;
 /// Maximum number of HostMot2 pins.
@@ -61,6 +63,17 @@ pub(crate) struct BoardFile {
     #[serde(default = "twenty_thousand")]
     #[schemars(range(min = 100, max = 48000))]
     pwm_hz: f64,
+    /// Time for which an input with a filter of the board (InM) has to be stable before it changes, us.
+    #[serde(default = "two_hundred_and_fifty")]
+    #[schemars(range(min = 0, max = 3000))]
+    input_filter_us: f64,
+    /// The same for inputs with `slow`, ms.
+    #[serde(default = "twenty_five")]
+    #[schemars(range(min = 0, max = 50))]
+    slow_filter_ms: f64,
+    /// Smart-serial devices, such as the field I/O of a 7I76E.
+    #[serde(default)]
+    remote: Vec<RemoteFile>,
     /// The axes.
     axis: Vec<AxisFile>,
     /// Inputs of the machine file that are read at pins.
@@ -77,16 +90,42 @@ pub(crate) struct BoardFile {
     mist: Option<PinFile>,
 }
 
+/// A smart-serial device.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct RemoteFile {
+    /// Number of the smart-serial module.
+    #[serde(default)]
+    #[schemars(range(max = 3))]
+    port: u32,
+    /// Its channel.
+    #[serde(default)]
+    #[schemars(range(max = 7))]
+    channel: u32,
+    /// Name of the device, such as 7I76; a device with another name is rejected. Without it, any device is accepted.
+    name: Option<String>,
+    /// Its mode, which selects the process data.
+    #[serde(default)]
+    #[schemars(range(max = 255))]
+    mode: u32,
+}
+
 /// A pin.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct PinFile {
-    /// Its number on the board, from 0.
+    /// Its number on the board, from 0; with `remote` the number of a field input or output of that device.
     #[schemars(range(max = 143))]
     pin: u32,
+    /// The [[remote]] that it belongs to, from 0.
+    #[schemars(range(max = 3))]
+    remote: Option<u32>,
     /// Low is on.
     #[serde(default)]
     inverted: bool,
+    /// Long filter of an input, for mechanical switches that bounce. Not for home switches, because it delays them.
+    #[serde(default)]
+    slow: bool,
 }
 
 /// An axis.
@@ -155,12 +194,20 @@ struct InputPinFile {
     /// The pin of a digital input.
     #[schemars(range(max = 143))]
     pin: Option<u32>,
+    /// The [[remote]] that the pin or the data belong to, from 0.
+    #[schemars(range(max = 3))]
+    remote: Option<u32>,
+    /// For an analog input: name of a number in the process data of a smart-serial device.
+    data: Option<String>,
     /// The encoder whose counts an analog input tells, as those of a handwheel.
     #[schemars(range(max = 15))]
     encoder: Option<u32>,
     /// Low is on.
     #[serde(default)]
     inverted: bool,
+    /// Long filter of the board, for mechanical switches that bounce.
+    #[serde(default)]
+    slow: bool,
 }
 
 /// An output of the machine file.
@@ -172,6 +219,9 @@ struct OutputPinFile {
     /// The pin of a digital output.
     #[schemars(range(max = 143))]
     pin: Option<u32>,
+    /// The [[remote]] that the pin belongs to, from 0.
+    #[schemars(range(max = 3))]
+    remote: Option<u32>,
     /// Low is on.
     #[serde(default)]
     inverted: bool,
@@ -193,6 +243,9 @@ struct SpindleFile {
     /// The PWM generator of its speed.
     #[schemars(range(max = 15))]
     pwm: Option<u32>,
+    /// The [[remote]] with the spindle outputs (SpinOut, SpinEna, SpinDir), from 0.
+    #[schemars(range(max = 3))]
+    remote: Option<u32>,
     /// Speed at full output, rpm.
     full_rpm: Option<f64>,
     /// Output for clockwise.
@@ -207,6 +260,14 @@ const fn five() -> u32 {
 
 const fn fifty() -> f64 {
     50.0
+}
+
+const fn two_hundred_and_fifty() -> f64 {
+    250.0
+}
+
+const fn twenty_five() -> f64 {
+    25.0
 }
 
 const fn twenty_thousand() -> f64 {
@@ -232,6 +293,12 @@ pub struct BoardSettings {
     pub watchdog_s: f64,
     /// Frequency of the PWM generators, Hz.
     pub pwm_hz: f64,
+    /// Short filter of inputs, s.
+    pub input_filter_s: f64,
+    /// Long filter of inputs, s.
+    pub slow_filter_s: f64,
+    /// Smart-serial devices.
+    pub remotes: Vec<RemoteSettings>,
     /// The axes.
     pub axes: Vec<BoardAxis>,
     /// Inputs by name.
@@ -244,17 +311,34 @@ pub struct BoardSettings {
     pub coolant: [Option<Pin>; 2],
 }
 
+/// A smart-serial device.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RemoteSettings {
+    /// Number of the module.
+    pub port: usize,
+    /// Channel.
+    pub channel: usize,
+    /// Required name.
+    pub name: Option<String>,
+    /// Mode.
+    pub mode: u8,
+}
+
 /// A pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pin {
-    /// Number on the board.
+    /// Number on the board, or of a field input or output.
     pub pin: usize,
+    /// The smart-serial device of the pin.
+    pub remote: Option<usize>,
     /// Low is on.
     pub inverted: bool,
+    /// An input with the long filter.
+    pub slow: bool,
 }
 
 /// The source of an input.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum InputSource {
     /// From a pin.
     Pin(Pin),
@@ -264,6 +348,13 @@ pub enum InputSource {
         unit: usize,
         /// Turned round.
         inverted: bool,
+    },
+    /// A number from a smart-serial device, in the device's unit.
+    Remote {
+        /// The device.
+        remote: usize,
+        /// The number's name.
+        data: String,
     },
 }
 
@@ -306,6 +397,8 @@ pub struct SpindlePins {
     pub number: usize,
     /// PWM generator, and rpm at full output.
     pub speed: Option<(usize, f64)>,
+    /// Smart-serial device, and rpm at full output.
+    pub remote: Option<(usize, f64)>,
     /// Clockwise.
     pub forward: Option<Pin>,
     /// Counter-clockwise.
@@ -409,6 +502,9 @@ impl BoardSettings {
         sheet.number("max_lost_packets", f64::from(read.max_lost_packets), 1.0, 50.0)?;
         sheet.number("watchdog_ms", read.watchdog_ms, 2.0, 1000.0)?;
         sheet.number("pwm_hz", read.pwm_hz, 100.0, 48_000.0)?;
+        sheet.number("input_filter_us", read.input_filter_us, 0.0, 3000.0)?;
+        sheet.number("slow_filter_ms", read.slow_filter_ms, 0.0, 50.0)?;
+        let remotes = RemoteFile::check_all(&read.remote, &sheet)?;
         let mut axes: Vec<BoardAxis> = Vec::new();
         for (i, axis) in read.axis.iter().enumerate() {
             let key = format!("axis[{i}]");
@@ -436,7 +532,9 @@ impl BoardSettings {
                 (Some(pin), None, None) => OutputTarget::Pin(
                     PinFile {
                         pin,
+                        remote: output.remote,
                         inverted: output.inverted,
+                        slow: false,
                     }
                     .check(&sheet, &key)?,
                 ),
@@ -465,21 +563,75 @@ impl BoardSettings {
             Some(spindle) => Some(spindle.check(&sheet)?),
             None => None,
         };
-        Ok(Self {
+        let settings = Self {
             address,
             name: read.name,
             max_lost_packets: read.max_lost_packets,
             watchdog_s: read.watchdog_ms * 1e-3,
             pwm_hz: read.pwm_hz,
+            input_filter_s: read.input_filter_us * 1e-6,
+            slow_filter_s: read.slow_filter_ms * 1e-3,
+            remotes,
             axes,
             inputs,
             outputs,
             spindle,
             coolant: [
-                PinFile::check_any(read.flood, &sheet, "flood")?,
-                PinFile::check_any(read.mist, &sheet, "mist")?,
+                PinFile::check_driven(read.flood, &sheet, "flood")?,
+                PinFile::check_driven(read.mist, &sheet, "mist")?,
             ],
-        })
+        };
+        for (key, remote) in settings.remotes_used() {
+            if remote >= settings.remotes.len() {
+                let what = format!("there is no [[remote]] {remote}");
+                return Err(sheet.error(&key, what, "count them from 0, in their order"));
+            }
+        }
+        Ok(settings)
+    }
+
+    /// Smart-serial devices that the file refers to, with the key of each reference.
+    fn remotes_used(&self) -> Vec<(String, usize)> {
+        let mut used = Vec::new();
+        let mut add =
+            |key: String, pin: Option<Pin>| used.extend(pin.and_then(|pin| Some((key, pin.remote?))));
+        for (i, axis) in self.axes.iter().enumerate() {
+            let [home, negative, positive] = axis.switches;
+            for (name, pin) in [
+                ("enable", axis.enable),
+                ("fault", axis.fault),
+                ("home_switch", home),
+                ("negative_limit", negative),
+                ("positive_limit", positive),
+            ] {
+                add(format!("axis[{i}].{name}.remote"), pin);
+            }
+        }
+        for (i, output) in self.outputs.iter().enumerate() {
+            if let OutputTarget::Pin(pin) = output.target {
+                add(format!("output[{i}].remote"), Some(pin));
+            }
+        }
+        add("flood.remote".to_owned(), self.coolant[0]);
+        add("mist.remote".to_owned(), self.coolant[1]);
+        if let Some(spindle) = &self.spindle {
+            add("spindle.forward.remote".to_owned(), spindle.forward);
+            add("spindle.reverse.remote".to_owned(), spindle.reverse);
+            used.extend(
+                spindle
+                    .remote
+                    .map(|(remote, _)| ("spindle.remote".to_owned(), remote)),
+            );
+        }
+        for (i, input) in self.inputs.iter().enumerate() {
+            let remote = match &input.source {
+                InputSource::Pin(pin) => pin.remote,
+                InputSource::Remote { remote, .. } => Some(*remote),
+                InputSource::Encoder { .. } => None,
+            };
+            used.extend(remote.map(|remote| (format!("input[{i}].remote"), remote)));
+        }
+        used
     }
 
     /// Its axes.
@@ -489,12 +641,49 @@ impl BoardSettings {
     }
 }
 
+impl RemoteFile {
+    fn check_all(listed: &[Self], sheet: &ConfigDocument<'_>) -> Result<Vec<RemoteSettings>, ConfigError> {
+        let mut checked: Vec<RemoteSettings> = Vec::new();
+        for (i, remote) in listed.iter().enumerate() {
+            let key = format!("remote[{i}]");
+            for (name, value, most) in [
+                ("port", remote.port, 3.0),
+                ("channel", remote.channel, 7.0),
+                ("mode", remote.mode, 255.0),
+            ] {
+                sheet.number(&format!("{key}.{name}"), f64::from(value), 0.0, most)?;
+            }
+            let (port, channel) = (remote.port as usize, remote.channel as usize);
+            let is_taken = checked
+                .iter()
+                .any(|other| (other.port, other.channel) == (port, channel));
+            if is_taken || i >= MAX_REMOTES {
+                let what = if is_taken {
+                    "another entry is at this channel".to_owned()
+                } else {
+                    format!("{MAX_REMOTES} devices at most")
+                };
+                return Err(sheet.error(&key, what, "list each device once"));
+            }
+            checked.push(RemoteSettings {
+                port,
+                channel,
+                name: remote.name.clone(),
+                mode: remote.mode as u8,
+            });
+        }
+        Ok(checked)
+    }
+}
+
 impl PinFile {
     fn check(self, sheet: &ConfigDocument<'_>, key: &str) -> Result<Pin, ConfigError> {
         sheet.number(&format!("{key}.pin"), f64::from(self.pin), 0.0, MAX_PINS)?;
         Ok(Pin {
             pin: self.pin as usize,
             inverted: self.inverted,
+            slow: self.slow,
+            remote: self.remote.map(|remote| remote as usize),
         })
     }
 
@@ -507,11 +696,63 @@ impl PinFile {
     }
 }
 
+impl PinFile {
+    /// An output pin.
+    fn check_driven(
+        pin: Option<Self>,
+        sheet: &ConfigDocument<'_>,
+        key: &str,
+    ) -> Result<Option<Pin>, ConfigError> {
+        match pin {
+            Some(pin) if pin.slow => Err(sheet.error(
+                &format!("{key}.slow"),
+                "an output has no filter".to_owned(),
+                "remove slow",
+            )),
+            _ => Self::check_any(pin, sheet, key),
+        }
+    }
+}
+
 impl InputPinFile {
     fn source(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<InputSource, ConfigError> {
-        let inverted = self.inverted;
+        let (inverted, slow) = (self.inverted, self.slow);
+        let remote = self.remote;
+        if let (None, None, Some(data)) = (self.pin, self.encoder, &self.data) {
+            return match remote.filter(|_| !inverted && !slow) {
+                Some(remote) => Ok(InputSource::Remote {
+                    remote: remote as usize,
+                    data: data.clone(),
+                }),
+                None => Err(sheet.error(
+                    key,
+                    "an input with `data` needs `remote`, and is neither inverted nor slow".to_owned(),
+                    "give the number of the [[remote]], from 0",
+                )),
+            };
+        }
+        if self.data.is_some() {
+            return Err(sheet.error(
+                &format!("{key}.data"),
+                "`data` is a number of a smart-serial device and excludes `pin` and `encoder`".to_owned(),
+                "remove one of them",
+            ));
+        }
         match (self.pin, self.encoder) {
-            (Some(pin), None) => PinFile { pin, inverted }.check(sheet, key).map(InputSource::Pin),
+            (Some(pin), None) => {
+                let pin = PinFile {
+                    pin,
+                    remote,
+                    inverted,
+                    slow,
+                };
+                pin.check(sheet, key).map(InputSource::Pin)
+            }
+            (None, Some(_)) if slow => Err(sheet.error(
+                &format!("{key}.slow"),
+                "an encoder has no filter of this kind".to_owned(),
+                "remove slow",
+            )),
             (None, Some(unit)) => {
                 sheet.number(&format!("{key}.encoder"), f64::from(unit), 0.0, MAX_UNITS)?;
                 let unit = unit as usize;
@@ -529,8 +770,19 @@ impl InputPinFile {
 impl SpindleFile {
     fn check(&self, sheet: &ConfigDocument<'_>) -> Result<SpindlePins, ConfigError> {
         sheet.number("spindle.number", f64::from(self.number), 0.0, 3.0)?;
+        let remote = self.remote.map(|remote| remote as usize);
+        if let (Some(remote), None, Some(full)) = (remote, self.pwm, self.full_rpm) {
+            sheet.number("spindle.full_rpm", full, 1e-3, 1e6)?;
+            return Ok(SpindlePins {
+                number: self.number as usize,
+                speed: None,
+                remote: Some((remote, full)),
+                forward: PinFile::check_driven(self.forward, sheet, "spindle.forward")?,
+                reverse: PinFile::check_driven(self.reverse, sheet, "spindle.reverse")?,
+            });
+        }
         let speed = match (self.pwm, self.full_rpm) {
-            (None, None) => None,
+            (None, None) if remote.is_none() => None,
             (Some(unit), Some(full)) => {
                 sheet.number("spindle.pwm", f64::from(unit), 0.0, MAX_UNITS)?;
                 sheet.number("spindle.full_rpm", full, 1e-3, 1e6)?;
@@ -539,16 +791,17 @@ impl SpindleFile {
             _ => {
                 return Err(sheet.error(
                     "spindle",
-                    "pwm and full_rpm belong together".to_owned(),
-                    "give both, or none",
+                    "pwm or remote, and full_rpm, belong together".to_owned(),
+                    "give pwm and full_rpm, or remote and full_rpm, or none",
                 ));
             }
         };
         Ok(SpindlePins {
             number: self.number as usize,
             speed,
-            forward: PinFile::check_any(self.forward, sheet, "spindle.forward")?,
-            reverse: PinFile::check_any(self.reverse, sheet, "spindle.reverse")?,
+            remote: None,
+            forward: PinFile::check_driven(self.forward, sheet, "spindle.forward")?,
+            reverse: PinFile::check_driven(self.reverse, sheet, "spindle.reverse")?,
         })
     }
 }
@@ -631,7 +884,7 @@ impl AxisFile {
             per_unit,
             inverted: self.inverted,
             zero: self.zero,
-            enable: pin(self.enable, "enable")?,
+            enable: PinFile::check_driven(self.enable, sheet, &at("enable"))?,
             fault: pin(self.fault, "fault")?,
             switches: [
                 pin(self.home_switch, "home_switch")?,

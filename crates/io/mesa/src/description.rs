@@ -22,8 +22,14 @@ pub mod tag {
     pub const PWM: u8 = 0x06;
     /// Multiplexed quadrature counters.
     pub const MUXED_ENCODER: u8 = 0x0C;
+    /// Inputs with a filter (InM).
+    pub const INPUT_FILTER: u8 = 0x23;
+    /// Outputs (OutM).
+    pub const SIMPLE_OUTPUT: u8 = 0x2D;
     /// Smart serial.
     pub const SMART_SERIAL: u8 = 0xC1;
+    /// Isolated outputs (SSR).
+    pub const RELAY: u8 = 0xC3;
 
     /// A name for messages.
     #[must_use]
@@ -43,6 +49,9 @@ pub mod tag {
             0x13 => "three-phase PWM",
             0x18 => "BiSS encoder",
             0x1A => "DPLL",
+            INPUT_FILTER => "input filter (InM)",
+            SIMPLE_OUTPUT => "output (OutM)",
+            RELAY => "isolated output (SSR)",
             0x80 => "LED",
             0xC0 => "resolver",
             SMART_SERIAL => "smart serial",
@@ -260,6 +269,17 @@ impl Description {
             );
         }
         for (i, function) in self.pins.iter().enumerate() {
+            if let (tag::INPUT_FILTER | tag::RELAY | tag::SIMPLE_OUTPUT, 1..) =
+                (function.tag, function.pin & 0x7F)
+            {
+                text += &format!(
+                    "  pin {i}: {} {} bit {}\n",
+                    tag::name(function.tag),
+                    function.unit,
+                    (function.pin & 0x7F) - 1
+                );
+                continue;
+            }
             let what = match (function.tag, function.pin) {
                 (0, _) => continue,
                 (tag::STEP_GENERATOR, 0x81) => "step",

@@ -132,7 +132,7 @@ pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitErro
         };
         let kind = match input.source {
             InputSource::Pin(_) => SignalKind::Digital,
-            InputSource::Encoder { .. } => SignalKind::Analog,
+            InputSource::Encoder { .. } | InputSource::Remote { .. } => SignalKind::Analog,
         };
         if !known(kind) {
             return Err(FitError::NoSignal {

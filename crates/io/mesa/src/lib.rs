@@ -38,17 +38,20 @@ mod axis_set;
 mod board_file;
 mod clock;
 mod description;
+mod field_pins;
 mod fit;
 mod link;
 mod packet;
 mod plan;
+mod round_trips;
 mod run;
 mod session;
 mod signals;
+mod smart_serial;
 
 pub use board_file::{
     Actuator, BoardAxis, BoardFileError, BoardSettings, Gains, InputPin, InputSource, OutputPin,
-    OutputTarget, Pin, SpindlePins, StepTiming, board_schema,
+    OutputTarget, Pin, RemoteSettings, SpindlePins, StepTiming, board_schema,
 };
 pub use description::{Description, DescriptionError, Module, PinFunction, tag};
 pub use evolvent_bridge::BridgeError;
@@ -56,5 +59,7 @@ pub use fit::{FitError, check_fit, fit_notes};
 pub use link::{Link, LinkError, PORT};
 pub use packet::{MAX_PACKET, Packet, PacketFull, Reply, Space};
 pub use plan::PlanError;
+pub use round_trips::round_trips;
 pub use run::{BridgeReport, RunSettings, run, run_measured};
 pub use session::SessionError;
+pub use smart_serial::RemoteError;

@@ -3,11 +3,19 @@
 use thiserror::Error;
 
 use crate::board_file::{Actuator, BoardSettings, InputSource, OutputTarget, Pin};
-use crate::description::{Description, Module, tag};
+use crate::description::{Description, Module, PinFunction, tag};
+use crate::field_pins::{
+    FieldOutputs, FieldPins, InputPlace, MAX_FIELD_UNITS, OutputPlace, filter_place, output_place,
+};
 use crate::packet::{Packet, PacketFull, Space};
+use crate::smart_serial::{
+    Element, MAX_REMOTES, RemoteError, SerialInputs, SerialOutputs, SmartSerial, WORDS,
+};
 
 /// Maximum number of ports.
 pub(crate) const MAX_PORTS: usize = 8;
+/// Maximum number of pins of HostMot2.
+const MAX_PINS: usize = 144;
 /// Maximum number of instances of one module.
 pub(crate) const MAX_UNITS: usize = 16;
 /// Scratch words of the timer space: number of the write packet, of the read packet, and of the session.
@@ -128,6 +136,15 @@ pub enum PlanError {
         /// Counts per period at the maximum velocity.
         counts: f64,
     },
+    /// A pin without a filter.
+    #[error("pin {pin} has no filter on this board (InM): remove `slow`")]
+    NoFilter {
+        /// The pin.
+        pin: usize,
+    },
+    /// A smart-serial device lacks data that the file requires.
+    #[error(transparent)]
+    Remote(#[from] RemoteError),
     /// The registers exceed a packet.
     #[error(transparent)]
     Full(#[from] PacketFull),
@@ -144,6 +161,10 @@ pub(crate) struct Outputs {
     pub(crate) pwm_enable: u32,
     /// Output registers of the ports.
     pub(crate) ports: [u32; MAX_PORTS],
+    /// Data of SSR and OutM outputs.
+    pub(crate) field: FieldOutputs,
+    /// Process data of smart-serial devices.
+    pub(crate) serial: SerialOutputs,
 }
 
 /// Values read every cycle.
@@ -156,6 +177,32 @@ pub(crate) struct Inputs {
     pub(crate) ports: [u32; MAX_PORTS],
     pub(crate) accumulators: [u32; MAX_UNITS],
     pub(crate) counts: [u32; MAX_UNITS],
+    /// Filtered inputs.
+    pub(crate) filtered: [u32; MAX_FIELD_UNITS],
+    /// Process data of smart-serial devices.
+    pub(crate) serial: SerialInputs,
+}
+
+/// The spindle outputs of a smart-serial device.
+#[derive(Clone, Debug)]
+pub(crate) struct RemoteSpindle {
+    remote: usize,
+    speed: Element,
+    enable: Option<Element>,
+    reverse: Option<Element>,
+}
+
+impl RemoteSpindle {
+    /// Sets the fraction of the full speed, whether the spindle turns, and whether it turns counter-clockwise.
+    pub(crate) fn put(&self, outputs: &mut Outputs, share: f64, turns: bool, backwards: bool) {
+        let words = &mut outputs.serial.words[self.remote];
+        self.speed.put_share(words, if turns { share.abs() } else { 0.0 });
+        for (element, on) in [(&self.enable, turns), (&self.reverse, turns && backwards)] {
+            if let Some(element) = element {
+                element.put_share(words, f64::from(u8::from(on)));
+            }
+        }
+    }
 }
 
 /// Register addresses and counts for one board and one board file.
@@ -168,6 +215,18 @@ pub(crate) struct Plan {
     step: Option<(Module, usize)>,
     encoder: Option<(Module, usize)>,
     pwm: Option<(Module, usize)>,
+    field: FieldPins,
+    serial: Option<SmartSerial>,
+    spindle: Option<RemoteSpindle>,
+    /// Elements of analog inputs: index in the board file's list, device, element.
+    numbers: Vec<(usize, usize, Element)>,
+    /// Bits of field inputs and field outputs, by device and number.
+    remote_bits: [[[usize; MAX_PINS]; MAX_REMOTES]; 2],
+    /// Field outputs in use.
+    remote_taken: [[u32; WORDS]; MAX_REMOTES],
+    /// Register bits of the pins that a module reads or sets.
+    reads: [Option<InputPlace>; MAX_PINS],
+    sets: [Option<OutputPlace>; MAX_PINS],
     /// Bits of driven pins, and of those driven by modules.
     driven: [u32; MAX_PORTS],
     alternate: [u32; MAX_PORTS],
@@ -178,6 +237,7 @@ impl Plan {
     pub(crate) fn new(
         board: &Description,
         settings: &BoardSettings,
+        serial: Option<SmartSerial>,
         max_velocity: &[f64],
         period_s: f64,
     ) -> Result<Self, PlanError> {
@@ -197,10 +257,28 @@ impl Plan {
             step: None,
             encoder: None,
             pwm: None,
+            field: FieldPins::default(),
+            serial,
+            spindle: None,
+            numbers: Vec::new(),
+            remote_bits: [[[0; MAX_PINS]; MAX_REMOTES]; 2],
+            remote_taken: [[0; WORDS]; MAX_REMOTES],
+            reads: [None; MAX_PINS],
+            sets: [None; MAX_PINS],
             driven: [0; MAX_PORTS],
             alternate: [0; MAX_PORTS],
             taken: [0; MAX_PORTS],
         };
+        for pin in plan
+            .serial
+            .iter()
+            .flat_map(|serial| serial.pins(board))
+            .collect::<Vec<_>>()
+        {
+            plan.function(board, pin)?;
+            let (port, bit) = plan.take(pin)?;
+            plan.alternate[port] |= bit;
+        }
         for (axis, max_velocity) in settings.axes.iter().zip(max_velocity) {
             match axis.actuator {
                 Actuator::Steps { unit, timing } => {
@@ -258,10 +336,16 @@ impl Plan {
             }
             plan.drive_any(board, axis.enable)?;
         }
-        for input in &settings.inputs {
-            match input.source {
-                InputSource::Pin(pin) => plan.look_at(board, pin)?,
-                InputSource::Encoder { unit, .. } => {
+        for (listed, input) in settings.inputs.iter().enumerate() {
+            match &input.source {
+                InputSource::Pin(pin) => plan.look_at(board, *pin)?,
+                InputSource::Remote { remote, data } => {
+                    if let Some(found) = plan.remote(*remote) {
+                        let element = found.element(false, data)?.clone();
+                        plan.numbers.push((listed, *remote, element));
+                    }
+                }
+                &InputSource::Encoder { unit, .. } => {
                     let found = module(board, tag::ENCODER, "encoder", unit, 5)?;
                     grow(&mut plan.encoder, found, unit);
                 }
@@ -279,6 +363,16 @@ impl Plan {
             if let Some((unit, _)) = spindle.speed {
                 plan.use_pwm(board, unit)?;
             }
+            if let Some((remote, _)) = spindle.remote
+                && let Some(found) = plan.remote(remote)
+            {
+                plan.spindle = Some(RemoteSpindle {
+                    remote,
+                    speed: found.element(true, "SpinOut")?.clone(),
+                    enable: found.element(true, "SpinEna").ok().cloned(),
+                    reverse: found.element(true, "SpinDir").ok().cloned(),
+                });
+            }
         }
         for pin in settings.coolant {
             plan.drive_any(board, pin)?;
@@ -287,17 +381,97 @@ impl Plan {
     }
 
     /// Port and bit of a pin.
-    pub(crate) const fn place(&self, pin: usize) -> (usize, usize) {
+    const fn place(&self, pin: usize) -> (usize, usize) {
         (pin / self.port_width, pin % self.port_width)
     }
 
-    fn look_at(&self, board: &Description, pin: Pin) -> Result<(), PlanError> {
-        let (pin, pins) = (pin.pin, board.pins.len());
-        if pin < pins {
-            Ok(())
-        } else {
-            Err(PlanError::Pin { pin, pins })
+    /// A smart-serial device by its number in the board file.
+    fn remote(&self, remote: usize) -> Option<&crate::smart_serial::Remote> {
+        self.serial.as_ref().and_then(|serial| serial.remotes.get(remote))
+    }
+
+    /// Smart serial, if the board file uses it.
+    pub(crate) const fn serial(&self) -> Option<&SmartSerial> {
+        self.serial.as_ref()
+    }
+
+    /// The spindle on smart serial.
+    pub(crate) const fn spindle(&self) -> Option<&RemoteSpindle> {
+        self.spindle.as_ref()
+    }
+
+    /// The value of an analog input on smart serial, by its index in the board file's list.
+    pub(crate) fn number(&self, listed: usize, inputs: &Inputs) -> f64 {
+        let found = self.numbers.iter().find(|(place, ..)| *place == listed);
+        found.map_or(0.0, |(_, remote, element)| {
+            element.value(&inputs.serial.words[*remote])
+        })
+    }
+
+    /// The register bit of an input.
+    pub(crate) fn input_place(&self, pin: Pin) -> InputPlace {
+        if let Some(remote) = pin.remote {
+            let bit = self.remote_bits[0][remote][pin.pin];
+            return InputPlace::Remote { remote, bit };
         }
+        let (port, bit) = self.place(pin.pin);
+        self.reads[pin.pin].unwrap_or(InputPlace::Port { port, bit })
+    }
+
+    /// The register bit of an output.
+    pub(crate) fn output_place(&self, pin: Pin) -> OutputPlace {
+        if let Some(remote) = pin.remote {
+            let bit = self.remote_bits[1][remote][pin.pin];
+            return OutputPlace::Remote { remote, bit };
+        }
+        let (port, bit) = self.place(pin.pin);
+        self.sets[pin.pin].unwrap_or(OutputPlace::Port { port, bit })
+    }
+
+    /// Adds a field input or output of a smart-serial device.
+    fn use_remote(&mut self, remote: usize, is_output: bool, number: usize) -> Result<(), PlanError> {
+        let Some(found) = self.remote(remote) else {
+            return Ok(());
+        };
+        let bit = found.field_bit(is_output, number)?;
+        if let Some(place) = self.remote_bits[usize::from(is_output)][remote].get_mut(number) {
+            *place = bit;
+        }
+        if is_output {
+            let taken = &mut self.remote_taken[remote];
+            if crate::smart_serial::bit_of(taken, bit) {
+                return Err(PlanError::Taken { pin: number });
+            }
+            crate::smart_serial::set_bit(taken, bit, true);
+        }
+        Ok(())
+    }
+
+    /// The function of a pin that the board has.
+    fn function(&self, board: &Description, pin: usize) -> Result<PinFunction, PlanError> {
+        // A board may list more pins than its ports have bits.
+        let pins = board.pins.len().min(self.ports * self.port_width).min(MAX_PINS);
+        match board.pins.get(pin) {
+            Some(function) if pin < pins => Ok(*function),
+            _ => Err(PlanError::Pin { pin, pins }),
+        }
+    }
+
+    fn look_at(&mut self, board: &Description, pin: Pin) -> Result<(), PlanError> {
+        if let Some(remote) = pin.remote {
+            if pin.slow {
+                return Err(PlanError::NoFilter { pin: pin.pin });
+            }
+            return self.use_remote(remote, false, pin.pin);
+        }
+        let function = self.function(board, pin.pin)?;
+        if let Some(place @ InputPlace::Filter { unit, bit }) = filter_place(function) {
+            self.field.use_filter(board, unit, bit, pin.slow)?;
+            self.reads[pin.pin] = Some(place);
+        } else if pin.slow {
+            return Err(PlanError::NoFilter { pin: pin.pin });
+        }
+        Ok(())
     }
 
     fn drive_any(&mut self, board: &Description, pin: Option<Pin>) -> Result<(), PlanError> {
@@ -315,8 +489,31 @@ impl Plan {
     }
 
     fn drive(&mut self, board: &Description, pin: Pin) -> Result<(), PlanError> {
-        self.look_at(board, pin)?;
-        self.take(pin.pin).map(|_| ())
+        if let Some(remote) = pin.remote {
+            return self.use_remote(remote, true, pin.pin);
+        }
+        let place = output_place(self.function(board, pin.pin)?);
+        let (port, bit) = self.take(pin.pin)?;
+        let Some(place) = place else {
+            return Ok(());
+        };
+        self.alternate[port] |= bit;
+        self.sets[pin.pin] = Some(place);
+        match place {
+            OutputPlace::Relay { unit, .. } => {
+                if let Some(reference) = self.field.use_relay(board, unit)? {
+                    self.function(board, reference)?;
+                    // Common to all outputs of the unit, so it is not taken twice.
+                    let (port, bit) = self.place(reference);
+                    self.driven[port] |= 1 << bit;
+                    self.alternate[port] |= 1 << bit;
+                    self.taken[port] |= 1 << bit;
+                }
+            }
+            OutputPlace::Simple { unit, .. } => self.field.use_simple(board, unit)?,
+            OutputPlace::Port { .. } | OutputPlace::Remote { .. } => {}
+        }
+        Ok(())
     }
 
     fn connect(
@@ -331,6 +528,7 @@ impl Plan {
             let Some(pin) = board.pin_of(tag, unit, *pin) else {
                 return Err(PlanError::NoPin { what, unit });
             };
+            self.function(board, pin)?;
             let (port, bit) = self.take(pin)?;
             self.alternate[port] |= bit;
         }
@@ -388,7 +586,7 @@ impl Plan {
             }
         }
         for input in &settings.inputs {
-            if let (InputSource::Encoder { unit, .. }, Some((module, _))) = (input.source, self.encoder) {
+            if let (&InputSource::Encoder { unit, .. }, Some((module, _))) = (&input.source, self.encoder) {
                 packet.write(module.address(1, unit), &[QUADRATURE])?;
             }
         }
@@ -408,9 +606,15 @@ impl Plan {
         packet.write(self.watchdog.address(0, 0), &[ticks as u32])?;
         packet.write(self.watchdog.address(2, 0), &[FEED])?;
         packet.write(self.watchdog.address(1, 0), &[0])?;
+        self.field.prepare(
+            &mut packet,
+            [settings.input_filter_s, settings.slow_filter_s],
+            &outputs.field,
+        )?;
         packet.write(self.port.address(0, 0), &outputs.ports[..self.ports])?;
         packet.write(self.port.address(2, 0), &self.alternate[..self.ports])?;
         packet.write(self.port.address(1, 0), &self.driven[..self.ports])?;
+        self.field.start(&mut packet)?;
         packet.write_word(Space::Timer, SCRATCH, 0)?;
         packet.write_word(Space::Timer, SCRATCH + 4, session)?;
         packets.push(packet);
@@ -430,7 +634,8 @@ impl Plan {
         if let Some((encoder, count)) = self.encoder {
             packet.read(Space::HostMot2, encoder.address(0, 0), count)?;
         }
-        Ok(())
+        self.field.read(packet)?;
+        self.serial.as_ref().map_or(Ok(()), |serial| serial.read(packet))
     }
 
     /// Its reply.
@@ -448,6 +653,10 @@ impl Plan {
         }
         if let Some((_, count)) = self.encoder {
             inputs.counts[..count].fill_with(|| reply.value());
+        }
+        inputs.filtered[..self.field.filters()].fill_with(|| reply.value());
+        if let Some(serial) = &self.serial {
+            serial.take_reply(&mut reply, &mut inputs.serial);
         }
         inputs
     }
@@ -474,6 +683,10 @@ impl Plan {
             packet.write(pwm.address(4, 0), &[outputs.pwm_enable])?;
         }
         packet.write(self.port.address(0, 0), &outputs.ports[..self.ports])?;
+        self.field.write(packet, &outputs.field)?;
+        if let Some(serial) = &self.serial {
+            serial.write(packet, &outputs.serial)?;
+        }
         packet.write(self.watchdog.address(2, 0), &[FEED])?;
         packet.write_word(Space::Timer, SCRATCH, number)
     }
@@ -488,6 +701,10 @@ impl Plan {
             packet.write(pwm.address(0, 0), &[0; MAX_UNITS][..count])?;
             packet.write(pwm.address(4, 0), &[0])?;
         }
+        self.field.release(packet)?;
+        if let Some(serial) = &self.serial {
+            serial.release(packet)?;
+        }
         packet.write(self.port.address(1, 0), &[0; MAX_PORTS][..self.ports])
     }
 }
@@ -498,12 +715,12 @@ fn clocks(time_ns: f64, clock_hz: f64) -> u32 {
     (time_ns * 1e-9 * clock_hz - 0.01).ceil().max(1.0) as u32
 }
 
-fn grow(module: &mut Option<(Module, usize)>, found: Module, unit: usize) {
+pub(crate) fn grow(module: &mut Option<(Module, usize)>, found: Module, unit: usize) {
     let count = module.map_or(0, |(_, count)| count).max(unit + 1);
     *module = Some((found, count));
 }
 
-fn module(
+pub(crate) fn module(
     board: &Description,
     tag: u8,
     what: &'static str,

@@ -17,6 +17,7 @@ use crate::link::{Link, LinkError};
 use crate::packet::{MAX_PACKET, Packet, PacketFull, Reply};
 use crate::plan::{Inputs, Outputs, Plan, PlanError};
 use crate::signals::Signals;
+use crate::smart_serial::{MAX_REMOTES, RemoteError, SmartSerial};
 
 /// Time for axes to stop at the end of a session, ns.
 const STOP_NS: u64 = 1_500_000_000;
@@ -60,6 +61,19 @@ pub enum SessionError {
     Bitten {
         /// Its time.
         watchdog_ms: f64,
+    },
+    /// A smart-serial device cannot be used.
+    #[error(transparent)]
+    Remote(#[from] RemoteError),
+    /// A smart-serial device has failed too often in a row.
+    #[error("{device} on smart serial: {what}, {times} times in a row: check its cable and its supply")]
+    RemoteLost {
+        /// The device.
+        device: String,
+        /// The failure.
+        what: &'static str,
+        /// Failed exchanges in a row.
+        times: u32,
     },
     /// The board has restarted, or another host writes to it.
     #[error(
@@ -118,7 +132,8 @@ pub(crate) fn run_session(
             listed.map_or(0.0, |listed| listed.max_velocity)
         })
         .collect();
-    let plan = Plan::new(board, settings, &max_velocity, period_ns as f64 * 1e-9)?;
+    let serial = SmartSerial::discover(link, board, &settings.remotes)?;
+    let plan = Plan::new(board, settings, serial, &max_velocity, period_ns as f64 * 1e-9)?;
     let instance = monotonic_ns();
     // Never zero: a board that has just started reads zero.
     let session = (instance / 1000) as u16 | 1;
@@ -137,6 +152,7 @@ pub(crate) fn run_session(
         write_number: 0,
         lost: 0,
         unheard: 0,
+        failed: [0; MAX_REMOTES],
         reported: [0; AXES],
     };
     cycle.set_up()?;
@@ -165,6 +181,8 @@ struct Cycle<'a> {
     write_number: u16,
     lost: u32,
     unheard: u32,
+    /// Failed exchanges in a row, by smart-serial device.
+    failed: [u32; MAX_REMOTES],
     /// Fault codes already reported.
     reported: [u16; AXES],
 }
@@ -354,6 +372,7 @@ impl Cycle<'_> {
             });
         }
         self.axes.take(&self.plan, inputs, measured_ns);
+        self.judge_remotes(inputs)?;
         if inputs.write_number == self.write_number {
             self.unheard = 0;
             return Ok(());
@@ -368,8 +387,32 @@ impl Cycle<'_> {
         Ok(())
     }
 
+    fn judge_remotes(&mut self, inputs: &Inputs) -> Result<(), SessionError> {
+        let Some(serial) = self.plan.serial() else {
+            return Ok(());
+        };
+        self.outputs.serial.is_free = serial.free_ports(&inputs.serial);
+        for (i, device) in serial.remotes.iter().enumerate() {
+            let Some(what) = serial.failure(i, &inputs.serial) else {
+                self.failed[i] = 0;
+                continue;
+            };
+            self.failed[i] += 1;
+            if self.failed[i] > self.settings.max_lost_packets {
+                return Err(SessionError::RemoteLost {
+                    device: device.name.clone(),
+                    what,
+                    times: self.failed[i],
+                });
+            }
+        }
+        Ok(())
+    }
+
     fn miss(&mut self, ends: &Ends<'_, '_>) -> Result<(), SessionError> {
         ends.counters.lost.fetch_add(1, Ordering::Relaxed);
+        // The state of the last smart-serial exchange is unknown.
+        self.outputs.serial.is_free = 0;
         self.lost += 1;
         if self.lost > self.settings.max_lost_packets {
             return Err(SessionError::Lost { packets: self.lost });

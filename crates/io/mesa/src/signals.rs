@@ -44,6 +44,8 @@ pub(crate) struct Signals {
     /// Number on the bus and pin.
     inputs: Vec<(u32, Pin)>,
     counters: Vec<Counter>,
+    /// Number on the bus, and index in the board file's list: numbers of smart-serial devices.
+    numbers: Vec<(u32, usize)>,
     /// Number on the bus and where it goes.
     outputs: Vec<(u32, OutputTarget)>,
     spindle: Option<SpindlePins>,
@@ -56,14 +58,15 @@ impl Signals {
     /// Names that the machine does not have are left out; [`crate::check_fit`] names them.
     pub(crate) fn new(machine: &Machine, board: &BoardSettings, instance: u64) -> Self {
         let signals = &machine.signals;
-        let (mut inputs, mut counters) = (Vec::new(), Vec::new());
-        for input in &board.inputs {
+        let (mut inputs, mut counters, mut numbers) = (Vec::new(), Vec::new(), Vec::new());
+        for (place, input) in board.inputs.iter().enumerate() {
             let Some(listed) = signals.inputs.iter().find(|listed| listed.name == input.name) else {
                 continue;
             };
-            match (listed.kind, input.source) {
-                (SignalKind::Digital, InputSource::Pin(pin)) => inputs.push((listed.number, pin)),
-                (SignalKind::Analog, InputSource::Encoder { unit, inverted }) => counters.push(Counter {
+            match (listed.kind, &input.source) {
+                (SignalKind::Digital, InputSource::Pin(pin)) => inputs.push((listed.number, *pin)),
+                (SignalKind::Analog, InputSource::Remote { .. }) => numbers.push((listed.number, place)),
+                (SignalKind::Analog, &InputSource::Encoder { unit, inverted }) => counters.push(Counter {
                     number: listed.number,
                     unit,
                     inverted,
@@ -81,6 +84,7 @@ impl Signals {
             follower: OutputFollower::default(),
             inputs,
             counters,
+            numbers,
             outputs: outputs.collect(),
             spindle: board.spindle,
             coolant: board.coolant,
@@ -124,6 +128,10 @@ impl Signals {
             if let Some(pin) = spindle.reverse {
                 set(plan, outputs, pin, direction == COUNTER_CLOCKWISE);
             }
+            if let (Some((_, full_rpm)), Some(output)) = (spindle.remote, plan.spindle()) {
+                let share = wanted.spindle_rpm[spindle.number] / full_rpm;
+                output.put(outputs, share, turns, direction == COUNTER_CLOCKWISE);
+            }
             if let Some((unit, full_rpm)) = spindle.speed {
                 let rpm = wanted.spindle_rpm[spindle.number];
                 put(outputs, unit, if turns { rpm / full_rpm } else { 0.0 }, turns);
@@ -138,6 +146,10 @@ impl Signals {
         for (number, pin) in &self.inputs {
             message.digital_mask |= 1 << number;
             message.digital |= u64::from(level(plan, inputs, *pin)) << number;
+        }
+        for (number, place) in &self.numbers {
+            message.analog_mask |= 1 << number;
+            message.analog[*number as usize] = plan.number(*place, inputs);
         }
         for counter in &mut self.counters {
             message.analog_mask |= 1 << counter.number;

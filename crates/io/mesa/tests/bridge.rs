@@ -9,10 +9,10 @@ use evolvent_machine::Machine;
 use evolvent_mesa::{BoardSettings, InputPin, InputSource, OutputTarget};
 use evolvent_mesa_board::BoardModel;
 
-use crate::common::{MesaBridge, machine, router, serve};
+use crate::common::{MesaBridge, field_router, machine, router, serve};
 
-/// What the suite's core drives: the machine of the suite has X, Y and Z.
-fn suite(board: impl Fn(std::net::IpAddr) -> BoardSettings, model: BoardModel, has_signals: bool) {
+/// The suite of all bridges, on a board with the axes X, Y and Z.
+pub(crate) fn suite(board: impl Fn(std::net::IpAddr) -> BoardSettings, model: BoardModel) {
     let wanted = std::env::var("EVOLVENT_CASE").ok();
     unless_disturbed(|| {
         let (server, address) = serve(model);
@@ -22,9 +22,11 @@ fn suite(board: impl Fn(std::net::IpAddr) -> BoardSettings, model: BoardModel, h
         for axis in &settings.axes {
             if let Some(pin) = axis.switches[0] {
                 server.lock().set_level(pin.pin, true);
+                server.lock().set_field_input(pin.pin as u32, true);
             }
         }
         server.lock().wire(14, 3);
+        server.lock().wire_field(3, 3);
         let mut bridge = MesaBridge::new(machine("router-3axis"), settings);
         let mut failures = Vec::new();
         for case in CASES
@@ -34,11 +36,12 @@ fn suite(board: impl Fn(std::net::IpAddr) -> BoardSettings, model: BoardModel, h
             let mut stage = Stage {
                 bridge: &mut bridge,
                 machine_name: "bridge-test".to_owned(),
-                prefix: format!("mesabt{}_{}", std::process::id(), u8::from(has_signals)),
+                // Both suites may run at the same time.
+                prefix: format!("mesabt{}_{}", std::process::id(), model as u8),
                 core_program: None,
                 seed: 1,
                 moments: 2,
-                has_signals,
+                has_signals: true,
             };
             let result = run_case(case, &mut stage);
             println!("{}: {result:?}", case.name);
@@ -59,7 +62,13 @@ fn suite(board: impl Fn(std::net::IpAddr) -> BoardSettings, model: BoardModel, h
 
 #[test]
 fn it_does_what_every_bridge_must() {
-    suite(router, BoardModel::B7i96s, true);
+    suite(router, BoardModel::B7i96s);
+}
+
+/// The same with enables, switches, input and output on the field I/O of a 7I76E.
+#[test]
+fn it_does_so_by_smart_serial() {
+    suite(field_router, BoardModel::B7i76e);
 }
 
 #[test]

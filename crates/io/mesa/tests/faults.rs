@@ -11,7 +11,7 @@ use evolvent_disturbance::unless_disturbed;
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_mesa::{BoardSettings, BridgeReport, RunSettings, run};
 use evolvent_mesa_board::{BoardModel, BoardServer, FaultKind};
-use evolvent_random::Random;
+use evolvent_random::{Random, cases};
 
 use crate::common::{machine, router, serve};
 
@@ -232,7 +232,7 @@ fn short_losses_are_counted_and_ridden_through() {
                 let mut random = Random::seeded(kind as u64);
                 core.bring_up();
                 let motor = server.lock().motor_steps(0) - core.position[0] * STEPS;
-                for _ in 0..3 {
+                for _ in 0..cases(3) {
                     core.velocity_x = random.between(-40.0, 40.0);
                     core.rest(random.between(0.05, 0.3));
                     server.lock().fault_now(kind, Some(20_000_000));
@@ -264,38 +264,43 @@ fn longer_losses_and_lost_boards_stop_every_axis() {
         (FaultKind::Bite, "watchdog has tripped"),
         (FaultKind::Reset, "in a row"),
     ] {
-        let report = with_bridge(
-            |_| {},
-            |core, server, told| {
-                let mut random = Random::seeded(7 + kind as u64);
-                let before = core.bring_up();
-                core.velocity_x = 30.0;
-                core.rest(random.between(0.1, 0.5));
-                let duration_ns =
-                    (!matches!(kind, FaultKind::Bite | FaultKind::Reset)).then_some(1_500_000_000);
-                server.lock().fault_now(kind, duration_ns);
-                let feedback = core.until("a fault", |feedback| {
-                    states(feedback)
-                        .iter()
-                        .any(|state| state.is_some_and(DriveState::is_fault))
-                });
-                assert_eq!(feedback.error_code, 0x7500, "{kind:?}");
-                (core.power, core.velocity_x) = (PowerRequest::Off, 0.0);
-                core.rest(0.6);
-                let motor = server.lock().motor_steps(0);
-                core.rest(0.2);
-                let moved = server.lock().motor_steps(0) - motor;
-                assert!(moved.abs() < 1.0, "{kind:?}: {moved} steps after the stop");
-                assert!(was_told(told, wanted), "{kind:?}: {told:?}");
-                // The core has seen the fault, and resets it.
-                core.rest(1.5);
-                core.fault_reset += 1;
-                let after = core.bring_up();
-                assert_ne!(after.instance, before.instance, "another session");
-            },
-        );
-        assert!(report.sessions >= 2, "{kind:?}: {report:?}");
+        for moment in 0..cases(1) {
+            longer_loss(kind, wanted, moment as u64);
+        }
     }
+}
+
+fn longer_loss(kind: FaultKind, wanted: &str, moment: u64) {
+    let report = with_bridge(
+        |_| {},
+        |core, server, told| {
+            let mut random = Random::seeded(7 + kind as u64 + 100 * moment);
+            let before = core.bring_up();
+            core.velocity_x = 30.0;
+            core.rest(random.between(0.1, 0.5));
+            let duration_ns = (!matches!(kind, FaultKind::Bite | FaultKind::Reset)).then_some(1_500_000_000);
+            server.lock().fault_now(kind, duration_ns);
+            let feedback = core.until("a fault", |feedback| {
+                states(feedback)
+                    .iter()
+                    .any(|state| state.is_some_and(DriveState::is_fault))
+            });
+            assert_eq!(feedback.error_code, 0x7500, "{kind:?}");
+            (core.power, core.velocity_x) = (PowerRequest::Off, 0.0);
+            core.rest(0.6);
+            let motor = server.lock().motor_steps(0);
+            core.rest(0.2);
+            let moved = server.lock().motor_steps(0) - motor;
+            assert!(moved.abs() < 1.0, "{kind:?}: {moved} steps after the stop");
+            assert!(was_told(told, wanted), "{kind:?}: {told:?}");
+            // The core has seen the fault, and resets it.
+            core.rest(1.5);
+            core.fault_reset += 1;
+            let after = core.bring_up();
+            assert_ne!(after.instance, before.instance, "another session");
+        },
+    );
+    assert!(report.sessions >= 2, "{kind:?}: {report:?}");
 }
 
 #[test]
@@ -333,7 +338,9 @@ fn a_drive_in_fault_stops_all_quickly() {
         |board| {
             board.axes[1].fault = Some(evolvent_mesa::Pin {
                 pin: 5,
+                remote: None,
                 inverted: true,
+                slow: false,
             });
         },
         |core, server, told| {

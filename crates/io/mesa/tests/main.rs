@@ -8,3 +8,4 @@ mod board_files;
 mod bridge;
 mod discovery;
 mod faults;
+mod field_io;

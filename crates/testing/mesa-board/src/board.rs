@@ -2,8 +2,10 @@
 
 use crate::encoder::Encoder;
 use crate::fault::{Fault, FaultKind};
+use crate::field_pins::{FieldOutputs, InputFilter};
 use crate::layout::{BoardModel, PORT_WIDTH, tag};
 use crate::lbp16::{Memory, carry_out};
+use crate::smart_serial::SmartSerial;
 use crate::step_generator::StepGenerator;
 
 /// Clock of the modules, and of the fast ones (PWM), Hz.
@@ -90,6 +92,9 @@ pub struct Board {
     pwm_rate: u32,
     pdm_rate: u32,
     pwm_enable: u32,
+    filter: Option<InputFilter>,
+    field: FieldOutputs,
+    serial: Option<SmartSerial>,
     leds: u32,
     watchdog_timer: u32,
     watchdog_left: u64,
@@ -130,6 +135,9 @@ impl Board {
             pwm_rate: 0,
             pdm_rate: 0,
             pwm_enable: 0,
+            filter: (model.filtered_inputs() > 0).then(|| InputFilter::new(model.filtered_inputs())),
+            field: FieldOutputs::default(),
+            serial: model.has_smart_serial().then(SmartSerial::new),
             leds: 0,
             watchdog_timer: u32::MAX,
             watchdog_left: 0,
@@ -257,14 +265,51 @@ impl Board {
         }
     }
 
+    /// An input of the 7I76 at the first channel of smart serial.
+    pub fn set_field_input(&mut self, bit: u32, on: bool) {
+        if let Some(serial) = &mut self.serial {
+            serial.set_input(bit, on);
+        }
+    }
+
+    /// Wires a field output of that 7I76 to a field input.
+    pub fn wire_field(&mut self, from: u32, to: u32) {
+        if let Some(serial) = &mut self.serial {
+            serial.wire(from, to);
+        }
+    }
+
+    /// An output of that 7I76.
+    #[must_use]
+    pub fn field_output_is_on(&self, bit: u32) -> bool {
+        self.serial.as_ref().is_some_and(|serial| serial.output(bit))
+    }
+
+    /// The spindle of that 7I76: share of its analog output, reverse, enabled.
+    #[must_use]
+    pub fn field_spindle(&self) -> (f64, bool, bool) {
+        self.serial
+            .as_ref()
+            .map_or((0.0, false, false), SmartSerial::spindle)
+    }
+
+    /// Times at which that 7I76 exchanged its process data.
+    #[must_use]
+    pub fn field_exchanges(&self) -> u64 {
+        self.serial.as_ref().map_or(0, SmartSerial::exchanges)
+    }
+
     /// Wires an output to an input.
     pub fn wire(&mut self, from: usize, to: usize) {
         self.wires.push((from, to));
     }
 
-    /// The level at a pin; pins that nobody drives are high.
+    /// The level at a pin; pins that nobody drives are high. Of an isolated output: whether it is closed.
     #[must_use]
     pub fn level(&self, pin: usize) -> bool {
+        if let Some(is_closed) = self.field_output(pin) {
+            return is_closed;
+        }
         let port = self.ports[pin / PORT_WIDTH];
         let bit = |register: u32| register >> (pin % PORT_WIDTH) & 1 == 1;
         if bit(port.open_drain) {
@@ -274,7 +319,29 @@ impl Board {
             return bit(port.output) ^ bit(port.invert);
         }
         let wired = self.wires.iter().find(|(from, to)| *to == pin && *from != pin);
-        wired.map_or(self.levels[pin], |(from, _)| self.level(*from))
+        wired.map_or(self.levels[pin], |(from, _)| {
+            // A closed output lets current flow through the input, whose optocoupler then pulls the pin low.
+            self.field_output(*from)
+                .map_or_else(|| self.level(*from), |is_closed| !is_closed)
+        })
+    }
+
+    /// What a module puts out at a pin, where it has one and is connected to it.
+    fn field_output(&self, pin: usize) -> Option<bool> {
+        let (tag, unit, number) = self.functions[pin];
+        if !matches!(tag, tag::RELAY | tag::SIMPLE_OUTPUT)
+            || !self.is_connected(tag, usize::from(unit), number)
+        {
+            return None;
+        }
+        let bit = (number & 0x7F).wrapping_sub(1) & 31;
+        Some(match tag {
+            tag::RELAY => {
+                let runs = self.field.relays_run() && self.is_connected(tag, usize::from(unit), 0xA0);
+                runs && self.field.relays >> bit & 1 == 1
+            }
+            _ => self.field.simple >> bit & 1 == 1,
+        })
     }
 
     /// Whether the board drives a pin.
@@ -367,6 +434,19 @@ impl Board {
             let reaches = step && self.is_connected(tag::STEP_GENERATOR, unit, 0x82);
             self.step_generators[unit].advance(clocks, f64::from(CLOCK_LOW), reaches);
         }
+        let is_off = self.is_active(FaultKind::FieldOff);
+        if let Some(serial) = &mut self.serial {
+            serial.set_off(is_off);
+            serial.advance(self.now_ns);
+        }
+        if let Some(mut filter) = self.filter.take() {
+            let inputs = 0..filter.width();
+            let levels = inputs.fold(0, |levels, pin| {
+                levels | u32::from(self.level(pin as usize)) << pin
+            });
+            filter.advance(clocks, levels);
+            self.filter = Some(filter);
+        }
         let timestamp = (self.now_ns / 1000) as u16;
         for unit in 0..self.encoders.len() {
             let duty = if unit < self.pwms.len() {
@@ -392,6 +472,13 @@ impl Board {
         self.step_generators.iter_mut().for_each(StepGenerator::reset);
         self.encoders.iter_mut().for_each(Encoder::reset);
         self.pwms.fill(Pwm::default());
+        self.field = FieldOutputs::default();
+        if let Some(filter) = &mut self.filter {
+            filter.reset();
+        }
+        if let Some(serial) = &mut self.serial {
+            serial.reset();
+        }
         (self.pwm_enable, self.leds) = (0, 0);
         (self.watchdog_timer, self.watchdog_bitten) = (u32::MAX, false);
         (self.scratch, self.counters, self.pointers) = ([0; 8], [0; 16], [0; 8]);
@@ -482,7 +569,12 @@ impl Board {
                         1 + u8::from(module.is_fast),
                         module.instances,
                     ]),
-                    1 => u32::from(module.base) | u32::from(module.registers) << 16,
+                    1 => u32::from_le_bytes([
+                        module.base as u8,
+                        (module.base >> 8) as u8,
+                        module.registers,
+                        module.strides,
+                    ]),
                     _ => module.multiple,
                 }
             }
@@ -534,6 +626,19 @@ impl Board {
             0x3400 => self.encoder_filter,
             0x4000 => self.pwms.get(unit).map_or(0, |pwm| pwm.value),
             0x4100 => self.pwms.get(unit).map_or(0, |pwm| pwm.mode),
+            0x5B00..=0x6000 => {
+                let (register, channel) = (usize::from(address >> 8) - 0x5B, usize::from(address & 0x3F) / 4);
+                self.serial
+                    .as_ref()
+                    .map_or(0, |serial| serial.read(register, channel))
+            }
+            0x7D00 => self.field.relays,
+            0x7E00 => self.field.relay_rate,
+            0x7F00 => self.field.simple,
+            0x8500..=0x8900 => {
+                let register = usize::from(address >> 8) - 0x85;
+                self.filter.as_ref().map_or(0, |filter| filter.read(register))
+            }
             _ => 0,
         }
     }
@@ -609,6 +714,27 @@ impl Board {
             0x4200 => self.pwm_rate = value,
             0x4300 => self.pdm_rate = value,
             0x4400 => self.pwm_enable = value,
+            _ => self.write_field(address, value),
+        }
+    }
+
+    fn write_field(&mut self, address: u16, value: u32) {
+        let area = address & 0xFF00;
+        match area {
+            0x5B00..=0x6000 => {
+                let (register, channel) = (usize::from(area >> 8) - 0x5B, usize::from(address & 0x3F) / 4);
+                if let Some(serial) = &mut self.serial {
+                    serial.write(register, channel, value, self.now_ns);
+                }
+            }
+            0x7D00 => self.field.relays = value,
+            0x7E00 => self.field.relay_rate = value,
+            0x7F00 => self.field.simple = value,
+            0x8500..=0x8900 => {
+                if let Some(filter) = &mut self.filter {
+                    filter.write(usize::from(area >> 8) - 0x85, value);
+                }
+            }
             _ => {}
         }
     }

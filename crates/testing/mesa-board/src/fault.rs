@@ -25,11 +25,13 @@ pub enum FaultKind {
     Cookie,
     /// Replies are cut short.
     Short,
+    /// The field supply of smart-serial devices is off.
+    FieldOff,
 }
 
 impl FaultKind {
     /// All kinds with their names.
-    pub const ALL: [(Self, &'static str); 9] = [
+    pub const ALL: [(Self, &'static str); 10] = [
         (Self::LossIn, "loss-in"),
         (Self::LossOut, "loss-out"),
         (Self::Half, "half"),
@@ -39,6 +41,7 @@ impl FaultKind {
         (Self::Reset, "reset"),
         (Self::Cookie, "cookie"),
         (Self::Short, "short"),
+        (Self::FieldOff, "field-off"),
     ];
 }
 

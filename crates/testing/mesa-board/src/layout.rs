@@ -7,7 +7,11 @@ pub(crate) mod tag {
     pub(crate) const ENCODER: u8 = 0x04;
     pub(crate) const STEP_GENERATOR: u8 = 0x05;
     pub(crate) const PWM: u8 = 0x06;
+    pub(crate) const INPUT_FILTER: u8 = 0x23;
+    pub(crate) const SIMPLE_OUTPUT: u8 = 0x2D;
     pub(crate) const LED: u8 = 0x80;
+    pub(crate) const SMART_SERIAL: u8 = 0xC1;
+    pub(crate) const RELAY: u8 = 0xC3;
 }
 
 /// Pins of one connector of these boards.
@@ -18,9 +22,9 @@ pub(crate) const PORT_WIDTH: usize = 17;
 pub enum BoardModel {
     /// Two connectors of 17 pins: 5 step generators and an encoder on the first.
     B7i92,
-    /// 11 inputs, 6 outputs, 5 step generators, an encoder, a PWM generator.
+    /// 11 inputs with filters, 4 isolated outputs and 2 others, 5 step generators, an encoder, a PWM generator.
     B7i96s,
-    /// 5 step generators and an encoder.
+    /// 5 step generators, an encoder, and the field I/O of a 7I76 behind smart serial.
     B7i76e,
     /// 6 encoders, 6 PWM generators for analog outputs.
     B7i97,
@@ -35,6 +39,8 @@ pub(crate) struct Module {
     pub(crate) instances: u8,
     pub(crate) base: u16,
     pub(crate) registers: u8,
+    /// Which strides: of instances above, of registers below.
+    pub(crate) strides: u8,
     pub(crate) multiple: u32,
 }
 
@@ -101,6 +107,19 @@ impl BoardModel {
         }
     }
 
+    /// Inputs behind a filter; such a board has outputs behind modules too.
+    pub(crate) const fn filtered_inputs(self) -> u32 {
+        match self {
+            Self::B7i96s => 11,
+            _ => 0,
+        }
+    }
+
+    /// Whether it has smart serial, with a 7I76 at its first channel.
+    pub(crate) const fn has_smart_serial(self) -> bool {
+        matches!(self, Self::B7i76e)
+    }
+
     pub(crate) fn modules(self) -> Vec<Module> {
         let module = |tag, version, is_fast, instances: usize, base, registers, multiple| Module {
             tag,
@@ -109,6 +128,7 @@ impl BoardModel {
             instances: instances as u8,
             base,
             registers,
+            strides: if tag == tag::SMART_SERIAL { 0x10 } else { 0 },
             multiple,
         };
         let mut modules = vec![
@@ -122,6 +142,14 @@ impl BoardModel {
         modules.push(module(tag::ENCODER, 2, false, self.encoders(), 0x3000, 5, 3));
         if self.pwms() > 0 {
             modules.push(module(tag::PWM, 0, true, self.pwms(), 0x4000, 5, 3));
+        }
+        if self.filtered_inputs() > 0 {
+            modules.push(module(tag::INPUT_FILTER, 0, false, 1, 0x8500, 5, 0x1F));
+            modules.push(module(tag::RELAY, 0, false, 1, 0x7D00, 2, 3));
+            modules.push(module(tag::SIMPLE_OUTPUT, 0, false, 1, 0x7F00, 1, 1));
+        }
+        if self.has_smart_serial() {
+            modules.push(module(tag::SMART_SERIAL, 0, false, 1, 0x5B00, 6, 0x3C));
         }
         modules.push(module(tag::LED, 0, false, 1, 0x0200, 1, 0));
         modules
@@ -152,6 +180,25 @@ impl BoardModel {
             for pin in 0x81..=0x83 {
                 put((tag::PWM, unit, pin));
             }
+        }
+        if self.has_smart_serial() {
+            // Two channels, as the real one.
+            for (pin, function) in [(13, 0x81), (14, 0x01), (15, 0x82), (16, 0x02)] {
+                pins[pin] = (tag::SMART_SERIAL, 0, function);
+            }
+        }
+        if self.filtered_inputs() > 0 {
+            for bit in 0..11 {
+                pins[usize::from(bit)] = (tag::INPUT_FILTER, 0, bit + 1);
+            }
+            for bit in 0..4 {
+                pins[11 + usize::from(bit)] = (tag::RELAY, 0, 0x81 + bit);
+            }
+            for bit in 4..6 {
+                pins[11 + usize::from(bit)] = (tag::SIMPLE_OUTPUT, 0, 0x81 + bit);
+            }
+            // The reference of all isolated outputs, behind the PWM generator's pins.
+            pins[33] = (tag::RELAY, 0, 0xA0);
         }
         pins
     }

@@ -20,9 +20,11 @@
 mod board;
 mod encoder;
 mod fault;
+mod field_pins;
 mod layout;
 mod lbp16;
 mod server;
+mod smart_serial;
 mod step_generator;
 
 pub use board::{Board, Traffic};

@@ -22,8 +22,8 @@ struct Arguments {
     /// The board.
     #[arg(long, value_enum, default_value = "7i96s")]
     model: Model,
-    /// A fault so many seconds after the watchdog was fed first: loss-in, loss-out, half, delay, reorder, bite, reset, cookie or
-    /// short. May be given several times.
+    /// A fault so many seconds after the watchdog was fed first: loss-in, loss-out, half, delay, reorder, bite, reset, cookie, short
+    /// or field-off. May be given several times.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION]")]
     faults: Vec<Fault>,
 }
@@ -33,10 +33,10 @@ enum Model {
     /// 5 step generators, 1 encoder.
     #[value(name = "7i92")]
     B7i92,
-    /// 11 inputs, 6 outputs, 5 step generators, 1 encoder, 1 PWM.
+    /// 11 inputs with filters, 4 isolated and 2 other outputs, 5 step generators, 1 encoder, 1 PWM.
     #[value(name = "7i96s")]
     B7i96s,
-    /// 5 step generators, 1 encoder.
+    /// 5 step generators, 1 encoder, field I/O of a 7I76 by smart serial.
     #[value(name = "7i76e")]
     B7i76e,
     /// 6 encoders, 6 PWM.

@@ -34,6 +34,14 @@ pub(crate) fn router(address: IpAddr) -> BoardSettings {
     board
 }
 
+/// The shipped router with a 7I76E at another address.
+pub(crate) fn field_router(address: IpAddr) -> BoardSettings {
+    let text = evolvent_file_tests::shipped("boards/7i76e-router.toml");
+    let mut board = BoardSettings::parse(&text, "7i76e-router.toml").expect("a board file");
+    board.address = address;
+    board
+}
+
 /// The bridge on a thread of this process.
 pub(crate) struct MesaBridge {
     pub(crate) machine: Machine,

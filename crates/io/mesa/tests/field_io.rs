@@ -1,0 +1,276 @@
+//! Filtered inputs, isolated outputs, and smart-serial devices.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use evolvent_bridge_sim::monotonic_ns;
+use evolvent_bus::{BusConfig, CoreBus, MachineInputs, MachineOutputs, remove_private_domain};
+use evolvent_disturbance::unless_disturbed;
+use evolvent_machine::Machine;
+use evolvent_mesa::{BoardSettings, RunSettings, run};
+use evolvent_mesa_board::{BoardModel, BoardServer, FaultKind};
+
+use crate::common::{field_router, machine, router, serve};
+
+/// A core that says nothing but outputs.
+struct Core {
+    bus: CoreBus,
+    outputs: MachineOutputs,
+    heard: Option<MachineInputs>,
+}
+
+impl Core {
+    fn say(&mut self, change: impl FnOnce(&mut MachineOutputs)) {
+        change(&mut self.outputs);
+        self.repeat();
+    }
+
+    fn repeat(&mut self) {
+        self.outputs.sequence += 1;
+        self.outputs.due_time_ns = monotonic_ns();
+        let _reached = self.bus.publish_outputs(&self.outputs);
+        self.bus.admit_readers();
+        while let Ok(Some(message)) = self.bus.unchecked_inputs() {
+            self.heard = Some(message);
+        }
+    }
+
+    /// Repeats the outputs until something shows.
+    fn until(&mut self, what: &str, mut seen: impl FnMut(Option<&MachineInputs>) -> bool) {
+        let begin = Instant::now();
+        while !seen(self.heard.as_ref()) {
+            self.repeat();
+            assert!(
+                begin.elapsed() < Duration::from_secs(20),
+                "{what}: not within 20 s; {:?}",
+                self.heard
+            );
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+}
+
+/// Lends a test a board, the bridge on it, and a core.
+fn with_bridge(
+    name: &str,
+    model: BoardModel,
+    board: impl Fn(std::net::IpAddr) -> BoardSettings,
+    machine: &Machine,
+    test: impl Fn(&mut Core, &BoardServer, &Mutex<Vec<String>>),
+) {
+    unless_disturbed(|| {
+        let (server, address) = serve(model);
+        let mut board = board(address);
+        (board.max_lost_packets, board.watchdog_s) = (40, 0.5);
+        let prefix = format!("mesafi_{name}{}_", std::process::id());
+        let mut config = BusConfig::new("mesa-field", "XYZ", 1_000_000);
+        config.prefix = Some(prefix.clone());
+        let mut core = Core {
+            bus: CoreBus::open(&config).expect("a bus"),
+            outputs: MachineOutputs::default(),
+            heard: None,
+        };
+        let settings = RunSettings {
+            machine: machine.clone(),
+            machine_name: Some("mesa-field".to_owned()),
+            board,
+            prefix: Some(prefix.clone()),
+            duration: None,
+        };
+        let (stop, told) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(Vec::new())));
+        let bridge = std::thread::spawn({
+            let (stop, told) = (Arc::clone(&stop), Arc::clone(&told));
+            move || {
+                run(&settings, &stop, |text| {
+                    println!("{text}");
+                    told.lock().expect("no panic").push(text.to_owned());
+                })
+            }
+        });
+        test(&mut core, &server, &told);
+        stop.store(true, Ordering::Relaxed);
+        println!(
+            "{:?}",
+            bridge.join().expect("no panic").expect("a bridge that runs")
+        );
+        assert_eq!(server.lock().traffic().refused, 0, "every command makes sense");
+        drop(core);
+        let _swept = remove_private_domain(&prefix);
+    });
+}
+
+fn was_told(told: &Mutex<Vec<String>>, what: &str) -> bool {
+    told.lock()
+        .expect("no panic")
+        .iter()
+        .any(|text| text.contains(what))
+}
+
+#[test]
+fn isolated_outputs_close_and_filtered_inputs_are_read() {
+    // Both kinds of outputs: SSR at pin 14, OutM at 15.
+    with_bridge(
+        "ssr",
+        BoardModel::B7i96s,
+        router,
+        &machine("router-3axis"),
+        |core, server, _| {
+            core.until("inputs", |inputs| inputs.is_some());
+            assert!(!server.lock().level(14) && !server.lock().level(15));
+            core.say(|outputs| (outputs.digital, outputs.spindle_direction[0]) = (1, 1));
+            core.until("both closed", |_| {
+                server.lock().level(14) && server.lock().level(15)
+            });
+            // Low while current flows, so a broken wire reads as an open door.
+            server.lock().set_level(3, true);
+            core.until("an open door", |inputs| {
+                inputs.is_some_and(|inputs| inputs.digital & 1 == 0)
+            });
+            server.lock().set_level(3, false);
+            core.until("a closed door", |inputs| {
+                inputs.is_some_and(|inputs| inputs.digital & 1 == 1)
+            });
+            core.say(|outputs| (outputs.digital, outputs.spindle_direction[0]) = (0, 0));
+            core.until("both open", |_| {
+                !server.lock().level(14) && !server.lock().level(15)
+            });
+        },
+    );
+}
+
+#[test]
+fn a_slow_input_does_not_see_a_bounce() {
+    let board = |address| {
+        let text = evolvent_file_tests::shipped("boards/7i96s-router.toml");
+        let text = text.replace("pin = 3\n", "pin = 3\nslow = true\n");
+        let mut board = BoardSettings::parse(&text, "7i96s-router.toml").expect("a board file");
+        board.address = address;
+        board
+    };
+    with_bridge(
+        "slow",
+        BoardModel::B7i96s,
+        board,
+        &machine("router-3axis"),
+        |core, server, _| {
+            let level = |on: bool| {
+                move |inputs: Option<&MachineInputs>| {
+                    inputs.is_some_and(|inputs| (inputs.digital & 1 == 1) == on)
+                }
+            };
+            server.lock().set_level(3, false);
+            core.until("a closed door", level(true));
+            // 3 ms at a time, six times: 18 ms in all, shorter than the 25 ms of the filter. The board's clock is that of its packets.
+            for _ in 0..6 {
+                for on in [false, true] {
+                    server.lock().set_level(3, !on);
+                    let until = Instant::now() + Duration::from_millis(3);
+                    while Instant::now() < until {
+                        core.repeat();
+                        std::thread::sleep(Duration::from_micros(300));
+                    }
+                    assert!(level(true)(core.heard.as_ref()), "a bounce was seen");
+                }
+            }
+            // The filter counts up and down: full again, then the whole time of it.
+            let until = Instant::now() + Duration::from_millis(100);
+            while Instant::now() < until {
+                core.repeat();
+                std::thread::sleep(Duration::from_micros(300));
+            }
+            let begin = Instant::now();
+            server.lock().set_level(3, true);
+            core.until("an open door", level(false));
+            assert!(
+                begin.elapsed() >= Duration::from_millis(20),
+                "{:?}",
+                begin.elapsed()
+            );
+        },
+    );
+}
+
+#[test]
+fn field_inputs_outputs_and_the_spindle_of_a_7i76() {
+    with_bridge(
+        "field",
+        BoardModel::B7i76e,
+        field_router,
+        &machine("router-3axis"),
+        |core, server, told| {
+            core.until("inputs", |inputs| inputs.is_some());
+            for on in [true, false, true] {
+                server.lock().set_field_input(3, on);
+                core.until("the door", |inputs| {
+                    inputs.is_some_and(|inputs| (inputs.digital & 1 == 1) == on)
+                });
+                core.say(|outputs| outputs.digital = u64::from(on));
+                core.until("the dust extraction", |_| {
+                    server.lock().field_output_is_on(3) == on
+                });
+            }
+            core.say(|outputs| (outputs.spindle_direction[0], outputs.spindle_rpm[0]) = (1, 6000.0));
+            core.until("a quarter of the speed", |_| {
+                let (share, reverse, enabled) = server.lock().field_spindle();
+                (share - 0.25).abs() < 3e-4 && !reverse && enabled
+            });
+            // Without the core everything goes off, by the bridge; the device would do so too.
+            core.say(|outputs| outputs.digital = 1);
+            core.until("the dust extraction again", |_| {
+                server.lock().field_output_is_on(3)
+            });
+            std::thread::sleep(Duration::from_millis(600));
+            assert_eq!(server.lock().field_spindle(), (0.0, false, false));
+            assert!(!server.lock().field_output_is_on(3));
+            // Without its supply the device does not reply. The bridge reports its name, and uses it again when the supply is back.
+            server.lock().fault_now(FaultKind::FieldOff, None);
+            core.until("the failure", |_| {
+                was_told(told, "7I76 10004711 on smart serial: no reply")
+            });
+            core.until("why it cannot begin", |_| {
+                was_told(told, "no device replies at channel 0 of smart serial port 0")
+            });
+            server.lock().clear_faults();
+            core.heard = None;
+            core.until("inputs again", |inputs| inputs.is_some());
+            assert!(server.lock().field_exchanges() > 100);
+        },
+    );
+}
+
+#[test]
+fn what_a_device_does_not_have_is_told() {
+    for (from, to, wanted) in [
+        (
+            "name = \"7I76\"",
+            "name = \"7I77\"",
+            "has the name 7I76, the board file has 7I77",
+        ),
+        ("name = \"7I76\"", "channel = 1", "no device replies at channel 1"),
+        ("name = \"7I76\"", "port = 1", "the firmware of this board has 1"),
+        (
+            "pin = 3\n\n[[output]]",
+            "pin = 32\n\n[[output]]",
+            "has no field input 32; it has 32, from 0",
+        ),
+    ] {
+        let board = |address| {
+            let text = evolvent_file_tests::shipped("boards/7i76e-router.toml");
+            assert!(text.contains(from), "{from}");
+            let mut board =
+                BoardSettings::parse(&text.replacen(from, to, 1), "b.toml").expect("a board file");
+            board.address = address;
+            board
+        };
+        with_bridge(
+            "bad",
+            BoardModel::B7i76e,
+            board,
+            &machine("router-3axis"),
+            |core, _, told| {
+                core.until(wanted, |_| was_told(told, wanted));
+            },
+        );
+    }
+}
