@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use clap::Args;
 use evolvent_bus::BusError;
 use evolvent_ethercat::{
-    BridgeError, Network, RunError, RunSettings, ScanError, check_fit, network_text, run as run_bridge, scan,
-    scan_json, scan_text,
+    BridgeError, DumpSettings, EsiLibrary, Network, RunError, RunSettings, ScanError, check_fit,
+    network_text, run as run_bridge, scan, scan_json, scan_text,
 };
 use evolvent_machine::Machine;
 use evolvent_path::AxisLetter;
@@ -39,6 +39,10 @@ pub(crate) struct EthercatArgs {
     /// bridge runs.
     #[arg(long, value_name = "FILE", requires = "scan")]
     write: Option<PathBuf>,
+    /// ESI file of a vendor, or a folder of them: names, process data and units that the devices do not report. May be given several
+    /// times.
+    #[arg(long, value_name = "FILE", requires = "scan")]
+    esi: Vec<PathBuf>,
     /// Network interface, instead of the network file's.
     #[arg(long, value_name = "NAME")]
     interface: Option<String>,
@@ -51,6 +55,13 @@ pub(crate) struct EthercatArgs {
     /// End after this many seconds; without it, at Ctrl-C.
     #[arg(long, value_name = "N")]
     seconds: Option<f64>,
+    /// Record the wire to this file (pcapng, for Wireshark and tshark), which is created or replaced. It keeps the most recent frames
+    /// that fit into --dump-mib. Frames for which the disk is too slow are counted and omitted; the cycle does not wait.
+    #[arg(long, value_name = "FILE", conflicts_with = "scan")]
+    dump: Option<PathBuf>,
+    /// Maximum size of that file in MiB.
+    #[arg(long, value_name = "N", requires = "dump", default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    dump_mib: u32,
     /// Print one JSON object at the end, or as the list.
     #[arg(long)]
     json: bool,
@@ -68,10 +79,15 @@ fn scan_wire(args: &EthercatArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         }
         None => AxisLetter::ALL.to_vec(),
     };
-    let devices = scan(interface).map_err(|error| match error {
+    let mut library = EsiLibrary::default();
+    for path in &args.esi {
+        library.add(path).map_err(|error| usage(error.to_string()))?;
+    }
+    let mut devices = scan(interface).map_err(|error| match error {
         ScanError::Interface { .. } => usage(error.to_string()),
         error => CommandError::Failed(error.to_string()),
     })?;
+    library.complete(&mut devices);
     if args.json {
         writeln!(out, "{}", scan_json(&devices)).map_err(failed)?;
     } else {
@@ -132,6 +148,10 @@ pub(crate) fn run(
         interface,
         prefix: args.bus_prefix.clone(),
         duration: duration_of(args.seconds)?,
+        dump: args.dump.as_ref().map(|path| DumpSettings {
+            path: path.clone(),
+            max_bytes: u64::from(args.dump_mib) << 20,
+        }),
     };
     let stop = stop_on_signals()?;
     let name = settings
@@ -153,7 +173,8 @@ pub(crate) fn run(
         RunError::Bridge(
             BridgeError::Bus(BusError::Name(_) | BusError::Prefix { .. }) | BridgeError::Axes { .. },
         )
-        | RunError::Interface { .. } => usage(error.to_string()),
+        | RunError::Interface { .. }
+        | RunError::Dump { .. } => usage(error.to_string()),
         error => CommandError::Failed(error.to_string()),
     })?;
     if args.json {
@@ -164,6 +185,8 @@ pub(crate) fn run(
             "cycles": report.cycles,
             "lost_frames": report.lost_frames,
             "short_frames": report.short_frames,
+            "recorded_frames": report.recorded_frames,
+            "unrecorded_frames": report.unrecorded_frames,
         });
         writeln!(out, "{object}").map_err(failed)?;
     } else {
@@ -173,6 +196,16 @@ pub(crate) fn run(
             report.cycles, report.lost_frames, report.short_frames
         )
         .map_err(failed)?;
+        if let Some(path) = &args.dump {
+            writeln!(
+                err,
+                "{}: {} frames recorded, {} omitted",
+                path.display(),
+                report.recorded_frames,
+                report.unrecorded_frames
+            )
+            .map_err(failed)?;
+        }
     }
     Ok(Ending::Clean)
 }

@@ -286,6 +286,7 @@ fn measure(axes: usize, rate_hz: u64, seconds: u64) {
             interface: MAIN_INTERFACE.to_owned(),
             prefix: Some(prefix.clone()),
             duration: None,
+            dump: None,
         };
         let (stop, stop_core) = (AtomicBool::new(false), AtomicBool::new(false));
         let (report, enabled) = std::thread::scope(|scope| {

@@ -91,8 +91,16 @@ fn pdo_lines(device: &FoundDevice, mut line: impl FnMut(String)) {
                     format!("  bit {bit}: {} unused", entry.bits)
                 } else {
                     format!(
-                        "  bit {bit}: {:04X}h:{:02X} {} bits {}",
-                        entry.index, entry.sub_index, entry.bits, entry.name
+                        "  bit {bit}: {:04X}h:{:02X} {} bits {}{}",
+                        entry.index,
+                        entry.sub_index,
+                        entry.bits,
+                        entry.name,
+                        if entry.unit.is_empty() {
+                            String::new()
+                        } else {
+                            format!(", {}", entry.unit)
+                        }
                     )
                 };
                 line(text.trim_end().to_owned());
@@ -154,6 +162,7 @@ fn pdos_json(pdos: &[Pdo]) -> Value {
                         "sub_index": entry.sub_index,
                         "bits": entry.bits,
                         "name": entry.name,
+                        "unit": entry.unit,
                     })
                 })
                 .collect();

@@ -9,6 +9,7 @@ use ethercrab::error::Error;
 use ethercrab::{PduRx, PduTx};
 use evolvent_bridge::monotonic_ns;
 
+use crate::dump::{Direction, DumpSender};
 use crate::socket::PacketSocket;
 use crate::time_driver::{forget_timers, next_timer_ns};
 
@@ -16,21 +17,29 @@ use crate::time_driver::{forget_timers, next_timer_ns};
 const PATIENCE_NS: u64 = 1_000_000;
 
 /// One end of the wire. It does not allocate.
-pub(crate) struct Pump<'s> {
+pub(crate) struct Pump<'s, 'd> {
     tx: PduTx<'s>,
     rx: PduRx<'s>,
     socket: &'s PacketSocket,
+    /// Where frames are recorded.
+    dump: Option<&'s mut DumpSender<'d>>,
     buffer: [u8; 1600],
     /// Time that was spent waiting for frames, ns.
     waited_ns: u64,
 }
 
-impl<'s> Pump<'s> {
-    pub(crate) const fn new(tx: PduTx<'s>, rx: PduRx<'s>, socket: &'s PacketSocket) -> Self {
+impl<'s, 'd> Pump<'s, 'd> {
+    pub(crate) const fn new(
+        tx: PduTx<'s>,
+        rx: PduRx<'s>,
+        socket: &'s PacketSocket,
+        dump: Option<&'s mut DumpSender<'d>>,
+    ) -> Self {
         Self {
             tx,
             rx,
             socket,
+            dump,
             buffer: [0; 1600],
             waited_ns: 0,
         }
@@ -52,8 +61,12 @@ impl<'s> Pump<'s> {
             }
             while let Some(frame) = self.tx.next_sendable_frame() {
                 // A frame that does not fit is lost, as on any wire; the future runs into its timeout.
-                let _lost =
-                    frame.send_blocking(|bytes| self.socket.send(bytes).map_err(|_| Error::SendFrame));
+                let _lost = frame.send_blocking(|bytes| {
+                    if let Some(dump) = &mut self.dump {
+                        dump.record(Direction::Out, bytes);
+                    }
+                    self.socket.send(bytes).map_err(|_| Error::SendFrame)
+                });
             }
             let now_ns = monotonic_ns();
             if now_ns >= until_ns {
@@ -66,6 +79,9 @@ impl<'s> Pump<'s> {
             self.socket.wait(wait_ns);
             self.waited_ns += monotonic_ns() - now_ns;
             while let Some(frame) = self.socket.receive(&mut self.buffer) {
+                if let Some(dump) = &mut self.dump {
+                    dump.record(Direction::In, frame);
+                }
                 // Late frames of dropped futures, and other traffic.
                 let _unknown = self.rx.receive_frame(frame);
             }

@@ -11,7 +11,8 @@ use evolvent_path::{AxisLetter, AxisMask};
 use thiserror::Error;
 
 use crate::cycle_times::CycleTimes;
-use crate::fault_text::fault_text;
+use crate::dump::{self, DumpCounters, DumpSettings};
+use crate::fault_text::fault_text_of;
 use crate::network::Network;
 use crate::scan::panic_text;
 use crate::session::{Counters, Ends, Notice, SessionError, run_session};
@@ -32,6 +33,8 @@ pub struct RunSettings {
     pub prefix: Option<String>,
     /// Ends after this time; never if none.
     pub duration: Option<Duration>,
+    /// Recording of the wire.
+    pub dump: Option<DumpSettings>,
 }
 
 /// Counts of the bridge.
@@ -47,6 +50,10 @@ pub struct BridgeReport {
     pub lost_frames: u64,
     /// Frames with a working counter that was too small.
     pub short_frames: u64,
+    /// Recorded frames, including those that later ones have replaced.
+    pub recorded_frames: u64,
+    /// Frames that were not recorded because the disk was too slow.
+    pub unrecorded_frames: u64,
 }
 
 /// Why the bridge cannot run.
@@ -55,6 +62,14 @@ pub enum RunError {
     /// The core does not match the network, or privileges cannot be dropped.
     #[error(transparent)]
     Bridge(#[from] BridgeError),
+    /// The wire cannot be recorded.
+    #[error("{file}: the wire cannot be recorded: {source}; check folder, permissions and free space")]
+    Dump {
+        /// The file.
+        file: String,
+        /// The error of the operating system.
+        source: std::io::Error,
+    },
     /// The interface cannot be opened.
     #[error(
         "the network interface {interface} cannot be opened: {source}; raw sockets need CAP_NET_RAW, and \
@@ -88,30 +103,59 @@ pub fn run(
 pub fn run_measured(
     settings: &RunSettings,
     stop: &AtomicBool,
-    tell: impl FnMut(&str),
+    mut tell: impl FnMut(&str),
     times: Option<&CycleTimes>,
 ) -> Result<BridgeReport, RunError> {
     let interface = settings.interface.clone();
     let socket =
         PacketSocket::open(&interface).map_err(|source| RunError::Interface { interface, source })?;
     let counters = Counters::default();
-    let runs = run_bridge(settings.on_bus(), settings, stop, tell, |bus| {
-        let mut ends = Ends {
-            bus,
-            counters: &counters,
-            times,
-        };
-        // ethercrab asserts on the replies of devices; drives then stop by their watchdogs.
-        catch_unwind(AssertUnwindSafe(|| {
-            run_session(&socket, &settings.network, &settings.machine, &mut ends)
-        }))
-        .unwrap_or_else(|panic| {
-            Err(SessionError::Library {
-                what: panic_text(panic.as_ref()),
+    let (recorded, is_over) = (DumpCounters::default(), AtomicBool::new(false));
+    let (mut sender, writer) = match &settings.dump {
+        None => (None, None),
+        Some(wanted) => {
+            let failed = |source| RunError::Dump {
+                file: wanted.path.display().to_string(),
+                source,
+            };
+            let (sender, writer) = dump::open(wanted, &settings.interface, &recorded).map_err(failed)?;
+            (Some(sender), Some(writer))
+        }
+    };
+    let runs = std::thread::scope(|scope| {
+        // Started before this thread drops the right to start threads.
+        let writing = writer.map(|writer| scope.spawn(|| writer.run(&is_over)));
+        let runs = run_bridge(settings.on_bus(), settings, stop, &mut tell, |bus| {
+            let mut ends = Ends {
+                bus,
+                counters: &counters,
+                times,
+            };
+            // ethercrab asserts on the replies of devices; drives then stop by their watchdogs.
+            catch_unwind(AssertUnwindSafe(|| {
+                let dump = sender.as_mut();
+                run_session(&socket, &settings.network, &settings.machine, dump, &mut ends)
+            }))
+            .unwrap_or_else(|panic| {
+                Err(SessionError::Library {
+                    what: panic_text(panic.as_ref()),
+                })
             })
-        })
+        });
+        is_over.store(true, Ordering::Release);
+        let written = writing.map_or(Ok(()), |writing| {
+            writing
+                .join()
+                .unwrap_or_else(|panic| Err(std::io::Error::other(panic_text(panic.as_ref()))))
+        });
+        if let Err(error) = written {
+            tell(&format!("the recording of the wire is incomplete: {error}"));
+        }
+        runs
     })?;
     Ok(BridgeReport {
+        recorded_frames: recorded.written.load(Ordering::Relaxed),
+        unrecorded_frames: recorded.lost.load(Ordering::Relaxed),
         connections: runs.connections,
         sessions: runs.sessions,
         cycles: counters.cycles.load(Ordering::Relaxed),
@@ -145,7 +189,13 @@ impl Hardware for RunSettings {
             }
             Notice::DriveFault { axis, code } => {
                 let letter = letter(axis);
-                format!("drive of {letter}: fault {code:04X}h: {}", fault_text(code))
+                let mut devices = self.network.devices.iter();
+                let device = devices.find(|device| device.axis.is_some_and(|listed| listed.axis == axis));
+                let vendor = device.map_or(0, |device| device.vendor);
+                format!(
+                    "drive of {letter}: fault {code:04X}h: {}",
+                    fault_text_of(vendor, code)
+                )
             }
             Notice::Apart { axis, by } => format!(
                 "gantry of {}: the second drive is {by:.3} from the first, more than max_difference: all \

@@ -102,7 +102,7 @@ fn scan_socket(socket: &PacketSocket) -> Result<Vec<FoundDevice>, ScanError> {
     let Ok((tx, rx, pdus)) = storage.try_split() else {
         return Err(failed("making room for frames", "there is none".to_owned()));
     };
-    let mut pump = Pump::new(tx, rx, socket);
+    let mut pump = Pump::new(tx, rx, socket, None);
     let timeouts = Timeouts {
         mailbox_response: Duration::from_secs(2),
         ..Timeouts::default()
@@ -279,7 +279,7 @@ async fn read_assignment<S: Deref<Target = SubDevice>>(
                 index: (number >> 16) as u16,
                 sub_index: (number >> 8) as u8,
                 bits: number as u8,
-                name: String::new(),
+                ..PdoEntry::default()
             });
         }
         pdos.push(pdo);

@@ -18,6 +18,7 @@ use thiserror::Error;
 
 use crate::cycle_times::{CycleTime, CycleTimes};
 use crate::drive_set::DriveSet;
+use crate::dump::DumpSender;
 use crate::homing::HomingProgress;
 use crate::network::{MAX_DEVICES, Network, NetworkAxis, NetworkDevice, Startup};
 use crate::pdo::{Mapped, PdoError, PdoLayout, wanted_inputs, wanted_outputs};
@@ -261,6 +262,7 @@ pub(crate) fn run_session(
     socket: &PacketSocket,
     network: &Network,
     machine: &Machine,
+    dump: Option<&mut DumpSender<'_>>,
     ends: &mut Ends<'_, '_>,
 ) -> Result<(), SessionError> {
     let period_ns = ends.bus.period_ns.load(Ordering::Relaxed);
@@ -272,7 +274,7 @@ pub(crate) fn run_session(
     let Ok((tx, rx, pdus)) = storage.try_split() else {
         return Err(failed("making room for frames", &"there is none"));
     };
-    let mut pump = Pump::new(tx, rx, socket);
+    let mut pump = Pump::new(tx, rx, socket, dump);
     let timeouts = Timeouts {
         mailbox_response: Duration::from_secs(2),
         ..Timeouts::default()
@@ -334,7 +336,7 @@ pub(crate) fn run_session(
 }
 
 /// State and AL status code of every device, as text.
-fn tell_states<'m>(pump: &mut Pump<'_>, main: &'m MainDevice<'m>, network: &Network) -> String {
+fn tell_states<'m>(pump: &mut Pump<'_, '_>, main: &'m MainDevice<'m>, network: &Network) -> String {
     let mut told = Vec::new();
     for (i, device) in network.devices.iter().enumerate() {
         let station = FIRST_STATION + i as u16;
@@ -610,7 +612,7 @@ struct Cycle<'a, 'm> {
 }
 
 impl<'m> Cycle<'_, 'm> {
-    fn run(&mut self, pump: &mut Pump<'_>, ends: &mut Ends<'_, '_>) -> Result<(), SessionError> {
+    fn run(&mut self, pump: &mut Pump<'_, '_>, ends: &mut Ends<'_, '_>) -> Result<(), SessionError> {
         self.expected = self.count()?;
         // Setpoints sent while the network came up are void.
         while ends.bus.incoming.pop().is_ok() {}
@@ -740,7 +742,7 @@ impl<'m> Cycle<'_, 'm> {
     /// One period; returns by how many ns the next one is shorter, to follow the reference clock.
     fn cycle(
         &mut self,
-        pump: &mut Pump<'_>,
+        pump: &mut Pump<'_, '_>,
         now_ns: u64,
         ends: &mut Ends<'_, '_>,
     ) -> Result<i64, SessionError> {

@@ -28,6 +28,8 @@ pub struct PdoEntry {
     pub bits: u8,
     /// Name; empty for none.
     pub name: String,
+    /// Unit from an ESI file; empty for none.
+    pub unit: String,
 }
 
 /// A PDO with its mapping.
@@ -165,6 +167,7 @@ fn pdos(data: &[u8], text: impl Fn(u8) -> String) -> Vec<Pdo> {
                         sub_index,
                         bits,
                         name: text(name),
+                        unit: String::new(),
                     }),
                     _ => None,
                 })

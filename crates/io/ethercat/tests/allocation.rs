@@ -47,6 +47,7 @@ fn cycles_neither_allocate_nor_free() {
                 interface: MAIN_INTERFACE.to_owned(),
                 prefix: Some(prefix.clone()),
                 duration: None,
+                dump: None,
             };
             settings.network.max_lost_cycles = 50;
             let (stop, times) = (AtomicBool::new(false), CycleTimes::new(CYCLES, calls));

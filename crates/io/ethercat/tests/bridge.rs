@@ -64,6 +64,7 @@ impl BridgeUnderTest for EthercatBridge {
             interface: MAIN_INTERFACE.to_owned(),
             prefix: Some(prefix.to_owned()),
             duration: None,
+            dump: None,
         };
         let stop = Arc::new(AtomicBool::new(false));
         let flag = Arc::clone(&stop);

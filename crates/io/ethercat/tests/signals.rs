@@ -193,6 +193,7 @@ fn with_bridge(ring: &SharedRing, test: impl FnOnce(&mut Core, &SharedRing)) {
         interface: MAIN_INTERFACE.to_owned(),
         prefix: Some(prefix.clone()),
         duration: None,
+        dump: None,
     };
     let (stop, told) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(Vec::new())));
     let bridge = std::thread::spawn({
@@ -344,6 +345,7 @@ fn a_signal_beyond_the_process_data_is_told() {
                 interface: MAIN_INTERFACE.to_owned(),
                 prefix: Some(prefix.clone()),
                 duration: None,
+                dump: None,
             };
             let (stop, told) = (AtomicBool::new(false), Mutex::new(Vec::new()));
             let mut core = Core::open(&prefix);

@@ -138,6 +138,15 @@ pub(crate) fn with_bridge(
     ring: &SharedRing,
     test: impl FnOnce(&mut Core, &SharedRing, &Mutex<Vec<String>>),
 ) -> BridgeReport {
+    with_settings(|settings| edit(&mut settings.network), ring, test)
+}
+
+/// The same with other settings of the bridge.
+pub(crate) fn with_settings(
+    edit: impl FnOnce(&mut RunSettings),
+    ring: &SharedRing,
+    test: impl FnOnce(&mut Core, &SharedRing, &Mutex<Vec<String>>),
+) -> BridgeReport {
     static NUMBER: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);
     let number = NUMBER.fetch_add(1, Ordering::Relaxed);
     let prefix = format!("ecft{}-{number}_", std::process::id());
@@ -147,8 +156,7 @@ pub(crate) fn with_bridge(
     )
     .expect("a network");
     network.max_lost_cycles = 20;
-    edit(&mut network);
-    let settings = RunSettings {
+    let mut settings = RunSettings {
         machine: Machine::parse(
             &evolvent_file_tests::shipped("machines/mill-3axis.toml"),
             "mill.toml",
@@ -159,7 +167,9 @@ pub(crate) fn with_bridge(
         interface: MAIN_INTERFACE.to_owned(),
         prefix: Some(prefix.clone()),
         duration: None,
+        dump: None,
     };
+    edit(&mut settings);
     let (stop, told) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(Vec::new())));
     let bridge = std::thread::spawn({
         let (stop, told) = (Arc::clone(&stop), Arc::clone(&told));

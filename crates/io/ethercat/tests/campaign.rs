@@ -1,0 +1,128 @@
+//! Each kind of fault at random moments of a motion, on the simulated ring over real sockets. One moment of each, or
+//! `EVOLVENT_CASES` moments.
+//!
+//! Needs the right to make a network namespace.
+
+#![expect(clippy::expect_used, reason = "a test")]
+
+use std::time::{Duration, Instant};
+
+use evolvent_disturbance::unless_disturbed;
+use evolvent_drive::{DriveState, PowerRequest};
+use evolvent_ethercat_ring::{FaultKind, SharedRing, on_bench};
+use evolvent_random::{Random, cases};
+
+mod support;
+
+use support::*;
+
+/// Travel in use and maximum velocity of X, mm and mm/s.
+const REACH: f64 = 100.0;
+const FASTEST: f64 = 60.0;
+/// Lead of X, mm per turn.
+const LEAD_MM: f64 = 5.0;
+
+fn turns(ring: &SharedRing) -> f64 {
+    let ring = ring.lock().expect("no panic");
+    ring.devices()[1]
+        .as_drive()
+        .map_or(0.0, |drive| drive.motor_turns())
+}
+
+/// One fault while X moves. Either the drives continue, or all stop within 2.5 s; no motor exceeds the commanded velocity; afterwards
+/// the axes are enabled again at the positions of their motors. Returns whether the axes were stopped.
+fn one_moment(kind: FaultKind, random: &mut Random, core: &mut Core, ring: &SharedRing) -> bool {
+    core.bring_up();
+    // Away from the end that is nearer.
+    let speed = random.between(5.0, FASTEST);
+    core.velocity_x = if core.position[0] > 0.0 { -speed } else { speed };
+    for _ in 0..10 + random.below(200) {
+        core.cycle();
+        if core.position[0].abs() > REACH {
+            core.velocity_x = -core.velocity_x;
+        }
+    }
+    let device = match kind {
+        FaultKind::Loss | FaultKind::Delay | FaultKind::Reorder => 0,
+        _ => 1 + random.below(3),
+    };
+    let duration_ns = random.log(1e6, 4e8) as u64;
+    begin(ring, kind, device, Some(duration_ns));
+    let since = Instant::now();
+    let mut is_stopped = false;
+    while since.elapsed() < Duration::from_nanos(duration_ns) + Duration::from_millis(2500) {
+        core.cycle();
+        let speeds = speeds(ring);
+        let fastest = speeds.iter().fold(0.0_f64, |most, speed| most.max(*speed));
+        assert!(
+            fastest * LEAD_MM < 1.3 * FASTEST,
+            "{kind:?} for {duration_ns} ns: {fastest} turns/s"
+        );
+        let is_heard = core
+            .heard
+            .is_some_and(|(at, _)| at.elapsed() < Duration::from_millis(100));
+        let in_operation = is_heard
+            && core
+                .heard
+                .is_some_and(|(_, feedback)| states(&feedback) == [Some(DriveState::OperationEnabled); 3]);
+        if !in_operation {
+            // As a core does: it stops its axes, and requests power again later.
+            (core.velocity_x, core.power) = (0.0, PowerRequest::Off);
+            is_stopped = true;
+        }
+        if core.position[0].abs() > REACH {
+            core.velocity_x = -core.velocity_x;
+        }
+    }
+    if is_stopped {
+        let speeds = speeds(ring);
+        assert!(
+            speeds.iter().all(|speed| *speed < 0.02),
+            "{kind:?} at device {device} for {duration_ns} ns: {speeds:?} turns/s after 2.5 s"
+        );
+        core.fault_reset += 1;
+    } else {
+        core.velocity_x = 0.0;
+    }
+    let here = core.bring_up();
+    let off = here.position[0] - turns(ring) * LEAD_MM;
+    assert!(
+        off.abs() < 5e-3,
+        "{kind:?}: X is said to be {off} mm from where its motor is"
+    );
+    is_stopped
+}
+
+#[test]
+fn faults_at_random_moments_end_in_a_defined_stop_or_pass() {
+    const KINDS: [FaultKind; 10] = [
+        FaultKind::Loss,
+        FaultKind::Delay,
+        FaultKind::Reorder,
+        FaultKind::WorkingCounter,
+        FaultKind::Break,
+        FaultKind::Gone,
+        FaultKind::Drive,
+        FaultKind::Temperature,
+        FaultKind::TorqueOff,
+        FaultKind::Blocked,
+    ];
+    for kind in KINDS {
+        unless_disturbed(move || {
+            on_bench(devices(), move |ring| {
+                with_bridge(
+                    |_| {},
+                    ring,
+                    |core, ring, _| {
+                        let mut random = Random::seeded(kind as u64);
+                        let moments = cases(1);
+                        let stops = (0..moments)
+                            .filter(|_| one_moment(kind, &mut random, core, ring))
+                            .count();
+                        println!("{kind:?}: {moments} moments, {stops} stops");
+                    },
+                );
+            });
+        });
+    }
+}
