@@ -1,13 +1,14 @@
 //! `evolvent doctor`: what this host can do, and what to change.
 
 use std::io::{self, Write};
+use std::net::IpAddr;
 use std::time::Duration;
 
 use clap::Args;
 use evolvent_runtime::{BareLoopError, DoctorReport, Verdict, examine};
 use serde_json::{Value, json};
 
-use crate::CommandError;
+use crate::{CommandError, doctor_network};
 
 /// Measure what this host can do for a real-time loop: scheduler, locked memory, timers, isolated cores, the
 /// bus, lateness of wake-ups; with advice.
@@ -22,6 +23,13 @@ pub(crate) struct DoctorArgs {
     /// How long to measure, in seconds
     #[arg(long, value_name = "N", default_value_t = 5.0)]
     pub(crate) seconds: f64,
+    /// Measure round trips on this network interface instead, of EtherCAT frames or packets to --board, and examine its card and
+    /// driver. Not for use while a bridge runs on it
+    #[arg(long, value_name = "IFACE")]
+    pub(crate) network: Option<String>,
+    /// Address of a Mesa board behind that interface
+    #[arg(long, value_name = "ADDRESS", requires = "network")]
+    pub(crate) board: Option<IpAddr>,
     /// Print one JSON object on standard output
     #[arg(long)]
     pub(crate) json: bool,
@@ -41,6 +49,10 @@ pub(crate) fn run(args: &DoctorArgs, out: &mut dyn Write, err: &mut dyn Write) -
             .to_string(),
         )
     })?;
+    if let Some(interface) = &args.network {
+        let measure = (args.rate, duration);
+        return doctor_network::run(interface, args.board, measure, args.json, out, err);
+    }
     let written = |result: io::Result<()>| {
         result.map_err(|error| CommandError::Failed(format!("the report cannot be written: {error}")))
     };
@@ -159,6 +171,8 @@ mod tests {
         let (result, text) = ran(&DoctorArgs {
             rate: 1000.0,
             seconds: 0.05,
+            network: None,
+            board: None,
             json: true,
         });
         assert!(result.is_ok());
@@ -194,6 +208,8 @@ mod tests {
         let (result, text) = ran(&DoctorArgs {
             rate: 500.0,
             seconds: 0.05,
+            network: None,
+            board: None,
             json: false,
         });
         assert!(result.is_ok());
@@ -219,6 +235,8 @@ mod tests {
             let (result, _) = ran(&DoctorArgs {
                 rate,
                 seconds,
+                network: None,
+                board: None,
                 json: true,
             });
             assert!(

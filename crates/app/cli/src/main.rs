@@ -12,6 +12,7 @@ mod ctl_args;
 mod ctl_request;
 mod ctl_status;
 mod doctor;
+mod doctor_network;
 mod import;
 mod man;
 mod operator;
