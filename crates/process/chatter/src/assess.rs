@@ -4,7 +4,7 @@
 //! and of its neighbours in speed and depth; disturbances followed in time, which find what attracts; and halving
 //! between a disturbance that dies out and one that does not, which finds what separates them. A cycle counts where it
 //! closes in time; what is stable is said by its Floquet multipliers. A cut is called stable only where no cycle is
-//! known and every disturbance that was tried has died out.
+//! known, none was seen that could not be confirmed, and every disturbance that was tried has died out.
 
 use crate::cycle::Cycle;
 use crate::error::ChatterError;
@@ -20,6 +20,8 @@ const LANDED_AMPLITUDE: f64 = 0.15;
 const LANDED_FREQUENCY: f64 = 3e-3;
 /// Neighbours whose cycles are continued to a cut: parts of speed and depth.
 const NEIGHBOURS: [[f64; 2]; 4] = [[1.005, 1.0], [0.995, 1.0], [1.0, 1.005], [1.0, 0.995]];
+/// Numbers of harmonics with which a balance is repeated whose cycles do not close in time.
+const FINER: [usize; 3] = [12, 24, 48];
 /// Size of a large disturbance, of the largest that keeps the speed above the floor.
 const LARGE: f64 = 0.9;
 /// ... of a middle one, where the large one does not die out.
@@ -36,7 +38,8 @@ pub enum Verdict {
     Bistable,
     /// The cut vibrates by itself.
     SelfExcited,
-    /// Vibration leaves the model, by itself or after a disturbance: it is large, and how large is not known.
+    /// Vibration leaves the model, by itself or after a disturbance: it is large, and how large is not known. Also where the
+    /// balance has a cycle that integration in time neither confirms nor leads to another one.
     OutOfModel,
 }
 
@@ -142,6 +145,16 @@ impl Assessment {
         self.cycles.iter().rev().find(|known| known.verified.stable())
     }
 
+    /// Whether the balance has a cycle, and nobody knows whether the cut has. Newton's method misses a strongly unstable cycle
+    /// that the harmonics do not give closely enough.
+    #[must_use]
+    pub fn is_in_doubt(&self) -> bool {
+        // What a cycle landed on would be known if it counted.
+        let settles = |reason: &DropReason| matches!(reason, DropReason::Duplicate | DropReason::Outside);
+        let open = |dropped: &DroppedCycle| !settles(&dropped.reason);
+        self.cycles.is_empty() && self.dropped.iter().any(open)
+    }
+
     /// Knows a cycle, unless it is known already or lies beyond the model.
     fn add(
         &mut self,
@@ -190,10 +203,16 @@ impl Assessor {
     pub fn assess(&mut self, model: &Model<'_>) -> Result<Assessment, ChatterError> {
         let prediction = self.scanner.scan(model)?;
         let mut assessment = verified(model, prediction);
-        let open = disturb(model, &mut assessment);
+        let mut open = disturb(model, &mut assessment);
         let unknown = assessment.branches.iter().any(|branch| !branch.end.is_known());
         if assessment.cycles.is_empty() || open.is_some() || unknown {
             self.continue_neighbours(model, &mut assessment);
+        }
+        if assessment.is_in_doubt()
+            && let Some(finer) = self.look_closer(model)?
+        {
+            assessment = finer;
+            open = disturb(model, &mut assessment);
         }
         let unstable = assessment.cycles.iter().any(|known| !known.verified.stable());
         if let (Some(open), false) = (open, unstable) {
@@ -207,6 +226,20 @@ impl Assessor {
             .sort_by(|a, b| size(&a.verified).total_cmp(&size(&b.verified)));
         assessment.verdict = verdict(&assessment);
         Ok(assessment)
+    }
+
+    /// The balance with more harmonics, until its cycles close in time or it has none.
+    fn look_closer(&self, model: &Model<'_>) -> Result<Option<Assessment>, ChatterError> {
+        for harmonics in FINER {
+            if harmonics <= self.scanner.harmonics() {
+                continue;
+            }
+            let finer = verified(model, Scanner::new(harmonics).scan(model)?);
+            if !finer.is_in_doubt() {
+                return Ok(Some(finer));
+            }
+        }
+        Ok(None)
     }
 
     /// What becomes of disturbances, up to the first that leaves the model: the largest within it, or small ones where the
@@ -431,7 +464,7 @@ fn verdict(assessment: &Assessment) -> Verdict {
     if !grows {
         // An unstable cycle is the border to something that does not die out.
         let all_die = fates().all(|fate| *fate == Fate::DiesOut) && assessment.cycles.is_empty();
-        return match (lasts, all_die) {
+        return match (lasts, all_die && !assessment.is_in_doubt()) {
             (true, _) => Verdict::Bistable,
             (false, true) => Verdict::Stable,
             (false, false) => Verdict::OutOfModel,

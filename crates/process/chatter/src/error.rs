@@ -55,7 +55,7 @@ pub enum ChatterError {
         steps: usize,
     },
     /// Newton's method found no cycle near the given one.
-    #[error("no cycle near {amplitude_mm} mm and {frequency_hz} Hz: give more harmonics")]
+    #[error("no cycle near {amplitude_mm:.4} mm and {frequency_hz:.2} Hz: give more harmonics")]
     NoCycle {
         /// Amplitude where the search began.
         amplitude_mm: f64,

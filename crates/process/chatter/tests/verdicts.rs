@@ -306,6 +306,95 @@ fn two_close_cycles_are_told_apart() {
     }
 }
 
+/// Cuts whose cycle is so unstable that Newton's method in time misses it unless the balance has many harmonics.
+#[test]
+fn a_strongly_unstable_cycle_is_not_called_stable() {
+    let mut deep = coupled(60.0, 1.0);
+    deep.tool.speed_m_min = 51.05;
+    let mut cuts: Vec<Sample> = Vec::new();
+    for depth_mm in [45.0, 50.0, 55.0, 58.0, 60.0] {
+        deep.tool.depth_mm = depth_mm;
+        cuts.push(Sample { ..deep });
+    }
+    cuts.push(Sample {
+        tool: CuttingTool {
+            axes: [
+                axis(1.2, 8_407_049.0, 103.478_693_459_088_48),
+                axis(1.2, 7_851_250.0, 98.663_062_997_253_43),
+            ],
+            beta_deg: 50.4,
+            speed_m_min: 41.51,
+            depth_mm: 14.732,
+            feed_mm_rev: 0.44,
+            radial_ratio: 0.4,
+            floor_m_min: 2.0,
+        },
+        rake: 10.0,
+        lead: 60.0,
+    });
+    for cut in &cuts {
+        let cell = Mapper::new(5).cell(cut.tool, &cut.law());
+        let law = cut.law();
+        let model = Model::new(cut.tool, &law).unwrap();
+        for harmonics in [3, 5, 8] {
+            let whole = Assessor::new(harmonics).assess(&model).unwrap();
+            let verdicts = [Some(whole.verdict), cell.verdict];
+            assert!(
+                !verdicts.contains(&Some(Verdict::Stable)),
+                "{harmonics}: {:?}",
+                cut.tool
+            );
+            assert!(
+                whole.cycles.iter().any(|known| !known.verified.stable()),
+                "{:?}",
+                cut.tool
+            );
+        }
+    }
+}
+
+/// A verdict of few harmonics is that of many, in random cuts as deep as the tool bears.
+#[test]
+fn stable_cuts_are_stable_with_more_harmonics() {
+    let (mut random, cases) = campaign(0x0c4a_0011, 30);
+    let mut stable = 0;
+    for case in 0..cases {
+        let (stiffness, ratio) = (random.between(3e6, 2e7), random.between(0.01, 0.05));
+        let tool = CuttingTool {
+            axes: [
+                PrincipalAxis::with_ratio(random.between(0.7, 3.0), stiffness, ratio),
+                PrincipalAxis::with_ratio(1.2, stiffness * random.between(0.85, 1.2), ratio),
+            ],
+            beta_deg: random.between(0.0, 90.0),
+            speed_m_min: random.between(30.0, 120.0),
+            depth_mm: random.between(3.0, 20.0),
+            feed_mm_rev: random.between(0.2, 0.5),
+            radial_ratio: random.between(0.2, 0.8),
+            floor_m_min: 2.0,
+        };
+        let sample = Sample {
+            tool,
+            rake: 10.0,
+            lead: 60.0,
+        };
+        let law = sample.law();
+        let Ok(model) = Model::new(tool, &law) else {
+            continue;
+        };
+        let Ok(few) = Assessor::new(5).assess(&model) else {
+            continue;
+        };
+        if few.verdict == Verdict::Stable {
+            stable += 1;
+            let many = Assessor::new(16).assess(&model).unwrap();
+            // At the very end of a branch many harmonics may see what few do not, and not confirm it.
+            let agrees = many.verdict == Verdict::Stable || many.is_in_doubt();
+            assert!(agrees, "case {case}: {:?} {tool:?}", many.verdict);
+        }
+    }
+    println!("{stable} of {cases} are stable");
+}
+
 /// Ten tools; maps are computed in tiles, as the command does.
 #[test]
 fn the_map_agrees_with_single_calculations() {

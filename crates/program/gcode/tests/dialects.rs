@@ -54,6 +54,23 @@ fn other_dialects_are_told_what_to_write_here() {
         ),
         ("G70\nG0 X1\n", 1, "not the selection of inches", "write G20"),
         (
+            "G05 P10000\nG0 X1\n",
+            1,
+            "high-speed machining",
+            "remove the line",
+        ),
+        ("G50 S2000\nG0 X1\n", 1, "highest spindle speed", "G96 D2000"),
+        ("G0 X1\nG92 S2000\n", 2, "highest spindle speed", "G96 D2000"),
+        ("G71 U2 R1\nG0 X1\n", 1, "one line", "O1 sub"),
+        ("G71 P10 Q20 U0.4 W0.1 F0.2\nG0 X1\n", 1, "one line", "O1 sub"),
+        ("G70 P10 Q20\nG0 X1\n", 1, "one line", "O1 sub"),
+        (
+            "IF [#1 EQ 1] THEN #2=3\nG0 X1\n",
+            1,
+            "conditions are O-words",
+            "in place of THEN",
+        ),
+        (
             "G68 X0 Y0 R30\nG0 X1\n",
             1,
             "rotated with a work offset",
@@ -504,10 +521,32 @@ fn a_refused_move_gives_no_errors_behind_it() {
         // A contour in a tool's radius that leaves no room, then the arc that follows it and the way out.
         "G1 X-60 Y0\nG41.1 D10\nX-40\nX0 Y0\nG2 X2.232 Y2.660 I8.660 J-5\nG1 X-3 Y32.2\nG3 X-13 Y42.2 I-10 J0\n\
          G40 X-30 Y32.2\nG1 X0 Y0\n",
+        // Parameters that were not set.
+        "#<b> = [1 / 0]\nG1 X#<b>\n",
+        "#1 = [1 / 0]\nG1 X[1 / #1]\nG4 P[1 / #1]\n",
     ];
     for program in cases {
         let errors = errors(&format!("G21 G90 G17 F300\n{program}M2\n"));
         assert_eq!(errors.len(), 1, "{program}\n{errors:#?}");
+    }
+}
+
+/// What an earlier error does not explain is reported all the same.
+#[test]
+fn errors_of_their_own_are_all_reported() {
+    let cases: [(&str, &[u32]); 4] = [
+        // No assignment was refused.
+        ("G1 X?\nG1 X#<b>\n", &[2, 3]),
+        // The place is known again.
+        ("G2 X20 Y10 I3 J0\nG1 X0 Y0\nG2 X20 Y10 I3 J0\n", &[2, 4]),
+        // Its own code.
+        ("G1 X? \nG2 X10\n", &[2, 3]),
+        ("G1 X1 F?\nG1 X2 F100\nF0\nG1 X3\n", &[2, 5]),
+    ];
+    for (program, expected) in cases {
+        let errors = errors(&format!("G21 G90 G17 F300\n{program}M2\n"));
+        let lines: Vec<u32> = errors.iter().map(|error| error.line).collect();
+        assert_eq!(lines, expected, "{program}\n{errors:#?}");
     }
 }
 

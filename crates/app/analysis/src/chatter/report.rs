@@ -48,6 +48,10 @@ fn sentence(assessment: &Assessment) -> &'static str {
             "leaves the model by itself: vibration grows until the speed falls to the floor or contact is \
              lost"
         }
+        (Verdict::OutOfModel, false, false) if assessment.is_in_doubt() => {
+            "not known to be stable: the balance has a vibration that integration in time does not confirm; an \
+             impulse may set it going"
+        }
         (Verdict::OutOfModel, false, _) => {
             "leaves the model after an impulse: steady until then, but beyond the unstable cycle vibration \
              grows until the \

@@ -2,13 +2,14 @@
 
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::syntax::block::Block;
 
 /// Keywords with which lines of other dialects start.
 const KEYWORDS: [(&str, &str, &str); 5] = [
     (
         "IF",
         "IF is not a keyword of this dialect: conditions are O-words",
-        "write O1 if [#1 EQ 1], the dependent lines, O1 endif; there is no GOTO",
+        "write O1 if [#1 EQ 1], the dependent lines, O1 endif, in place of THEN and of GOTO",
     ),
     (
         "WHILE",
@@ -32,9 +33,79 @@ const KEYWORDS: [(&str, &str, &str); 5] = [
     ),
 ];
 
-/// Replaces the parser's error by a better one if the line is written in another dialect.
+/// A code that other dialects use with other words: its number, words of which one must be there, words that must not.
+struct Form {
+    code: f64,
+    any: &'static [u8],
+    none: &'static [u8],
+    message: &'static str,
+    help: &'static str,
+}
+
+const TWO_LINES: &str =
+    "in this dialect a roughing cycle is one line, and its profile is a subroutine, not lines P to Q";
+const PROFILE: &str =
+    "write the profile as O1 sub ... O1 endsub, then G71 Q1 X.. Z.. D.., D the depth of a pass";
+
+const FORMS: [Form; 6] = [
+    Form {
+        code: 5.0,
+        any: b"P",
+        none: b"XYIJ",
+        message: "G5 is a cubic spline in this dialect, not a switch for high-speed machining",
+        help: "remove the line: look-ahead is always on; G64 P.. sets the tolerance at corners",
+    },
+    Form {
+        code: 50.0,
+        any: b"S",
+        none: b"",
+        message: "G50 S, the highest spindle speed of G96, is the word D of G96 in this dialect",
+        help: "write G96 D2000 S.., D the highest speed, 1/min",
+    },
+    Form {
+        code: 92.0,
+        any: b"S",
+        none: b"XYZABCUVW",
+        message: "G92 S, the highest spindle speed of G96, is the word D of G96 in this dialect",
+        help: "write G96 D2000 S.., D the highest speed, 1/min",
+    },
+    Form {
+        code: 70.0,
+        any: b"PU",
+        none: b"",
+        message: TWO_LINES,
+        help: "write the profile as O1 sub ... O1 endsub, then G70 Q1 X.. Z..",
+    },
+    Form {
+        code: 71.0,
+        any: b"PUW",
+        none: b"",
+        message: TWO_LINES,
+        help: PROFILE,
+    },
+    Form {
+        code: 72.0,
+        any: b"PUW",
+        none: b"",
+        message: TWO_LINES,
+        help: PROFILE,
+    },
+];
+
+/// Replaces the error of a line by a better one if the line is written in another dialect.
 #[cold]
-pub(crate) fn explain(text: &[u8], fault: Fault) -> Fault {
+pub(crate) fn explain(text: &[u8], block: &Block, fault: Fault) -> Fault {
+    let code = |form: &Form| {
+        let has = |letter: &u8| block.words.iter().any(|word| word.letter == *letter);
+        let mut codes = block.words.iter().filter(|word| word.letter == b'G');
+        let code = codes.find(|word| word.value == form.code)?;
+        (form.any.iter().any(has) && !form.none.iter().any(has)).then_some(code.span)
+    };
+    for form in &FORMS {
+        if let Some(span) = code(form) {
+            return Fault::new(fault.code, span, form.message).help(form.help);
+        }
+    }
     let Some((span, word)) = first_word(text) else {
         return fault;
     };

@@ -20,32 +20,33 @@ pub(crate) struct Doubt {
     feed: bool,
     /// The contour to which cutter compensation applies.
     contour: bool,
+    /// Parameters: the line may have set some.
+    values: bool,
 }
 
 impl Doubt {
     pub(crate) fn is_any(&self) -> bool {
-        self.mode || self.feed || self.contour || self.place != [false; 3]
+        self.mode || self.feed || self.contour || self.values || self.place != [false; 3]
     }
 
-    /// Adds what a refused line would have changed; `block` holds its words if it could be read at all.
+    /// Adds what a refused line would have changed: by its words if it could be read, else by the letters in its text.
     #[cold]
-    pub(crate) fn refuse(&mut self, code: Code, block: &Block, state: &State) {
-        if !is_of_words(code) {
-            *self = Self {
-                place: [true; 3],
-                mode: true,
-                feed: true,
-                contour: state.cutter.is_on(),
-            };
-            return;
-        }
-        let has = |letter: u8| block.words.iter().any(|word| word.letter == letter);
+    pub(crate) fn refuse(&mut self, code: Code, text: &[u8], block: &Block, state: &State) {
+        let is_read = is_of_words(code);
+        let has = |letter: u8| {
+            if is_read {
+                block.words.iter().any(|word| word.letter == letter)
+            } else {
+                text.iter().any(|byte| byte.to_ascii_uppercase() == letter)
+            }
+        };
         for (place, letter) in self.place.iter_mut().zip(*b"XYZ") {
             *place |= has(letter) || has(b'@') || has(b'^');
         }
         self.mode |= has(b'G');
         self.feed |= has(b'F') || has(b'S');
         self.contour |= state.cutter.is_on() || has(b'G');
+        self.values |= !block.assignments.is_empty() || (!is_read && text.contains(&b'='));
     }
 
     /// Removes what an executed line has made known again.
@@ -89,6 +90,7 @@ impl Doubt {
             | Code::InvoluteEndMissing
             | Code::InvoluteCentreMissing
             | Code::InvoluteRadiusMissing => mode,
+            Code::UndefinedParameter | Code::Arithmetic => self.values,
             Code::FeedMissing | Code::FeedZero | Code::SpindleSpeedMissing => self.feed,
             _ => false,
         }
@@ -100,7 +102,7 @@ fn is_motion(word: &Word) -> bool {
     code.flatten().is_some_and(|code| code.group() == Group::Motion)
 }
 
-/// Whether the words of the refused line could be read. Otherwise, and where a condition or call failed, anything may be missing.
+/// Whether the words of the refused line could be read. Otherwise some may be missing.
 fn is_of_words(code: Code) -> bool {
     code.as_str() >= Code::UnknownG.as_str()
 }

@@ -424,7 +424,7 @@ impl<R: BufRead> Interpreter<R> {
         self.changed.clear();
         execute(self).map_err(|fault| {
             self.watch.roll_back(mark);
-            let fault = crate::diagnostics::foreign::explain(&self.text, fault);
+            let fault = crate::diagnostics::foreign::explain(&self.text, &self.block, fault);
             let removed = self.changed.iter().filter(|changed| changed.removed).count();
             self.pending.truncate(before - removed);
             while let Some(changed) = self.changed.pop() {
@@ -711,7 +711,8 @@ impl<R: BufRead> Iterator for Interpreter<R> {
             if let Err(diagnostic) = self.advance() {
                 let file: Option<Shared<str>> = diagnostic.file.as_deref().map(Shared::from);
                 let follows = self.doubt.excuses(diagnostic.code, &self.block, &self.state);
-                self.doubt.refuse(diagnostic.code, &self.block, &self.state);
+                self.doubt
+                    .refuse(diagnostic.code, &self.text, &self.block, &self.state);
                 let fresh = !follows && self.reported.insert((file, diagnostic.line));
                 self.finished |= self.reported.len() >= MAX_ERRORS;
                 if fresh || self.finished {
