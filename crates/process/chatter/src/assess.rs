@@ -20,8 +20,8 @@ const LANDED_AMPLITUDE: f64 = 0.15;
 const LANDED_FREQUENCY: f64 = 3e-3;
 /// Neighbours whose cycles are continued to a cut: parts of speed and depth.
 const NEIGHBOURS: [[f64; 2]; 4] = [[1.005, 1.0], [0.995, 1.0], [1.0, 1.005], [1.0, 0.995]];
-/// Numbers of harmonics with which a balance is repeated whose cycles do not close in time.
-const FINER: [usize; 3] = [12, 24, 48];
+/// Numbers of harmonics with which a balance without a cycle is repeated: near the end of a branch few do not tell one.
+const FINER: [usize; 2] = [24, 48];
 /// Size of a large disturbance, of the largest that keeps the speed above the floor.
 const LARGE: f64 = 0.9;
 /// ... of a middle one, where the large one does not die out.
@@ -208,7 +208,7 @@ impl Assessor {
         if assessment.cycles.is_empty() || open.is_some() || unknown {
             self.continue_neighbours(model, &mut assessment);
         }
-        if assessment.is_in_doubt()
+        if assessment.cycles.is_empty()
             && let Some(finer) = self.look_closer(model)?
         {
             assessment = finer;
@@ -230,16 +230,19 @@ impl Assessor {
 
     /// The balance with more harmonics, until its cycles close in time or it has none.
     fn look_closer(&self, model: &Model<'_>) -> Result<Option<Assessment>, ChatterError> {
+        let mut last = None;
         for harmonics in FINER {
             if harmonics <= self.scanner.harmonics() {
                 continue;
             }
             let finer = verified(model, Scanner::new(harmonics).scan(model)?);
-            if !finer.is_in_doubt() {
-                return Ok(Some(finer));
+            let ends = !finer.is_in_doubt();
+            last = Some(finer);
+            if ends {
+                break;
             }
         }
-        Ok(None)
+        Ok(last)
     }
 
     /// What becomes of disturbances, up to the first that leaves the model: the largest within it, or small ones where the
