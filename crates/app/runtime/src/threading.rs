@@ -19,6 +19,7 @@ pub(crate) struct ThreadChain {
     legs: Vec<ThreadLeg>,
     curves: Vec<(Curve, f64)>,
     start_degrees: f64,
+    clear_x: Option<f64>,
     /// The command of the first piece.
     first: Option<Command>,
     /// Speed out as a multiple of that in.
@@ -53,12 +54,14 @@ impl ThreadChain {
                 curve,
                 pitch_mm,
                 start_degrees,
+                clear_x,
                 ..
             } => {
                 if self.is_tap() || !self.is_empty() && *start_degrees != self.start_degrees {
                     return false;
                 }
                 self.start_degrees = *start_degrees;
+                self.clear_x = *clear_x;
                 (*curve, *pitch_mm)
             }
             Action::RigidTap {
@@ -95,6 +98,7 @@ impl ThreadChain {
             legs: self.legs.clone().into(),
             start_turns: self.start_degrees / 360.0,
             turns_per_s,
+            clear_at: self.clear_x.map(|x| (AxisLetter::X.index(), x)),
             tap: self.return_factor.map(|factor| TapReturn {
                 turns_per_s: factor * turns_per_s.abs(),
                 braking: spindle.acceleration_rpm_s.map(|rate| rate / 60.0),
@@ -239,8 +243,7 @@ pub(crate) fn complaint(result: &ThreadResult, rpm: f64) -> Option<(String, Stri
                 .to_owned(),
         ),
         ThreadVerdict::Lost => (
-            "nothing was heard of the angle of the spindle any more; the axes have stopped in the thread"
-                .to_owned(),
+            "nothing was heard of the angle of the spindle any more; the axes have stopped".to_owned(),
             "see the encoder and the bridge; bring the tool out before the spindle turns on".to_owned(),
         ),
         ThreadVerdict::Stalled => (
@@ -256,9 +259,14 @@ pub(crate) fn complaint(result: &ThreadResult, rpm: f64) -> Option<(String, Stri
                 .to_owned(),
         ),
         ThreadVerdict::OutOfPhase => (
-            "the axes cannot follow the spindle any more, and have stopped in the thread".to_owned(),
+            "the axes cannot follow the spindle any more, and have stopped".to_owned(),
             "turn more slowly, or see why the speed of the spindle changes".to_owned(),
         ),
+    };
+    let message = if result.is_clear {
+        format!("{message}; the tool was drawn out of the thread")
+    } else {
+        message
     };
     Some((message, help))
 }

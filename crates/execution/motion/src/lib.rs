@@ -84,6 +84,7 @@ mod state;
 mod stopping_distance;
 mod takeover;
 mod thread_cam;
+mod thread_retreat;
 mod threading;
 mod transfer_executor;
 

@@ -12,9 +12,9 @@ use evolvent_signals::{AngleJet, SpindleInput, SpindleKnowledge};
 
 use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
-use crate::quick_stop::QuickStop;
 use crate::setpoint::{Inputs, Setpoint};
 use crate::thread_cam::{ThreadCam, ThreadLeg, ThreadObjection};
+use crate::thread_retreat::ThreadRetreat;
 
 /// How fast an error of the position is made good, 1/s: three equal poles. A third of the rate at most.
 const FOLLOW_RATE: f64 = 120.0;
@@ -63,6 +63,8 @@ pub struct ThreadPass {
     pub turns_per_s: f64,
     /// The spindle turns back at the end, and the axes with it to the start.
     pub tap: Option<TapReturn>,
+    /// An axis and its position at which the tool is clear of the thread: where a pass is given up it is drawn out there.
+    pub clear_at: Option<(usize, f64)>,
 }
 
 impl ThreadPass {
@@ -108,6 +110,8 @@ pub struct ThreadResult {
     pub verdict: ThreadVerdict,
     /// Where the axes stand.
     pub stands_at: Axes,
+    /// It was given up, and the tool drawn out of the thread.
+    pub is_clear: bool,
     /// Largest distance of an axis from where the angle wanted it, mm, once it was in phase.
     pub worst_mm: f64,
 }
@@ -124,7 +128,7 @@ enum Phase {
     /// Taking up what the follower has left.
     Landing(Landing),
     /// Given up.
-    Stopping(QuickStop, ThreadVerdict),
+    Stopping(ThreadRetreat, ThreadVerdict),
     Over(ThreadVerdict),
 }
 
@@ -235,6 +239,7 @@ pub struct Threading {
     start_turns: f64,
     turns_per_s: f64,
     tap: Option<TapReturn>,
+    clear_at: Option<(usize, f64)>,
     phase: Phase,
     imagined: ImaginedSpindle,
     /// Angle of the spindle at which the thread begins, turns the way it turns.
@@ -268,6 +273,7 @@ impl Threading {
             start_turns,
             turns_per_s,
             tap,
+            clear_at,
         } = pass;
         Self {
             cam: ThreadCam::new(start, legs, tap.is_some()),
@@ -275,6 +281,7 @@ impl Threading {
             start_turns,
             turns_per_s,
             tap,
+            clear_at,
             phase: Phase::Waiting(0.0),
             imagined: ImaginedSpindle::new(turns_per_s.abs(), tap),
             origin: None,
@@ -381,10 +388,11 @@ impl Threading {
         self.phase = Phase::Following { turned: false };
     }
 
-    /// Gives the pass up: every axis stops by itself. That is sooner than the run-out would be, so no axis goes by the end.
+    /// Gives the pass up: every axis stops by itself, and the tool is drawn out if it is known which way. Each axis stops sooner than
+    /// the run-out would, so none overshoots the end.
     fn give_up(&mut self, verdict: ThreadVerdict) {
         self.phase = Phase::Stopping(
-            QuickStop::new(&self.limits, self.now.position, &self.now),
+            ThreadRetreat::new(&self.limits, &self.now, self.clear_at),
             verdict,
         );
     }
@@ -529,6 +537,10 @@ impl Threading {
             self.result = Some(ThreadResult {
                 verdict,
                 stands_at: self.now.position,
+                is_clear: verdict != ThreadVerdict::Done
+                    && self
+                        .clear_at
+                        .is_some_and(|(axis, clear)| self.now.position[axis] == clear),
                 worst_mm: self.worst_mm,
             });
         }

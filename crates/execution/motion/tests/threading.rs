@@ -266,6 +266,7 @@ fn straight(pitch: f64, length: f64, rev_s: f64) -> ThreadPass {
         start_turns: 0.0,
         turns_per_s: rev_s,
         tap: None,
+        clear_at: None,
     }
 }
 
@@ -427,6 +428,7 @@ fn random_threads_keep_every_limit_whatever_the_spindle_does() {
     println!("seed {seed:#x}");
     let mut random = Random::from_state(seed);
     let mut met = [0; 5];
+    let mut drawn_out = 0;
     for case in 0..80 {
         let rate = if case % 8 == 0 {
             35_000.0
@@ -459,6 +461,9 @@ fn random_threads_keep_every_limit_whatever_the_spindle_does() {
             let first = ThreadLeg { end, ..pass.legs[0] };
             pass.legs = [first, second].into();
         }
+        if case % 2 == 0 {
+            pass.clear_at = Some((0, random.between(-8.0, 8.0)));
+        }
         let trouble = match case % 5 {
             0 => Trouble::Silent(random.between(0.0, 6.0 / rev_s + 1.0)),
             1 => Trouble::Stall(random.between(0.0, 6.0 / rev_s + 1.0)),
@@ -486,6 +491,22 @@ fn random_threads_keep_every_limit_whatever_the_spindle_does() {
         assert_eq!(outcome.allocations, 0, "{what}");
         assert_within(&outcome.all, &machine, period_ns, &what);
         let fits = pass.check(&machine, period_ns as f64 * 1e-9);
+        let (stands_at, gave_up) = match outcome.result {
+            None => (outcome.all.last().expect("setpoints").position, true),
+            Some(result) => {
+                use ThreadVerdict::{Lost, OutOfPhase, Stalled};
+                let gave_up = matches!(result.verdict, Lost | Stalled | OutOfPhase);
+                (result.stands_at, gave_up)
+            }
+        };
+        if let Some((axis, clear)) = pass.clear_at
+            && gave_up
+            && stands_at != pass.start
+        {
+            drawn_out += 1;
+            assert_eq!(stands_at[axis], clear, "{what}");
+            assert!(outcome.result.is_none_or(|result| result.is_clear), "{what}");
+        }
         match outcome.result.map(|result| result.verdict) {
             None => {
                 met[0] += 1;
@@ -522,7 +543,8 @@ fn random_threads_keep_every_limit_whatever_the_spindle_does() {
             Some(ThreadVerdict::NotTurnedBack) => unreachable!("{what}: no tap"),
         }
     }
-    println!("{met:?}");
+    println!("{met:?}, drawn out {drawn_out}");
+    assert!(drawn_out > 2, "{drawn_out}");
     assert!(met.iter().all(|&count| count > 0), "{met:?}");
 }
 

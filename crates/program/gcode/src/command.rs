@@ -130,6 +130,8 @@ pub enum Action {
         /// Spindle angle at the start, degrees from the index pulse, for multi-start threads. A continuation of another thread has
         /// the same angle.
         start_degrees: f64,
+        /// X in machine coordinates at which the tool is clear of the thread (the drive line of G76), where that is known.
+        clear_x: Option<f64>,
     },
     /// Turns a step in load-adaptive passes (a lathe's G82 Q1, G75 Q1). Starts and ends at its start position.
     Turning(TurningCycle),

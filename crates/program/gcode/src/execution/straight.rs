@@ -366,7 +366,7 @@ impl Executor<'_> {
             return Err(Fault::new(Code::OutOfRange, self.line.span(b'Q'), message));
         }
         let target = self.target()?;
-        self.put_thread(target, pitch_mm, start_degrees)
+        self.put_thread(target, pitch_mm, start_degrees, None)
     }
 
     pub(crate) fn put_thread(
@@ -374,6 +374,7 @@ impl Executor<'_> {
         target: Axes,
         pitch_mm: f64,
         start_degrees: f64,
+        clear_x: Option<f64>,
     ) -> Result<(), Fault> {
         if target == self.state.position {
             return Ok(());
@@ -386,6 +387,7 @@ impl Executor<'_> {
             pitch_mm,
             path_mode,
             start_degrees,
+            clear_x,
         });
         Ok(())
     }

@@ -162,25 +162,35 @@ impl Executor<'_> {
         let steep_mm = pitch_mm * libm::hypot(taper, full_depth) / taper.max(f64::MIN_POSITIVE);
         self.go(point(clear, begin), MoveKind::Rapid, PathMode::ExactPath)?;
         if cycle.has_entry {
-            self.thread_to(point(edge, begin), steep_mm, degrees)?;
-            self.thread_to(point(bottom, begin + along * taper), steep_mm, degrees)?;
+            self.thread_to(point(edge, begin), steep_mm, degrees, start[0])?;
+            self.thread_to(point(bottom, begin + along * taper), steep_mm, degrees, start[0])?;
         } else {
             self.go(point(bottom, begin), MoveKind::Rapid, PathMode::ExactPath)?;
         }
         if cycle.has_exit {
-            self.thread_to(point(bottom, end - along * taper), pitch_mm, degrees)?;
-            self.thread_to(point(edge, end), steep_mm, degrees)?;
+            self.thread_to(point(bottom, end - along * taper), pitch_mm, degrees, start[0])?;
+            self.thread_to(point(edge, end), steep_mm, degrees, start[0])?;
         } else {
-            self.thread_to(point(bottom, end), pitch_mm, degrees)?;
+            self.thread_to(point(bottom, end), pitch_mm, degrees, start[0])?;
         }
         self.go(point(clear, end), MoveKind::Rapid, PathMode::ExactPath)
     }
 
-    fn thread_to(&mut self, program: Axes, pitch_mm: f64, start_degrees: f64) -> Result<(), Fault> {
+    /// `drive_line`: X of the program at which the tool is clear of the thread.
+    pub(super) fn thread_to(
+        &mut self,
+        program: Axes,
+        pitch_mm: f64,
+        start_degrees: f64,
+        drive_line: f64,
+    ) -> Result<(), Fault> {
         let target = self.state.machine_of(program);
         for axis in AxisLetter::ALL {
             check_coordinate(target[axis.index()], axis, self.line)?;
         }
-        self.put_thread(target, pitch_mm, start_degrees)
+        let mut clear = program;
+        clear[0] = drive_line;
+        let clear_x = self.state.machine_of(clear)[0];
+        self.put_thread(target, pitch_mm, start_degrees, Some(clear_x))
     }
 }
