@@ -185,6 +185,7 @@ impl Setup {
             }),
             user_codes: program.user_codes.clone(),
             lathe: self.machine.kind == MachineKind::Lathe,
+            fanuc_threads: program.fanuc_threads,
             turning_words: match program.turning_cycles {
                 TurningWords::Diameter => gcode::TurningWords::Diameter,
                 TurningWords::Radius => gcode::TurningWords::Radius,

@@ -305,6 +305,9 @@ pub(crate) struct ProgramFile {
     /// G8. Default: "diameter".
     #[serde(default)]
     pub(crate) turning_cycles: TurningWords,
+    /// Whether G32 and G92 are the threads of Fanuc's lathes; otherwise G32 is unknown and G92 sets an offset. Default: false.
+    #[serde(default)]
+    pub(crate) fanuc_threads: bool,
     /// Whether a cutting load is measured, which the load-adaptive passes of G82 Q1 and G75 Q1 need. Default: false.
     #[serde(default)]
     pub(crate) load_channel: bool,

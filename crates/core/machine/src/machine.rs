@@ -312,6 +312,8 @@ pub struct ProgramSettings {
     pub user_code_timeout_s: f64,
     /// Meaning of X, R and U in turning cycles.
     pub turning_cycles: TurningWords,
+    /// G32 and G92 are the threads of Fanuc's lathes.
+    pub fanuc_threads: bool,
     /// Whether a cutting load is measured.
     pub load_channel: bool,
 }
@@ -331,6 +333,7 @@ impl Default for ProgramSettings {
             user_code_folder: None,
             user_code_timeout_s: 10.0,
             turning_cycles: TurningWords::default(),
+            fanuc_threads: false,
             load_channel: false,
         }
     }

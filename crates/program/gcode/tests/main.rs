@@ -5,6 +5,7 @@ mod contours;
 mod curves;
 mod cutters;
 mod dialects;
+mod fanuc_threads;
 mod flow;
 mod language;
 mod mutations;

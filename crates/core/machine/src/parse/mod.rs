@@ -275,6 +275,7 @@ impl Check<'_> {
             user_code_folder: optional("user_code_folder", &program.user_code_folder)?,
             user_code_timeout_s,
             turning_cycles: program.turning_cycles,
+            fanuc_threads: program.fanuc_threads,
             load_channel: program.load_channel,
         })
     }

@@ -27,6 +27,10 @@ pub(crate) enum Motion {
     Hole(Sense),
     /// G33.
     Thread,
+    /// G32 of Fanuc's dialect.
+    FanucThread,
+    /// G92 of Fanuc's dialect.
+    FanucThreadCycle,
     /// G33.1.
     RigidTap,
     /// G38.2 to G38.5.
@@ -112,6 +116,8 @@ impl Motion {
             Self::Hole(Sense::Clockwise) => "G12.2",
             Self::Hole(_) => "G13.2",
             Self::Thread => "G33",
+            Self::FanucThread => "G32",
+            Self::FanucThreadCycle => "G92",
             Self::RigidTap => "G33.1",
             Self::Probe {
                 toward: true,
@@ -487,6 +493,15 @@ pub(crate) fn lathe_code(tenths: u32) -> Option<GCode> {
     match tenths {
         750 => Some(GCode::Motion(Motion::Turning(Turning::Facing))),
         820 => Some(GCode::Motion(Motion::Turning(Turning::Longitudinal))),
+        _ => None,
+    }
+}
+
+/// A G code of Fanuc's threads, by its number in tenths, if `fanuc_threads` is set.
+pub(crate) fn fanuc_code(tenths: u32) -> Option<GCode> {
+    match tenths {
+        320 => Some(GCode::Motion(Motion::FanucThread)),
+        920 => Some(GCode::Motion(Motion::FanucThreadCycle)),
         _ => None,
     }
 }

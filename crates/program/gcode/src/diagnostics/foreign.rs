@@ -164,7 +164,8 @@ pub(crate) fn g_code(tenths: u32) -> Option<(&'static str, &'static str)> {
         ),
         320 => (
             "G32 is not a code of this dialect: threading is G33",
-            "write G33 with K, the pitch, or the cycle G76",
+            "write G33 with K, the pitch, or the cycle G76; fanuc_threads = true in [program] of the machine file reads G32 and G92 \
+             as Fanuc's lathes do",
         ),
         500 | 510 => (
             "scaling (G50, G51) is not a code of this dialect",

@@ -219,6 +219,14 @@ impl Executor<'_> {
             let message = "F with G33: the pitch K and the spindle give the feed";
             return Err(Fault::new(Code::UnusedWord, self.line.span(b'F'), message).help("leave F out"));
         }
+        if matches!(
+            self.line.motion(),
+            Some(Motion::FanucThread | Motion::FanucThreadCycle)
+        ) {
+            // The lead of this thread, and no feed.
+            return Ok(());
+        }
+        self.state.fanuc_thread.forget_lead();
         self.state.modes.feed = match self.state.modes.feed_mode {
             // Only for its own line.
             FeedMode::InverseTime => None,
@@ -733,6 +741,9 @@ impl Executor<'_> {
         if motion != Motion::CubicSpline {
             self.state.spline_end = None;
         }
+        if motion != Motion::FanucThreadCycle {
+            self.state.fanuc_thread.end_cycle();
+        }
         if self.state.nurbs_order.is_some() && !matches!(motion, Motion::Nurbs | Motion::NurbsEnd) {
             let message = format!("{} between G5.2 and G5.3", motion.name());
             return Err(Fault::new(Code::SplineOpen, self.line.motion_span(), message)
@@ -764,6 +775,8 @@ impl Executor<'_> {
             Motion::NurbsEnd => self.nurbs(),
             Motion::Hole(sense) => self.hole(sense),
             Motion::Thread => self.thread(),
+            Motion::FanucThread => self.fanuc_thread(),
+            Motion::FanucThreadCycle => self.fanuc_thread_cycle(),
             Motion::RigidTap => self.rigid_tap(),
             Motion::Probe { toward, must } => self.probe(toward, must),
             Motion::Cycle(cycle) => self.cycle(cycle),

@@ -4,6 +4,7 @@ use evolvent_path::{AXES, Axes, AxisLetter, Plane, SurfaceSpeed};
 
 use crate::codes::modal_groups::{Compensation, FeedMode, Motion, PlaneCode};
 use crate::execution::compensation::CutterState;
+use crate::execution::cycles::fanuc_threads::FanucThread;
 use crate::parameters::system::System;
 use crate::parameters::values::{G92, G92_ACTIVE, Parameters, WORK_OFFSET, WORK_OFFSET_1};
 use crate::{Action, Outputs, PathMode, Settings, SpindleDirection};
@@ -83,6 +84,8 @@ pub(crate) struct State {
     pub(crate) sticky: CycleModal,
     /// P and Q of the last G5, mm; the next one may continue its tangent.
     pub(crate) spline_end: Option<[f64; 2]>,
+    /// Modal words of Fanuc's threads.
+    pub(crate) fanuc_thread: FanucThread,
     /// The order of the NURBS that G5.2 defines.
     pub(crate) nurbs_order: Option<usize>,
     pub(crate) cutter: CutterState,
@@ -143,6 +146,7 @@ impl State {
             selected_tool: settings.selected_tool,
             sticky: CycleModal::default(),
             spline_end: None,
+            fanuc_thread: FanucThread::default(),
             nurbs_order: None,
             cutter: CutterState::default(),
             is_probed: false,

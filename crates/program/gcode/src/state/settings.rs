@@ -53,6 +53,8 @@ pub struct Settings {
     pub lathe: bool,
     /// Meaning of X, R and U in the turning cycles.
     pub turning_words: TurningWords,
+    /// Whether G32 and G92 are Fanuc's threads; otherwise G32 is unknown, and G92 sets an offset.
+    pub fanuc_threads: bool,
     /// Whether a cutting load is measured, which the load-adaptive passes of G82 Q1 and G75 Q1 need.
     pub load_channel: bool,
     /// Whether axes can follow the spindle angle, so that G84 and G74 tap rigidly ([`crate::Action::RigidTap`]).
@@ -152,6 +154,7 @@ impl Default for Settings {
             user_codes: Vec::new(),
             lathe: false,
             turning_words: TurningWords::default(),
+            fanuc_threads: false,
             load_channel: false,
             rigid_tapping: false,
             subroutine_folders: Vec::new(),

@@ -7,7 +7,7 @@ use evolvent_path::{AXES, AxisLetter};
 
 use crate::codes::modal_groups::{
     Compensation, Cycle, GCode, GROUPS, Group, LengthOffset, MCode, Motion, NonModal, PathControl, Turning,
-    lathe_code,
+    fanuc_code, lathe_code,
 };
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::syntax::block::Block;
@@ -99,7 +99,7 @@ impl Statement {
         self.motion = None;
         for word in &block.words {
             match word.letter {
-                b'G' => self.add_g(word.value, word.span, settings.lathe)?,
+                b'G' => self.add_g(word.value, word.span, settings)?,
                 b'M' => self.add_m(word.value, word.span, &settings.user_codes)?,
                 letter => self.add_word(letter, word.value, word.span, settings)?,
             }
@@ -289,11 +289,13 @@ impl Statement {
         Ok(())
     }
 
-    fn add_g(&mut self, value: f64, span: Span, lathe: bool) -> Result<(), Fault> {
+    fn add_g(&mut self, value: f64, span: Span, settings: &Settings) -> Result<(), Fault> {
         let tenths = (value * 10.0).round();
         let whole = (value * 10.0 - tenths).abs() < 1e-3 && (0.0..=999.0).contains(&tenths);
         let tenths = tenths as u32;
-        let special = if lathe { lathe_code(tenths) } else { None };
+        let of_lathe = settings.lathe.then(|| lathe_code(tenths)).flatten();
+        let of_fanuc = settings.fanuc_threads.then(|| fanuc_code(tenths)).flatten();
+        let special = of_lathe.or(of_fanuc);
         let Some(code) = special.or_else(|| GCode::from_tenths(tenths)).filter(|_| whole) else {
             if whole && tenths == 750 {
                 return Err(Fault::new(
@@ -525,6 +527,8 @@ impl Statement {
             Some(Motion::Nurbs) => bits(b"PL"),
             Some(Motion::Hole(_)) => bits(b"DEIJKQR"),
             Some(Motion::Thread) => bits(b"KQ"),
+            Some(Motion::FanucThread) => bit(b'Q'),
+            Some(Motion::FanucThreadCycle) => bits(b"RQ"),
             Some(Motion::RigidTap) => bits(b"KI"),
             Some(Motion::ThreadCycle) => bits(b"DPIJKRQHEL"),
             Some(Motion::Rough(_)) => bits(b"QDEIRP"),

@@ -1,0 +1,125 @@
+//! Threads as programs for Fanuc's lathes write them: G32, and the cycle G92.
+
+use evolvent_path::Axes;
+
+use crate::diagnostics::diagnostic::Fault;
+use crate::execution::execute::Executor;
+use crate::{Code, MoveKind, PathMode};
+
+/// What later lines of such threads need not say again.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct FanucThread {
+    /// F of the last one, mm a turn along its longer axis.
+    lead_mm: Option<f64>,
+    /// Z and R of the last G92, program coordinates, mm.
+    cycle: Option<(f64, f64)>,
+}
+
+impl FanucThread {
+    /// Another motion: a G92 behind it says its words anew.
+    pub(crate) fn end_cycle(&mut self) {
+        self.cycle = None;
+    }
+
+    /// F of another motion: it is a feed, and a thread behind it says its lead anew.
+    pub(crate) fn forget_lead(&mut self) {
+        self.lead_mm = None;
+    }
+}
+
+/// Path per turn where `lead_mm` is the way of the longer axis.
+fn along_path(way: &Axes, lead_mm: f64) -> f64 {
+    let longer = way[0].abs().max(way[2].abs());
+    lead_mm * libm::hypot(way[0], way[2]) / longer.max(f64::MIN_POSITIVE)
+}
+
+impl Executor<'_> {
+    /// G32: as G33, with F the lead of the longer axis, and Q in thousandths of a degree.
+    pub(crate) fn fanuc_thread(&mut self) -> Result<(), Fault> {
+        if !self.line.has_axes() {
+            return Ok(());
+        }
+        self.no_axes_but(b"XZ", "G32")?;
+        let lead_mm = self.fanuc_lead("G32")?;
+        let degrees = self.fanuc_angle("G32")?;
+        let target = self.target()?;
+        let pitch_mm = along_path(&(target - self.state.position), lead_mm);
+        self.put_thread(target, pitch_mm, degrees, None)
+    }
+
+    /// G92: to X (R farther out at its beginning), along the thread to Z, out to where it began, and back. Lines that follow with X
+    /// alone are further passes.
+    pub(crate) fn fanuc_thread_cycle(&mut self) -> Result<(), Fault> {
+        let line = self.line;
+        if !line.has_axes() {
+            if line.motion_code().is_none() {
+                return Ok(());
+            }
+            let message = "G92 is a thread cycle on this machine (program.fanuc_threads) and needs X and Z";
+            return Err(Fault::new(Code::WordMissing, line.motion_span(), message).help(
+                "the highest speed of G96 is its word D; an offset is set by G10 L2 or `ctl touch-off`",
+            ));
+        }
+        self.no_axes_but(b"XZ", "G92")?;
+        let lead_mm = self.fanuc_lead("G92")?;
+        let degrees = self.fanuc_angle("G92")?;
+        let start = self.state.program_of(self.state.position);
+        let goal = self.state.program_of(self.target()?);
+        let before = self.state.fanuc_thread.cycle;
+        let z = match (line.has(b'Z'), before) {
+            (true, _) => goal[2],
+            (false, Some((z, _))) => z,
+            (false, None) => {
+                let message = "G92 needs Z, the end of the thread";
+                return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
+            }
+        };
+        let taper = match (line.word(b'R'), before) {
+            (Some(taper), _) => taper * self.state.unit_mm(),
+            (None, Some((_, taper))) => taper,
+            (None, None) => 0.0,
+        };
+        let x = goal[0];
+        if !line.has(b'X') || x == start[0] || z == start[2] {
+            let message = "G92 needs X, the depth, away from where it begins, and an end Z away from there";
+            return Err(Fault::new(Code::OutOfRange, line.motion_span(), message)
+                .help("begin beside the thread and before it: G0 X30 Z5, then G92 X28.5 Z-20 F1.5"));
+        }
+        let point = |x: f64, z: f64| {
+            let mut at = start;
+            (at[0], at[2]) = (x, z);
+            at
+        };
+        let (begin, end) = (point(x + taper, start[2]), point(x, z));
+        let pitch_mm = along_path(&(end - begin), lead_mm);
+        self.go(begin, MoveKind::Rapid, PathMode::ExactPath)?;
+        self.thread_to(end, pitch_mm, degrees, start[0])?;
+        self.go(point(start[0], z), MoveKind::Rapid, PathMode::ExactPath)?;
+        self.go(start, MoveKind::Rapid, PathMode::ExactPath)?;
+        self.state.fanuc_thread.cycle = Some((z, taper));
+        Ok(())
+    }
+
+    /// F, or that of the thread before.
+    fn fanuc_lead(&mut self, name: &str) -> Result<f64, Fault> {
+        let before = self.state.fanuc_thread.lead_mm;
+        let lead_mm = match before {
+            Some(lead_mm) if !self.line.has(b'F') => lead_mm,
+            _ => self.pitch(name, b'F')?,
+        };
+        self.state.fanuc_thread.lead_mm = Some(lead_mm);
+        Ok(lead_mm)
+    }
+
+    /// Q, thousandths of a degree, in degrees.
+    fn fanuc_angle(&self, name: &str) -> Result<f64, Fault> {
+        let angle = self.line.word(b'Q').unwrap_or(0.0);
+        if (0.0..360_000.0).contains(&angle) {
+            return Ok(1e-3 * angle);
+        }
+        let message = format!(
+            "{name}: Q{angle} is the angle at which the thread begins, 0 to 360000 thousandths of a degree"
+        );
+        Err(Fault::new(Code::OutOfRange, self.line.span(b'Q'), message))
+    }
+}

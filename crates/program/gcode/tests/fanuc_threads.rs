@@ -1,0 +1,127 @@
+//! G32 and G92 as Fanuc's lathes read them, where the machine file asks for that.
+
+use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, Settings};
+use evolvent_path::Curve;
+
+/// A thread or rapid: from, to (X radius, Z), path per turn, angle, where the tool is clear.
+type Way = ([f64; 2], [f64; 2], Option<(f64, f64, Option<f64>)>);
+
+fn read(program: &str, fanuc_threads: bool) -> (Vec<Way>, Vec<Diagnostic>) {
+    let settings = Settings {
+        fanuc_threads,
+        lathe: true,
+        ..Settings::default()
+    };
+    let (mut ways, mut errors) = (Vec::new(), Vec::new());
+    for command in Interpreter::new(program.as_bytes(), settings) {
+        let place = |curve: &Curve, end: bool| {
+            let at = if end { curve.end() } else { curve.start() };
+            [at[0], at[2]]
+        };
+        match command.map(|command| command.action) {
+            Ok(Action::Move(motion)) => {
+                ways.push((place(&motion.curve, false), place(&motion.curve, true), None));
+            }
+            Ok(Action::Thread {
+                curve,
+                pitch_mm,
+                start_degrees,
+                clear_x,
+                ..
+            }) => ways.push((
+                place(&curve, false),
+                place(&curve, true),
+                Some((pitch_mm, start_degrees, clear_x)),
+            )),
+            Ok(_) => {}
+            Err(error) => errors.push(error),
+        }
+    }
+    (ways, errors)
+}
+
+const HEAD: &str = "G21 G18 G90 G8 G94 S500 M3\nG0 X15 Z5\n";
+
+#[test]
+fn g32_has_the_lead_of_its_longer_axis_and_goes_on_with_it() {
+    let program = format!("{HEAD}G32 Z-20 F1.5\nX17 Z-22 Q90000\nG0 X20\nM2\n");
+    let (ways, errors) = read(&program, true);
+    assert_eq!(errors, []);
+    let length = 8.0_f64.sqrt();
+    assert_eq!(ways[1], ([15.0, 5.0], [15.0, -20.0], Some((1.5, 0.0, None))));
+    let (from, to, thread) = ways[2];
+    assert_eq!((from, to), ([15.0, -20.0], [17.0, -22.0]));
+    let (pitch, degrees, _) = thread.unwrap();
+    // Both axes go 2 mm, so each goes 1.5 mm a turn.
+    assert!((pitch - 1.5 * length / 2.0).abs() < 1e-12, "{pitch}");
+    assert_eq!(degrees, 90.0);
+}
+
+#[test]
+fn g92_is_a_box_for_each_depth_and_comes_back_to_where_it_began() {
+    let program = format!("{HEAD}G92 X14.5 Z-20 R-1 F2\nX14.2\nG0 X20\nM2\n");
+    let (ways, errors) = read(&program, true);
+    assert_eq!(errors, []);
+    // The lead counts along Z, whatever the taper.
+    let taper = 2.0 * 626.0_f64.sqrt() / 25.0;
+    for (pass, depth) in [14.5, 14.2].into_iter().enumerate() {
+        let four = &ways[1 + 4 * pass..5 + 4 * pass];
+        assert_eq!(four[0], ([15.0, 5.0], [depth - 1.0, 5.0], None));
+        let (from, to, thread) = four[1];
+        assert_eq!((from, to), ([depth - 1.0, 5.0], [depth, -20.0]));
+        let (pitch, degrees, clear) = thread.unwrap();
+        assert!((pitch - taper).abs() < 1e-12, "{pitch}");
+        assert_eq!((degrees, clear), (0.0, Some(15.0)));
+        assert_eq!(four[2], ([depth, -20.0], [15.0, -20.0], None));
+        assert_eq!(four[3], ([15.0, -20.0], [15.0, 5.0], None));
+    }
+    assert_eq!(ways.len(), 10);
+}
+
+#[test]
+fn a_lead_is_no_feed_and_a_feed_no_lead() {
+    let (_, errors) = read(&format!("{HEAD}G32 Z-20 F1.5\nG1 X20\nM2\n"), true);
+    assert_eq!(errors.iter().map(|error| error.line).collect::<Vec<_>>(), [4]);
+    let (_, errors) = read(&format!("{HEAD}G32 Z-20 F1.5\nG1 X20 F100\nG32 Z5\nM2\n"), true);
+    assert_eq!(errors[0].code, Code::WordMissing);
+    assert!(errors[0].message.contains("F"), "{:?}", errors[0]);
+}
+
+#[test]
+fn what_is_no_thread_is_told_what_to_write() {
+    for (line, code, part) in [
+        ("G92 S2000", Code::WordMissing, "program.fanuc_threads"),
+        ("G92 Z-20 F1", Code::OutOfRange, "X"),
+        ("G92 X14 F1", Code::WordMissing, "Z"),
+        ("G92 X14 Z-20", Code::WordMissing, "F"),
+        ("G92 X15 Z-20 F1", Code::OutOfRange, "depth"),
+        ("G92 X14 Y1 Z-20 F1", Code::UnusedWord, "Y"),
+        ("G32 Z-20 F1 Q360000", Code::OutOfRange, "Q"),
+        ("M5\nG32 Z-20 F1", Code::SpindleSpeedMissing, "G32"),
+    ] {
+        let (_, errors) = read(&format!("{HEAD}{line}\nM2\n"), true);
+        assert_eq!(
+            errors.first().map(|error| error.code),
+            Some(code),
+            "{line}: {errors:?}"
+        );
+        assert!(errors[0].message.contains(part), "{line}: {errors:?}");
+    }
+}
+
+#[test]
+fn without_the_option_g32_is_refused_with_the_cure_and_g92_sets_an_offset() {
+    let (_, errors) = read(&format!("{HEAD}G32 Z-20 F1.5\nM2\n"), false);
+    assert_eq!(errors[0].code, Code::UnknownG);
+    assert!(
+        errors[0]
+            .help
+            .as_deref()
+            .unwrap_or_default()
+            .contains("fanuc_threads"),
+        "{errors:?}"
+    );
+    let (ways, errors) = read(&format!("{HEAD}G92 X0 Z0\nG0 X1 Z0\nM2\n"), false);
+    assert_eq!(errors, []);
+    assert_eq!(ways[1].1, [16.0, 5.0]);
+}
