@@ -17,6 +17,7 @@ mod imports;
 mod killed_runs;
 mod killed_service;
 mod late_for_nobody;
+mod leaving;
 mod long_programs;
 mod machines_by_name;
 mod operate_by_ctl;

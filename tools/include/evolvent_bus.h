@@ -144,6 +144,8 @@ extern "C" {
 #define EVOLVENT_COMMAND_CLEAR_ALARMS 27u
 #define EVOLVENT_COMMAND_SET_OUTPUT 28u
 #define EVOLVENT_COMMAND_HANDWHEEL 29u
+#define EVOLVENT_COMMAND_RETURN 30u
+#define EVOLVENT_COMMAND_RETRACE 31u
 
 /* Values of `verdict` in ControlAnswer. */
 #define EVOLVENT_VERDICT_ACCEPTED 0u
@@ -408,8 +410,16 @@ typedef struct evolvent_status {
     double program_time_s;
     /* Time of it spent in holds and program stops, in s. */
     double program_held_s;
+    /* Bit i set: axis i was jogged away from the program that is held. */
+    uint32_t away_mask;
+    /* Parts of the way back to where the program was left, which `message` tells; 0 where the axes are not away. */
+    uint32_t away_parts;
+    /* Starts of blocks to which the path of the held program can be driven backwards from here. */
+    uint32_t retrace_blocks;
+    /* 1 where the axes are, or were before they were jogged, at an earlier place of the path of the held program; else 0. */
+    uint32_t retraced;
     /* Zero; for later versions. */
-    uint64_t reserved[10];
+    uint64_t reserved[8];
 } evolvent_status_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_status_t) == 1840, "size of Status");
@@ -483,7 +493,11 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, longest_stop_line) == 1736, "
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, parts) == 1740, "offset of Status.parts");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, program_time_s) == 1744, "offset of Status.program_time_s");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, program_held_s) == 1752, "offset of Status.program_held_s");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1760, "offset of Status.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, away_mask) == 1760, "offset of Status.away_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, away_parts) == 1764, "offset of Status.away_parts");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, retrace_blocks) == 1768, "offset of Status.retrace_blocks");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, retraced) == 1772, "offset of Status.retraced");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1776, "offset of Status.reserved");
 
 /* A drive bridge's reply to one setpoint.
  */

@@ -143,6 +143,8 @@ COMMAND_TOOL = 26
 COMMAND_CLEAR_ALARMS = 27
 COMMAND_SET_OUTPUT = 28
 COMMAND_HANDWHEEL = 29
+COMMAND_RETURN = 30
+COMMAND_RETRACE = 31
 
 # Values of `verdict` in ControlAnswer.
 VERDICT_ACCEPTED = 0
@@ -347,6 +349,10 @@ class Status(ctypes.Structure):
     parts: int
     program_time_s: float
     program_held_s: float
+    away_mask: int
+    away_parts: int
+    retrace_blocks: int
+    retraced: int
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
@@ -490,8 +496,16 @@ class Status(ctypes.Structure):
         ("program_time_s", ctypes.c_double),
         # Time of it spent in holds and program stops, in s.
         ("program_held_s", ctypes.c_double),
+        # Bit i set: axis i was jogged away from the program that is held.
+        ("away_mask", ctypes.c_uint32),
+        # Parts of the way back to where the program was left, which `message` tells; 0 where the axes are not away.
+        ("away_parts", ctypes.c_uint32),
+        # Starts of blocks to which the path of the held program can be driven backwards from here.
+        ("retrace_blocks", ctypes.c_uint32),
+        # 1 where the axes are, or were before they were jogged, at an earlier place of the path of the held program; else 0.
+        ("retraced", ctypes.c_uint32),
         # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 10),
+        ("reserved", ctypes.c_uint64 * 8),
     ]
 
     def __init__(self, **values: Any) -> None:

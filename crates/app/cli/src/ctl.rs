@@ -14,6 +14,7 @@ use evolvent_control::{Alarm, CommandCode, JobResult, JogEnable, Mode};
 use serde_json::json;
 
 use crate::ctl_args::{Action, CtlArgs};
+use crate::ctl_away::is_of_program;
 use crate::ctl_request::{
     absolute, handwheel, indexed, jog, letters_mask, mode_of, percent, request, switch, system_number, tool,
     valued, with_text,
@@ -38,10 +39,10 @@ const STOPPING: [CommandCode; 6] = [
 /// Maximum wait for the check of a long program before it starts.
 const CHECKED: Duration = Duration::from_secs(600);
 /// Poll interval of the status while a job runs.
-const POLL: Duration = Duration::from_millis(5);
+pub(crate) const POLL: Duration = Duration::from_millis(5);
 /// Number of polls without a new status, over two seconds, after which the core counts as gone. Polls are
 /// counted, because a process that was suspended for that time has not polled.
-const MAX_LOOKS: u32 = 400;
+pub(crate) const MAX_LOOKS: u32 = 400;
 
 /// Maximum time to open the bus, in addition to `--patience`. iceoryx2 waits forever for some kinds of
 /// damage.
@@ -182,10 +183,10 @@ fn fresh_status(reader: &mut StatusReader) -> Result<Status, CommandError> {
     ))
 }
 
-struct Session {
+pub(crate) struct Session {
     client: ControlClient,
     reader: StatusReader,
-    json: bool,
+    pub(crate) json: bool,
     /// A signal has arrived.
     interrupted: Arc<AtomicBool>,
 }
@@ -230,8 +231,13 @@ impl Session {
         err: &mut dyn Write,
     ) -> Result<Ending, CommandError> {
         let order: Order = match action {
-            // Stopping commands have been sent before.
-            Action::Status | Action::Estop | Action::Hold | Action::Stop | Action::JogStop | Action::Off => {
+            // Stopping commands have been sent before; the others only read.
+            Action::Status
+            | Action::Estop
+            | Action::Hold
+            | Action::Stop
+            | Action::JogStop
+            | Action::Off => {
                 return Ok(Ending::Clean);
             }
             Action::On => return self.switch_on(out),
@@ -267,11 +273,27 @@ impl Session {
                 seconds,
             } => {
                 let jog = jog(axes, *distance, *speed)?;
-                self.need_mode(status, Mode::Manual)?;
+                let is_away = is_of_program(status);
+                if !is_away {
+                    self.need_mode(status, Mode::Manual)?;
+                }
+                if distance.is_some() && is_away {
+                    return self.give_away(&jog, out);
+                }
                 if distance.is_none() {
-                    return self.jog_on(&jog, *seconds, out, err);
+                    return self.jog_on(&jog, status, *seconds, out, err);
                 }
                 Order::awaited(jog, Waiting::stopped_by(CommandCode::JogStop))
+            }
+            Action::Return { speed } => {
+                let way_back = ControlRequest {
+                    amount: speed.unwrap_or(0.0) / 60.0,
+                    ..request(CommandCode::Return)
+                };
+                return self.give_away(&way_back, out);
+            }
+            Action::Retrace { blocks } => {
+                return self.give_away(&indexed(CommandCode::Retrace, *blocks), out);
             }
             Action::Handwheel { axis, step } => self.handwheel(status, axis.as_deref(), *step)?,
             Action::Home { axes } => self.home(status, axes.as_deref())?,
@@ -424,12 +446,12 @@ impl Session {
     }
 
     /// From now on the first signal ends the motion of this command.
-    fn catch_signals(&self) -> Result<(), CommandError> {
+    pub(crate) fn catch_signals(&self) -> Result<(), CommandError> {
         let interrupted = Arc::clone(&self.interrupted);
         stop_at_first(move || interrupted.store(true, Ordering::Relaxed))
     }
 
-    fn send(&mut self, request: &ControlRequest) -> Result<ControlAnswer, CommandError> {
+    pub(crate) fn send(&mut self, request: &ControlRequest) -> Result<ControlAnswer, CommandError> {
         let stops = STOPPING.iter().any(|&code| request.command == code as u32);
         self.client
             .command(request, if stops { STOP_ANSWER } else { ANSWER })
@@ -478,7 +500,11 @@ impl Session {
         }
     }
 
-    fn latest(&mut self) -> Result<Option<Status>, CommandError> {
+    pub(crate) fn is_interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn latest(&mut self) -> Result<Option<Status>, CommandError> {
         self.reader
             .latest()
             .map_err(|error| CommandError::Failed(error.to_string()))
@@ -549,11 +575,13 @@ impl Session {
     fn jog_on(
         &mut self,
         jog: &ControlRequest,
+        status: &Status,
         seconds: Option<f64>,
         out: &mut dyn Write,
         err: &mut dyn Write,
     ) -> Result<Ending, CommandError> {
         self.catch_signals()?;
+        let is_away = is_of_program(status);
         let stop = Arc::clone(&self.interrupted);
         let answer = self.send(jog)?;
         if answer.verdict != 0 {
@@ -582,6 +610,10 @@ impl Session {
         self.send(&request(CommandCode::JogStop))?;
         // That signal has been handled.
         self.interrupted.store(false, Ordering::Relaxed);
+        if is_away {
+            self.await_rest(&answer)?;
+            return tell(&answer, None, self.json, out);
+        }
         let status = self.await_job(answer.job, Waiting::stopped_by(CommandCode::JogStop), err)?;
         tell(&answer, Some(&status), self.json, out)
     }
@@ -605,7 +637,7 @@ fn has_latched_alarm(status: &Status) -> bool {
 }
 
 /// Prints the answer and, if it was waited for, the result of the job.
-fn tell(
+pub(crate) fn tell(
     answer: &ControlAnswer,
     end: Option<&Status>,
     json: bool,

@@ -135,7 +135,7 @@ pub(crate) enum Action {
         #[arg(long)]
         no_wait: bool,
     },
-    /// Jog: `jog X+` as long as this command runs, `jog X+ Y- --distance 5` by an increment.
+    /// Jog, also while a program is held: `jog X+` as long as this command runs, `jog X+ Y- --distance 5` by an increment.
     Jog {
         /// Axes with their directions.
         #[arg(required = true, value_name = "AXIS+|AXIS-")]
@@ -150,7 +150,19 @@ pub(crate) enum Action {
         #[arg(long, value_name = "S")]
         seconds: Option<f64>,
     },
-    /// End a jog.
+    /// Return to the position at which the held program was left, jog by jog and then forwards along the path. `resume` continues then.
+    Return {
+        /// Maximum speed of reversed jogs, mm/min or degrees/min. Default: a fifth of the axis velocity.
+        #[arg(long, value_name = "MM_MIN")]
+        speed: Option<f64>,
+    },
+    /// Retrace the path of the held program to the start of its block, or of an earlier one.
+    Retrace {
+        /// Number of block starts; 1 is the start of the present block.
+        #[arg(default_value_t = 1)]
+        blocks: u32,
+    },
+    /// End a jog, a `return` or a `retrace`.
     JogStop,
     /// Assign the handwheel to an axis, in manual mode: `handwheel X --step 0.01`; without an axis to none.
     Handwheel {

@@ -26,11 +26,11 @@ fn modal_codes(status: &Status) -> Vec<String> {
         .collect()
 }
 
-fn homed(status: &Status, axes: &str) -> String {
+fn axis_letters(mask: u32, axes: &str) -> String {
     axes.chars()
         .filter(|letter| {
             AxisLetter::from_letter(*letter)
-                .is_some_and(|axis| AxisMask::from_bits(status.homed_mask).contains(axis.index()))
+                .is_some_and(|axis| AxisMask::from_bits(mask).contains(axis.index()))
         })
         .collect()
 }
@@ -75,7 +75,7 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         "parts": status.parts,
         "program_time_s": status.program_time_s,
         "program_held_s": status.program_held_s,
-        "homed": homed(status, axes),
+        "homed": axis_letters(status.homed_mask, axes),
         "position_machine": by_axis(&status.position_machine),
         "position_work": by_axis(&status.position_work),
         "distance_to_go": by_axis(&status.distance_to_go),
@@ -132,8 +132,16 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         "work_p999_ns": status.work_p999_ns,
         "work_max_ns": status.work_max_ns,
     });
-    if let (Value::Object(whole), Value::Object(rest)) = (&mut whole, rest) {
-        whole.extend(rest);
+    let away = json!({
+        "away": axis_letters(status.away_mask, axes),
+        "away_parts": status.away_parts,
+        "retraced": status.retraced != 0,
+        "retrace_blocks": status.retrace_blocks,
+    });
+    for part in [rest, away] {
+        if let (Value::Object(whole), Value::Object(part)) = (&mut whole, part) {
+            whole.extend(part);
+        }
     }
     whole
 }
@@ -254,6 +262,13 @@ fn write_waits(out: &mut dyn Write, status: &Status) -> io::Result<()> {
     }
     if status.switches & switches::INPUT_WAIT != 0 {
         writeln!(out, "  waits for an input (M66)")?;
+    }
+    if status.away_parts > 0 {
+        writeln!(
+            out,
+            "  away from the held program: {} part(s) of the way back, `evolvent ctl return` drives it",
+            status.away_parts
+        )?;
     }
     if let Some(state) = probe_state(status) {
         writeln!(out, "  probe {state}")?;

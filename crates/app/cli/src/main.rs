@@ -9,6 +9,7 @@ mod check;
 mod completions;
 mod ctl;
 mod ctl_args;
+mod ctl_away;
 mod ctl_request;
 mod ctl_status;
 mod doctor;

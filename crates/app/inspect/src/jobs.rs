@@ -30,7 +30,7 @@ impl RecordedJob {
                 let name = program.program.rsplit('/').next().unwrap_or_default();
                 format!("program {name}")
             }
-            Some(JobStart::Steered(_)) => "jog or homing".to_owned(),
+            Some(JobStart::Steered(_) | JobStart::Retrace { .. }) => "jog or homing".to_owned(),
             None => "of another version".to_owned(),
         }
     }

@@ -67,6 +67,11 @@ pub enum JobStart {
     Program(Box<ProgramStart>),
     /// A transfer from state to state.
     Steered(Box<SteeredStart>),
+    /// The path of the held program, backwards.
+    Retrace {
+        /// By so many starts of blocks; with 0 forwards to where the program stands.
+        back: u32,
+    },
 }
 
 impl SteeredStart {
@@ -130,6 +135,7 @@ impl fmt::Display for JobStart {
                 }
                 Ok(())
             }
+            Self::Retrace { back } => write!(out, "retrace: back={back}"),
             Self::Steered(start) => {
                 let what = if start.is_turn { "turn" } else { "steered" };
                 write!(
@@ -233,6 +239,7 @@ impl JobStart {
                 },
                 to: nine("to")?,
             }))),
+            "retrace" => Some(Self::Retrace { back: whole("back")? }),
             _ => None,
         }
     }
@@ -305,7 +312,7 @@ mod tests {
             },
             to: Axes::repeat(1e300),
         }));
-        for start in [program, steered] {
+        for start in [program, steered, JobStart::Retrace { back: 12 }] {
             let text = start.to_string();
             let again = JobStart::parse(&text).expect("a line of this version");
             // Not equal but the same: -0 and 0 are two.

@@ -147,7 +147,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             if has_left {
                 signals.go_on();
             }
-            signals.step(&setpoint, phase_of(setpoint.state));
+            let _has_changed = signals.step(&setpoint, phase_of(setpoint.state));
         }
         self.now.inputs = inputs;
         let corrected = self.correct(&setpoint);

@@ -6,7 +6,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use evolvent_machine::{Limits, Machine};
-use evolvent_motion::{Inputs, MachineState, PlannerLag, Setpoint, State, TransferExecutor};
+use evolvent_motion::{
+    DrivenPath, Excursion, ExcursionEnd, Inputs, MachineState, PlannerLag, Setpoint, State, TransferExecutor,
+};
 use evolvent_path::{Axes, Jet};
 use evolvent_transfer::{AxesState, Sync, Transfer, TransferError};
 
@@ -39,15 +41,18 @@ pub enum ServedError {
 
 /// What moved the axes at a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "one at a time is made, looked at and dropped"
-)]
 pub enum Moved {
     /// Nothing, or each axis was stopping by itself; with the state that was recorded.
     ByNothing(State),
     /// A job along a plan.
     ByPlan(RecordedInputs),
+    /// A job along a plan is held, and the axes are away from it.
+    Away {
+        /// Inputs of the plan.
+        plan: RecordedInputs,
+        /// Whether the motion of the axes was told to stop.
+        stop: bool,
+    },
     /// A jog or homing; whether it was told to stop.
     ByTransfer {
         /// It was.
@@ -75,6 +80,9 @@ pub struct ServedAgain {
     /// Outputs and inputs, where the machine has any.
     signals: Option<SignalReplay>,
     corrections: Option<Corrections>,
+    /// The driven path of the program, and the excursion from it.
+    driven: DrivenPath,
+    excursion: Option<Excursion>,
     /// What the drives were sent with the last setpoint.
     corrected: Option<Jet>,
 }
@@ -91,6 +99,8 @@ impl ServedAgain {
             complaint: None,
             signals: None,
             corrections: None,
+            driven: DrivenPath::new(period_ns),
+            excursion: None,
             corrected: None,
         }
     }
@@ -225,6 +235,7 @@ impl ServedAgain {
             signals.begin_program(schedule, job.first_block);
         }
         self.work = ActiveJob::Plan { planning, job };
+        self.driven.forget();
         Ok(())
     }
 
@@ -236,6 +247,9 @@ impl ServedAgain {
         let limits = start.limits(&self.limits);
         let to = AxesState::at_rest(start.to);
         let steering = TransferExecutor::new(Transfer::solve(&limits, &start.from, &to, Sync::Time)?);
+        if matches!(self.work, ActiveJob::Plan { .. }) {
+            return self.steer_away(steering, start.is_turn);
+        }
         match &mut self.work {
             ActiveJob::TransferExecutor(present) if start.is_turn => {
                 if !self.station.turn(present, &steering) {
@@ -253,21 +267,54 @@ impl ServedAgain {
         Ok(())
     }
 
+    /// The same in an excursion from a held program.
+    fn steer_away(&mut self, steering: TransferExecutor, is_turn: bool) -> Result<(), ServedError> {
+        let mut excursion = self.begin_excursion()?;
+        let counts = if is_turn {
+            excursion.turn(&self.station, &steering)
+        } else {
+            excursion.steer(&self.station, Box::new(steering)).is_ok()
+        };
+        self.excursion = Some(excursion);
+        if counts { Ok(()) } else { Err(ServedError::Place) }
+    }
+
+    /// The next setpoint is the first of a motion along the driven path of the held program: backwards by `back` block starts,
+    /// for 0 forwards to its end.
+    ///
+    /// # Errors
+    /// [`ServedError`].
+    pub fn retrace(&mut self, back: u32) -> Result<(), ServedError> {
+        let mut excursion = self.begin_excursion()?;
+        let counts = excursion.retrace(&self.station, &mut self.driven, &self.limits, back);
+        self.excursion = Some(excursion);
+        if counts { Ok(()) } else { Err(ServedError::Place) }
+    }
+
+    /// Takes the present excursion, or begins one.
+    fn begin_excursion(&mut self) -> Result<Excursion, ServedError> {
+        match (self.excursion.take(), &self.work) {
+            (Some(excursion), _) => Ok(excursion),
+            (None, ActiveJob::Plan { job, .. }) => Excursion::begin(&job.motion).ok_or(ServedError::Place),
+            _ => Err(ServedError::Place),
+        }
+    }
+
     /// The next setpoint; `feed_override` is the one it shows where nothing follows a plan. `None` where what moved the axes is
     /// not known here.
     pub fn step(&mut self, moved: &Moved, feed_override: f64) -> Option<Setpoint> {
         let sequence = self.station.sequence();
         if let Some(signals) = &mut self.signals {
             signals.apply_inputs(sequence);
-            if !matches!(moved, Moved::ByPlan(_)) {
+            if !matches!(moved, Moved::ByPlan(_) | Moved::Away { .. }) {
                 let _of_no_program = signals.take_probe();
             }
         }
         let setpoint = self.move_axes(moved, feed_override);
         if let (Some(signals), Some(setpoint)) = (&mut self.signals, &setpoint)
-            && !matches!(moved, Moved::ByPlan(_))
+            && !matches!(moved, Moved::ByPlan(_) | Moved::Away { .. })
         {
-            signals.step(setpoint, false);
+            let _has_changed = signals.step(setpoint, false);
         }
         self.corrected = None;
         if let (Some(corrections), Some(setpoint)) = (&mut self.corrections, &setpoint) {
@@ -296,14 +343,17 @@ impl ServedAgain {
                 if shown.state == State::Done && job.flags.has_failed() {
                     shown.state = State::Stopped;
                 }
-                if let Some(signals) = &mut self.signals {
-                    signals.step(&shown, true);
-                }
+                let has_changed = match &mut self.signals {
+                    Some(signals) => signals.step(&shown, true),
+                    None => false,
+                };
+                job.motion.note_driven(&mut self.driven, &setpoint, has_changed);
                 if is_over {
                     self.finish();
                 }
                 Some(shown)
             }
+            (Moved::Away { plan, stop }, ActiveJob::Plan { .. }) => self.move_away(plan, *stop),
             (Moved::ByTransfer { stop }, ActiveJob::TransferExecutor(steering)) => {
                 if *stop {
                     steering.stop();
@@ -320,6 +370,31 @@ impl ServedAgain {
         }
     }
 
+    /// One setpoint of an excursion.
+    fn move_away(&mut self, recorded: &RecordedInputs, stop: bool) -> Option<Setpoint> {
+        let (ActiveJob::Plan { job, .. }, Some(mut excursion)) = (&mut self.work, self.excursion.take())
+        else {
+            return None;
+        };
+        if stop {
+            excursion.stop();
+        }
+        let plan = follow(job, recorded, self.signals.as_mut());
+        let (setpoint, ended) = excursion.step(&mut self.station, &mut self.driven, &plan);
+        if ended.is_some() {
+            drop(excursion.take_spent());
+        }
+        if let Some(signals) = &mut self.signals {
+            let _has_changed = signals.step(&plan, true);
+        }
+        if job.motion.is_over() || ended == Some(ExcursionEnd::Fault) {
+            self.finish();
+        } else if !excursion.give_back(&self.station, &mut job.motion) {
+            self.excursion = Some(excursion);
+        }
+        Some(setpoint)
+    }
+
     fn finish(&mut self) {
         self.end_work();
         if !self.station.is_quick_stopping() {
@@ -333,6 +408,7 @@ impl ServedAgain {
     }
 
     fn end_work(&mut self) {
+        self.excursion = None;
         if let ActiveJob::Plan { mut planning, job } = std::mem::replace(&mut self.work, ActiveJob::None) {
             planning.abandon();
             drop(job);

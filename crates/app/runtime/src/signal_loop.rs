@@ -367,11 +367,11 @@ impl SignalLoop {
     }
 
     /// After a setpoint: the outputs that count with it go to bus and trace. The setpoint goes there after them. `phase`: what
-    /// the machine does, but for the chain.
-    pub(crate) fn step(&mut self, setpoint: &Setpoint, phase: Phase) {
+    /// the machine does, but for the chain. Whether an output has changed.
+    pub(crate) fn step(&mut self, setpoint: &Setpoint, phase: Phase) -> bool {
         let phase = if self.estopped { Phase::Fault } else { phase };
         let outputs = self.signals.step(&self.progress.with(setpoint, phase));
-        self.record_outputs(setpoint.sequence, &outputs);
+        let has_changed = self.record_outputs(setpoint.sequence, &outputs);
         if let Some(bus) = &mut self.bus
             && self.sent != Some(outputs)
         {
@@ -388,6 +388,7 @@ impl SignalLoop {
                 Err(_) => self.lost += 1,
             }
         }
+        has_changed
     }
 
     fn record_inputs(&mut self, sequence: u64, sample: &InputImage) {
@@ -462,12 +463,13 @@ impl SignalLoop {
         }
     }
 
-    fn record_outputs(&mut self, sequence: u64, outputs: &OutputImage) {
+    fn record_outputs(&mut self, sequence: u64, outputs: &OutputImage) -> bool {
         let before = std::mem::replace(&mut self.recorded_outputs, *outputs);
         if before == *outputs {
-            return;
+            return false;
         }
         for_each_change(sequence, &before, outputs, |change| self.record(change));
+        true
     }
 
     fn record(&mut self, change: SignalChange) {

@@ -116,22 +116,25 @@ impl SignalReplay {
         let _was_over = self.signals.take_resume();
     }
 
-    /// After a setpoint. `is_of_program`: it is one of a program, whose outputs are compared.
-    pub(crate) fn step(&mut self, setpoint: &Setpoint, is_of_program: bool) {
+    /// After a setpoint. `is_of_program`: it is one of a program, whose outputs are compared. Whether an output had changed when it
+    /// was recorded.
+    pub(crate) fn step(&mut self, setpoint: &Setpoint, is_of_program: bool) -> bool {
         let sequence = setpoint.sequence;
+        let mut has_changed = false;
         while let Some(change) = pop_due(&mut self.outputs, sequence) {
+            has_changed = true;
             if let SignalName::Signal(kind, number) = change.name {
                 self.recorded.set(kind, number, change.value.unwrap_or(0.0));
             }
         }
         // What a fault has made safe, and since when, is no matter of the program.
         if !is_of_program || setpoint.state == State::Fault {
-            return;
+            return has_changed;
         }
         let phase: Phase = phase_of(setpoint.state);
         let image = self.signals.step(&self.progress.with(setpoint, phase));
         if image == self.recorded {
-            return;
+            return has_changed;
         }
         let digital = (0..MAX_DIGITAL).map(|number| (SignalKind::Digital, number));
         let analog = (0..MAX_ANALOG).map(|number| (SignalKind::Analog, number));
@@ -150,6 +153,7 @@ impl SignalReplay {
         }
         // Each difference counts once.
         self.signals.go_on_with(&self.recorded);
+        has_changed
     }
 
     /// How many values differed, and the first of them.

@@ -176,6 +176,12 @@ alarms! {
     ToolUnknown = 930, Rejection, "a tool change was broken off and the tool in the spindle is not known; look, and name it by M61";
     /// HANDWHEEL on a machine without one, or whose wheel has switches.
     NoHandwheel = 931, Rejection, "the machine file has no [handwheel]; add it, or jog by command";
+    /// RESUME or STEP while the axes are away from the program.
+    OffPath = 932, Rejection, "the axes are away from the program; drive back with `return`, then resume";
+    /// The program does not stand where it can be left.
+    CannotLeave = 933, Rejection, "the program does not stand where it can be left; hold it, and wait until the axes rest";
+    /// The path does not go so far back, or cannot be driven backwards from here.
+    CannotRetrace = 934, Rejection, "the path cannot be driven so far back";
 }
 
 impl Alarm {

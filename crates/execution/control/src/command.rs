@@ -139,6 +139,13 @@ pub enum Command {
         /// Way a detent, mm or degrees; none for the wheel's smallest.
         step: Option<f64>,
     },
+    /// See [`CommandCode::Return`].
+    Return {
+        /// Speed of each axis at most, mm/s or degrees/s; none for the machine's own.
+        speed: Option<f64>,
+    },
+    /// See [`CommandCode::Retrace`]: starts of blocks, at least one.
+    Retrace(u32),
 }
 
 impl Command {
@@ -175,6 +182,8 @@ impl Command {
             Self::ClearAlarms => CommandCode::ClearAlarms,
             Self::SetOutput { .. } => CommandCode::SetOutput,
             Self::Handwheel { .. } => CommandCode::Handwheel,
+            Self::Return { .. } => CommandCode::Return,
+            Self::Retrace(_) => CommandCode::Retrace,
         }
     }
 
@@ -236,6 +245,9 @@ impl std::fmt::Display for Command {
             Self::ReloadTools => "tool table read again".to_owned(),
             Self::ClearAlarms => "alarms cleared".to_owned(),
             Self::SetOutput { name, value } => format!("output {name} = {value}"),
+            Self::Return { .. } => "return".to_owned(),
+            Self::Retrace(1) => "retrace to the start of the block".to_owned(),
+            Self::Retrace(blocks) => format!("retrace {blocks} blocks"),
             Self::Handwheel { axis: None, .. } => "handwheel off".to_owned(),
             Self::Handwheel {
                 axis: Some(axis),

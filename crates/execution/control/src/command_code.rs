@@ -85,6 +85,11 @@ codes! {
     SetOutput = 28, "SET_OUTPUT";
     /// The handwheel moves the axis of `axes_mask`, none with 0, by `amount` mm or degrees a detent.
     Handwheel = 29, "HANDWHEEL";
+    /// Drives back to where the held program was left: each jog backwards at `amount` mm/s or degrees/s at most, 0 for the
+    /// machine's own speed.
+    Return = 30, "RETURN";
+    /// Drives backwards along the path of the held program to the start of a block: `index` starts back, 0 as 1.
+    Retrace = 31, "RETRACE";
 }
 
 impl CommandCode {

@@ -14,6 +14,8 @@ const MOST: f64 = 1e6;
 const MOST_STEP: f64 = 10.0;
 /// Largest feed and spindle override.
 const MAX_OVERRIDE: f64 = 2.0;
+/// Starts of blocks that can be retraced at once.
+const MAX_BLOCKS: u32 = 1000;
 /// Smallest spindle override: with none a spindle would stop in the cut, and the feed go on.
 const MIN_SPINDLE_OVERRIDE: f64 = 0.1;
 /// Work coordinate systems G54 to G59.3.
@@ -124,6 +126,16 @@ impl Command {
                 value: raw.amount,
             },
             CommandCode::Handwheel => handwheel(raw, present)?,
+            CommandCode::Return => Self::Return { speed: speed(raw)? },
+            CommandCode::Retrace if raw.index > MAX_BLOCKS => {
+                return Err(range(
+                    "the number of blocks",
+                    f64::from(raw.index),
+                    1.0,
+                    f64::from(MAX_BLOCKS),
+                ));
+            }
+            CommandCode::Retrace => Self::Retrace(raw.index.max(1)),
         };
         Ok((code, command))
     }
@@ -233,9 +245,7 @@ fn jog(raw: &RawCommand<'_>, present: AxisMask) -> Result<JogCommand, Rejection>
             ));
         }
     }
-    if !(0.0..=MOST).contains(&raw.amount) {
-        return Err(range("the speed", raw.amount, 0.0, MOST));
-    }
+    let speed = speed(raw)?;
     let is_increment = match raw.index {
         0 => false,
         1 => true,
@@ -249,8 +259,16 @@ fn jog(raw: &RawCommand<'_>, present: AxisMask) -> Result<JogCommand, Rejection>
         } else {
             values.map(sign)
         },
-        speed: (raw.amount > 0.0).then_some(raw.amount),
+        speed,
     })
+}
+
+/// None for the machine's own.
+fn speed(raw: &RawCommand<'_>) -> Result<Option<f64>, Rejection> {
+    if !(0.0..=MOST).contains(&raw.amount) {
+        return Err(range("the speed", raw.amount, 0.0, MOST));
+    }
+    Ok((raw.amount > 0.0).then_some(raw.amount))
 }
 
 fn sign(value: f64) -> f64 {
@@ -427,6 +445,20 @@ mod tests {
             ),
             (
                 RawCommand {
+                    amount: -0.1,
+                    ..raw(CommandCode::Return)
+                },
+                Alarm::BadNumber,
+            ),
+            (
+                RawCommand {
+                    index: 1001,
+                    ..raw(CommandCode::Retrace)
+                },
+                Alarm::BadNumber,
+            ),
+            (
+                RawCommand {
                     index: 100_000,
                     ..raw(CommandCode::Tool)
                 },
@@ -537,6 +569,21 @@ mod tests {
                 "home XZ",
             ),
             (raw(CommandCode::Home), Command::Home(XYZ), "home XYZ"),
+            (
+                of(CommandCode::Return, 0, 2.5),
+                Command::Return { speed: Some(2.5) },
+                "return",
+            ),
+            (
+                of(CommandCode::Retrace, 0, 0.0),
+                Command::Retrace(1),
+                "retrace to the start of the block",
+            ),
+            (
+                of(CommandCode::Retrace, 1000, 0.0),
+                Command::Retrace(1000),
+                "retrace 1000 blocks",
+            ),
             (of(CommandCode::Start, 0, 0.0), Command::Start(0), "start"),
             (of(CommandCode::Start, 1, 0.0), Command::Start(1), "start"),
             (

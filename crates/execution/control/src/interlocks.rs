@@ -23,6 +23,8 @@ pub struct Rule {
     pub clear: bool,
     /// Needs that the feed is held, or a program stop is waited at.
     pub held: bool,
+    /// Also accepted, in any mode, while a program or MDI has the axes and is held.
+    pub while_held: bool,
 }
 
 const YES: bool = true;
@@ -44,11 +46,12 @@ const fn rule(command: Code, machine: [bool; 3], mode: [bool; 3], activity: [boo
         loaded: false,
         clear: false,
         held: false,
+        while_held: false,
     }
 }
 
 /// Every command, in order of its number.
-pub const RULES: [Rule; 29] = [
+pub const RULES: [Rule; 31] = [
     rule(Code::Estop, ANY, ANY, ALWAYS),
     rule(Code::EstopReset, [YES, NO, NO], ANY, IDLE),
     Rule {
@@ -91,6 +94,7 @@ pub const RULES: [Rule; 29] = [
     },
     Rule {
         clear: true,
+        while_held: true,
         ..rule(Code::Jog, ON, [NO, YES, NO], [YES, NO, NO, YES, NO])
     },
     rule(Code::JogKeep, ANY, ANY, ALWAYS),
@@ -107,6 +111,16 @@ pub const RULES: [Rule; 29] = [
     rule(Code::SetOutput, AWAKE, ANY, [YES, NO, NO, YES, NO]),
     // It only chooses: what the wheel moves is judged as a jog.
     rule(Code::Handwheel, ANY, ANY, ALWAYS),
+    Rule {
+        clear: true,
+        held: true,
+        ..rule(Code::Return, ON, ANY, [NO, YES, YES, NO, NO])
+    },
+    Rule {
+        clear: true,
+        held: true,
+        ..rule(Code::Retrace, ON, ANY, [NO, YES, YES, NO, NO])
+    },
 ];
 
 /// Whether a command is accepted in a state.
@@ -142,6 +156,15 @@ pub fn judge(command: Code, situation: &InterlockState) -> Result<(), Alarm> {
     }
     if rule.clear && situation.has_alarm {
         return Err(Alarm::Latched);
+    }
+    let is_job = matches!(situation.activity, Activity::Program | Activity::Mdi);
+    if rule.while_held && is_job {
+        // What is missing is a hold: another mode would not help.
+        return if situation.is_held {
+            Ok(())
+        } else {
+            Err(Alarm::Busy)
+        };
     }
     if !rule.mode[situation.mode as usize] {
         return Err(Alarm::WrongMode);
@@ -203,7 +226,7 @@ mod tests {
         RAPID_OVERRIDE   EFN ami -pbjh
         SPINDLE_OVERRIDE EFN ami -pbjh
         MDI              N   i   -     HC
-        JOG              N   m   -j    C
+        JOG              N   m   -j    CA
         JOG_KEEP         EFN ami -pbjh
         JOG_STOP         EFN ami -pbjh
         HOME             N   m   -     C
@@ -212,7 +235,9 @@ mod tests {
         TOOL             EFN ami -
         CLEAR_ALARMS     EFN ami -
         SET_OUTPUT       FN  ami -j
-        HANDWHEEL        EFN ami -pbjh";
+        HANDWHEEL        EFN ami -pbjh
+        RETURN           N   ami pb    CW
+        RETRACE          N   ami pb    CW";
 
     fn situations() -> impl Iterator<Item = InterlockState> {
         let machines = [MachineState::Estop, MachineState::Off, MachineState::On];
@@ -251,13 +276,20 @@ mod tests {
                 let machine = ['E', 'F', 'N'][situation.machine as usize];
                 let mode = ['a', 'm', 'i'][situation.mode as usize];
                 let activity = ['-', 'p', 'b', 'j', 'h'][situation.activity as usize];
-                let accepted = machines.contains(machine)
-                    && modes.contains(mode)
-                    && activities.contains(activity)
-                    && (situation.is_homed || !needs.contains('H'))
-                    && (situation.is_loaded || !needs.contains('L'))
-                    && (!situation.has_alarm || !needs.contains('C'))
-                    && (situation.is_held || !needs.contains('W'));
+                // In any mode while a program or MDI is held.
+                let while_held = needs.contains('A')
+                    && machines.contains(machine)
+                    && !situation.has_alarm
+                    && situation.is_held
+                    && "pb".contains(activity);
+                let accepted = while_held
+                    || machines.contains(machine)
+                        && modes.contains(mode)
+                        && activities.contains(activity)
+                        && (situation.is_homed || !needs.contains('H'))
+                        && (situation.is_loaded || !needs.contains('L'))
+                        && (!situation.has_alarm || !needs.contains('C'))
+                        && (situation.is_held || !needs.contains('W'));
                 let judged = judge(command, &situation);
                 assert_eq!(judged.is_ok(), accepted, "{name} in {situation:?}: {judged:?}");
             }

@@ -54,6 +54,8 @@ pub struct OperatorInputs {
     pub is_held: bool,
     /// The process is about to end.
     pub is_ending: bool,
+    /// The axes are away from the program that is held.
+    pub is_away: bool,
     /// The machine has an emergency-stop chain that is open, or not known.
     pub is_chain_open: bool,
 }
@@ -197,6 +199,10 @@ impl OperatorState {
                 refusal.text = format!("alarm {} is latched: {}", first.alarm.number(), first.text);
             }
             return Err(refusal);
+        }
+        let goes_on = matches!(code, CommandCode::Resume | CommandCode::Step);
+        if goes_on && facts.is_away {
+            return Err(Alarm::OffPath.into());
         }
         if code == CommandCode::EstopReset && facts.is_chain_open {
             return Err(Alarm::ChainOpen.into());

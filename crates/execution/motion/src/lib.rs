@@ -54,6 +54,9 @@
 //! Jog and homing have no path: a [`TransferExecutor`] drives a transfer that was solved before. A [`MachineState`] carries sequence
 //! numbers and the guard's memory from job to job.
 //!
+//! An [`Excursion`] moves the axes away from a held program, by jogs or backwards along the [`DrivenPath`], and back. The program
+//! continues as without it.
+//!
 //! Where the plan says so, a [`Probing`] move takes over at rest, stops where the probe in the inputs trips, and hands its result
 //! back; the plan goes on where the axes stand then.
 //!
@@ -67,6 +70,8 @@
 
 mod advance;
 mod cursor;
+mod driven_path;
+mod excursion;
 mod guard;
 mod machine_state;
 mod path_executor;
@@ -88,7 +93,9 @@ mod thread_retreat;
 mod threading;
 mod transfer_executor;
 
+pub use driven_path::DrivenPath;
 pub use evolvent_wire::flags;
+pub use excursion::{Excursion, ExcursionEnd};
 pub use guard::{Extremes, Guard, Quantity, Violation};
 pub use machine_state::MachineState;
 pub use path_executor::PathExecutor;

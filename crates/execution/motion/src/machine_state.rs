@@ -60,6 +60,15 @@ impl MachineState {
         self.sequence
     }
 
+    /// The control period, s.
+    pub(crate) fn period(&self) -> f64 {
+        self.period
+    }
+
+    pub(crate) fn guard(&self) -> &Guard {
+        &self.guard
+    }
+
     /// The last commanded position, machine coordinates.
     #[must_use]
     pub fn position(&self) -> Axes {
@@ -168,6 +177,21 @@ impl MachineState {
         self.publish(jet, state, 0)
     }
 
+    /// One setpoint of a motion that the caller evaluates.
+    pub(crate) fn lead(&mut self, jet: Jet, joint: bool, is_stopping: bool) -> Setpoint {
+        if let Err(violation) = self.guard.check(&jet.position, joint, is_stopping) {
+            self.fault.get_or_insert(violation);
+            self.emergency();
+            return self.rest(State::Fault);
+        }
+        self.publish_near(jet, State::Running, 0, joint)
+    }
+
+    /// At rest, next to `position`: the next setpoint is exactly there.
+    pub(crate) fn rest_at(&mut self, position: Axes) {
+        self.last = Jet::at_rest(position);
+    }
+
     /// Every axis stops by itself, as fast as its acceleration and jerk allow. What moved the axes is over.
     pub fn emergency(&mut self) {
         if self.quick_stop.is_none() && !self.is_at_rest() {
@@ -182,15 +206,20 @@ impl MachineState {
         self.quick_stop.is_none() && self.last.first == Axes::zeros() && self.last.second == Axes::zeros()
     }
 
-    fn publish(&mut self, mut jet: Jet, state: State, bits: u32) -> Setpoint {
+    fn publish(&mut self, jet: Jet, state: State, bits: u32) -> Setpoint {
+        self.publish_near(jet, state, bits, false)
+    }
+
+    /// `joint`: within a step of exact-path mode.
+    fn publish_near(&mut self, mut jet: Jet, state: State, bits: u32, joint: bool) -> Setpoint {
         // The travel is the last line; standing still is all that is left beyond it.
-        let mut bits = bits;
+        let mut bits = if joint { bits | flags::JOINT } else { bits };
         if self.guard.check_place(&jet.position).is_err() {
             jet = Jet::at_rest(self.guard.past()[0]);
             self.quick_stop = None;
             bits |= flags::GUARD;
         }
-        self.guard.publish(&jet.position, false);
+        self.guard.publish(&jet.position, joint);
         self.last = jet;
         let sequence = self.sequence;
         self.sequence += 1;

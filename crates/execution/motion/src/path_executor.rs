@@ -6,6 +6,7 @@ use evolvent_planner::{Segment, Step};
 use evolvent_wire::flags;
 
 use crate::cursor::{ActiveMotion, Cursor};
+use crate::driven_path::DrivenPath;
 use crate::guard::{Extremes, Guard, Violation};
 use crate::plan_preview::PlanPreview;
 use crate::probing::Probing;
@@ -103,6 +104,30 @@ impl PathExecutor {
 
     pub(crate) fn guard(&self) -> &Guard {
         &self.guard
+    }
+
+    /// Continues at rest, with what the guard has seen meanwhile.
+    pub(crate) fn rejoin(&mut self, guard: &Guard) {
+        self.guard = *guard;
+    }
+
+    /// Whether the axes may leave the position at which the program is held, to return to it: the program is held or at a program
+    /// stop, and no probing move, thread or process cycle moves the axes.
+    #[must_use]
+    pub fn can_be_left(&self) -> bool {
+        matches!(self.cursor.state, State::Held | State::ProgramStop)
+            && self.is_at_rest()
+            && !self.process.is_active()
+            && self.probing.is_none()
+            && self.threading.is_none()
+            && !self.stop
+    }
+
+    /// Adds the last setpoint to the driven path. `is_switched`: an output has changed with it. Real-time safe.
+    pub fn note_driven(&self, path: &mut DrivenPath, setpoint: &Setpoint, is_switched: bool) {
+        let others = self.process().is_some() || self.probing.is_some() || self.threading.is_some();
+        let is_barred = others || self.process.is_active() || self.quick_stop.is_some();
+        path.note(setpoint, &self.last, self.period, is_switched, is_barred);
     }
 
     /// What the guard measured in the published positions.

@@ -4,6 +4,7 @@ mod common;
 
 mod allocation;
 mod determinism;
+mod excursions;
 mod faults;
 mod full_queue;
 mod guard;

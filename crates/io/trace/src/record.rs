@@ -69,6 +69,9 @@ pub mod inputs {
     pub const STEERS: u32 = 256;
     /// Served machine: at rest, the axes received other coordinates, or were moved without power.
     pub const RELOCATED: u32 = 512;
+    /// Served machine: with [`FOLLOWS`] and [`STEERS`], which together mean an excursion from a held program, its motion was told to
+    /// stop.
+    pub const STEERING_STOPS: u32 = 1024;
 }
 
 impl Default for CycleRecord {

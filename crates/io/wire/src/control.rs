@@ -98,7 +98,7 @@ impl ControlAnswer {
 pub const VERDICTS: [(&str, u32); 3] = [("ACCEPTED", 0), ("REJECTED", 1), ("STALE", 2)];
 
 /// Names and numbers of a request's `command`.
-pub const COMMANDS: [(&str, u32); 29] = [
+pub const COMMANDS: [(&str, u32); 31] = [
     ("ESTOP", 1),
     ("ESTOP_RESET", 2),
     ("ON", 3),
@@ -128,6 +128,8 @@ pub const COMMANDS: [(&str, u32); 29] = [
     ("CLEAR_ALARMS", 27),
     ("SET_OUTPUT", 28),
     ("HANDWHEEL", 29),
+    ("RETURN", 30),
+    ("RETRACE", 31),
 ];
 
 /// Names and numbers of `machine_state` in Status.

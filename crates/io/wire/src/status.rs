@@ -157,8 +157,16 @@ payload! {
         program_time_s: f64,
         /// Time of it spent in holds and program stops, in s.
         program_held_s: f64,
+        /// Bit i set: axis i was jogged away from the program that is held.
+        away_mask: u32,
+        /// Parts of the way back to where the program was left, which `message` tells; 0 where the axes are not away.
+        away_parts: u32,
+        /// Starts of blocks to which the path of the held program can be driven backwards from here.
+        retrace_blocks: u32,
+        /// 1 where the axes are, or were before they were jogged, at an earlier place of the path of the held program; else 0.
+        retraced: u32,
         /// Zero; for later versions.
-        reserved: [u64; 10],
+        reserved: [u64; 8],
     }
 }
 

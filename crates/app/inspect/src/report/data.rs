@@ -340,6 +340,8 @@ fn said(event: &EventRecord) -> String {
         Some(JobStart::Program(start)) => format!("program, {}", start.program),
         Some(JobStart::Steered(start)) if start.is_turn => "jog turned over".to_owned(),
         Some(JobStart::Steered(_)) => "jog or homing".to_owned(),
+        Some(JobStart::Retrace { back: 0 }) => "forwards along the path".to_owned(),
+        Some(JobStart::Retrace { .. }) => "backwards along the path".to_owned(),
         None => event.text.clone(),
     }
 }

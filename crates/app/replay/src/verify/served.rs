@@ -192,9 +192,44 @@ impl Served<'_> {
                 }
                 self.one(records, None);
             }
+            Some(JobStart::Retrace { back }) => {
+                self.retrace(start.job, *back);
+                self.one(records, None);
+            }
             Some(JobStart::Program(program)) => return self.program(start, program, records),
         }
         Ok(())
+    }
+
+    fn retrace(&mut self, job: u32, back: u32) {
+        if !self.lost
+            && let Err(error) = self.again.retrace(back)
+        {
+            self.give_up(job, &error.to_string());
+        }
+    }
+
+    /// Begins the motion of an excursion that was recorded with this cycle. Returns whether there was one.
+    fn leave(&mut self, sequence: u64) -> bool {
+        let Some(start) = self.starts.front() else {
+            return false;
+        };
+        if start.sequence != sequence {
+            return false;
+        }
+        match start.start.clone() {
+            Some(JobStart::Steered(steered)) => {
+                if !self.lost
+                    && let Err(error) = self.again.steer(&steered)
+                {
+                    self.give_up(start.job, &error.to_string());
+                }
+            }
+            Some(JobStart::Retrace { back }) => self.retrace(start.job, back),
+            _ => return false,
+        }
+        self.starts.pop_front();
+        true
     }
 
     /// Where the axes stood is known from the cycle before, if it is not known from computing.
@@ -283,7 +318,11 @@ impl Served<'_> {
             .map(|route| Judge::new(&self.setup.machine.clone(), self.again.period_ns(), route));
         let (mut most_override, mut end, mut next) = (0.0_f64, End::Stopped, None);
         while let Some(record) = records.peek() {
+            let record = *record;
             let goes_on = next.is_none_or(|next| record.sequence == next);
+            if next.is_some() && goes_on && record.inputs & WHAT_MOVED == WHAT_MOVED {
+                while self.leave(record.sequence) {}
+            }
             if record.inputs & bits::FOLLOWS == 0 || !goes_on {
                 if !goes_on {
                     judge = None;
@@ -383,11 +422,13 @@ impl Served<'_> {
     /// Takes the next cycle, computes it again and compares.
     fn one(&mut self, records: &mut Records, judge: Option<&mut Judge<'_>>) {
         let Some(record) = records.next() else { return };
-        if let Some(judge) = judge {
+        if let Some(judge) = judge
+            && record.inputs & WHAT_MOVED != WHAT_MOVED
+        {
             judge.sample(&record.position.into());
         }
         let moved = moved_by(&record, self.load);
-        if let Moved::ByPlan(recorded) = &moved {
+        if let Moved::ByPlan(recorded) | Moved::Away { plan: recorded, .. } = &moved {
             self.load = recorded.inputs.load;
         }
         let by_nothing = matches!(moved, Moved::ByNothing(_));
@@ -519,7 +560,12 @@ fn is_at_rest(record: &CycleRecord) -> bool {
 }
 
 fn moved_by(record: &CycleRecord, load: Option<LoadSample>) -> Moved {
-    if record.inputs & bits::FOLLOWS != 0 {
+    if record.inputs & WHAT_MOVED == WHAT_MOVED {
+        Moved::Away {
+            plan: recorded_inputs(record, load),
+            stop: record.inputs & bits::STEERING_STOPS != 0,
+        }
+    } else if record.inputs & bits::FOLLOWS != 0 {
         Moved::ByPlan(recorded_inputs(record, load))
     } else if record.inputs & bits::STEERS != 0 {
         Moved::ByTransfer {

@@ -2,6 +2,8 @@
 
 use evolvent_control::{Alarm, JobResult};
 
+use super::jog::Steered;
+use super::leaving::Away;
 use super::operator::{Job, Operator};
 use super::orders::{ActiveJob, CycleEvent};
 use crate::program_cycle::turning_alarm;
@@ -20,10 +22,13 @@ impl Operator {
             CycleEvent::Returned(work) => {
                 drop(work);
                 // A turn that was not reported by now came too late.
-                if let Job::Jog { steered, .. } = &mut self.job {
+                if let Some(steered) = self.steered() {
                     steered.turn = None;
                 }
             }
+            CycleEvent::NotLeft { work, .. } => self.handle_not_left(work),
+            CycleEvent::AwayEnded { result, work, .. } => self.handle_away_ended(result, work),
+            CycleEvent::IsBack { .. } => self.handle_is_back(),
             CycleEvent::Ended { result, work, .. } => {
                 drop(work);
                 self.motion_ended(result);
@@ -72,20 +77,23 @@ impl Operator {
 
     fn applied(&mut self, id: u64, sequence: u64) {
         self.book.applied(id, sequence);
-        let steered = match &mut self.job {
-            Job::Jog { steered, .. }
-            | Job::Homing {
-                steered: Some(steered),
-                ..
-            } => steered,
-            _ => return,
-        };
+        let Some(steered) = self.steered() else { return };
         if steered.order == id {
             steered.begin = Some(sequence);
         } else if let Some((turn, steering)) = steered.turn.take_if(|(turn, _)| *turn == id) {
             let _same = turn;
             steered.steering = steering;
             steered.begin = Some(sequence);
+        }
+    }
+
+    /// The transfer under way.
+    fn steered(&mut self) -> Option<&mut Steered> {
+        match &mut self.job {
+            Job::Jog { steered, .. } => Some(steered),
+            Job::Homing { steered, .. } => steered.as_deref_mut(),
+            Job::Program(run) => run.away.as_mut().and_then(Away::steered),
+            Job::None => None,
         }
     }
 

@@ -6,6 +6,7 @@ use evolvent_motion::TransferExecutor;
 use evolvent_path::{AXES, Axes, AxisLetter, AxisMask};
 use evolvent_transfer::{AxesState, Sync, Transfer};
 
+use super::leaving::Away;
 use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
 use super::recorded::steered_start;
@@ -122,12 +123,12 @@ pub(super) struct JogWay {
 }
 
 impl JogWay {
-    fn steering(&self) -> Result<TransferExecutor, Rejection> {
+    pub(super) fn steering(&self) -> Result<TransferExecutor, Rejection> {
         steering(&self.limits, &self.from, &self.to, self.axes, self.speed)
     }
 
     /// For the trace.
-    fn recorded(&self, is_turn: bool) -> SteeredStart {
+    pub(super) fn recorded(&self, is_turn: bool) -> SteeredStart {
         let limits = slowed(&self.limits, &self.from, self.axes, self.speed);
         steered_start(&limits, &self.from, &self.to, is_turn)
     }
@@ -164,6 +165,9 @@ impl Operator {
         now_ns: u64,
         command: &Command,
     ) -> Result<u64, Rejection> {
+        if matches!(self.job, Job::Program(_)) {
+            return self.jog_away(jog, client, now_ns, command);
+        }
         let here = self.view.setpoint.position;
         let limits = limits_here(&self.limits, &here, self.desk.homed());
         let held = jog.distance.is_none().then(|| JogEnable::held(client, now_ns));
@@ -264,7 +268,12 @@ impl Operator {
         };
         self.book.notes.sends(id, self.desk.job(), way.recorded(true));
         self.order(CycleCommand::KeepJogging(way.until_ns));
-        if let Job::Jog { steered, .. } = &mut self.job {
+        let steered = match &mut self.job {
+            Job::Jog { steered, .. } => Some(&mut **steered),
+            Job::Program(run) => run.away.as_mut().and_then(Away::steered),
+            _ => None,
+        };
+        if let Some(steered) = steered {
             steered.turn = Some((id, turned));
             steered.target = way.to;
         }
@@ -304,11 +313,12 @@ impl Operator {
     }
 
     pub(super) fn keep_jogging(&mut self, client: u64, now_ns: u64) {
-        let Job::Jog { held: Some(held), .. } = &mut self.job else {
-            return;
+        let until = match &mut self.job {
+            Job::Jog { held: Some(held), .. } => held.renew(client, now_ns).then(|| held.until_ns()),
+            Job::Program(run) => run.away.as_mut().and_then(|away| away.renew(client, now_ns)),
+            _ => None,
         };
-        if held.renew(client, now_ns) {
-            let until = held.until_ns();
+        if let Some(until) = until {
             self.order(CycleCommand::KeepJogging(until));
         }
     }

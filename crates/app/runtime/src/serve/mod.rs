@@ -13,6 +13,7 @@ mod handwheel;
 mod homing;
 mod jobs;
 mod jog;
+mod leaving;
 mod modes;
 mod notify;
 mod operator;

@@ -232,6 +232,7 @@ impl Operator {
             present: self.present,
             is_held: self.is_held(),
             is_ending: self.stops.ending,
+            is_away: self.is_away(),
             is_chain_open: self.view.is_chain_open,
         }
     }
@@ -328,6 +329,14 @@ impl Operator {
                 self.program.switches.set_single_step(*on);
                 self.step_on(*on);
             }
+            Command::Return { speed } => {
+                self.drive_back(*speed, command)?;
+                return Ok(0);
+            }
+            Command::Retrace(blocks) => {
+                self.retrace(*blocks, command)?;
+                return Ok(0);
+            }
             Command::Jog(jog) => job = self.jog(jog, client, now_ns, command)?,
             Command::Home(mask) => job = self.home(*mask)?,
             Command::OptionalStop(on) => self.program.switches.set_optional_stop(*on),
@@ -378,16 +387,22 @@ impl Operator {
             }
             Command::Hold => {
                 self.stops.hold = !self.stops.stopping;
+                if self.stop_away() {
+                    self.order(CycleCommand::StopSteering);
+                }
                 CycleCommand::Hold
             }
             Command::FeedOverride(ratio) => CycleCommand::Override(*ratio),
             Command::SpindleOverride(ratio) => CycleCommand::SpindleOverride(*ratio),
             Command::JogStop => {
-                let Job::Jog { steered, .. } = &mut self.job else {
+                if let Job::Jog { steered, .. } = &mut self.job {
+                    steered.stopping = true;
+                    CycleCommand::Stop
+                } else if self.stop_away() {
+                    CycleCommand::StopSteering
+                } else {
                     return Ok(None);
-                };
-                steered.stopping = true;
-                CycleCommand::Stop
+                }
             }
             Command::Reset => {
                 self.switch_periphery_off();

@@ -58,12 +58,16 @@ pub(crate) struct Order {
 pub(crate) enum CycleCommand {
     /// Begin a job along a plan.
     Follow(Box<Following>),
-    /// Begin a steered motion.
+    /// Begin a steered motion, or a transfer of the excursion if a program is held.
     Steer(Box<TransferExecutor>),
     /// Change to this steering right after setpoint `after`. Reported where that has been done.
     Turn {
         after: u64,
         steering: Box<TransferExecutor>,
+    },
+    /// Retrace the path of the held program by `back` block starts, or for 0 forwards to where the program is held.
+    Retrace {
+        back: u32,
     },
     Hold,
     /// Ends a hold, and lets the machine go on at the program stop with so many actions before it, if it stands there.
@@ -71,6 +75,8 @@ pub(crate) enum CycleCommand {
     /// The same without ending a hold.
     GoOn(u32),
     Stop,
+    /// Stop a steered motion or the motion of an excursion; a held program stays held.
+    StopSteering,
     Override(f64),
     SpindleOverride(f64),
     /// Every axis stops by itself, and the drives stop by themselves.
@@ -112,6 +118,21 @@ pub(crate) enum CycleEvent {
         sequence: u64,
         result: JobResult,
         work: ActiveJob,
+    },
+    /// A motion of an excursion was refused; the order has no effect.
+    NotLeft {
+        sequence: u64,
+        work: ActiveJob,
+    },
+    /// A motion of an excursion has ended.
+    AwayEnded {
+        sequence: u64,
+        result: JobResult,
+        work: ActiveJob,
+    },
+    /// The excursion has ended: the program has the axes again.
+    IsBack {
+        sequence: u64,
     },
     /// Something to be dropped.
     Returned(ActiveJob),
@@ -181,6 +202,20 @@ pub(crate) struct CycleView {
     /// By what the commanded speed of the spindle is multiplied.
     pub spindle_override: f64,
     pub handwheel: HandwheelView,
+    pub leaving: LeavingView,
+}
+
+/// Whether and how the axes may leave a held program.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct LeavingView {
+    /// The program is held where it may be left.
+    pub may_leave: bool,
+    /// The axes have left it, or are about to.
+    pub is_away: bool,
+    /// Their last position at rest on the path is not the one at which the program is held.
+    pub is_retraced: bool,
+    /// Number of block starts that can be reached backwards.
+    pub blocks_before: u32,
 }
 
 impl CycleEvent {
@@ -194,6 +229,9 @@ impl CycleEvent {
             | Self::Misplaced { sequence, .. }
             | Self::Guard { sequence, .. }
             | Self::PlannerGone { sequence }
+            | Self::NotLeft { sequence, .. }
+            | Self::AwayEnded { sequence, .. }
+            | Self::IsBack { sequence }
             | Self::EstopChain { sequence }
             | Self::Spindle { sequence, .. }
             | Self::Turning { sequence, .. }

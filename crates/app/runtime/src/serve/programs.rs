@@ -15,6 +15,7 @@ use super::checking::Checking;
 use super::files::{ProgramFile, READING_TIMEOUT};
 use super::jobs::{Planning, ProgramJob};
 use super::jog::limits_here;
+use super::leaving::Away;
 use super::modes::After;
 use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
@@ -64,6 +65,8 @@ pub(super) struct ProgramRun {
     pub(super) has_failed: bool,
     /// When the machine was found to be through with it.
     pub(super) ended_at: Option<Instant>,
+    /// The excursion from it while it is held, if any.
+    pub(super) away: Option<Away>,
     /// What it has left is being written; how it has ended, and since when.
     pub(super) saving: Option<(JobResult, Receiver<Saved>, Instant)>,
 }
@@ -261,6 +264,7 @@ impl Operator {
             beginning: None,
             has_failed: false,
             ended_at: None,
+            away: None,
             saving: None,
         }));
         if activity == Activity::Program {
@@ -320,6 +324,8 @@ impl Operator {
         self.cancel_command();
         self.stops.stopping = !matches!(self.job, Job::None);
         self.stops.hold = false;
+        // The cycle stops an excursion with the program.
+        self.stop_away();
         self.switch_off_at_rest();
         self.send(CycleCommand::Stop, command);
     }

@@ -125,6 +125,11 @@ impl JobNotes {
         self.push(order, job, JobStart::Steered(Box::new(start)));
     }
 
+    /// A retrace of the held program begins with this order.
+    pub(super) fn sends_retrace(&mut self, order: u64, job: u64, back: u32) {
+        self.push(order, job, JobStart::Retrace { back });
+    }
+
     /// An order counts from this setpoint on.
     pub(super) fn applied(&mut self, recorder: &Sender<FeederEvent>, order: u64, sequence: u64) {
         // Orders that came later may count earlier: a turn waits for its setpoint.

@@ -1,5 +1,6 @@
 //! The cycle of a machine that is served: it never ends before the process does.
 
+mod away;
 mod drives;
 mod jobs;
 mod notes;
@@ -11,7 +12,7 @@ use std::sync::Arc;
 use evolvent_bus::Feedback;
 use evolvent_drive::{FeedbackWatch, PhaseLock, PowerRequest, Presence};
 use evolvent_machine::Limits;
-use evolvent_motion::{Inputs, MachineState, Setpoint, TransferExecutor, flags};
+use evolvent_motion::{DrivenPath, Excursion, Inputs, MachineState, Setpoint, TransferExecutor, flags};
 use evolvent_path::AxisMask;
 use evolvent_signals::ProbeInput;
 use evolvent_trace::inputs as recorded;
@@ -57,6 +58,8 @@ impl ServedCycle {
             job: 0,
             ends_program: false,
             is_last: false,
+            excursion: None,
+            plan_setpoint: None,
         };
         Self { parts, now }
     }
@@ -84,6 +87,8 @@ pub(crate) struct ServedParts {
     pub wheel_counts: Option<u32>,
     /// The newest cutting load.
     pub controls: Arc<Controls>,
+    /// The newest part of the path that the program has driven.
+    pub driven: DrivenPath,
 }
 
 struct Turn {
@@ -123,6 +128,10 @@ struct CycleState {
     ends_program: bool,
     /// The cycle is the last one.
     is_last: bool,
+    /// The axes are away from the program that is held, or about to be.
+    excursion: Option<Excursion>,
+    /// The program's own setpoint of this cycle while the axes are away from it.
+    plan_setpoint: Option<Setpoint>,
 }
 
 /// Program stops, each by the number of actions before it.
@@ -175,11 +184,15 @@ impl SetpointSource for ServedCycle {
             parts.rebase_to_drives(now, feedback, taken_ns);
         }
         let mut setpoint = parts.step(now, begin.deadline_ns);
-        now.last = Some(setpoint);
+        let of_program = now.plan_setpoint.unwrap_or(setpoint);
+        now.last = Some(of_program);
         let corrected = parts.correct(now, &setpoint);
         parts.check_drives(now, &setpoint, corrected.as_ref(), taken_ns, feedback.as_ref());
         now.notes.note_following_error(now.presence, feedback.as_ref());
-        parts.set_outputs(now, &setpoint);
+        let is_switched = parts.set_outputs(now, &of_program);
+        if let (ActiveJob::Follow(job), None) = (&now.work, &now.excursion) {
+            job.motion.note_driven(&mut parts.driven, &setpoint, is_switched);
+        }
         now.is_last = now.ending && now.is_idle() && parts.station.is_at_rest();
         if now.is_last {
             setpoint.flags |= flags::LAST;
@@ -230,6 +243,7 @@ impl SetpointSource for ServedCycle {
             probe: parts.signals.as_ref().map(SignalLoop::probe).unwrap_or_default(),
             spindle_override: parts.counted_override(now),
             handwheel: parts.handwheel(),
+            leaving: parts.leaving(now),
         });
         if now.is_last {
             return Next::End;

@@ -8,7 +8,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use evolvent_bus::{BusConfig, ControlServer};
 use evolvent_drive::{FeedbackWatch, PhaseLock};
-use evolvent_motion::MachineState;
+use evolvent_motion::{DrivenPath, MachineState};
 use evolvent_signals::ProbeInput;
 use rtrb::{Consumer, Producer, RingBuffer};
 
@@ -147,6 +147,7 @@ impl Service {
             wheel_counts: machine.handwheel.as_ref().map(|wheel| wheel.counts),
             phase: phase_settings(machine, setup.period_ns).map(PhaseLock::new),
             controls,
+            driven: DrivenPath::new(setup.period_ns),
         };
         let (cycle, notes) = start_cycle(setup, parts, start_unix_ns, bus, cycles)?;
         for text in &notes {

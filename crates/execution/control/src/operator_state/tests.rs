@@ -11,6 +11,7 @@ const FACTS: OperatorInputs = OperatorInputs {
     present: AxisMask::from_bits(0b111),
     is_held: false,
     is_ending: false,
+    is_away: false,
 };
 
 /// A client that counts.

@@ -20,7 +20,7 @@ impl ServedParts {
 
     /// One setpoint of whatever moves the axes.
     pub(super) fn step(&mut self, now: &mut CycleState, deadline: u64) -> Setpoint {
-        now.notes.turned = None;
+        (now.notes.turned, now.plan_setpoint) = (None, None);
         now.notes.input_bits = if std::mem::take(&mut now.relocated) {
             recorded::RELOCATED
         } else {
@@ -32,7 +32,10 @@ impl ServedParts {
                 let state = if now.faulted { State::Fault } else { State::Idle };
                 (self.station.rest(state), None)
             }
-            ActiveJob::Follow(job) => self.follow(now, job),
+            ActiveJob::Follow(job) => match now.excursion.take() {
+                None => self.follow(now, job),
+                Some(excursion) => self.follow_away(now, job, excursion, deadline),
+            },
             ActiveJob::Steer(steering) => self.steer(now, steering, deadline),
         };
         now.work = work;
@@ -47,6 +50,7 @@ impl ServedParts {
             let sequence = setpoint.sequence;
             now.ends_program = true;
             self.drop_turn(now);
+            self.end_excursion(now);
             let work = std::mem::replace(&mut now.work, ActiveJob::None);
             if !self.station.is_quick_stopping() {
                 self.station.end();
@@ -118,13 +122,7 @@ impl ServedParts {
             self.report_once(now, CycleEvent::PlannerGone { sequence });
             return (setpoint, Some(JobResult::Fault));
         }
-        let result = job.motion.is_over().then(|| match setpoint.state {
-            State::Fault => JobResult::Fault,
-            _ if now.faulted => JobResult::Fault,
-            State::Done => JobResult::Done,
-            _ if job.flags.has_failed() => JobResult::Failed,
-            _ => JobResult::Stopped,
-        });
+        let result = job.motion.is_over().then(|| result_of(now, job, &setpoint));
         (setpoint, result)
     }
 
@@ -169,6 +167,7 @@ impl ServedParts {
         now.drive.power = PowerRequest::QuickStop;
         now.power_off_at_rest = true;
         self.drop_turn(now);
+        self.end_excursion(now);
         let work = std::mem::replace(&mut now.work, ActiveJob::None);
         if !matches!(work, ActiveJob::None) {
             now.ends_program = true;
@@ -194,5 +193,16 @@ impl ServedParts {
         }
         self.report_once(now, CycleEvent::Late { sequence });
         now.stop_work();
+    }
+}
+
+/// How a job along a plan that is over has ended.
+pub(super) fn result_of(now: &CycleState, job: &Following, setpoint: &Setpoint) -> JobResult {
+    match setpoint.state {
+        State::Fault => JobResult::Fault,
+        _ if now.faulted => JobResult::Fault,
+        State::Done => JobResult::Done,
+        _ if job.flags.has_failed() => JobResult::Failed,
+        _ => JobResult::Stopped,
     }
 }

@@ -15,8 +15,8 @@ impl ServedParts {
         for _ in 0..MAX_ORDERS {
             let Ok(order) = self.orders.pop() else { break };
             let reported = !matches!(order.what, CycleCommand::Turn { .. });
-            self.take(now, order.id, order.what);
-            if reported && order.id > 0 {
+            let counts = self.take(now, order.id, order.what);
+            if reported && counts && order.id > 0 {
                 let sequence = self.station.sequence();
                 self.report(CycleEvent::Applied {
                     id: order.id,
@@ -26,9 +26,14 @@ impl ServedParts {
         }
     }
 
-    fn take(&mut self, now: &mut CycleState, id: u64, what: CycleCommand) {
+    /// Takes an order. Returns `false` if it has no effect, so that the trace must not have it.
+    fn take(&mut self, now: &mut CycleState, id: u64, what: CycleCommand) -> bool {
         match what {
             CycleCommand::Follow(job) => self.begin_following(now, job),
+            CycleCommand::Steer(steering) if matches!(now.work, ActiveJob::Follow(_)) => {
+                return self.leave(now, steering);
+            }
+            CycleCommand::Retrace { back } => return self.retrace(now, back),
             CycleCommand::Steer(steering) => self.begin_steering(now, steering),
             CycleCommand::Turn { after, steering } => {
                 let turn = Turn { after, id, steering };
@@ -37,11 +42,18 @@ impl ServedParts {
                 }
             }
             CycleCommand::Hold => now.inputs.hold = true,
+            // The axes have to come back first.
+            CycleCommand::Resume(_) if now.excursion.is_some() => {}
             CycleCommand::Resume(stop) => {
                 now.inputs.hold = false;
                 now.stops.go_on = stop.or(now.stops.go_on);
             }
             CycleCommand::GoOn(stop) => now.stops.go_on = Some(stop),
+            CycleCommand::StopSteering => match (&mut now.work, &mut now.excursion) {
+                (ActiveJob::Steer(steering), _) => steering.stop(),
+                (_, Some(excursion)) => excursion.stop(),
+                _ => {}
+            },
             CycleCommand::Stop => now.stop_work(),
             CycleCommand::Override(factor) => {
                 now.inputs.feed_override = factor;
@@ -90,6 +102,7 @@ impl ServedParts {
                 now.stop_work();
             }
         }
+        true
     }
 
     fn begin_following(&mut self, now: &mut CycleState, mut job: Box<Following>) {
@@ -103,6 +116,7 @@ impl ServedParts {
         };
         (now.stops.go_on, now.stops.at_stop) = (None, None);
         now.job = job.job;
+        self.driven.forget();
         self.begin_schedule(&mut job);
         now.work = ActiveJob::Follow(job);
     }

@@ -59,9 +59,11 @@ impl ServedParts {
         }
     }
 
-    /// The outputs that count with a setpoint.
-    pub(super) fn set_outputs(&mut self, now: &CycleState, setpoint: &Setpoint) {
-        let Some(signals) = &mut self.signals else { return };
+    /// The outputs that count with a setpoint. Returns whether one has changed.
+    pub(super) fn set_outputs(&mut self, now: &CycleState, setpoint: &Setpoint) -> bool {
+        let Some(signals) = &mut self.signals else {
+            return false;
+        };
         let is_of_program = now.notes.input_bits & recorded::FOLLOWS != 0;
         let phase = if now.is_estop || now.faulted || now.drive.power == PowerRequest::QuickStop {
             Phase::Fault
@@ -73,11 +75,12 @@ impl ServedParts {
         if now.stops.has_left_wait {
             signals.go_on();
         }
-        signals.step(setpoint, phase);
+        let is_switched = signals.step(setpoint, phase);
         if now.ends_program
             && let Some(schedule) = signals.end_program()
         {
             self.report(CycleEvent::Spent(schedule));
         }
+        is_switched
     }
 }

@@ -57,6 +57,7 @@ fn calls_during(jogs: u64) -> (u64, u64) {
         wheel_counts: None,
         phase: None,
         controls: Arc::new(Controls::new(1.0)),
+        driven: DrivenPath::new(period_ns),
     };
     let cycle = std::thread::spawn(move || {
         let before = calls();
@@ -160,6 +161,7 @@ fn an_open_chain_stops_axes_drives_and_outputs_with_the_next_setpoint_whoever_sl
         wheel_counts: None,
         phase: None,
         controls: Arc::new(Controls::new(1.0)),
+        driven: DrivenPath::new(period_ns),
     });
     let mut image = InputImage::default();
     image.set(SignalKind::Digital, 0, Some(1.0));

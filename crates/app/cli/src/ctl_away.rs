@@ -1,0 +1,88 @@
+//! Excursions from a held program, from the command line.
+
+use std::io::Write;
+use std::time::{Duration, Instant};
+
+use evolvent_bus::{ControlAnswer, ControlRequest, Status};
+use evolvent_control::{CommandCode, JobResult};
+
+use crate::ctl::{MAX_LOOKS, POLL, Session, tell};
+use crate::ctl_request::request;
+use crate::{CommandError, Ending};
+
+/// Axes that have not moved for this long are at rest. Between two parts of the way back they stop for less.
+const REST: Duration = Duration::from_millis(250);
+/// Number of setpoints after an answer until the ordered motion is visible in the status.
+const APPEARS: u64 = 20;
+
+/// Whether a program or block of MDI is active.
+pub(crate) fn is_of_program(status: &Status) -> bool {
+    matches!(status.activity, 1 | 2)
+}
+
+impl Session {
+    /// Sends an order that moves the axes away from the held program or back, and waits until they are at rest.
+    pub(crate) fn give_away(
+        &mut self,
+        order: &ControlRequest,
+        out: &mut dyn Write,
+    ) -> Result<Ending, CommandError> {
+        self.catch_signals()?;
+        let answer = self.send(order)?;
+        if answer.verdict != 0 {
+            return tell(&answer, None, self.json, out);
+        }
+        let status = self.await_rest(&answer)?;
+        let has_ended = !is_of_program(&status) && status.job_result != JobResult::Done as u32;
+        if has_ended {
+            return Err(CommandError::Failed(
+                "the program was stopped before the motion ended".to_owned(),
+            ));
+        }
+        if order.command == CommandCode::Return as u32 && status.away_parts > 0 {
+            return Err(CommandError::Failed(format!(
+                "the way back was stopped: {}",
+                status.operator_message()
+            )));
+        }
+        if !self.json {
+            writeln!(out, "{}", status.operator_message())
+                .map_err(|error| CommandError::Failed(error.to_string()))?;
+        }
+        tell(&answer, None, self.json, out)
+    }
+
+    /// Waits until the axes are at rest or the program has ended. A signal stops the motion.
+    pub(crate) fn await_rest(&mut self, answer: &ControlAnswer) -> Result<Status, CommandError> {
+        let (mut sequence, mut looks, mut is_stopped) = (0, 0, false);
+        let mut since: Option<Instant> = None;
+        loop {
+            looks += 1;
+            if self.is_interrupted() && !is_stopped {
+                is_stopped = true;
+                self.send(&request(CommandCode::JogStop))?;
+            }
+            if let Some(status) = self.latest()?
+                && status.sequence != sequence
+            {
+                (sequence, looks) = (status.sequence, 0);
+                let rests = status.velocity.iter().all(|velocity| *velocity == 0.0);
+                if !rests || status.cycles < answer.sequence + APPEARS {
+                    since = None;
+                } else if since.get_or_insert_with(Instant::now).elapsed() > REST || !is_of_program(&status) {
+                    return if is_stopped {
+                        Err(CommandError::Failed(
+                            "interrupted: the axes were stopped".to_owned(),
+                        ))
+                    } else {
+                        Ok(status)
+                    };
+                }
+            }
+            if looks > MAX_LOOKS {
+                return Err(CommandError::Failed("the core has gone".to_owned()));
+            }
+            std::thread::sleep(POLL);
+        }
+    }
+}

@@ -1,0 +1,432 @@
+//! Excursions from a held program: the operator's side.
+
+use std::fmt::Write as _;
+
+use evolvent_control::{Alarm, Command, JobResult, JogCommand, JogEnable, Rejection};
+use evolvent_motion::State;
+use evolvent_path::{Axes, AxisLetter, AxisMask};
+use evolvent_transfer::AxesState;
+
+use super::jog::{FOR_EVER, JogWay, Steered, limits_here, target};
+use super::operator::{Job, Operator};
+use super::orders::{ActiveJob, CycleCommand};
+
+/// Maximum number of jogs whose way back is stored.
+const MAX_LEGS: usize = 64;
+/// Positions closer than this are the same, mm or degrees.
+const SAME: f64 = 1e-9;
+
+/// The motions that have led away from the held program.
+#[derive(Default)]
+pub(super) struct Away {
+    /// Jogs, the oldest first. The way back passes the start of each in reverse order.
+    legs: Vec<Leg>,
+    motion: Option<AwayMotion>,
+    return_speed: Option<f64>,
+    /// RETURN is in progress.
+    is_returning: bool,
+}
+
+/// A jog of one axis, or several in a row, along one line.
+struct Leg {
+    from: Axes,
+    axis: usize,
+}
+
+/// The motion in progress.
+enum AwayMotion {
+    /// A jog, or the return along one.
+    Jog {
+        steered: Box<Steered>,
+        held: Option<JogEnable>,
+    },
+    /// A motion along the driven path.
+    Retrace,
+}
+
+impl Away {
+    /// The transfer in progress.
+    pub(super) fn steered(&mut self) -> Option<&mut Steered> {
+        match &mut self.motion {
+            Some(AwayMotion::Jog { steered, .. }) => Some(steered),
+            _ => None,
+        }
+    }
+
+    /// Handles a life sign of the client that jogs. Returns until when the axes may move, ns of CLOCK_MONOTONIC.
+    pub(super) fn renew(&mut self, client: u64, now_ns: u64) -> Option<u64> {
+        match &mut self.motion {
+            Some(AwayMotion::Jog { held: Some(held), .. }) => {
+                held.renew(client, now_ns).then(|| held.until_ns())
+            }
+            _ => None,
+        }
+    }
+
+    /// Removes legs that end where they began, after a jog.
+    fn settle(&mut self, here: &Axes) {
+        while self.legs.last().is_some_and(|leg| is_same(&leg.from, here)) {
+            self.legs.pop();
+        }
+    }
+}
+
+fn is_same(a: &Axes, b: &Axes) -> bool {
+    (a - b).iter().all(|distance| distance.abs() <= SAME)
+}
+
+impl Operator {
+    fn away(&mut self) -> Option<&mut Away> {
+        match &mut self.job {
+            Job::Program(run) => run.away.as_mut(),
+            _ => None,
+        }
+    }
+
+    /// Whether the axes have left the held program, or are about to.
+    pub(super) fn is_away(&self) -> bool {
+        matches!(&self.job, Job::Program(run) if run.away.is_some()) || self.view.leaving.is_away
+    }
+
+    /// Why the program cannot be left here, if it cannot.
+    fn objection_to_leaving(&self) -> Option<Rejection> {
+        let refused = |text: &str| Some(Rejection::new(Alarm::CannotLeave, text));
+        if self.periphery.now().change_numbers().0 != 0 {
+            return refused("a tool is being changed; jog when the program is held elsewhere");
+        }
+        if self.is_waiting() {
+            return refused(
+                "the program waits for an input or a user-defined M code, and continues by itself",
+            );
+        }
+        if self.stops.stopping || self.view.leaving.may_leave {
+            return None;
+        }
+        match self.view.setpoint.state {
+            State::Held | State::ProgramStop => refused(
+                "a probing move, a thread or a turning cycle moves the axes; hold the program after it",
+            ),
+            _ => Some(Alarm::Moving.into()),
+        }
+    }
+
+    /// Jogs away from the held program.
+    ///
+    /// # Errors
+    /// The program cannot be left here, more than one axis is named, the target is beyond the travel, or another axis moves.
+    pub(super) fn jog_away(
+        &mut self,
+        jog: &JogCommand,
+        client: u64,
+        now_ns: u64,
+        command: &Command,
+    ) -> Result<u64, Rejection> {
+        if let Some(objection) = self.objection_to_leaving() {
+            return Err(objection);
+        }
+        let mut axes = jog.axes.axes();
+        let (Some(axis), None) = (axes.next(), axes.next()) else {
+            return Err(Rejection::new(
+                Alarm::CannotLeave,
+                "while a program is held only one axis is jogged at a time, so that the way back is the reverse of the jogs",
+            ));
+        };
+        let here = self.view.setpoint.position;
+        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let held = jog.distance.is_none().then(|| JogEnable::held(client, now_ns));
+        let until_ns = held.map_or(FOR_EVER, JogEnable::until_ns);
+        let after = self.turn_behind();
+        let job = self.desk.job();
+        let mut way = JogWay {
+            to: here,
+            limits,
+            from: AxesState::at_rest(here),
+            axes: jog.axes,
+            speed: jog.speed,
+            until_ns,
+        };
+        let Job::Program(run) = &mut self.job else {
+            return Err(Alarm::NothingRuns.into());
+        };
+        let away = run.away.get_or_insert_default();
+        if away.motion.is_some() {
+            let turns = away.legs.last().is_some_and(|leg| leg.axis == axis) && !away.is_returning;
+            let target_before = away.steered().map(|steered| steered.target);
+            let Some((from, before)) = target_before.and_then(|before| {
+                let from = self.foreseen_away(after)?;
+                turns.then_some((from, before))
+            }) else {
+                return Err(Rejection::new(
+                    Alarm::Busy,
+                    "the axes still move; jog another axis when they are at rest",
+                ));
+            };
+            let base = if jog.distance.is_some() {
+                before
+            } else {
+                from.position
+            };
+            (way.from, way.to) = (from, target(jog, &base, &way.limits)?);
+            self.turn_jog(&way, after, Some(command))?;
+            if let Some(Away {
+                motion: Some(AwayMotion::Jog { held: old, .. }),
+                ..
+            }) = self.away()
+            {
+                *old = held;
+            }
+            return Ok(job);
+        }
+        if away.legs.len() >= MAX_LEGS {
+            return Err(Rejection::new(
+                Alarm::CannotLeave,
+                format!("the way back of {MAX_LEGS} jogs is stored and no more; drive it with `return`"),
+            ));
+        }
+        // Jogs in a row of one axis are one leg.
+        let begins_leg = away.legs.last().is_none_or(|leg| leg.axis != axis);
+        let begun = target(jog, &here, &way.limits).and_then(|to| {
+            way.to = to;
+            self.steer_away(&way, held, Some(command))
+        });
+        if let Some(away) = self.away() {
+            match (&begun, begins_leg) {
+                (Ok(()), true) => away.legs.push(Leg { from: here, axis }),
+                (Ok(()), false) => {}
+                (Err(_), _) => self.forget_if_there(),
+            }
+        }
+        begun.map(|()| job)
+    }
+
+    /// State of the axes at setpoint `sequence` of the excursion, if a jog is in progress and does not stop.
+    fn foreseen_away(&self, sequence: u64) -> Option<AxesState> {
+        let Job::Program(run) = &self.job else { return None };
+        match &run.away.as_ref()?.motion {
+            Some(AwayMotion::Jog { steered, .. }) if !steered.stopping => self.foreseen(steered, sequence),
+            _ => None,
+        }
+    }
+
+    /// Begins a transfer of the excursion at rest.
+    fn steer_away(
+        &mut self,
+        way: &JogWay,
+        held: Option<JogEnable>,
+        command: Option<&Command>,
+    ) -> Result<(), Rejection> {
+        let steering = way.steering()?;
+        let steered = self.steer(&way.limits, steering, way.to, way.until_ns, command);
+        self.book
+            .notes
+            .sends(steered.order, self.desk.job(), way.recorded(false));
+        if let Some(away) = self.away() {
+            away.motion = Some(AwayMotion::Jog { steered, held });
+        }
+        Ok(())
+    }
+
+    /// Notes that whatever moves the axes away from the program is to stop; the program stays held. Returns whether anything
+    /// moves, which [`CycleCommand::StopSteering`] stops then.
+    pub(super) fn stop_away(&mut self) -> bool {
+        let Some(away) = self.away() else { return false };
+        away.is_returning = false;
+        if let Some(steered) = away.steered() {
+            steered.stopping = true;
+        }
+        away.motion.is_some()
+    }
+
+    /// RETURN: drives the whole way back.
+    ///
+    /// # Errors
+    /// The axes are not away, or still move.
+    pub(super) fn drive_back(&mut self, speed: Option<f64>, command: &Command) -> Result<(), Rejection> {
+        if !self.is_away() {
+            return Err(Rejection::new(
+                Alarm::NothingRuns,
+                "the axes are where the program is held; `resume` continues",
+            ));
+        }
+        let Some(away) = self.away() else {
+            return Err(Alarm::Moving.into());
+        };
+        if away.motion.is_some() {
+            return Err(Alarm::Moving.into());
+        }
+        (away.is_returning, away.return_speed) = (true, speed);
+        self.go_back(Some(command))
+    }
+
+    /// Begins the next part of the way back.
+    fn go_back(&mut self, command: Option<&Command>) -> Result<(), Rejection> {
+        let here = self.view.setpoint.position;
+        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let is_retraced = self.view.leaving.is_retraced;
+        let Some(away) = self.away() else { return Ok(()) };
+        let Some(leg) = away.legs.last() else {
+            if is_retraced {
+                self.retrace_by(0, command);
+            } else {
+                // The axes are there: a jog that comes now is not the way back.
+                away.is_returning = false;
+            }
+            return Ok(());
+        };
+        let mut to = here;
+        to[leg.axis] = leg.from[leg.axis];
+        let way = JogWay {
+            to,
+            limits,
+            from: AxesState::at_rest(here),
+            axes: AxisMask::one(leg.axis),
+            speed: away.return_speed,
+            until_ns: FOR_EVER,
+        };
+        self.steer_away(&way, None, command)
+    }
+
+    /// RETRACE: drives backwards along the path of the program.
+    ///
+    /// # Errors
+    /// The program cannot be left here, the axes were jogged away or still move, or the path is not known so far back.
+    pub(super) fn retrace(&mut self, blocks: u32, command: &Command) -> Result<(), Rejection> {
+        if let Some(objection) = self.objection_to_leaving() {
+            return Err(objection);
+        }
+        if let Some(away) = self.away() {
+            if away.motion.is_some() {
+                return Err(Alarm::Moving.into());
+            }
+            if !away.legs.is_empty() {
+                return Err(Rejection::new(
+                    Alarm::CannotRetrace,
+                    "the axes were jogged off the path; drive back with `return` first",
+                ));
+            }
+        }
+        let known = self.view.leaving.blocks_before;
+        if blocks > known {
+            let text = format!(
+                "the path can be retraced by {known} block starts from here, not by {blocks}: before them the program \
+                 had an action, an output, a probing move or a thread, or the path is no longer stored"
+            );
+            return Err(Rejection::new(Alarm::CannotRetrace, text));
+        }
+        if let Job::Program(run) = &mut self.job {
+            run.away.get_or_insert_default();
+        }
+        self.retrace_by(blocks, Some(command));
+        Ok(())
+    }
+
+    fn retrace_by(&mut self, back: u32, command: Option<&Command>) {
+        self.order(CycleCommand::KeepJogging(FOR_EVER));
+        let what = CycleCommand::Retrace { back };
+        let id = match command {
+            Some(command) => self.send(what, command),
+            None => self.order(what),
+        };
+        self.book.notes.sends_retrace(id, self.desk.job(), back);
+        if let Some(away) = self.away() {
+            away.motion = Some(AwayMotion::Retrace);
+        }
+    }
+
+    /// The cycle has refused a motion of the excursion.
+    pub(super) fn handle_not_left(&mut self, work: ActiveJob) {
+        drop(work);
+        if let Some(away) = self.away() {
+            (away.motion, away.is_returning) = (None, false);
+            // The jog has not moved: its leg is none.
+            let here = self.view.setpoint.position;
+            if let Some(away) = self.away() {
+                away.settle(&here);
+            }
+            self.message = Alarm::CannotLeave.sentence().to_owned();
+        }
+        self.forget_if_there();
+    }
+
+    /// Ends the excursion if it has not begun.
+    fn forget_if_there(&mut self) {
+        if let Job::Program(run) = &mut self.job
+            && !self.view.leaving.is_away
+            && (run.away.as_ref()).is_some_and(|away| away.motion.is_none() && away.legs.is_empty())
+        {
+            run.away = None;
+        }
+    }
+
+    /// A motion of the excursion has ended.
+    pub(super) fn handle_away_ended(&mut self, result: JobResult, work: ActiveJob) {
+        drop(work);
+        let here = self.view.setpoint.position;
+        let Some(away) = self.away() else { return };
+        if let Some(AwayMotion::Jog { .. }) = away.motion.take() {
+            away.settle(&here);
+        }
+        if result != JobResult::Done {
+            away.is_returning = false;
+        }
+        let goes_on = away.is_returning;
+        if goes_on && let Err(refusal) = self.go_back(None) {
+            if let Some(away) = self.away() {
+                away.is_returning = false;
+            }
+            self.message = format!("the way back was stopped: {refusal}");
+            return;
+        }
+        if (self.away()).is_some_and(|away| away.motion.is_none()) {
+            self.message = self.way_back();
+        }
+    }
+
+    /// The program has the axes again.
+    pub(super) fn handle_is_back(&mut self) {
+        // A jog that was ordered meanwhile leaves the program again: its leg is needed.
+        if let Job::Program(run) = &mut self.job
+            && (run.away.as_ref()).is_none_or(|away| away.motion.is_none())
+        {
+            run.away = None;
+            self.message = "back where the program is held: `resume` continues".to_owned();
+        }
+    }
+
+    /// The way back in words, part by part.
+    fn way_back(&self) -> String {
+        let Job::Program(run) = &self.job else {
+            return String::new();
+        };
+        let Some(away) = &run.away else {
+            return String::new();
+        };
+        let mut text = "away from the program; the way back:".to_owned();
+        let mut here = self.view.setpoint.position;
+        for leg in away.legs.iter().rev() {
+            let letter = AxisLetter::ALL[leg.axis].letter();
+            let distance = leg.from[leg.axis] - here[leg.axis];
+            // Writing to a String does not fail.
+            let _written = write!(text, " {letter} by {distance:+.4},");
+            here = leg.from;
+        }
+        if self.view.leaving.is_retraced {
+            text.push_str(" forwards along the path,");
+        }
+        text.push_str(" then the program can be resumed. `return` drives it");
+        text
+    }
+
+    /// The axes that were jogged away, and the number of parts of the way back.
+    pub(crate) fn away_numbers(&self) -> (AxisMask, u32) {
+        let Job::Program(run) = &self.job else {
+            return (AxisMask::NONE, 0);
+        };
+        let Some(away) = &run.away else {
+            return (AxisMask::NONE, 0);
+        };
+        let retraced = u32::from(self.view.leaving.is_retraced);
+        let axes = away.legs.iter().map(|leg| leg.axis).collect();
+        (axes, away.legs.len() as u32 + retraced)
+    }
+}
