@@ -94,6 +94,9 @@ pub(crate) fn run(args: &CtlArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         written.map_err(|error| failed(&error))?;
         return Ok(Ending::Clean);
     }
+    if let Action::Io { machine } = &args.action {
+        return crate::ctl_io::run(&bus, machine.as_deref(), args.json, out);
+    }
     let client = ControlClient::open(&config).map_err(|error| failed(&error))?;
     let mut session = Session {
         client,
@@ -233,6 +236,7 @@ impl Session {
         let order: Order = match action {
             // Stopping commands have been sent before; the others only read.
             Action::Status
+            | Action::Io { .. }
             | Action::Estop
             | Action::Hold
             | Action::Stop

@@ -40,6 +40,12 @@ pub(crate) enum ModeArg {
 pub(crate) enum Action {
     /// Show what the machine is doing.
     Status,
+    /// Show inputs, outputs and spindles with their values; an input that no bridge sends is unknown.
+    Io {
+        /// The machine file, for the names. Default: everything that is sent is listed by number.
+        #[arg(long, value_name = "FILE")]
+        machine: Option<PathBuf>,
+    },
     /// Emergency stop: every axis stops on its own, the drives lose power.
     Estop,
     /// Leave the emergency stop.

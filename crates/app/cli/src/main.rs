@@ -10,6 +10,7 @@ mod completions;
 mod ctl;
 mod ctl_args;
 mod ctl_away;
+mod ctl_io;
 mod ctl_request;
 mod ctl_status;
 mod doctor;

@@ -1,0 +1,312 @@
+//! `evolvent ctl io`: inputs, outputs and spindles as they are.
+
+use std::io::{self, Write};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use evolvent_bus::{ClientBus, MachineInputs, MachineOutputs, PROBE_STATES, SPINDLE_DIRECTIONS};
+use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, Machine, SignalKind, SignalSettings};
+use evolvent_runtime::MonotonicClock;
+use serde_json::{Value, json};
+
+use crate::{CommandError, Ending};
+
+/// Duration for which messages are collected. A bridge sends several times per input timeout, 100 ms by default.
+const LISTENING: Duration = Duration::from_millis(500);
+/// Poll interval.
+const POLL: Duration = Duration::from_millis(5);
+
+/// A signal and its present value.
+#[derive(Clone, Debug, PartialEq)]
+struct Signal {
+    /// Empty without a machine file.
+    name: String,
+    kind: SignalKind,
+    number: u32,
+    /// None if unknown.
+    value: Option<f64>,
+}
+
+/// Everything received.
+#[derive(Clone, Debug, Default)]
+struct Periphery {
+    inputs: Vec<Signal>,
+    outputs: Vec<Signal>,
+    /// Number, direction and commanded speed, rpm.
+    spindles: Vec<(u32, u32, f64)>,
+    probe: u32,
+}
+
+/// Prints them. `machine`: the machine file, which gives the names.
+pub(crate) fn run(
+    bus: &ClientBus,
+    machine: Option<&Path>,
+    json: bool,
+    out: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let failed = |error: &dyn std::fmt::Display| CommandError::Failed(error.to_string());
+    let settings = match machine {
+        Some(file) => Some(
+            Machine::load(file)
+                .map_err(|error| CommandError::Usage(error.to_string()))?
+                .signals,
+        ),
+        None => None,
+    };
+    let (outputs, inputs) = listen(bus, settings.as_ref()).map_err(|error| failed(&error))?;
+    let periphery = Periphery::of(settings.as_ref(), outputs.as_ref(), &inputs);
+    let written = if json {
+        writeln!(out, "{}", periphery.to_json())
+    } else {
+        periphery.write(out)
+    };
+    written.map_err(|error| failed(&error))?;
+    Ok(Ending::Clean)
+}
+
+/// The present outputs, and the newest message of each bridge that is not too old.
+fn listen(
+    bus: &ClientBus,
+    settings: Option<&SignalSettings>,
+) -> Result<(Option<MachineOutputs>, Vec<MachineInputs>), Box<dyn std::error::Error>> {
+    let (mut outputs, mut inputs) = (bus.outputs()?, bus.inputs()?);
+    let mut last = None;
+    let mut bridges: Vec<MachineInputs> = Vec::new();
+    let begin = Instant::now();
+    while begin.elapsed() < LISTENING {
+        while let Some(message) = outputs.receive()? {
+            last = Some(message);
+        }
+        while let Some(message) = inputs.receive()? {
+            bridges.retain(|known| known.instance != message.instance);
+            bridges.push(message);
+        }
+        std::thread::sleep(POLL);
+    }
+    let now_ns = MonotonicClock::now_ns();
+    let max_age_s = settings.map_or(LISTENING.as_secs_f64(), |settings| settings.input_timeout_s);
+    bridges.retain(|message| now_ns.saturating_sub(message.time_ns) as f64 * 1e-9 <= max_age_s);
+    Ok((last, bridges))
+}
+
+impl Periphery {
+    fn of(
+        settings: Option<&SignalSettings>,
+        outputs: Option<&MachineOutputs>,
+        bridges: &[MachineInputs],
+    ) -> Self {
+        let mut found = Self {
+            probe: bridges.iter().map(|bridge| bridge.probe).max().unwrap_or(0),
+            ..Self::default()
+        };
+        for kind in [SignalKind::Digital, SignalKind::Analog] {
+            for number in 0..kind.max() {
+                let read = bridges
+                    .iter()
+                    .rev()
+                    .find_map(|bridge| input(bridge, kind, number));
+                let named = settings.and_then(|settings| settings.input(kind, number));
+                if let Some(signal) = signal(kind, number, named.map(|input| &input.name), settings, read) {
+                    found.inputs.push(signal);
+                }
+                let set = outputs.and_then(|outputs| output(outputs, kind, number));
+                let named = settings.and_then(|settings| settings.output(kind, number));
+                if let Some(signal) = signal(kind, number, named.map(|output| &output.name), settings, set) {
+                    found.outputs.push(signal);
+                }
+            }
+        }
+        if let Some(outputs) = outputs {
+            let there = (0..MAX_SPINDLES).filter(|number| outputs.spindle_mask >> number & 1 == 1);
+            found.spindles = there
+                .map(|number| {
+                    let at = number as usize;
+                    (number, outputs.spindle_direction[at], outputs.spindle_rpm[at])
+                })
+                .collect();
+        }
+        found
+    }
+
+    fn to_json(&self) -> Value {
+        let list = |signals: &[Signal]| -> Vec<Value> {
+            let each = signals.iter().map(|signal| {
+                json!({
+                    "name": (!signal.name.is_empty()).then_some(&signal.name),
+                    "kind": signal.kind.name(),
+                    "number": signal.number,
+                    "value": signal.value,
+                })
+            });
+            each.collect()
+        };
+        let spindles: Vec<Value> = (self.spindles.iter())
+            .map(|(number, direction, rpm)| {
+                json!({
+                    "number": number,
+                    "direction": word(&SPINDLE_DIRECTIONS, *direction),
+                    "commanded_rpm": rpm,
+                })
+            })
+            .collect();
+        json!({
+            "inputs": list(&self.inputs),
+            "outputs": list(&self.outputs),
+            "spindles": spindles,
+            "probe": word(&PROBE_STATES, self.probe),
+        })
+    }
+
+    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        for (heading, signals) in [("inputs", &self.inputs), ("outputs", &self.outputs)] {
+            if signals.is_empty() {
+                writeln!(out, "{heading}: none")?;
+                continue;
+            }
+            writeln!(out, "{heading}")?;
+            for signal in signals {
+                writeln!(
+                    out,
+                    "  {:<32} {:<7} {:>2}  {}",
+                    signal.name,
+                    signal.kind.name(),
+                    signal.number,
+                    shown(signal)
+                )?;
+            }
+        }
+        for (number, direction, rpm) in &self.spindles {
+            let direction = word(&SPINDLE_DIRECTIONS, *direction);
+            writeln!(out, "spindle {number}: {direction}, commanded {rpm:.1} rpm")?;
+        }
+        writeln!(out, "probe: {}", word(&PROBE_STATES, self.probe))
+    }
+}
+
+/// A signal that is in the machine file or, without one, has a value.
+fn signal(
+    kind: SignalKind,
+    number: u32,
+    name: Option<&String>,
+    settings: Option<&SignalSettings>,
+    value: Option<f64>,
+) -> Option<Signal> {
+    let is_listed = match settings {
+        Some(_) => name.is_some(),
+        None => value.is_some(),
+    };
+    is_listed.then(|| Signal {
+        name: name.cloned().unwrap_or_default(),
+        kind,
+        number,
+        value,
+    })
+}
+
+fn input(bridge: &MachineInputs, kind: SignalKind, number: u32) -> Option<f64> {
+    let at = number as usize;
+    match kind {
+        SignalKind::Digital => bit(bridge.digital_mask, bridge.digital, number, MAX_DIGITAL),
+        SignalKind::Analog => (number < MAX_ANALOG && bridge.analog_mask >> number & 1 == 1)
+            .then(|| bridge.analog[at])
+            .filter(|value| value.is_finite()),
+    }
+}
+
+fn output(outputs: &MachineOutputs, kind: SignalKind, number: u32) -> Option<f64> {
+    let at = number as usize;
+    match kind {
+        SignalKind::Digital => bit(outputs.digital_mask, outputs.digital, number, MAX_DIGITAL),
+        SignalKind::Analog => {
+            (number < MAX_ANALOG && outputs.analog_mask >> number & 1 == 1).then(|| outputs.analog[at])
+        }
+    }
+}
+
+fn bit(mask: u64, bits: u64, number: u32, count: u32) -> Option<f64> {
+    (number < count && mask >> number & 1 == 1).then(|| (bits >> number & 1) as f64)
+}
+
+fn shown(signal: &Signal) -> String {
+    match (signal.kind, signal.value) {
+        (_, None) => "unknown".to_owned(),
+        (SignalKind::Digital, Some(value)) => if value == 0.0 { "off" } else { "on" }.to_owned(),
+        (SignalKind::Analog, Some(value)) => value.to_string(),
+    }
+}
+
+fn word(list: &[(&str, u32)], number: u32) -> String {
+    list.iter()
+        .find(|(_, known)| *known == number)
+        .map_or_else(|| format!("unknown {number}"), |(name, _)| name.to_lowercase())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIGNALS: &str = "
+[[input]]
+name = \"door\"
+number = 3
+[[input]]
+name = \"load\"
+kind = \"analog\"
+number = 2
+[[output]]
+name = \"clamp\"
+number = 63
+";
+
+    fn settings() -> SignalSettings {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let text = std::fs::read_to_string(file).unwrap();
+        Machine::parse(&format!("{text}{SIGNALS}"), "io.toml")
+            .unwrap()
+            .signals
+    }
+
+    #[test]
+    fn signals_have_names_and_those_without_a_value_are_unknown() {
+        let outputs = MachineOutputs {
+            digital_mask: 1 << 63,
+            digital: 1 << 63,
+            ..MachineOutputs::default()
+        };
+        let bridge = MachineInputs {
+            digital_mask: 1 << 3 | 1 << 5,
+            digital: 1 << 5,
+            ..MachineInputs::default()
+        };
+        let settings = settings();
+        let whole = Periphery::of(Some(&settings), Some(&outputs), &[bridge]).to_json();
+        assert_eq!(
+            whole["inputs"],
+            json!([
+                {"name": "door", "kind": "digital", "number": 3, "value": 0.0},
+                {"name": "load", "kind": "analog", "number": 2, "value": null},
+            ])
+        );
+        assert_eq!(whole["outputs"][0]["value"], 1.0);
+        // Without a machine file signals with a value are listed by number.
+        let bare = Periphery::of(None, None, &[bridge]);
+        let numbers: Vec<u32> = bare.inputs.iter().map(|signal| signal.number).collect();
+        assert_eq!((numbers, bare.outputs.len()), (vec![3, 5], 0));
+        let mut page = Vec::new();
+        Periphery::of(Some(&settings), None, &[])
+            .write(&mut page)
+            .unwrap();
+        let page = String::from_utf8(page).unwrap();
+        assert_eq!(page.matches("unknown").count(), 3, "{page}");
+    }
+
+    #[test]
+    fn an_input_that_is_not_a_number_is_unknown() {
+        let mut bridge = MachineInputs {
+            analog_mask: 1 << 2,
+            ..MachineInputs::default()
+        };
+        bridge.analog[2] = f64::NAN;
+        assert_eq!(input(&bridge, SignalKind::Analog, 2), None);
+    }
+}
