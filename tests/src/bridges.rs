@@ -64,12 +64,13 @@ pub fn hold_to_the_suite(options: &[&str], command: &[String]) -> Vec<Value> {
     cases
 }
 
-/// Compiles the example bridge in C with the system's compiler and the library of this workspace; the program's path.
+/// Compiles an example of `tools/examples` in C (`bridge` or `signals`) with the system's compiler and the library of this workspace;
+/// the program's path.
 ///
 /// # Panics
 /// There is no compiler, or it complains.
 #[must_use]
-pub fn c_bridge(folder: &Path) -> PathBuf {
+pub fn c_example(name: &str, folder: &Path) -> PathBuf {
     let test = std::env::current_exe().expect("the path of this test");
     let profile_folder = test.ancestors().nth(2).expect("target/PROFILE/deps/TEST");
     let built = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
@@ -83,7 +84,7 @@ pub fn c_bridge(folder: &Path) -> PathBuf {
         "{}",
         String::from_utf8_lossy(&built.stderr)
     );
-    let program = folder.join("bridge");
+    let program = folder.join(name);
     let library = profile_folder
         .parent()
         .unwrap_or(Path::new("target"))
@@ -98,7 +99,7 @@ pub fn c_bridge(folder: &Path) -> PathBuf {
             "-Werror",
             "-Itools/include",
         ])
-        .arg("tools/examples/bridge.c")
+        .arg(format!("tools/examples/{name}.c"))
         .arg(library)
         .args(["-lpthread", "-ldl", "-lm", "-lrt", "-o"])
         .arg(&program)

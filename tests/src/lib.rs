@@ -8,7 +8,7 @@
 //! - [`Scene`]: a mill that is served, with all that belongs to it;
 //! - [`Drives`]: simulated drives in a process of their own;
 //! - [`Domain`]: a corner of shared memory of one's own, swept and checked at the end;
-//! - [`hold_to_the_suite`]: the conformance suite over a bridge; [`c_bridge`]: the example in C;
+//! - [`hold_to_the_suite`]: the conformance suite over a bridge; [`c_example`]: the examples in C;
 //! - [`unless_disturbed`]: a trial of real time, played again where the host kept its processes from running;
 //! - [`Workshop`]: a folder of one's own with machine files and programs made for one test;
 //! - [`cycles`]: what a trace recorded;
@@ -37,7 +37,7 @@ mod trace;
 mod workshop;
 
 pub use binary::{Finished, evolvent, run, wait};
-pub use bridges::{c_bridge, hold_to_the_suite};
+pub use bridges::{c_example, hold_to_the_suite};
 pub use domain::Domain;
 pub use drives::Drives;
 pub use evolvent_disturbance::unless_disturbed;

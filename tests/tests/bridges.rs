@@ -3,7 +3,7 @@
 use std::fs::read_to_string;
 use std::path::Path;
 
-use evolvent_tests::{Workshop, c_bridge, hold_to_the_suite, repository};
+use evolvent_tests::{Workshop, c_example, hold_to_the_suite, repository};
 use serde_json::Value;
 
 /// Names of the cases of this verdict, sorted.
@@ -37,7 +37,7 @@ fn so_does_the_bridge_within_a_process_which_only_cannot_be_killed() {
 #[test]
 fn so_does_the_example_in_c() {
     let workshop = Workshop::new();
-    let program = c_bridge(workshop.folder());
+    let program = c_example("bridge", workshop.folder());
     let cases = hold_to_the_suite(&[], &[program.display().to_string()]);
     assert_eq!(verdicts(&cases, "passed").len(), 19, "{cases:?}");
     assert_eq!(verdicts(&cases, "left out"), SIGNALS, "{cases:?}");

@@ -34,6 +34,7 @@ mod served_drives;
 mod served_recording;
 mod served_signals;
 mod served_traces;
+mod signals_in_c;
 mod spindles;
 mod surface_speed;
 mod systemd_units;

@@ -5,7 +5,7 @@
  *     cc -Itools/include bridge.c target/release/libevolvent_bus_c.a -lpthread -ldl -lm -lrt -o bridge
  *
  * A bridge belongs to the thread that opened it. No function waits, but for opening. The example is
- * tools/examples/bridge.c; what a bridge must do, docs/bridges.md. */
+ * tools/examples/bridge.c, for signals tools/examples/signals.c; what a bridge must do, docs/bridges.md. */
 #ifndef EVOLVENT_BRIDGE_H
 #define EVOLVENT_BRIDGE_H
 
@@ -28,6 +28,14 @@ int evolvent_bridge_receive(evolvent_bridge_t *bridge, evolvent_setpoint_t *setp
 
 /* Sends an answer; fills in version and size. 0, or -1 if it did not leave. */
 int evolvent_bridge_send(evolvent_bridge_t *bridge, const evolvent_feedback_t *feedback);
+
+/* The oldest change of the machine's outputs not taken yet, from those in force on; returns as evolvent_bridge_receive. A message is
+ * complete in itself, and counts from its `due_time_ns` on. */
+int evolvent_bridge_receive_outputs(evolvent_bridge_t *bridge, evolvent_machineoutputs_t *outputs);
+
+/* Sends the machine's inputs; fills in version and size. At every change, and at least four times in the machine file's
+ * signals.input_timeout_ms. 0, or -1 if they did not leave. */
+int evolvent_bridge_send_inputs(evolvent_bridge_t *bridge, const evolvent_machineinputs_t *inputs);
 
 /* The core's period in ns, and the letters of its axes in order, like "XYZ". */
 uint64_t evolvent_bridge_period_ns(const evolvent_bridge_t *bridge);

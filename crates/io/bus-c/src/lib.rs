@@ -1,5 +1,5 @@
-//! The bus for C: five functions for a drive bridge. The header is `tools/include/evolvent_bridge.h`, an
-//! example is `tools/examples/bridge.c`.
+//! The bus for C: a few functions for a bridge to drives and signals. The header is `tools/include/evolvent_bridge.h`, examples
+//! are `tools/examples/bridge.c` and `signals.c`.
 //!
 //! No package registry has iceoryx2's own C binding at the version of the bus, so a bridge in C would have to
 //! be built with a checkout of it. This library is built with the workspace (`cargo build -p evolvent-bus-c`)
@@ -13,7 +13,8 @@ use core::time::Duration;
 use std::ffi::CString;
 
 use evolvent_bus::{
-    ClientBus, ClientConfig, Feedback, FeedbackSender, ReceiveError, Setpoint, SetpointReader,
+    ClientBus, ClientConfig, Feedback, FeedbackSender, InputSender, MachineInputs, MachineOutputs,
+    OutputReader, ReceiveError, Setpoint, SetpointReader,
 };
 
 /// One bridge on one bus.
@@ -21,10 +22,20 @@ use evolvent_bus::{
 pub struct EvolventBridge {
     setpoints: SetpointReader,
     feedback: FeedbackSender,
+    /// Opened with their first use: a bridge without signals takes no place of theirs.
+    outputs: Option<OutputReader>,
+    inputs: Option<InputSender>,
     period_ns: u64,
     axes: CString,
     error: CString,
-    _client: ClientBus,
+    client: ClientBus,
+}
+
+impl EvolventBridge {
+    fn fail(&mut self, error: &dyn core::fmt::Display) -> c_int {
+        self.error = CString::new(error.to_string()).unwrap_or_default();
+        BROKEN
+    }
 }
 
 /// Something came.
@@ -84,7 +95,9 @@ pub unsafe extern "C" fn evolvent_bridge_open(
             period_ns: client.period_ns(),
             axes: CString::new(client.axes()).unwrap_or_default(),
             error: CString::default(),
-            _client: client,
+            outputs: None,
+            inputs: None,
+            client,
         })
     });
     match opened {
@@ -158,6 +171,79 @@ pub unsafe extern "C" fn evolvent_bridge_send(
             bridge.error = CString::new(error.to_string()).unwrap_or_default();
             BROKEN
         }
+    }
+}
+
+/// Takes the oldest change of the machine's outputs not taken yet. See the header.
+///
+/// # Safety
+/// `bridge` is open; `outputs` has room for them.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn evolvent_bridge_receive_outputs(
+    bridge: *mut EvolventBridge,
+    outputs: *mut MachineOutputs,
+) -> c_int {
+    // SAFETY: the caller gives an open bridge, or null.
+    let Some(bridge) = (unsafe { bridge.as_mut() }) else {
+        return BROKEN;
+    };
+    if outputs.is_null() {
+        return BROKEN;
+    }
+    if bridge.outputs.is_none() {
+        match bridge.client.outputs() {
+            Ok(reader) => bridge.outputs = Some(reader),
+            Err(error) => return bridge.fail(&error),
+        }
+    }
+    match bridge.outputs.as_mut().map(OutputReader::receive) {
+        Some(Ok(Some(found))) => {
+            // SAFETY: not null, and the caller gives room for them; the layout is that of the header.
+            unsafe { outputs.write_unaligned(found) };
+            SOME
+        }
+        Some(Ok(None)) | None => NONE,
+        Some(Err(error)) => {
+            let broken = bridge.fail(&error);
+            if matches!(error, ReceiveError::Version { .. }) {
+                VERSION
+            } else {
+                broken
+            }
+        }
+    }
+}
+
+/// Sends the machine's inputs. See the header.
+///
+/// # Safety
+/// `bridge` is open; `inputs` points to them.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn evolvent_bridge_send_inputs(
+    bridge: *mut EvolventBridge,
+    inputs: *const MachineInputs,
+) -> c_int {
+    // SAFETY: the caller gives an open bridge, or null.
+    let Some(bridge) = (unsafe { bridge.as_mut() }) else {
+        return BROKEN;
+    };
+    if inputs.is_null() {
+        return BROKEN;
+    }
+    if bridge.inputs.is_none() {
+        match bridge.client.input_sender() {
+            Ok(sender) => bridge.inputs = Some(sender),
+            Err(error) => return bridge.fail(&error),
+        }
+    }
+    // SAFETY: not null, and the caller gives inputs; every bit pattern is a value of them.
+    let mut message = unsafe { inputs.read_unaligned() };
+    // The head is this library's affair.
+    let head = MachineInputs::default();
+    (message.interface_version, message.struct_size) = (head.interface_version, head.struct_size);
+    match bridge.inputs.as_mut().map(|sender| sender.send(&message)) {
+        Some(Err(error)) => bridge.fail(&error),
+        _ => NONE,
     }
 }
 
