@@ -14,7 +14,7 @@ use evolvent_bridge_sim::{
 use evolvent_bridge_test::{CASES, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
 use evolvent_bus::{AXES, BusError, MachineInputs, MachineOutputs, Setpoint};
 use evolvent_machine::{HomingMethod, HomingSettings, Machine};
-use evolvent_runtime::InputScript;
+use evolvent_runtime::{InputScript, RealtimeRequest, apply_to_this_thread};
 use evolvent_turning::{Job as TurningJob, SimulatedProcess};
 use serde_json::{Value, json};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -22,6 +22,9 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use crate::bridge_ethercat as ethercat;
 use crate::bridge_mesa as mesa;
 use crate::{CommandError, Ending};
+
+/// Real-time priority of simulated drives where the system permits it, below that of the core.
+const PRIORITY: u8 = 40;
 
 /// Index pulses of a simulated encoder are so far apart, of the distance within which homing expects one, and the switch closes so
 /// far before one: in the middle between two.
@@ -263,6 +266,11 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         // If standard error is closed, nobody is left to inform.
         let _told = writeln!(err, "core found: axes {letters}, {period_ns} ns");
     };
+    // Feedback and loads that come late stop a machine as a broken cable does.
+    let _granted = apply_to_this_thread(&RealtimeRequest {
+        priority: Some(PRIORITY),
+        ..RealtimeRequest::default()
+    });
     let report = run_cutting(
         &settings,
         &stop,

@@ -121,11 +121,14 @@ pub(crate) fn change_begins(tool: u32, present: u32, line: u32) -> UserCall {
     }
 }
 
+/// How a request to change the tool begins.
+pub(crate) const TOOL_REQUEST: &str = "tool change (M6): ";
+
 /// The request to the operator.
 pub(crate) fn tool_request(tool: u32, present: u32) -> String {
     match tool {
-        0 => format!("tool change (M6): take tool {present} out of the spindle, then resume"),
-        _ => format!("tool change (M6): put tool {tool} into the spindle, then resume"),
+        0 => format!("{TOOL_REQUEST}take tool {present} out of the spindle, then resume"),
+        _ => format!("{TOOL_REQUEST}put tool {tool} into the spindle, then resume"),
     }
 }
 

@@ -177,8 +177,13 @@ impl OperatorState {
         }
         let starts =
             matches!(code, CommandCode::Start | CommandCode::Step) && self.activity == Activity::None;
-        if starts && let Some(objection) = self.other_program(raw.text.unwrap_or_default()) {
-            return Err(self.refuse(Rejection::new(Alarm::OtherProgram, objection)));
+        if starts {
+            let meant = raw.text.unwrap_or_default();
+            if let Some(objection) = self.other_program(meant) {
+                return Err(self.refuse(Rejection::new(Alarm::OtherProgram, objection)));
+            }
+            // Named, it is the one that is meant.
+            self.load_failed &= meant.is_empty();
         }
         Ok(command)
     }

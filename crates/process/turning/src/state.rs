@@ -155,13 +155,13 @@ impl Reason {
             Self::Hold => "feed hold".into(),
             Self::Sensor(trouble) => {
                 let what = match trouble {
-                    SensorTrouble::Silent => "gives no new readings",
+                    SensorTrouble::Silent => "gives no new readings in time",
                     SensorTrouble::NotANumber => "gives readings that are no numbers",
                     SensorTrouble::Saturated => "stands at the end of its range",
                     SensorTrouble::Frozen => "repeats the same reading",
                     SensorTrouble::Negative => "reads far below zero",
                 };
-                format!("the load sensor {what}: the feed was stopped; look at the sensor and its cable, then start again")
+                format!("the load sensor {what}: the feed was stopped; look at the sensor, its cable and its bridge, then start again")
             }
             Self::Overload { load, limit } => format!(
                 "the load was {load:.0}, above the limit of {limit:.0}: the tool was drawn out; look at the insert and \

@@ -595,3 +595,20 @@ fn one_wrong_arc_of_a_real_program_is_one_error() {
     }
     assert!(tried > 50, "{tried} arcs");
 }
+
+/// As in LinuxCNC; without a table nothing is known of any tool.
+#[test]
+fn a_tool_that_the_table_lacks_is_an_error_where_it_is_selected() {
+    let tools = ToolTable::parse("T1 P1 D6 Z10\n").expect("a table");
+    let with_table = Settings {
+        tools: Some(tools),
+        ..Settings::default()
+    };
+    for (program, expected) in [("T9 M6\nT1 M6\nT0 M6\nM2\n", vec![1]), ("T1 M6\nM2\n", vec![])] {
+        let found = interpret(program, with_table.clone()).1;
+        let lines: Vec<u32> = found.iter().map(|error| error.line).collect();
+        assert_eq!(lines, expected, "{found:?}");
+        assert!(found.iter().all(|error| error.code == Code::UnknownTool));
+    }
+    assert!(errors("T9 M6\nM2\n").is_empty());
+}

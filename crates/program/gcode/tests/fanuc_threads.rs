@@ -90,7 +90,7 @@ fn a_lead_is_no_feed_and_a_feed_no_lead() {
 #[test]
 fn what_is_no_thread_is_told_what_to_write() {
     for (line, code, part) in [
-        ("G92 S2000", Code::WordMissing, "program.fanuc_threads"),
+        ("G92 S2000", Code::WordMissing, "highest spindle speed"),
         ("G92 Z-20 F1", Code::OutOfRange, "X"),
         ("G92 X14 F1", Code::WordMissing, "Z"),
         ("G92 X14 Z-20", Code::WordMissing, "F"),

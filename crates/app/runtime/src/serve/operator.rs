@@ -27,6 +27,7 @@ use super::orders::{CycleCommand, CycleEvent, CycleView, Order};
 use super::periphery_desk::PeripheryDesk;
 use super::program_desk::ProgramDesk;
 use super::programs::ProgramRun;
+use super::programs::is_request;
 use super::state_store::StateStore;
 use crate::drives::watch_settings;
 use crate::job::Setup;
@@ -584,6 +585,9 @@ impl Operator {
         let is_broken_off = matches!(self.job, Job::Program(_)) && result != JobResult::Done;
         if is_broken_off || result == JobResult::Fault {
             self.switch_periphery_off();
+        }
+        if is_request(&self.message) {
+            self.message.clear();
         }
         self.job = Job::None;
         (self.stops.hold, self.stops.stopping) = (false, false);

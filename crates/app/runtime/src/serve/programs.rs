@@ -26,7 +26,7 @@ use super::track::Track;
 use crate::job::Setup;
 use crate::job_start::ProgramStart;
 use crate::news::{ExternalEventKind, StopKind, UserCall};
-use crate::periphery::{CHANGE_BEGINS, Periphery, TOOL_CHANGE_CODE};
+use crate::periphery::{CHANGE_BEGINS, Periphery, TOOL_CHANGE_CODE, TOOL_REQUEST};
 use crate::refusal::ProgramError;
 use crate::rt::take_turns;
 use crate::source::{Commands, Start};
@@ -35,6 +35,8 @@ use crate::user_code::{UserCodes, UserNews, UserProgram};
 
 /// What the message says of a user-defined M code.
 const AT_WORK: &str = " is being carried out";
+/// How the message of a program begins that waits before its approach.
+const BEFORE_LINE: &str = "stopped before line ";
 
 /// Why nothing is kept any more.
 const NO_SAVER: &str = "no thread to write with; restart the core";
@@ -123,9 +125,14 @@ fn way_there(start: &Start) -> String {
     };
     let line = start.restart.line;
     format!(
-        "stopped before line {line}; the way there: {steps}. RESUME goes, STOP ends. As after: {}",
+        "{BEFORE_LINE}{line}; the way there: {steps}. RESUME goes, STOP ends. As after: {}",
         start.restart.modes
     )
+}
+
+/// Whether a message asks for something that only the job which wrote it waits for.
+pub(super) fn is_request(message: &str) -> bool {
+    message.starts_with(TOOL_REQUEST) || message.starts_with(BEFORE_LINE)
 }
 
 impl Operator {
@@ -170,7 +177,7 @@ impl Operator {
         self.switch_anew(steps);
         let job = self.plan(file, setup, None, Activity::Program)?;
         if way.is_some() {
-            self.message = format!("stopped before line {line}; the way there is being worked out");
+            self.message = format!("{BEFORE_LINE}{line}; the way there is being worked out");
         }
         self.files.way = way;
         Ok(job)

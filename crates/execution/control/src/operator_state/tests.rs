@@ -141,14 +141,15 @@ fn after_a_rejected_load_nothing_starts_unless_it_is_named() {
         Ok(()),
         "confirmed"
     );
-    assert_eq!(says(&mut desk, 9, CommandCode::Load, "b.ngc", true), Ok(()));
-    assert_eq!(says(&mut desk, 10, CommandCode::Start, "", true), Ok(()));
+    assert_eq!(says(&mut desk, 9, CommandCode::Start, "", true), Ok(()));
+    assert_eq!(says(&mut desk, 10, CommandCode::Load, "b.ngc", true), Ok(()));
+    assert_eq!(says(&mut desk, 11, CommandCode::Start, "", true), Ok(()));
     // One that comes while another job has the axes is rejected by the interlocks.
     desk.job_begins(Activity::Program);
-    let refusal = says(&mut desk, 11, CommandCode::Load, "c.ngc", true).unwrap_err();
+    let refusal = says(&mut desk, 12, CommandCode::Load, "c.ngc", true).unwrap_err();
     assert_eq!(refusal.alarm, Alarm::Busy);
     desk.job_ends(JobResult::Done);
-    let refusal = says(&mut desk, 12, CommandCode::Start, "", true).unwrap_err();
+    let refusal = says(&mut desk, 13, CommandCode::Start, "", true).unwrap_err();
     assert_eq!(refusal.alarm, Alarm::OtherProgram);
 }
 

@@ -284,7 +284,10 @@ const HINTS: &[(Code, &str)] = &[
         Code::BeyondTravel,
         "check work offsets, tool length and the position of the part on the machine",
     ),
-    (Code::MoveRefused, "read the machine's message about this move"),
+    (
+        Code::MoveRefused,
+        "change the words of this line that the message speaks of",
+    ),
     (
         Code::MissingAbility,
         "remove it, or run the program on a machine that supports it",

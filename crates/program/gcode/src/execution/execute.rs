@@ -283,6 +283,11 @@ impl Executor<'_> {
             self.state.modes.speed = if inches { 0.3048 * speed } else { speed };
         }
         if let Some(tool) = line.whole(b'T')? {
+            if tool != 0 && self.tools.as_ref().is_some_and(|tools| tools.get(tool).is_none()) {
+                let message = format!("tool {tool} is not in the tool table");
+                return Err(Fault::new(Code::UnknownTool, line.span(b'T'), message)
+                    .help("add the tool to the table, or select another one"));
+            }
             self.state.selected_tool = Some(tool);
             self.out(Action::SelectTool(tool));
         }
