@@ -11,7 +11,7 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio_rustls::TlsAcceptor;
 
-use crate::places::Places;
+use crate::slots::Slots;
 
 /// Maximum number of connections. A page needs up to seven; each is a descriptor of the process that moves
 /// the machine.
@@ -25,13 +25,13 @@ pub(crate) async fn listen(
     router: Router,
     encryption: Option<TlsAcceptor>,
 ) -> Infallible {
-    let places = Places::new(MAX_CONNECTIONS);
+    let slots = Slots::new(MAX_CONNECTIONS);
     loop {
         // Further connections wait in the kernel's queue.
-        let Some(free) = places.free().await else { continue };
-        let (stream, place) = match listener.accept().await {
-            Ok((stream, from)) => match places.take(free, from.ip()) {
-                Some(place) => (stream, place),
+        let Some(free) = slots.free().await else { continue };
+        let (stream, slot) = match listener.accept().await {
+            Ok((stream, from)) => match slots.take(free, from.ip()) {
+                Some(slot) => (stream, slot),
                 // Closed at once: a client that holds that many has ended none of them.
                 None => continue,
             },
@@ -44,7 +44,7 @@ pub(crate) async fn listen(
         let (router, encryption) = (router.clone(), encryption.clone());
         tokio::spawn(async move {
             serve(stream, router, encryption).await;
-            drop(place);
+            drop(slot);
         });
     }
 }

@@ -611,4 +611,9 @@ fn a_tool_that_the_table_lacks_is_an_error_where_it_is_selected() {
         assert!(found.iter().all(|error| error.code == Code::UnknownTool));
     }
     assert!(errors("T9 M6\nM2\n").is_empty());
+    let empty = Settings {
+        tools: Some(ToolTable::default()),
+        ..Settings::default()
+    };
+    assert!(interpret("T9 M6\nM2\n", empty).1.is_empty());
 }

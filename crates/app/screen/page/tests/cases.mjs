@@ -219,6 +219,8 @@ export const cases = {
     await until('X 12.5', async () => (await number(page, 'large-X')) === 12.5 || number(page, 'large-X'));
     await until('ready', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'));
     await page.locator(at('mdi-block')).fill('G1 X0 F');
+    // Enter does nothing while the button is disabled, as it is until the block before has ended.
+    await page.locator(`${at('mdi-run')}:enabled`).waitFor();
     await page.keyboard.press('Enter');
     await until('the reason', async () => /F/.test(await page.locator('[role=alert]').innerText()) || page.locator('[role=alert]').innerText());
     await page.locator(at('mdi-block')).fill('');

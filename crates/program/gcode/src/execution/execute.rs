@@ -283,7 +283,7 @@ impl Executor<'_> {
             self.state.modes.speed = if inches { 0.3048 * speed } else { speed };
         }
         if let Some(tool) = line.whole(b'T')? {
-            if tool != 0 && self.tools.as_ref().is_some_and(|tools| tools.get(tool).is_none()) {
+            if tool != 0 && self.lacks(tool) {
                 let message = format!("tool {tool} is not in the tool table");
                 return Err(Fault::new(Code::UnknownTool, line.span(b'T'), message)
                     .help("add the tool to the table, or select another one"));
@@ -508,6 +508,12 @@ impl Executor<'_> {
                 Ok(None)
             }
         }
+    }
+
+    /// Whether the tool table has tools, but not this one. A served machine begins with an empty table.
+    fn lacks(&self, tool: u32) -> bool {
+        let tools = self.tools.as_ref().filter(|tools| !tools.tools().is_empty());
+        tools.is_some_and(|tools| tools.get(tool).is_none())
     }
 
     /// The pocket of the new tool, and the pocket for the present one.

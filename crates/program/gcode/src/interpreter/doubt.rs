@@ -1,8 +1,8 @@
-//! What is not known behind a refused line, so that its successors are not blamed for it.
+//! What is unknown after a refused line, so that errors caused by it alone are not reported for later lines.
 //!
-//! A refused line has no effect. The lines behind it were written for its effect: arcs begin at its end, words have the meaning
-//! of its mode, moves the feed of its F. Errors that are likely to come from there alone are not reported; they show in the next
-//! run if they are errors of their own.
+//! A refused line has no effect. The lines after it were written for its effect: arcs start at its end, words have the meaning
+//! of its mode, moves use its feed. Errors that are likely due to that alone are not reported; the next run shows them if they
+//! are errors of their own.
 
 use crate::Code;
 use crate::codes::modal_groups::{GCode, Group, Motion};
@@ -10,11 +10,11 @@ use crate::state::machine_state::State;
 use crate::syntax::block::{Block, Word};
 use crate::syntax::statement::Statement;
 
-/// What the refused lines so far have left in doubt.
+/// What is unknown after the refused lines so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Doubt {
-    /// The place along X, Y and Z.
-    place: [bool; 3],
+    /// The position along X, Y and Z.
+    position: [bool; 3],
     /// The motion mode.
     mode: bool,
     feed: bool,
@@ -26,10 +26,10 @@ pub(crate) struct Doubt {
 
 impl Doubt {
     pub(crate) fn is_any(&self) -> bool {
-        self.mode || self.feed || self.contour || self.values || self.place != [false; 3]
+        self.mode || self.feed || self.contour || self.values || self.position != [false; 3]
     }
 
-    /// Adds what a refused line would have changed: by its words if it could be read, else by the letters in its text.
+    /// Adds what a refused line would have changed: according to its words if they could be read, otherwise to the letters in its text.
     #[cold]
     pub(crate) fn refuse(&mut self, code: Code, text: &[u8], block: &Block, state: &State) {
         let is_read = is_of_words(code);
@@ -40,8 +40,8 @@ impl Doubt {
                 text.iter().any(|byte| byte.to_ascii_uppercase() == letter)
             }
         };
-        for (place, letter) in self.place.iter_mut().zip(*b"XYZ") {
-            *place |= has(letter) || has(b'@') || has(b'^');
+        for (position, letter) in self.position.iter_mut().zip(*b"XYZ") {
+            *position |= has(letter) || has(b'@') || has(b'^');
         }
         self.mode |= has(b'G');
         self.feed |= has(b'F') || has(b'S');
@@ -49,11 +49,11 @@ impl Doubt {
         self.values |= !block.assignments.is_empty() || (!is_read && text.contains(&b'='));
     }
 
-    /// Removes what an executed line has made known again.
+    /// Removes what an executed line defines again.
     pub(crate) fn accept(&mut self, line: &Statement, state: &State) {
         if matches!(line.motion(), Some(Motion::Rapid | Motion::Linear)) && !state.modes.incremental {
-            for (place, letter) in self.place.iter_mut().zip(*b"XYZ") {
-                *place &= !line.has(letter);
+            for (position, letter) in self.position.iter_mut().zip(*b"XYZ") {
+                *position &= !line.has(letter);
             }
         }
         self.mode &= line.motion_code().is_none();
@@ -61,13 +61,13 @@ impl Doubt {
         self.contour &= state.cutter.is_on();
     }
 
-    /// Whether the error of a line may be due to what is in doubt alone.
+    /// Whether the error of a line may be due to what is unknown alone.
     pub(crate) fn excuses(&self, code: Code, block: &Block, state: &State) -> bool {
         let plane = state.plane().map_or([0, 1], |plane| {
             let (first, second, _) = plane.axes();
             [first, second]
         });
-        let place = plane.iter().any(|axis| self.place[*axis]);
+        let position = plane.iter().any(|axis| self.position[*axis]);
         let mode = self.mode && !block.words.iter().any(is_motion);
         match code {
             Code::ArcNoChord
@@ -78,7 +78,7 @@ impl Doubt {
             | Code::InvoluteInside
             | Code::InvoluteEqualRadii
             | Code::InvoluteMissed
-            | Code::ProfileRefused => place,
+            | Code::ProfileRefused => position,
             Code::CompensationEntry | Code::CompensationGouge => self.contour,
             Code::CompensationActive => self.contour || mode,
             Code::UnusedWord
