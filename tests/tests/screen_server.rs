@@ -5,9 +5,10 @@
     reason = "helpers of tests fail and talk as tests do"
 )]
 
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
 use std::process::{Child, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use evolvent_runtime::MonotonicClock;
 use evolvent_tests::{Operator, Scene, python, unless_disturbed};
@@ -202,6 +203,44 @@ fn twenty_pages_look_on_while_a_program_runs_and_those_that_do_not_read_hold_nob
         operator.says("STOP");
         operator.waits("rest", |status| status.activity == 0);
         drop(operator);
+        scene.end();
+    });
+}
+
+/// 192 of the 256 connections are for one address; one more is closed at once, and those that end can be used again.
+#[test]
+fn one_address_gets_three_quarters_of_the_connections() {
+    unless_disturbed(|| {
+        let (scene, [address, _]) = scene("screen-slots");
+        let host = address.trim_start_matches("http://");
+        let host = &host[..host.find('/').expect("a path")];
+        let open = || {
+            let stream = TcpStream::connect(host).expect("a connection");
+            let timeout = Some(Duration::from_millis(500));
+            stream.set_read_timeout(timeout).expect("a timeout");
+            stream
+        };
+        // A connection that stays open gives nothing until the timeout.
+        let is_open = |mut stream: &TcpStream| {
+            let ended = stream.read(&mut [0]);
+            ended.is_err_and(|error| error.kind() == std::io::ErrorKind::WouldBlock)
+        };
+        let held: Vec<TcpStream> = (0..192).map(|_| open()).collect();
+        assert!(!is_open(&open()), "one too many");
+        assert!(is_open(&held[191]), "the last one");
+        drop(held);
+        let request = format!("GET / HTTP/1.1\r\nHost: {host}\r\n\r\n");
+        let is_answered = || {
+            let mut stream = open();
+            stream.write_all(request.as_bytes()).is_ok() && stream.read(&mut [0]).is_ok_and(|read| read > 0)
+        };
+        let begin = Instant::now();
+        while !is_answered() {
+            assert!(
+                begin.elapsed() < Duration::from_secs(10),
+                "connections stay taken"
+            );
+        }
         scene.end();
     });
 }

@@ -405,7 +405,7 @@ fn what_is_switched_while_a_program_runs_counts_for_the_same_lines_when_it_is_co
     });
 }
 
-/// Blocks before it have set so many parameters that the text of a block is longer than a short program.
+/// Earlier blocks have set so many parameters that the text of a block exceeds 64 KiB.
 #[test]
 fn a_block_behind_thousands_of_parameters_is_checked_and_recorded_whole() {
     unless_disturbed(|| {

@@ -102,6 +102,11 @@ fn m6_waits_for_the_operator_and_names_the_tool() {
             (status.job_result, status.tool_change, status.tool),
             (STOPPED, 0, 0)
         );
+        assert!(
+            !status.operator_message().contains("tool 9"),
+            "the request ends with its job: {}",
+            status.operator_message()
+        );
         drop(operator);
         scene.end();
     });

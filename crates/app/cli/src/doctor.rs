@@ -5,9 +5,10 @@ use std::net::IpAddr;
 use std::time::Duration;
 
 use clap::Args;
-use evolvent_runtime::{BareLoopError, DoctorReport, Verdict, examine};
+use evolvent_runtime::{BareLoopError, DoctorReport, examine};
 use serde_json::{Value, json};
 
+use crate::finding_row::{FindingRow, write_advice, write_findings};
 use crate::{CommandError, doctor_network};
 
 /// Measure what this host can do for a real-time loop: scheduler, locked memory, timers, isolated cores, the
@@ -73,18 +74,7 @@ pub(crate) fn run(args: &DoctorArgs, out: &mut dyn Write, err: &mut dyn Write) -
 }
 
 fn to_json(report: &DoctorReport) -> Value {
-    let findings: Vec<Value> = report
-        .findings
-        .iter()
-        .map(|finding| {
-            json!({
-                "name": finding.name,
-                "value": finding.value,
-                "verdict": word(finding.verdict),
-                "advice": finding.advice,
-            })
-        })
-        .collect();
+    let findings: Vec<Value> = rows(report).iter().map(FindingRow::to_json).collect();
     let lateness = &report.lateness;
     json!({
         "findings": findings,
@@ -106,21 +96,8 @@ fn to_json(report: &DoctorReport) -> Value {
 }
 
 fn write_table(report: &DoctorReport, out: &mut dyn Write) -> io::Result<()> {
-    let width = report
-        .findings
-        .iter()
-        .map(|finding| finding.name.len())
-        .max()
-        .unwrap_or(0);
-    for finding in &report.findings {
-        writeln!(
-            out,
-            "{:<4}  {:<width$}  {}",
-            word(finding.verdict),
-            finding.name,
-            finding.value
-        )?;
-    }
+    let rows = rows(report);
+    write_findings(&rows, out)?;
     let lateness = &report.lateness;
     let us = |ns: u64| ns as f64 / 1e3;
     writeln!(
@@ -134,26 +111,11 @@ fn write_table(report: &DoctorReport, out: &mut dyn Write) -> io::Result<()> {
     for note in &lateness.granted.notes {
         writeln!(out, "note: {note}")?;
     }
-    let advised: Vec<_> = report
-        .findings
-        .iter()
-        .filter_map(|finding| Some((finding.name, finding.advice.as_deref()?)))
-        .collect();
-    if !advised.is_empty() {
-        writeln!(out, "\nwhat to change:")?;
-    }
-    for (name, advice) in advised {
-        writeln!(out, "  {name}: {advice}")?;
-    }
-    Ok(())
+    write_advice(&rows, out)
 }
 
-const fn word(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Good => "good",
-        Verdict::Fair => "fair",
-        Verdict::Bad => "bad",
-    }
+fn rows(report: &DoctorReport) -> Vec<FindingRow<'_>> {
+    report.findings.iter().map(FindingRow::from).collect()
 }
 
 #[cfg(test)]

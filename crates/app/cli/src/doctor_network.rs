@@ -8,6 +8,7 @@ use evolvent_ethercat::{CardFinding, CardVerdict, RoundTrips, examine_card};
 use serde_json::{Value, json};
 
 use crate::CommandError;
+use crate::finding_row::{FindingRow, write_advice, write_findings};
 
 /// Maximum round trip as a fraction of the period. A bridge waits for 60 % of a period (Mesa boards) or 90 % (EtherCAT).
 const MAX_FRACTION: f64 = 0.6;
@@ -119,25 +120,10 @@ fn judged(trips: &RoundTrips, devices: Option<u16>, period: Duration) -> CardFin
     }
 }
 
-const fn word(verdict: CardVerdict) -> &'static str {
-    match verdict {
-        CardVerdict::Good => "good",
-        CardVerdict::Fair => "fair",
-        CardVerdict::Bad => "bad",
-    }
-}
-
 fn to_json(interface: &str, findings: &[CardFinding], trips: &RoundTrips, devices: Option<u16>) -> Value {
     let findings: Vec<Value> = findings
         .iter()
-        .map(|finding| {
-            json!({
-                "name": finding.name,
-                "value": finding.value,
-                "verdict": word(finding.verdict),
-                "advice": finding.advice,
-            })
-        })
+        .map(|finding| FindingRow::from(finding).to_json())
         .collect();
     json!({
         "interface": interface,
@@ -155,35 +141,13 @@ fn to_json(interface: &str, findings: &[CardFinding], trips: &RoundTrips, device
 }
 
 fn write_table(findings: &[CardFinding], trips: &RoundTrips, out: &mut dyn Write) -> io::Result<()> {
-    let width = findings
-        .iter()
-        .map(|finding| finding.name.len())
-        .max()
-        .unwrap_or(0);
-    for finding in findings {
-        writeln!(
-            out,
-            "{:<4}  {:<width$}  {}",
-            word(finding.verdict),
-            finding.name,
-            finding.value
-        )?;
-    }
+    let rows: Vec<FindingRow<'_>> = findings.iter().map(FindingRow::from).collect();
+    write_findings(&rows, out)?;
     if !trips.is_real_time {
         writeln!(
             out,
             "note: measured without real-time priority; `evolvent doctor` reports what it requires"
         )?;
     }
-    let mut advised = findings
-        .iter()
-        .filter_map(|finding| Some((finding.name, finding.advice.as_deref()?)))
-        .peekable();
-    if advised.peek().is_some() {
-        writeln!(out, "\nwhat to change:")?;
-    }
-    for (name, advice) in advised {
-        writeln!(out, "  {name}: {advice}")?;
-    }
-    Ok(())
+    write_advice(&rows, out)
 }

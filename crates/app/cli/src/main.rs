@@ -15,6 +15,7 @@ mod ctl_request;
 mod ctl_status;
 mod doctor;
 mod doctor_network;
+mod finding_row;
 mod import;
 mod man;
 mod operator;

@@ -69,7 +69,7 @@ pub enum JobStart {
     Steered(Box<SteeredStart>),
     /// The path of the held program, backwards.
     Retrace {
-        /// By so many starts of blocks; with 0 forwards to where the program stands.
+        /// Number of block starts to pass; 0 drives forwards to the position at which the program is held.
         back: u32,
     },
 }

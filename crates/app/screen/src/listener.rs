@@ -27,12 +27,12 @@ pub(crate) async fn listen(
 ) -> Infallible {
     let slots = Slots::new(MAX_CONNECTIONS);
     loop {
-        // Further connections wait in the kernel's queue.
+        // Further connections wait in the kernel's queue. The semaphore is never closed.
         let Some(free) = slots.free().await else { continue };
         let (stream, slot) = match listener.accept().await {
             Ok((stream, from)) => match slots.take(free, from.ip()) {
                 Some(slot) => (stream, slot),
-                // Closed at once: a client that holds that many has ended none of them.
+                // The connection is closed: its client holds its maximum.
                 None => continue,
             },
             Err(_) => {

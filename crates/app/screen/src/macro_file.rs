@@ -35,7 +35,7 @@ struct MacroFile {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct MacroEntry {
-    /// What stands on it, up to 40 characters.
+    /// Its label, up to 40 characters.
     #[schemars(length(min = 1, max = 40))]
     name: String,
     /// What it does, for the operator, up to 200 characters.
@@ -128,7 +128,7 @@ pub(crate) struct MacroWatch {
 }
 
 impl MacroWatch {
-    /// What pages are told, where the file has changed since the last look. A file that is not there holds no macros, unless it was named.
+    /// The message for pages if the file has changed since the last call. A missing file holds no macros, unless it was named.
     pub(crate) fn look(&mut self, file: &Path, must_exist: bool) -> Option<ToPage> {
         let facts = std::fs::metadata(file).and_then(|facts| Ok((facts.modified()?, facts.len())));
         let seen = facts.as_ref().ok().copied();
@@ -180,7 +180,7 @@ mod tests {
             problem: None,
         };
         assert_eq!(watch.look(&file, false), Some(none));
-        assert_eq!(watch.look(&file, false), None, "nothing is told twice");
+        assert_eq!(watch.look(&file, false), None, "a change is reported once");
         std::fs::write(&file, "[[macro]]\nname = \"Park\"\nblocks = [\"G53 G0 Z0\"]\n").unwrap();
         let Some(ToPage::Macros {
             macros,

@@ -5,7 +5,7 @@ use evolvent_screen::{macros_schema, parse_macros};
 
 const FILE: &str = "macros/mill.toml";
 
-/// To write the file anew: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-screen schema`.
+/// To regenerate the file: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-screen schema`.
 #[test]
 fn the_shipped_schema_is_that_of_the_code() {
     assert_schema("macros.schema.json", &macros_schema(), "evolvent-screen");

@@ -4,7 +4,7 @@ use evolvent_drive::{
     Brake, BrakeState, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest, QuickStopOption, Target,
 };
 
-use crate::board_file::{Actuator, BoardAxis};
+use crate::board_settings::{Actuator, BoardAxis};
 
 /// Fraction of the position error that a stepper removes in one period. If a rate applies for a whole period
 /// after its reading, the error follows e' = e - g e(previous), whose roots are real up to g = 1/4: the

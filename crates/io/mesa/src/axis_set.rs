@@ -6,7 +6,7 @@ use evolvent_machine::Machine;
 use evolvent_path::AxisMask;
 
 use crate::axis::{AxisLimits, MesaAxis};
-use crate::board_file::{Actuator, BoardSettings, Pin};
+use crate::board_settings::{Actuator, BoardSettings, Pin};
 use crate::field_pins::{InputPlace, OutputPlace};
 use crate::plan::{Inputs, Outputs, Plan};
 use crate::smart_serial::{bit_of, set_bit};

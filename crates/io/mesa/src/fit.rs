@@ -4,7 +4,7 @@ use evolvent_machine::{Machine, SignalKind};
 use evolvent_path::AxisLetter;
 use thiserror::Error;
 
-use crate::board_file::{Actuator, BoardSettings, InputSource, OutputTarget};
+use crate::board_settings::{Actuator, BoardSettings, InputSource, OutputTarget};
 
 /// Why a board file does not fit a machine file.
 #[derive(Clone, Debug, PartialEq, Error)]

@@ -36,6 +36,7 @@
 mod axis;
 mod axis_set;
 mod board_file;
+mod board_settings;
 mod clock;
 mod description;
 mod field_pins;
@@ -49,9 +50,10 @@ mod session;
 mod signals;
 mod smart_serial;
 
-pub use board_file::{
-    Actuator, BoardAxis, BoardFileError, BoardSettings, Gains, InputPin, InputSource, OutputPin,
-    OutputTarget, Pin, RemoteSettings, SpindlePins, StepTiming, board_schema,
+pub use board_file::{BoardFileError, board_schema};
+pub use board_settings::{
+    Actuator, BoardAxis, BoardSettings, Gains, InputPin, InputSource, OutputPin, OutputTarget, Pin,
+    RemoteSettings, SpindlePins, StepTiming,
 };
 pub use description::{Description, DescriptionError, Module, PinFunction, tag};
 pub use evolvent_bridge::BridgeError;

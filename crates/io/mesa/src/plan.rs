@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use crate::board_file::{Actuator, BoardSettings, InputSource, OutputTarget, Pin};
+use crate::board_settings::{Actuator, BoardSettings, InputSource, OutputTarget, Pin};
 use crate::description::{Description, Module, PinFunction, tag};
 use crate::field_pins::{
     FieldOutputs, FieldPins, InputPlace, MAX_FIELD_UNITS, OutputPlace, filter_place, output_place,

@@ -8,7 +8,7 @@ use evolvent_machine::Machine;
 use evolvent_path::{AxisLetter, AxisMask};
 
 use crate::axis::{COMMUNICATION, EXTERNAL};
-use crate::board_file::BoardSettings;
+use crate::board_settings::BoardSettings;
 use crate::link::Link;
 use crate::session::{Counters, Ends, Notice, SessionError, run_session};
 

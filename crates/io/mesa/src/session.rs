@@ -10,7 +10,7 @@ use evolvent_machine::Machine;
 use thiserror::Error;
 
 use crate::axis_set::AxisSet;
-use crate::board_file::BoardSettings;
+use crate::board_settings::BoardSettings;
 use crate::clock::sleep_until;
 use crate::description::Description;
 use crate::link::{Link, LinkError};

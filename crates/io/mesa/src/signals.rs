@@ -5,7 +5,7 @@ use evolvent_drive::OutputFollower;
 use evolvent_machine::{Machine, SignalKind};
 
 use crate::axis_set::{level, set};
-use crate::board_file::{BoardSettings, InputSource, OutputTarget, Pin, SpindlePins};
+use crate::board_settings::{BoardSettings, InputSource, OutputTarget, Pin, SpindlePins};
 use crate::plan::{Inputs, Outputs, Plan};
 
 /// Time between two messages of inputs that do not change, ns.

@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use thiserror::Error;
 
-use crate::board_file::RemoteSettings;
+use crate::board_settings::RemoteSettings;
 use crate::description::{Description, Module, tag};
 use crate::link::{Link, LinkError};
 use crate::packet::{Packet, PacketFull, Space};

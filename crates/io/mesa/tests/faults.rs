@@ -1,19 +1,18 @@
 //! Faults of the cable, of the board and of drives, on the simulated board over real sockets: what the core is told, and what the motors
 //! do.
 
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use evolvent_bridge_sim::monotonic_ns;
-use evolvent_bus::{BusConfig, CoreBus, Feedback, Setpoint, remove_private_domain};
+use evolvent_bus::{BusConfig, CoreBus, Feedback, Setpoint};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_drive::{DriveState, PowerRequest};
-use evolvent_mesa::{BoardSettings, BridgeReport, RunSettings, run};
+use evolvent_mesa::{BoardSettings, BridgeReport, RunSettings};
 use evolvent_mesa_board::{BoardModel, BoardServer, FaultKind};
 use evolvent_random::{Random, cases};
 
-use crate::common::{machine, router, serve};
+use crate::common::{Told, machine, router, serve, was_told, with_running};
 
 const PERIOD_NS: u64 = 2_000_000;
 const LEAD: u64 = 50;
@@ -119,8 +118,6 @@ fn states(feedback: &Feedback) -> [Option<DriveState>; 3] {
     core::array::from_fn(|axis| DriveState::decode(feedback.status_word[axis] as u16))
 }
 
-type Told = Mutex<Vec<String>>;
-
 /// Runs the bridge, with what it tells, around a test.
 fn with_bridge(
     edit: impl Fn(&mut BoardSettings),
@@ -150,34 +147,10 @@ fn with_bridge_to(
             prefix: Some(prefix.clone()),
             duration: None,
         };
-        let (stop, told) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(Vec::new())));
-        let bridge = std::thread::spawn({
-            let (stop, told) = (Arc::clone(&stop), Arc::clone(&told));
-            move || {
-                run(&settings, &stop, |text| {
-                    told.lock().expect("no panic").push(text.to_owned());
-                })
-            }
-        });
         let mut core = Core::open(&prefix);
         core.board = Some(address);
-        let result =
-            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(&mut core, &server, &told)));
-        stop.store(true, Ordering::Relaxed);
-        let report = bridge.join().expect("no panic");
-        drop(core);
-        let _swept = remove_private_domain(&prefix);
-        println!("{told:#?} {report:?}");
-        if let Err(panic) = result {
-            std::panic::resume_unwind(panic);
-        }
-        report.expect("a bridge that fits")
+        with_running(settings, core, |core, told| test(core, &server, told))
     })
-}
-
-fn was_told(told: &Told, what: &str) -> bool {
-    let told = told.lock().expect("no panic");
-    told.iter().any(|text| text.contains(what))
 }
 
 #[test]

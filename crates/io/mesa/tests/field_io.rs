@@ -1,17 +1,15 @@
 //! Filtered inputs, isolated outputs, and smart-serial devices.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use evolvent_bridge_sim::monotonic_ns;
-use evolvent_bus::{BusConfig, CoreBus, MachineInputs, MachineOutputs, remove_private_domain};
+use evolvent_bus::{BusConfig, CoreBus, MachineInputs, MachineOutputs};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_machine::Machine;
-use evolvent_mesa::{BoardSettings, RunSettings, run};
+use evolvent_mesa::{BoardSettings, RunSettings};
 use evolvent_mesa_board::{BoardModel, BoardServer, FaultKind};
 
-use crate::common::{field_router, machine, router, serve};
+use crate::common::{Told, field_router, machine, router, serve, was_told, with_running};
 
 /// A core that says nothing but outputs.
 struct Core {
@@ -57,7 +55,7 @@ fn with_bridge(
     model: BoardModel,
     board: impl Fn(std::net::IpAddr) -> BoardSettings,
     machine: &Machine,
-    test: impl Fn(&mut Core, &BoardServer, &Mutex<Vec<String>>),
+    test: impl Fn(&mut Core, &BoardServer, &Told),
 ) {
     unless_disturbed(|| {
         let (server, address) = serve(model);
@@ -66,7 +64,7 @@ fn with_bridge(
         let prefix = format!("mesafi_{name}{}_", std::process::id());
         let mut config = BusConfig::new("mesa-field", "XYZ", 1_000_000);
         config.prefix = Some(prefix.clone());
-        let mut core = Core {
+        let core = Core {
             bus: CoreBus::open(&config).expect("a bus"),
             outputs: MachineOutputs::default(),
             heard: None,
@@ -75,36 +73,12 @@ fn with_bridge(
             machine: machine.clone(),
             machine_name: Some("mesa-field".to_owned()),
             board,
-            prefix: Some(prefix.clone()),
+            prefix: Some(prefix),
             duration: None,
         };
-        let (stop, told) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(Vec::new())));
-        let bridge = std::thread::spawn({
-            let (stop, told) = (Arc::clone(&stop), Arc::clone(&told));
-            move || {
-                run(&settings, &stop, |text| {
-                    println!("{text}");
-                    told.lock().expect("no panic").push(text.to_owned());
-                })
-            }
-        });
-        test(&mut core, &server, &told);
-        stop.store(true, Ordering::Relaxed);
-        println!(
-            "{:?}",
-            bridge.join().expect("no panic").expect("a bridge that runs")
-        );
+        with_running(settings, core, |core, told| test(core, &server, told));
         assert_eq!(server.lock().traffic().refused, 0, "every command makes sense");
-        drop(core);
-        let _swept = remove_private_domain(&prefix);
     });
-}
-
-fn was_told(told: &Mutex<Vec<String>>, what: &str) -> bool {
-    told.lock()
-        .expect("no panic")
-        .iter()
-        .any(|text| text.contains(what))
 }
 
 #[test]

@@ -353,6 +353,34 @@ fn a_strongly_unstable_cycle_is_not_called_stable() {
     }
 }
 
+/// With five harmonics the branch ends at the speed floor before the cycle that 24 and 48 confirm.
+#[test]
+fn a_cycle_beyond_the_end_of_a_coarse_branch_is_not_missed() {
+    let sample = Sample {
+        tool: CuttingTool {
+            axes: [
+                axis(
+                    1.086_953_783_636_629_2,
+                    3_849_376.721_814_241_7,
+                    145.600_546_588_585_93,
+                ),
+                axis(1.2, 3_836_269.077_320_25, 152.724_042_763_061_45),
+            ],
+            beta_deg: 66.160_227_101_892_86,
+            speed_m_min: 36.605_861_478_607_42,
+            depth_mm: 14.555_888_457_695_02,
+            feed_mm_rev: 0.346_707_610_532_360_3,
+            radial_ratio: 0.676_125_569_466_977_8,
+            floor_m_min: 2.0,
+        },
+        rake: 10.0,
+        lead: 60.0,
+    };
+    let whole = sample.assess();
+    assert_eq!(whole.verdict, Verdict::OutOfModel);
+    assert!(whole.cycles.iter().any(|known| !known.verified.stable()));
+}
+
 /// A verdict of few harmonics is that of many, in random cuts as deep as the tool bears.
 #[test]
 fn stable_cuts_are_stable_with_more_harmonics() {

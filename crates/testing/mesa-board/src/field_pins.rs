@@ -59,7 +59,7 @@ impl InputFilter {
         }
     }
 
-    /// Goes on by so many clocks with these levels at the pins.
+    /// Advances by `clocks` with these levels at the pins.
     pub(crate) fn advance(&mut self, clocks: u64, levels: u32) {
         let scan = 4 * (u64::from(self.control >> 6 & 0x3FF) + 1) * u64::from(self.width);
         self.rest += clocks;

@@ -143,6 +143,20 @@ fn mesaflash_reads_modules_and_pins() {
     }
 }
 
+/// A HAL file that connects to the board in a 5 ms thread, then runs `lines`.
+fn prepared(board: &str, watchdog_ns: u64, lines: &str) -> String {
+    format!(
+        "loadrt hostmot2\n\
+         loadrt hm2_eth board_ip={BOARD}\n\
+         loadrt threads name1=t period1=5000000\n\
+         addf hm2_{board}.0.read t\n\
+         addf hm2_{board}.0.write t\n\
+         setp hm2_{board}.0.watchdog.timeout_ns {watchdog_ns}\n\
+         setp hm2_{board}.0.packet-error-limit 1000\n\
+         {lines}"
+    )
+}
+
 /// Runs `hm2_eth` with a HAL file. It runs as another user, as LinuxCNC does where root starts it.
 fn hal(file: &str) -> Output {
     // One LinuxCNC per host: its real-time process and shared memory have fixed names.
@@ -210,13 +224,6 @@ fn per_cycle(log: &[(u16, bool)]) -> (usize, usize) {
 #[test]
 fn hm2_eth_drives_steps_pins_and_watchdog() {
     const HAL: &str = "\
-loadrt hostmot2
-loadrt hm2_eth board_ip=10.27.0.2
-loadrt threads name1=t period1=5000000
-addf hm2_7i96s.0.read t
-addf hm2_7i96s.0.write t
-setp hm2_7i96s.0.watchdog.timeout_ns 200000000
-setp hm2_7i96s.0.packet-error-limit 1000
 setp hm2_7i96s.0.stepgen.00.control-type 1
 setp hm2_7i96s.0.stepgen.00.position-scale 100
 setp hm2_7i96s.0.stepgen.00.maxaccel 0
@@ -245,7 +252,7 @@ getp hm2_7i96s.0.stepgen.00.position-fb
         for _ in 0..5 {
             server.lock().keep_log();
             let begin = server.lock().motor_steps(0);
-            let output = hal(HAL);
+            let output = hal(&prepared("7i96s", 200_000_000, HAL));
             said = text(&output);
             if said.contains("Resource temporarily unavailable") || !output.status.success() {
                 println!("again: {said}");
@@ -289,13 +296,6 @@ getp hm2_7i96s.0.stepgen.00.position-fb
 #[test]
 fn hm2_eth_closes_isolated_outputs_and_reads_filtered_inputs() {
     const HAL: &str = "\
-loadrt hostmot2
-loadrt hm2_eth board_ip=10.27.0.2
-loadrt threads name1=t period1=5000000
-addf hm2_7i96s.0.read t
-addf hm2_7i96s.0.write t
-setp hm2_7i96s.0.watchdog.timeout_ns 500000000
-setp hm2_7i96s.0.packet-error-limit 1000
 setp hm2_7i96s.0.ssr.00.out-03 1
 setp hm2_7i96s.0.outm.00.out-04 1
 start
@@ -322,7 +322,7 @@ getp hm2_7i96s.0.inm.00.input-03
         server.lock().wire(15, 5);
         server.lock().set_level(4, false);
         server.lock().keep_log();
-        let said = hal_in_time(HAL);
+        let said = hal_in_time(&prepared("7i96s", 500_000_000, HAL));
         let log = server.lock().take_log();
         println!("{said}");
         for (mark, wanted) in [
@@ -355,13 +355,6 @@ getp hm2_7i96s.0.inm.00.input-03
 #[test]
 fn hm2_eth_finds_the_field_io_of_a_7i76() {
     const HAL: &str = "\
-loadrt hostmot2
-loadrt hm2_eth board_ip=10.27.0.2
-loadrt threads name1=t period1=5000000
-addf hm2_7i76e.0.read t
-addf hm2_7i76e.0.write t
-setp hm2_7i76e.0.watchdog.timeout_ns 500000000
-setp hm2_7i76e.0.packet-error-limit 1000
 setp hm2_7i76e.0.7i76.0.0.output-05 1
 setp hm2_7i76e.0.7i76.0.0.spinout-maxlim 24000
 setp hm2_7i76e.0.7i76.0.0.spinout-scalemax 24000
@@ -389,7 +382,7 @@ loadusr -w sleep 1
                 }
                 false
             });
-            let said = hal_in_time(HAL);
+            let said = hal_in_time(&prepared("7i76e", 500_000_000, HAL));
             println!("{said}");
             assert_eq!(printed(&said, "wired"), "TRUE", "{said}");
             assert_eq!(printed(&said, "other"), "FALSE", "{said}");

@@ -6,7 +6,7 @@ use ts_rs::TS;
 /// A button.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, TS)]
 pub struct MacroButton {
-    /// What stands on it.
+    /// Its label.
     pub name: String,
     /// What it does, for the operator.
     pub note: String,

@@ -17,7 +17,7 @@ pub struct ProcessInfo {
     pub z_mm: f64,
     /// Length of the cut.
     pub length_mm: f64,
-    /// The most that stands above the final size, in radius or along Z.
+    /// Maximum stock above the final size, in radius or along Z.
     pub allowance_mm: f64,
     /// Height of the stock above the final size over the place from the face, where the file has a stock.
     pub outline_mm: Vec<(f64, f64)>,

@@ -1,11 +1,13 @@
 //! Boards at addresses of this computer, and the bridge on a thread.
 
 use std::net::IpAddr;
-use std::sync::Arc;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use evolvent_bridge_test::{BridgeUnderTest, StartError};
+use evolvent_bus::remove_private_domain;
 use evolvent_machine::Machine;
 use evolvent_mesa::{BoardSettings, BridgeReport, RunSettings, run};
 use evolvent_mesa_board::{Board, BoardModel, BoardServer, now_ns};
@@ -40,6 +42,42 @@ pub(crate) fn field_router(address: IpAddr) -> BoardSettings {
     let mut board = BoardSettings::parse(&text, "7i76e-router.toml").expect("a board file");
     board.address = address;
     board
+}
+
+/// The messages of a bridge.
+pub(crate) type Told = Mutex<Vec<String>>;
+
+pub(crate) fn was_told(told: &Told, what: &str) -> bool {
+    let told = told.lock().expect("no panic");
+    told.iter().any(|text| text.contains(what))
+}
+
+/// Runs the bridge while a test uses a core of the same prefix. Leaves nothing behind, also if the test fails.
+pub(crate) fn with_running<C>(
+    settings: RunSettings,
+    mut core: C,
+    test: impl FnOnce(&mut C, &Told),
+) -> BridgeReport {
+    let prefix = settings.prefix.clone().expect("a prefix of its own");
+    let (stop, told) = (Arc::new(AtomicBool::new(false)), Arc::new(Told::default()));
+    let bridge = std::thread::spawn({
+        let (stop, told) = (Arc::clone(&stop), Arc::clone(&told));
+        move || {
+            run(&settings, &stop, |text| {
+                told.lock().expect("no panic").push(text.to_owned());
+            })
+        }
+    });
+    let result = catch_unwind(AssertUnwindSafe(|| test(&mut core, &told)));
+    stop.store(true, Ordering::Relaxed);
+    let report = bridge.join().expect("no panic");
+    drop(core);
+    let _swept = remove_private_domain(&prefix);
+    println!("{told:#?} {report:?}");
+    if let Err(panic) = result {
+        resume_unwind(panic);
+    }
+    report.expect("a bridge that fits")
 }
 
 /// The bridge on a thread of this process.

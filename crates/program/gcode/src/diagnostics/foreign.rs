@@ -33,10 +33,12 @@ const KEYWORDS: [(&str, &str, &str); 5] = [
     ),
 ];
 
-/// A code that other dialects use with other words: its number, words of which one must be there, words that must not.
+/// A G code that other dialects use with other words.
 struct Form {
     code: f64,
+    /// At least one of these words is on the line ...
     any: &'static [u8],
+    /// ... and none of these, which mark the code of this dialect.
     none: &'static [u8],
     message: &'static str,
     help: &'static str,
@@ -45,7 +47,7 @@ struct Form {
 const TWO_LINES: &str =
     "in this dialect a roughing cycle is one line, and its profile is a subroutine, not lines P to Q";
 const PROFILE: &str =
-    "write the profile as O1 sub ... O1 endsub, then G71 Q1 X.. Z.. D.., D the depth of a pass";
+    "write the profile as O1 sub ... O1 endsub, then G71 or G72 Q1 X.. Z.. D.., D the depth of a pass";
 
 const FORMS: [Form; 6] = [
     Form {
@@ -72,7 +74,7 @@ const FORMS: [Form; 6] = [
     Form {
         code: 70.0,
         any: b"PU",
-        none: b"",
+        none: b"XZ",
         message: TWO_LINES,
         help: "write the profile as O1 sub ... O1 endsub, then G70 Q1 X.. Z..",
     },

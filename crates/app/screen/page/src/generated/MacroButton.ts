@@ -5,7 +5,7 @@
  */
 export type MacroButton = { 
 /**
- * What stands on it.
+ * Its label.
  */
 name: string, 
 /**

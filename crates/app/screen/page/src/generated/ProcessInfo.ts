@@ -25,7 +25,7 @@ z_mm: number,
  */
 length_mm: number, 
 /**
- * The most that stands above the final size, in radius or along Z.
+ * Maximum stock above the final size, in radius or along Z.
  */
 allowance_mm: number, 
 /**

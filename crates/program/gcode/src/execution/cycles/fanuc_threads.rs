@@ -6,7 +6,7 @@ use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
 use crate::{Code, MoveKind, PathMode};
 
-/// What later lines of such threads need not say again.
+/// What later lines of such threads inherit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct FanucThread {
     /// F of the last one, mm a turn along its longer axis.
@@ -16,12 +16,12 @@ pub(crate) struct FanucThread {
 }
 
 impl FanucThread {
-    /// Another motion: a G92 behind it says its words anew.
+    /// Another motion: a later G92 needs all its words.
     pub(crate) fn end_cycle(&mut self) {
         self.cycle = None;
     }
 
-    /// F of another motion: it is a feed, and a thread behind it says its lead anew.
+    /// F of another motion is a feed: a later thread needs its lead.
     pub(crate) fn forget_lead(&mut self) {
         self.lead_mm = None;
     }

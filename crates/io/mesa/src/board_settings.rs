@@ -1,0 +1,196 @@
+//! The settings of a board: the contents of a board file, checked.
+
+use std::net::IpAddr;
+
+/// A board file, checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardSettings {
+    /// Address of the board.
+    pub address: IpAddr,
+    /// The required name of the board.
+    pub name: Option<String>,
+    /// Packets in a row that may be lost.
+    pub max_lost_packets: u32,
+    /// Time of the watchdog, s.
+    pub watchdog_s: f64,
+    /// Frequency of the PWM generators, Hz.
+    pub pwm_hz: f64,
+    /// Short filter of inputs, s.
+    pub input_filter_s: f64,
+    /// Long filter of inputs, s.
+    pub slow_filter_s: f64,
+    /// Smart-serial devices.
+    pub remotes: Vec<RemoteSettings>,
+    /// The axes.
+    pub axes: Vec<BoardAxis>,
+    /// Inputs by name.
+    pub inputs: Vec<InputPin>,
+    /// Outputs by name.
+    pub outputs: Vec<OutputPin>,
+    /// A spindle.
+    pub spindle: Option<SpindlePins>,
+    /// Flood and mist.
+    pub coolant: [Option<Pin>; 2],
+}
+
+/// A smart-serial device.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RemoteSettings {
+    /// Number of the module.
+    pub port: usize,
+    /// Channel.
+    pub channel: usize,
+    /// Required name.
+    pub name: Option<String>,
+    /// Mode.
+    pub mode: u8,
+}
+
+/// A pin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pin {
+    /// Number on the board, or of a field input or output.
+    pub pin: usize,
+    /// The smart-serial device of the pin.
+    pub remote: Option<usize>,
+    /// Low is on.
+    pub inverted: bool,
+    /// An input with the long filter.
+    pub slow: bool,
+}
+
+/// The source of an input.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum InputSource {
+    /// From a pin.
+    Pin(Pin),
+    /// Counts of the encoder of this number since the start of the bridge; reversed if it is inverted.
+    Encoder {
+        /// Number.
+        unit: usize,
+        /// Turned round.
+        inverted: bool,
+    },
+    /// A number from a smart-serial device, in the device's unit.
+    Remote {
+        /// The device.
+        remote: usize,
+        /// The number's name.
+        data: String,
+    },
+}
+
+/// An input.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InputPin {
+    /// Name in the machine file.
+    pub name: String,
+    /// Its source.
+    pub source: InputSource,
+}
+
+/// The target of an output.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum OutputTarget {
+    /// To a pin.
+    Pin(Pin),
+    /// To a PWM generator.
+    Pwm {
+        /// Number.
+        unit: usize,
+        /// Value at full output.
+        full: f64,
+    },
+}
+
+/// An output.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OutputPin {
+    /// Name in the machine file.
+    pub name: String,
+    /// Its target.
+    pub target: OutputTarget,
+}
+
+/// A spindle's outputs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpindlePins {
+    /// Number in the machine file.
+    pub number: usize,
+    /// PWM generator, and rpm at full output.
+    pub speed: Option<(usize, f64)>,
+    /// Smart-serial device, and rpm at full output.
+    pub remote: Option<(usize, f64)>,
+    /// Clockwise.
+    pub forward: Option<Pin>,
+    /// Counter-clockwise.
+    pub reverse: Option<Pin>,
+}
+
+/// Times of a step generator, ns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepTiming {
+    /// Length of a pulse.
+    pub length_ns: f64,
+    /// Between two pulses.
+    pub space_ns: f64,
+    /// Direction before a step.
+    pub setup_ns: f64,
+    /// Direction after a step.
+    pub hold_ns: f64,
+}
+
+/// Gains of the position loop of a servo axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gains {
+    /// Proportional, 1/s.
+    pub p: f64,
+    /// Integral, 1/s2.
+    pub i: f64,
+    /// Derivative.
+    pub d: f64,
+}
+
+/// What moves an axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Actuator {
+    /// A stepper, or a servo with step and direction.
+    Steps {
+        /// Step generator.
+        unit: usize,
+        /// Times of its pulses.
+        timing: StepTiming,
+    },
+    /// A servo with velocity as an analog value.
+    Servo {
+        /// Encoder.
+        encoder: usize,
+        /// PWM generator.
+        pwm: usize,
+        /// Velocity at full output, per second.
+        full_velocity: f64,
+        /// The loop.
+        gains: Gains,
+    },
+}
+
+/// An axis, checked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoardAxis {
+    /// Index into X Y Z A B C U V W.
+    pub axis: usize,
+    /// What moves it.
+    pub actuator: Actuator,
+    /// Steps or counts a mm or degree, positive.
+    pub per_unit: f64,
+    /// The motor turns against the axis.
+    pub inverted: bool,
+    /// Coordinate at the start.
+    pub zero: f64,
+    /// Switches the drive on.
+    pub enable: Option<Pin>,
+    /// The drive's fault.
+    pub fault: Option<Pin>,
+    /// Home switch, negative limit, positive limit.
+    pub switches: [Option<Pin>; 3],
+}
