@@ -112,7 +112,7 @@ fn own_lines_with_errors_are_not_taken_for_another_dialect() {
         "G18 F1\nG70 Q10 X20 Z1 P2\nM2\n",
         "G18 F1\nG71 Q10 X20 Z1 D1\nM2\n",
         "G5 X1 Y1 P1 Q1\nM2\n",
-        "G92 X1 S5 A1\nM2\n",
+        "G92 X1 S-5\nM2\n",
     ] {
         let found = errors(program);
         assert!(!found.is_empty(), "{program}");
