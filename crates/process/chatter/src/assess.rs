@@ -246,12 +246,14 @@ impl Assessor {
     }
 
     /// What becomes of disturbances, up to the first that leaves the model: the largest within it, or small ones where the
-    /// steady cut does not last. A motion that arrives at one of the given stable cycles is followed no further.
+    /// steady cut does not last, and the given motions. A motion that arrives at one of the given stable cycles is followed no
+    /// further.
     pub(crate) fn disturbances(
         &self,
         model: &Model<'_>,
         rest: &Equilibrium,
         stable: &[Verified],
+        motions: &[State],
     ) -> Vec<Fate> {
         let mut follower = Follower::new(*model, rest).hasty();
         for cycle in stable {
@@ -259,7 +261,9 @@ impl Assessor {
         }
         let first = if rest.growth_per_s() > 0.0 { SMALL } else { LARGE };
         let mut fates = Vec::new();
-        for direction in directions(model, &follower) {
+        let mut directions = directions(model, &follower);
+        directions.extend(motions.iter().map(|state| state - follower.rest()));
+        for direction in directions {
             let (_, fate) = fate_within(&follower, follower.rest(), direction, first);
             let ends = fate == Fate::Leaves;
             fates.push(fate);

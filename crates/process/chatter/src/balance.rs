@@ -19,7 +19,7 @@ use crate::pair::PairBalance;
 type C = Complex<f64>;
 
 /// A motion that extra damping makes a cycle.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Balanced {
     /// `P_0, w, D, Re P_2, -Im P_2, ..., A`; `A` is the amplitude of the driving coordinate, m.
     pub(crate) unknowns: Vec<f64>,
@@ -169,6 +169,19 @@ impl Balance {
         unknowns[2] = extra;
         unknowns[size] = amplitude;
         unknowns
+    }
+
+    /// The unknowns of a motion that a balance of fewer harmonics has found.
+    pub(crate) fn widened(&self, model: &Model<'_>, unknowns: &[f64]) -> Vec<f64> {
+        let (forces, amplitude) = unknowns.split_at(unknowns.len() - 1);
+        let axes = if model.has_radial_law() { 2 } else { 1 };
+        let mut wide = Vec::with_capacity(self.equations(model) + 1);
+        for force in forces.chunks(forces.len() / axes) {
+            wide.extend(force);
+            wide.resize(wide.len() + 2 * self.harmonics + 1 - force.len(), 0.0);
+        }
+        wide.extend(amplitude);
+        wide
     }
 
     /// The motion that fulfils a condition, driven by coordinate `driver` (0 or 1), by Newton's method from `unknowns`.

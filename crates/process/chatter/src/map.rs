@@ -11,7 +11,7 @@ use crate::assess::{Assessment, Assessor, Verdict};
 use crate::cycle::Cycle;
 use crate::error::ChatterError;
 use crate::floquet::{quick_multipliers, verify};
-use crate::model::{CuttingTool, Equilibrium, Laws, Model, SmallMode};
+use crate::model::{CuttingTool, Equilibrium, Laws, Model, SmallMode, State};
 use crate::scan::{Branch, ScanPoint, Scanner};
 use crate::transient::Fate;
 
@@ -90,6 +90,7 @@ pub struct Mapper {
     coarse: Scanner,
     medium: Scanner,
     fine: Scanner,
+    ends: Scanner,
 }
 
 /// A cell, and what its neighbours can begin with.
@@ -104,6 +105,15 @@ struct Node {
 /// Cycles of a cut, stable or not.
 type Survey = Vec<(Cycle, bool)>;
 
+/// What the balance has found of a cut.
+#[derive(Clone, Debug, Default)]
+struct Found {
+    branches: Vec<Branch>,
+    cycles: Survey,
+    /// The first cycle on the branch that grows.
+    first_is_stable: bool,
+}
+
 impl Mapper {
     /// Cycles are found with this many harmonics (5 for amplitudes to 1e-4).
     #[must_use]
@@ -113,6 +123,7 @@ impl Mapper {
             coarse: Scanner::coarse(),
             medium: Scanner::medium(),
             fine: Scanner::for_maps(harmonics),
+            ends: Scanner::for_ends(),
         }
     }
 
@@ -190,10 +201,10 @@ impl Mapper {
         let rest = model.equilibrium()?;
         node.cell.growth_per_s = rest.growth_per_s();
         let quick = match self.survey(&model, &rest)? {
-            Some((mut survey, first_is_stable)) => self
-                .assessor
-                .quick_verdict(&model, &rest, &mut survey, first_is_stable)
-                .map(|verdict| (verdict, survey)),
+            Some(mut found) => match self.assessor.quick_verdict(&model, &rest, &mut found) {
+                Some(Verdict::Stable) if self.may_hide_a_cycle(&model, &rest, &found.branches)? => None,
+                verdict => verdict.map(|verdict| (verdict, found.cycles)),
+            },
             None => None,
         };
         let (verdict, survey) = match quick {
@@ -226,15 +237,24 @@ impl Mapper {
         Ok(())
     }
 
-    /// All cycles with their stability, and whether the first on the growing branch is stable; None where something
-    /// does not fit together.
-    fn survey(
+    /// Whether one of these branches may have a cycle beyond its end.
+    fn may_hide_a_cycle(
         &mut self,
         model: &Model<'_>,
         rest: &Equilibrium,
-    ) -> Result<Option<(Survey, bool)>, ChatterError> {
-        let mut survey = Survey::new();
-        let mut first_is_stable = false;
+        branches: &[Branch],
+    ) -> Result<bool, ChatterError> {
+        for branch in branches {
+            if self.ends.may_meet_a_cycle_beyond(model, rest, branch)? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// The branches and all their cycles; None where something does not fit together.
+    fn survey(&mut self, model: &Model<'_>, rest: &Equilibrium) -> Result<Option<Found>, ChatterError> {
+        let mut found = Found::default();
         for mode in &rest.modes {
             let branch = self.branch(model, rest, mode)?;
             if !branch.end.is_known() {
@@ -244,17 +264,18 @@ impl Mapper {
                 let Some(stable) = stability(model, cycle)? else {
                     return Ok(None);
                 };
-                first_is_stable |= stable && k == 0 && mode.growth_per_s > 0.0;
+                found.first_is_stable |= stable && k == 0 && mode.growth_per_s > 0.0;
                 let same = |known: &Cycle| {
                     (known.frequency_hz / cycle.frequency_hz - 1.0).abs() < 1e-4
                         && (known.amplitude_m(1) / cycle.amplitude_m(1) - 1.0).abs() < 1e-3
                 };
-                if !survey.iter().any(|(known, _)| same(known)) {
-                    survey.push((cycle.clone(), stable));
+                if !found.cycles.iter().any(|(known, _)| same(known)) {
+                    found.cycles.push((cycle.clone(), stable));
                 }
             }
+            found.branches.push(branch);
         }
-        Ok(Some((survey, first_is_stable)))
+        Ok(Some(found))
     }
 
     /// The branch of a mode, with as few harmonics as tell its cycles, and these with all.
@@ -460,20 +481,15 @@ impl Mapper {
 impl Assessor {
     /// The verdict from cycles with their stability, where it is plain; disturbances are followed before `Stable` is
     /// said.
-    fn quick_verdict(
-        &self,
-        model: &Model<'_>,
-        rest: &Equilibrium,
-        survey: &mut Survey,
-        first_is_stable: bool,
-    ) -> Option<Verdict> {
+    fn quick_verdict(&self, model: &Model<'_>, rest: &Equilibrium, found: &mut Found) -> Option<Verdict> {
+        let survey = &mut found.cycles;
         let stable = survey.iter().any(|(_, stable)| *stable);
         let grows = rest.growth_per_s() > 0.0;
         if grows && survey.is_empty() {
             return Some(Verdict::OutOfModel);
         }
         let growing = rest.modes.iter().filter(|mode| mode.growth_per_s > 0.0).count();
-        if grows && first_is_stable && growing == 1 {
+        if grows && found.first_is_stable && growing == 1 {
             return Some(Verdict::SelfExcited);
         }
         if !grows && stable {
@@ -486,7 +502,9 @@ impl Assessor {
         for (cycle, _) in survey.iter().filter(|(_, stable)| *stable) {
             verified.push(verify(model, cycle, 1e-8).ok()?);
         }
-        let fates = self.disturbances(model, rest, &verified);
+        let ends = found.branches.iter().filter(|branch| branch.ends_near_a_cycle());
+        let ends: Vec<State> = ends.filter_map(|branch| branch.largest).collect();
+        let fates = self.disturbances(model, rest, &verified, &ends);
         let all = |is: fn(&Fate) -> bool| fates.iter().all(is);
         // What attracts and the balance did not find.
         for fate in &fates {

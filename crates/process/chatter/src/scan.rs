@@ -25,6 +25,16 @@ const LEAP: f64 = 1.5;
 /// frequency. Tuned: from 0.01 to 0.2 the same cycles are found, with the fewest steps at 0.05.
 const SPEED_PART: f64 = 0.05;
 
+/// Harmonics of the balance beyond the end of a branch.
+const END_HARMONICS: usize = 24;
+/// A motion at the end of a branch that so much extra damping, as part of the largest along it, keeps from dying out has no
+/// cycle near: in a balance of few harmonics ...
+const FEW_DAMPED: f64 = 0.5;
+/// ... and of many.
+const MANY_DAMPED: f64 = 0.3;
+/// Motions of few and of many harmonics whose damping differs by more are not the same.
+const OTHER_DAMPED: f64 = 0.5;
+
 /// How the scan of a branch ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ScanEnd {
@@ -76,6 +86,8 @@ pub struct Branch {
     pub end: ScanEnd,
     /// A state of the last motion on it.
     pub largest: Option<State>,
+    /// The last motion on it, as the balance has it.
+    last: Option<Balanced>,
 }
 
 impl Branch {
@@ -86,6 +98,20 @@ impl Branch {
             Some(last) => self.end != ScanEnd::Rest && last.extra_per_s > 0.0,
             None => self.mode.growth_per_s > 0.0,
         }
+    }
+
+    /// Whether little extra damping would keep the last motion on it: a cycle may be near, beyond the end.
+    pub(crate) fn ends_near_a_cycle(&self) -> bool {
+        let last = self
+            .points
+            .last()
+            .map_or(f64::NEG_INFINITY, |last| last.extra_per_s);
+        self.end != ScanEnd::Rest && -last <= FEW_DAMPED * self.largest_extra_per_s()
+    }
+
+    fn largest_extra_per_s(&self) -> f64 {
+        let sizes = self.points.iter().map(|point| point.extra_per_s.abs());
+        sizes.fold(0.0, f64::max)
     }
 }
 
@@ -154,6 +180,15 @@ impl Scanner {
             steps: 8.0,
             halvings: 6,
             ..Self::with_balance(Balance::with_samples(3, 24).until(1e-4))
+        }
+    }
+
+    /// For the ends of branches in maps: there few harmonics may not show a cycle.
+    pub(crate) fn for_ends() -> Self {
+        Self {
+            balance: Balance::new(END_HARMONICS).until(1e-5),
+            halvings: 6,
+            ..Self::new(1)
         }
     }
 
@@ -265,40 +300,91 @@ impl Scanner {
             cycles: Vec::new(),
             end: ScanEnd::NoBranch,
             largest: None,
+            last: None,
         };
         if mode.frequency_hz <= 0.0 {
             return Ok(branch);
         }
-        let Some((driver, tiny)) = self.begin(model, rest, mode)? else {
+        let Some((driver, mut tiny)) = self.begin(model, rest, mode)? else {
             branch.end = ScanEnd::NotFound;
             return Ok(branch);
         };
         branch.driver = driver;
         let (floor, contact) = self.reach(model, driver, &tiny);
-        let near = floor.min(contact);
-        let mut scale = vec![rest.force_n; tiny.unknowns.len()];
-        (scale[1], scale[2]) = (SPEED_PART * tiny.omega(), SPEED_PART * tiny.omega());
-        if let Some(last) = scale.last_mut() {
-            *last = near;
-        }
-        let walk = Walk { driver, scale };
+        let walk = Walk::new(rest, driver, &tiny, floor.min(contact));
+        walk.orient(&mut tiny, None);
         branch.points.push(point(&tiny));
         let last = self.follow(model, &walk, tiny, &mut branch)?;
         branch.largest = Some(self.cycle(model, driver, &last).state(0.0));
+        branch.last = Some(last);
         Ok(branch)
     }
 
-    /// Follows a branch from its beginning to its end; the last motion on it.
+    /// Whether a branch without cycles that was found with fewer harmonics may have one beyond its end: followed on with the
+    /// harmonics of this scanner, it has one, or it cannot be followed.
+    ///
+    /// # Errors
+    /// The force law does not reach as far.
+    pub(crate) fn may_meet_a_cycle_beyond(
+        &mut self,
+        model: &Model<'_>,
+        rest: &Equilibrium,
+        branch: &Branch,
+    ) -> Result<bool, ChatterError> {
+        let (Some(end), true) = (&branch.last, branch.ends_near_a_cycle()) else {
+            return Ok(false);
+        };
+        let damped = |at: &Balanced| -at.extra() / branch.largest_extra_per_s();
+        let (driver, amplitude) = (branch.driver, end.amplitude());
+        let mut unknowns = self.balance.widened(model, &end.unknowns);
+        let mut start = None;
+        // Where the model ends sooner with more harmonics, from a smaller motion.
+        for part in [1.0, 0.9, 0.75, 0.5] {
+            let condition = Condition::Amplitude(part * amplitude);
+            let Some(found) = self.balance.solve(model, driver, unknowns, condition)? else {
+                break;
+            };
+            if valid(model, &found) {
+                start = Some(found);
+                break;
+            }
+            unknowns = found.unknowns;
+        }
+        let Some(mut start) = start else { return Ok(true) };
+        // Not the same motion.
+        if (damped(&start) - damped(end)).abs() > OTHER_DAMPED {
+            return Ok(true);
+        }
+        if damped(&start) > MANY_DAMPED {
+            return Ok(false);
+        }
+        if start.extra() >= 0.0 {
+            return Ok(true);
+        }
+        let walk = Walk::new(rest, driver, &start, amplitude);
+        walk.orient(&mut start, None);
+        if end.tangent_amplitude() < 0.0 {
+            start.tangent.iter_mut().for_each(|part| *part = -*part);
+        }
+        let mut beyond = Branch {
+            points: vec![branch.points[0]],
+            cycles: Vec::new(),
+            ..branch.clone()
+        };
+        self.follow(model, &walk, start, &mut beyond)?;
+        Ok(!beyond.cycles.is_empty() || !beyond.end.is_known())
+    }
+
+    /// Follows a branch from a motion on it to its end; the last motion on it.
     fn follow(
         &mut self,
         model: &Model<'_>,
         walk: &Walk,
-        tiny: Balanced,
+        from: Balanced,
         branch: &mut Branch,
     ) -> Result<Balanced, ChatterError> {
-        let least = tiny.amplitude();
-        let mut here = tiny;
-        walk.orient(&mut here, None);
+        let least = branch.points[0].amplitude_m;
+        let mut here = from;
         let longest = 1.0 / self.steps;
         let mut step = longest;
         let mut shortened = 0;
@@ -493,6 +579,16 @@ impl Scanner {
 }
 
 impl Walk {
+    /// Along the branch through a motion, on which the amplitude `size` counts as 1.
+    fn new(rest: &Equilibrium, driver: usize, at: &Balanced, size: f64) -> Self {
+        let mut scale = vec![rest.force_n; at.unknowns.len()];
+        (scale[1], scale[2]) = (SPEED_PART * at.omega(), SPEED_PART * at.omega());
+        if let Some(last) = scale.last_mut() {
+            *last = size;
+        }
+        Self { driver, scale }
+    }
+
     /// The amplitude that counts as 1.
     fn size(&self) -> f64 {
         self.scale.last().copied().unwrap_or(f64::NAN)
