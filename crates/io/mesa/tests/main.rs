@@ -6,6 +6,7 @@ mod common;
 
 mod board_files;
 mod bridge;
+mod campaign;
 mod discovery;
 mod faults;
 mod field_io;

@@ -1,5 +1,7 @@
 //! Boards at addresses of this computer, and the bridge on a thread.
 
+pub(crate) mod core;
+
 use std::net::IpAddr;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
