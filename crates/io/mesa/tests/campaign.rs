@@ -26,7 +26,7 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut Core, server: &Bo
     let before = core.bring_up();
     let (from, stalls) = (before.position[0], server.lock().motor_stalls(0));
     let ahead_before = ahead(server, from);
-    let mut turn = |core: &mut Core| {
+    let turn = |core: &mut Core| {
         if (core.position[0] - from) * core.velocity_x > REACH * core.velocity_x.abs() {
             core.velocity_x = -core.velocity_x;
         }
