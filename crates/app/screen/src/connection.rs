@@ -190,6 +190,15 @@ async fn answer_of(server: &Server, number: u64, role: Role, command: &CommandMe
             answer
         }
         code if code == CommandCode::JogKeep as u32 => server.jogs.give(request, KEEP_AGE).await,
+        code if code == CommandCode::Return as u32 || code == CommandCode::Retrace as u32 => {
+            // They end with the page, as a jog does: what the program itself does not do, somebody watches.
+            server.jogged.store(true, std::sync::atomic::Ordering::Relaxed);
+            let answer = server.commands.give(request, AGE).await;
+            if !server.hub.holds(number) {
+                stop_jog(server);
+            }
+            answer
+        }
         _ => server.commands.give(request, AGE).await,
     }
 }

@@ -253,6 +253,76 @@ export const cases = {
     await until('stopped', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'));
   },
 
+  async 'a held program is left by a jog, resumed only after the way back, and retraced'(page, context) {
+    await ready(page);
+    if (context.real) {
+      await upload(page, 'leave.ngc', `G21 G90 G94 G64 P0.01\nG1 X0 Y0 F3000\n${square(60, 900)}`);
+      await until('checked', async () => (await text(page, 'findings-button')) === 'no errors' || text(page, 'findings-button'), 20_000);
+    }
+    await view(page, 'jog');
+    const disabled = (name) => page.locator(at(name)).isDisabled();
+    for (const name of ['return', 'retrace']) assert.equal(await disabled(name), true, `${name} without a program`);
+    await page.locator(at('start')).click();
+    await until('runs', async () => (await text(page, 'state')) === 'Program' || text(page, 'state'));
+    // Into the square's second side, so that there are starts of blocks before it.
+    if (context.real) await until('line 5', async () => (await text(page, 'advice')) === 'Line 5 is running.' || text(page, 'advice'), 30_000);
+    await page.waitForTimeout(500);
+    assert.equal(await disabled('jog-Z-plus'), true, 'no jog while it moves');
+    await page.locator(at('hold')).click();
+    await until('held', async () => (await text(page, 'state')) === 'Held' || text(page, 'state'));
+    await rests(page, 'X');
+    const held = await Promise.all(['X', 'Y', 'Z'].map((letter) => number(page, `large-${letter}`)));
+    const isThere = async () => {
+      const now = await Promise.all(['X', 'Y', 'Z'].map((letter) => number(page, `large-${letter}`)));
+      return now.every((value, axis) => value === held[axis]) || [now, held];
+    };
+    assert.equal(await disabled('resume'), false);
+    // A jog by its distance, with the keyboard: arrows are locked, the buttons are not.
+    await page.locator(at('increment-10')).click();
+    await page.locator(at('jog-Z-plus')).focus();
+    await page.keyboard.press('Enter');
+    await until('Z 10 higher', async () => Math.abs((await number(page, 'large-Z')) - held[2] - 10) < 0.0015 || number(page, 'large-Z'));
+    await until('a way back', async () => (await disabled('return')) === false);
+    for (const name of ['resume', 'step', 'retrace', 'home-X']) assert.equal(await disabled(name), true, `${name} while away`);
+    assert.match(await text(page, 'advice'), /Z left the held program. Press “Return”/);
+    assert.match(await text(page, 'jog-note'), /away from the program; the way back/);
+    // A jog with the finger on it, which ends where it is lifted.
+    await page.locator(at('increment-0')).click();
+    await press(page, 'jog-X-minus');
+    await until('X moves', async () => (await number(page, 'large-X')) < held[0] - 1);
+    await page.mouse.up();
+    await rests(page, 'X');
+    await until('X and Z', async () => /X Z left/.test(await text(page, 'advice')) || text(page, 'advice'));
+    assert.equal(await text(page, 'state'), 'Held');
+    if (context.real) {
+      // The core refuses it as well, whatever a page sends.
+      await page.locator(at('resume')).evaluate((button) => {
+        button.disabled = false;
+        button.click();
+      });
+      await until('rejection 932', async () => /Rejected \(932\)/.test(await page.locator(at('advice')).innerText()) || page.locator(at('advice')).innerText());
+      // The way back can be held as well.
+      await page.locator(at('return')).click();
+      await page.locator(`${at('hold')}:enabled`).waitFor();
+      await page.locator(at('hold')).click();
+      await rests(page, 'Z');
+    }
+    await until('return again', async () => (await disabled('return')) === false || text(page, 'advice'));
+    await page.locator(at('return')).click();
+    await until('back', async () => (await isThere()) === true && (await disabled('resume')) === false || text(page, 'advice'), 20_000);
+    assert.deepEqual(await isThere(), true);
+    await page.locator(at('retrace')).click();
+    await until('backwards', async () => (await isThere()) !== true && (await disabled('return')) === false, 20_000);
+    assert.match(await text(page, 'advice'), /back along the path/);
+    assert.equal(await disabled('resume'), true);
+    await page.locator(at('return')).click();
+    await until('forwards again', async () => (await isThere()) === true && (await disabled('resume')) === false || text(page, 'advice'), 20_000);
+    await page.locator(at('resume')).click();
+    await until('goes on', async () => (await text(page, 'state')) === 'Program' || text(page, 'state'));
+    await page.locator(at('stop')).click();
+    await until('stopped', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'));
+  },
+
   async 'errors of a program have their place and a help'(page, context) {
     if (!context.real) return 'not measured';
     await takeControl(page);

@@ -103,6 +103,14 @@ pub struct ScreenStatus {
     pub longest_stop_mm: f64,
     /// As on the bus.
     pub longest_stop_s: f64,
+    /// As on the bus.
+    pub away_mask: u32,
+    /// As on the bus.
+    pub away_parts: u32,
+    /// As on the bus.
+    pub retraced: u32,
+    /// As on the bus.
+    pub retrace_blocks: u32,
     /// Modal G codes times ten.
     pub modal: Vec<u32>,
     /// Numbers of the alarms in force, the oldest first.
@@ -159,6 +167,10 @@ impl From<&Status> for ScreenStatus {
             wake_lateness_ns: status.wake_lateness_ns,
             longest_stop_mm: status.longest_stop_mm,
             longest_stop_s: status.longest_stop_s,
+            away_mask: status.away_mask,
+            away_parts: status.away_parts,
+            retraced: status.retraced,
+            retrace_blocks: status.retrace_blocks,
             modal: status.modal.iter().copied().filter(|&code| code != 0).collect(),
             alarms: status.listed_alarms().to_vec(),
             program: status.program_name().to_owned(),

@@ -149,6 +149,22 @@ longest_stop_mm: number,
  */
 longest_stop_s: number, 
 /**
+ * As on the bus.
+ */
+away_mask: number, 
+/**
+ * As on the bus.
+ */
+away_parts: number, 
+/**
+ * As on the bus.
+ */
+retraced: number, 
+/**
+ * As on the bus.
+ */
+retrace_blocks: number, 
+/**
  * Modal G codes times ten.
  */
 modal: Array<number>, 

@@ -1,6 +1,7 @@
 // "What to do next": one sentence that the state of the machine calls for. The core judges every command by itself; this only
 // says beforehand what it would answer.
 import type { Texts } from '../texts/en';
+import { excursionMoves } from './held';
 import type { Machine, ProgramInfo, Status } from './model';
 
 export interface Advice {
@@ -32,6 +33,8 @@ export function advise(texts: Texts, { connected, coreAlive, machine, status, pr
   if (status.activity === 'homing') return { text: a.homing, tone: 'calm' };
   if (status.activity === 'jog') return { text: a.jogging, tone: 'calm' };
   if (status.activity === 'program' || status.activity === 'mdi') {
+    if (status.awayParts > 0 && excursionMoves(status)) return { text: a.awayMoves, tone: 'calm' };
+    if (status.awayParts > 0) return { text: a.away(machine.axes.filter((_, index) => status.away[index]).map((axis) => axis.letter).join(' ')), tone: 'ask' };
     if (status.state === 'program_stop') return { text: message || a.programStop, tone: 'ask' };
     if (status.state === 'held' || status.hold) return { text: a.held, tone: 'ask' };
     if (status.inputWait) return { text: a.inputWait, tone: 'calm' };

@@ -1,12 +1,18 @@
 // A jog goes on only while somebody holds it. The core stops the axes 90 ms after the last keep-alive of the client that started
 // the jog, so nothing here is trusted for safety: what this adds is that the stop is sent at once where the page notices.
-import type { AxisValue } from './model';
+import { isHeldProgram } from './held';
+import type { AxisValue, Command } from './model';
 import { session } from './session.svelte';
 
 /** Keep-alives come three times in the core's 90 ms. */
 const KEEP_MS = 25;
 
 let held: { key: string; timer: number } | null = null;
+
+/** A jog, in manual mode; a held program is left in the mode in which it runs. */
+export function order(command: Command): Promise<boolean> {
+  return isHeldProgram(session.status) ? session.sendAll([command]) : session.inMode('manual', command);
+}
 
 /** Starts a jog that goes on until `release`. `key` says what holds it: a button, a key, the pad. */
 export async function hold(key: string, values: AxisValue[], speed: number): Promise<void> {
@@ -17,7 +23,7 @@ export async function hold(key: string, values: AxisValue[], speed: number): Pro
     held = { key, timer };
   }
   const mine = held;
-  const started = await session.inMode('manual', { name: 'jog', values, speed });
+  const started = await order({ name: 'jog', values, speed });
   // Released while the mode was changing: the core has the jog now and must lose it.
   if (held !== mine) void session.send({ name: 'jog_stop' });
   else if (!started) release(key);

@@ -92,6 +92,12 @@ export interface Status {
   latenessNs: number;
   longestStopMm: number;
   longestStopS: number;
+  /** axes that were jogged away from the held program */
+  away: boolean[];
+  /** parts of the way back to where the program is held; 0 where the axes are there */
+  awayParts: number;
+  /** starts of blocks that can be reached backwards along the path of the held program */
+  retraceBlocks: number;
 }
 
 /** Commands of the contract, by the names and units of docs/contract.md. */
@@ -109,7 +115,9 @@ export type Command =
   | { name: 'jog_distance'; values: AxisValue[]; speed: number }
   | { name: 'jog'; values: AxisValue[]; speed: number }
   | { name: 'jog_keep' }
-  | { name: 'jog_stop' };
+  | { name: 'jog_stop' }
+  | { name: 'return'; speed: number }
+  | { name: 'retrace'; blocks: number };
 
 /** `axis` counts in the order of the machine file. */
 export interface AxisValue {

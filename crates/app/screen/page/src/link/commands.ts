@@ -52,6 +52,10 @@ export function encode(machine: Machine, command: Command): Request {
       return { command: 20, index: 0, amount: command.speed, ...valued(machine, command.values) };
     case 'jog_distance':
       return { command: 20, index: 1, amount: command.speed, ...valued(machine, command.values) };
+    case 'return':
+      return { command: 30, amount: command.speed };
+    case 'retrace':
+      return { command: 31, index: command.blocks };
     case 'home':
       return { command: 23, ...valued(machine, command.axes.map((axis) => ({ axis, value: 0 }))) };
     case 'work_offset':

@@ -30,9 +30,11 @@ export class MadeUp implements Source {
     override: 1, rapidOverride: 1, spindleOverride: 1, spindleRpm: 0, coolant: 0, tool: 3, toolChange: 'none', toolWanted: 0,
     workSystem: 'G54', modal: ['G0', 'G17', 'G21', 'G54', 'G90', 'G94'], alarms: [], alarmText: '', message: '', singleStep: false,
     optionalStop: false, blockDelete: false, hold: false, chainOpen: false, inputWait: false, pathDone: 0, pathToGo: 0, lateCycles: 0,
-    latenessNs: 12_000, longestStopMm: 0, longestStopS: 0,
+    latenessNs: 12_000, longestStopMm: 0, longestStopS: 0, away: [false, false, false], awayParts: 0, retraceBlocks: 0,
   };
   #jogUntil = 0;
+  /** where the program is held, while the axes are away from it */
+  #heldAt: number[] | null = null;
 
   start(handle: (message: Incoming) => void): void {
     this.#handle = handle;
@@ -75,6 +77,7 @@ export class MadeUp implements Source {
       s.feed = 50;
       s.feedProgrammed = 50;
     }
+    if (s.activity === 'program' && s.hold && now > this.#jogUntil) s.velocity = [0, 0, 0];
     s.machine = s.machine.map((value, axis) => value + (s.velocity[axis] ?? 0) * dt);
     s.work = s.machine.map((value, axis) => value - (s.workOffset[axis] ?? 0));
     s.time = now / 1000;
@@ -86,7 +89,8 @@ export class MadeUp implements Source {
   }
 
   #end(): void {
-    Object.assign(this.#status, { activity: 'none', state: 'idle', velocity: [0, 0, 0], feed: 0 });
+    this.#heldAt = null;
+    Object.assign(this.#status, { activity: 'none', state: 'idle', velocity: [0, 0, 0], feed: 0, awayParts: 0, retraceBlocks: 0 });
   }
 
   async send(command: Command): Promise<Answer> {
@@ -101,20 +105,44 @@ export class MadeUp implements Source {
       case 'home': s.homed = [true, true, true]; break;
       case 'jog':
         if (s.machineState !== 'on') return reject(912, 'the machine is off');
-        s.activity = 'jog';
-        s.state = 'running';
+        if (s.hold) {
+          if (command.values.length > 1) return reject(933, 'while a program is held only one axis is jogged at a time');
+          this.#leave(command.values[0]!.axis);
+        } else {
+          s.activity = 'jog';
+          s.state = 'running';
+        }
         s.velocity = [0, 0, 0];
         for (const { axis, value } of command.values) s.velocity[axis] = value * command.speed;
         this.#jogUntil = performance.now() + 90;
         break;
-      case 'jog_distance': for (const { axis, value } of command.values) s.machine[axis]! += value; break;
-      case 'jog_stop': if (s.activity === 'jog') this.#end(); break;
+      case 'jog_distance':
+        if (s.hold) this.#leave(command.values[0]!.axis);
+        for (const { axis, value } of command.values) s.machine[axis]! += value;
+        break;
+      case 'jog_stop':
+        if (s.activity === 'jog') this.#end();
+        s.velocity = [0, 0, 0];
+        break;
+      case 'return':
+        if (this.#heldAt !== null) s.machine = this.#heldAt;
+        this.#heldAt = null;
+        Object.assign(s, { awayParts: 0, away: [false, false, false], message: '', retraceBlocks: 3 });
+        break;
+      case 'retrace':
+        this.#leave(null);
+        s.machine[0]! -= 5;
+        s.retraceBlocks -= command.blocks;
+        break;
       case 'start':
         if (s.homed.includes(false)) return reject(916, 'axis X is not homed');
         Object.assign(s, { activity: 'program', state: 'running' });
         break;
-      case 'hold': Object.assign(s, { hold: true, state: 'held', feed: 0 }); break;
-      case 'resume': Object.assign(s, { hold: false, state: 'running' }); break;
+      case 'hold': Object.assign(s, { hold: true, state: 'held', feed: 0, retraceBlocks: 3 }); break;
+      case 'resume':
+        if (s.awayParts > 0) return reject(932, 'the axes are away from the held program');
+        Object.assign(s, { hold: false, state: 'running' });
+        break;
       case 'stop': this.#end(); s.hold = false; break;
       case 'feed_override': s.override = command.ratio; break;
       case 'rapid_override': s.rapidOverride = command.ratio; break;
@@ -123,6 +151,14 @@ export class MadeUp implements Source {
       default: break;
     }
     return { accepted: true, alarm: 0, text: '' };
+  }
+
+  /** The axes leave the held program: by a jog of `axis`, or backwards along the path. */
+  #leave(axis: number | null): void {
+    const s = this.#status;
+    this.#heldAt ??= [...s.machine];
+    if (axis !== null) s.away = s.away.map((is, at) => is || at === axis);
+    Object.assign(s, { awayParts: 1, message: 'away from the program; the way back: made up' });
   }
 
   keep(): void {

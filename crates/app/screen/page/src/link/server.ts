@@ -225,6 +225,9 @@ export class Server implements Source {
       latenessNs: status.wake_lateness_ns,
       longestStopMm: status.longest_stop_mm,
       longestStopS: status.longest_stop_s,
+      away: this.#bits.map((bit) => ((status.away_mask >> bit) & 1) === 1),
+      awayParts: status.away_parts,
+      retraceBlocks: status.retrace_blocks,
     };
   }
 
