@@ -15,6 +15,7 @@ mod chatter;
 mod command;
 mod config;
 mod connection;
+mod documents;
 mod gate;
 mod hub;
 mod listener;

@@ -18,6 +18,7 @@ use tokio::sync::mpsc;
 
 use crate::chatter::chatter;
 use crate::connection;
+use crate::documents::document;
 use crate::gate::{Gate, Role, pass};
 use crate::programs::{background, plan};
 use crate::restart::restart;
@@ -44,6 +45,7 @@ pub(crate) fn router(server: Arc<Server>, gate: Gate) -> Router {
         .route("/{key}/programs/{name}", get(text).put(upload))
         .route("/{key}/path/{name}", get(path))
         .route("/{key}/chatter", get(chatter))
+        .route("/{key}/docs/{theme}/{file}", get(document))
         .route("/{key}/restart/{name}/{line}", get(restart))
         .route("/{key}/traces", get(traces::list))
         .route("/{key}/traces/{name}/jobs", get(traces::jobs))

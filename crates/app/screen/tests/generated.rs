@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use evolvent_control::{Alarm, AlarmKind};
 use evolvent_screen::messages::{FromPage, RestartInfo, ToPage, TraceEntry, TraceJob};
 use ts_rs::{Config, TS};
 
@@ -18,6 +19,7 @@ fn the_generated_types_match() {
     TraceEntry::export_all(&config).unwrap();
     RestartInfo::export_all(&config).unwrap();
     TraceJob::export_all(&config).unwrap();
+    write_alarm_numbers(target);
     let list = |folder: &Path| {
         let mut files: Vec<(String, String)> = std::fs::read_dir(folder)
             .unwrap()
@@ -35,4 +37,18 @@ fn the_generated_types_match() {
     let made = list(target);
     assert!(made.len() > 8, "types were made");
     assert_eq!(made, list(&folder), "run this test with EVOLVENT_WRITE=1");
+}
+
+/// The page has a text for each: a language that lacks one does not compile.
+fn write_alarm_numbers(folder: &Path) {
+    let numbers: Vec<String> = Alarm::ALL
+        .iter()
+        .filter(|alarm| alarm.kind() != AlarmKind::Rejection)
+        .map(|alarm| alarm.number().to_string())
+        .collect();
+    let text = format!(
+        "// This file is written by the test of the generated types.\n\n/** Alarms that are in force until they are cleared or a job starts. */\nexport type AlarmNumber = {};\n",
+        numbers.join(" | ")
+    );
+    std::fs::write(folder.join("AlarmNumber.ts"), text).unwrap();
 }

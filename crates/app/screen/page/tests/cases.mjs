@@ -323,6 +323,51 @@ export const cases = {
     await until('stopped', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'));
   },
 
+  async 'alarms, rejections and events lead to their place in the documentation'(page, context) {
+    await ready(page);
+    const elsewhere = [];
+    page.on('request', (request) => new URL(request.url()).origin !== new URL(page.url()).origin && elsewhere.push(request.url()));
+    const frame = page.locator(`${at('help')} iframe`);
+    const leads = async (link, number) => {
+      await link.click();
+      await frame.waitFor();
+      assert.match(await frame.getAttribute('src'), new RegExp(`docs/light/alarms\\.html#${number}$`));
+      if (context.real) {
+        // The frame runs no script, not even that of a test, which looks at its page by itself.
+        const own = await page.context().newPage();
+        await own.goto(new URL(await frame.getAttribute('src'), page.url()).href);
+        const heading = own.locator(`[id="${number}"]`);
+        assert.equal(await heading.innerText(), String(number));
+        const box = await heading.boundingBox();
+        assert.ok(box.y >= 0 && box.y < 600, `${number} is in sight`);
+        await own.locator('a[href="contract.html#alarms"]').first().click();
+        await own.locator('#alarms').waitFor();
+        await own.close();
+      }
+      await page.locator(at('help-close')).click();
+      await frame.waitFor({ state: 'detached' });
+    };
+    if (context.real) {
+      await view(page, 'mdi');
+      await page.locator(at('mdi-block')).fill('G1 X0 F');
+      await page.keyboard.press('Enter');
+      const rejected = page.locator(`${at('rejection')} [data-alarm="923"]`);
+      await rejected.waitFor();
+      await leads(rejected, 923);
+      await view(page, 'events');
+      await leads(page.locator(`${at('events')} [data-alarm="923"]`).first(), 923);
+    } else {
+      await page.route('**/docs/**', (route) => route.fulfill({ body: '<p>made up', contentType: 'text/html' }));
+      await page.evaluate(() => globalThis.raiseMadeUpAlarm(410));
+      await page.locator(at('alarms')).click();
+      await leads(page.locator(`${at('alarm-list')} [data-alarm="410"]`), 410);
+      await page.locator(at('alarm-list')).getByText('Clear alarms').click();
+      await view(page, 'events');
+      await leads(page.locator(`${at('events')} [data-alarm="410"]`).first(), 410);
+    }
+    assert.deepEqual(elsewhere, []);
+  },
+
   async 'errors of a program have their place and a help'(page, context) {
     if (!context.real) return 'not measured';
     await takeControl(page);

@@ -45,7 +45,10 @@ export class MadeUp implements Source {
     handle({ kind: 'program', program: { name: 'bore-200.ngc', bytes: 1234, lines: 42, errors: [], warnings: [], checked: true, plannedS: 45.2 } });
     this.#path();
     programText.load('./made-up.ngc');
-    Object.assign(globalThis, { loadMadeUpText: (url: string) => programText.load(url) });
+    Object.assign(globalThis, {
+      loadMadeUpText: (url: string) => programText.load(url),
+      raiseMadeUpAlarm: (number: number) => Object.assign(this.#status, { alarms: [number], alarmText: 'made up' }),
+    });
     setInterval(() => this.#tick(), 16);
   }
 
@@ -138,6 +141,7 @@ export class MadeUp implements Source {
         if (s.homed.includes(false)) return reject(916, 'axis X is not homed');
         Object.assign(s, { activity: 'program', state: 'running' });
         break;
+      case 'clear_alarms': Object.assign(s, { alarms: [], alarmText: '' }); break;
       case 'hold': Object.assign(s, { hold: true, state: 'held', feed: 0, retraceBlocks: 3 }); break;
       case 'resume':
         if (s.awayParts > 0) return reject(932, 'the axes are away from the held program');

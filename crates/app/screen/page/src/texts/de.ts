@@ -6,10 +6,14 @@ const plural = (count: number, one: string, many: string): string => `${count} $
 export const de: Texts = {
   close: 'Schließen',
   cancel: 'Abbrechen',
-  rejected: (alarm) => (alarm > 0 ? `Abgelehnt (${alarm})` : 'Abgelehnt'),
+  rejected: 'Abgelehnt',
   link: {
     lost: 'keine Verbindung: Der Befehl wurde nicht gesendet',
     unknown: 'Die Verbindung brach vor der Antwort ab; sehen Sie nach der Maschine, der Befehl wird nicht wiederholt',
+  },
+  help: {
+    title: 'Dokumentation (englisch)',
+    open: 'Dokumentation der Bedienseite',
   },
   menu: {
     title: 'Einstellungen',
@@ -88,7 +92,8 @@ export const de: Texts = {
     none: 'Es liegt kein Alarm an.',
     clear: 'Alarme löschen',
     unknown: 'ein Alarm, den diese Seite nicht kennt',
-    unknownCure: 'siehe docs/contract.md, „Alarms“',
+    unknownCure: 'Siehe die Dokumentation.',
+    read: (number) => `Alarm ${number} in der Dokumentation`,
   },
   lease: {
     mine: 'Bedient',
@@ -339,6 +344,7 @@ export const de: Texts = {
     100: ['das Programm hat einen Fehler', 'Siehe „Programm“: Jeder Fehler hat seine Zeile und eine Hilfe.'],
     101: ['ein MDI-Satz hat einen Fehler', 'Den Satz berichtigen. Nichts hat sich bewegt.'],
     102: ['ein eigener M-Befehl schlug fehl', 'Unter „Ereignisse“ steht, was er sagt; dann die Alarme löschen.'],
+    103: ['ein Werkzeugwechsel wurde unterbrochen, das Werkzeug in der Spindel ist unbekannt', 'Nach der Spindel sehen, Alarme löschen, dann das Werkzeug per MDI setzen: M61 Q3 für Werkzeug 3.'],
     200: ['der Wächter wies einen Sollwert zurück, der eine Grenze verletzt hätte', 'Bitte mit der Spur melden.'],
     201: ['die Planung endete unvollständig', 'Alarme löschen und neu starten. Bitte mit der Spur melden.'],
     202: ['ein Auftrag begann nicht dort, wo die Achsen stehen', 'Bitte mit der Spur melden.'],
@@ -364,7 +370,10 @@ export const de: Texts = {
     418: ['der Maschinennullpunkt kann sich verschoben haben, als die Verbindung fehlte', 'Neu referenzieren.'],
     420: ['der Referenzschalter wurde nicht gefunden', 'Die Verdrahtung prüfen.'],
     421: ['der Referenzschalter löst nicht', 'Die Verdrahtung prüfen.'],
+    422: ['der Nullimpuls eines Gebers kam nicht', 'Seine Leitung und die Brücke prüfen.'],
+    423: ['ein Geber kennt den Maschinennullpunkt nicht', 'Seine Batterie und seinen Antrieb prüfen.'],
     430: ['die Not-Halt-Kette ist offen oder unbekannt', 'Schließen, nach ihrer Brücke sehen, dann zurücksetzen.'],
+    440: ['eine Spindel ist gestört, oder ihre Rückmeldung blieb aus', 'Nach Antrieb und Brücke sehen, dann neu starten.'],
     500: ['die Schnittlast war zu hoch', 'Werkzeug und Werkstück ansehen, dann neu starten.'],
     501: ['dem Lastsensor ist nicht zu trauen', 'Sensor und Kabel prüfen, dann neu starten.'],
     600: ['Nullpunkte, Werkzeuge oder Parameter können nicht gesichert werden', 'Nach dem Zustandsordner und seinem Datenträger sehen.'],

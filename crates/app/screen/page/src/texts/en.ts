@@ -1,14 +1,20 @@
 // Every text of the page in English. `Texts` is its type: another language that lacks one does not compile.
 
+import type { AlarmNumber } from '../generated/AlarmNumber';
+
 const plural = (count: number, one: string, many: string): string => `${count} ${count === 1 ? one : many}`;
 
 export const en = {
   close: 'Close',
   cancel: 'Cancel',
-  rejected: (alarm: number) => (alarm > 0 ? `Rejected (${alarm})` : 'Rejected'),
+  rejected: 'Rejected',
   link: {
     lost: 'no connection: the command was not sent',
     unknown: 'the connection was lost before the answer; look at the machine, the command is not repeated',
+  },
+  help: {
+    title: 'Documentation',
+    open: 'Documentation of the screen',
   },
   menu: {
     title: 'Settings',
@@ -92,7 +98,8 @@ export const en = {
     none: 'No alarm is in force.',
     clear: 'Clear alarms',
     unknown: 'an alarm that this page does not know',
-    unknownCure: 'see docs/contract.md, “Alarms”',
+    unknownCure: 'See the documentation.',
+    read: (number: number) => `Alarm ${number} in the documentation`,
   },
   lease: {
     mine: 'In control',
@@ -342,6 +349,7 @@ export const en = {
     100: ['the program has an error', 'See “Program”: each error has its line and a help.'],
     101: ['a block of MDI has an error', 'Correct the block. Nothing has moved.'],
     102: ['a user-defined M code has failed', 'See what it says in “Events”, then clear the alarms.'],
+    103: ['a tool change was interrupted, the tool in the spindle is unknown', 'Look at the spindle, clear the alarms, then set the tool by MDI: M61 Q3 for tool 3.'],
     200: ['the guard refused a setpoint that would have broken a limit', 'Please report it with the trace.'],
     201: ['the planner ended without completing its plan', 'Clear the alarms and start again. Please report it with the trace.'],
     202: ['a job did not begin where the axes are', 'Please report it with the trace.'],
@@ -367,7 +375,10 @@ export const en = {
     418: ['machine zero may have moved while the link was lost', 'Home again.'],
     420: ['the home switch was not found', 'Check its wiring.'],
     421: ['the home switch does not release', 'Check its wiring.'],
+    422: ['the index pulse of an encoder did not come', 'Check its wire and the bridge.'],
+    423: ['an encoder does not know machine zero', 'Check its battery and its drive.'],
     430: ['the emergency-stop chain is open or unknown', 'Close it, see that its bridge runs, then reset.'],
+    440: ['a spindle is in fault, or its feedback has stopped', 'See its drive and its bridge, then start again.'],
     500: ['the cutting load was too high', 'Look at tool and stock, then start again.'],
     501: ['the load sensor cannot be believed', 'Check the sensor and its cable, then start again.'],
     600: ['offsets, tools or parameters cannot be kept', 'See the state folder and its disk.'],
@@ -375,10 +386,5 @@ export const en = {
     602: ['the trace cannot be written', 'See the disk.'],
   } as Record<AlarmNumber, readonly [string, string]>,
 };
-
-export type AlarmNumber =
-  | 100 | 101 | 102 | 200 | 201 | 202 | 300
-  | 400 | 401 | 402 | 403 | 404 | 405 | 406 | 407 | 408 | 409 | 410 | 411 | 412 | 413 | 414 | 415 | 416 | 417 | 418
-  | 420 | 421 | 430 | 500 | 501 | 600 | 601 | 602;
 
 export type Texts = typeof en;
