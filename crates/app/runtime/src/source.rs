@@ -4,6 +4,8 @@ use std::collections::VecDeque;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use evolvent_config::open_regular;
 use evolvent_gcode::{Action, Command, Diagnostic, Interpreter, KeptParameters, Modal, Restart};
@@ -48,12 +50,42 @@ impl Commands {
     /// # Errors
     /// The file cannot be read, or the program cannot begin at that line.
     pub fn open(program: &Path, setup: &Setup) -> Result<Self, ProgramError> {
+        Self::opened(program, setup, None)
+    }
+
+    /// The same, with loops and subroutines of at most `max_body_bytes`. Another thread can end it by `interrupt`: lines before the
+    /// one to begin at can take minutes.
+    ///
+    /// # Errors
+    /// As [`Commands::open`]; [`evolvent_gcode::Code::Interrupted`] and [`evolvent_gcode::Code::BodyTooLong`].
+    pub fn open_bounded(
+        program: &Path,
+        setup: &Setup,
+        max_body_bytes: usize,
+        interrupt: Arc<AtomicBool>,
+    ) -> Result<Self, ProgramError> {
+        Self::opened(program, setup, Some((max_body_bytes, interrupt)))
+    }
+
+    fn opened(
+        program: &Path,
+        setup: &Setup,
+        bounds: Option<(usize, Arc<AtomicBool>)>,
+    ) -> Result<Self, ProgramError> {
         let file = program.display().to_string();
         let opened = open_regular(program).map_err(|source| ProgramError::Read {
             file: file.clone(),
             source,
         })?;
-        let mut interpreter = Interpreter::new(reader_of(opened), setup.interpreter_settings_for(program));
+        let mut settings = setup.interpreter_settings_for(program);
+        let interrupt = bounds.map(|(max_body_bytes, interrupt)| {
+            settings.max_body_bytes = max_body_bytes;
+            interrupt
+        });
+        let mut interpreter = Interpreter::new(reader_of(opened), settings);
+        if let Some(interrupt) = interrupt {
+            interpreter.set_interrupt(interrupt);
+        }
         let mut first = VecDeque::new();
         let mut start = None;
         if let Some(line) = setup.start_line {

@@ -2,13 +2,16 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use axum::extract::{Path as UrlPath, State};
 use axum::http::StatusCode;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use evolvent_bus::Status;
-use evolvent_runtime::{Commands, Setup};
+use evolvent_gcode::Code;
+use evolvent_runtime::{Commands, ProgramError, Setup};
 use tokio::sync::oneshot;
 
 use crate::messages::RestartInfo;
@@ -17,6 +20,10 @@ use crate::server::Server;
 
 /// Bit of `switches` in the status: lines that begin with `/` are left out.
 const BLOCK_DELETE: u32 = 4;
+/// Maximum time to interpret the lines before: 50 MB take a second on a slow computer, and nobody waits for minutes.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Maximum memory for loops and subroutines before the line, bytes: a quarter of what a run may use.
+const MAX_BODY_BYTES: usize = 64 << 20;
 
 /// The modes in force at a line, and the way there from where the machine stands. It is the way that START with this line takes.
 pub(crate) async fn restart(
@@ -31,18 +38,28 @@ pub(crate) async fn restart(
         let text = "the way to another line is being worked out; try again when it is there";
         return (StatusCode::TOO_MANY_REQUESTS, text).into_response();
     };
-    let (sender, receiver) = oneshot::channel();
+    let (sender, mut receiver) = oneshot::channel();
+    let interrupt = Arc::new(AtomicBool::new(false));
+    let interrupted = Arc::clone(&interrupt);
     let started = background("screen-restart", move || {
         let setup = present_setup(&server.setup, server.state_folder.as_deref());
         let setup = setup_at(setup, server.hub.present().as_deref());
         // The page may have gone.
-        let _gone = sender.send(restart_of(&file, setup, line));
+        let _gone = sender.send(restart_of(&file, setup, line, interrupted));
         drop(turn);
     });
     if started.is_err() {
         return StatusCode::SERVICE_UNAVAILABLE.into_response();
     }
-    let Ok(info) = receiver.await else {
+    let in_time = tokio::time::timeout(PATIENCE, &mut receiver).await;
+    let info = match in_time {
+        Ok(info) => info,
+        Err(_) => {
+            interrupt.store(true, Ordering::Relaxed);
+            receiver.await
+        }
+    };
+    let Ok(info) = info else {
         return StatusCode::SERVICE_UNAVAILABLE.into_response();
     };
     match serde_json::to_string(&info) {
@@ -62,7 +79,7 @@ fn setup_at(mut setup: Setup, now: Option<&Status>) -> Setup {
     setup
 }
 
-fn restart_of(file: &Path, mut setup: Setup, line: u32) -> RestartInfo {
+fn restart_of(file: &Path, mut setup: Setup, line: u32, interrupt: Arc<AtomicBool>) -> RestartInfo {
     setup.start_line = Some(line);
     let axes: Vec<usize> = setup
         .machine
@@ -77,7 +94,7 @@ fn restart_of(file: &Path, mut setup: Setup, line: u32) -> RestartInfo {
         steps: Vec::new(),
         problem: String::new(),
     };
-    match Commands::open(file, &setup) {
+    match Commands::open_bounded(file, &setup, MAX_BODY_BYTES, interrupt) {
         Ok(commands) => commands.start().map_or(nothing, |start| RestartInfo {
             line: start.restart.line,
             modes: start.restart.modes.clone(),
@@ -86,8 +103,76 @@ fn restart_of(file: &Path, mut setup: Setup, line: u32) -> RestartInfo {
             problem: String::new(),
         }),
         Err(error) => RestartInfo {
-            problem: error.to_string(),
+            problem: problem_of(&error, line),
             ..nothing
         },
+    }
+}
+
+fn problem_of(error: &ProgramError, line: u32) -> String {
+    match error {
+        ProgramError::Text { diagnostic, .. } if diagnostic.code == Code::Interrupted => format!(
+            "the lines before line {line} were interpreted for {} s, as far as line {}, and it was not reached; choose an earlier line",
+            PATIENCE.as_secs(),
+            diagnostic.line
+        ),
+        _ => error.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_machine::Machine;
+
+    use super::*;
+
+    fn told(text: &str, line: u32, interrupt: bool) -> RestartInfo {
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("part.ngc");
+        std::fs::write(&program, text).unwrap();
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let machine = Machine::load(&file).unwrap();
+        let setup = Setup::new(machine, file, String::new(), None).unwrap();
+        let flag = Arc::new(AtomicBool::new(false));
+        let of_thread = Arc::clone(&flag);
+        let timer = std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(50));
+            of_thread.store(interrupt, Ordering::Relaxed);
+        });
+        let info = restart_of(&program, setup, line, flag);
+        timer.join().unwrap();
+        info
+    }
+
+    #[test]
+    fn the_way_to_a_line_is_bounded_by_time() {
+        // Some hundred million lines, each with a move.
+        let long =
+            "G21 G90 G1 F1000\n#1=0\no1 while [#1 LT 100000000]\n#1=[#1+1]\nG1 X[#1/10000000]\no1 endwhile\nG0 Z5\nM2\n";
+        let begun = std::time::Instant::now();
+        let info = told(long, 7, true);
+        assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+        assert!(
+            info.problem.contains("line 7 were interpreted for 10 s"),
+            "{info:?}"
+        );
+        let short = told(&long.replace("100000000", "3"), 7, false);
+        assert_eq!((short.problem.as_str(), short.line), ("", 7));
+    }
+
+    #[test]
+    fn the_way_to_a_line_is_bounded_by_memory() {
+        let body = "G1 X1 (a line of a loop that is stored to be repeated, with a comment to make it long)\n"
+            .repeat(900_000);
+        let info = told(
+            &format!("G21 G90 G1 F1000\no1 repeat [2]\n{body}o1 endrepeat\nG0 Z5\nM2\n"),
+            900_004,
+            false,
+        );
+        assert!(
+            info.problem.contains("G0216"),
+            "{}",
+            &info.problem[..300.min(info.problem.len())]
+        );
     }
 }
