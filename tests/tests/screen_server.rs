@@ -8,10 +8,10 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Stdio};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use evolvent_runtime::MonotonicClock;
-use evolvent_tests::{Operator, Scene, python, unless_disturbed};
+use evolvent_tests::{Operator, Scene, cycles, python, unless_disturbed};
 use rustix::process::{Pid, Signal, kill_process};
 
 const STOPPED: u32 = 2;
@@ -204,6 +204,77 @@ fn twenty_pages_look_on_while_a_program_runs_and_those_that_do_not_read_hold_nob
         operator.waits("rest", |status| status.activity == 0);
         drop(operator);
         scene.end();
+    });
+}
+
+/// Pairs of phases without and with twenty pages, and the length of each, s; `EVOLVENT_PHASES=20 EVOLVENT_PHASE_S=20` measures more.
+const PHASES: usize = 2;
+const PHASE_S: u64 = 4;
+
+/// The clock of traces.
+fn unix_ns() -> u64 {
+    let time = SystemTime::now().duration_since(UNIX_EPOCH);
+    time.expect("a time after 1970").as_nanos() as u64
+}
+
+fn number_of(name: &str, otherwise: u64) -> u64 {
+    std::env::var(name).map_or(otherwise, |text| text.parse().expect("a number"))
+}
+
+/// Both run the same program, in turn and in one run of the service: what the host does to one it does to the other.
+#[test]
+fn cycles_are_as_late_with_twenty_pages_as_with_none() {
+    unless_disturbed(|| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let trace = folder.path().join("crowd.mcap");
+        let option = format!("--trace={}", trace.display());
+        let (scene, [address, _]) = scene_with("screen-lateness", &["--screen=127.0.0.1:0", &option]);
+        let mut operator = scene.operator();
+        operator.brings_up();
+        let file = scene.workshop.long_program(60);
+        let text = std::fs::read_to_string(&file).expect("a program");
+        let phase_s = number_of("EVOLVENT_PHASE_S", PHASE_S);
+        let mut phases = Vec::new();
+        for phase in 0..2 * number_of("EVOLVENT_PHASES", PHASES as u64) {
+            let crowded = phase % 2 == 1;
+            operator.says_number("MODE", 0);
+            if crowded {
+                let words = ["crowd", &address, &text, "20", &phase_s.to_string()];
+                if client(&words).is_none() {
+                    return;
+                }
+            } else {
+                operator.says_text("LOAD", &file.display().to_string());
+                operator.says("START");
+                std::thread::sleep(Duration::from_secs(phase_s));
+            }
+            // The last part of both, when the program runs and all are connected.
+            let end_ns = unix_ns();
+            phases.push((crowded, end_ns - phase_s * 800_000_000, end_ns));
+            operator.says("STOP");
+            operator.waits("rest", |status| status.activity == 0);
+        }
+        drop(operator);
+        scene.end();
+        let [mut without, mut with] = [Vec::new(), Vec::new()];
+        for cycle in cycles(&trace) {
+            let of_phase = phases
+                .iter()
+                .find(|(_, begin, end)| (*begin..*end).contains(&cycle.due_time_ns));
+            if let Some((crowded, ..)) = of_phase {
+                let list = if *crowded { &mut with } else { &mut without };
+                list.push(cycle.wake_lateness_ns.max(0) as f64 * 1e-3);
+            }
+        }
+        let [without, with] = [without, with].map(|mut list| {
+            list.sort_by(f64::total_cmp);
+            [0.5, 0.99, 0.999].map(|part| list[((list.len() - 1) as f64 * part) as usize])
+        });
+        let ratio = [0, 1, 2].map(|i| with[i] / without[i]);
+        println!(
+            "wake-up lateness p50, p99, p99.9 in us: none {without:.1?}, twenty {with:.1?}, ratio {ratio:.2?}"
+        );
+        assert!(ratio[0] < 2.0, "{ratio:?}");
     });
 }
 

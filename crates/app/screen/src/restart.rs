@@ -147,8 +147,7 @@ mod tests {
     #[test]
     fn the_way_to_a_line_is_bounded_by_time() {
         // Some hundred million lines, each with a move.
-        let long =
-            "G21 G90 G1 F1000\n#1=0\no1 while [#1 LT 100000000]\n#1=[#1+1]\nG1 X[#1/10000000]\no1 endwhile\nG0 Z5\nM2\n";
+        let long = "G21 G90 G1 F1000\n#1=0\no1 while [#1 LT 100000000]\n#1=[#1+1]\nG1 X[#1/10000000]\no1 endwhile\nG0 Z5\nM2\n";
         let begun = std::time::Instant::now();
         let info = told(long, 7, true);
         assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());

@@ -373,6 +373,7 @@ export const cases = {
     await takeControl(page);
     await upload(page, 'wrong.ngc', 'G21 G90\nG1 X10 F500\nG1 X9999\nM2\n');
     await until('one error', async () => /^1 error/.test(await text(page, 'findings-button')) || text(page, 'findings-button'), 20_000);
+    assert.match(await text(page, 'advice'), /has 1 error|Home|power|E-stop/);
     await page.locator(at('findings-button')).click();
     assert.match(await text(page, 'findings'), /line 3[\s\S]*Help:/);
     await page.locator(`${at('findings')} button`).first().click();

@@ -17,6 +17,8 @@ export interface Pass {
 const MIN_MM = 1;
 /** A tool that goes slower than this along the cut stands, mm/s. */
 const MIN_SPEED = 0.02;
+/** Below this part of the load that is held the tool cuts air. */
+const AIR = 0.05;
 /** Passes that are kept. */
 const MAX_PASSES = 40;
 
@@ -25,7 +27,13 @@ export class PassFinder {
   readonly passes: Pass[] = [];
   /** samples of the history that were looked at */
   #next = 0;
+  readonly #air: number;
   #open: (Pass & { sum: number; count: number }) | null = null;
+
+  /** `setLoad` is what is held, where somebody measures a load. */
+  constructor(setLoad: number | undefined) {
+    this.#air = AIR * (setLoad ?? 0);
+  }
 
   /** Goes on to the newest sample. `along` and `across` are axes in the machine's order; the tool cuts towards lower values of `along`. */
   follow(history: History, along: number, across: number): void {
@@ -52,7 +60,7 @@ export class PassFinder {
   #close(): void {
     const pass = this.#open;
     this.#open = null;
-    if (pass === null || pass.from - pass.to < MIN_MM) return;
+    if (pass === null || pass.from - pass.to < MIN_MM || pass.load < this.#air) return;
     this.passes.push({ begin: pass.begin, end: pass.end, from: pass.from, to: pass.to, across: pass.sum / pass.count, load: pass.load });
     if (this.passes.length > MAX_PASSES) this.passes.shift();
   }

@@ -42,8 +42,9 @@ export function advise(texts: Texts, { connected, coreAlive, machine, status, pr
   }
   const unhomed = machine.axes.filter((_, index) => !status.homed[index]).map((axis) => axis.letter);
   if (unhomed.length > 0) return { text: a.home(unhomed.join(' ')), tone: 'ask' };
-  if (!status.program) return { text: a.noProgram, tone: 'calm' };
+  // The core loads no program with errors: what was chosen last is told, not what may be loaded from before.
   if (program && program.errors.length > 0) return { text: a.programErrors(program.errors.length), tone: 'bad' };
+  if (!status.program) return { text: a.noProgram, tone: 'calm' };
   if (program && !program.checked) return { text: a.checking, tone: 'calm' };
   return { text: a.ready(status.program.replace(/^.*\//, '')), tone: 'calm' };
 }
