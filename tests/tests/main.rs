@@ -20,6 +20,7 @@ mod late_for_nobody;
 mod leaving;
 mod long_programs;
 mod machines_by_name;
+mod number_names;
 mod operate_by_ctl;
 mod operate_commands;
 mod operate_jogs;

@@ -53,6 +53,6 @@ impl FeedWords {
 
 /// Feed word of a move in mm/s, limited to `most`; `None` on rapids.
 pub(crate) fn feed_word(motion: &Move, most: Option<f64>) -> Option<f64> {
-    let feed = most.map_or(motion.feed, |most| motion.feed.min(most));
+    let feed = most.map_or(motion.feed_mm_s, |most| motion.feed_mm_s.min(most));
     (motion.kind == MoveKind::Feed && feed.is_finite() && feed > 0.0).then_some(feed)
 }

@@ -121,9 +121,9 @@ impl Limiting {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shares {
     /// Path speed relative to the feed word; 0 without one.
-    pub feed: f64,
+    pub feed_ratio: f64,
     /// Path speed relative to the speed permitted by the chord error; 0 on straight paths.
-    pub chord: f64,
+    pub chord_ratio: f64,
     /// Velocity, acceleration and jerk of each axis relative to their limits.
     pub axes: [[f64; 3]; 9],
 }
@@ -158,9 +158,9 @@ impl LimitClassifier {
         }
     }
 
-    /// The utilization of every limit. `feed_word` is in mm/s before override; `None` on rapids.
+    /// The utilization of every limit. `feed_mm_s` is the feed word before override; `None` on rapids.
     #[must_use]
-    pub fn shares(&self, setpoint: &Setpoint, feed_word: Option<f64>) -> Shares {
+    pub fn shares(&self, setpoint: &Setpoint, feed_mm_s: Option<f64>) -> Shares {
         let mut axes = [[0.0; 3]; 9];
         for (i, inverse) in self.inverse.iter().enumerate() {
             axes[i] = [
@@ -169,7 +169,7 @@ impl LimitClassifier {
                 setpoint.jerk[i].abs() * inverse[2],
             ];
         }
-        let feed = feed_word.map_or(0.0, |word| setpoint.feed_mm_s / (word * setpoint.feed_override));
+        let feed = feed_mm_s.map_or(0.0, |word| setpoint.feed_mm_s / (word * setpoint.feed_override));
         let (speed, curvature) = bend(setpoint);
         let permitted = chord_feed_limit_mm_s(
             self.rate_hz,
@@ -183,16 +183,16 @@ impl LimitClassifier {
             0.0
         };
         Shares {
-            feed: if feed.is_finite() { feed } else { 0.0 },
-            chord,
+            feed_ratio: if feed.is_finite() { feed } else { 0.0 },
+            chord_ratio: chord,
             axes,
         }
     }
 
     /// The active limit at this setpoint: the feed word first, then the limit with the largest share.
     #[must_use]
-    pub fn classify(&self, setpoint: &Setpoint, feed_word: Option<f64>) -> Limiting {
-        self.judge(setpoint, &self.shares(setpoint, feed_word))
+    pub fn classify(&self, setpoint: &Setpoint, feed_mm_s: Option<f64>) -> Limiting {
+        self.judge(setpoint, &self.shares(setpoint, feed_mm_s))
     }
 
     /// As [`Self::classify`], for known shares.
@@ -205,7 +205,7 @@ impl LimitClassifier {
         if still || matches!(setpoint.state, State::Dwell | State::ProgramStop | State::Held) {
             return Limiting::Standing;
         }
-        if shares.feed >= REACHED {
+        if shares.feed_ratio >= REACHED {
             return Limiting::Feed;
         }
         // At a joint, the jerk is bounded only by the joint rule: whatever its value, the joint is the cause.
@@ -213,8 +213,8 @@ impl LimitClassifier {
             return Limiting::Joint;
         }
         let (mut found, mut most) = (Limiting::Nothing, REACHED);
-        if shares.chord >= most {
-            (found, most) = (Limiting::ChordError, shares.chord);
+        if shares.chord_ratio >= most {
+            (found, most) = (Limiting::ChordError, shares.chord_ratio);
         }
         for (axis, shares) in AxisLetter::ALL.iter().zip(&shares.axes) {
             for (order, &share) in Order::ALL.iter().zip(shares) {
@@ -346,7 +346,11 @@ pub(crate) mod tests {
             }
             let classifier = LimitClassifier::new(&machine, 0.001);
             let shares = classifier.shares(&on_circle(speed), None);
-            assert!((shares.chord - 1.0).abs() < 1e-9, "R {radius}: {}", shares.chord);
+            assert!(
+                (shares.chord_ratio - 1.0).abs() < 1e-9,
+                "R {radius}: {}",
+                shares.chord_ratio
+            );
             assert_eq!(classifier.classify(&on_circle(speed), None), Limiting::ChordError);
             assert_eq!(
                 classifier.classify(&on_circle(0.96 * speed), None),

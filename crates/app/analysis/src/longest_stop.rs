@@ -26,7 +26,7 @@ impl LongestStop {
         };
         Self {
             longest_stop_mm: Some(longest.path_mm),
-            longest_stop_s: Some(longest.seconds),
+            longest_stop_s: Some(longest.duration_s),
             longest_stop_line: Some(longest.line),
             longest_stop_at_s: Some((longest.sequence + 1) as f64 * period_s),
         }

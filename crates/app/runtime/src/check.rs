@@ -261,13 +261,16 @@ impl<'a> ProgramCheck<'a> {
         match action {
             Action::Move(motion) => self.objection_to_move(motion),
             Action::Probe {
-                curve, feed, toward, ..
+                curve,
+                feed_mm_s: feed,
+                toward,
+                ..
             } => {
                 // What follows begins where the probe stops.
                 self.admission.stand_at(&curve.end());
                 let order = ProbeMove {
                     curve: *curve,
-                    feed: *feed,
+                    feed_mm_s: *feed,
                     toward: *toward,
                 };
                 probe_objection(&order, self.setup).map(Objection::Probe)

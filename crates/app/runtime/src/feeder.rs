@@ -449,7 +449,7 @@ mod tests {
             let motion = Move {
                 curve: Curve::Line(Line::new(at(k), at(k + 1)).unwrap()),
                 kind: MoveKind::Feed,
-                feed: 50.0,
+                feed_mm_s: 50.0,
                 path_mode: PathMode::ExactPath,
             };
             let action = Action::Move(motion);
@@ -458,7 +458,7 @@ mod tests {
                 action,
                 origin: None,
                 calls: evolvent_gcode::CallChain::default(),
-                feed_per_revolution: None,
+                feed_mm_rev: None,
             };
             assert!(feeder.execute(&command).unwrap());
         }

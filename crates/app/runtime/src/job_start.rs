@@ -129,7 +129,7 @@ impl fmt::Display for JobStart {
                         write!(
                             out,
                             "; surface_m_min={}; surface_max_rpm={}; surface_centre={}",
-                            surface.metres_per_minute, surface.max_rpm, surface.centre_mm
+                            surface.speed_m_min, surface.max_rpm, surface.centre_mm
                         )?;
                     }
                 }
@@ -213,7 +213,7 @@ impl JobStart {
                         surface: match get("surface_m_min") {
                             None => None,
                             Some(_) => Some(SurfaceSpeed {
-                                metres_per_minute: number("surface_m_min")?,
+                                speed_m_min: number("surface_m_min")?,
                                 max_rpm: number("surface_max_rpm")?,
                                 centre_mm: number("surface_centre")?,
                             }),
@@ -283,7 +283,7 @@ mod tests {
                 direction: SpindleDirection::CounterClockwise,
                 speed_rpm: 0.1 + 0.2,
                 surface: Some(SurfaceSpeed {
-                    metres_per_minute: 0.7 + 0.1,
+                    speed_m_min: 0.7 + 0.1,
                     max_rpm: f64::INFINITY,
                     centre_mm: -1.0 / 3.0,
                 }),

@@ -181,7 +181,7 @@ pub(crate) fn describe(action: &Action) -> Option<String> {
             SpindleDirection::CounterClockwise => format!("spindle counter-clockwise {speed_rpm} rpm"),
         },
         Action::SurfaceSpeed { direction, surface } => {
-            let speed = surface.metres_per_minute;
+            let speed = surface.speed_m_min;
             let most = if surface.max_rpm.is_finite() {
                 format!(", {} rpm at most", surface.max_rpm)
             } else {

@@ -45,14 +45,14 @@ pub(crate) fn objection(order: &ProbeMove, setup: &Setup) -> Option<ProbeObjecti
     let motion = Move {
         curve: order.curve,
         kind: MoveKind::Feed,
-        feed: order.feed,
+        feed_mm_s: order.feed_mm_s,
         path_mode: PathMode::ExactPath,
     };
     let limits = setup.machine.limits();
     if let Err(error) = MoveValidator::new(&limits).admit(&motion) {
         return Some(ProbeObjection::Travel(error));
     }
-    let feed = order.feed;
+    let feed = order.feed_mm_s;
     let delay_s = lead_s(setup) + NOTICE_S;
     let distance = order.stopping_distance(&limits) + feed * delay_s;
     let most = probe.overtravel_mm?;

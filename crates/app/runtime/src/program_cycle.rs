@@ -380,7 +380,7 @@ mod tests {
                 acceleration: 100.0,
                 jerk: 1000.0,
             },
-            feed: 10.0,
+            feed_u_s: 10.0,
         };
         producer.segment(&segment).unwrap();
         producer.step(&Step::Run(run)).unwrap();

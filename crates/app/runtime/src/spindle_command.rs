@@ -58,7 +58,7 @@ mod tests {
     #[test]
     fn a_speed_that_follows_the_radius_is_told_in_steps_of_a_thousandth() {
         let surface = SurfaceSpeed {
-            metres_per_minute: 100.0,
+            speed_m_min: 100.0,
             max_rpm: f64::INFINITY,
             centre_mm: 0.0,
         };

@@ -354,7 +354,7 @@ mod tests {
         Move {
             curve: Curve::Line(Line::new(at(k), at(k + 1)).expect("a line")),
             kind: MoveKind::Feed,
-            feed: 50.0,
+            feed_mm_s: 50.0,
             path_mode: if k % 100 < 75 { blend } else { PathMode::ExactPath },
         }
     }

@@ -82,7 +82,7 @@ impl StopWatch {
             LongestStop::default()
         };
         status.longest_stop_mm = stop.path_mm;
-        status.longest_stop_s = stop.seconds;
+        status.longest_stop_s = stop.duration_s;
         status.longest_stop_line = stop.line;
     }
 }
@@ -254,7 +254,7 @@ mod tests {
         let range = 1.2 * least..=1.2 * (1.03 * most.0 + 0.002 * v) + 0.001 * v;
         assert!(range.contains(&found.path_mm), "{found:?} of {range:?}");
         assert!(
-            (0.9 * most.1..1.03 * most.1 + 0.002).contains(&found.seconds),
+            (0.9 * most.1..1.03 * most.1 + 0.002).contains(&found.duration_s),
             "{found:?} of {}",
             most.1
         );
@@ -317,7 +317,7 @@ mod tests {
         }
         let stop = LongestStop {
             path_mm: status.longest_stop_mm,
-            seconds: status.longest_stop_s,
+            duration_s: status.longest_stop_s,
             line: status.longest_stop_line,
             sequence: 0,
         };

@@ -66,13 +66,13 @@ impl<S: PlanSink> PlanSink for Tally<S> {
         self.sink.exit(index, speeds);
     }
 
-    fn planned(&mut self, index: u64, duration: f64) {
-        self.planned_s += duration;
+    fn planned(&mut self, index: u64, duration_s: f64) {
+        self.planned_s += duration_s;
         let parts = self.parts_of_step.pop_front().unwrap_or(0) as usize;
         let whole: f64 = self.open.iter().take(parts).map(|part| part.1).sum();
         for (block, length) in self.open.drain(..parts.min(self.open.len())) {
             let share = if whole > 0.0 {
-                duration * length / whole
+                duration_s * length / whole
             } else {
                 0.0
             };
@@ -81,7 +81,7 @@ impl<S: PlanSink> PlanSink for Tally<S> {
                 _ => self.finished.push_back((block, share)),
             }
         }
-        self.sink.planned(index, duration);
+        self.sink.planned(index, duration_s);
     }
 
     fn finalise(&mut self, count: u64) {

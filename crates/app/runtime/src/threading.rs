@@ -132,7 +132,7 @@ impl ThreadChain {
             let motion = Move {
                 curve: *curve,
                 kind: MoveKind::Feed,
-                feed: 1.0,
+                feed_mm_s: 1.0,
                 path_mode: PathMode::ExactPath,
             };
             admission.admit(&motion).map_err(ThreadRefusal::Travel)?;

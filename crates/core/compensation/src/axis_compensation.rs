@@ -28,9 +28,9 @@ impl AxisCompensation {
             half_backlash: 0.5 * errors.backlash,
             direction: Direction::new(errors.hysteresis, position),
             side: TripleAverage::new(n, 0),
-            thermal: errors
-                .thermal
-                .map(|thermal| ThermalOffset::new(thermal.rate, thermal.max_offset, period_s, n)),
+            thermal: errors.thermal.map(|thermal| {
+                ThermalOffset::new(thermal.max_offset_velocity, thermal.max_offset, period_s, n)
+            }),
         }
     }
 

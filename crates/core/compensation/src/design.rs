@@ -34,7 +34,7 @@ pub struct ThermalSettings {
     /// Maximum magnitude, mm or degrees.
     pub max_offset: f64,
     /// Maximum rate of change, mm/s or degrees/s.
-    pub rate: f64,
+    pub max_offset_velocity: f64,
 }
 
 /// The geometric errors of an axis. Lengths in mm or degrees.
@@ -248,7 +248,7 @@ fn check(errors: &MachineErrors) -> Result<(), DesignError> {
         within("hysteresis", axis.hysteresis, 1.0)?;
         if let Some(thermal) = axis.thermal {
             within("maximum thermal offset", thermal.max_offset, 10.0)?;
-            within("rate of the thermal offset", thermal.rate, 1.0)?;
+            within("rate of the thermal offset", thermal.max_offset_velocity, 1.0)?;
         }
     }
     let Squareness { xy, xz, yz } = errors.squareness;
@@ -287,7 +287,7 @@ fn worst_position(errors: &AxisErrors, order: usize) -> Option<f64> {
 /// The shortest averaging time within the limits. An axis without backlash needs it only for the thermal offset.
 fn average_time(errors: &AxisErrors, rough: &Roughness, limit: &AxisLimits) -> f64 {
     let step = rough.half[0];
-    let rate = errors.thermal.map_or(0.0, |thermal| thermal.rate);
+    let rate = errors.thermal.map_or(0.0, |thermal| thermal.max_offset_velocity);
     let part = |limit: f64| TAKE_UP_FRACTION * limit;
     [
         1.5 * step / part(limit.velocity),
@@ -325,7 +325,7 @@ fn remaining(
         }
     };
     let (b1, b2, b3) = (by(1.5, 1), by(4.0, 2), by(8.0, 3));
-    let rate = errors.thermal.map_or(0.0, |thermal| thermal.rate);
+    let rate = errors.thermal.map_or(0.0, |thermal| thermal.max_offset_velocity);
     let v = (limit.velocity - b1 * step - rate) / (1.0 + slope);
     let a = (limit.acceleration - curve * v * v - 2.0 * b1 * step_slope * v - b2 * step - by(2.0, 1) * rate)
         / (1.0 + slope);

@@ -14,7 +14,7 @@ fn a_step_and_its_inverse_do_not_allocate() {
         hysteresis: 0.001,
         thermal: Some(ThermalSettings {
             max_offset: 0.1,
-            rate: 0.01,
+            max_offset_velocity: 0.01,
         }),
     };
     let mut drives = [None; AXES];

@@ -138,7 +138,7 @@ fn an_impossible_correction_is_rejected_with_its_axis() {
     let thermal = with_axis(AxisErrors {
         thermal: Some(ThermalSettings {
             max_offset: 0.1,
-            rate: 0.015,
+            max_offset_velocity: 0.015,
         }),
         ..AxisErrors::default()
     });

@@ -51,7 +51,7 @@ fn random_axis(random: &mut Random) -> AxisErrors {
         hysteresis: random.log(1e-5, 0.01),
         thermal: (random.below(3) == 0).then(|| ThermalSettings {
             max_offset: 0.1,
-            rate: random.log(1e-4, 0.05),
+            max_offset_velocity: random.log(1e-4, 0.05),
         }),
     }
 }

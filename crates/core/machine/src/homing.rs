@@ -132,9 +132,9 @@ pub struct HomingSettings {
     /// Whether switch or index pulse are searched towards smaller coordinates.
     pub negative: bool,
     /// Speed of the search, mm/s or degrees/s.
-    pub search_speed: f64,
+    pub search_velocity: f64,
     /// Speed of the second approach, and at which the index pulse is searched, mm/s or degrees/s.
-    pub latch_speed: f64,
+    pub latch_velocity: f64,
     /// Machine coordinate of what is found: of the edge at which the switch closes, or of the index pulse, mm or degrees.
     pub reference: f64,
 }

@@ -248,7 +248,7 @@ fn every_method_of_homing_is_read_with_the_keys_that_it_needs() {
         "method = \"index\"\ntowards = \"negative\"\nlatch_mm_s = 2\n{index}"
     ));
     assert_eq!(alone.method, HomingMethod::Index { within: 1.2 });
-    assert_eq!((alone.negative, alone.search_speed), (true, 2.0));
+    assert_eq!((alone.negative, alone.search_velocity), (true, 2.0));
     let absolute = of("method = \"absolute\"\norder = 3");
     assert_eq!((absolute.method, absolute.order), (HomingMethod::Absolute, 3));
 }

@@ -11,7 +11,7 @@ pub struct Move {
     pub kind: MoveKind,
     /// Programmed speed in the feed metric of the curve (mm/s; deg/s if only rotary axes move), before override. G93 and
     /// G95 are already resolved. Infinite for rapids: the axis limits alone bound the speed.
-    pub feed: f64,
+    pub feed_mm_s: f64,
     /// How the joint between this move and the next is treated.
     pub path_mode: PathMode,
 }

@@ -32,7 +32,7 @@ pub enum SpindleSpeed {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceSpeed {
     /// Surface speed, m/min, not negative.
-    pub metres_per_minute: f64,
+    pub speed_m_min: f64,
     /// Maximum spindle speed, rpm; infinite without a limit.
     pub max_rpm: f64,
     /// X of the spindle's centre in machine coordinates, mm: where the program's X is 0.
@@ -67,11 +67,11 @@ impl SpindleSpeed {
 impl SurfaceSpeed {
     fn rpm_at(&self, x_mm: f64) -> f64 {
         let radius_mm = (x_mm - self.centre_mm).abs();
-        if self.metres_per_minute == 0.0 {
+        if self.speed_m_min == 0.0 {
             // Also at the centre.
             return 0.0;
         }
-        (1000.0 * self.metres_per_minute / (TAU * radius_mm)).min(self.max_rpm)
+        (1000.0 * self.speed_m_min / (TAU * radius_mm)).min(self.max_rpm)
     }
 }
 
@@ -81,7 +81,7 @@ mod tests {
 
     fn surface(max_rpm: f64) -> SpindleSpeed {
         SpindleSpeed::Surface(SurfaceSpeed {
-            metres_per_minute: 100.0,
+            speed_m_min: 100.0,
             max_rpm,
             centre_mm: 2.0,
         })
@@ -99,7 +99,7 @@ mod tests {
         assert_eq!(surface(1500.0).rpm_at(2.0), 1500.0);
         assert_eq!(surface(f64::INFINITY).rpm_at(2.0), MAX_RPM);
         let still = SurfaceSpeed {
-            metres_per_minute: 0.0,
+            speed_m_min: 0.0,
             max_rpm: 1500.0,
             centre_mm: 2.0,
         };

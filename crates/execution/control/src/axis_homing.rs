@@ -96,7 +96,7 @@ impl AxisHoming {
             Phase::BackOff | Phase::Leave if has_stopped && closed => self.switch_stuck(),
             Phase::Left if at_rest => {
                 let distance = self.axis.direction * self.axis.travel * BACK_FRACTION;
-                self.go(Phase::Latch, distance, self.axis.latch_speed)
+                self.go(Phase::Latch, distance, self.axis.latch_velocity)
             }
             Phase::Latch if closed => match self.axis.method {
                 HomingMethod::SwitchThenIndex { .. } => self.await_index(position, sample.time_ns),
@@ -131,7 +131,7 @@ impl AxisHoming {
                 HomingAction::Home {
                     axis: self.axis.axis,
                     position: self.axis.home,
-                    speed: self.axis.search_speed,
+                    speed: self.axis.search_velocity,
                 }
             }
             Phase::GoHome if at_rest => HomingAction::Done,
@@ -164,7 +164,7 @@ impl AxisHoming {
             _ if closed => self.leave_switch(),
             _ => {
                 let distance = axis.direction * axis.travel * SEARCH_FRACTION;
-                self.go(Phase::Search, distance, axis.search_speed)
+                self.go(Phase::Search, distance, axis.search_velocity)
             }
         }
     }
@@ -175,8 +175,8 @@ impl AxisHoming {
         match self.axis.method {
             HomingMethod::SwitchThenIndex {
                 when_opening: true, ..
-            } => self.go(Phase::Leave, distance, self.axis.latch_speed),
-            _ => self.go(Phase::BackOff, distance, self.axis.search_speed),
+            } => self.go(Phase::Leave, distance, self.axis.latch_velocity),
+            _ => self.go(Phase::BackOff, distance, self.axis.search_velocity),
         }
     }
 
@@ -201,7 +201,7 @@ impl AxisHoming {
             return self.go(
                 Phase::AwaitIndex { from, since_ns },
                 distance,
-                self.axis.latch_speed,
+                self.axis.latch_velocity,
             );
         }
         if sample.time_ns.saturating_sub(since_ns) > TAKEN_OVER_NS {
@@ -242,7 +242,7 @@ impl AxisHoming {
             _ => self.axis.direction,
         };
         let along = (latched - from) * way;
-        let slack = OFF_WAY_S * self.axis.latch_speed;
+        let slack = OFF_WAY_S * self.axis.latch_velocity;
         // Written so that what is no number is off the way.
         if !(along >= -slack && along <= self.within() + slack) {
             return self.halt(Phase::OffWay { along });

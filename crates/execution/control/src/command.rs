@@ -15,7 +15,7 @@ pub struct JogCommand {
     /// Signs of the directions of a continuous jog; 0 for axes that stand.
     pub direction: Axes,
     /// Speed of each axis at most, mm/s or degrees/s; none for the machine's own.
-    pub speed: Option<f64>,
+    pub max_velocity: Option<f64>,
 }
 
 /// A tool's figures.
@@ -142,7 +142,7 @@ pub enum Command {
     /// See [`CommandCode::Return`].
     Return {
         /// Speed of each axis at most, mm/s or degrees/s; none for the machine's own.
-        speed: Option<f64>,
+        max_velocity: Option<f64>,
     },
     /// See [`CommandCode::Retrace`]: starts of blocks, at least one.
     Retrace(u32),

@@ -126,7 +126,9 @@ impl Command {
                 value: raw.amount,
             },
             CommandCode::Handwheel => handwheel(raw, present)?,
-            CommandCode::Return => Self::Return { speed: speed(raw)? },
+            CommandCode::Return => Self::Return {
+                max_velocity: speed(raw)?,
+            },
             CommandCode::Retrace if raw.index > MAX_BLOCKS => {
                 return Err(range(
                     "the number of blocks",
@@ -259,7 +261,7 @@ fn jog(raw: &RawCommand<'_>, present: AxisMask) -> Result<JogCommand, Rejection>
         } else {
             values.map(sign)
         },
-        speed,
+        max_velocity: speed,
     })
 }
 
@@ -481,7 +483,7 @@ mod tests {
         };
         assert_eq!(continuous.distance, None);
         assert_eq!(continuous.direction.as_slice()[..3], [-1.0, 0.0, 1.0]);
-        assert_eq!(continuous.speed, Some(20.0));
+        assert_eq!(continuous.max_velocity, Some(20.0));
         request.index = 1;
         let Ok((_, Command::Jog(increment))) = Command::decode(&request, XYZ) else {
             panic!("refused");
@@ -559,7 +561,7 @@ mod tests {
                     axes: AxisMask::from_bits(xz),
                     distance: Some(Axes::from([MOST, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
                     direction: Axes::zeros(),
-                    speed: None,
+                    max_velocity: None,
                 }),
                 "jog XZ by an increment",
             ),
@@ -571,7 +573,9 @@ mod tests {
             (raw(CommandCode::Home), Command::Home(XYZ), "home XYZ"),
             (
                 of(CommandCode::Return, 0, 2.5),
-                Command::Return { speed: Some(2.5) },
+                Command::Return {
+                    max_velocity: Some(2.5),
+                },
                 "return",
             ),
             (

@@ -21,9 +21,9 @@ pub struct HomingAxis {
     /// Where the switch, or the index pulse, is searched: 1 or -1.
     pub direction: f64,
     /// Speed of search, mm/s or degrees/s.
-    pub search_speed: f64,
+    pub search_velocity: f64,
     /// Speed of the second approach, and at which the index pulse is searched.
-    pub latch_speed: f64,
+    pub latch_velocity: f64,
     /// Machine coordinate of what is found: of the edge at which the switch closes, or of the index pulse.
     pub reference: f64,
     /// Length of the travel.

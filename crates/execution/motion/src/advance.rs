@@ -350,7 +350,7 @@ impl Cursor {
         let ActiveMotion::TimedSegment { flow, time } = &mut self.drive else {
             return false;
         };
-        let rest = flow.piece.duration - *time;
+        let rest = flow.piece.duration_s - *time;
         if *left < rest {
             *time += *left;
             return false;
@@ -432,7 +432,7 @@ impl RunDrive {
         let mut drive = Self {
             length: run.length,
             limits: run.limits,
-            feed: run.feed,
+            feed_u_s: run.feed_u_s,
             profile: Profile::at_rest(from.x),
             time: 0.0,
             braking: brake,
@@ -447,7 +447,7 @@ impl RunDrive {
             Profile::brake(from, self.length, exits.doubled, &self.limits)
         } else {
             let limits = ScalarLimits {
-                velocity: self.limits.velocity.min(self.feed * feed_override),
+                velocity: self.limits.velocity.min(self.feed_u_s * feed_override),
                 ..self.limits
             };
             Profile::solve(

@@ -23,7 +23,7 @@ pub(crate) enum ActiveMotion {
 pub(crate) struct RunDrive {
     pub(crate) length: f64,
     pub(crate) limits: ScalarLimits,
-    pub(crate) feed: f64,
+    pub(crate) feed_u_s: f64,
     pub(crate) profile: Profile,
     /// Seconds since the profile's start.
     pub(crate) time: f64,

@@ -168,7 +168,7 @@ impl PathExecutor {
     pub fn feed_factor(&self) -> Option<f64> {
         match &self.cursor.drive {
             ActiveMotion::Still => Some(0.0),
-            ActiveMotion::Run(run) => Some(self.cursor.now().0.v / run.feed),
+            ActiveMotion::Run(run) => Some(self.cursor.now().0.v / run.feed_u_s),
             ActiveMotion::TimedSegment { .. } => None,
         }
     }

@@ -75,7 +75,7 @@ impl PlanPreview {
     pub(crate) fn begin(&mut self, step: u64, flow: TimedSegment, time: f64) {
         (self.oldest, self.next) = (0, 0);
         self.rests_at = None;
-        let rest = (flow.piece.duration - time).max(0.0);
+        let rest = (flow.piece.duration_s - time).max(0.0);
         self.frontier = Some(Frontier {
             step,
             flow,
@@ -127,7 +127,7 @@ impl PlanPreview {
         if self.next - self.oldest >= CAPACITY {
             return None;
         }
-        let duration = frontier.flow.piece.duration;
+        let duration = frontier.flow.piece.duration_s;
         if !first && frontier.at >= duration {
             let ends = frontier.starts + duration;
             // What follows a rest is not looked at: a plan that is slowed down stays there.
@@ -148,7 +148,7 @@ impl PlanPreview {
                 flow,
                 starts: ends,
                 at: 0.0,
-                spacing: spacing(flow.piece.duration),
+                spacing: spacing(flow.piece.duration_s),
             };
         } else if !first {
             if frontier.starts + frontier.at - self.held(self.oldest).time > LONGEST_PREVIEW_S {

@@ -27,7 +27,7 @@ pub struct ProbeMove {
     /// Where it goes at most: a straight line.
     pub curve: Curve,
     /// Speed along it, mm/s (degrees/s where only rotary axes move).
-    pub feed: f64,
+    pub feed_mm_s: f64,
     /// Until contact is made; otherwise until it is lost.
     pub toward: bool,
 }
@@ -43,7 +43,7 @@ impl ProbeMove {
                 .fold(f64::INFINITY, f64::min)
         };
         ScalarLimits {
-            velocity: self.feed.min(least(&limits.velocity)),
+            velocity: self.feed_mm_s.min(least(&limits.velocity)),
             acceleration: SHARE * least(&limits.acceleration),
             jerk: SHARE * least(&limits.jerk),
         }

@@ -360,7 +360,7 @@ impl PathExecutor {
             },
         };
         // Everything that the step, or a request that it makes, can see.
-        let mut left = time + self.period * (2 * self.asking.lead + 4) as f64 - flow.piece.duration;
+        let mut left = time + self.period * (2 * self.asking.lead + 4) as f64 - flow.piece.duration_s;
         if cursor.slowdown.is_some() {
             left += LONGEST_PREVIEW_S;
         }
@@ -373,7 +373,7 @@ impl PathExecutor {
             let (next, is_final) = queue.successor(step);
             tail |= queue.is_claimed(step);
             match queue.step(next) {
-                Some(Step::TimedSegment(flow)) if is_final || tail => left -= flow.piece.duration,
+                Some(Step::TimedSegment(flow)) if is_final || tail => left -= flow.piece.duration_s,
                 Some(Step::TimedSegment(_)) | None => return false,
                 Some(_) => return true,
             }
@@ -416,10 +416,10 @@ fn foresee(
 ) -> Option<(TimedSegment, f64)> {
     let (mut step, mut flow, mut time) = (step, flow, time);
     for _ in 0..MAX_AHEAD {
-        if time < flow.piece.duration {
+        if time < flow.piece.duration_s {
             return Some((flow, time));
         }
-        time -= flow.piece.duration;
+        time -= flow.piece.duration_s;
         // What happens at a rest is not foreseen: the next request is made from there, or after it.
         if flow.rests_at_end() {
             return None;

@@ -674,7 +674,7 @@ mod tests {
             piece: Piece {
                 law: TimeLaw::LinearAcceleration { v, b: 0.0, c: 0.0 },
                 length: 0.01 * v,
-                duration: 0.01,
+                duration_s: 0.01,
                 segment: 0,
                 from: 0.01 * v * k,
                 interval: 0,

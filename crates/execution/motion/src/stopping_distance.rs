@@ -29,7 +29,7 @@ pub struct LongestStop {
     /// Path from the hold to rest, mm.
     pub path_mm: f64,
     /// Time from the hold to rest, s.
-    pub seconds: f64,
+    pub duration_s: f64,
     /// Line of the program at the hold.
     pub line: u32,
     /// Number of the setpoint after which the hold comes.
@@ -234,7 +234,7 @@ impl StoppingDistance {
         if self.longest.is_none_or(|longest| path_mm > longest.path_mm) {
             self.longest = Some(LongestStop {
                 path_mm,
-                seconds: hold.seconds,
+                duration_s: hold.seconds,
                 line: hold.line,
                 sequence: hold.sequence,
             });

@@ -62,7 +62,7 @@ fn setpoints_do_not_depend_on_how_the_program_arrived() {
         }
         one.period_ns = one.period_ns.max(1_000_000);
         let seconds: f64 = (one.moves.iter())
-            .map(|one| one.curve.length() / one.feed.min(100.0))
+            .map(|one| one.curve.length() / one.feed_mm_s.min(100.0))
             .sum();
         if seconds > 150.0 {
             continue;
@@ -86,7 +86,7 @@ fn straight(limits: Limits, moves: usize, length: f64, feeds: [f64; 2], period_n
         .map(|k| Move {
             curve: Curve::Line(Line::new(point(k), point(k + 1)).expect("line")),
             kind: MoveKind::Feed,
-            feed: feeds[k % 2],
+            feed_mm_s: feeds[k % 2],
             path_mode: PathMode::ExactPath,
         })
         .collect();
@@ -107,7 +107,7 @@ fn the_line_at_a_stop_is_the_same_whether_the_next_move_is_known_yet_or_not() {
     one.planner = PlannerKind::Optimal;
     for (k, motion) in one.moves.iter_mut().enumerate() {
         // Each takes another time.
-        motion.feed += 0.037 * k as f64;
+        motion.feed_mm_s += 0.037 * k as f64;
     }
     // After each move a command of the periphery's, as M8 is.
     let feed = |pair: &mut Pair| {

@@ -80,7 +80,7 @@ fn overrides_while_the_planner_is_close_behind_keep_every_limit() {
                 Move {
                     curve,
                     kind: MoveKind::Feed,
-                    feed,
+                    feed_mm_s: feed,
                     path_mode: PathMode::ExactPath,
                 }
             })
@@ -168,7 +168,7 @@ fn lie(segments: &[Segment], limits: ScalarLimits, exits: &[f64]) -> evolvent_mo
             length: segment.length,
             segments: 1,
             limits,
-            feed: f64::INFINITY,
+            feed_u_s: f64::INFINITY,
         };
         producer.step(&Step::Run(run)).expect("room");
         producer.exit(
@@ -319,7 +319,7 @@ fn at_rest_the_line_is_that_of_the_step_that_is_waited_for() {
         length: 10.0,
         segments: 1,
         limits: scalar,
-        feed: f64::INFINITY,
+        feed_u_s: f64::INFINITY,
     });
     for (segment, step) in [
         (Some(line(0.0, 10.0)), run),

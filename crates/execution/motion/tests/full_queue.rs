@@ -80,7 +80,7 @@ fn line(from: Axes, to: Axes, feed: f64) -> Move {
     Move {
         curve: Curve::Line(Line::new(from, to).expect("line")),
         kind: MoveKind::Feed,
-        feed,
+        feed_mm_s: feed,
         path_mode: BLEND,
     }
 }

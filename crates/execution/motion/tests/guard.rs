@@ -28,7 +28,7 @@ fn scenario(random: &mut Random, rate: f64) -> Scenario {
         let seconds: f64 = scenario
             .moves
             .iter()
-            .map(|one| one.curve.length() / one.feed.min(100.0))
+            .map(|one| one.curve.length() / one.feed_mm_s.min(100.0))
             .sum();
         if seconds * rate < 1.5e5 && seconds > 0.2 {
             return scenario;

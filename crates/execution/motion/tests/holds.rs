@@ -35,7 +35,7 @@ fn dense(random: &mut Random, chords: usize, limits: Limits) -> Scenario {
         moves.push(Move {
             curve: Curve::Line(Line::new(start, at).expect("line")),
             kind: MoveKind::Feed,
-            feed,
+            feed_mm_s: feed,
             path_mode: BLEND,
         });
     }

@@ -38,10 +38,10 @@ fn every_setpoint_keeps_every_limit_and_the_path() {
                 PlannerKind::Classic => 1e-6,
             };
             assert!(
-                setpoint.feed_mm_s <= motion.feed * (1.0 + slack),
+                setpoint.feed_mm_s <= motion.feed_mm_s * (1.0 + slack),
                 "{what}: {} over feed {} flags {}",
                 setpoint.feed_mm_s,
-                motion.feed,
+                motion.feed_mm_s,
                 setpoint.flags
             );
         }

@@ -87,7 +87,7 @@ fn wave(blocks: usize) -> Scenario {
         .map(|k| Move {
             curve: Curve::Line(Line::new(at(k), at(k + 1)).expect("line")),
             kind: MoveKind::Feed,
-            feed: 20.0,
+            feed_mm_s: 20.0,
             path_mode: BLEND,
         })
         .collect();
@@ -240,7 +240,7 @@ fn a_hold_without_answers_takes_little_longer_than_the_least_time_and_the_progra
         )
         .expect("line"),
     );
-    line.moves[0].feed = 80.0;
+    line.moves[0].feed_mm_s = 80.0;
     let setpoints = drive_along(&line, 9, 1e-6, "line", holds);
     let took = cycles_to_rest(&setpoints, 745);
     // 2 sqrt(v/J), where that keeps the acceleration.
@@ -289,7 +289,7 @@ fn a_lost_answer_stands_between_no_stop_and_what_is_read_behind_it() {
             )
             .expect("line"),
         ),
-        feed: 80.0,
+        feed_mm_s: 80.0,
         ..wave(1).moves[0]
     };
     let mut scenario = wave(0);

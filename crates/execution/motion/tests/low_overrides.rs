@@ -28,7 +28,7 @@ fn feed(curve: Curve, path_mode: PathMode) -> Move {
     Move {
         curve,
         kind: MoveKind::Feed,
-        feed: 30.0,
+        feed_mm_s: 30.0,
         path_mode,
     }
 }

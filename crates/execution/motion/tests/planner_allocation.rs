@@ -22,7 +22,7 @@ fn contour(blocks: usize) -> Vec<Move> {
         .map(|k| Move {
             curve: Curve::Line(Line::new(at(k), at(k + 1)).expect("line")),
             kind: MoveKind::Feed,
-            feed: 150.0,
+            feed_mm_s: 150.0,
             path_mode: BLEND,
         })
         .collect()

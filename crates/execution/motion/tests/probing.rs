@@ -45,7 +45,7 @@ fn feed_move(from: Axes, to: Axes, feed: f64) -> Move {
     Move {
         curve: line(from, to),
         kind: MoveKind::Feed,
-        feed,
+        feed_mm_s: feed,
         path_mode: PathMode::ExactPath,
     }
 }
@@ -75,7 +75,7 @@ fn run(
     let mut motion = PathExecutor::new(machine, period_ns, start);
     let from = order.curve.start();
     planner
-        .push(&feed_move(start, from, order.feed), 1, 0)
+        .push(&feed_move(start, from, order.feed_mm_s), 1, 0)
         .expect("a move");
     probings
         .send(Box::new(Probing::new(order, &machine, 0.002)))
@@ -148,7 +148,7 @@ fn run(
             result = Some(told);
             planner.stand_at(&told.stands_at);
             planner
-                .push(&feed_move(told.stands_at, toward_next, order.feed), 3, 1)
+                .push(&feed_move(told.stands_at, toward_next, order.feed_mm_s), 3, 1)
                 .expect("it begins where the axes stand");
             planner.finish(3).expect("taken");
         }
@@ -233,7 +233,7 @@ fn a_probing_move_stops_at_any_moment_within_the_limits_and_the_plan_goes_on_fro
         let to = from + random.log(0.02, 2.0) * direction(&mut random);
         let order = ProbeMove {
             curve: line(from, to),
-            feed: random.log(4.0, 60.0),
+            feed_mm_s: random.log(4.0, 60.0),
             toward: random.unit() < 0.5,
         };
         // How long the move takes without contact, to find worst moments in it.
@@ -318,7 +318,7 @@ fn the_stop_of_a_probe_is_as_long_as_the_textbook_says() {
             to[0] = 100.0;
             to
         }),
-        feed: 20.0,
+        feed_mm_s: 20.0,
         toward: true,
     };
     let (v, a, j) = (20.0, 0.99 * 500.0, 0.99 * 50_000.0);

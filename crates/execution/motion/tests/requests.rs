@@ -21,7 +21,7 @@ fn straight(feed: f64, length: f64, period_ns: u64) -> crate::common::Scenario {
         moves: vec![Move {
             curve: Curve::Line(Line::new(Axes::zeros(), end).expect("line")),
             kind: MoveKind::Feed,
-            feed,
+            feed_mm_s: feed,
             path_mode: PathMode::ExactPath,
         }],
         chord_error_mm: 1e-3,
@@ -142,7 +142,7 @@ fn a_planner_that_is_too_slow_leaves_a_machine_that_stops_on_the_path_and_goes_o
                 Move {
                     curve: Curve::Line(Line::new(start, at).expect("line")),
                     kind: MoveKind::Feed,
-                    feed,
+                    feed_mm_s: feed,
                     path_mode: mode,
                 }
             })
@@ -269,7 +269,7 @@ fn wave(blocks: usize) -> Vec<Move> {
         .map(|k| Move {
             curve: Curve::Line(Line::new(at(k), at(k + 1)).expect("line")),
             kind: MoveKind::Feed,
-            feed: 20.0,
+            feed_mm_s: 20.0,
             path_mode: BLEND,
         })
         .collect()

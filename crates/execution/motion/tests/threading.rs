@@ -199,7 +199,7 @@ fn run(
             let away = Move {
                 curve: Curve::Line(line),
                 kind: MoveKind::Rapid,
-                feed: f64::INFINITY,
+                feed_mm_s: f64::INFINITY,
                 path_mode: PathMode::ExactPath,
             };
             planner.push(&away, 3, 1).expect("it begins where the axes stand");

@@ -51,7 +51,7 @@ mod tests {
             "up to its highest speed"
         );
         let surface = FeedLaw::Revolution(SpindleSpeed::Surface(SurfaceSpeed {
-            metres_per_minute: std::f64::consts::TAU * 10.0,
+            speed_m_min: std::f64::consts::TAU * 10.0,
             max_rpm: 2000.0,
             centre_mm: 1.0,
         }));

@@ -228,7 +228,7 @@ impl DriveSet {
             let (one, other) = (self.axes[*first], self.axes[*second]);
             let Some(settings) = other.gantry() else { continue };
             let difference = other.squared_position() - one.position();
-            let most = settings.square_speed * self.period_s;
+            let most = settings.square_velocity * self.period_s;
             self.axes[*second].set_apart(squaring.step(enabled, difference, most));
             // Before both drives know their positions the difference is measured from their start.
             let strain = if self.homing.is_some() {

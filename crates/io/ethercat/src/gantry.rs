@@ -8,7 +8,7 @@ pub struct GantrySettings {
     /// Maximum additional difference.
     pub max_difference: f64,
     /// Speed of squaring.
-    pub square_speed: f64,
+    pub square_velocity: f64,
 }
 
 /// The intended difference of the second drive from the first, until the beam is square.

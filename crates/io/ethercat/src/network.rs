@@ -636,7 +636,7 @@ impl GantryFile {
         Ok(GantrySettings {
             squaring_offset: self.squaring_offset,
             max_difference: self.max_difference,
-            square_speed: self.square_speed,
+            square_velocity: self.square_speed,
         })
     }
 }

@@ -60,8 +60,8 @@ impl Scale {
     ///
     /// # Errors
     /// A number is zero, or has more digits than can be represented exactly.
-    pub fn new(increments_per_turn: u32, gear: [u32; 2], turn: f64) -> Result<Self, ScaleError> {
-        let (digits, unit) = decimal(turn)?;
+    pub fn new(increments_per_turn: u32, gear: [u32; 2], travel_per_turn: f64) -> Result<Self, ScaleError> {
+        let (digits, unit) = decimal(travel_per_turn)?;
         let [motor, shaft] = gear.map(u128::from);
         let (numerator, denominator) = (u128::from(increments_per_turn) * motor * unit, shaft * digits);
         if numerator == 0 || denominator == 0 {

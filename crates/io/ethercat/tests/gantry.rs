@@ -42,7 +42,7 @@ fn add_second(network: &mut Network, edit: impl Fn(&mut NetworkAxis)) {
     let gantry = GantrySettings {
         squaring_offset: 0.0,
         max_difference: 0.5,
-        square_speed: 2.0,
+        square_velocity: 2.0,
     };
     second.axis.as_mut().expect("an axis").gantry = Some(gantry);
     network.devices.push(second);

@@ -132,7 +132,7 @@ impl<S: PlanSink> Classic<S> {
                     let within = check_travel::<()>(&Curve::Blend(rounding.blend), &limits).is_ok();
                     if within {
                         self.emit(&held, left.domain() - rounding.trim)?;
-                        let feed = held.motion.feed.min(next.motion.feed);
+                        let feed = held.motion.feed_mm_s.min(next.motion.feed_mm_s);
                         let marks = SegmentMarks {
                             blend: true,
                             rapid: feed.is_infinite(),
@@ -197,7 +197,7 @@ impl<S: PlanSink> Classic<S> {
             block,
             marks,
         };
-        self.ahead.segment(segment, held.motion.feed)
+        self.ahead.segment(segment, held.motion.feed_mm_s)
     }
 }
 
@@ -232,7 +232,7 @@ mod tests {
         Move {
             curve: Curve::Line(Line::new(from, to).expect("line")),
             kind: MoveKind::Feed,
-            feed: 100.0,
+            feed_mm_s: 100.0,
             path_mode,
         }
     }
@@ -268,7 +268,10 @@ mod tests {
                 if (reached + 10_000.5).abs() < 1e-9 && (limit + 1e4).abs() < 1e-9)
         );
         for feed in [0.0, -1.0, f64::NAN] {
-            let still = Move { feed, ..start };
+            let still = Move {
+                feed_mm_s: feed,
+                ..start
+            };
             assert!(
                 matches!(planner.push(&still, 2, 1), Err(Error::Feed { .. })),
                 "{feed}"

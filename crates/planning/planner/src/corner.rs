@@ -30,14 +30,14 @@ pub struct Rounding {
     pub deviation: f64,
 }
 
-/// The blend between the end of `left` and the start of `right` within `tolerance` of both that takes at most `max_length`
+/// The blend between the end of `left` and the start of `right` within `tolerance_mm` of both that takes at most `max_length`
 /// from each; `None` if none longer than 100 nm exists.
 ///
 /// Distances are measured between points of equal parameter, so the blend misses the corner itself by at most the tolerance
 /// too. XYZ and UVW count in mm, a rotary axis by its angle in degrees. Not real-time safe.
 #[must_use]
-pub fn round_corner(left: &Curve, right: &Curve, tolerance: f64, max_length: f64) -> Option<Rounding> {
-    let goal = TOLERANCE_FRACTION * tolerance;
+pub fn round_corner(left: &Curve, right: &Curve, tolerance_mm: f64, max_length: f64) -> Option<Rounding> {
+    let goal = TOLERANCE_FRACTION * tolerance_mm;
     let bend = |jet: &Jet| xyz(&jet.second);
     let (end, start) = (left.jet(left.domain()), right.jet(0.0));
     let turn = distance(&(start.first - end.first)).max(1e-12);

@@ -171,18 +171,19 @@ impl<S: PlanSink> Horizon<S> {
         &mut self.sink
     }
 
-    /// Appends a path segment; `feed` in the feed metric, infinite for rapids.
-    pub(crate) fn segment(&mut self, segment: Segment, feed: f64) {
+    /// Appends a path segment; `feed_mm_s` in the feed metric, infinite for rapids.
+    pub(crate) fn segment(&mut self, segment: Segment, feed_mm_s: f64) {
         self.limit_marks();
-        self.grid.push(&segment.curve, segment.from, segment.length, feed);
+        self.grid
+            .push(&segment.curve, segment.from, segment.length, feed_mm_s);
         self.path.segments.push_back((self.path.length, segment));
         self.path.length += segment.length;
     }
 
     /// Limits the speed at the present end; 0 is a stop.
-    pub(crate) fn cap(&mut self, speed: f64) {
-        if speed > 0.0 {
-            self.grid.cap(speed);
+    pub(crate) fn cap(&mut self, speed_u_s: f64) {
+        if speed_u_s > 0.0 {
+            self.grid.cap(speed_u_s);
         } else {
             self.stop_at_end(None);
         }
@@ -555,7 +556,7 @@ impl<S: PlanSink> Horizon<S> {
         let mut k = last;
         while k > 1 {
             let piece = &self.pieces[k];
-            tail += piece.duration;
+            tail += piece.duration_s;
             let speed = piece.law.at(0.0).0.v;
             let stopping = speed * self.stopping.0 + self.stopping.1;
             let starts_interval = piece.interval != self.pieces[k - 1].interval;
@@ -581,7 +582,7 @@ impl<S: PlanSink> Horizon<S> {
                 self.accounts.pop_front();
             }
             if let Some(mark) = self.accounts.front() {
-                self.sink.planned_block(mark.block, piece.duration);
+                self.sink.planned_block(mark.block, piece.duration_s);
             }
         }
     }

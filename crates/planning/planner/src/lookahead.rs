@@ -57,7 +57,7 @@ struct RunBuilder {
     cells: Vec<DerivativeBounds>,
     segments: u32,
     length: f64,
-    feed: f64,
+    feed_u_s: f64,
     /// Minimum speed over all cells, without the feed word.
     cap: f64,
     /// Slowest and fastest segment, with the feed word.
@@ -117,12 +117,12 @@ impl<S: PlanSink> LookAhead<S> {
         &mut self.sink
     }
 
-    /// Appends a path segment. `feed` is the programmed speed along the curve, infinite for rapids.
+    /// Appends a path segment. `feed_mm_s` is the programmed speed along the curve, infinite for rapids.
     ///
     /// # Errors
     /// Those of the sink.
-    pub fn segment(&mut self, segment: Segment, feed: f64) -> Result<(), S::Error> {
-        self.split(segment, feed, MAX_SPLITS)
+    pub fn segment(&mut self, segment: Segment, feed_mm_s: f64) -> Result<(), S::Error> {
+        self.split(segment, feed_mm_s, MAX_SPLITS)
     }
 
     /// Limits the speed at the present end of the path; 0 is a stop.
@@ -168,7 +168,7 @@ impl<S: PlanSink> LookAhead<S> {
         Ok(())
     }
 
-    fn split(&mut self, segment: Segment, feed: f64, depth: u32) -> Result<(), S::Error> {
+    fn split(&mut self, segment: Segment, feed_mm_s: f64, depth: u32) -> Result<(), S::Error> {
         let (from, to) = (segment.from, segment.from + segment.length);
         if depth > 0 && !segment.marks.blend && !matches!(segment.curve, Curve::Line(_)) {
             let middle = 0.5 * (from + to);
@@ -177,9 +177,9 @@ impl<S: PlanSink> LookAhead<S> {
                 self.speed_over(&segment.curve, middle, to),
             );
             let differ = (left - right).abs() > MIN_SPLIT_DIFFERENCE * left.max(right);
-            let lasts = segment.length > MIN_SPLIT_TIME_S * left.min(right).min(2.0 * feed);
+            let lasts = segment.length > MIN_SPLIT_TIME_S * left.min(right).min(2.0 * feed_mm_s);
             // If the feed word limits both halves there is nothing to gain.
-            if differ && lasts && left.min(right) < 2.0 * feed {
+            if differ && lasts && left.min(right) < 2.0 * feed_mm_s {
                 let first = Segment {
                     length: middle - from,
                     ..segment
@@ -190,11 +190,11 @@ impl<S: PlanSink> LookAhead<S> {
                     ..segment
                 };
                 second.marks.joint = false;
-                self.split(first, feed, depth - 1)?;
-                return self.split(second, feed, depth - 1);
+                self.split(first, feed_mm_s, depth - 1)?;
+                return self.split(second, feed_mm_s, depth - 1);
             }
         }
-        self.add_to_run(segment, feed)
+        self.add_to_run(segment, feed_mm_s)
     }
 
     fn speed_over(&mut self, curve: &Curve, from: f64, to: f64) -> f64 {
@@ -206,13 +206,14 @@ impl<S: PlanSink> LookAhead<S> {
             .fold(f64::INFINITY, f64::min)
     }
 
-    fn add_to_run(&mut self, segment: Segment, feed: f64) -> Result<(), S::Error> {
+    fn add_to_run(&mut self, segment: Segment, feed_mm_s: f64) -> Result<(), S::Error> {
         let (from, to) = (segment.from, segment.from + segment.length);
-        let feed = feed / metric_speed(&segment.curve, from, to);
+        let feed_u_s = feed_mm_s / metric_speed(&segment.curve, from, to);
         let cap = self.speed_over(&segment.curve, from, to);
-        let speed = cap.min(feed);
+        let speed = cap.min(feed_u_s);
         let run = &self.gathering;
-        let like = speed.min(run.min_speed) >= MIN_SPEED_RATIO * speed.max(run.fastest) && feed == run.feed;
+        let like =
+            speed.min(run.min_speed) >= MIN_SPEED_RATIO * speed.max(run.fastest) && feed_u_s == run.feed_u_s;
         let full = run.segments >= MAX_SEGMENTS || run.cells.len() + self.scratch.len() > MAX_CELLS;
         // Too short for a run of its own; the slower speed for both costs negligible time.
         let slower = speed.min(run.min_speed);
@@ -225,18 +226,18 @@ impl<S: PlanSink> LookAhead<S> {
         let own = self
             .scratch
             .iter()
-            .map(|cell| self.limits.tangential(cell, cap.min(2.0 * feed)))
+            .map(|cell| self.limits.tangential(cell, cap.min(2.0 * feed_u_s)))
             .map(|(a, j)| (0.5 * speed * (speed / a + a / j)).min(speed * (speed / j).sqrt()))
             .fold(0.0, f64::max);
         let run = &mut self.gathering;
         if run.segments == 0 {
-            (run.length, run.stop_distance, run.feed) = (0.0, 0.0, feed);
+            (run.length, run.stop_distance, run.feed_u_s) = (0.0, 0.0, feed_u_s);
             (run.cap, run.min_speed, run.fastest) = (cap, speed, speed);
         }
         run.cells.append(&mut self.scratch);
         run.segments += 1;
         run.length += segment.length;
-        run.feed = run.feed.min(feed);
+        run.feed_u_s = run.feed_u_s.min(feed_u_s);
         run.cap = run.cap.min(cap);
         run.min_speed = run.min_speed.min(speed);
         run.fastest = run.fastest.max(speed);
@@ -254,14 +255,17 @@ impl<S: PlanSink> LookAhead<S> {
             return Ok(());
         }
         // The minimum duration applies even if the run could not be extended.
-        let cap = run.cap.min(2.0 * run.feed).min(run.length / (0.25 * MIN_RUN_S));
+        let cap = run
+            .cap
+            .min(2.0 * run.feed_u_s)
+            .min(run.length / (0.25 * MIN_RUN_S));
         let limits = self.limits.over(&run.cells, cap);
-        let nominal = limits.velocity.min(run.feed);
+        let nominal = limits.velocity.min(run.feed_u_s);
         let motion = Run {
             length: run.length,
             segments: run.segments,
             limits,
-            feed: run.feed,
+            feed_u_s: run.feed_u_s,
         };
         // The boundary into this run must not be faster than the run itself.
         if let Some(before) = self.pending.back_mut() {
@@ -358,7 +362,7 @@ impl<S: PlanSink> LookAhead<S> {
                     a: 0.0,
                 };
                 let limits = ScalarLimits {
-                    velocity: run.limits.velocity.min(run.feed),
+                    velocity: run.limits.velocity.min(run.feed_u_s),
                     ..run.limits
                 };
                 let profile = Profile::solve(from, run.length, step.exit.nominal, step.exit.nominal, &limits);
@@ -512,7 +516,7 @@ mod tests {
         let runs = ahead.sink().runs();
         assert_eq!(runs.len(), 1);
         assert_eq!(runs[0].0.segments, 100);
-        assert!((runs[0].0.length - 1.0).abs() < 1e-12 && (runs[0].0.feed - 20.0).abs() < 1e-12);
+        assert!((runs[0].0.length - 1.0).abs() < 1e-12 && (runs[0].0.feed_u_s - 20.0).abs() < 1e-12);
     }
 
     #[test]
@@ -537,7 +541,7 @@ mod tests {
         for (k, (run, entry, exit)) in runs.iter().enumerate() {
             let limits = &run.limits;
             assert!((limits.acceleration - 2000.0).abs() < 1e-9 && (limits.jerk - 49_500.0).abs() < 1e-6);
-            let top = limits.velocity.min(run.feed) * (1.0 + 1e-12);
+            let top = limits.velocity.min(run.feed_u_s) * (1.0 + 1e-12);
             assert!(
                 *entry <= top && *exit <= top,
                 "run {k}: {entry} {exit} above {top}"
@@ -553,7 +557,7 @@ mod tests {
             // The entry speed is at one of its bounds: this run's, the previous run's, or the braking distance.
             if k > 0 {
                 let before = &runs[k - 1].0;
-                let bound = top.min(before.limits.velocity.min(before.feed) * (1.0 + 1e-12));
+                let bound = top.min(before.limits.velocity.min(before.feed_u_s) * (1.0 + 1e-12));
                 let faster = entry * (1.0 + 1e-6) + 1e-9;
                 let could = faster <= bound && distance(faster, *exit, limits) <= run.length;
                 assert!(!could, "run {k}: {entry} could be faster, bound {bound}");

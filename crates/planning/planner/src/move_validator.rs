@@ -41,9 +41,9 @@ impl MoveValidator {
     pub fn admit<E>(&mut self, motion: &Move) -> Result<(), PlanError<E>> {
         let curve = &motion.curve;
         check_travel(curve, &self.limits)?;
-        if motion.feed.is_nan() || motion.feed <= 0.0 {
+        if motion.feed_mm_s.is_nan() || motion.feed_mm_s <= 0.0 {
             return Err(PlanError::Feed {
-                feed_mm_s: motion.feed,
+                feed_mm_s: motion.feed_mm_s,
             });
         }
         if let Some(end) = self.end {

@@ -12,11 +12,11 @@ use crate::straight::Straightener;
 
 /// Receives the path in order.
 pub trait PathSink {
-    /// Appends a path segment; `feed` in the feed metric, mm/s or degrees/s, infinite for rapids.
-    fn segment(&mut self, segment: Segment, feed: f64);
+    /// Appends a path segment; `feed_mm_s` in the feed metric, mm/s or degrees/s, infinite for rapids.
+    fn segment(&mut self, segment: Segment, feed_mm_s: f64);
 
     /// Limits the speed of the path parameter at the present end, per s; 0 is a stop.
-    fn cap(&mut self, speed: f64);
+    fn cap(&mut self, speed_u_s: f64);
 
     /// Appends the mark of a block's start.
     fn mark(&mut self, mark: BlockMark);
@@ -43,8 +43,8 @@ impl PathItem {
     /// Performs the call on a sink.
     pub fn hand_to(self, sink: &mut impl PathSink) {
         match self {
-            Self::Segment(segment, feed) => sink.segment(segment, feed),
-            Self::Cap(speed) => sink.cap(speed),
+            Self::Segment(segment, feed_mm_s) => sink.segment(segment, feed_mm_s),
+            Self::Cap(speed_u_s) => sink.cap(speed_u_s),
             Self::Mark(mark) => sink.mark(mark),
             Self::Rest(step) => sink.rest(step),
         }
@@ -52,12 +52,12 @@ impl PathItem {
 }
 
 impl PathSink for Vec<PathItem> {
-    fn segment(&mut self, segment: Segment, feed: f64) {
-        self.push(PathItem::Segment(segment, feed));
+    fn segment(&mut self, segment: Segment, feed_mm_s: f64) {
+        self.push(PathItem::Segment(segment, feed_mm_s));
     }
 
-    fn cap(&mut self, speed: f64) {
-        self.push(PathItem::Cap(speed));
+    fn cap(&mut self, speed_u_s: f64) {
+        self.push(PathItem::Cap(speed_u_s));
     }
 
     fn mark(&mut self, mark: BlockMark) {
@@ -123,7 +123,7 @@ impl PathStage {
         };
         let block = Block {
             curve: motion.curve,
-            feed: motion.feed,
+            feed_mm_s: motion.feed_mm_s,
             rapid: matches!(motion.kind, MoveKind::Rapid),
             tolerance,
             line,
@@ -189,5 +189,5 @@ fn emit(sink: &mut impl PathSink, piece: Option<PathSegment>, block: Option<&(u3
             joint: piece.joint,
         },
     };
-    sink.segment(segment, piece.feed);
+    sink.segment(segment, piece.feed_mm_s);
 }

@@ -56,9 +56,9 @@ impl PlanSink for Recorder {
         *old = speeds;
     }
 
-    fn planned(&mut self, index: u64, duration: f64) {
+    fn planned(&mut self, index: u64, duration_s: f64) {
         assert_eq!(index as usize, self.durations.len(), "durations come in order");
-        self.durations.push(duration);
+        self.durations.push(duration_s);
     }
 
     fn finalise(&mut self, count: u64) {

@@ -51,7 +51,7 @@ pub struct Run {
     /// Limits by axes, chord error and path, without the feed word.
     pub limits: ScalarLimits,
     /// Parameter speed of the programmed feed at 100 %; infinite for rapids.
-    pub feed: f64,
+    pub feed_u_s: f64,
 }
 
 /// One step of the plan.
@@ -129,7 +129,7 @@ impl TimedSegment {
     /// Whether the motion stops at the end of the piece. Real-time safe.
     #[must_use]
     pub fn rests_at_end(&self) -> bool {
-        self.piece.law.at(self.piece.duration).0.v <= Self::AT_REST
+        self.piece.law.at(self.piece.duration_s).0.v <= Self::AT_REST
     }
 }
 
@@ -229,9 +229,9 @@ pub trait PlanSink {
     /// that at every moment the consumer's steps end at rest within the limits.
     fn exit(&mut self, index: u64, speeds: ExitSpeeds);
 
-    /// Step `index` is final and takes `duration` seconds at the programmed feed, without override or hold.
-    fn planned(&mut self, index: u64, duration: f64) {
-        let _ = (index, duration);
+    /// Step `index` is final and takes `duration_s` seconds at the programmed feed, without override or hold.
+    fn planned(&mut self, index: u64, duration_s: f64) {
+        let _ = (index, duration_s);
     }
 
     /// All steps below `count` are final: they are executed unchanged unless the cycle requests another plan.

@@ -44,7 +44,7 @@ fn join(left: &PathSegment, right: &PathSegment) -> Option<(PathSegment, f64)> {
     let (Curve::Line(_), Curve::Line(_)) = (&left.curve, &right.curve) else {
         return None;
     };
-    let alike = left.feed == right.feed
+    let alike = left.feed_mm_s == right.feed_mm_s
         && left.rapid == right.rapid
         && left.blend == right.blend
         && !right.joint
@@ -93,7 +93,7 @@ mod tests {
             curve,
             from: 0.0,
             length: curve.domain(),
-            feed,
+            feed_mm_s: feed,
             rapid: false,
             blend: false,
             joint: false,

@@ -65,12 +65,12 @@ impl<S: PlanSink> TimingStage<S> {
 }
 
 impl<S: PlanSink> PathSink for TimingStage<S> {
-    fn segment(&mut self, segment: Segment, feed: f64) {
-        self.horizon.segment(segment, feed);
+    fn segment(&mut self, segment: Segment, feed_mm_s: f64) {
+        self.horizon.segment(segment, feed_mm_s);
     }
 
-    fn cap(&mut self, speed: f64) {
-        self.horizon.cap(speed);
+    fn cap(&mut self, speed_u_s: f64) {
+        self.horizon.cap(speed_u_s);
     }
 
     fn mark(&mut self, mark: BlockMark) {

@@ -85,9 +85,9 @@ pub(crate) fn ratios<'a>(
         {
             return broken;
         }
-        let places = ((piece.duration / SAMPLE_S).ceil() as u32).clamp(SAMPLES.0, SAMPLES.1);
+        let places = ((piece.duration_s / SAMPLE_S).ceil() as u32).clamp(SAMPLES.0, SAMPLES.1);
         for k in 0..=places {
-            let t = piece.duration * f64::from(k) / f64::from(places);
+            let t = piece.duration_s * f64::from(k) / f64::from(places);
             let (state, jerk) = piece.law.at(t);
             let jet = segment.jet((piece.from + state.x).clamp(0.0, segment.length));
             for i in 0..AXES {
@@ -107,7 +107,7 @@ pub(crate) fn ratios<'a>(
                 max.jerk = max.jerk.max(jerk);
             }
         }
-        let end = piece.law.at(piece.duration).0;
+        let end = piece.law.at(piece.duration_s).0;
         let miss = (end.x - piece.length).abs();
         if miss.is_nan() || miss > MAX_GAP + MAX_GAP_FRACTION * piece.length {
             return broken;
@@ -136,7 +136,7 @@ fn are_contiguous<'a>(before: &Piece, piece: &Piece, segment: &impl Fn(u64) -> O
 /// Scales a plan from rest in time, to `factor` times the speed.
 pub(crate) fn slow_down(pieces: &mut [Piece], factor: f64) {
     for piece in pieces {
-        piece.duration /= factor;
+        piece.duration_s /= factor;
         piece.law = piece.law.slowed_down(factor);
     }
 }
@@ -168,7 +168,7 @@ mod tests {
         Piece {
             law,
             length: law.at(duration).0.x,
-            duration,
+            duration_s: duration,
             segment: 0,
             from,
             interval: 0,
@@ -192,7 +192,7 @@ mod tests {
         slow_down(&mut pieces, found.required_slowdown());
         let found = ratios(&pieces, (0.0, 0.0), &limits, |_| Some(&segment));
         assert!(found.are_within_limits() && found.jerk > 0.9, "{found:?}");
-        let end = pieces[0].law.at(pieces[0].duration).0.x;
+        let end = pieces[0].law.at(pieces[0].duration_s).0.x;
         assert!((end - pieces[0].length).abs() < 1e-12, "another path: {end}");
     }
 
@@ -217,7 +217,7 @@ mod tests {
             );
         }
         let mut short = good;
-        short[0].duration = 0.09;
+        short[0].duration_s = 0.09;
         assert!(!ratios(&short, (5.0, 0.0), &limits, |_| Some(&segment)).are_within_limits());
     }
 

@@ -86,7 +86,7 @@ fn plan(count: usize, at: impl Fn(usize) -> (f64, f64)) -> Vec<u32> {
         let motion = Move {
             curve: Curve::Line(Line::new(point(k), point(k + 1)).expect("line")),
             kind: MoveKind::Feed,
-            feed: 50.0,
+            feed_mm_s: 50.0,
             path_mode: PathMode::Blend {
                 tolerance_mm: Some(0.02),
                 merge_mm: None,

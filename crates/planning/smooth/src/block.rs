@@ -13,7 +13,7 @@ pub struct Block {
     /// The programmed curve.
     pub curve: Curve,
     /// Speed along the curve in the feed metric (mm/s; deg/s if only rotary axes move); infinite for rapids.
-    pub feed: f64,
+    pub feed_mm_s: f64,
     /// Whether the move is a rapid (G0).
     pub rapid: bool,
     /// Permitted deviation of the path from the curve.

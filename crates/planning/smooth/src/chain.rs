@@ -13,7 +13,7 @@ pub(crate) struct ProgramSegment {
     pub(crate) from: f64,
     pub(crate) to: f64,
     pub(crate) curve: Curve,
-    pub(crate) feed: f64,
+    pub(crate) feed_mm_s: f64,
     pub(crate) rapid: bool,
     /// Maximum deviation, 0 if it is kept.
     pub(crate) tolerance: f64,
@@ -43,7 +43,7 @@ impl ProgramSegment {
             from,
             to: from + curve.domain(),
             curve,
-            feed: block.feed,
+            feed_mm_s: block.feed_mm_s,
             rapid: block.rapid,
             tolerance: block.tolerance.mm(),
             straight: matches!(curve, Curve::Line(_)),

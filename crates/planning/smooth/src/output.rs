@@ -34,8 +34,8 @@ pub struct PathSegment {
     pub from: f64,
     /// Parameter length of the segment.
     pub length: f64,
-    /// Programmed feed as in [`crate::Block::feed`].
-    pub feed: f64,
+    /// Programmed feed as in [`crate::Block::feed_mm_s`].
+    pub feed_mm_s: f64,
     /// Whether it belongs to a rapid.
     pub rapid: bool,
     /// Whether it deviates from the programmed curve.

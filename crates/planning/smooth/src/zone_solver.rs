@@ -107,8 +107,11 @@ impl ZoneSolver {
         for i in range.wide.0..range.wide.1 {
             let middle = 0.5 * (zone.knot(i) + zone.knot(i + 1));
             number = chain.find_near(middle, number);
-            self.feeds
-                .push(chain.get(number).map_or(f64::INFINITY, |segment| segment.feed));
+            self.feeds.push(
+                chain
+                    .get(number)
+                    .map_or(f64::INFINITY, |segment| segment.feed_mm_s),
+            );
         }
         self.by_weights(zone, chain, scales, &active, range);
         for _ in 0..MAX_ATTEMPTS {

@@ -204,7 +204,7 @@ fn whole(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, usize, 
     let report = optimizer
         .plan(&grid, start, Entry::Rest, grid.end(), Exit::Rest, 1.0, &mut out)
         .ok()?;
-    Some((report.duration, report.stations, report.iterations, out))
+    Some((report.duration_s, report.stations, report.iterations, out))
 }
 
 /// Duration in a receding horizon of [`MAX_INTERVALS`] that commits half of it, as the planner of programs does.
@@ -227,7 +227,7 @@ fn receding(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, Vec<
             .ok()?;
         if exit == Exit::Rest {
             done.append(&mut out);
-            return Some((done.iter().map(|piece| piece.duration).sum(), done));
+            return Some((done.iter().map(|piece| piece.duration_s).sum(), done));
         }
         let goal = place.interval + window / 2;
         let commit = out.iter().position(|piece| piece.interval >= goal)?;

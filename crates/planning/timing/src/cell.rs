@@ -30,7 +30,7 @@ const SPEED_SAMPLES: u32 = 8;
 pub(crate) struct PathSegment {
     pub(crate) curve: Curve,
     pub(crate) from: f64,
-    pub(crate) feed: f64,
+    pub(crate) feed_mm_s: f64,
 }
 
 /// Derivatives at one point of an interval and the maximum speeds there.
@@ -40,9 +40,9 @@ pub(crate) struct Point {
     pub(crate) second: Axes,
     pub(crate) third: Axes,
     /// Maximum parameter speed by axis velocity and chord error.
-    pub(crate) speed: f64,
+    pub(crate) speed_u_s: f64,
     /// Maximum parameter speed by the feed word.
-    pub(crate) feed: f64,
+    pub(crate) feed_u_s: f64,
 }
 
 /// One interval of the grid.
@@ -185,10 +185,14 @@ impl Cell {
 impl Point {
     /// The point at an offset from the start of a segment.
     pub(crate) fn of(segment: &PathSegment, offset: f64, limits: &PathLimits) -> Self {
-        Self::new(&segment.curve.jet(segment.from + offset), segment.feed, limits)
+        Self::new(
+            &segment.curve.jet(segment.from + offset),
+            segment.feed_mm_s,
+            limits,
+        )
     }
 
-    fn new(jet: &Jet, feed: f64, limits: &PathLimits) -> Self {
+    fn new(jet: &Jet, feed_mm_s: f64, limits: &PathLimits) -> Self {
         let axes = limits.axes();
         let mut speed = limits.chord_speed(&jet.second);
         for i in 0..AXES {
@@ -200,14 +204,14 @@ impl Point {
             first: jet.first,
             second: jet.second,
             third: jet.third,
-            speed,
-            feed: feed / feed_rate(&jet.first),
+            speed_u_s: speed,
+            feed_u_s: feed_mm_s / feed_rate(&jet.first),
         }
     }
 
     /// Maximum parameter speed with the feed times `factor`; rapids are not scaled.
     pub(crate) fn cap(&self, factor: f64) -> f64 {
-        self.speed.min(self.feed * factor)
+        self.speed_u_s.min(self.feed_u_s * factor)
     }
 }
 
@@ -243,7 +247,7 @@ mod tests {
                 let segment = PathSegment {
                     curve,
                     from,
-                    feed: 1.0,
+                    feed_mm_s: 1.0,
                 };
                 let intervals: Vec<_> = segment.intervals(length).collect();
                 let direction = |x: f64| {

@@ -71,7 +71,7 @@ fn ratios(point: &Point, state: &ScalarState, jerk: f64, limits: &PathLimits) ->
     let axes = limits.axes();
     let (v, a) = (state.v, state.a);
     let mut out = Ratios {
-        velocity: v / point.speed,
+        velocity: v / point.speed_u_s,
         ..Ratios::default()
     };
     for i in 0..AXES {
@@ -198,9 +198,9 @@ fn is_within_limits(grid: &Grid, from: PathPosition, until: u64, profile: &Profi
             }
             before += 1;
         }
-        let parts = (piece.duration / step).ceil().clamp(2.0, SAMPLES);
+        let parts = (piece.duration_s / step).ceil().clamp(2.0, SAMPLES);
         (0..=parts as u32).all(|k| {
-            let (state, jerk) = piece.law.at(piece.duration * f64::from(k) / parts);
+            let (state, jerk) = piece.law.at(piece.duration_s * f64::from(k) / parts);
             let point = Point::of(segment, piece.from + state.x, grid.limits());
             let here = ratios(&point, &state, jerk, grid.limits());
             here.velocity.max(here.acceleration) <= MAX_RATIO.0 && here.jerk <= MAX_RATIO.1
@@ -256,7 +256,7 @@ fn pieces(
                 let piece = Piece {
                     law,
                     length,
-                    duration: t,
+                    duration_s: t,
                     segment: cell.segment,
                     from: cell.from + place.x,
                     interval: place.interval,

@@ -44,18 +44,18 @@ impl Grid {
         }
     }
 
-    /// Appends a segment: `curve` over `from..from + length` of its regular parameter, at `feed` in the feed metric per second
+    /// Appends a segment: `curve` over `from..from + length` of its regular parameter, at `feed_mm_s` in the feed metric per second
     /// (infinite for rapids).
     ///
     /// A segment shorter than rounding, or of a NaN length, has no interval. A feed that is not a positive number is raised to
     /// 1e-6. Not real-time safe.
-    pub fn push(&mut self, curve: &Curve, from: f64, length: f64, feed: f64) {
+    pub fn push(&mut self, curve: &Curve, from: f64, length: f64, feed_mm_s: f64) {
         let index = self.first_segment + self.segments.len() as u64;
-        let feed = feed.max(1e-6);
+        let feed_mm_s = feed_mm_s.max(1e-6);
         let segment = PathSegment {
             curve: *curve,
             from,
-            feed,
+            feed_mm_s,
         };
         if from.is_finite() && length.is_finite() && length > MIN_LENGTH {
             for (x, width) in segment.intervals(length) {
@@ -67,9 +67,9 @@ impl Grid {
     }
 
     /// Limits the speed of the parameter at the present end of the path, per s, at any feed factor.
-    pub fn cap(&mut self, speed: f64) {
+    pub fn cap(&mut self, speed_u_s: f64) {
         if let Some(cell) = self.cells.back_mut() {
-            cell.joint = cell.joint.min(speed.max(1e-6));
+            cell.joint = cell.joint.min(speed_u_s.max(1e-6));
         }
     }
 

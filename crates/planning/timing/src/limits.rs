@@ -133,36 +133,37 @@ impl PathLimits {
         2.0 * self.rate_hz * (e * (2.0 * radius - e).max(radius)).sqrt()
     }
 
-    /// Limits of acceleration and jerk along the parameter where the speed is at most `speed`.
+    /// Limits of acceleration and jerk along the parameter where the speed is at most `speed_u_s`.
     #[must_use]
-    pub fn tangential(&self, bounds: &DerivativeBounds, speed: f64) -> (f64, f64) {
+    pub fn tangential(&self, bounds: &DerivativeBounds, speed_u_s: f64) -> (f64, f64) {
         let (mut acceleration, mut jerk) = (UNLIMITED, UNLIMITED * 1e3);
         let mut left = [0.0; AXES];
         for i in 0..AXES {
             if self.axes.present[i] {
                 let (d1, d2, d3) = (bounds.first[i], bounds.second[i], bounds.third[i]);
-                left[i] = (JERK_MARGIN * self.axes.jerk[i] - d3 * speed * speed * speed).max(0.0);
+                left[i] = (JERK_MARGIN * self.axes.jerk[i] - d3 * speed_u_s * speed_u_s * speed_u_s).max(0.0);
                 if d1 > 0.0 {
-                    acceleration = acceleration.min((self.axes.acceleration[i] - d2 * speed * speed) / d1);
+                    acceleration =
+                        acceleration.min((self.axes.acceleration[i] - d2 * speed_u_s * speed_u_s) / d1);
                 }
-                if d2 * speed > 0.0 {
-                    acceleration = acceleration.min(CROSS_FRACTION * left[i] / (3.0 * d2 * speed));
+                if d2 * speed_u_s > 0.0 {
+                    acceleration = acceleration.min(CROSS_FRACTION * left[i] / (3.0 * d2 * speed_u_s));
                 }
             }
         }
         for i in 0..AXES {
             if self.axes.present[i] && bounds.first[i] > 0.0 {
-                let cross = 3.0 * bounds.second[i] * speed * acceleration;
+                let cross = 3.0 * bounds.second[i] * speed_u_s * acceleration;
                 jerk = jerk.min((left[i] - cross) / bounds.first[i]);
             }
         }
         (acceleration, jerk)
     }
 
-    /// Scalar limits that hold on each of `cells` up to `velocity`, which every cell permits.
+    /// Scalar limits that hold on each of `cells` up to `speed_u_s`, which every cell permits.
     #[must_use]
-    pub fn over(&self, cells: &[DerivativeBounds], velocity: f64) -> ScalarLimits {
-        let velocity = velocity.min(UNLIMITED);
+    pub fn over(&self, cells: &[DerivativeBounds], speed_u_s: f64) -> ScalarLimits {
+        let velocity = speed_u_s.min(UNLIMITED);
         let (acceleration, jerk) = cells
             .iter()
             .map(|cell| self.tangential(cell, velocity))

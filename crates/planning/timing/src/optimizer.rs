@@ -177,7 +177,7 @@ impl Optimizer {
         Ok(PlanReport {
             iterations: self.solver.iterations,
             gap: gap.max(0.0),
-            duration: out.iter().map(|piece| piece.duration).sum(),
+            duration_s: out.iter().map(|piece| piece.duration_s).sum(),
             stations,
             warm: entry != Entry::Rest,
             worst,
@@ -331,7 +331,7 @@ impl Optimizer {
             out.push(Piece {
                 law,
                 length,
-                duration,
+                duration_s: duration,
                 segment: cell.segment,
                 from: cell.from,
                 interval: span.interval,
@@ -403,7 +403,7 @@ mod tests {
         let mut optimizer = Optimizer::new(&limits);
         let (start, mut out) = (PathPosition { interval: 0, x: 0.0 }, Vec::new());
         let report = optimizer.plan(&grid, start, Entry::Rest, grid.end(), Exit::Rest, 1.0, &mut out);
-        let total = report.expect("plan").duration;
+        let total = report.expect("plan").duration_s;
         let (window, x) = (&optimizer.window, &optimizer.solver.x);
         let left = |x: &_, k: usize| 1.0 - constraint_ratio(window, k, x).1;
         let k = (0..window.n())

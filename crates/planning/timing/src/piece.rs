@@ -10,7 +10,7 @@ pub struct Piece {
     /// Length in parameter units.
     pub length: f64,
     /// Duration in s.
-    pub duration: f64,
+    pub duration_s: f64,
     /// Absolute index of its segment.
     pub segment: u64,
     /// Offset of its start from the start of the segment.
@@ -62,7 +62,7 @@ pub struct PlanReport {
     /// (exact for a convex problem).
     pub gap: f64,
     /// Duration in s.
-    pub duration: f64,
+    pub duration_s: f64,
     /// Number of stations of the window.
     pub stations: usize,
     /// Whether the previous plan served as a warm start.

@@ -116,7 +116,7 @@ impl Optimizer {
         Some(Piece {
             law: TimeLaw::ConstantJerk { v, a, j },
             length: last.length - x,
-            duration,
+            duration_s: duration,
             segment: cell.segment,
             from: cell.from + (last.x + x),
             interval: last.interval,
@@ -184,7 +184,7 @@ impl Optimizer {
                 j,
             },
             length: span.length - x,
-            duration: whole - t,
+            duration_s: whole - t,
             segment: cell.segment,
             from: cell.from + span.x + x,
             interval: span.interval,
@@ -333,8 +333,8 @@ impl Optimizer {
             let here = &window.cells[window.span_index(k)];
             let next = &window.cells[window.span_index(k) + 1];
             let hard = [
-                here.points[1].speed,
-                here.points[2].speed.min(next.points[0].speed),
+                here.points[1].speed_u_s,
+                here.points[2].speed_u_s.min(next.points[0].speed_u_s),
             ];
             for (cap, value, hard) in [
                 (&mut window.middle_cap[k], middle, hard[0]),
@@ -420,7 +420,7 @@ fn remainder_of_piece(piece: &Piece, t: f64) -> Piece {
             j: jerk,
         },
         length: piece.length - now.x,
-        duration: piece.duration - t,
+        duration_s: piece.duration_s - t,
         from: piece.from + now.x,
         ..*piece
     }

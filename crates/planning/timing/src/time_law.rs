@@ -89,19 +89,19 @@ impl TimeLaw {
         }
     }
 
-    /// The time in `0..=duration` at which position `x` is reached, for a law that does not run backwards. Real-time safe:
+    /// The time in `0..=duration_s` at which position `x` is reached, for a law that does not run backwards. Real-time safe:
     /// bounded iterations, no allocation.
     #[must_use]
-    pub fn time_to(&self, x: f64, duration: f64) -> f64 {
+    pub fn time_to(&self, x: f64, duration_s: f64) -> f64 {
         if x.is_nan() || x <= 0.0 {
             return 0.0;
         }
-        let (mut low, mut high) = (0.0, duration);
-        let end = self.at(duration).0;
+        let (mut low, mut high) = (0.0, duration_s);
+        let end = self.at(duration_s).0;
         if x >= end.x {
-            return duration;
+            return duration_s;
         }
-        let mut t = duration * x / end.x;
+        let mut t = duration_s * x / end.x;
         for _ in 0..MAX_ITERATIONS {
             let now = self.at(t).0;
             let miss = now.x - x;
@@ -111,7 +111,7 @@ impl TimeLaw {
                 low = t;
             }
             let newton = t - miss / now.v;
-            if (newton - t).abs() <= f64::EPSILON * duration {
+            if (newton - t).abs() <= f64::EPSILON * duration_s {
                 return t;
             }
             let next = if newton > low && newton < high {

@@ -119,7 +119,7 @@ impl WarmStart {
         }
         for piece in &mut self.head {
             piece.law = piece.law.slowed_down(rate);
-            piece.duration /= rate;
+            piece.duration_s /= rate;
         }
         self.last_a *= square;
         self.factor *= rate;
@@ -163,11 +163,11 @@ impl WarmStart {
             let (_, begin) = grid.segment_of(piece.interval)?;
             let x = from.x - (piece.from - begin);
             if piece.interval == from.interval && (-1e-9 * piece.length..piece.length).contains(&x) {
-                let t = piece.law.time_to(x, piece.duration);
+                let t = piece.law.time_to(x, piece.duration_s);
                 let (start, now, end) = (
                     piece.law.at(0.0).0,
                     piece.law.at(t).0,
-                    piece.law.at(piece.duration).0,
+                    piece.law.at(piece.duration_s).0,
                 );
                 let push = start.a.abs().max(end.a.abs());
                 let fits = is_close(v, now.v, start.v.max(end.v)) && is_close(a, now.a, push);

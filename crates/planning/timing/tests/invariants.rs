@@ -81,12 +81,12 @@ impl Run<'_> {
     fn follow(&mut self, mut time: f64) -> Option<(PathPosition, f64, f64)> {
         for k in 0..self.plan.len() {
             let piece = self.plan[k];
-            if time < piece.duration {
+            if time < piece.duration_s {
                 let state = piece.law.at(time).0;
                 let (_, begin) = self.grid.segment_of(piece.interval)?;
                 self.done.push(Piece {
                     length: state.x,
-                    duration: time,
+                    duration_s: time,
                     ..piece
                 });
                 let place = PathPosition {
@@ -97,7 +97,7 @@ impl Run<'_> {
                 return Some((place, state.v, state.a));
             }
             self.done.push(piece);
-            time -= piece.duration;
+            time -= piece.duration_s;
         }
         self.plan.clear();
         None
@@ -198,7 +198,7 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>, max_steps: Option<f64>) -> (
             .unwrap_or_else(|error| panic!("{what}: {error}"));
         let mut until = first;
         for _ in 0..30 {
-            let left: f64 = run.plan.iter().map(|piece| piece.duration).sum();
+            let left: f64 = run.plan.iter().map(|piece| piece.duration_s).sum();
             let old = run.plan.clone();
             let time = left * random.unit() * 0.5;
             let Some((place, v, a)) = run.follow(time) else {
@@ -261,8 +261,8 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>, max_steps: Option<f64>) -> (
 fn rest_of(plan: &[Piece], mut time: f64) -> Vec<Piece> {
     let mut out = Vec::new();
     for piece in plan {
-        if time >= piece.duration {
-            time -= piece.duration;
+        if time >= piece.duration_s {
+            time -= piece.duration_s;
             continue;
         }
         let mut piece = *piece;
@@ -284,7 +284,7 @@ fn rest_of(plan: &[Piece], mut time: f64) -> Vec<Piece> {
             };
             piece.length -= state.x;
             piece.from += state.x;
-            piece.duration -= time;
+            piece.duration_s -= time;
             time = 0.0;
         }
         out.push(piece);

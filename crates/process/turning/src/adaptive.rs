@@ -44,9 +44,9 @@ pub struct AdaptiveSettings {
     /// ... if it lasts for this time, s.
     pub overload_s: f64,
     /// Fastest rise of the factor, 1/s.
-    pub slew_up: f64,
+    pub slew_up_per_s: f64,
     /// Fastest fall of the factor, 1/s.
-    pub slew_down: f64,
+    pub slew_down_per_s: f64,
     /// Longest time between two readings, s.
     pub stale_s: f64,
     /// Time over which the load repeats: a revolution of the work (turning) or of the tool (milling), s.
@@ -73,8 +73,8 @@ impl AdaptiveSettings {
             contact_load: 0.05 * set_load,
             overload: 1.5 * set_load,
             overload_s: 0.02,
-            slew_up: 2.0,
-            slew_down: 100.0,
+            slew_up_per_s: 2.0,
+            slew_down_per_s: 100.0,
             stale_s: 0.01,
             turn_s,
             edges: 1,
@@ -195,8 +195,13 @@ impl AdaptiveFeed {
             ("the load of contact", s.contact_load, 1e-9, 0.5 * s.set_load),
             ("the overload limit", s.overload, 1.01 * s.set_load, 1e9),
             ("the duration of an overload in s", s.overload_s, 0.0, 10.0),
-            ("the fastest rise of the factor per s", s.slew_up, 1e-3, 1e4),
-            ("the fastest fall of the factor per s", s.slew_down, 1e-2, 1e4),
+            ("the fastest rise of the factor per s", s.slew_up_per_s, 1e-3, 1e4),
+            (
+                "the fastest fall of the factor per s",
+                s.slew_down_per_s,
+                1e-2,
+                1e4,
+            ),
             ("the control period in s", s.period_s, 1e-5, 0.02),
             ("the longest time between readings in s", s.stale_s, 0.0, 1.0),
             ("the time of a turn in s", s.turn_s, s.period_s, 60.0),
@@ -287,8 +292,8 @@ impl AdaptiveFeed {
             held.min(most).max(s.factor_min)
         };
         let (up, down) = (
-            self.factor + s.slew_up * s.period_s,
-            self.factor - s.slew_down * s.period_s,
+            self.factor + s.slew_up_per_s * s.period_s,
+            self.factor - s.slew_down_per_s * s.period_s,
         );
         self.factor = wish.clamp(down, up).max(0.0);
         self.output()

@@ -79,18 +79,18 @@ impl AxisDrive {
         (self.sign, self.target, self.speed) = (1.0, to.position, f64::NAN);
     }
 
-    /// Goes to `target` at `speed` mm/s at the most; a speed of 0 stops on the way.
-    pub fn aim(&mut self, target: f64, speed: f64) {
-        let speed = if speed > 0.0 {
-            speed.min(self.limits.velocity)
+    /// Goes to `target` at most at `speed_mm_s`; a speed of 0 stops on the way.
+    pub fn aim(&mut self, target: f64, speed_mm_s: f64) {
+        let speed_mm_s = if speed_mm_s > 0.0 {
+            speed_mm_s.min(self.limits.velocity)
         } else {
             0.0
         };
-        if target.is_nan() || (target == self.target && speed == self.speed) {
+        if target.is_nan() || (target == self.target && speed_mm_s == self.speed) {
             return;
         }
         let now = self.point();
-        (self.target, self.speed, self.led) = (target, speed, None);
+        (self.target, self.speed, self.led) = (target, speed_mm_s, None);
         self.solve(now);
     }
 

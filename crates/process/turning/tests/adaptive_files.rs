@@ -33,7 +33,12 @@ fn the_shipped_file_says_what_its_keys_say() {
         (0.12, 0.01, 0.01, 0.02)
     );
     assert_eq!(
-        (read.slew_up, read.slew_down, read.edges, read.period_s),
+        (
+            read.slew_up_per_s,
+            read.slew_down_per_s,
+            read.edges,
+            read.period_s
+        ),
         (2.0, 100.0, 1, 0.001)
     );
     assert_eq!(read.feed_exponent, 0.75);

@@ -19,7 +19,7 @@ pub struct Command {
     pub calls: CallChain,
     /// For a feed move in G95: mm per spindle revolution, or degrees if only rotary axes move. The `feed` of the move is that at
     /// the commanded spindle speed.
-    pub feed_per_revolution: Option<f64>,
+    pub feed_mm_rev: Option<f64>,
 }
 
 /// The subroutine calls that led to a line, in shared memory. Empty in the program itself.
@@ -149,8 +149,8 @@ pub enum Action {
     Probe {
         /// The maximum path.
         curve: Curve,
-        /// As [`Move::feed`].
-        feed: f64,
+        /// As [`Move::feed_mm_s`].
+        feed_mm_s: f64,
         /// Until contact is made; otherwise until it is lost.
         toward: bool,
         /// The program stops with an error if the probe does not trip.

@@ -268,7 +268,7 @@ fn a_restart_approach_is_up_over_and_down() {
             Action::Move(step) => {
                 let end = step.curve.end();
                 assert_eq!((command.line, step.path_mode), (4, PathMode::ExactStop));
-                ((end[0], end[1], end[2]), step.feed)
+                ((end[0], end[1], end[2]), step.feed_mm_s)
             }
             other => panic!("{other:?}"),
         })

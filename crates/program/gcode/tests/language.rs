@@ -89,8 +89,11 @@ fn nothing_moves_by_nothing_but_modes_stay() {
 #[test]
 fn rapids_are_unlimited_and_feeds_are_per_second() {
     let found = moves("G0 X1\nG1 F600 X2");
-    assert_eq!((found[0].kind, found[0].feed), (MoveKind::Rapid, f64::INFINITY));
-    assert_eq!((found[1].kind, found[1].feed), (MoveKind::Feed, 10.0));
+    assert_eq!(
+        (found[0].kind, found[0].feed_mm_s),
+        (MoveKind::Rapid, f64::INFINITY)
+    );
+    assert_eq!((found[1].kind, found[1].feed_mm_s), (MoveKind::Feed, 10.0));
 }
 
 #[test]
@@ -98,24 +101,24 @@ fn inches_scale_lengths_and_feed_but_no_angles() {
     let found = moves("G20\nF60 G1 X1 A10\nA20");
     assert_near(found[0].curve.end()[0], 25.4);
     assert_eq!(found[0].curve.end()[3], 10.0);
-    assert_near(found[0].feed, 25.4);
+    assert_near(found[0].feed_mm_s, 25.4);
     // Only a rotary axis moves: F is in degrees a minute.
-    assert_near(found[1].feed, 1.0);
+    assert_near(found[1].feed_mm_s, 1.0);
     assert_near(found[1].curve.length(), 10.0);
 }
 
 #[test]
 fn a_change_of_units_keeps_the_speed() {
-    assert_near(moves("G21 F600\nG20\nG1 X1")[0].feed, 10.0);
+    assert_near(moves("G21 F600\nG20\nG1 X1")[0].feed_mm_s, 10.0);
     // Table 8: F comes before G20 and G21, so it is in the units of the line before.
-    assert_near(moves("G20 F600 G1 X1")[0].feed, 10.0);
+    assert_near(moves("G20 F600 G1 X1")[0].feed_mm_s, 10.0);
 }
 
 #[test]
 fn uvw_count_for_the_feed_only_where_xyz_rest() {
     let found = moves("F60 G1 U3 V4 A90\nX1 U0");
     assert_near(found[0].curve.length(), 5.0);
-    assert_near(found[0].feed, 1.0);
+    assert_near(found[0].feed_mm_s, 1.0);
     assert_near(found[1].curve.length(), 1.0);
 }
 
@@ -123,18 +126,18 @@ fn uvw_count_for_the_feed_only_where_xyz_rest() {
 fn inverse_time_is_resolved_by_the_length_of_the_path() {
     let found = moves("G93 G1 F2 X10\nG2 F0.5 X20 I5\nG0 X0");
     // F2: half a minute for 10 mm.
-    assert_near(found[0].feed, 10.0 / 30.0);
-    assert_near(found[1].feed, std::f64::consts::PI * 5.0 / 120.0);
-    assert_eq!(found[2].feed, f64::INFINITY);
+    assert_near(found[0].feed_mm_s, 10.0 / 30.0);
+    assert_near(found[1].feed_mm_s, std::f64::consts::PI * 5.0 / 120.0);
+    assert_eq!(found[2].feed_mm_s, f64::INFINITY);
 }
 
 #[test]
 fn feed_per_revolution_follows_the_spindle_speed() {
     let found = moves("G95 S300 F0.2\nG1 X1\nS600\nX2\nG20 F0.1\nX3\nF0.1 X4");
-    assert_near(found[0].feed, 1.0);
-    assert_near(found[1].feed, 2.0);
-    assert_near(found[2].feed, 1.0);
-    assert_near(found[3].feed, 25.4);
+    assert_near(found[0].feed_mm_s, 1.0);
+    assert_near(found[1].feed_mm_s, 2.0);
+    assert_near(found[2].feed_mm_s, 1.0);
+    assert_near(found[3].feed_mm_s, 25.4);
 }
 
 #[test]

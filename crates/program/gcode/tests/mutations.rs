@@ -232,8 +232,8 @@ fn check(program: &[u8], settings: &Settings) -> Option<String> {
             Ok(command) => {
                 let curve = match &command.action {
                     Action::Move(step) => {
-                        if step.feed.is_nan() || step.feed <= 0.0 {
-                            return Some(format!("line {}: a feed of {}", command.line, step.feed));
+                        if step.feed_mm_s.is_nan() || step.feed_mm_s <= 0.0 {
+                            return Some(format!("line {}: a feed of {}", command.line, step.feed_mm_s));
                         }
                         &step.curve
                     }

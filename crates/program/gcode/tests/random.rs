@@ -52,7 +52,7 @@ fn survive(program: &[u8]) -> Result<usize, TestCaseError> {
                         position = step.curve.end();
                         moves += 1;
                         prop_assert!(position.iter().all(|value| value.is_finite()));
-                        prop_assert!(step.feed > 0.0 && step.curve.length() > 0.0);
+                        prop_assert!(step.feed_mm_s > 0.0 && step.curve.length() > 0.0);
                         let middle = step.curve.jet(step.curve.domain() / 2.0);
                         prop_assert!(middle.position.iter().all(|value| value.is_finite()));
                     }

@@ -27,7 +27,7 @@ fn surface(metres_per_minute: f64, max_rpm: f64, centre_mm: f64) -> Action {
     Action::SurfaceSpeed {
         direction: SpindleDirection::Clockwise,
         surface: SurfaceSpeed {
-            metres_per_minute,
+            speed_m_min: metres_per_minute,
             max_rpm,
             centre_mm,
         },
@@ -58,14 +58,14 @@ fn check_pieces(program: &str, law: impl Fn(f64) -> f64, feed_mm: f64) -> usize 
         assert!((ends - begins).norm() < 1e-9, "{ends} {begins}");
     }
     for (motion, command) in &pieces {
-        assert_eq!(command.feed_per_revolution, Some(feed_mm));
+        assert_eq!(command.feed_mm_rev, Some(feed_mm));
         for k in 0..=20 {
             let place = motion
                 .curve
                 .at(motion.curve.length() * f64::from(k) / 20.0)
                 .position;
             let wanted = feed_mm * law(place[0]) / 60.0;
-            let off = motion.feed / wanted - 1.0;
+            let off = motion.feed_mm_s / wanted - 1.0;
             // Half a piece's change, or the end of what is not divided any more.
             assert!(
                 off.abs() < 0.0102 || motion.curve.length() < 0.02,
@@ -200,7 +200,7 @@ fn a_restart_in_the_middle_knows_speed_and_feed() {
     let feeds: Vec<f64> = rest
         .iter()
         .filter_map(|command| match &command.action {
-            Action::Move(motion) => Some(motion.feed),
+            Action::Move(motion) => Some(motion.feed_mm_s),
             _ => None,
         })
         .collect();
@@ -216,7 +216,7 @@ fn a_program_begins_in_g97_and_a_block_of_mdi_goes_on() {
             is_block,
             outputs: Outputs {
                 surface: Some(SurfaceSpeed {
-                    metres_per_minute: 180.0,
+                    speed_m_min: 180.0,
                     max_rpm: 900.0,
                     centre_mm: 0.0,
                 }),
@@ -252,7 +252,7 @@ fn indivisible_moves_use_the_slowest_feed() {
         run(program)
             .iter()
             .filter_map(|command| match &command.action {
-                Action::Move(motion) if motion.kind == MoveKind::Feed => Some(motion.feed),
+                Action::Move(motion) if motion.kind == MoveKind::Feed => Some(motion.feed_mm_s),
                 _ => None,
             })
             .collect()
@@ -270,9 +270,9 @@ fn indivisible_moves_use_the_slowest_feed() {
         let widest = places.fold(0.0, f64::max);
         let slowest = 0.2 * rpm(100.0, 4000.0, widest) / 60.0;
         assert!(
-            (motion.feed / slowest - 1.0).abs() < 0.0102,
+            (motion.feed_mm_s / slowest - 1.0).abs() < 0.0102,
             "{} for {slowest}",
-            motion.feed
+            motion.feed_mm_s
         );
         count += 1;
     }
@@ -288,7 +288,7 @@ fn an_mdi_block_divides_its_moves() {
         outputs: Outputs {
             direction: SpindleDirection::Clockwise,
             surface: Some(SurfaceSpeed {
-                metres_per_minute: 100.0,
+                speed_m_min: 100.0,
                 max_rpm: 3000.0,
                 centre_mm: 0.0,
             }),
@@ -311,7 +311,7 @@ fn rotary_moves_are_fed_in_degrees_per_revolution() {
     let commands = run("G20 G95 S120 M3\nG1 A90 F3\nG1 X1 F0.01\nM2\n");
     let fed: Vec<f64> = commands
         .iter()
-        .filter_map(|command| command.feed_per_revolution)
+        .filter_map(|command| command.feed_mm_rev)
         .collect();
     // 3 degrees, and 0.01 inches.
     assert_eq!(fed[0], 3.0);
@@ -322,7 +322,7 @@ fn rotary_moves_are_fed_in_degrees_per_revolution() {
 fn outputs_have_the_way_and_the_speed_of_the_place() {
     let mut outputs = Outputs::default();
     let surface = SurfaceSpeed {
-        metres_per_minute: 100.0,
+        speed_m_min: 100.0,
         max_rpm: 3000.0,
         centre_mm: -5.0,
     };

@@ -102,7 +102,7 @@ fn the_line_is_divided_at_the_change() {
     let of_line = |line: u32| -> Vec<String> {
         let found = run.actions.iter().filter(|(at, _)| *at == line);
         let names = found.map(|(_, action)| match action {
-            Action::Move(step) => format!("move {:?}", (step.curve.end()[0], step.feed.is_finite())),
+            Action::Move(step) => format!("move {:?}", (step.curve.end()[0], step.feed_mm_s.is_finite())),
             Action::Spindle {
                 direction, speed_rpm, ..
             } => format!("spindle {direction:?} {speed_rpm}"),
@@ -138,7 +138,7 @@ fn the_line_is_divided_at_the_change() {
     let Some((_, Action::Move(last))) = run.actions.iter().find(|(line, _)| *line == 4) else {
         panic!("no move")
     };
-    assert_eq!((last.curve.end()[0], last.feed), (6.0, 10.0));
+    assert_eq!((last.curve.end()[0], last.feed_mm_s), (6.0, 10.0));
     let coolant = Action::Coolant {
         mist: false,
         flood: false,

@@ -122,7 +122,7 @@ fn a_profile_is_read_without_side_effects() {
     );
     let found = moves(program);
     let last = found.last().unwrap();
-    assert!((last.feed - 100.0 / 60.0).abs() < 1e-12);
+    assert!((last.feed_mm_s - 100.0 / 60.0).abs() < 1e-12);
     assert_eq!(last.curve.end()[0], 3.0);
     // The cycle begins where it says, not where the profile ran.
     assert_eq!((found[1].curve.end()[0], found[1].curve.end()[2]), (20.0, 1.0));

@@ -28,7 +28,7 @@ fn moves(program: &str) -> Vec<(f64, f64, Option<f64>)> {
     let ends = actions.iter().filter_map(|action| match action {
         Action::Move(step) => {
             let end = step.curve.end();
-            let feed = (step.kind == MoveKind::Feed).then_some((step.feed * 60.0).round());
+            let feed = (step.kind == MoveKind::Feed).then_some((step.feed_mm_s * 60.0).round());
             // To a nanometre: sums of increments.
             Some(((end[0] * 1e6).round() / 1e6, (end[2] * 1e6).round() / 1e6, feed))
         }

@@ -166,10 +166,10 @@ impl Route {
                 piece,
                 length,
                 line,
-                feed: if motion.feed.is_finite() {
-                    motion.feed.min(most)
+                feed: if motion.feed_mm_s.is_finite() {
+                    motion.feed_mm_s.min(most)
                 } else {
-                    motion.feed
+                    motion.feed_mm_s
                 },
                 tolerance,
                 path_length: motion.curve.length(),

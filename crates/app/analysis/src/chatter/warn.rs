@@ -208,14 +208,12 @@ impl Look<'_> {
             let around = std::f64::consts::PI * diameter_mm / 1000.0;
             let speed_rpm = match spindle {
                 Spindle::Turns(rpm) => rpm,
-                Spindle::Surface(surface) => {
-                    (surface.metres_per_minute / around.max(1e-9)).min(surface.max_rpm)
-                }
+                Spindle::Surface(surface) => (surface.speed_m_min / around.max(1e-9)).min(surface.max_rpm),
                 Spindle::Still => return,
             };
             // Drilling on the axis or a crawl feed: outside the model.
             let speed_m_min = around * speed_rpm;
-            let feed_mm_rev = 60.0 * motion.feed / speed_rpm;
+            let feed_mm_rev = 60.0 * motion.feed_mm_s / speed_rpm;
             if !(speed_m_min > self.asked.tool.floor_m_min && feed_mm_rev.is_finite() && feed_mm_rev > 1e-4) {
                 continue;
             }

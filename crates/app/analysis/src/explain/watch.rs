@@ -133,8 +133,8 @@ impl Valley {
 
     fn add(&mut self, shares: &Shares) {
         self.missing = self.missing.saturating_sub(1);
-        self.around.feed = self.around.feed.max(shares.feed);
-        self.around.chord = self.around.chord.max(shares.chord);
+        self.around.feed_ratio = self.around.feed_ratio.max(shares.feed_ratio);
+        self.around.chord_ratio = self.around.chord_ratio.max(shares.chord_ratio);
         for (mine, theirs) in self.around.axes.iter_mut().zip(&shares.axes) {
             for (mine, theirs) in mine.iter_mut().zip(theirs) {
                 *mine = mine.max(*theirs);
@@ -357,7 +357,7 @@ impl Watch {
         }
         used.push(Used {
             limit: Limiting::ChordError.name(),
-            share: shares.chord * shares.chord,
+            share: shares.chord_ratio * shares.chord_ratio,
             value: 1e3 * self.machine.path.chord_error_increments / self.machine.increments_per_mm,
             unit: "um",
             cause: Limiting::ChordError,

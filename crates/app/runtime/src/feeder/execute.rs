@@ -17,7 +17,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         let line = command.line;
         match &command.action {
             Action::Move(motion) => {
-                self.go_by(command.feed_per_revolution, motion);
+                self.go_by(command.feed_mm_rev, motion);
                 self.push_move(motion, line)?;
             }
             Action::Dwell { seconds } => {
@@ -166,10 +166,10 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             self.stop(self.last_line, StopKind::Step)?;
         }
         if motion.kind == MoveKind::Rapid && rapid_override < 1.0 && self.next.override_counts {
-            motion.feed = rapid_override * self.rapid_speed(&motion.curve);
+            motion.feed_mm_s = rapid_override * self.rapid_speed(&motion.curve);
         }
         if let (MoveKind::Feed, Some(most)) = (motion.kind, self.setup.machine.max_feed_mm_s) {
-            motion.feed = motion.feed.min(most);
+            motion.feed_mm_s = motion.feed_mm_s.min(most);
         }
         let block = self.next_block;
         if !self.next.change.is_empty() {

@@ -140,7 +140,7 @@ impl Reporter {
         self.to_observer(FeederEvent::Queued(QueuedBlock {
             block,
             end: motion.curve.end(),
-            feed_mm_s: motion.feed,
+            feed_mm_s: motion.feed_mm_s,
             path_mm,
         }));
         if self.with_blocks {

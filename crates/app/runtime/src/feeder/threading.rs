@@ -104,7 +104,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             let motion = Move {
                 curve,
                 kind: MoveKind::Feed,
-                feed: pitch_mm * rpm.abs() / 60.0,
+                feed_mm_s: pitch_mm * rpm.abs() / 60.0,
                 path_mode: PathMode::ExactPath,
             };
             match self.push_move(&motion, line) {

@@ -85,12 +85,16 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
         if let Action::Probe {
             curve,
-            feed,
+            feed_mm_s: feed,
             toward,
             must,
         } = command.action
         {
-            let order = ProbeMove { curve, feed, toward };
+            let order = ProbeMove {
+                curve,
+                feed_mm_s: feed,
+                toward,
+            };
             if let Some(objection) = objection(&order, self.setup) {
                 return Err(self.wrong(at_origin(command, program, |file, line| {
                     objection.told(file, line)
@@ -145,7 +149,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             return Ok(None);
         };
         let speed = match outputs.surface {
-            Some(surface) => format!("{} m/min", surface.metres_per_minute),
+            Some(surface) => format!("{} m/min", surface.speed_m_min),
             None => format!("{} rpm", outputs.constant_rpm()),
         };
         let timeout_s = spindle.at_speed_timeout_s;

@@ -191,7 +191,7 @@ impl Operator {
                 limits,
                 from,
                 axes: jog.axes,
-                speed: jog.speed,
+                speed: jog.max_velocity,
                 until_ns: until,
             };
             self.turn_jog(&way, after, Some(command))?;
@@ -211,7 +211,7 @@ impl Operator {
             limits,
             from: AxesState::at_rest(here),
             axes: jog.axes,
-            speed: jog.speed,
+            speed: jog.max_velocity,
             until_ns: until,
         };
         self.rest_handwheel();
@@ -352,7 +352,7 @@ mod tests {
             axes: AxisMask::one(0),
             distance: distance.map(along),
             direction: along(direction),
-            speed: Some(20.0),
+            max_velocity: Some(20.0),
         }
     }
 

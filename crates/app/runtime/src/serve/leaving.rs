@@ -142,7 +142,7 @@ impl Operator {
             limits,
             from: AxesState::at_rest(here),
             axes: jog.axes,
-            speed: jog.speed,
+            speed: jog.max_velocity,
             until_ns,
         };
         let Job::Program(run) = &mut self.job else {

@@ -330,7 +330,7 @@ impl Operator {
                 self.program.switches.set_single_step(*on);
                 self.step_on(*on);
             }
-            Command::Return { speed } => {
+            Command::Return { max_velocity: speed } => {
                 self.drive_back(*speed, command)?;
                 return Ok(0);
             }

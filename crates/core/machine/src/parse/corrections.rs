@@ -220,7 +220,7 @@ impl Check<'_> {
         )?;
         let thermal = ThermalSettings {
             max_offset,
-            rate: rate * 1e-3,
+            max_offset_velocity: rate * 1e-3,
         };
         Ok(Some((input.number, thermal)))
     }

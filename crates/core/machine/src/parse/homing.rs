@@ -112,8 +112,8 @@ impl HomingKeys<'_> {
                 .check
                 .whole_number(&format!("{}.order", self.at), file.order, 0, 100)?,
             negative,
-            search_speed,
-            latch_speed,
+            search_velocity: search_speed,
+            latch_velocity: latch_speed,
             reference: self.reference()?,
         })
     }

@@ -8,8 +8,8 @@ const AXIS: HomingAxis = HomingAxis {
     method: HomingMethod::Switch,
     order: 0,
     direction: -1.0,
-    search_speed: 20.0,
-    latch_speed: 1.0,
+    search_velocity: 20.0,
+    latch_velocity: 1.0,
     reference: -400.0,
     travel: 800.0,
     home: 0.0,
@@ -221,8 +221,8 @@ fn each_axis_searches_backs_off_latches_and_goes_home_at_rest_only() {
         method: HomingMethod::Switch,
         order: 1,
         direction: 1.0,
-        search_speed: 30.0,
-        latch_speed: 2.0,
+        search_velocity: 30.0,
+        latch_velocity: 2.0,
         reference: 250.0,
         travel: 500.0,
         home: 10.0,
@@ -257,11 +257,11 @@ fn each_axis_searches_backs_off_latches_and_goes_home_at_rest_only() {
         assert_eq!(step(false, false, 0.0), HomingAction::Wait);
         assert_eq!(step(true, false, 1.0), HomingAction::Stop);
         assert_eq!(step(true, false, 2.0), HomingAction::Wait, "until it rests");
-        assert_eq!(step(true, true, 3.0), moves(&axis, back, axis.search_speed));
+        assert_eq!(step(true, true, 3.0), moves(&axis, back, axis.search_velocity));
         assert_eq!(step(true, false, 2.0), HomingAction::Wait);
         assert_eq!(step(false, false, 1.0), HomingAction::Stop);
         assert_eq!(step(false, false, 0.0), HomingAction::Wait, "until it rests");
-        assert_eq!(step(false, true, 0.0), moves(&axis, -back, axis.latch_speed));
+        assert_eq!(step(false, true, 0.0), moves(&axis, -back, axis.latch_velocity));
         assert_eq!(step(true, false, 1.25), HomingAction::Stop);
         assert_eq!(step(true, false, 1.5), HomingAction::Wait, "until it rests");
         let zero = HomingAction::SetZero {
@@ -275,7 +275,7 @@ fn each_axis_searches_backs_off_latches_and_goes_home_at_rest_only() {
         let home = HomingAction::Home {
             axis: axis.axis,
             position: axis.home,
-            speed: axis.search_speed,
+            speed: axis.search_velocity,
         };
         assert_eq!(step(true, true, 1.5), home);
         assert_eq!(step(false, false, 5.0), HomingAction::Wait);

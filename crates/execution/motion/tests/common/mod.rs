@@ -112,7 +112,7 @@ pub fn program(random: &mut Random, mode: PathMode, rotary: bool) -> Vec<Move> {
         moves.push(Move {
             curve,
             kind,
-            feed,
+            feed_mm_s: feed,
             path_mode: mode,
         });
     }
@@ -383,7 +383,7 @@ pub fn check(scenario: &Scenario, setpoints: &[Setpoint], motion: &PathExecutor,
                     path_error(&scenario.moves, b, &setpoint.position),
                     scenario.moves[b].curve.end(),
                     scenario.moves[b].curve.length(),
-                    scenario.moves[b].feed
+                    scenario.moves[b].feed_mm_s
                 );
             }
         }
@@ -402,7 +402,7 @@ pub fn scenario(random: &mut Random, mode: PathMode, rotary: bool) -> Scenario {
     // The highest rate of those that do not take for ever.
     let seconds: f64 = moves
         .iter()
-        .map(|motion| motion.curve.length() / motion.feed.min(100.0))
+        .map(|motion| motion.curve.length() / motion.feed_mm_s.min(100.0))
         .sum();
     let highest = [250.0, 1000.0, 10_000.0, 35_000.0][random.pick(4)];
     let rate = [35_000.0, 10_000.0, 1000.0]

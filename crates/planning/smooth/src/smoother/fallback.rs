@@ -115,7 +115,7 @@ impl Smoother {
             curve: Curve::Spline(spline),
             from: 0.0,
             length,
-            feed: segment.feed,
+            feed_mm_s: segment.feed_mm_s,
             rapid: segment.rapid,
             blend: true,
             joint: false,

@@ -373,7 +373,7 @@ impl Smoother {
                     curve: segment.curve,
                     from: self.cursor - segment.from,
                     length: stop - self.cursor,
-                    feed: segment.feed,
+                    feed_mm_s: segment.feed_mm_s,
                     rapid: segment.rapid,
                     blend: false,
                     joint: std::mem::take(&mut self.joint),

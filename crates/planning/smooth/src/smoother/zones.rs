@@ -189,7 +189,7 @@ impl Smoother {
                 number += 1;
                 while stop < to
                     && let Some(next) = self.chain.get(number)
-                    && (next.feed, next.rapid) == (segment.feed, segment.rapid)
+                    && (next.feed_mm_s, next.rapid) == (segment.feed_mm_s, segment.rapid)
                 {
                     stop = next.to;
                     number += 1;
@@ -201,7 +201,7 @@ impl Smoother {
                         curve,
                         from: at - from,
                         length: stop - at,
-                        feed: segment.feed,
+                        feed_mm_s: segment.feed_mm_s,
                         rapid: segment.rapid,
                         blend: true,
                         joint: std::mem::take(&mut self.joint),

@@ -65,7 +65,7 @@ pub fn point(values: &[f64]) -> Axes {
 pub fn block(curve: Curve, feed: f64, tolerance: Tolerance) -> Block {
     Block {
         curve,
-        feed,
+        feed_mm_s: feed,
         rapid: feed.is_infinite(),
         tolerance,
         line: 0,
@@ -382,7 +382,7 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                     .partition_point(|&s| s <= u + 1e-9)
                     .clamp(1, blocks.len())
                     - 1];
-                let feed_there = (block.feed, block.rapid);
+                let feed_there = (block.feed_mm_s, block.rapid);
                 let middle = u + 0.5 * stretch.length;
                 let by_middle = blocks[programmed
                     .starts
@@ -390,10 +390,10 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                     .clamp(1, blocks.len())
                     - 1];
                 assert!(
-                    (stretch.feed, stretch.rapid) == feed_there
-                        || (stretch.feed, stretch.rapid) == (by_middle.feed, by_middle.rapid),
+                    (stretch.feed_mm_s, stretch.rapid) == feed_there
+                        || (stretch.feed_mm_s, stretch.rapid) == (by_middle.feed_mm_s, by_middle.rapid),
                     "{what}: feed {} at {u}",
-                    stretch.feed
+                    stretch.feed_mm_s
                 );
                 for k in 0..samples {
                     let x = stretch.length * (k as f64 + 0.5) / samples as f64;

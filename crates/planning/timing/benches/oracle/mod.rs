@@ -109,7 +109,7 @@ fn squares(pieces: &[Piece], stations: &[Station]) -> Vec<f64> {
                 index += 1;
             }
             let piece = &pieces[index];
-            let t = piece.law.time_to(station.u - begin, piece.duration);
+            let t = piece.law.time_to(station.u - begin, piece.duration_s);
             piece.law.at(t).0.v.powi(2)
         })
         .collect()

@@ -170,7 +170,7 @@ pub(crate) struct Player<'a> {
 
 impl Player<'_> {
     pub(crate) fn duration(&self) -> f64 {
-        self.pieces.iter().map(|piece| piece.duration).sum()
+        self.pieces.iter().map(|piece| piece.duration_s).sum()
     }
 
     /// Positions at `rate` from `phase` periods, at rest for four periods before and after the motion.
@@ -181,14 +181,14 @@ impl Player<'_> {
         let mut out = Vec::new();
         for k in -4..count {
             let t = ((k as f64 + phase) / rate).clamp(0.0, duration);
-            while index + 1 < self.pieces.len() && t > begin + self.pieces[index].duration {
-                begin += self.pieces[index].duration;
+            while index + 1 < self.pieces.len() && t > begin + self.pieces[index].duration_s {
+                begin += self.pieces[index].duration_s;
                 index += 1;
             }
             let piece = &self.pieces[index];
             let x = piece
                 .law
-                .at((t - begin).min(piece.duration))
+                .at((t - begin).min(piece.duration_s))
                 .0
                 .x
                 .min(piece.length);
@@ -263,7 +263,7 @@ pub(crate) fn assert_chained(pieces: &[Piece], from: (f64, f64), length: f64, wh
             "{what}: piece {k} starts with {} after {a}",
             start.a
         );
-        let end = piece.law.at(piece.duration).0;
+        let end = piece.law.at(piece.duration_s).0;
         assert!(
             (end.x - piece.length).abs() <= 1e-10 * piece.length + 1e-13,
             "{what}: piece {k} ends at {} of {}",

@@ -367,7 +367,7 @@ impl ClosedContour {
             action: Action::Warning(text),
             origin: None,
             calls: CallChain::default(),
-            feed_per_revolution: None,
+            feed_mm_rev: None,
         }
     }
 }

@@ -80,7 +80,7 @@ impl Executor<'_> {
             action,
             origin: self.origin.clone(),
             calls: self.calls.clone(),
-            feed_per_revolution: None,
+            feed_mm_rev: None,
         });
     }
 
@@ -614,8 +614,8 @@ impl Executor<'_> {
         self.parameters.set_axes(TOOL + 1, &tool.offset);
         for (place, value) in [
             tool.diameter_mm,
-            tool.front_angle,
-            tool.back_angle,
+            tool.front_angle_deg,
+            tool.back_angle_deg,
             f64::from(tool.orientation),
         ]
         .into_iter()

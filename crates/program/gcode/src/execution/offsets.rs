@@ -280,10 +280,10 @@ impl Executor<'_> {
             tool.diameter_mm = 2.0 * radius * self.state.unit_mm();
         }
         if let Some(angle) = line.word(b'I') {
-            tool.front_angle = angle;
+            tool.front_angle_deg = angle;
         }
         if let Some(angle) = line.word(b'J') {
-            tool.back_angle = angle;
+            tool.back_angle_deg = angle;
         }
         if let Some(orientation) = line.whole(b'Q')? {
             if orientation > MAX_ORIENTATION {

@@ -179,12 +179,12 @@ impl Executor<'_> {
             action: Action::Move(Move {
                 curve: Curve::Line(line),
                 kind,
-                feed,
+                feed_mm_s: feed,
                 path_mode,
             }),
             origin: self.origin.clone(),
             calls: self.calls.clone(),
-            feed_per_revolution: self.feed_per_revolution(kind, rotary),
+            feed_mm_rev: self.feed_per_revolution(kind, rotary),
         });
         Ok(())
     }
@@ -222,12 +222,12 @@ impl Executor<'_> {
             action: Action::Move(Move {
                 curve,
                 kind,
-                feed,
+                feed_mm_s: feed,
                 path_mode,
             }),
             origin: self.origin.clone(),
             calls: self.calls.clone(),
-            feed_per_revolution: self.feed_per_revolution(kind, false),
+            feed_mm_rev: self.feed_per_revolution(kind, false),
         });
         Ok(())
     }
@@ -445,7 +445,7 @@ impl Executor<'_> {
         self.state.is_probed = true;
         self.out(Action::Probe {
             curve,
-            feed,
+            feed_mm_s: feed,
             toward,
             must,
         });

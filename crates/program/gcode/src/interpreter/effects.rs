@@ -132,7 +132,7 @@ impl<R: BufRead> Interpreter<R> {
                 action,
                 origin,
                 calls,
-                feed_per_revolution: None,
+                feed_mm_rev: None,
             });
         }
         Ok(())

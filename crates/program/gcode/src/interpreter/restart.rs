@@ -61,7 +61,7 @@ impl Restart {
                 action: action.clone(),
                 origin: None,
                 calls: CallChain::default(),
-                feed_per_revolution: None,
+                feed_mm_rev: None,
             });
         }
         let mut out = *from;
@@ -105,7 +105,7 @@ impl Restart {
                 action: Action::Move(Move {
                     curve: Curve::Line(line),
                     kind,
-                    feed: if kind == MoveKind::Rapid {
+                    feed_mm_s: if kind == MoveKind::Rapid {
                         f64::INFINITY
                     } else {
                         feed
@@ -114,7 +114,7 @@ impl Restart {
                 }),
                 origin: None,
                 calls: CallChain::default(),
-                feed_per_revolution: None,
+                feed_mm_rev: None,
             });
             at = to;
         }

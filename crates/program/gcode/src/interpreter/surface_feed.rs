@@ -39,7 +39,7 @@ impl SurfaceFeed {
     pub(crate) fn divide(&mut self, command: Command) -> Command {
         self.set_speed(&command.action);
         let is_fed = matches!(&command.action, Action::Move(motion) if motion.kind == MoveKind::Feed);
-        if !is_fed || self.speed.is_none() || command.feed_per_revolution.is_none() {
+        if !is_fed || self.speed.is_none() || command.feed_mm_rev.is_none() {
             return command;
         }
         self.piece(command, 0.0)
@@ -48,7 +48,7 @@ impl SurfaceFeed {
     /// The next piece of a move of which `done_mm` has been output.
     fn piece(&mut self, mut command: Command, done_mm: f64) -> Command {
         let (Some(speed), Some(feed), Action::Move(motion)) =
-            (self.speed, command.feed_per_revolution, &mut command.action)
+            (self.speed, command.feed_mm_rev, &mut command.action)
         else {
             return command;
         };
@@ -69,7 +69,7 @@ impl SurfaceFeed {
         } else {
             (range.0 * range.1).sqrt()
         };
-        motion.feed = feed * rpm / 60.0;
+        motion.feed_mm_s = feed * rpm / 60.0;
         if done_mm == 0.0 && end_mm == length_mm {
             return command;
         }

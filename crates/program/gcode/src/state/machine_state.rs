@@ -125,7 +125,7 @@ impl State {
                 diameter: false,
                 spindle: settings.outputs.direction,
                 speed: match (surface, settings.outputs.surface) {
-                    (Some(surface), _) => surface.metres_per_minute,
+                    (Some(surface), _) => surface.speed_m_min,
                     (None, Some(_)) => 0.0,
                     (None, None) => settings.outputs.speed_rpm,
                 },
@@ -288,7 +288,7 @@ impl State {
             Some(max_rpm) => Action::SurfaceSpeed {
                 direction,
                 surface: SurfaceSpeed {
-                    metres_per_minute: modes.speed,
+                    speed_m_min: modes.speed,
                     max_rpm,
                     centre_mm: self.centre_mm(),
                 },

@@ -21,9 +21,9 @@ pub struct Tool {
     /// Diameter in mm; 0 if unknown.
     pub diameter_mm: f64,
     /// Front angle of a turning tool, degrees.
-    pub front_angle: f64,
+    pub front_angle_deg: f64,
     /// Back angle of a turning tool, degrees.
-    pub back_angle: f64,
+    pub back_angle_deg: f64,
     /// Orientation of the tip of a turning tool, 1 to 9; 0 for a mill. G41 and G42 in G18 use it: they guide the centre of the nose,
     /// whereas `offset` refers to the tip.
     pub orientation: u32,
@@ -88,8 +88,8 @@ impl Tool {
             pocket: number,
             offset: Axes::zeros(),
             diameter_mm: 0.0,
-            front_angle: 0.0,
-            back_angle: 0.0,
+            front_angle_deg: 0.0,
+            back_angle_deg: 0.0,
             orientation: 0,
         }
     }
@@ -136,8 +136,8 @@ impl ToolTable {
             let lengths = AxisLetter::ALL.map(|axis| (axis.letter(), tool.offset[axis.index()]));
             let shape = [
                 ('D', tool.diameter_mm),
-                ('I', tool.front_angle),
-                ('J', tool.back_angle),
+                ('I', tool.front_angle_deg),
+                ('J', tool.back_angle_deg),
             ];
             for (letter, value) in lengths.into_iter().chain(shape) {
                 if value != 0.0 {
@@ -190,8 +190,8 @@ impl ToolTable {
                     'T' => (tool.number, named) = (whole(value)?, true),
                     'P' => tool.pocket = whole(value)?,
                     'D' => tool.diameter_mm = value,
-                    'I' => tool.front_angle = value,
-                    'J' => tool.back_angle = value,
+                    'I' => tool.front_angle_deg = value,
+                    'J' => tool.back_angle_deg = value,
                     'Q' if value <= f64::from(MAX_ORIENTATION) => tool.orientation = whole(value)?,
                     'Q' => {
                         return Err(ToolTableError::Orientation {
@@ -290,7 +290,11 @@ mod tests {
         assert_eq!((mill.pocket, mill.diameter_mm, mill.offset[2]), (4, 3.175, 12.5));
         let turning = table.get(99).unwrap();
         assert_eq!(
-            (turning.orientation, turning.front_angle, turning.back_angle),
+            (
+                turning.orientation,
+                turning.front_angle_deg,
+                turning.back_angle_deg
+            ),
             (6, 95.0, 155.0)
         );
         assert_eq!(turning.offset[0], -1.0);

@@ -99,7 +99,7 @@ impl Printer {
     fn command(&mut self, command: &Command) {
         match &command.action {
             Action::Move(step) => {
-                let feed = step.feed * 60.0;
+                let feed = step.feed_mm_s * 60.0;
                 let end = place(&step.curve.end());
                 let mode = path(step.path_mode);
                 match (&step.curve, step.kind) {
@@ -140,7 +140,7 @@ impl Printer {
             Action::SurfaceSpeed {
                 direction: way,
                 surface,
-            } => self.turn(direction(*way), surface.metres_per_minute),
+            } => self.turn(direction(*way), surface.speed_m_min),
             Action::OrientSpindle { degrees, .. } => {
                 self.spindle.0 = "stop".to_owned();
                 self.put(format!("orient {degrees:.4}"));

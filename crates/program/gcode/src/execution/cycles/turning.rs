@@ -400,7 +400,7 @@ impl Executor<'_> {
             && let Some(last) = self.out.back_mut()
             && let Action::Move(step) = &mut last.action
         {
-            step.feed = feed;
+            step.feed_mm_s = feed;
         }
         Ok(())
     }
