@@ -145,7 +145,7 @@ struct ProgramCheck<'a> {
     bounds: CheckBounds,
     checked: Checked,
     limits: Limits,
-    admission: MoveValidator,
+    validator: MoveValidator,
     machine: MachineCheck<'a>,
     threads: ThreadCheck,
     /// Lines that the machine has refused or that were warned of: loops come by again and again.
@@ -169,7 +169,7 @@ impl<'a> ProgramCheck<'a> {
             bounds,
             checked: Checked::default(),
             limits,
-            admission: MoveValidator::new(&limits),
+            validator: MoveValidator::new(&limits),
             machine: MachineCheck::new(setup, bounds),
             threads: ThreadCheck::new(setup),
             told: BTreeSet::new(),
@@ -214,7 +214,7 @@ impl<'a> ProgramCheck<'a> {
                 }));
         }
         if let Action::Thread { curve, .. } = &command.action {
-            self.admission.stand_at(&curve.end());
+            self.validator.set_position(&curve.end());
         }
         let Some(objection) = self.objection(&command.action) else {
             return CheckStep::Next;
@@ -267,7 +267,7 @@ impl<'a> ProgramCheck<'a> {
                 ..
             } => {
                 // What follows begins where the probe stops.
-                self.admission.stand_at(&curve.end());
+                self.validator.set_position(&curve.end());
                 let order = ProbeMove {
                     curve: *curve,
                     feed_mm_s: *feed,
@@ -283,11 +283,11 @@ impl<'a> ProgramCheck<'a> {
     }
 
     fn objection_to_move(&mut self, motion: &Move) -> Option<Objection> {
-        let refused = match self.admission.admit::<Infallible>(motion) {
+        let refused = match self.validator.validate::<Infallible>(motion) {
             // A move after one that was refused starts elsewhere: nothing new.
             Err(PlanError::Gap { .. }) => {
-                self.admission = MoveValidator::new(&self.limits);
-                self.admission.admit::<Infallible>(motion).err()
+                self.validator = MoveValidator::new(&self.limits);
+                self.validator.validate::<Infallible>(motion).err()
             }
             other => other.err(),
         };

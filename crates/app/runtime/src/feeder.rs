@@ -428,7 +428,7 @@ mod tests {
             Ok(())
         }
         fn exit(&mut self, _: u64, _: evolvent_planner::ExitSpeeds) {}
-        fn finalise(&mut self, _: u64) {}
+        fn commit(&mut self, _: u64) {}
     }
 
     #[test]

@@ -49,7 +49,7 @@ pub(crate) fn objection(order: &ProbeMove, setup: &Setup) -> Option<ProbeObjecti
         path_mode: PathMode::ExactPath,
     };
     let limits = setup.machine.limits();
-    if let Err(error) = MoveValidator::new(&limits).admit(&motion) {
+    if let Err(error) = MoveValidator::new(&limits).validate(&motion) {
         return Some(ProbeObjection::Travel(error));
     }
     let feed = order.feed_mm_s;

@@ -228,7 +228,7 @@ impl ServedAgain {
             }
             std::thread::sleep(POLL_INTERVAL);
         };
-        if !self.station.hand_to(&mut job.motion) {
+        if !self.station.attach(&mut job.motion) {
             return Err(ServedError::Place);
         }
         if let (Some(signals), Some(schedule)) = (&mut self.signals, job.schedule.take()) {

@@ -58,7 +58,7 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
             .name("time law".into())
             .spawn(move || pace(pacer, &path, &teller, &telling))?;
         Ok(Self::Two(TwoThreadPlanner {
-            admission: MoveValidator::new(limits.axes()),
+            validator: MoveValidator::new(limits.axes()),
             shaper: PathStage::new(&limits, rules),
             lots: Some(lots),
             told,
@@ -90,11 +90,11 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
         }
     }
 
-    /// See [`Planner::stand_at`].
-    pub(crate) fn stand_at(&mut self, position: &Axes) {
+    /// See [`Planner::set_position`].
+    pub(crate) fn set_position(&mut self, position: &Axes) {
         match self {
-            Self::One(planner) => planner.stand_at(position),
-            Self::Two(relay) => relay.admission.stand_at(position),
+            Self::One(planner) => planner.set_position(position),
+            Self::Two(relay) => relay.validator.set_position(position),
         }
     }
 
@@ -159,7 +159,7 @@ enum TimingStageEvent {
 
 /// The first half, and the way to the second.
 pub(crate) struct TwoThreadPlanner {
-    admission: MoveValidator,
+    validator: MoveValidator,
     shaper: PathStage,
     /// What one move makes of the path; none once the path has ended.
     lots: Option<SyncSender<Vec<PathItem>>>,
@@ -174,7 +174,7 @@ pub(crate) struct TwoThreadPlanner {
 
 impl TwoThreadPlanner {
     fn push(&mut self, motion: &Move, line: u32, block: u32) -> Result<(), PlanError<QueueClosed>> {
-        self.admission.admit(motion)?;
+        self.validator.validate(motion)?;
         let mut lot = Vec::new();
         self.shaper.push(motion, line, block, &mut lot);
         let sent = self.send(lot);
@@ -232,7 +232,7 @@ fn pace<S: PlanSink<Error = QueueClosed>>(
 ) -> f64 {
     loop {
         match path.recv_timeout(POLL_INTERVAL) {
-            Ok(lot) => lot.into_iter().for_each(|item| item.hand_to(&mut pacer)),
+            Ok(lot) => lot.into_iter().for_each(|item| item.apply_to(&mut pacer)),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => break,
         }
@@ -305,7 +305,7 @@ mod tests {
         fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
             let _kept = self.keep(format!("{index} {speeds:?}"));
         }
-        fn finalise(&mut self, count: u64) {
+        fn commit(&mut self, count: u64) {
             let _kept = self.keep(format!("final {count}"));
         }
         fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
@@ -332,7 +332,7 @@ mod tests {
             Ok(())
         }
         fn exit(&mut self, _: u64, _: ExitSpeeds) {}
-        fn finalise(&mut self, _: u64) {}
+        fn commit(&mut self, _: u64) {}
     }
 
     fn setup() -> Setup {

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use evolvent_planner::{Answer, BlockMark, ExitSpeeds, PlanSink, Request, Segment, Step};
+use evolvent_planner::{BlockMark, ExitSpeeds, PlanSink, Reply, Request, Segment, Step};
 
 /// Passes the plan on, and adds up how long each block is planned to take.
 pub(crate) struct Tally<S> {
@@ -84,8 +84,8 @@ impl<S: PlanSink> PlanSink for Tally<S> {
         self.sink.planned(index, duration_s);
     }
 
-    fn finalise(&mut self, count: u64) {
-        self.sink.finalise(count);
+    fn commit(&mut self, count: u64) {
+        self.sink.commit(count);
     }
 
     fn mark(&mut self, mark: &BlockMark) -> Result<(), S::Error> {
@@ -105,8 +105,8 @@ impl<S: PlanSink> PlanSink for Tally<S> {
         self.sink.planned_block(block, seconds);
     }
 
-    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
-        self.sink.has_room(steps, segments, marks)
+    fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
+        self.sink.has_capacity(steps, segments, marks)
     }
 
     fn wait(&mut self) -> Result<(), S::Error> {
@@ -117,12 +117,12 @@ impl<S: PlanSink> PlanSink for Tally<S> {
         self.sink.request()
     }
 
-    fn answer(&mut self, answer: Answer) {
-        self.sink.answer(answer);
+    fn reply(&mut self, reply: Reply) {
+        self.sink.reply(reply);
     }
 
-    fn taken(&self) -> u64 {
-        self.sink.taken()
+    fn acknowledged(&self) -> u64 {
+        self.sink.acknowledged()
     }
 
     fn reached(&self) -> u64 {

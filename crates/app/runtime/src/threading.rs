@@ -127,7 +127,7 @@ impl ThreadChain {
             ));
         }
         let limits = setup.machine.limits();
-        let mut admission = MoveValidator::new(&limits);
+        let mut validator = MoveValidator::new(&limits);
         for (curve, _) in &self.curves {
             let motion = Move {
                 curve: *curve,
@@ -135,7 +135,7 @@ impl ThreadChain {
                 feed_mm_s: 1.0,
                 path_mode: PathMode::ExactPath,
             };
-            admission.admit(&motion).map_err(ThreadRefusal::Travel)?;
+            validator.validate(&motion).map_err(ThreadRefusal::Travel)?;
         }
         let pass = self.pass(rpm, spindle);
         match pass.check(&limits, setup.period_ns as f64 * 1e-9) {

@@ -205,7 +205,7 @@ mod tests {
                 producer.step(&Step::Turning { line }).unwrap();
             }
             producer.step(&Step::End { line: 3 }).unwrap();
-            producer.finalise(3);
+            producer.commit(3);
             let mut motion = PathExecutor::new(limits, 1_000_000, frame.start);
             let blank = Blank::outline(&[(0.0, 6.5), (15.0, 6.5), (15.0, 3.0), (30.0, 4.0)]);
             let mut piece = Workpiece::new(blank, 30.0, settings.regime.law, settings.tool, 0.12 / PERIOD_S);

@@ -10,7 +10,7 @@ const MAX_RPM: f64 = 1e6;
 /// ```
 /// use evolvent_path::{SpindleSpeed, SurfaceSpeed};
 ///
-/// let surface = SurfaceSpeed { metres_per_minute: 200.0, max_rpm: 3000.0, centre_mm: -5.0 };
+/// let surface = SurfaceSpeed { speed_m_min: 200.0, max_rpm: 3000.0, centre_mm: -5.0 };
 /// let speed = SpindleSpeed::Surface(surface);
 /// // 25 mm from the centre: 1000 * 200 / (2 pi * 25) rpm.
 /// assert!((speed.rpm_at(20.0) - 1273.239_544_735).abs() < 1e-9);

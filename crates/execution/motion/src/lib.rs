@@ -33,7 +33,7 @@
 //! let line = Move {
 //!     curve: Line::new(start, end).unwrap().into(),
 //!     kind: MoveKind::Feed,
-//!     feed: 50.0,
+//!     feed_mm_s: 50.0,
 //!     path_mode: PathMode::ExactPath,
 //! };
 //! planner.push(&line, 1, 0).unwrap();

@@ -129,7 +129,7 @@ impl MachineState {
     }
 
     /// Lets a job along a plan begin here, at rest. `false`, and nothing is changed, where it begins elsewhere.
-    pub fn hand_to(&self, motion: &mut PathExecutor) -> bool {
+    pub fn attach(&self, motion: &mut PathExecutor) -> bool {
         let here = self.last.position;
         let there = motion.last.position;
         let near = (0..here.len()).all(|i| !self.limits.present[i] || (here[i] - there[i]).abs() <= 1e-9);

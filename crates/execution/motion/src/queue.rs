@@ -10,13 +10,13 @@
 //! rest. When more has been planned, it is appended after the tail, and the last committed step is *linked* to it:
 //! the tail is skipped. A cycle that comes to the end of what is committed before that claims the link, drives the
 //! tail, and the planner's late link fails. Overrides come as a [`Request`] for a new plan from a place a
-//! few cycles ahead; the [`Answer`] names the step to go on with there.
+//! few cycles ahead; the [`Reply`] names the step to go on with there.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use evolvent_planner::{
-    Answer, BlockMark, ExitSpeeds, PENDING_SEGMENTS, PENDING_STEPS, PlanSink, Request, Segment, Step,
+    BlockMark, ExitSpeeds, PENDING_SEGMENTS, PENDING_STEPS, PlanSink, Reply, Request, Segment, Step,
 };
 use rtrb::{Consumer, Producer, RingBuffer};
 
@@ -31,7 +31,7 @@ const READY_STEPS: usize = 28_608;
 const READY_SEGMENTS: usize = 12_288;
 /// Starts of blocks.
 const MARKS: usize = 1 << 17;
-/// Requests and answers; one at a time is open.
+/// Requests and replies; one at a time is open.
 const REQUESTS: usize = 8;
 /// The virtual clock, and every start from rest, waits until this many runs are final (or the plan is
 /// complete), so that a cycle never enters a run that could still change.
@@ -44,12 +44,12 @@ struct Table {
     exits: Box<[[AtomicU64; 2]]>,
     /// Successor + 1 where it is not simply the next step; 0 where it is.
     links: Box<[AtomicU64]>,
-    finalised: AtomicU64,
+    committed: AtomicU64,
     complete: AtomicU64,
     /// The last wait for an input, probing move or thread + 1: nothing comes after it before it is over.
     waits_at: AtomicU64,
     reached: AtomicU64,
-    taken: AtomicU64,
+    acknowledged: AtomicU64,
 }
 
 impl Table {
@@ -70,7 +70,7 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
     let (segment_producer, segment_consumer) = RingBuffer::new(PENDING_SEGMENTS + READY_SEGMENTS);
     let (mark_producer, mark_consumer) = RingBuffer::new(MARKS);
     let (request_producer, request_consumer) = RingBuffer::new(REQUESTS);
-    let (answer_producer, answer_consumer) = RingBuffer::new(REQUESTS);
+    let (reply_producer, reply_consumer) = RingBuffer::new(REQUESTS);
     let (process_sender, processes) = takeover_queue();
     let (probing_sender, probings) = takeover_queue();
     let (threading_sender, threadings) = takeover_queue();
@@ -79,18 +79,18 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
             .map(|_| [AtomicU64::new(0), AtomicU64::new(0)])
             .collect(),
         links: (0..steps).map(|_| AtomicU64::new(0)).collect(),
-        finalised: AtomicU64::new(0),
+        committed: AtomicU64::new(0),
         complete: AtomicU64::new(0),
         waits_at: AtomicU64::new(0),
         reached: AtomicU64::new(0),
-        taken: AtomicU64::new(0),
+        acknowledged: AtomicU64::new(0),
     });
     let producer = PlanProducer {
         steps: step_producer,
         segments: segment_producer,
         marks: mark_producer,
         requests: request_consumer,
-        answers: answer_producer,
+        replies: reply_producer,
         processes: Some(process_sender),
         probings: Some(probing_sender),
         threadings: Some(threading_sender),
@@ -103,12 +103,12 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         segments: segment_consumer,
         marks: mark_consumer,
         requests: request_producer,
-        answers: answer_consumer,
+        replies: reply_consumer,
         processes,
         probings,
         threadings,
         table,
-        taken: 0,
+        taken_steps: 0,
         taken_segments: 0,
         taken_marks: 0,
     };
@@ -127,7 +127,7 @@ pub struct PlanProducer<W> {
     segments: Producer<Segment>,
     marks: Producer<BlockMark>,
     requests: Consumer<Request>,
-    answers: Producer<Answer>,
+    replies: Producer<Reply>,
     processes: Option<ProcessSender>,
     probings: Option<ProbingSender>,
     threadings: Option<ThreadingSender>,
@@ -191,8 +191,8 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
         nominal.store(speeds.nominal.to_bits(), Ordering::Release);
     }
 
-    fn finalise(&mut self, count: u64) {
-        self.table.finalised.store(count, Ordering::Release);
+    fn commit(&mut self, count: u64) {
+        self.table.committed.store(count, Ordering::Release);
     }
 
     fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
@@ -209,7 +209,7 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
             .is_ok()
     }
 
-    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
+    fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
         self.steps.slots() >= steps && self.segments.slots() >= segments && self.marks.slots() >= marks
     }
 
@@ -229,13 +229,13 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
         last
     }
 
-    fn answer(&mut self, answer: Answer) {
-        // An answer that finds no room is one that is not waited for.
-        let _unheard = self.answers.push(answer);
+    fn reply(&mut self, reply: Reply) {
+        // A reply that finds no room is one that is not waited for.
+        let _unheard = self.replies.push(reply);
     }
 
-    fn taken(&self) -> u64 {
-        self.table.taken.load(Ordering::Acquire)
+    fn acknowledged(&self) -> u64 {
+        self.table.acknowledged.load(Ordering::Acquire)
     }
 
     fn reached(&self) -> u64 {
@@ -250,12 +250,12 @@ pub struct PlanConsumer {
     segments: Consumer<Segment>,
     marks: Consumer<BlockMark>,
     requests: Producer<Request>,
-    answers: Consumer<Answer>,
+    replies: Consumer<Reply>,
     pub(crate) processes: TakeoverReceiver<dyn ProcessCycle>,
     pub(crate) probings: TakeoverReceiver<Probing>,
     pub(crate) threadings: TakeoverReceiver<Threading>,
     table: Arc<Table>,
-    taken: u64,
+    taken_steps: u64,
     taken_segments: u64,
     taken_marks: u64,
 }
@@ -263,7 +263,7 @@ pub struct PlanConsumer {
 impl PlanConsumer {
     /// Step number `index`, counted from the first ever; none if it has not come or was taken.
     pub fn step(&mut self, index: u64) -> Option<Step> {
-        nth(&mut self.steps, index.checked_sub(self.taken)? as usize)
+        nth(&mut self.steps, index.checked_sub(self.taken_steps)? as usize)
     }
 
     /// Segment number `index`.
@@ -292,7 +292,7 @@ impl PlanConsumer {
     /// Whether step `index` is final.
     #[must_use]
     pub fn is_final(&self, index: u64) -> bool {
-        self.table.finalised.load(Ordering::Acquire) > index
+        self.table.committed.load(Ordering::Acquire) > index
     }
 
     /// Whether it is settled that the tail after step `index` is driven.
@@ -305,9 +305,9 @@ impl PlanConsumer {
     #[must_use]
     pub fn successor(&self, index: u64) -> (u64, bool) {
         // In this order: what is final was linked before it was declared final.
-        let finalised = self.table.finalised.load(Ordering::Acquire);
+        let committed = self.table.committed.load(Ordering::Acquire);
         match self.table.link(index).load(Ordering::Acquire) {
-            0 => (index + 1, index + 1 < finalised),
+            0 => (index + 1, index + 1 < committed),
             CLAIMED => (index + 1, false),
             // Only what is committed is linked, also where that has not been declared final yet.
             link => (link - 1, true),
@@ -355,18 +355,18 @@ impl PlanConsumer {
     /// all up to a wait for an input, or the plan is complete.
     #[must_use]
     pub fn has_final_ahead(&self, index: u64) -> bool {
-        let finalised = self.table.finalised.load(Ordering::Acquire);
+        let committed = self.table.committed.load(Ordering::Acquire);
         let waits_at = self.table.waits_at.load(Ordering::Acquire);
-        let up_to_wait = finalised >= waits_at && waits_at > index;
-        finalised >= index + STEPS_AHEAD || up_to_wait || self.is_complete()
+        let up_to_wait = committed >= waits_at && waits_at > index;
+        committed >= index + STEPS_AHEAD || up_to_wait || self.is_complete()
     }
 
     /// Whether everything up to the program's end is final.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        let finalised = self.table.finalised.load(Ordering::Acquire);
+        let committed = self.table.committed.load(Ordering::Acquire);
         let complete = self.table.complete.load(Ordering::Acquire);
-        complete > 0 && finalised >= complete
+        complete > 0 && committed >= complete
     }
 
     /// Whether the planner has gone without completing the plan.
@@ -389,30 +389,30 @@ impl PlanConsumer {
 
     /// Sends a request to the planner; `false` if there is no room, which only a dead planner leaves.
     pub fn ask(&mut self, request: Request) -> bool {
-        // Answers to requests that were withdrawn are not read, and must not take the room of this one's.
-        while self.answers.pop().is_ok() {}
+        // Replies to requests that were withdrawn are not read, and must not take the room of this one's.
+        while self.replies.pop().is_ok() {}
         self.requests.push(request).is_ok()
     }
 
-    /// The answer to request `id`, if it has come; older ones are dropped.
-    pub fn answer(&mut self, id: u64) -> Option<Answer> {
-        while let Ok(answer) = self.answers.peek().copied() {
-            if answer.id == id {
-                return Some(answer);
+    /// The reply to request `id`, if it has come; older ones are dropped.
+    pub fn reply(&mut self, id: u64) -> Option<Reply> {
+        while let Ok(reply) = self.replies.peek().copied() {
+            if reply.id == id {
+                return Some(reply);
             }
-            let _old = self.answers.pop();
+            let _old = self.replies.pop();
         }
         None
     }
 
-    /// Says that the answer to request `id` has been taken over.
+    /// Says that the reply to request `id` has been taken over.
     pub fn acknowledge_replan(&mut self, id: u64) {
-        self.table.taken.store(id, Ordering::Release);
+        self.table.acknowledged.store(id, Ordering::Release);
     }
 
     /// Takes everything before these indices for good. `interval` is the grid interval reached.
     pub fn take(&mut self, step: u64, segment: u64, mark: u64, interval: u64) {
-        self.taken += take(&mut self.steps, step.saturating_sub(self.taken));
+        self.taken_steps += take(&mut self.steps, step.saturating_sub(self.taken_steps));
         self.taken_segments += take(&mut self.segments, segment.saturating_sub(self.taken_segments));
         self.taken_marks += take(&mut self.marks, mark.saturating_sub(self.taken_marks));
         self.table.reached.store(interval, Ordering::Release);
@@ -471,7 +471,7 @@ mod tests {
         for line in 0..4 {
             producer.step(&dwell(line)).expect("room");
         }
-        producer.finalise(2);
+        producer.commit(2);
         (producer, consumer)
     }
 
@@ -521,10 +521,10 @@ mod tests {
         for id in 1..=2 * REQUESTS as u64 {
             assert!(consumer.ask(request(id)));
             assert!(producer.request().is_some());
-            producer.answer(Answer { id, step: Some(3) });
+            producer.reply(Reply { id, step: Some(3) });
         }
         let last = 2 * REQUESTS as u64;
-        assert!(consumer.answer(last).is_some());
+        assert!(consumer.reply(last).is_some());
     }
 
     #[test]
@@ -571,10 +571,10 @@ mod tests {
         });
         let size = PENDING_STEPS + READY_STEPS;
         for k in 0..size {
-            assert!(producer.has_room(1, 0, 0));
+            assert!(producer.has_capacity(1, 0, 0));
             producer.step(&dwell(k as u32)).expect("room");
         }
-        assert!(!producer.has_room(1, 0, 0) && producer.has_room(0, 1, 1));
+        assert!(!producer.has_capacity(1, 0, 0) && producer.has_capacity(0, 1, 1));
         assert_eq!(waits.get(), 0);
         assert_eq!(producer.step(&dwell(0)), Err(QueueClosed));
         assert_eq!(waits.get(), 3);
@@ -603,7 +603,7 @@ mod tests {
         assert!(!consumer.has_no_planner() && !consumer.is_abandoned());
         producer.step(&Step::End { line: 9 }).expect("room");
         assert!(!consumer.is_complete());
-        producer.finalise(5);
+        producer.commit(5);
         assert!(consumer.is_complete() && consumer.has_final_ahead(4));
         drop(producer);
         assert!(consumer.has_no_planner());
@@ -622,18 +622,18 @@ mod tests {
         assert_eq!(producer.request(), Some(request(2)));
         assert_eq!(producer.request(), None, "asked once");
         for id in [1, 2] {
-            producer.answer(Answer {
+            producer.reply(Reply {
                 id,
                 step: Some(10 + id),
             });
         }
-        let answer = consumer.answer(2).expect("an answer");
-        assert_eq!((answer.id, answer.step), (2, Some(12)));
-        assert_eq!(consumer.answer(2).map(|answer| answer.id), Some(2), "it stays");
-        assert_eq!(consumer.answer(3), None);
-        assert_eq!(producer.taken(), 0);
+        let reply = consumer.reply(2).expect("a reply");
+        assert_eq!((reply.id, reply.step), (2, Some(12)));
+        assert_eq!(consumer.reply(2).map(|reply| reply.id), Some(2), "it stays");
+        assert_eq!(consumer.reply(3), None);
+        assert_eq!(producer.acknowledged(), 0);
         consumer.acknowledge_replan(2);
-        assert_eq!(producer.taken(), 2);
+        assert_eq!(producer.acknowledged(), 2);
     }
 
     #[test]

@@ -1,9 +1,9 @@
 //! Requesting another plan from the planner, and taking it over.
 //!
 //! A plan of pieces is made for one override. When another is wanted the cycle requests a plan from the position where it will
-//! be a lead time later, and goes on until then; the answer takes over at just that setpoint. A lower override slows the plan
+//! be a lead time later, and goes on until then; the reply takes over at just that setpoint. A lower override slows the plan
 //! down meanwhile ([`Slowdown`]), and the request is made once that is at a constant rate. At rest there is no hurry: the
-//! cycle waits until the answer comes. Holds and stops need no planner.
+//! cycle waits until the reply comes. Holds and stops need no planner.
 //!
 //! [`Slowdown`]: crate::slowdown::Slowdown
 
@@ -19,7 +19,7 @@ use crate::scale::Scale;
 use crate::setpoint::Inputs;
 use crate::state::State;
 
-/// Time from a request to where its answer takes over, s: a re-plan takes half of it at most.
+/// Time from a request to where its reply takes over, s: a re-plan takes half of it at most.
 const LEAD_S: f64 = 0.010;
 /// Cycles of lead at least.
 const MIN_LEAD: u64 = 2;
@@ -33,7 +33,7 @@ const MAX_AHEAD: usize = 1 << 15;
 pub(crate) struct PendingReplan {
     id: u64,
     factor: f64,
-    /// Its answer follows the setpoint of this number; none at rest.
+    /// Its reply follows the setpoint of this number; none at rest.
     after: Option<u64>,
 }
 
@@ -117,22 +117,22 @@ impl PathExecutor {
         asking.open.is_none() && !brake && asking.factor == self.feed_override && !asking.may_have_left
     }
 
-    /// Takes over an answer that is due.
+    /// Takes over a reply that is due.
     pub(crate) fn take_answer(&mut self, cursor: &mut Cursor, queue: &mut PlanConsumer, lag: PlannerLag) {
         let Some(open) = self.asking.open else { return };
-        let answer = match open.after {
+        let reply = match open.after {
             Some(after) if self.sequence <= after => return,
             _ if lag.waited => None,
-            _ => queue.answer(open.id),
+            _ => queue.reply(open.id),
         };
-        match answer {
-            // The plan is being slowed down by now: the place that the answer was made for is not met.
+        match reply {
+            // The plan is being slowed down by now: the place that the reply was made for is not met.
             Some(_) if open.after.is_some() && (cursor.state == State::Fault || cursor.is_still()) => {
                 self.asking.withdraw(self.sequence);
             }
-            Some(answer) => {
+            Some(reply) => {
                 self.asking.open = None;
-                let step = answer.step.filter(|_| !lag.refused);
+                let step = reply.step.filter(|_| !lag.refused);
                 match step.map(|step| (step, queue.step(step))) {
                     // In motion the next piece must be there; at rest it may still come.
                     Some((step, Some(Step::TimedSegment(flow)))) if open.after.is_some() => {
@@ -321,15 +321,15 @@ impl PathExecutor {
         let mut step = from;
         if let Some(open) = self.asking.open {
             let due = open.after.is_none_or(|after| self.sequence > after);
-            let answer = if due { queue.answer(open.id) } else { None };
-            if due && answer.is_none() && !queue.has_no_planner() {
+            let reply = if due { queue.reply(open.id) } else { None };
+            if due && reply.is_none() && !queue.has_no_planner() {
                 return false;
             }
-            // The step after this goes on where the answer says: that must be known as well.
+            // The step after this goes on where the reply says: that must be known as well.
             if due && open.after.is_none() {
                 return true;
             }
-            if let Some(next) = answer.and_then(|answer| answer.step)
+            if let Some(next) = reply.and_then(|reply| reply.step)
                 && queue.step(next).is_none()
             {
                 return queue.has_no_planner();

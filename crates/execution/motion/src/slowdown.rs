@@ -686,7 +686,7 @@ mod tests {
                 .step(&Step::TimedSegment(flow(f64::from(k))))
                 .expect("room");
         }
-        producer.finalise(u64::from((100.0 * seconds) as u32));
+        producer.commit(u64::from((100.0 * seconds) as u32));
         let mut preview = PlanPreview::new();
         preview.begin(0, flow(0.0), 0.0);
         (queue, preview)

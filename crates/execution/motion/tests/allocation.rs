@@ -153,7 +153,7 @@ fn drive_processes(scene: Scene) -> (Vec<State>, PathExecutor, Axes, u64) {
         producer.step(&Step::Turning { line }).expect("room");
     }
     producer.step(&Step::End { line: 3 }).expect("room");
-    producer.finalise(3);
+    producer.commit(3);
     let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
     let mut states = Vec::with_capacity(100_000);
     let (mut counted, mut moved, mut position) = (0, 0_u64, Axes::zeros());

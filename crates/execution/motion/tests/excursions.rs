@@ -29,7 +29,7 @@ impl<'a> Machine<'a> {
             scenario.period_ns,
             scenario.moves[0].curve.start(),
         );
-        assert!(station.hand_to(&mut pair.motion));
+        assert!(station.attach(&mut pair.motion));
         Self {
             scenario,
             pair,

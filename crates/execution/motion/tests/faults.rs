@@ -180,7 +180,7 @@ fn lie(segments: &[Segment], limits: ScalarLimits, exits: &[f64]) -> evolvent_mo
         );
     }
     producer.step(&Step::End { line: 2 }).expect("room");
-    producer.finalise(segments.len() as u64 + 1);
+    producer.commit(segments.len() as u64 + 1);
     queue
 }
 
@@ -332,7 +332,7 @@ fn at_rest_the_line_is_that_of_the_step_that_is_waited_for() {
         producer.step(&step).expect("room");
     }
     producer.step(&Step::End { line: 6 }).expect("room");
-    producer.finalise(4);
+    producer.commit(4);
     let mut motion = PathExecutor::new(one_axis(200.0, 2000.0, 50_000.0), 1_000_000, Axes::zeros());
     let mut seen = Vec::new();
     for cycle in 0..1000 {

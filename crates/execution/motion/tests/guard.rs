@@ -7,7 +7,7 @@ use evolvent_motion::{
     Inputs, PathExecutor, PlanConsumer, PlanProducer, PlannerLag, QueueClosed, Setpoint, flags, plan_queue,
 };
 use evolvent_planner::{
-    Answer, BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Request, Segment, Step,
+    BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Reply, Request, Segment, Step,
 };
 use evolvent_timing::TimeLaw;
 
@@ -117,8 +117,8 @@ impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
         self.sink.exit(index, speeds);
     }
 
-    fn finalise(&mut self, count: u64) {
-        self.sink.finalise(count);
+    fn commit(&mut self, count: u64) {
+        self.sink.commit(count);
     }
 
     fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
@@ -129,8 +129,8 @@ impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
         self.sink.link(from, to)
     }
 
-    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
-        self.sink.has_room(steps, segments, marks)
+    fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
+        self.sink.has_capacity(steps, segments, marks)
     }
 
     fn wait(&mut self) -> Result<(), QueueClosed> {
@@ -141,12 +141,12 @@ impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
         self.sink.request()
     }
 
-    fn answer(&mut self, answer: Answer) {
-        self.sink.answer(answer);
+    fn reply(&mut self, reply: Reply) {
+        self.sink.reply(reply);
     }
 
-    fn taken(&self) -> u64 {
-        self.sink.taken()
+    fn acknowledged(&self) -> u64 {
+        self.sink.acknowledged()
     }
 
     fn reached(&self) -> u64 {

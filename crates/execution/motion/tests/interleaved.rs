@@ -11,7 +11,7 @@ use evolvent_motion::{
 };
 use evolvent_path::PathMode;
 use evolvent_planner::{
-    Answer, BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Request, Segment, Step,
+    BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Reply, Request, Segment, Step,
 };
 
 use crate::common::{Random, Scenario, campaign, scenario};
@@ -129,8 +129,8 @@ impl PlanSink for Interrupted {
         self.sink.exit(index, speeds);
     }
 
-    fn finalise(&mut self, count: u64) {
-        self.sink.finalise(count);
+    fn commit(&mut self, count: u64) {
+        self.sink.commit(count);
         self.interrupt(WITHIN_PLAN);
     }
 
@@ -144,8 +144,8 @@ impl PlanSink for Interrupted {
         linked
     }
 
-    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
-        self.sink.has_room(steps, segments, marks)
+    fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
+        self.sink.has_capacity(steps, segments, marks)
     }
 
     fn wait(&mut self) -> Result<(), QueueClosed> {
@@ -156,13 +156,13 @@ impl PlanSink for Interrupted {
         self.sink.request()
     }
 
-    fn answer(&mut self, answer: Answer) {
-        self.sink.answer(answer);
+    fn reply(&mut self, reply: Reply) {
+        self.sink.reply(reply);
         self.interrupt(AFTER_ANSWER);
     }
 
-    fn taken(&self) -> u64 {
-        self.sink.taken()
+    fn acknowledged(&self) -> u64 {
+        self.sink.acknowledged()
     }
 
     fn reached(&self) -> u64 {

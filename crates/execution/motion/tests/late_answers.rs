@@ -9,7 +9,7 @@ use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, PlanConsumer, PlanProducer, QueueClosed, Setpoint, State, plan_queue};
 use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
 use evolvent_planner::{
-    Answer, BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Request, Segment, Step,
+    BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Reply, Request, Segment, Step,
 };
 
 use crate::common::{BLEND, Scenario, campaign, check, equal_axes, scenario};
@@ -35,8 +35,8 @@ impl<S: PlanSink<Error = QueueClosed>> PlanSink for Losing<S> {
         self.sink.exit(index, speeds);
     }
 
-    fn finalise(&mut self, count: u64) {
-        self.sink.finalise(count);
+    fn commit(&mut self, count: u64) {
+        self.sink.commit(count);
     }
 
     fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
@@ -47,8 +47,8 @@ impl<S: PlanSink<Error = QueueClosed>> PlanSink for Losing<S> {
         self.sink.link(from, to)
     }
 
-    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
-        self.sink.has_room(steps, segments, marks)
+    fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
+        self.sink.has_capacity(steps, segments, marks)
     }
 
     fn wait(&mut self) -> Result<(), QueueClosed> {
@@ -59,15 +59,15 @@ impl<S: PlanSink<Error = QueueClosed>> PlanSink for Losing<S> {
         self.sink.request()
     }
 
-    fn answer(&mut self, answer: Answer) {
+    fn reply(&mut self, reply: Reply) {
         match self.left.get().checked_sub(1) {
             Some(left) => self.left.set(left),
-            None => self.sink.answer(answer),
+            None => self.sink.reply(reply),
         }
     }
 
-    fn taken(&self) -> u64 {
-        self.sink.taken()
+    fn acknowledged(&self) -> u64 {
+        self.sink.acknowledged()
     }
 
     fn reached(&self) -> u64 {

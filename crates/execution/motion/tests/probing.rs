@@ -146,7 +146,7 @@ fn run(
             && let Some(told) = probings.result()
         {
             result = Some(told);
-            planner.stand_at(&told.stands_at);
+            planner.set_position(&told.stands_at);
             planner
                 .push(&feed_move(told.stands_at, toward_next, order.feed_mm_s), 3, 1)
                 .expect("it begins where the axes stand");

@@ -182,9 +182,9 @@ fn what_begins_elsewhere_is_not_taken_up() {
     let steering = to_rest(&AxesState::at_rest(elsewhere), Axes::zeros());
     assert!(!station.can_steer(&steering));
     let mut motion = evolvent_motion::PathExecutor::new(limits(), PERIOD_NS, elsewhere);
-    assert!(!station.hand_to(&mut motion));
+    assert!(!station.attach(&mut motion));
     let mut motion = evolvent_motion::PathExecutor::new(limits(), PERIOD_NS, Axes::zeros());
-    assert!(station.hand_to(&mut motion));
+    assert!(station.attach(&mut motion));
     // A turn that does not begin where the axes are leaves the motion as it is.
     let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), elsewhere);
     let other = to_rest(&AxesState::at_rest(Axes::repeat(0.0)), -elsewhere);

@@ -192,7 +192,7 @@ fn run(
         {
             result = Some(told);
             pass_end = all.len();
-            planner.stand_at(&told.stands_at);
+            planner.set_position(&told.stands_at);
             let mut away = told.stands_at;
             away[0] += 3.0;
             let line = Line::new(told.stands_at, away).expect("two points");

@@ -457,6 +457,6 @@ mod tests {
             ]
         ));
         assert!(plan.exits.iter().all(|exit| *exit == crate::ExitSpeeds::REST));
-        assert_eq!(plan.finalised, 4);
+        assert_eq!(plan.committed, 4);
     }
 }

@@ -27,7 +27,7 @@ const COMMITTED_FRACTION: (f64, f64) = (0.5, 0.9);
 const MAX_FAILURES: u32 = 3;
 /// Minimum number of intervals to which a window is shortened for lack of stations.
 const MIN_WINDOW: u64 = 32;
-/// Steps that windows leave free for the answers to two requests: the cycle may be waiting for one, and then nothing else
+/// Steps that windows leave free for the replies to two requests: the cycle may be waiting for one, and then nothing else
 /// frees capacity.
 const ANSWER_STEPS: usize = 2 * (2 * MAX_INTERVALS + 3);
 /// Maximum number of marks of one segment. A segment has at least four intervals, so a window has at most 80 segments.
@@ -68,7 +68,7 @@ struct PlanFrontier {
     is_waiting: bool,
 }
 
-/// The plan that a request in motion has cut short, kept until it is known whether the cycle has taken the answer.
+/// The plan that a request in motion has cut short, kept until it is known whether the cycle has taken over the reply.
 #[derive(Clone, Copy, Debug)]
 struct PendingBranch {
     id: u64,
@@ -109,7 +109,7 @@ pub(crate) struct Horizon<S> {
     optimizer: Optimizer,
     limits: Limits,
     frontier: PlanFrontier,
-    /// The request of the cycle that has no answer yet.
+    /// The request of the cycle that has no reply yet.
     request: Option<Request>,
     windows: PlannedWindows,
     rests: VecDeque<RestPoint>,
@@ -309,7 +309,7 @@ impl<S: PlanSink> Horizon<S> {
                 }
                 self.sink.step(&step)?;
                 self.appended += 1;
-                self.sink.finalise(self.appended);
+                self.sink.commit(self.appended);
             }
             self.frontier.rest += 1;
         }
@@ -416,7 +416,7 @@ impl<S: PlanSink> Horizon<S> {
             let steps = self.pieces.len() + 2 + ANSWER_STEPS;
             if self
                 .sink
-                .has_room(steps, self.segments_needed(), self.marks_needed())
+                .has_capacity(steps, self.segments_needed(), self.marks_needed())
             {
                 return Ok(false);
             }
@@ -497,7 +497,7 @@ impl<S: PlanSink> Horizon<S> {
             return self.fall_back_to_tail();
         }
         self.add_planned_time(committed);
-        self.sink.finalise(first + committed as u64);
+        self.sink.commit(first + committed as u64);
         self.frontier = PlanFrontier { feed_factor, ..next };
         Ok(())
     }
@@ -594,7 +594,7 @@ impl<S: PlanSink> Horizon<S> {
             self.append_wait()?;
             self.failures += 1;
         }
-        self.sink.finalise(self.appended);
+        self.sink.commit(self.appended);
         self.frontier.is_waiting = true;
         Ok(())
     }
@@ -602,7 +602,7 @@ impl<S: PlanSink> Horizon<S> {
     fn append_wait(&mut self) -> Result<(), S::Error> {
         self.sink.step(&Step::Wait)?;
         self.appended += 1;
-        self.sink.finalise(self.appended);
+        self.sink.commit(self.appended);
         Ok(())
     }
 
@@ -618,7 +618,7 @@ impl<S: PlanSink> Horizon<S> {
         if self
             .windows
             .pending_branch
-            .is_some_and(|pending_branch| self.sink.taken() >= pending_branch.id)
+            .is_some_and(|pending_branch| self.sink.acknowledged() >= pending_branch.id)
         {
             self.settle();
         }

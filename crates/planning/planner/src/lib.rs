@@ -73,6 +73,6 @@ pub use move_validator::MoveValidator;
 pub use path_stage::{PathItem, PathSink, PathStage};
 pub use planner::{PathRules, PlanError, Planner};
 pub use step::{
-    Answer, BlockMark, ExitSpeeds, PlanSink, Request, Run, Segment, SegmentMarks, Step, TimedSegment,
+    BlockMark, ExitSpeeds, PlanSink, Reply, Request, Run, Segment, SegmentMarks, Step, TimedSegment,
 };
 pub use timing_stage::TimingStage;

@@ -152,7 +152,7 @@ impl<S: PlanSink> LookAhead<S> {
         ) {
             // Nothing follows before the cycle has executed all of this.
             self.pass();
-            self.finalise(self.pending.len());
+            self.commit(self.pending.len());
         }
         Ok(())
     }
@@ -164,7 +164,7 @@ impl<S: PlanSink> LookAhead<S> {
     pub fn finish(&mut self, line: u32) -> Result<(), S::Error> {
         self.rest(&Step::End { line })?;
         self.pass();
-        self.finalise(self.pending.len());
+        self.commit(self.pending.len());
         Ok(())
     }
 
@@ -295,9 +295,9 @@ impl<S: PlanSink> LookAhead<S> {
         let full = self.pending.len() >= MAX_PENDING || self.pending_segments >= MAX_PENDING_SEGMENTS;
         if self.since_pass >= PASS_EVERY || full {
             let count = self.pass();
-            self.finalise(count);
+            self.commit(count);
             if self.pending.len() >= MAX_PENDING || self.pending_segments >= MAX_PENDING_SEGMENTS {
-                self.finalise(self.pending.len() / 2);
+                self.commit(self.pending.len() / 2);
             }
         }
     }
@@ -347,7 +347,7 @@ impl<S: PlanSink> LookAhead<S> {
         nominal_final.min(doubled_final)
     }
 
-    fn finalise(&mut self, count: usize) {
+    fn commit(&mut self, count: usize) {
         for _ in 0..count {
             let Some(step) = self.pending.pop_front() else {
                 break;
@@ -371,7 +371,7 @@ impl<S: PlanSink> LookAhead<S> {
             }
             self.sink.planned(self.final_steps - 1, duration);
         }
-        self.sink.finalise(self.final_steps);
+        self.sink.commit(self.final_steps);
     }
 }
 

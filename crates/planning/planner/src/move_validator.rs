@@ -29,7 +29,7 @@ impl MoveValidator {
     }
 
     /// Sets the position of the axes when it differs from the end of the last move, as after a probing move.
-    pub fn stand_at(&mut self, position: &Axes) {
+    pub fn set_position(&mut self, position: &Axes) {
         self.end = Some(*position);
     }
 
@@ -38,7 +38,7 @@ impl MoveValidator {
     /// # Errors
     /// [`PlanError::Travel`] if the move exceeds the travel, [`PlanError::Feed`] if it has no feed, [`PlanError::Gap`] if it does
     /// not start at the end of the last one.
-    pub fn admit<E>(&mut self, motion: &Move) -> Result<(), PlanError<E>> {
+    pub fn validate<E>(&mut self, motion: &Move) -> Result<(), PlanError<E>> {
         let curve = &motion.curve;
         check_travel(curve, &self.limits)?;
         if motion.feed_mm_s.is_nan() || motion.feed_mm_s <= 0.0 {

@@ -41,7 +41,7 @@ pub enum PathItem {
 
 impl PathItem {
     /// Performs the call on a sink.
-    pub fn hand_to(self, sink: &mut impl PathSink) {
+    pub fn apply_to(self, sink: &mut impl PathSink) {
         match self {
             Self::Segment(segment, feed_mm_s) => sink.segment(segment, feed_mm_s),
             Self::Cap(speed_u_s) => sink.cap(speed_u_s),

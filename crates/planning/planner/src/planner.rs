@@ -73,7 +73,7 @@ pub enum PlanError<E> {
 #[derive(Debug)]
 pub struct Planner<S> {
     kind: Kind<S>,
-    admission: MoveValidator,
+    validator: MoveValidator,
 }
 
 #[derive(Debug)]
@@ -94,7 +94,7 @@ impl<S: PlanSink> Planner<S> {
     /// Starts at rest at the beginning of the first move.
     #[must_use]
     pub fn new(limits: PathLimits, rules: PathRules, sink: S) -> Self {
-        let admission = MoveValidator::new(limits.axes());
+        let validator = MoveValidator::new(limits.axes());
         let kind = match rules.planner {
             PlannerKind::Classic => Kind::Classic(Classic::new(limits, rules, sink)),
             PlannerKind::Optimal => Kind::Optimal(Optimal {
@@ -102,7 +102,7 @@ impl<S: PlanSink> Planner<S> {
                 timing_stage: TimingStage::new(&limits, &rules, sink),
             }),
         };
-        Self { kind, admission }
+        Self { kind, validator }
     }
 
     /// The sink of the plan.
@@ -132,8 +132,8 @@ impl<S: PlanSink> Planner<S> {
     }
 
     /// Sets the start of the next move after a probing move ([`Step::Probe`]) or a thread ([`Step::Thread`]) has moved the axes.
-    pub fn stand_at(&mut self, position: &evolvent_path::Axes) {
-        self.admission.stand_at(position);
+    pub fn set_position(&mut self, position: &evolvent_path::Axes) {
+        self.validator.set_position(position);
     }
 
     /// Appends a move. A rejected move has no effect.
@@ -142,7 +142,7 @@ impl<S: PlanSink> Planner<S> {
     /// [`PlanError`] if the move exceeds the travel, has no feed, or does not start at the end of the last one; or if planning of
     /// earlier path has failed.
     pub fn push(&mut self, motion: &Move, line: u32, block: u32) -> Result<(), PlanError<S::Error>> {
-        self.admission.admit(motion)?;
+        self.validator.validate(motion)?;
         match &mut self.kind {
             Kind::Classic(classic) => classic.push(motion, line, block),
             Kind::Optimal(optimal) => {
@@ -191,7 +191,7 @@ impl<S: PlanSink> Planner<S> {
         }
     }
 
-    /// After [`finish`](Self::finish): answers the cycle until it has gone.
+    /// After [`finish`](Self::finish): replies to the cycle until it has gone.
     pub fn serve_until_closed(&mut self) {
         if let Kind::Optimal(optimal) = &mut self.kind {
             // Ends only when the consumer has gone.

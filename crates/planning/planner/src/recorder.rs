@@ -14,7 +14,7 @@ pub(crate) struct Recorder {
     pub(crate) steps: Vec<Step>,
     pub(crate) exits: Vec<ExitSpeeds>,
     pub(crate) durations: Vec<f64>,
-    pub(crate) finalised: u64,
+    pub(crate) committed: u64,
 }
 
 impl Recorder {
@@ -48,7 +48,7 @@ impl PlanSink for Recorder {
 
     fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
         let old = &mut self.exits[index as usize];
-        assert!(index >= self.finalised, "step {index} was final");
+        assert!(index >= self.committed, "step {index} was final");
         assert!(
             speeds.nominal >= old.nominal && speeds.doubled >= old.doubled,
             "step {index} is lowered from {old:?} to {speeds:?}"
@@ -61,9 +61,9 @@ impl PlanSink for Recorder {
         self.durations.push(duration_s);
     }
 
-    fn finalise(&mut self, count: u64) {
-        assert!(count >= self.finalised && count as usize <= self.steps.len());
-        self.finalised = count;
+    fn commit(&mut self, count: u64) {
+        assert!(count >= self.committed && count as usize <= self.steps.len());
+        self.committed = count;
     }
 }
 

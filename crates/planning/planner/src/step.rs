@@ -147,7 +147,7 @@ pub struct BlockMark {
 /// A request of the cycle to the planner. At most one is open.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Request {
-    /// Serial number, repeated in the answer.
+    /// Serial number, repeated in the reply.
     pub id: u64,
     /// Segment at which the new plan takes over.
     pub segment: u64,
@@ -167,9 +167,9 @@ pub struct Request {
     pub feed_factor: f64,
 }
 
-/// The planner's answer to a [`Request`].
+/// The planner's reply to a [`Request`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Answer {
+pub struct Reply {
     /// Serial number of the request.
     pub id: u64,
     /// First step of the new plan; `None` if no plan was found and the old one stays in force.
@@ -235,7 +235,7 @@ pub trait PlanSink {
     }
 
     /// All steps below `count` are final: they are executed unchanged unless the cycle requests another plan.
-    fn finalise(&mut self, count: u64);
+    fn commit(&mut self, count: u64);
 
     /// Appends the mark of a block's start.
     ///
@@ -258,7 +258,7 @@ pub trait PlanSink {
     }
 
     /// Whether this many steps, segments and marks can be appended without waiting.
-    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
+    fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
         let _ = (steps, segments, marks);
         true
     }
@@ -284,13 +284,13 @@ pub trait PlanSink {
         None
     }
 
-    /// Answers a request.
-    fn answer(&mut self, answer: Answer) {
-        let _ = answer;
+    /// Replies to a request.
+    fn reply(&mut self, reply: Reply) {
+        let _ = reply;
     }
 
-    /// Serial number of the last request whose answer the consumer has taken over; 0 for none. Settled before its next request.
-    fn taken(&self) -> u64 {
+    /// Serial number of the last request whose reply the consumer has taken over; 0 for none. Settled before its next request.
+    fn acknowledged(&self) -> u64 {
         u64::MAX
     }
 

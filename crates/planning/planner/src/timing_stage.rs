@@ -41,7 +41,7 @@ impl<S: PlanSink> TimingStage<S> {
         self.horizon.sink_mut()
     }
 
-    /// Plans as much of the received path as possible, and answers requests of the cycle. Call it after every move, and often.
+    /// Plans as much of the received path as possible, and replies to requests of the cycle. Call it after every move, and often.
     ///
     /// # Errors
     /// Those of the sink.
@@ -49,7 +49,7 @@ impl<S: PlanSink> TimingStage<S> {
         self.horizon.advance()
     }
 
-    /// After the end of the path: answers the cycle until it has gone.
+    /// After the end of the path: replies to the cycle until it has gone.
     ///
     /// # Errors
     /// Those of the sink: the cycle has gone.

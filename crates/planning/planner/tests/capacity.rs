@@ -44,7 +44,7 @@ impl PlanSink for Granting {
 
     fn exit(&mut self, _: u64, _: ExitSpeeds) {}
 
-    fn finalise(&mut self, _: u64) {}
+    fn commit(&mut self, _: u64) {}
 
     fn mark(&mut self, mark: &BlockMark) -> Result<(), Infallible> {
         self.use_up(0, 0, 1, "mark");
@@ -52,7 +52,7 @@ impl PlanSink for Granting {
         Ok(())
     }
 
-    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
+    fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
         assert!(marks < MARKS, "{marks} marks in one window");
         self.room.set((steps, segments, marks));
         true

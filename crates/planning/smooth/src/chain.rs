@@ -27,7 +27,7 @@ pub(crate) struct ProgramSegment {
     /// whether that is still to be output.
     pub(crate) kept: bool,
     pub(crate) exact_speed: f64,
-    pub(crate) unsaid: bool,
+    pub(crate) cap_pending: bool,
     /// Whether the path turns by more than 120 degrees at its start.
     pub(crate) sharp: bool,
     /// Knot spacing at its start, as far as it is determined; and the maximum inside.
@@ -52,7 +52,7 @@ impl ProgramSegment {
             smoothed: false,
             kept: false,
             exact_speed: 0.0,
-            unsaid: false,
+            cap_pending: false,
             sharp: false,
             spacing: f64::INFINITY,
             inner_spacing: f64::INFINITY,

@@ -26,7 +26,7 @@
 //! for (from, to, line) in [(start, corner, 1), (corner, end, 2)] {
 //!     let curve = Line::new(from, to).unwrap().into();
 //!     let tolerance = Tolerance::Within { mm: 0.01, merge_mm: 0.0 };
-//!     smoother.push(&Block { curve, feed: 50.0, rapid: false, tolerance, line, block: line }, &mut path);
+//!     smoother.push(&Block { curve, feed_mm_s: 50.0, rapid: false, tolerance, line, block: line }, &mut path);
 //! }
 //! smoother.rest(&mut path);
 //! assert!(smoother.deviation_mm() > 0.0 && smoother.deviation_mm() <= 0.01);

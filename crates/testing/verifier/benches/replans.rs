@@ -46,7 +46,7 @@ impl PlanSink for Meter {
         Ok(())
     }
     fn exit(&mut self, _: u64, _: ExitSpeeds) {}
-    fn finalise(&mut self, _: u64) {}
+    fn commit(&mut self, _: u64) {}
     fn solving(&mut self) {
         self.begun = cpu();
     }

@@ -78,7 +78,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             return self.preview_thread(chain, rpm, line);
         }
         let result = self.drive_thread(chain, pass, run_in_mm, line)?;
-        self.planner.stand_at(&result.stands_at);
+        self.planner.set_position(&result.stands_at);
         if let Some((message, help)) = complaint(&result, rpm) {
             return Err(ThreadTrouble::Program(
                 self.refused(first, program, message, help),

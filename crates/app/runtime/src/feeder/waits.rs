@@ -249,7 +249,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 stands_at: end,
             }
         };
-        self.planner.stand_at(&result.stands_at);
+        self.planner.set_position(&result.stands_at);
         let place = |position: &Axes| {
             let present = self.setup.machine.limits().present;
             let words = AxisLetter::ALL.iter().filter(|axis| present[axis.index()]);

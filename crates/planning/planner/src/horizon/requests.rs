@@ -3,7 +3,7 @@
 use evolvent_timing::{Entry, PathPosition};
 
 use super::{Horizon, PendingBranch, PlanFrontier, RestPoint};
-use crate::step::{Answer, PlanSink, Request};
+use crate::step::{PlanSink, Reply, Request};
 
 impl<S: PlanSink> Horizon<S> {
     /// Answers the open request as soon as enough path is known. That amount must not depend on how the program text arrives.
@@ -54,7 +54,7 @@ impl<S: PlanSink> Horizon<S> {
         }
         self.windows.cut.extend(self.windows.planned.drain(known..));
         let (steps, segments, marks) = (self.pieces.len() + 3, self.segments_needed(), self.marks_needed());
-        while !self.sink.has_room(steps, segments, marks) {
+        while !self.sink.has_capacity(steps, segments, marks) {
             // The cycle may have stopped and sent a request from there; then it accepts nothing before that is answered.
             if let Some(newer) = self.sink.request() {
                 self.windows.planned.append(&mut self.windows.cut);
@@ -68,7 +68,7 @@ impl<S: PlanSink> Horizon<S> {
             self.sink.wait()?;
         }
         if self.frontier.link.is_none() && !self.frontier.is_waiting {
-            // A stop's successor follows its step: a cycle that continues as planned must not find the answer there.
+            // A stop's successor follows its step: a cycle that continues as planned must not find the reply there.
             self.append_wait()?;
             self.frontier.is_waiting = true;
         }
@@ -84,12 +84,12 @@ impl<S: PlanSink> Horizon<S> {
         Ok(true)
     }
 
-    /// Determines which plan is in force. True if the last answer came too late, so that the previous plan remains.
+    /// Determines which plan is in force. True if the last reply came too late, so that the previous plan remains.
     pub(super) fn settle(&mut self) -> bool {
         let Some(pending_branch) = self.windows.pending_branch.take() else {
             return false;
         };
-        if self.sink.taken() >= pending_branch.id {
+        if self.sink.acknowledged() >= pending_branch.id {
             self.windows.spare.extend(self.windows.cut.drain(..));
             return false;
         }
@@ -106,7 +106,7 @@ impl<S: PlanSink> Horizon<S> {
     fn reply(&mut self, request: &Request, step: Option<u64>) {
         self.request = None;
         self.pieces.clear();
-        self.sink.answer(Answer { id: request.id, step });
+        self.sink.reply(Reply { id: request.id, step });
     }
 
     fn frontier_at(&self, request: &Request) -> PlanFrontier {

@@ -6,7 +6,7 @@ use evolvent_path::{Curve, Line};
 
 use super::*;
 use crate::recorder::{Recorder, equal_axes, point};
-use crate::step::Answer;
+use crate::step::Reply;
 use crate::step::{ExitSpeeds, SegmentMarks};
 
 /// A recorder that sends one request, after this many polls.
@@ -15,7 +15,7 @@ struct RequestingSink {
     recorder: Recorder,
     request: Option<Request>,
     looks: u32,
-    answers: Vec<Answer>,
+    replies: Vec<Reply>,
 }
 
 impl PlanSink for RequestingSink {
@@ -33,8 +33,8 @@ impl PlanSink for RequestingSink {
         self.recorder.exit(index, speeds);
     }
 
-    fn finalise(&mut self, count: u64) {
-        self.recorder.finalise(count);
+    fn commit(&mut self, count: u64) {
+        self.recorder.commit(count);
     }
 
     fn request(&mut self) -> Option<Request> {
@@ -47,8 +47,8 @@ impl PlanSink for RequestingSink {
         }
     }
 
-    fn answer(&mut self, answer: Answer) {
-        self.answers.push(answer);
+    fn reply(&mut self, reply: Reply) {
+        self.replies.push(reply);
     }
 }
 
@@ -82,16 +82,16 @@ fn a_window_waits_until_its_end_is_known() {
     let mut goes_on = horizon(lines);
     goes_on.advance().expect("plan");
     assert_eq!(goes_on.grid.end(), MAX_INTERVALS as u64);
-    assert_eq!(goes_on.sink.recorder.finalised, 0, "it may rest there or not");
+    assert_eq!(goes_on.sink.recorder.committed, 0, "it may rest there or not");
     append(&mut goes_on, lines);
     goes_on.advance().expect("plan");
     let recorder = &goes_on.sink.recorder;
-    assert!(recorder.finalised > 0 && recorder.steps.last() == Some(&Step::Wait));
+    assert!(recorder.committed > 0 && recorder.steps.last() == Some(&Step::Wait));
     let mut rests = horizon(lines);
     rests.rest(Step::End { line: 1 });
     rests.advance().expect("plan");
     let recorder = &rests.sink.recorder;
-    assert_eq!(recorder.finalised as usize, recorder.steps.len());
+    assert_eq!(recorder.committed as usize, recorder.steps.len());
     assert!(!recorder.steps.contains(&Step::Wait), "planned in one window");
 }
 
@@ -113,7 +113,7 @@ fn a_request_just_before_a_stop_is_answered() {
             feed_factor: 0.5,
         });
         horizon.advance().expect("plan");
-        assert_eq!(horizon.sink.answers.pop(), Some(Answer { id: 1, step: None }));
+        assert_eq!(horizon.sink.replies.pop(), Some(Reply { id: 1, step: None }));
     }
 }
 
@@ -139,7 +139,7 @@ fn an_impossible_request_keeps_the_solved_window() {
             feed_factor: 1.0,
         });
         horizon.advance().expect("plan");
-        assert_eq!(horizon.sink.answers, [Answer { id: 1, step: None }]);
+        assert_eq!(horizon.sink.replies, [Reply { id: 1, step: None }]);
         let (steps, expected) = (&horizon.sink.recorder.steps, &undisturbed.sink.recorder.steps);
         assert!(steps == expected, "asked at look {looks}");
     }

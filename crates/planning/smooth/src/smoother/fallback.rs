@@ -45,7 +45,7 @@ impl Smoother {
             if segment.smoothed {
                 segment.smoothed = false;
                 segment.kept = true;
-                segment.unsaid = true;
+                segment.cap_pending = true;
                 self.kept = segment.from;
             }
             number += 1;

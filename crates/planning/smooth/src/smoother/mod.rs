@@ -387,7 +387,7 @@ impl Smoother {
             self.release_marks(out);
             number += 1;
             if let Some(next) = self.chain.get_mut(number)
-                && std::mem::take(&mut next.unsaid)
+                && std::mem::take(&mut next.cap_pending)
             {
                 let speed = next.exact_speed;
                 out.push(Output::Cap { speed });

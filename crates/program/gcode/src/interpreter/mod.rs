@@ -71,7 +71,7 @@ pub(crate) struct Place {
 /// let program = &b"G21 F600\nG1 X10\nM2\n"[..];
 /// let commands: Result<Vec<_>, _> = Interpreter::new(program, Settings::default()).collect();
 /// let commands = commands?;
-/// assert!(matches!(commands[0].action, Action::Move(step) if step.feed == 10.0));
+/// assert!(matches!(commands[0].action, Action::Move(step) if step.feed_mm_s == 10.0));
 /// assert_eq!(commands[1].action, Action::ProgramEnd);
 /// # Ok::<(), evolvent_gcode::Diagnostic>(())
 /// ```

@@ -106,7 +106,7 @@ impl ServedParts {
     }
 
     fn begin_following(&mut self, now: &mut CycleState, mut job: Box<Following>) {
-        if !now.can_begin() || !self.station.hand_to(&mut job.motion) {
+        if !now.can_begin() || !self.station.attach(&mut job.motion) {
             self.misplace(ActiveJob::Follow(job));
             return;
         }
