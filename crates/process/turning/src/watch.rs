@@ -76,15 +76,24 @@ pub struct LoadWatch {
     law: CutLaw,
     period_s: f64,
     stale_s: f64,
-    lowest: f64,
-    quiet: f64,
     /// Share of smoothing and of the sensor's lag in a cycle.
     share: f64,
     lag_share: f64,
-    /// `chip^feed_exponent` as it was cut with, as the sensor shows it, and smoothed as the load is.
+    /// `chip^feed_exponent` as the sensor shows it, and smoothed as the load is.
     chip_shown: f64,
     chip_smooth: f64,
     least_chip: f64,
+    now: f64,
+    depth_now: f64,
+    /// Time since the last reading that can be believed.
+    age_s: f64,
+    revolution: Revolution,
+    readings: Readings,
+}
+
+/// Loads and depths by the parts of a revolution.
+#[derive(Clone, Copy, Debug)]
+struct Revolution {
     cycles_per_bin: f64,
     in_bin: f64,
     bin: usize,
@@ -92,13 +101,106 @@ pub struct LoadWatch {
     depths: [f64; BINS],
     /// The same parts of the revolution before.
     depths_before: [f64; BINS],
+    /// Load, depth and number of cycles of the present part.
     sums: (f64, f64, f64),
-    now: f64,
-    depth_now: f64,
+}
+
+impl Revolution {
+    fn new(cycles: f64) -> Self {
+        Self {
+            cycles_per_bin: (cycles / BINS as f64).max(1.0),
+            in_bin: 0.0,
+            bin: 0,
+            loads: [0.0; BINS],
+            depths: [0.0; BINS],
+            depths_before: [0.0; BINS],
+            sums: (0.0, 0.0, 0.0),
+        }
+    }
+
+    /// Adds a cycle to the present part.
+    fn add(&mut self, load: f64, depth: f64) {
+        self.sums.0 += load;
+        self.sums.1 += depth;
+        self.sums.2 += 1.0;
+        self.loads[self.bin] = self.sums.0 / self.sums.2;
+        self.depths[self.bin] = self.sums.1 / self.sums.2;
+        self.in_bin += 1.0;
+    }
+
+    /// Goes to the next part if the present one is complete.
+    fn advance(&mut self) {
+        if self.in_bin >= self.cycles_per_bin {
+            self.in_bin -= self.cycles_per_bin;
+            self.bin = (self.bin + 1) % BINS;
+            self.depths_before[self.bin] = self.depths[self.bin];
+            self.sums = (0.0, 0.0, 0.0);
+        }
+    }
+
+    /// The same part of the last revolution and of the one before, so that a cut that is not round does not look like one
+    /// that grows.
+    fn growth(&self) -> f64 {
+        let (mut latest, mut before) = (0.0, 0.0);
+        // The part of now is not whole yet.
+        for k in 1..=GROWTH_BINS {
+            let part = (self.bin + BINS - k) % BINS;
+            latest += self.depths[part];
+            before += self.depths_before[part];
+        }
+        (latest - (1.0 + ROUND) * before).max(0.0) / GROWTH_BINS as f64
+    }
+
+    fn forget_depths(&mut self) {
+        self.depths = [0.0; BINS];
+        self.depths_before = [0.0; BINS];
+        self.sums.1 = 0.0;
+    }
+}
+
+/// Decides which readings of the sensor can be believed.
+#[derive(Clone, Copy, Debug)]
+struct Readings {
+    /// Lower values are not loads.
+    lowest: f64,
+    /// A sensor may repeat values up to this one.
+    quiet: f64,
     last: Option<LoadSample>,
     repeats: u32,
-    age_s: f64,
-    kind: SensorTrouble,
+    trouble: SensorTrouble,
+}
+
+impl Readings {
+    /// The value of a reading that is new and can be believed.
+    fn believe(&mut self, sample: Option<LoadSample>) -> Option<f64> {
+        let Some(sample) = sample else {
+            self.trouble = SensorTrouble::Silent;
+            return None;
+        };
+        if let Some(last) = self.last {
+            if last.sequence == sample.sequence {
+                self.trouble = SensorTrouble::Silent;
+                return None;
+            }
+            // A quiet sensor may well show the same zero for ever.
+            let same = last.value == sample.value && sample.value > self.quiet;
+            self.repeats = if same { self.repeats.saturating_add(1) } else { 0 };
+        }
+        self.last = Some(sample);
+        let value = sample.value;
+        self.trouble = if !value.is_finite() {
+            SensorTrouble::NotANumber
+        } else if value >= sample.range_max {
+            SensorTrouble::Saturated
+        } else if value < self.lowest {
+            SensorTrouble::Negative
+        } else if self.repeats >= READINGS_FROZEN {
+            SensorTrouble::Frozen
+        } else {
+            return Some(value);
+        };
+        None
+    }
 }
 
 impl LoadWatch {
@@ -118,26 +220,22 @@ impl LoadWatch {
             law,
             period_s,
             stale_s: Self::stale_s(stale_s, period_s),
-            lowest: -0.2 * set_load,
-            quiet: QUIET * set_load,
             share: share(SMOOTHING_S),
             lag_share: share(lag_s),
             chip_shown: 0.0,
             chip_smooth: 0.0,
             least_chip: libm::pow(least_chip_mm, law.feed_exponent),
-            cycles_per_bin: (turn_s / period_s / BINS as f64).max(1.0),
-            in_bin: 0.0,
-            bin: 0,
-            loads: [0.0; BINS],
-            depths: [0.0; BINS],
-            depths_before: [0.0; BINS],
-            sums: (0.0, 0.0, 0.0),
             now: 0.0,
             depth_now: 0.0,
-            last: None,
-            repeats: 0,
             age_s: 0.0,
-            kind: SensorTrouble::Silent,
+            revolution: Revolution::new(turn_s / period_s),
+            readings: Readings {
+                lowest: -0.2 * set_load,
+                quiet: QUIET * set_load,
+                last: None,
+                repeats: 0,
+                trouble: SensorTrouble::Silent,
+            },
         }
     }
 
@@ -158,7 +256,7 @@ impl LoadWatch {
         self.age_s += self.period_s;
         let chip = libm::pow(chip_mm.max(0.0), self.law.feed_exponent);
         self.chip_shown += self.lag_share * (chip - self.chip_shown);
-        if let Some(value) = self.believe(sample) {
+        if let Some(value) = self.readings.believe(sample) {
             self.age_s = 0.0;
             self.now += self.share * (value.max(0.0) - self.now);
             self.chip_smooth += self.share * (self.chip_shown - self.chip_smooth);
@@ -167,60 +265,19 @@ impl LoadWatch {
             let at_one = self.law.coefficient * self.chip_smooth;
             self.depth_now = libm::pow(self.now / at_one, 1.0 / self.law.depth_exponent);
         }
-        self.sums.0 += self.now;
-        self.sums.1 += self.depth_now;
-        self.sums.2 += 1.0;
-        self.loads[self.bin] = self.sums.0 / self.sums.2;
-        self.depths[self.bin] = self.sums.1 / self.sums.2;
-        self.in_bin += 1.0;
+        self.revolution.add(self.now, self.depth_now);
         let view = self.view();
-        if self.in_bin >= self.cycles_per_bin {
-            self.in_bin -= self.cycles_per_bin;
-            self.bin = (self.bin + 1) % BINS;
-            self.depths_before[self.bin] = self.depths[self.bin];
-            self.sums = (0.0, 0.0, 0.0);
-        }
+        self.revolution.advance();
         view
-    }
-
-    /// The value of a reading that is new and can be believed.
-    fn believe(&mut self, sample: Option<LoadSample>) -> Option<f64> {
-        let Some(sample) = sample else {
-            self.kind = SensorTrouble::Silent;
-            return None;
-        };
-        if let Some(last) = self.last {
-            if last.sequence == sample.sequence {
-                self.kind = SensorTrouble::Silent;
-                return None;
-            }
-            // A quiet sensor may well show the same zero for ever.
-            let same = last.value == sample.value && sample.value > self.quiet;
-            self.repeats = if same { self.repeats.saturating_add(1) } else { 0 };
-        }
-        self.last = Some(sample);
-        let value = sample.value;
-        self.kind = if !value.is_finite() {
-            SensorTrouble::NotANumber
-        } else if value >= sample.range_max {
-            SensorTrouble::Saturated
-        } else if value < self.lowest {
-            SensorTrouble::Negative
-        } else if self.repeats >= READINGS_FROZEN {
-            SensorTrouble::Frozen
-        } else {
-            return Some(value);
-        };
-        None
     }
 
     fn view(&self) -> LoadView {
         let (mut mean, mut peak, mut depth_mean, mut deepest) = (0.0, 0.0, 0.0, 0.0);
         for i in 0..BINS {
-            mean += self.loads[i];
-            peak = f64::max(peak, self.loads[i]);
-            depth_mean += self.depths[i];
-            deepest = f64::max(deepest, self.depths[i]);
+            mean += self.revolution.loads[i];
+            peak = f64::max(peak, self.revolution.loads[i]);
+            depth_mean += self.revolution.depths[i];
+            deepest = f64::max(deepest, self.revolution.depths[i]);
         }
         mean /= BINS as f64;
         depth_mean /= BINS as f64;
@@ -232,29 +289,14 @@ impl LoadWatch {
             depth_now_mm: self.depth_now,
             depth_mean_mm: depth_mean,
             depth_mm: reckoned.max(LATEST * self.depth_now),
-            growth_mm: self.growth(),
-            trouble: (self.age_s > self.stale_s).then_some(self.kind),
+            growth_mm: self.revolution.growth(),
+            trouble: (self.age_s > self.stale_s).then_some(self.readings.trouble),
         }
-    }
-
-    /// The same part of the last revolution and of the one before, so that a cut that is not round does not look like one
-    /// that grows.
-    fn growth(&self) -> f64 {
-        let (mut latest, mut before) = (0.0, 0.0);
-        // The part of now is not whole yet.
-        for k in 1..=GROWTH_BINS {
-            let part = (self.bin + BINS - k) % BINS;
-            latest += self.depths[part];
-            before += self.depths_before[part];
-        }
-        (latest - (1.0 + ROUND) * before).max(0.0) / GROWTH_BINS as f64
     }
 
     /// Forgets depths of before, after the tool has gone elsewhere.
     pub fn forget(&mut self) {
-        self.depths = [0.0; BINS];
-        self.depths_before = [0.0; BINS];
+        self.revolution.forget_depths();
         self.depth_now = 0.0;
-        self.sums.1 = 0.0;
     }
 }

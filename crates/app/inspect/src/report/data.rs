@@ -61,7 +61,7 @@ pub(crate) fn run_rows(opened: &Opened, g: &Gathered) -> String {
             format!("{}, axes {}", run.machine_name, letters(&run.axes)),
         ),
         ("started", utc(run.start_time_ns)),
-        ("duration", time(g.cycles as f64 * opened.period_s())),
+        ("duration", time(g.counts.cycles as f64 * opened.period_s())),
         ("period", format!("{} ns, {rate_hz:.2} Hz", run.period_ns)),
         ("clock", run.clock.clone()),
         ("real time", run.real_time.clone()),
@@ -263,23 +263,24 @@ pub(crate) fn value(opened: &Opened, g: &Gathered) -> Value {
         .flat_map(|spot| (spot.sequence as f64).to_le_bytes())
         .collect();
     let events: Vec<Value> = g
+        .timeline
         .events
         .iter()
         .map(|event| json!([event.sequence, event.kind as u8, event.code, said(event)]))
         .collect();
     json!({
         "period_s": opened.period_s(),
-        "first": g.first_sequence,
-        "last": g.last_sequence,
-        "cycles": g.cycles,
+        "first": g.counts.first_sequence,
+        "last": g.counts.last_sequence,
+        "cycles": g.counts.cycles,
         "axes": letters(&opened.run.axes),
         "series": series,
-        "states": spans(&g.states),
-        "overrides": spans(&g.overrides),
-        "spans_cut": g.spans_cut,
+        "states": spans(&g.timeline.states),
+        "overrides": spans(&g.timeline.overrides),
+        "spans_cut": g.timeline.spans_cut,
         "events": events,
-        "events_left_out": g.events_left_out,
-        "gaps": g.gaps,
+        "events_left_out": g.timeline.events_left_out,
+        "gaps": g.counts.gaps,
         "trail": {
             "x": floats(&|spot| spot.place[0]),
             "y": floats(&|spot| spot.place[1]),
@@ -289,7 +290,7 @@ pub(crate) fn value(opened: &Opened, g: &Gathered) -> Value {
             "sequence": base64(&sequences),
             "rapid": base64(&rapids),
         },
-        "fastest_cut": g.fastest_cut,
+        "fastest_cut": g.fastest_cut_mm_s,
         "jobs": jobs,
         "max_error": g.max_error,
         "lateness": bars(&g.lateness),

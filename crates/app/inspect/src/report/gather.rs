@@ -90,22 +90,9 @@ pub(crate) struct JobPart {
 /// All gathered data.
 #[derive(Debug)]
 pub(crate) struct Gathered {
-    pub(crate) cycles: u64,
-    pub(crate) first_sequence: u64,
-    pub(crate) last_sequence: u64,
-    pub(crate) gaps: Vec<(u64, u64)>,
-    pub(crate) missing: u64,
-    pub(crate) late: u64,
-    pub(crate) starved: u64,
+    pub(crate) counts: CycleCounts,
+    pub(crate) timeline: Timeline,
     pub(crate) series: Vec<Series>,
-    pub(crate) states: Vec<Span>,
-    pub(crate) overrides: Vec<Span>,
-    pub(crate) spans_cut: bool,
-    pub(crate) events: Vec<EventRecord>,
-    pub(crate) events_left_out: u64,
-    pub(crate) alarms: Vec<EventRecord>,
-    /// Cycles in which the emergency stop was pressed.
-    pub(crate) emergency_stops: Vec<u64>,
     pub(crate) trail: Vec<Spot>,
     pub(crate) line_runs: LineRuns,
     pub(crate) lateness: LogBars,
@@ -124,7 +111,32 @@ pub(crate) struct Gathered {
     /// Number of jobs started.
     begun: usize,
     /// Maximum feed of a cut, mm/s; 0 if nothing was cut.
-    pub(crate) fastest_cut: f64,
+    pub(crate) fastest_cut_mm_s: f64,
+}
+
+/// The recorded cycles, and those that are missing or late.
+#[derive(Debug, Default)]
+pub(crate) struct CycleCounts {
+    pub(crate) cycles: u64,
+    pub(crate) first_sequence: u64,
+    pub(crate) last_sequence: u64,
+    pub(crate) gaps: Vec<(u64, u64)>,
+    pub(crate) missing: u64,
+    pub(crate) late: u64,
+    pub(crate) starved: u64,
+}
+
+/// What changed, and what happened, at which cycle.
+#[derive(Debug, Default)]
+pub(crate) struct Timeline {
+    pub(crate) states: Vec<Span>,
+    pub(crate) overrides: Vec<Span>,
+    pub(crate) spans_cut: bool,
+    pub(crate) events: Vec<EventRecord>,
+    pub(crate) events_left_out: u64,
+    pub(crate) alarms: Vec<EventRecord>,
+    /// Cycles in which the emergency stop was pressed.
+    pub(crate) emergency_stops: Vec<u64>,
 }
 
 struct Curves {
@@ -248,20 +260,9 @@ impl Gathered {
     fn new(opened: &Opened, starts: &VecDeque<RecordedJob>) -> Self {
         let home = opened.machine.limits().home;
         Self {
-            cycles: 0,
-            first_sequence: 0,
-            last_sequence: 0,
-            gaps: Vec::new(),
-            missing: 0,
-            late: 0,
-            starved: 0,
+            counts: CycleCounts::default(),
+            timeline: Timeline::default(),
             series: Vec::new(),
-            states: Vec::new(),
-            overrides: Vec::new(),
-            spans_cut: false,
-            events: Vec::new(),
-            events_left_out: 0,
-            alarms: Vec::new(),
             trail: Vec::new(),
             line_runs: LineRuns::default(),
             lateness: LogBars::default(),
@@ -279,8 +280,7 @@ impl Gathered {
                 .collect(),
             jobs: jobs(starts, &LineTimes::new(&opened.machine, opened.run.period_ns)),
             begun: 0,
-            fastest_cut: 0.0,
-            emergency_stops: Vec::new(),
+            fastest_cut_mm_s: 0.0,
         }
     }
 
@@ -288,15 +288,15 @@ impl Gathered {
         for event in opened.trace.events() {
             let event = event?;
             if event.kind == EventKind::Command && event.text == EMERGENCY_STOP {
-                self.emergency_stops.push(event.sequence);
+                self.timeline.emergency_stops.push(event.sequence);
             }
-            if event.kind == EventKind::Alarm && self.alarms.len() < MAX_EVENTS {
-                self.alarms.push(event.clone());
+            if event.kind == EventKind::Alarm && self.timeline.alarms.len() < MAX_EVENTS {
+                self.timeline.alarms.push(event.clone());
             }
-            if self.events.len() < MAX_EVENTS {
-                self.events.push(event);
+            if self.timeline.events.len() < MAX_EVENTS {
+                self.timeline.events.push(event);
             } else {
-                self.events_left_out += 1;
+                self.timeline.events_left_out += 1;
             }
         }
         Ok(())
@@ -344,20 +344,20 @@ impl Gathered {
     }
 
     fn cycle(&mut self, record: &CycleRecord, curves: &mut Curves, trail: &mut Trail, axes: &[AxisLetter]) {
-        if self.cycles == 0 {
-            self.first_sequence = record.sequence;
-        } else if record.sequence > self.last_sequence + 1 {
-            let missing = record.sequence - self.last_sequence - 1;
-            self.missing += missing;
-            if self.gaps.len() < MAX_EVENTS {
-                self.gaps.push((self.last_sequence + 1, missing));
+        if self.counts.cycles == 0 {
+            self.counts.first_sequence = record.sequence;
+        } else if record.sequence > self.counts.last_sequence + 1 {
+            let missing = record.sequence - self.counts.last_sequence - 1;
+            self.counts.missing += missing;
+            if self.counts.gaps.len() < MAX_EVENTS {
+                self.counts.gaps.push((self.counts.last_sequence + 1, missing));
             }
             curves.skip(missing);
         }
-        self.last_sequence = record.sequence;
-        self.cycles += 1;
-        self.late += u64::from(record.flags & 1 != 0);
-        self.starved += u64::from(record.flags & 32 != 0);
+        self.counts.last_sequence = record.sequence;
+        self.counts.cycles += 1;
+        self.counts.late += u64::from(record.flags & 1 != 0);
+        self.counts.starved += u64::from(record.flags & 32 != 0);
         curves.push(record, axes);
         while self
             .travels
@@ -374,7 +374,7 @@ impl Gathered {
         self.line_runs.push(record.sequence, record.line);
         let is_rapid = record.flags & FLAG_RAPID != 0 || record.inputs & inputs::STEERS != 0;
         if !is_rapid {
-            self.fastest_cut = self.fastest_cut.max(record.feed_mm_s);
+            self.fastest_cut_mm_s = self.fastest_cut_mm_s.max(record.feed_mm_s);
         }
         self.lateness.see(record.wake_lateness_ns);
         self.work.see(i64::from(record.work_ns));
@@ -399,8 +399,8 @@ impl Gathered {
             self.max_error = self.max_error.max(error);
         }
         for (list, value) in [
-            (&mut self.states, f64::from(record.state)),
-            (&mut self.overrides, record.override_),
+            (&mut self.timeline.states, f64::from(record.state)),
+            (&mut self.timeline.overrides, record.override_),
         ] {
             if list.last().is_none_or(|last| last.value != value) {
                 if list.len() < MAX_SPANS {
@@ -409,7 +409,7 @@ impl Gathered {
                         value,
                     });
                 } else {
-                    self.spans_cut = true;
+                    self.timeline.spans_cut = true;
                 }
             }
         }

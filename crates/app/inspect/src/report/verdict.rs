@@ -26,7 +26,7 @@ pub(crate) struct Sentence {
 pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
     let mut list = Vec::new();
     let mut say = |gravity, text: String| list.push(Sentence { gravity, text });
-    let duration_s = g.cycles as f64 * opened.period_s();
+    let duration_s = g.counts.cycles as f64 * opened.period_s();
     let what = format!("{} on {}", opened.run.program_name, opened.run.machine_name);
     let took = format!("{} and {:.1} mm of path", time(duration_s), g.path_mm);
     outcome(opened, &what, &took, &mut say);
@@ -34,12 +34,12 @@ pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
     limits(opened, g, &mut say);
     punctuality(opened, g, &mut say);
     completeness(opened, g, &mut say);
-    if g.starved > 0 {
+    if g.counts.starved > 0 {
         say(
             Gravity::Note,
             format!(
                 "The planner was too slow for {} cycles: the machine was slower there than it could be.",
-                g.starved
+                g.counts.starved
             ),
         );
     }
@@ -100,7 +100,7 @@ fn failures(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)
     if let Some(error) = opened.trace.info().summary.get("error") {
         say(Gravity::Bad, error.clone());
     }
-    for alarm in g.alarms.iter().take(5) {
+    for alarm in g.timeline.alarms.iter().take(5) {
         say(
             Gravity::Bad,
             format!(
@@ -111,8 +111,8 @@ fn failures(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)
             ),
         );
     }
-    if let Some(first) = g.emergency_stops.first() {
-        let times = match g.emergency_stops.len() {
+    if let Some(first) = g.timeline.emergency_stops.first() {
+        let times = match g.timeline.emergency_stops.len() {
             1 => "once".to_owned(),
             count => format!("{count} times"),
         };
@@ -126,14 +126,14 @@ fn failures(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)
 
 /// Whether setpoints were in time.
 fn punctuality(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) {
-    if g.late > 0 {
+    if g.counts.late > 0 {
         say(
             Gravity::Bad,
             format!(
                 "{} of {} setpoints were published after their due time; the latest wake-up was {:.1} us \
                  late.",
-                g.late,
-                g.cycles,
+                g.counts.late,
+                g.counts.cycles,
                 g.lateness.max_ns as f64 * 1e-3
             ),
         );
@@ -151,19 +151,19 @@ fn punctuality(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, Stri
 /// Whether the trace is complete.
 fn completeness(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) {
     let recovery = &opened.trace.info().recovery;
-    if g.missing > 0 {
+    if g.counts.missing > 0 {
         say(
             Gravity::Bad,
             format!(
                 "{} cycles are missing in {} gaps: the pictures are blank there.",
-                g.missing,
-                g.gaps.len()
+                g.counts.missing,
+                g.counts.gaps.len()
             ),
         );
-    } else if g.cycles > 0 {
+    } else if g.counts.cycles > 0 {
         say(
             Gravity::Good,
-            format!("All {} cycles were recorded, without a gap.", g.cycles),
+            format!("All {} cycles were recorded, without a gap.", g.counts.cycles),
         );
     }
     if let Some(failure) = recovery.get("failure") {
@@ -242,7 +242,7 @@ fn where_time_went(g: &Gathered, duration_s: f64, say: &mut impl FnMut(Gravity, 
     if held > 0.0 {
         say(Gravity::Note, format!("The feed was held for {}.", time(held)));
     }
-    let overrides: Vec<f64> = g.overrides.iter().map(|span| span.value).collect();
+    let overrides: Vec<f64> = g.timeline.overrides.iter().map(|span| span.value).collect();
     if overrides.iter().any(|value| (value - 1.0).abs() > 1e-9) {
         let least = overrides.iter().copied().fold(f64::INFINITY, f64::min);
         let most = overrides.iter().copied().fold(0.0, f64::max);

@@ -55,8 +55,7 @@ impl ServedCycle {
             presence: Presence::Absent,
             ending: false,
             is_estop: true,
-            job: 0,
-            ends_program: false,
+            program: ProgramOfSetpoint::default(),
             is_last: false,
             excursion: None,
             plan_setpoint: None,
@@ -122,10 +121,7 @@ struct CycleState {
     ending: bool,
     /// In emergency stop: outputs are safe.
     is_estop: bool,
-    /// The job to whose program the setpoint belongs, or the last one did.
-    job: u64,
-    /// This setpoint is the last of a program.
-    ends_program: bool,
+    program: ProgramOfSetpoint,
     /// The cycle is the last one.
     is_last: bool,
     /// The axes are away from the program that is held, or about to be.
@@ -143,6 +139,15 @@ struct ProgramStops {
     at_stop: Option<u32>,
     /// The program has gone on after a wait with this setpoint.
     has_left_wait: bool,
+}
+
+/// The program to which a setpoint belongs.
+#[derive(Clone, Copy, Debug, Default)]
+struct ProgramOfSetpoint {
+    /// Its job; that of the last program if it belongs to none.
+    job: u64,
+    /// The setpoint is the last of the program.
+    is_end: bool,
 }
 
 impl CycleState {
@@ -174,7 +179,7 @@ impl SetpointSource for ServedCycle {
         let feedback = parts.newest_feedback();
         // Read after the feedback, which so is never of the future by this thread's own doing.
         let taken_ns = MonotonicClock::now_ns();
-        (now.stops.has_left_wait, now.ends_program) = (false, false);
+        (now.stops.has_left_wait, now.program.is_end) = (false, false);
         parts.apply_inputs();
         parts.take_orders(now);
         // After the orders: none of them moves anything while the chain is open.
@@ -205,7 +210,7 @@ impl SetpointSource for ServedCycle {
             setpoint,
             corrected,
             drive: now.drive,
-            job: now.job,
+            job: now.program.job,
             is_of_program: now.notes.input_bits & recorded::FOLLOWS != 0,
             spindle_override: parts.counted_override(now),
             input_bits: now.notes.input_bits,

@@ -14,15 +14,15 @@ impl Smoother {
     /// Abandons the zone: stops at the present end of the path, returns to the programmed curve, and keeps the joints up to
     /// `until`, at least one, as programmed.
     pub(super) fn fall_back(&mut self, until: f64, out: &mut Vec<Output>) {
-        self.failures += 1;
+        self.tally.failures += 1;
         self.state = State::Exact;
         if let Some(place) = self.offset_point.take() {
             out.push(Output::Cap { speed: 0.0 });
             self.return_to_program(place, out);
             out.push(Output::Cap { speed: 0.0 });
             self.kept = self.cursor;
-            self.moving = false;
-            self.joint = false;
+            self.departure.moving = false;
+            self.departure.joint = false;
             // At rest: any joint here has been passed.
             let here = self.chain.find(self.cursor);
             if let Some(segment) = self.chain.get_mut(here)

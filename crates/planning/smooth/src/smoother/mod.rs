@@ -60,9 +60,7 @@ pub struct Smoother {
     /// Parameter of the section's start since the smoother was created, and the end of the section's output.
     base: f64,
     cursor: f64,
-    /// The next joint without spacing, the last spacing, and the next joint to be smoothed.
-    spacing_pending: usize,
-    guess: f64,
+    spacing: SpacingProgress,
     /// Segments whose joints need no smoothing.
     unsmoothed: Range<usize>,
     /// Position up to which joints of the section are kept: its start, or a joint that could not be smoothed.
@@ -72,14 +70,39 @@ pub struct Smoother {
     /// Number of intervals since the last joint of the zone became known, and that joint.
     spent: (usize, usize),
     /// Whether the path leaves the last kept position in motion, and whether that is a joint.
-    moving: bool,
-    joint: bool,
+    departure: Departure,
     active: [bool; AXES],
     /// Lookahead of the samples in this section.
     lookahead: f64,
-    deviation: f64,
-    failures: u64,
+    tally: Tally,
     at_end: bool,
+}
+
+/// How far the knot spacing at joints is determined.
+#[derive(Clone, Debug)]
+struct SpacingProgress {
+    /// The next joint without spacing.
+    next: usize,
+    /// The spacing from which that of the next joint is searched.
+    guess: f64,
+}
+
+/// How the path leaves the last position at which it is kept.
+#[derive(Clone, Copy, Debug, Default)]
+struct Departure {
+    /// In motion.
+    moving: bool,
+    /// That position is a joint, in motion.
+    joint: bool,
+}
+
+/// Results since the smoother was created.
+#[derive(Clone, Copy, Debug, Default)]
+struct Tally {
+    /// Maximum deviation from the programmed path.
+    deviation: f64,
+    /// Number of zones without solution.
+    failures: u64,
 }
 
 impl Smoother {
@@ -99,18 +122,15 @@ impl Smoother {
             marks: VecDeque::new(),
             base: 0.0,
             cursor: 0.0,
-            spacing_pending: 1,
-            guess: 0.01,
+            spacing: SpacingProgress { next: 1, guess: 0.01 },
             unsmoothed: 0..0,
             kept: 0.0,
             offset_point: None,
             spent: (0, 0),
-            moving: false,
-            joint: false,
+            departure: Departure::default(),
             active: [false; AXES],
             lookahead: 0.0,
-            deviation: 0.0,
-            failures: 0,
+            tally: Tally::default(),
             at_end: false,
         }
     }
@@ -189,13 +209,13 @@ impl Smoother {
     /// Maximum distance so far between the path and the programmed one, mm (or degrees of a rotary axis).
     #[must_use]
     pub fn deviation_mm(&self) -> f64 {
-        self.deviation
+        self.tally.deviation
     }
 
     /// Number of times that no smooth path was found and joints were passed as programmed.
     #[must_use]
     pub fn failures(&self) -> u64 {
-        self.failures
+        self.tally.failures
     }
 
     /// Outputs the rest of the section and starts the next one.
@@ -214,12 +234,12 @@ impl Smoother {
         self.chain.clear();
         self.state = State::Exact;
         self.cursor = 0.0;
-        self.spacing_pending = 1;
+        self.spacing.next = 1;
         self.unsmoothed = 0..0;
         self.kept = 0.0;
         self.offset_point = None;
-        self.moving = ending == Ending::Moving;
-        self.joint = self.moving && cap.is_some();
+        self.departure.moving = ending == Ending::Moving;
+        self.departure.joint = self.departure.moving && cap.is_some();
         self.active = [false; AXES];
         self.lookahead = 0.0;
     }
@@ -252,33 +272,31 @@ impl Smoother {
 
     /// Determines the spacing at the joints for which enough of the path is known.
     fn resolve_spacing(&mut self, complete: bool) {
-        while let Some(segment) = self.chain.get(self.spacing_pending) {
-            let before = self
-                .spacing_pending
-                .checked_sub(1)
-                .and_then(|n| self.chain.get(n));
+        while let Some(segment) = self.chain.get(self.spacing.next) {
+            let before = self.spacing.next.checked_sub(1).and_then(|n| self.chain.get(n));
             let inherited = before.map_or(f64::INFINITY, |b| b.spacing + GROWTH * (segment.from - b.from));
             let own = if segment.smoothed {
-                let Some(own) = spacing::at_joint(&self.chain, self.spacing_pending, self.guess, complete)
+                let Some(own) =
+                    spacing::at_joint(&self.chain, self.spacing.next, self.spacing.guess, complete)
                 else {
                     return;
                 };
-                self.guess = 2.0 * own;
+                self.spacing.guess = 2.0 * own;
                 own
             } else {
                 f64::INFINITY
             };
-            if let Some(segment) = self.chain.get_mut(self.spacing_pending) {
+            if let Some(segment) = self.chain.get_mut(self.spacing.next) {
                 segment.spacing = segment.spacing.min(own).min(inherited);
             }
-            spread(&mut self.chain, self.spacing_pending);
-            self.spacing_pending += 1;
+            spread(&mut self.chain, self.spacing.next);
+            self.spacing.next += 1;
         }
     }
 
     /// Position up to which the spacing is determined.
     fn reach(&self, complete: bool) -> f64 {
-        match self.chain.get(self.spacing_pending) {
+        match self.chain.get(self.spacing.next) {
             Some(segment) => segment.from,
             None if complete => return f64::INFINITY,
             None => self.chain.end(),
@@ -305,7 +323,7 @@ impl Smoother {
     /// Extent of a joint's zone, once its spacing is determined.
     fn extent(&self, number: usize, complete: bool) -> Option<f64> {
         let segment = self.chain.get(number)?;
-        let settled = number < self.spacing_pending
+        let settled = number < self.spacing.next
             && (complete || segment.from + segment.spacing / GROWTH <= self.reach(complete));
         settled.then_some(EXTENT * segment.spacing)
     }
@@ -334,7 +352,7 @@ impl Smoother {
         self.cursor = from;
         let run = segment.from - self.cursor;
         let at_start = self.cursor <= self.kept;
-        let start = if at_start && !self.moving && run < 4.0 * segment.tolerance {
+        let start = if at_start && !self.departure.moving && run < 4.0 * segment.tolerance {
             EndCondition::Position(self.chain.position(self.cursor))
         } else {
             if at_start {
@@ -376,7 +394,7 @@ impl Smoother {
                     feed_mm_s: segment.feed_mm_s,
                     rapid: segment.rapid,
                     blend: false,
-                    joint: std::mem::take(&mut self.joint),
+                    joint: std::mem::take(&mut self.departure.joint),
                 }));
                 self.cursor = stop;
             }
@@ -391,8 +409,8 @@ impl Smoother {
             {
                 let speed = next.exact_speed;
                 out.push(Output::Cap { speed });
-                self.moving = speed > 0.0;
-                self.joint = self.moving;
+                self.departure.moving = speed > 0.0;
+                self.departure.joint = self.departure.moving;
             }
             if end >= to {
                 break;

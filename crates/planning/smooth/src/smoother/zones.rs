@@ -130,7 +130,11 @@ impl Smoother {
                 }
             }
             let rests = (
-                if self.moving { f64::NEG_INFINITY } else { self.kept },
+                if self.departure.moving {
+                    f64::NEG_INFINITY
+                } else {
+                    self.kept
+                },
                 if self.at_end {
                     self.chain.end()
                 } else {
@@ -204,7 +208,7 @@ impl Smoother {
                         feed_mm_s: segment.feed_mm_s,
                         rapid: segment.rapid,
                         blend: true,
-                        joint: std::mem::take(&mut self.joint),
+                        joint: std::mem::take(&mut self.departure.joint),
                     }));
                     at = stop;
                     release(&mut self.marks, self.base + at, out);
@@ -220,7 +224,7 @@ impl Smoother {
         for sample in zone.samples.iter().take_while(|sample| sample.interval < gone) {
             let error = sample.error(&zone.points[sample.interval..sample.interval + 4]);
             let used = sample.ratio(&error).sqrt() * sample.radius2.sqrt();
-            self.deviation = self.deviation.max(used);
+            self.tally.deviation = self.tally.deviation.max(used);
         }
         self.zone.forget(gone);
         bad

@@ -23,28 +23,31 @@ impl<R: BufRead> Interpreter<R> {
             Some(word) => self.label(word).ok(),
             None => None,
         };
-        let remaining = self.settings.max_body_bytes.saturating_sub(self.library.size);
-        let Some(definition) = &mut self.definition else {
+        let remaining = self
+            .settings
+            .max_body_bytes
+            .saturating_sub(self.flow.library.size);
+        let Some(definition) = &mut self.flow.definition else {
             return Ok(());
         };
-        definition.lines.push(self.line, &self.text);
+        definition.lines.push(self.current.number, &self.current.text);
         if definition.lines.size() > remaining {
-            self.definition = None;
+            self.flow.definition = None;
             return Err(self.body_too_long());
         }
         match word {
             Some(word) if word.keyword == Keyword::EndSub && label == Some(definition.name) => {
-                if let Some(Definition { name, lines, .. }) = self.definition.take() {
+                if let Some(Definition { name, lines, .. }) = self.flow.definition.take() {
                     let lines = Shared::new(lines);
-                    self.library.insert(name, Subroutine { lines, first: 0 });
+                    self.flow.library.insert(name, Subroutine { lines, first: 0 });
                 }
             }
             Some(word) if word.keyword == Keyword::EndSub => {
                 let (begun, text) = (definition.line, definition.text.clone());
                 // It ends here in any case, so that one mistake gives one error.
-                if let Some(Definition { name, lines, .. }) = self.definition.take() {
+                if let Some(Definition { name, lines, .. }) = self.flow.definition.take() {
                     let lines = Shared::new(lines);
-                    self.library.insert(name, Subroutine { lines, first: 0 });
+                    self.flow.library.insert(name, Subroutine { lines, first: 0 });
                 }
                 let message = format!(
                     "O<{}> endsub, but O<{text}> sub of line {begun} has to end here",
@@ -67,16 +70,16 @@ impl<R: BufRead> Interpreter<R> {
             "the bodies of loops and subroutines take more than {} bytes",
             self.settings.max_body_bytes
         );
-        Fault::new(Code::BodyTooLong, Span::new(0, self.text.len()), message)
+        Fault::new(Code::BodyTooLong, Span::new(0, self.current.text.len()), message)
             .help("lines inside a loop are stored to be repeated; make its body a subroutine or shorter")
     }
 
     pub(crate) fn call(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
         self.values(word)?;
-        if self.arguments.len() > ARGUMENTS {
+        if self.flow.arguments.len() > ARGUMENTS {
             let message = format!(
                 "a call with {} values; {ARGUMENTS} are possible",
-                self.arguments.len()
+                self.flow.arguments.len()
             );
             return Err(Fault::new(Code::OWord, word.span, message));
         }
@@ -89,20 +92,20 @@ impl<R: BufRead> Interpreter<R> {
             return Ok(());
         }
         let text = Normal::of_number(number);
-        let Some(label) = self.labels.intern_label(&text) else {
+        let Some(label) = self.flow.labels.intern_label(&text) else {
             return Err(Fault::new(
                 Code::BadName,
                 span,
                 "there are too many names of O-words",
             ));
         };
-        self.arguments.clear();
+        self.flow.arguments.clear();
         self.enter(&text, label, span, false, times)
     }
 
     /// M99: returns to the caller. False in the program itself.
     pub(crate) fn return_number(&mut self) -> bool {
-        if self.frames.len() == 1 {
+        if self.flow.frames.len() == 1 {
             return false;
         }
         self.return_from(None);
@@ -117,7 +120,7 @@ impl<R: BufRead> Interpreter<R> {
         own: bool,
         times: u32,
     ) -> Result<(), Fault> {
-        if self.frames.len() > self.settings.max_call_depth {
+        if self.flow.frames.len() > self.settings.max_call_depth {
             let message = format!(
                 "subroutines are nested deeper than {}",
                 self.settings.max_call_depth
@@ -125,7 +128,7 @@ impl<R: BufRead> Interpreter<R> {
             return Err(Fault::new(Code::NestingTooDeep, span, message)
                 .help("check for a subroutine that calls itself without end"));
         }
-        let found = match self.library.get(name) {
+        let found = match self.flow.library.get(name) {
             Some(found) => Some(found.clone()),
             None => self.load(text, name, span)?,
         };
@@ -136,12 +139,16 @@ impl<R: BufRead> Interpreter<R> {
             ));
         };
         if own {
-            self.parameters.enter(&self.arguments);
+            self.parameters.enter(&self.flow.arguments);
             self.parameters.returned = None;
         }
-        let calls = self.place.calls.and_from(self.place.file.clone(), self.line);
-        self.has_moved = true;
-        self.frames.push(Frame {
+        let calls = self
+            .current
+            .place
+            .calls
+            .and_from(self.current.place.file.clone(), self.current.number);
+        self.flow.has_moved = true;
+        self.flow.frames.push(Frame {
             lines: Some(found.lines),
             at: found.first,
             name,
@@ -162,8 +169,10 @@ impl<R: BufRead> Interpreter<R> {
             frame.open.clear();
             return;
         }
-        let Some(frame) = self.frames.pop() else { return };
-        self.has_moved = true;
+        let Some(frame) = self.flow.frames.pop() else {
+            return;
+        };
+        self.flow.has_moved = true;
         if frame.own_parameters {
             self.parameters.leave();
             self.parameters.returned = value;
@@ -178,18 +187,21 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Searches a subroutine in files, then further on in the program.
     fn load(&mut self, text: &Normal, name: NameId, span: Span) -> Result<Option<Subroutine>, Fault> {
-        let max_bytes = self.settings.max_body_bytes.saturating_sub(self.library.size);
+        let max_bytes = self
+            .settings
+            .max_body_bytes
+            .saturating_sub(self.flow.library.size);
         match find_file(text.as_str(), &self.settings.subroutine_folders, max_bytes) {
             Ok(Some(lines)) => {
                 let lines = Shared::new(lines);
-                self.library.note_file(text.as_str(), &lines);
+                self.flow.library.note_file(text.as_str(), &lines);
                 self.index(&lines);
-                if self.library.get(name).is_none() {
+                if self.flow.library.get(name).is_none() {
                     // A file with a main program: all of it, for M98.
                     let subroutine = Subroutine { lines, first: 0 };
-                    self.library.insert(name, subroutine);
+                    self.flow.library.insert(name, subroutine);
                 }
-                return Ok(self.library.get(name).cloned());
+                return Ok(self.flow.library.get(name).cloned());
             }
             Ok(None) => {}
             Err(FileFault::Io(path, error)) => {
@@ -220,22 +232,22 @@ impl<R: BufRead> Interpreter<R> {
                     lines: Shared::clone(lines),
                     first: place + 1,
                 };
-                self.library.insert(name, subroutine);
+                self.flow.library.insert(name, subroutine);
             }
         }
     }
 
     /// Reads ahead in the program, storing the lines, until the subroutine has been found.
     fn look_ahead(&mut self, name: NameId) -> Result<Option<Subroutine>, Fault> {
-        if self.frames.len() == 1 && !self.on_tape {
+        if self.flow.frames.len() == 1 && !self.flow.on_tape {
             self.mark();
         }
         let mut found: Option<(Keyword, Lines)> = None;
         // Lines that are on the tape but not executed yet may contain it too.
-        let mut place = self.frames[0].at.min(self.tape.len());
+        let mut place = self.flow.frames[0].at.min(self.flow.tape.len());
         let mut text = Vec::new();
         loop {
-            let line = if let Some((kept, line)) = self.tape.get(place) {
+            let line = if let Some((kept, line)) = self.flow.tape.get(place) {
                 text.clear();
                 text.extend_from_slice(kept);
                 line
@@ -245,8 +257,8 @@ impl<R: BufRead> Interpreter<R> {
                     break;
                 }
                 let line = self.reader.line();
-                self.tape.push(line, &text);
-                if self.tape.size() > self.settings.max_body_bytes {
+                self.flow.tape.push(line, &text);
+                if self.flow.tape.size() > self.settings.max_body_bytes {
                     return Err(self.body_too_long());
                 }
                 line
@@ -282,8 +294,8 @@ impl<R: BufRead> Interpreter<R> {
         }
         if let Some((_, lines)) = found {
             let lines = Shared::new(lines);
-            self.library.insert(name, Subroutine { lines, first: 0 });
+            self.flow.library.insert(name, Subroutine { lines, first: 0 });
         }
-        Ok(self.library.get(name).cloned())
+        Ok(self.flow.library.get(name).cloned())
     }
 }

@@ -39,24 +39,24 @@ pub(crate) struct Capture {
 impl<R: BufRead> Interpreter<R> {
     /// Enters the subroutine of a cycle.
     pub(crate) fn begin_profile(&mut self, call: RoughCall) -> Result<(), Fault> {
-        let span = self.statement.motion_span();
+        let span = self.current.statement.motion_span();
         if self.capture.is_some() {
             let message = "a cycle along a profile inside a profile";
             return Err(Fault::new(Code::ProfileRefused, span, message)
                 .help("a profile must contain only G0, G1, G2 and G3"));
         }
-        let depth = self.frames.len();
+        let depth = self.flow.frames.len();
         let text = Normal::of_number(call.number);
-        let Some(label) = self.labels.intern_label(&text) else {
+        let Some(label) = self.flow.labels.intern_label(&text) else {
             return Err(Fault::new(
                 Code::BadName,
                 span,
                 "there are too many names of O-words",
             ));
         };
-        self.arguments.clear();
+        self.flow.arguments.clear();
         let number = self.shown_line();
-        let (line, source) = (self.line, self.text.clone());
+        let (line, source) = (self.current.number, self.current.text.clone());
         self.enter(&text, label, span, true, 1).map_err(|fault| match fault.code {
             Code::SubroutineMissing => fault.help(
                 "Q names a subroutine that holds the profile: put it between O100 sub and O100 endsub before this line and \
@@ -67,9 +67,9 @@ impl<R: BufRead> Interpreter<R> {
         self.capture = Some(Box::new(Capture {
             call,
             depth,
-            first: self.pending.len(),
+            first: self.output.pending.len(),
             state: self.state,
-            statement: self.statement.clone(),
+            statement: self.current.statement.clone(),
             text: source,
             line,
             number,
@@ -98,7 +98,7 @@ impl<R: BufRead> Interpreter<R> {
         };
         capture.corner = None;
         let mut wrong = None;
-        self.block.words.retain(|word| {
+        self.current.block.words.retain(|word| {
             let kind = match word.letter {
                 b'A' => Corner::Fillet(word.value * unit),
                 b'C' => Corner::Chamfer(word.value * unit),
@@ -121,15 +121,15 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Called after a valid line of the profile.
     pub(crate) fn profile_line(&mut self) {
-        let moves = self.statement.motion().is_some() && self.statement.has_axes();
+        let moves = self.current.statement.motion().is_some() && self.current.statement.has_axes();
         let Some(capture) = &mut self.capture else { return };
         let corner = capture.corner.take();
         if !capture.led && moves {
             // The first move only leads to the profile, and may have no length.
             capture.led = true;
-            self.pending.truncate(capture.first);
+            self.output.pending.truncate(capture.first);
         } else if let Some(corner) = corner
-            && let Some(last) = self.pending.len().checked_sub(capture.first + 1)
+            && let Some(last) = self.output.pending.len().checked_sub(capture.first + 1)
         {
             capture.corners.push((last, corner));
         }
@@ -137,7 +137,7 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Called after each line: takes its commands, and executes the cycle when the subroutine has ended.
     pub(crate) fn captured(&mut self) -> Result<(), Box<Diagnostic>> {
-        let inside = self.frames.len();
+        let inside = self.flow.frames.len();
         let Some(capture) = &mut self.capture else {
             return Ok(());
         };
@@ -149,7 +149,7 @@ impl<R: BufRead> Interpreter<R> {
             )
             .help("a profile must end with O.. endsub");
             let diagnostic = Box::new(fault.locate(capture.line, &capture.text));
-            self.pending.truncate(capture.first);
+            self.output.pending.truncate(capture.first);
             self.capture = None;
             return Err(diagnostic);
         }
@@ -164,8 +164,9 @@ impl<R: BufRead> Interpreter<R> {
 
     fn end_profile(&mut self, capture: &Capture) -> Result<(), Box<Diagnostic>> {
         let commands: Vec<_> = self
+            .output
             .pending
-            .drain(capture.first.min(self.pending.len())..)
+            .drain(capture.first.min(self.output.pending.len())..)
             .collect();
         let mut state = capture.state;
         self.state = state;
@@ -179,7 +180,7 @@ impl<R: BufRead> Interpreter<R> {
                 Ok(())
             }
             Err(fault) => {
-                self.pending.truncate(capture.first);
+                self.output.pending.truncate(capture.first);
                 self.parameters.roll_back();
                 Err(Box::new(fault.locate(capture.line, &capture.text)))
             }

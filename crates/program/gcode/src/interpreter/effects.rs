@@ -59,7 +59,7 @@ impl<R: BufRead> Interpreter<R> {
             }
             Request::Modes(code) => {
                 let modes = self.state.modes;
-                let Some(frame) = self.frames.last_mut() else {
+                let Some(frame) = self.flow.frames.last_mut() else {
                     return Ok(());
                 };
                 match code {
@@ -68,7 +68,7 @@ impl<R: BufRead> Interpreter<R> {
                     MCode::ForgetModes => frame.saved = None,
                     _ => {
                         let Some((saved, _)) = frame.saved else {
-                            let place = Span::new(0, self.text.len());
+                            let place = Span::new(0, self.current.text.len());
                             return Err(Fault::new(
                                 Code::NothingSaved,
                                 place,
@@ -86,11 +86,11 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Writes the parameters that the line sets.
     pub(crate) fn assign(&mut self) -> Result<(), Fault> {
-        for (target, value) in &self.block.assignments {
+        for (target, value) in &self.current.block.assignments {
             match *target {
                 Target::Numbered(index) => self.parameters.set_numbered(index, *value),
                 Target::Named(inside) => {
-                    let name = Normal::new(&self.text[inside.start as usize..inside.end as usize]);
+                    let name = Normal::new(&self.current.text[inside.start as usize..inside.end as usize]);
                     if !name.is_some_and(|name| self.parameters.set_named(&name, *value)) {
                         let message = "there are too many names of parameters";
                         return Err(Fault::new(Code::BadName, inside, message));
@@ -103,9 +103,9 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Executes active comments.
     pub(crate) fn remarks(&mut self, line: u32) -> Result<(), Fault> {
-        for index in 0..self.block.comments.len() {
-            let inside = self.block.comments[index];
-            let remark = comment::remark(&self.text, inside, &self.scope());
+        for index in 0..self.current.block.comments.len() {
+            let inside = self.current.block.comments[index];
+            let remark = comment::remark(&self.current.text, inside, &self.scope());
             let action = match remark {
                 Remark::None => continue,
                 Remark::Debug(_) if self.parameters.numbered(DEBUG) == 0.0 => continue,
@@ -126,8 +126,8 @@ impl<R: BufRead> Interpreter<R> {
                     ));
                 }
             };
-            let (origin, calls) = (self.origin(), self.place.calls.clone());
-            self.pending.push_back(Command {
+            let (origin, calls) = (self.origin(), self.current.place.calls.clone());
+            self.output.pending.push_back(Command {
                 line,
                 action,
                 origin,

@@ -81,18 +81,45 @@ pub struct Interpreter<R> {
     pub(crate) state: State,
     /// The state before the present line, restored if the line has an error.
     before: State,
-    /// What refused lines have left unknown.
-    doubt: Doubt,
     pub(crate) parameters: Parameters,
     tools: Option<ToolTable>,
     control_points: Vec<[f64; 3]>,
+    pub(crate) current: CurrentLine,
+    pub(crate) flow: ControlFlow,
+    pub(crate) output: Output,
+    errors: ErrorHistory,
+    /// Outputs as set by the lines before a restart, by kind and number.
+    pub(crate) outputs_left: BTreeMap<(bool, u32), Action>,
+    /// The tool whose change has just started.
+    pub(crate) begun_change: Option<u32>,
+    /// The remainder of a line that was divided by its tool change.
+    pub(crate) resumed: Option<Resumed>,
+    /// The profile that is being read for a cycle.
+    pub(crate) capture: Option<Box<Capture>>,
+    /// Number of lines that start with `/`: skipped, executed.
+    block_delete_lines: (u64, u64),
+    /// Whether the program started with `%`; unknown before the first line that is not blank.
+    percent: Option<bool>,
+    interrupt: Option<Arc<AtomicBool>>,
+    pub(crate) finished: bool,
+}
+
+/// The line that is being executed.
+#[derive(Default)]
+pub(crate) struct CurrentLine {
     pub(crate) block: Block,
     pub(crate) statement: Statement,
-    /// The present line, and its number in its file.
+    /// Its text, and its number in its file.
     pub(crate) text: Vec<u8>,
-    pub(crate) line: u32,
+    pub(crate) number: u32,
     pub(crate) place: Place,
-    /// Whether a subroutine has started or ended since.
+    /// Line of the program from which the present subroutine files were called.
+    calling_line: u32,
+}
+
+/// What decides which line is next: subroutines, loops and branches.
+pub(crate) struct ControlFlow {
+    /// Whether a subroutine has started or ended since [`CurrentLine::place`] was recorded.
     pub(crate) has_moved: bool,
     /// Lines of the program that may be needed again, and whether the present line is among them.
     pub(crate) tape: Lines,
@@ -105,6 +132,27 @@ pub struct Interpreter<R> {
     pub(crate) labels: Names,
     /// Values after an O-word.
     pub(crate) arguments: Vec<f64>,
+}
+
+impl Default for ControlFlow {
+    fn default() -> Self {
+        Self {
+            has_moved: true,
+            tape: Lines::default(),
+            on_tape: false,
+            frames: vec![Frame::default()],
+            skip: None,
+            definition: None,
+            library: Library::default(),
+            labels: Names::default(),
+            arguments: Vec::new(),
+        }
+    }
+}
+
+/// The way of commands from a line to the consumer.
+#[derive(Default)]
+pub(crate) struct Output {
     /// Commands of the last line that have not been requested yet.
     pub(crate) pending: VecDeque<Command>,
     /// Commands of earlier lines that the present line has changed.
@@ -113,28 +161,19 @@ pub struct Interpreter<R> {
     watch: ContourWatch,
     /// Moves whose feed follows the spindle speed.
     pub(crate) surface_feed: SurfaceFeed,
-    /// Outputs as set by the lines before a restart, by kind and number.
-    pub(crate) outputs_left: BTreeMap<(bool, u32), Action>,
-    /// The tool whose change has just started.
-    pub(crate) begun_change: Option<u32>,
-    /// The remainder of a line that was divided by its tool change.
-    pub(crate) resumed: Option<Resumed>,
-    /// The profile that is being read for a cycle.
-    pub(crate) capture: Option<Box<Capture>>,
-    /// Number of repeated errors.
-    repeated_errors: u32,
-    /// Number of lines that start with `/`: skipped, executed.
-    block_delete_lines: (u64, u64),
-    /// Line of the program from which the present subroutine files were called.
-    calling_line: u32,
-    /// Whether the program started with `%`; unknown before the first line that is not blank.
-    percent: Option<bool>,
     /// Number of lines since the last command.
     lines_without_command: u64,
-    interrupt: Option<Arc<AtomicBool>>,
+}
+
+/// The errors so far, by which a further one is reported or not.
+#[derive(Default)]
+struct ErrorHistory {
+    /// What refused lines have left unknown.
+    doubt: Doubt,
+    /// Number of repeated errors.
+    repeated: u32,
     /// Positions of the errors so far: a loop reports each once.
     reported: BTreeSet<(Option<Shared<str>>, u32)>,
-    pub(crate) finished: bool,
 }
 
 impl<R: BufRead> Interpreter<R> {
@@ -155,41 +194,25 @@ impl<R: BufRead> Interpreter<R> {
         Self {
             reader: LineReader::new(input, settings.max_line_bytes),
             before: state,
-            doubt: Doubt::default(),
             state,
             parameters,
             tools: settings.tools.clone(),
             control_points: Vec::new(),
             settings,
-            block: Block::default(),
-            statement: Statement::new(),
-            text: Vec::new(),
-            line: 0,
-            place: Place::default(),
-            has_moved: true,
-            tape: Lines::default(),
-            on_tape: false,
-            frames: vec![Frame::default()],
-            skip: None,
-            definition: None,
-            library: Library::default(),
-            labels: Names::default(),
-            arguments: Vec::new(),
-            pending: VecDeque::new(),
-            changed: Vec::new(),
-            watch: ContourWatch::default(),
-            surface_feed,
+            current: CurrentLine::default(),
+            flow: ControlFlow::default(),
+            output: Output {
+                surface_feed,
+                ..Output::default()
+            },
+            errors: ErrorHistory::default(),
             outputs_left: BTreeMap::new(),
             begun_change: None,
             resumed: None,
             capture: None,
-            repeated_errors: 0,
             block_delete_lines: (0, 0),
-            calling_line: 0,
             percent: None,
-            lines_without_command: 0,
             interrupt: None,
-            reported: BTreeSet::new(),
             finished: false,
         }
     }
@@ -239,13 +262,13 @@ impl<R: BufRead> Interpreter<R> {
     /// Number of subroutine files read so far.
     #[must_use]
     pub fn subroutine_file_count(&self) -> usize {
-        self.library.file_count()
+        self.flow.library.file_count()
     }
 
     /// The subroutine files read so far, in order: name and text as read. Stored with the program they allow running it again
     /// without the folders.
     pub fn subroutine_files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
-        self.library.files()
+        self.flow.library.files()
     }
 
     pub(crate) fn state(&self) -> &State {
@@ -258,7 +281,10 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Whether a subroutine is active, or lines are being skipped or collected.
     pub(crate) fn is_inside(&self) -> bool {
-        self.frames.len() > 1 || self.skip.is_some() || self.definition.is_some() || self.resumed.is_some()
+        self.flow.frames.len() > 1
+            || self.flow.skip.is_some()
+            || self.flow.definition.is_some()
+            || self.resumed.is_some()
     }
 
     /// Whether M2 or M30 has been executed.
@@ -269,7 +295,7 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Number of the next line of the program.
     pub(crate) fn next_of_program(&self) -> u32 {
-        match self.tape.get(self.frames[0].at) {
+        match self.flow.tape.get(self.flow.frames[0].at) {
             Some((_, line)) => line,
             None => self.reader.line() + 1,
         }
@@ -279,7 +305,7 @@ impl<R: BufRead> Interpreter<R> {
     pub(crate) fn step_silently(&mut self) -> Result<(), Box<Diagnostic>> {
         self.advance()?;
         if self.state.cutter.held.is_none() && self.capture.is_none() {
-            for command in self.pending.drain(..) {
+            for command in self.output.pending.drain(..) {
                 match command.action {
                     Action::Output { index, on, .. } => {
                         let synchronised = false;
@@ -302,8 +328,8 @@ impl<R: BufRead> Interpreter<R> {
                     _ => {}
                 }
             }
-            self.watch.skip();
-            self.lines_without_command = 0;
+            self.output.watch.skip();
+            self.output.lines_without_command = 0;
         }
         Ok(())
     }
@@ -313,7 +339,7 @@ impl<R: BufRead> Interpreter<R> {
             parameters: &self.parameters,
             state: &self.state,
             settings: &self.settings,
-            line: self.line,
+            line: self.current.number,
         }
     }
 
@@ -323,7 +349,7 @@ impl<R: BufRead> Interpreter<R> {
         state: &'a mut State,
         number: u32,
     ) -> Executor<'a> {
-        let (origin, calls) = (self.origin(), self.place.calls.clone());
+        let (origin, calls) = (self.origin(), self.current.place.calls.clone());
         Executor {
             origin,
             calls,
@@ -333,9 +359,9 @@ impl<R: BufRead> Interpreter<R> {
             tools: &mut self.tools,
             parameters: &mut self.parameters,
             control_points: &mut self.control_points,
-            out: &mut self.pending,
-            changed: &mut self.changed,
-            watch: &mut self.watch,
+            out: &mut self.output.pending,
+            changed: &mut self.output.changed,
+            watch: &mut self.output.watch,
             number,
         }
     }
@@ -343,7 +369,7 @@ impl<R: BufRead> Interpreter<R> {
     /// Restores saved modes at the end of a subroutine.
     pub(crate) fn restore(&mut self, modes: Modes) {
         let mut state = self.state;
-        let statement = Statement::new();
+        let statement = Statement::default();
         let number = self.shown_line();
         self.executor(&statement, &mut state, number).restore(modes);
         self.parameters.commit();
@@ -352,10 +378,10 @@ impl<R: BufRead> Interpreter<R> {
 
     /// The line number for commands: of the program, not of another file.
     pub(crate) fn shown_line(&self) -> u32 {
-        if self.place.is_of_program {
-            self.line
+        if self.current.place.is_of_program {
+            self.current.number
         } else {
-            self.calling_line
+            self.current.calling_line
         }
     }
 
@@ -363,8 +389,8 @@ impl<R: BufRead> Interpreter<R> {
     #[inline]
     pub(crate) fn origin(&self) -> Option<Origin> {
         Some(Origin {
-            file: self.place.file.clone()?,
-            line: self.line,
+            file: self.current.place.file.clone()?,
+            line: self.current.number,
         })
     }
 
@@ -372,13 +398,15 @@ impl<R: BufRead> Interpreter<R> {
     #[cold]
     fn take_place(&mut self) {
         let file_of = |frame: &Frame| frame.lines.as_ref().and_then(|lines| lines.file.clone());
-        let Some(frame) = self.frames.last() else { return };
-        self.place = Place {
+        let Some(frame) = self.flow.frames.last() else {
+            return;
+        };
+        self.current.place = Place {
             file: file_of(frame),
             calls: frame.calls.clone(),
-            is_of_program: self.frames.iter().all(|frame| file_of(frame).is_none()),
+            is_of_program: self.flow.frames.iter().all(|frame| file_of(frame).is_none()),
         };
-        self.has_moved = false;
+        self.flow.has_moved = false;
     }
 
     /// Reads and executes a line; its commands go to `pending`.
@@ -392,7 +420,7 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     fn line_of_program(&mut self) -> Result<(), Box<Diagnostic>> {
-        self.lines_without_command += 1;
+        self.output.lines_without_command += 1;
         if let Some(fault) = self.check_bounds() {
             self.finished = true;
             return Err(self.locate(fault));
@@ -400,16 +428,16 @@ impl<R: BufRead> Interpreter<R> {
         if let Some(resumed) = self.resumed.take() {
             return self.or_roll_back(|interpreter| interpreter.resume_line(resumed));
         }
-        if self.has_moved {
+        if self.flow.has_moved {
             self.take_place();
         }
-        self.block.clear();
+        self.current.block.clear();
         match self.next_line() {
             Ok(true) => {}
             Ok(false) => return self.end_of_lines(),
             Err(fault) => {
                 self.finished = fault.code == Code::ReadFailed;
-                return Err(Box::new(fault.locate(self.reader.line(), &self.text)));
+                return Err(Box::new(fault.locate(self.reader.line(), &self.current.text)));
             }
         }
         self.or_roll_back(Self::interpret)
@@ -420,17 +448,22 @@ impl<R: BufRead> Interpreter<R> {
         &mut self,
         execute: impl FnOnce(&mut Self) -> Result<(), Fault>,
     ) -> Result<(), Box<Diagnostic>> {
-        let (before, mark) = (self.pending.len(), self.watch.mark());
-        self.changed.clear();
+        let (before, mark) = (self.output.pending.len(), self.output.watch.mark());
+        self.output.changed.clear();
         execute(self).map_err(|fault| {
-            self.watch.roll_back(mark);
-            let fault = crate::diagnostics::foreign::explain(&self.text, &self.block, fault);
-            let removed = self.changed.iter().filter(|changed| changed.removed).count();
-            self.pending.truncate(before - removed);
-            while let Some(changed) = self.changed.pop() {
+            self.output.watch.roll_back(mark);
+            let fault = crate::diagnostics::foreign::explain(&self.current.text, &self.current.block, fault);
+            let removed = self
+                .output
+                .changed
+                .iter()
+                .filter(|changed| changed.removed)
+                .count();
+            self.output.pending.truncate(before - removed);
+            while let Some(changed) = self.output.changed.pop() {
                 if changed.removed {
-                    self.pending.insert(changed.index, changed.command);
-                } else if let Some(command) = self.pending.get_mut(changed.index) {
+                    self.output.pending.insert(changed.index, changed.command);
+                } else if let Some(command) = self.output.pending.get_mut(changed.index) {
                     *command = changed.command;
                 }
             }
@@ -440,16 +473,16 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     fn locate(&self, fault: Fault) -> Box<Diagnostic> {
-        let mut diagnostic = Box::new(fault.locate(self.line, &self.text));
-        diagnostic.file = self.place.file.as_deref().map(Box::from);
-        diagnostic.calls = self.place.calls.innermost_first();
+        let mut diagnostic = Box::new(fault.locate(self.current.number, &self.current.text));
+        diagnostic.file = self.current.place.file.as_deref().map(Box::from);
+        diagnostic.calls = self.current.place.calls.innermost_first();
         diagnostic
     }
 
     /// The error of too many lines without a command, or of too many commands that wait for a move in the plane.
     fn check_bounds(&self) -> Option<Fault> {
-        let place = Span::new(0, self.text.len());
-        if self.lines_without_command > self.settings.max_silent_lines {
+        let place = Span::new(0, self.current.text.len());
+        if self.output.lines_without_command > self.settings.max_silent_lines {
             let message = format!(
                 "{} lines without anything to do for the machine: an endless loop",
                 self.settings.max_silent_lines
@@ -459,12 +492,12 @@ impl<R: BufRead> Interpreter<R> {
                     .help("check whether the condition of the loop ever changes"),
             );
         }
-        if self.pending.len() > MAX_HELD_COMMANDS {
+        if self.output.pending.len() > MAX_HELD_COMMANDS {
             let message =
                 format!("more than {MAX_HELD_COMMANDS} commands between two moves with cutter compensation");
             return Some(Fault::new(Code::BodyTooLong, place, message).help("write G40 before them"));
         }
-        let interrupted = self.lines_without_command % INTERRUPT_LINES == 1
+        let interrupted = self.output.lines_without_command % INTERRUPT_LINES == 1
             && self
                 .interrupt
                 .as_ref()
@@ -474,7 +507,7 @@ impl<R: BufRead> Interpreter<R> {
 
     /// The error of a loop that repeats lines with errors.
     fn too_many_repeats(&self) -> Fault {
-        let place = Span::new(0, self.text.len());
+        let place = Span::new(0, self.current.text.len());
         let message = format!(
             "lines with errors were executed {MAX_REPEATED_ERRORS} times more in loops; lines after this one were not checked"
         );
@@ -483,39 +516,39 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Reads the next line; false at the end of this frame.
     fn next_line(&mut self) -> Result<bool, Fault> {
-        let last = self.frames.len() - 1;
-        let frame = &mut self.frames[last];
+        let last = self.flow.frames.len() - 1;
+        let frame = &mut self.flow.frames[last];
         if let Some(lines) = &frame.lines {
             let Some((text, line)) = lines.get(frame.at) else {
                 return Ok(false);
             };
-            self.text.clear();
-            self.text.extend_from_slice(text);
-            self.line = line;
+            self.current.text.clear();
+            self.current.text.extend_from_slice(text);
+            self.current.number = line;
             frame.at += 1;
             return Ok(true);
         }
-        if let Some((text, line)) = self.tape.get(frame.at) {
-            self.text.clear();
-            self.text.extend_from_slice(text);
-            self.line = line;
+        if let Some((text, line)) = self.flow.tape.get(frame.at) {
+            self.current.text.clear();
+            self.current.text.extend_from_slice(text);
+            self.current.number = line;
             frame.at += 1;
-            self.on_tape = true;
+            self.flow.on_tape = true;
             return Ok(true);
         }
         let recording = self.recording();
-        if !recording && self.tape.len() > 0 {
-            self.tape.clear();
-            self.frames[0].at = 0;
+        if !recording && self.flow.tape.len() > 0 {
+            self.flow.tape.clear();
+            self.flow.frames[0].at = 0;
         }
-        self.on_tape = false;
-        let read = self.reader.read_into(&mut self.text)?;
-        self.line = self.reader.line();
+        self.flow.on_tape = false;
+        let read = self.reader.read_into(&mut self.current.text)?;
+        self.current.number = self.reader.line();
         if read && recording {
-            self.tape.push(self.line, &self.text);
-            self.frames[0].at = self.tape.len();
-            self.on_tape = true;
-            if self.tape.size() > self.settings.max_body_bytes {
+            self.flow.tape.push(self.current.number, &self.current.text);
+            self.flow.frames[0].at = self.flow.tape.len();
+            self.flow.on_tape = true;
+            if self.flow.tape.size() > self.settings.max_body_bytes {
                 self.finished = true;
                 return Err(self.body_too_long());
             }
@@ -526,40 +559,40 @@ impl<R: BufRead> Interpreter<R> {
     /// Processes the end of the lines of a frame.
     fn end_of_lines(&mut self) -> Result<(), Box<Diagnostic>> {
         let open = self.unfinished();
-        if self.frames.len() > 1 {
-            let may_end = self.frames.last().is_some_and(Frame::is_whole_file);
+        if self.flow.frames.len() > 1 {
+            let may_end = self.flow.frames.last().is_some_and(Frame::is_whole_file);
             // A tool change that ends inside a condition is incomplete.
             let is_cut_off =
-                self.skip.is_some() || self.definition.is_some() || !self.frame().open.is_empty();
+                self.flow.skip.is_some() || self.flow.definition.is_some() || !self.frame().open.is_empty();
             let is_change = self.frame().change.is_some();
             let fault = open
                 .filter(|_| !may_end || is_cut_off && is_change)
                 .map(|fault| self.locate(fault));
-            self.skip = None;
-            self.definition = None;
+            self.flow.skip = None;
+            self.flow.definition = None;
             self.return_from(None);
             return fault.map_or(Ok(()), Err);
         }
         let fault = open.map(|fault| self.locate(fault));
-        self.skip = None;
-        self.definition = None;
-        self.frames[0].open.clear();
+        self.flow.skip = None;
+        self.flow.definition = None;
+        self.flow.frames[0].open.clear();
         self.end();
         fault.map_or(Ok(()), Err)
     }
 
     fn interpret(&mut self) -> Result<(), Fault> {
-        if first_character(&self.text).is_none() {
+        if first_character(&self.current.text).is_none() {
             return Ok(());
         }
-        if self.frames.len() > 1 {
+        if self.flow.frames.len() > 1 {
             // The delimiters of a file have no meaning inside the program.
-            if is_percent(&self.text) {
+            if is_percent(&self.current.text) {
                 return Ok(());
             }
         } else {
             let opening = self.percent.is_none();
-            if is_percent(&self.text) && self.percent != Some(false) {
+            if is_percent(&self.current.text) && self.percent != Some(false) {
                 self.percent = Some(true);
                 if !opening {
                     self.end();
@@ -567,11 +600,11 @@ impl<R: BufRead> Interpreter<R> {
                 return Ok(());
             }
             self.percent.get_or_insert(false);
-            if self.frames[0].lines.is_none() {
-                self.calling_line = self.line;
+            if self.flow.frames[0].lines.is_none() {
+                self.current.calling_line = self.current.number;
             }
         }
-        if is_block_delete(&self.text) {
+        if is_block_delete(&self.current.text) {
             let (skipped, executed) = &mut self.block_delete_lines;
             if self.settings.block_delete {
                 *skipped += 1;
@@ -586,14 +619,14 @@ impl<R: BufRead> Interpreter<R> {
             parameters: &self.parameters,
             state: &self.state,
             settings: &self.settings,
-            line: self.line,
+            line: self.current.number,
         };
-        parse(&self.text, &mut self.block, &scope)?;
+        parse(&self.current.text, &mut self.current.block, &scope)?;
         let profile = self.capture.is_some();
         if profile {
             self.take_corner()?;
         }
-        if self.block.words.is_empty() {
+        if self.current.block.words.is_empty() {
             // Parameters and comments alone give no command.
             self.assign()?;
             let number = self.shown_line();
@@ -602,10 +635,12 @@ impl<R: BufRead> Interpreter<R> {
             return Ok(());
         }
         let modal = self.state.motion;
-        self.statement.fill(&self.block, modal, &self.settings)?;
+        self.current
+            .statement
+            .fill(&self.current.block, modal, &self.settings)?;
         self.assign()?;
         let number = self.shown_line();
-        if !self.block.comments.is_empty() {
+        if !self.current.block.comments.is_empty() {
             self.remarks(number)?;
         }
         if self.divides()? {
@@ -622,24 +657,24 @@ impl<R: BufRead> Interpreter<R> {
     pub(crate) fn execute_statement(&mut self) -> Result<(), Fault> {
         let number = self.shown_line();
         // A line with only a straight move changes little of the state, and long programs consist of such lines.
-        let small = self.statement.is_plain_move() && self.state.is_plain();
+        let small = self.current.statement.is_plain_move() && self.state.is_plain();
         let plain_move_state = self.state.plain_move_state();
         if !small {
             self.before = self.state;
         }
-        let (origin, calls) = (self.origin(), self.place.calls.clone());
+        let (origin, calls) = (self.origin(), self.current.place.calls.clone());
         let request = Executor {
             origin,
             calls,
             state: &mut self.state,
-            line: &self.statement,
+            line: &self.current.statement,
             settings: &self.settings,
             tools: &mut self.tools,
             parameters: &mut self.parameters,
             control_points: &mut self.control_points,
-            out: &mut self.pending,
-            changed: &mut self.changed,
-            watch: &mut self.watch,
+            out: &mut self.output.pending,
+            changed: &mut self.output.changed,
+            watch: &mut self.output.watch,
             number,
         }
         .run();
@@ -657,24 +692,24 @@ impl<R: BufRead> Interpreter<R> {
         }
         self.parameters.commit();
         self.finished |= self.state.ended;
-        if self.doubt.is_any() {
-            self.doubt.accept(&self.statement, &self.state);
+        if self.errors.doubt.is_any() {
+            self.errors.doubt.accept(&self.current.statement, &self.state);
         }
         Ok(())
     }
 
     fn take_pending(&mut self) -> Option<Command> {
-        let command = self.pending.pop_front()?;
+        let command = self.output.pending.pop_front()?;
         let held = &mut self.state.cutter.held;
         *held = held.map(|held| held - 1);
-        self.watch.output(&command);
-        Some(self.surface_feed.divide(command))
+        self.output.watch.output(&command);
+        Some(self.output.surface_feed.divide(command))
     }
 
     /// The end without M2.
     pub(crate) fn end(&mut self) {
         let mut state = self.state;
-        let statement = Statement::new();
+        let statement = Statement::default();
         let number = self.reader.line();
         let is_block = self.settings.is_block;
         let mut executor = self.executor(&statement, &mut state, number);
@@ -692,7 +727,7 @@ impl<R: BufRead> Iterator for Interpreter<R> {
     type Item = Result<Command, Diagnostic>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if let Some(piece) = self.surface_feed.next() {
+        if let Some(piece) = self.output.surface_feed.next() {
             return Some(Ok(piece));
         }
         loop {
@@ -700,9 +735,9 @@ impl<R: BufRead> Iterator for Interpreter<R> {
             let waits = self.state.cutter.held;
             if waits != Some(0)
                 && self.capture.is_none()
-                && let Some(command) = self.watch.finding().or_else(|| self.take_pending())
+                && let Some(command) = self.output.watch.finding().or_else(|| self.take_pending())
             {
-                self.lines_without_command = 0;
+                self.output.lines_without_command = 0;
                 return Some(Ok(command));
             }
             if self.finished {
@@ -710,16 +745,23 @@ impl<R: BufRead> Iterator for Interpreter<R> {
             }
             if let Err(diagnostic) = self.advance() {
                 let file: Option<Shared<str>> = diagnostic.file.as_deref().map(Shared::from);
-                let follows = self.doubt.excuses(diagnostic.code, &self.block, &self.state);
-                self.doubt
-                    .refuse(diagnostic.code, &self.text, &self.block, &self.state);
-                let fresh = !follows && self.reported.insert((file, diagnostic.line));
-                self.finished |= self.reported.len() >= MAX_ERRORS;
+                let follows = self
+                    .errors
+                    .doubt
+                    .excuses(diagnostic.code, &self.current.block, &self.state);
+                self.errors.doubt.refuse(
+                    diagnostic.code,
+                    &self.current.text,
+                    &self.current.block,
+                    &self.state,
+                );
+                let fresh = !follows && self.errors.reported.insert((file, diagnostic.line));
+                self.finished |= self.errors.reported.len() >= MAX_ERRORS;
                 if fresh || self.finished {
                     return Some(Err(*diagnostic));
                 }
-                self.repeated_errors += 1;
-                if self.repeated_errors >= MAX_REPEATED_ERRORS {
+                self.errors.repeated += 1;
+                if self.errors.repeated >= MAX_REPEATED_ERRORS {
                     self.finished = true;
                     return Some(Err(*self.locate(self.too_many_repeats())));
                 }

@@ -99,48 +99,50 @@ pub(crate) struct Definition {
 impl<R: BufRead> Interpreter<R> {
     /// Whether lines of the program must be stored.
     pub(crate) fn recording(&self) -> bool {
-        self.frames
+        self.flow
+            .frames
             .first()
             .is_some_and(|main| main.open.iter().any(|open| open.is_loop()))
     }
 
     /// Processes the line if it is being skipped or collected, or is an O-word. False for an ordinary line.
     pub(crate) fn flow(&mut self) -> Result<bool, Fault> {
-        if self.definition.is_none() && self.skip.is_none() {
-            let found = o_word(&self.text, &self.scope())?;
+        if self.flow.definition.is_none() && self.flow.skip.is_none() {
+            let found = o_word(&self.current.text, &self.scope())?;
             return match found {
                 Some(word) => self.execute_o_word(&word).map(|()| true),
                 None => Ok(false),
             };
         }
         // A name that cannot be evaluated does not match.
-        let word = o_word(&self.text, &self.scope()).unwrap_or_default();
-        if self.definition.is_some() {
+        let word = o_word(&self.current.text, &self.scope()).unwrap_or_default();
+        if self.flow.definition.is_some() {
             self.define(word.as_ref())?;
-        } else if let (Some(skip), Some(word)) = (self.skip, word) {
+        } else if let (Some(skip), Some(word)) = (self.flow.skip, word) {
             self.skipped(skip, &word)?;
         }
         Ok(true)
     }
 
     pub(crate) fn label(&mut self, word: &OWord) -> Result<NameId, Fault> {
-        self.labels
+        self.flow
+            .labels
             .intern_label(&word.name)
             .ok_or_else(|| Fault::new(Code::BadName, word.span, "there are too many names of O-words"))
     }
 
     pub(crate) fn frame(&mut self) -> &mut Frame {
         // The frame of the program itself always exists.
-        let last = self.frames.len() - 1;
-        &mut self.frames[last]
+        let last = self.flow.frames.len() - 1;
+        &mut self.flow.frames[last]
     }
 
     /// Index of the present line among the stored lines; from now on those of the program are stored.
     pub(crate) fn mark(&mut self) -> usize {
-        if self.frames.len() == 1 && !self.on_tape {
-            self.tape.clear();
-            self.tape.push(self.line, &self.text);
-            self.on_tape = true;
+        if self.flow.frames.len() == 1 && !self.flow.on_tape {
+            self.flow.tape.clear();
+            self.flow.tape.push(self.current.number, &self.current.text);
+            self.flow.on_tape = true;
             self.frame().at = 1;
         }
         self.frame().at - 1
@@ -152,16 +154,16 @@ impl<R: BufRead> Interpreter<R> {
             Keyword::Sub => {
                 self.nothing_more(word)?;
                 let file = self.frame().lines.as_ref().and_then(|lines| lines.file.clone());
-                self.definition = Some(Definition {
+                self.flow.definition = Some(Definition {
                     name,
                     text: word.name.as_str().to_owned(),
-                    line: self.line,
+                    line: self.current.number,
                     lines: Lines::of_file(file),
                 });
             }
             Keyword::EndSub => self.end_sub(word, name)?,
             Keyword::Return => {
-                if self.frames.len() == 1 {
+                if self.flow.frames.len() == 1 {
                     return Err(order(word, "is outside of any subroutine"));
                 }
                 let value = self.optional_value(word)?;
@@ -173,7 +175,7 @@ impl<R: BufRead> Interpreter<R> {
                 // Reached from above, so a branch has been executed.
                 match self.frame().open.last() {
                     Some(Open::If { name: open, .. }) if *open == name => {
-                        self.skip = Some(Skip::Branch(name));
+                        self.flow.skip = Some(Skip::Branch(name));
                     }
                     _ => return Err(order(word, "has no if before it")),
                 }
@@ -219,7 +221,7 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     fn end_sub(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
-        if self.frames.len() == 1 {
+        if self.flow.frames.len() == 1 {
             return Err(order(
                 word,
                 "ends a subroutine that has not started: there is no sub with this name before it",
@@ -243,12 +245,12 @@ impl<R: BufRead> Interpreter<R> {
             Err(fault) => {
                 // So that one mistake is one error.
                 self.frame().open.push(Open::If { name, taken: true });
-                self.skip = Some(Skip::Branch(name));
+                self.flow.skip = Some(Skip::Branch(name));
                 return Err(fault);
             }
         };
         self.frame().open.push(Open::If { name, taken });
-        self.skip = (!taken).then_some(Skip::Branch(name));
+        self.flow.skip = (!taken).then_some(Skip::Branch(name));
         Ok(())
     }
 
@@ -256,12 +258,12 @@ impl<R: BufRead> Interpreter<R> {
         let times = match self.value(word) {
             Ok(times) => times.round(),
             Err(fault) => {
-                self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat));
                 return Err(fault);
             }
         };
         if times < 1.0 {
-            self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+            self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat));
         } else {
             let start = self.mark() + 1;
             let left = times;
@@ -291,7 +293,7 @@ impl<R: BufRead> Interpreter<R> {
                 Ok(())
             }
             other => {
-                self.skip = Some(Skip::End(name, Keyword::EndWhile));
+                self.flow.skip = Some(Skip::End(name, Keyword::EndWhile));
                 other.map(drop)
             }
         }
@@ -324,7 +326,7 @@ impl<R: BufRead> Interpreter<R> {
             Open::While { start, .. } => {
                 self.frame().open.pop();
                 if stop {
-                    self.skip = Some(Skip::End(name, Keyword::EndWhile));
+                    self.flow.skip = Some(Skip::End(name, Keyword::EndWhile));
                 } else {
                     self.jump(start);
                 }
@@ -332,17 +334,17 @@ impl<R: BufRead> Interpreter<R> {
             Open::Repeat { start, left, .. } => {
                 if stop {
                     self.frame().open.pop();
-                    self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                    self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat));
                 } else if !self.repeat(name, start, left) {
-                    self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                    self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat));
                 }
             }
             Open::Do { .. } => {
                 if stop {
                     self.frame().open.pop();
-                    self.skip = Some(Skip::End(name, Keyword::While));
+                    self.flow.skip = Some(Skip::End(name, Keyword::While));
                 } else {
-                    self.skip = Some(Skip::Test(name));
+                    self.flow.skip = Some(Skip::Test(name));
                 }
             }
             Open::If { .. } => {}
@@ -363,7 +365,7 @@ impl<R: BufRead> Interpreter<R> {
                 let enter = match word.keyword {
                     Keyword::EndIf => {
                         self.frame().open.pop();
-                        self.skip = None;
+                        self.flow.skip = None;
                         return self.nothing_more(word);
                     }
                     Keyword::Else => !taken,
@@ -374,12 +376,12 @@ impl<R: BufRead> Interpreter<R> {
                     if let Some(Open::If { taken, .. }) = self.frame().open.last_mut() {
                         *taken = true;
                     }
-                    self.skip = None;
+                    self.flow.skip = None;
                 }
             }
-            Skip::End(waited, end) if waited == name && word.keyword == end => self.skip = None,
+            Skip::End(waited, end) if waited == name && word.keyword == end => self.flow.skip = None,
             Skip::Test(waited) if waited == name && word.keyword == Keyword::While => {
-                self.skip = None;
+                self.flow.skip = None;
                 return self.while_(word, name);
             }
             _ => {}
@@ -389,14 +391,14 @@ impl<R: BufRead> Interpreter<R> {
 
     /// All values in brackets after the keyword.
     pub(crate) fn values(&mut self, word: &OWord) -> Result<(), Fault> {
-        self.arguments.clear();
-        let text = std::mem::take(&mut self.text);
-        let values = std::mem::take(&mut self.arguments);
+        self.flow.arguments.clear();
+        let text = std::mem::take(&mut self.current.text);
+        let values = std::mem::take(&mut self.flow.arguments);
         let result = self.values_of(word, &text, values);
-        self.text = text;
+        self.current.text = text;
         match result {
             Ok(values) => {
-                self.arguments = values;
+                self.flow.arguments = values;
                 Ok(())
             }
             Err(fault) => Err(fault),
@@ -428,7 +430,7 @@ impl<R: BufRead> Interpreter<R> {
 
     fn value(&mut self, word: &OWord) -> Result<f64, Fault> {
         self.values(word)?;
-        match self.arguments[..] {
+        match self.flow.arguments[..] {
             [value] => Ok(value),
             _ => {
                 let message = format!("{} needs one value in brackets", word.keyword.name());
@@ -443,7 +445,7 @@ impl<R: BufRead> Interpreter<R> {
 
     fn optional_value(&mut self, word: &OWord) -> Result<Option<f64>, Fault> {
         self.values(word)?;
-        match self.arguments[..] {
+        match self.flow.arguments[..] {
             [] => Ok(None),
             [value] => Ok(Some(value)),
             _ => Err(order(word, "returns at most one value")),
@@ -452,7 +454,7 @@ impl<R: BufRead> Interpreter<R> {
 
     fn nothing_more(&mut self, word: &OWord) -> Result<(), Fault> {
         self.values(word)?;
-        if self.arguments.is_empty() {
+        if self.flow.arguments.is_empty() {
             return Ok(());
         }
         Err(order(word, "takes no value"))
@@ -460,19 +462,19 @@ impl<R: BufRead> Interpreter<R> {
 
     /// The error of blocks that are still open at the end of a frame.
     pub(crate) fn unfinished(&mut self) -> Option<Fault> {
-        if let Some(Definition { text, line, .. }) = &self.definition {
+        if let Some(Definition { text, line, .. }) = &self.flow.definition {
             let message = format!(
                 "the text ends, but O<{text}> endsub is missing: O<{text}> sub starts in line {line}"
             );
             return Some(
-                Fault::new(Code::OWordOpen, Span::new(0, self.text.len()), message).help(format!(
+                Fault::new(Code::OWordOpen, Span::new(0, self.current.text.len()), message).help(format!(
                     "write O<{text}> endsub after the last line of the subroutine"
                 )),
             );
         }
         let what = {
-            let called = self.frames.len() > 1;
-            match (self.skip, self.frame().open.last()) {
+            let called = self.flow.frames.len() > 1;
+            match (self.flow.skip, self.frame().open.last()) {
                 (Some(Skip::Branch(_)), _) | (None, Some(Open::If { .. })) => "endif",
                 (Some(Skip::End(_, keyword)), _) => keyword.name(),
                 (None, Some(Open::While { .. })) => "endwhile",
@@ -484,7 +486,7 @@ impl<R: BufRead> Interpreter<R> {
         };
         let message = format!("the text ends, but O.. {what} is missing");
         Some(
-            Fault::new(Code::OWordOpen, Span::new(0, self.text.len()), message)
+            Fault::new(Code::OWordOpen, Span::new(0, self.current.text.len()), message)
                 .help("each O-word that opens a block needs one with the same name or number that closes it"),
         )
     }

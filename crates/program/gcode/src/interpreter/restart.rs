@@ -156,7 +156,7 @@ impl<R: BufRead> Interpreter<R> {
         if state.nurbs_order.is_some() {
             return Err(Box::new(self.reject(format!("line {line} is inside a NURBS"))));
         }
-        self.surface_feed.set_speed(&state.spindle_action());
+        self.output.surface_feed.set_speed(&state.spindle_action());
         let mut actions = Vec::new();
         if state.tool != tool {
             actions.push(Action::ChangeTool(state.tool));
@@ -190,14 +190,15 @@ impl<R: BufRead> Interpreter<R> {
             "{} lines were interpreted and line {line} was not reached: an endless loop",
             self.settings.max_lines_before_start
         );
-        Fault::new(Code::TooManySteps, Span::new(0, self.text.len()), message).locate(self.line, &self.text)
+        Fault::new(Code::TooManySteps, Span::new(0, self.current.text.len()), message)
+            .locate(self.current.number, &self.current.text)
     }
 
     fn reject(&self, message: String) -> Diagnostic {
-        let place = Span::new(0, self.text.len());
+        let place = Span::new(0, self.current.text.len());
         Fault::new(Code::RestartRefused, place, message)
             .help("choose a line between two operations, such as a rapid move to the next one")
-            .locate(self.line, &self.text)
+            .locate(self.current.number, &self.current.text)
     }
 }
 

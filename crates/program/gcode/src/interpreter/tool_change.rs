@@ -40,7 +40,7 @@ pub(crate) enum Resumed {
 impl<R: BufRead> Interpreter<R> {
     /// Whether the tool-change subroutine is active.
     fn is_changing(&self) -> bool {
-        self.frames.iter().any(|frame| frame.change.is_some())
+        self.flow.frames.iter().any(|frame| frame.change.is_some())
     }
 
     /// Whether the present line has to be divided.
@@ -48,9 +48,9 @@ impl<R: BufRead> Interpreter<R> {
         if self.settings.tool_change.is_none() {
             return Ok(false);
         }
-        let changes = self.statement.m(Group::ToolChange) == Some(MCode::ToolChange);
+        let changes = self.current.statement.m(Group::ToolChange) == Some(MCode::ToolChange);
         if self.is_changing() {
-            let ends = matches!(self.statement.m(Group::Stop), Some(MCode::End(_)));
+            let ends = matches!(self.current.statement.m(Group::Stop), Some(MCode::End(_)));
             if let Some((group, message)) = [
                 (changes, Group::ToolChange, "M6 in the tool-change subroutine"),
                 (ends, Group::Stop, "the program ends inside a tool change"),
@@ -58,7 +58,7 @@ impl<R: BufRead> Interpreter<R> {
             .into_iter()
             .find_map(|(found, group, message)| found.then_some((group, message)))
             {
-                let span = self.statement.group_span(group);
+                let span = self.current.statement.group_span(group);
                 return Err(Fault::new(Code::ToolChange, span, message).help(
                     "remove it; the change is complete when its subroutine ends, and (ABORT, text) aborts it",
                 ));
@@ -69,19 +69,19 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Executes a line with M6 up to the change, and calls the subroutine if another tool is requested.
     pub(crate) fn divide(&mut self) -> Result<(), Fault> {
-        let rest = self.statement.divide();
+        let rest = self.current.statement.divide();
         self.execute_statement()?;
         // The call has pushed a frame without the rest of its line.
         let Some(tool) = self.begun_change.take() else {
-            self.statement = rest;
+            self.current.statement = rest;
             return self.execute_statement();
         };
         let divided = DividedLine {
             tool,
             rest,
-            text: self.text.clone(),
-            line: self.line,
-            place: self.place.clone(),
+            text: self.current.text.clone(),
+            line: self.current.number,
+            place: self.current.place.clone(),
             modes: self.state.modes,
             motion: self.state.motion,
             cycle: self.state.sticky,
@@ -98,16 +98,16 @@ impl<R: BufRead> Interpreter<R> {
         };
         let named = Normal::new(name.as_bytes());
         let Some((text, label)) =
-            named.and_then(|text| self.labels.intern_label(&text).map(|label| (text, label)))
+            named.and_then(|text| self.flow.labels.intern_label(&text).map(|label| (text, label)))
         else {
             let message = format!("\"{name}\" cannot be the name of a subroutine");
             return Err(Fault::new(Code::BadName, span, message)
                 .help("program.tool_change_subroutine of the machine file names it"));
         };
         self.parameters.commit();
-        self.arguments.clear();
+        self.flow.arguments.clear();
         let words = [call.tool, call.present, call.from_pocket, call.to_pocket];
-        self.arguments.extend(words.map(f64::from));
+        self.flow.arguments.extend(words.map(f64::from));
         self.enter(&text, label, span, true, 1).map_err(|fault| {
             if fault.code == Code::SubroutineMissing {
                 let message = format!("M6 needs the subroutine O<{name}>, and there is none");
@@ -131,7 +131,7 @@ impl<R: BufRead> Interpreter<R> {
                 self.state.motion = divided.motion;
                 self.state.sticky = divided.cycle;
                 let mut state = self.state;
-                let statement = Statement::new();
+                let statement = Statement::default();
                 let number = self.shown_line();
                 let mut executor = self.executor(&statement, &mut state, number);
                 executor.move_pockets(divided.tool);
@@ -144,7 +144,7 @@ impl<R: BufRead> Interpreter<R> {
             }
             Resumed::Rest(divided) => {
                 self.at_line_of(&divided);
-                self.statement = divided.rest;
+                self.current.statement = divided.rest;
                 self.execute_statement()
             }
         }
@@ -152,9 +152,9 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Restores the position of the divided line, for error messages.
     fn at_line_of(&mut self, divided: &DividedLine) {
-        self.place = divided.place.clone();
-        self.line = divided.line;
-        self.text.clone_from(&divided.text);
-        self.has_moved = true;
+        self.current.place = divided.place.clone();
+        self.current.number = divided.line;
+        self.current.text.clone_from(&divided.text);
+        self.flow.has_moved = true;
     }
 }

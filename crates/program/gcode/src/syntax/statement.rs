@@ -72,8 +72,8 @@ const AXIS_BITS: u32 = bits(b"XYZABCUVW@^");
 const CENTRE_BITS: u32 = bits(b"IJK");
 const ALWAYS_USED: u32 = bits(b"FST$");
 
-impl Statement {
-    pub(crate) fn new() -> Self {
+impl Default for Statement {
+    fn default() -> Self {
         Self {
             g: [None; GROUPS],
             m: [None; GROUPS],
@@ -85,7 +85,9 @@ impl Statement {
             motion: None,
         }
     }
+}
 
+impl Statement {
     /// Fills in a line. `modal` is the active motion mode.
     pub(crate) fn fill(&mut self, block: &Block, modal: Motion, settings: &Settings) -> Result<(), Fault> {
         if self.any_mode || self.g[Group::Motion as usize].is_some() {

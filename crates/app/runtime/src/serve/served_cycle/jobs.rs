@@ -48,7 +48,7 @@ impl ServedParts {
         }
         if let Some(result) = result {
             let sequence = setpoint.sequence;
-            now.ends_program = true;
+            now.program.is_end = true;
             self.drop_turn(now);
             self.end_excursion(now);
             let work = std::mem::replace(&mut now.work, ActiveJob::None);
@@ -170,7 +170,7 @@ impl ServedParts {
         self.end_excursion(now);
         let work = std::mem::replace(&mut now.work, ActiveJob::None);
         if !matches!(work, ActiveJob::None) {
-            now.ends_program = true;
+            now.program.is_end = true;
             let sequence = self.station.sequence();
             self.report(CycleEvent::Ended {
                 sequence,

@@ -115,7 +115,7 @@ impl ServedParts {
             ..Inputs::default()
         };
         (now.stops.go_on, now.stops.at_stop) = (None, None);
-        now.job = job.job;
+        now.program.job = job.job;
         self.driven.forget();
         self.begin_schedule(&mut job);
         now.work = ActiveJob::Follow(job);

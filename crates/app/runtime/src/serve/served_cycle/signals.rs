@@ -76,7 +76,7 @@ impl ServedParts {
             signals.go_on();
         }
         let is_switched = signals.step(setpoint, phase);
-        if now.ends_program
+        if now.program.is_end
             && let Some(schedule) = signals.end_program()
         {
             self.report(CycleEvent::Spent(schedule));
