@@ -23,11 +23,11 @@ fn spindles(commands: &[Command]) -> Vec<Action> {
         .collect()
 }
 
-fn surface(metres_per_minute: f64, max_rpm: f64, centre_mm: f64) -> Action {
+fn surface(speed_m_min: f64, max_rpm: f64, centre_mm: f64) -> Action {
     Action::SurfaceSpeed {
         direction: SpindleDirection::Clockwise,
         surface: SurfaceSpeed {
-            speed_m_min: metres_per_minute,
+            speed_m_min,
             max_rpm,
             centre_mm,
         },
@@ -35,8 +35,8 @@ fn surface(metres_per_minute: f64, max_rpm: f64, centre_mm: f64) -> Action {
 }
 
 /// The speed by the definition: the circumference that passes by in a minute.
-fn rpm(metres_per_minute: f64, max_rpm: f64, radius_mm: f64) -> f64 {
-    (metres_per_minute * 1000.0 / (TAU * radius_mm)).min(max_rpm)
+fn rpm(speed_m_min: f64, max_rpm: f64, radius_mm: f64) -> f64 {
+    (speed_m_min * 1000.0 / (TAU * radius_mm)).min(max_rpm)
 }
 
 /// Checks the pieces of a program's feed moves against the definition at many places of each, and returns their number.
@@ -93,6 +93,32 @@ fn facing_keeps_the_chip_thickness() {
         law,
         0.2,
     );
+}
+
+#[test]
+fn the_cross_feed_of_a_facing_cycle_is_per_revolution() {
+    // K is more than the depth: one pass, in along X by E and out along Z by F.
+    for (speed, law) in [("G97 S600", None), ("G96 S150 D2500", Some(150.0))] {
+        let program = format!("G21 G18 G8 G95 {speed} M3\nG0 X30 Z0\nG75 X20 Z-1 K2 E0.05 F0.2\nM2\n");
+        let mut found = [0, 0];
+        for command in run(&program) {
+            let Action::Move(motion) = &command.action else {
+                continue;
+            };
+            if motion.kind == MoveKind::Rapid {
+                continue;
+            }
+            let along_x = motion.curve.start()[2] == motion.curve.end()[2];
+            found[usize::from(along_x)] += 1;
+            let feed_mm = if along_x { 0.05 } else { 0.2 };
+            assert_eq!(command.feed_mm_rev, Some(feed_mm), "{program}");
+            let radius_mm = motion.curve.at(0.5 * motion.curve.length()).position[0];
+            let turning = law.map_or(600.0, |speed_m_min| rpm(speed_m_min, 2500.0, radius_mm));
+            let ratio = motion.feed_mm_s / (feed_mm * turning / 60.0);
+            assert!((ratio - 1.0).abs() < 0.0102, "{program} {ratio}");
+        }
+        assert!(found[0] > 0 && found[1] > 0, "{program} {found:?}");
+    }
 }
 
 #[test]

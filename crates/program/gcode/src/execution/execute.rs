@@ -10,7 +10,7 @@ use crate::execution::compensation::Changed;
 use crate::execution::contour_watch::ContourWatch;
 use crate::execution::cycles::roughing::RoughCall;
 use crate::parameters::values::{INPUT_RESULT, Parameters, TOOL, TOOL_DIAMETER, WORK_OFFSET};
-use crate::state::machine_state::{ProgrammedFeed, State};
+use crate::state::machine_state::{ProgrammedFeed, ProgrammedSpeed, State};
 use crate::syntax::statement::Statement;
 use crate::{
     Action, CallChain, Code, Command, Origin, PathMode, Settings, SpindleDirection, Tool, ToolTable,
@@ -196,9 +196,9 @@ impl Executor<'_> {
         let cooling = modes.mist || modes.flood;
         modes.spindle = SpindleDirection::Stopped;
         (modes.mist, modes.flood) = (false, false);
-        if modes.surface.take().is_some() {
+        if modes.speed.is_surface() {
             // The next program starts in G97, where metres per minute are not a speed.
-            modes.speed = 0.0;
+            modes.speed = ProgrammedSpeed::Rpm(0.0);
         }
         if turning {
             self.spindle();
@@ -230,15 +230,13 @@ impl Executor<'_> {
         self.state.modes.feed = match self.state.modes.feed_mode {
             // Only for its own line.
             FeedMode::InverseTime => None,
-            FeedMode::PerMinute => Some(ProgrammedFeed {
-                linear: feed * unit / 60.0,
-                rotary: feed / 60.0,
+            FeedMode::PerMinute => Some(ProgrammedFeed::PerMinute {
                 word: feed,
+                linear_mm_s: feed * unit / 60.0,
             }),
-            FeedMode::PerRevolution => Some(ProgrammedFeed {
-                linear: feed * unit,
-                rotary: feed,
+            FeedMode::PerRevolution => Some(ProgrammedFeed::PerRevolution {
                 word: feed,
+                linear_mm_rev: feed * unit,
             }),
         };
         Ok(())
@@ -253,7 +251,7 @@ impl Executor<'_> {
     /// Spindle, tools, coolant, outputs.
     fn periphery(&mut self) -> Result<Option<Request>, Fault> {
         let line = self.line;
-        let was_surface = self.state.modes.surface.is_some();
+        let was_surface = self.state.modes.speed.is_surface();
         if let Some(GCode::ConstantSurfaceSpeed(on)) = line.g(Group::SpindleMode) {
             if on && !line.has(b'S') {
                 let span = line.group_span(Group::SpindleMode);
@@ -268,19 +266,26 @@ impl Executor<'_> {
             {
                 return Err(crate::syntax::word_faults::negative('D', limit, line.span(b'D')));
             }
-            if !on && self.state.modes.surface.is_some() && !line.has(b'S') {
-                // The spindle keeps its present speed.
-                self.state.modes.speed = self.state.rpm();
-            }
-            self.state.modes.surface = on.then(|| {
+            if on {
                 let limit = line.word(b'D').unwrap_or(f64::INFINITY);
-                limit.min(self.settings.spindle_max_rpm)
-            });
+                self.state.modes.speed = ProgrammedSpeed::Surface {
+                    speed_m_min: 0.0,
+                    max_rpm: limit.min(self.settings.spindle_max_rpm),
+                };
+            } else if was_surface {
+                // Without S the spindle keeps its present speed.
+                self.state.modes.speed = ProgrammedSpeed::Rpm(self.state.rpm());
+            }
         }
         if let Some(speed) = line.word(b'S') {
-            // Feet per minute in G20.
-            let inches = self.state.modes.inches && self.state.modes.surface.is_some();
-            self.state.modes.speed = if inches { 0.3048 * speed } else { speed };
+            let modes = &mut self.state.modes;
+            match &mut modes.speed {
+                ProgrammedSpeed::Rpm(rpm) => *rpm = speed,
+                // Feet per minute in G20.
+                ProgrammedSpeed::Surface { speed_m_min, .. } => {
+                    *speed_m_min = if modes.inches { 0.3048 * speed } else { speed };
+                }
+            }
         }
         if let Some(tool) = line.whole(b'T')? {
             if tool != 0 && self.lacks(tool) {
@@ -305,7 +310,7 @@ impl Executor<'_> {
         }
         if turned.is_some()
             || line.has(b'S')
-            || line.g(Group::SpindleMode).is_some() && (was_surface || self.state.modes.surface.is_some())
+            || line.g(Group::SpindleMode).is_some() && (was_surface || self.state.modes.speed.is_surface())
         {
             self.spindle();
         }
@@ -335,7 +340,7 @@ impl Executor<'_> {
     /// Offsets may have moved the centre of the radius of G96.
     fn follow_centre(&mut self) {
         let modes = &self.state.modes;
-        if modes.surface.is_some()
+        if modes.speed.is_surface()
             && modes.spindle != SpindleDirection::Stopped
             && modes.output_centre_mm != self.state.centre_mm()
         {
@@ -728,7 +733,7 @@ impl Executor<'_> {
                 .set_numbered(WORK_OFFSET, (saved.work_index + 1) as f64);
             self.state.load_work(self.parameters);
         }
-        if (saved.spindle, saved.speed, saved.surface) != (before.spindle, before.speed, before.surface) {
+        if (saved.spindle, saved.speed) != (before.spindle, before.speed) {
             self.spindle();
         }
         if (saved.mist, saved.flood) != (before.mist, before.flood) {

@@ -252,27 +252,24 @@ impl Executor<'_> {
     /// Feed per spindle revolution of a move in G95.
     #[inline]
     fn feed_per_revolution(&self, kind: MoveKind, rotary: bool) -> Option<f64> {
-        let modes = &self.state.modes;
-        if kind == MoveKind::Rapid || modes.feed_mode != FeedMode::PerRevolution {
+        if kind == MoveKind::Rapid {
             return None;
         }
-        modes
-            .feed
-            .map(|feed| if rotary { feed.rotary } else { feed.linear })
+        self.state.modes.feed?.per_revolution(rotary)
     }
 
     /// Checks that a feed move has a feed.
     pub(crate) fn check_feed(&self, name: &str) -> Result<(), Fault> {
         let modes = &self.state.modes;
         let span = self.line.motion_span();
-        let feed = match modes.feed_mode {
+        let is_zero = match modes.feed_mode {
             FeedMode::InverseTime => {
                 let Some(feed) = self.line.word(b'F') else {
                     let message = format!("{name} in G93 without F");
                     return Err(Fault::new(Code::InverseTimeFeedMissing, span, message)
                         .help("in inverse time mode every feed move needs its own F: 1 / minutes"));
                 };
-                feed
+                feed <= 0.0
             }
             FeedMode::PerMinute | FeedMode::PerRevolution => {
                 let Some(feed) = modes.feed else {
@@ -280,14 +277,14 @@ impl Executor<'_> {
                     return Err(Fault::new(Code::FeedMissing, span, message)
                         .help("write F on this line or before; a change of feed mode clears F"));
                 };
-                feed.linear
+                feed.is_zero()
             }
         };
-        if feed <= 0.0 {
+        if is_zero {
             let message = format!("{name} with feed F0");
             return Err(Fault::new(Code::FeedZero, span, message).help("write an F above 0"));
         }
-        if modes.feed_mode == FeedMode::PerRevolution && modes.speed <= 0.0 {
+        if modes.feed_mode == FeedMode::PerRevolution && modes.speed.word() <= 0.0 {
             let message = format!("{name} in G95, but the spindle speed is 0");
             return Err(Fault::new(Code::SpindleSpeedMissing, span, message)
                 .help("feed per revolution needs a spindle speed: write S and M3 first"));
@@ -301,14 +298,10 @@ impl Executor<'_> {
         if modes.feed_mode == FeedMode::InverseTime {
             return self.line.word(b'F').unwrap_or(0.0) / 60.0 * length;
         }
-        let feed = modes
+        // Updated along the move if the spindle speed follows the radius.
+        modes
             .feed
-            .map_or(0.0, |feed| if rotary { feed.rotary } else { feed.linear });
-        match modes.feed_mode {
-            // Updated along the move if the spindle speed follows the radius.
-            FeedMode::PerRevolution => feed * self.state.rpm() / 60.0,
-            _ => feed,
-        }
+            .map_or(0.0, |feed| feed.per_second(rotary, || self.state.rpm()))
     }
 
     /// G28, G30: via the point of the axis words to the stored position. Without axis words all axes move there, else only those

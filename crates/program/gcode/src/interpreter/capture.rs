@@ -79,10 +79,9 @@ impl<R: BufRead> Interpreter<R> {
         }));
         // Speeds in the profile are meaningless, so none is required.
         self.state.modes.feed_mode = FeedMode::PerMinute;
-        self.state.modes.feed = Some(ProgrammedFeed {
-            linear: 1.0,
-            rotary: 1.0,
+        self.state.modes.feed = Some(ProgrammedFeed::PerMinute {
             word: 60.0,
+            linear_mm_s: 1.0,
         });
         if !matches!(self.state.motion, Motion::Rapid | Motion::Linear | Motion::Arc(_)) {
             self.state.motion = Motion::Linear;

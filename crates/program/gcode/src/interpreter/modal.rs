@@ -6,6 +6,7 @@ use evolvent_path::{Axes, Plane};
 
 use crate::codes::modal_groups::{Compensation, FeedMode, PlaneCode};
 use crate::interpreter::Interpreter;
+use crate::state::machine_state::ProgrammedSpeed;
 use crate::state::machine_state::State;
 use crate::{PathMode, SpindleDirection};
 
@@ -75,13 +76,13 @@ impl State {
             either(modes.diameter, 70, 80),
             either(self.cutter.code == Compensation::Off, 400, 410),
             either(self.tool_offset == Axes::zeros(), 490, 430),
-            either(modes.surface.is_some(), 960, 970),
+            either(modes.speed.is_surface(), 960, 970),
         ];
         let mut codes = [0; 16];
         codes[..list.len()].copy_from_slice(&list);
-        let turning = match (modes.spindle, modes.surface) {
-            (SpindleDirection::Clockwise, None) => modes.speed,
-            (SpindleDirection::CounterClockwise, None) => -modes.speed,
+        let turning = match (modes.spindle, modes.speed) {
+            (SpindleDirection::Clockwise, ProgrammedSpeed::Rpm(rpm)) => rpm,
+            (SpindleDirection::CounterClockwise, ProgrammedSpeed::Rpm(rpm)) => -rpm,
             _ => 0.0,
         };
         Modal {

@@ -7,6 +7,7 @@ use evolvent_path::{Axes, AxisLetter, Curve, Line, Plane};
 use crate::codes::modal_groups::{Compensation, FeedMode, PlaneCode};
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
+use crate::state::machine_state::ProgrammedSpeed;
 use crate::state::machine_state::{INCH_MM, State};
 use crate::{Action, CallChain, Code, Command, Diagnostic, Move, MoveKind, PathMode, SpindleDirection};
 
@@ -219,21 +220,14 @@ impl State {
 
     /// The feed of a move along XYZ.
     fn feed_mm_s(&self) -> Option<f64> {
-        let feed = self.modes.feed?.linear;
-        let feed = match self.modes.feed_mode {
-            FeedMode::InverseTime => return None,
-            FeedMode::PerMinute => feed,
-            FeedMode::PerRevolution => feed * self.rpm() / 60.0,
-        };
+        let feed = self.modes.feed?.per_second(false, || self.rpm());
         (feed > 0.0 && feed.is_finite()).then_some(feed)
     }
 
     /// The F word as written, and whether in inches.
     fn feed_word(&self) -> Option<(f64, bool)> {
         let feed = self.modes.feed?;
-        // Both come from the word in the same way except for the unit.
-        let is_metric = (feed.linear - feed.rotary).abs() <= 1e-9 * feed.rotary.abs();
-        Some((feed.word, !is_metric))
+        Some((feed.word(), !feed.is_metric()))
     }
 
     /// The modes as a line of codes.
@@ -303,8 +297,8 @@ impl State {
             SpindleDirection::CounterClockwise => "M4",
         };
         // From S on the state of the periphery.
-        words.push(format!("S{}", modes.speed));
-        if let Some(max_rpm) = modes.surface {
+        words.push(format!("S{}", modes.speed.word()));
+        if let ProgrammedSpeed::Surface { max_rpm, .. } = modes.speed {
             words.push("G96".to_owned());
             if max_rpm.is_finite() {
                 words.push(format!("D{max_rpm}"));

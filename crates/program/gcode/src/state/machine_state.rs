@@ -12,15 +12,101 @@ use crate::{Action, Outputs, PathMode, Settings, SpindleDirection};
 /// Millimetres per inch.
 pub(crate) const INCH_MM: f64 = 25.4;
 
-/// F in the units in which it was programmed: a later G20 or G21 does not change the speed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct ProgrammedFeed {
-    /// For motion of linear axes: mm/s, or mm per revolution in G95.
-    pub(crate) linear: f64,
-    /// For motion of rotary axes only: deg/s, or degrees per revolution in G95.
-    pub(crate) rotary: f64,
+/// The active F word as a feed, which a later G20 or G21 does not change. Its unit depends on the feed mode in which it was
+/// read, so it can only be read with its unit.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum ProgrammedFeed {
+    /// G94.
+    PerMinute {
+        /// As written.
+        word: f64,
+        /// For motion of linear axes.
+        linear_mm_s: f64,
+    },
+    /// G95.
+    PerRevolution {
+        /// As written; for motion of rotary axes only, degrees per revolution.
+        word: f64,
+        /// For motion of linear axes.
+        linear_mm_rev: f64,
+    },
+}
+
+impl ProgrammedFeed {
     /// As written.
-    pub(crate) word: f64,
+    pub(crate) fn word(&self) -> f64 {
+        match *self {
+            Self::PerMinute { word, .. } | Self::PerRevolution { word, .. } => word,
+        }
+    }
+
+    pub(crate) fn is_zero(&self) -> bool {
+        match *self {
+            Self::PerMinute {
+                linear_mm_s: linear, ..
+            }
+            | Self::PerRevolution {
+                linear_mm_rev: linear,
+                ..
+            } => linear <= 0.0,
+        }
+    }
+
+    /// Whether the word was in mm, not in inches.
+    pub(crate) fn is_metric(&self) -> bool {
+        let (linear, rotary) = match *self {
+            Self::PerMinute { word, linear_mm_s } => (linear_mm_s, word / 60.0),
+            Self::PerRevolution { word, linear_mm_rev } => (linear_mm_rev, word),
+        };
+        (linear - rotary).abs() <= 1e-9 * rotary.abs()
+    }
+
+    /// mm/s, or degrees/s for motion of rotary axes only, with the spindle at `rpm`.
+    pub(crate) fn per_second(&self, rotary: bool, rpm: impl FnOnce() -> f64) -> f64 {
+        match *self {
+            Self::PerMinute { word, .. } if rotary => word / 60.0,
+            Self::PerMinute { linear_mm_s, .. } => linear_mm_s,
+            Self::PerRevolution { .. } => self.per_revolution(rotary).unwrap_or(0.0) * rpm() / 60.0,
+        }
+    }
+
+    /// In G95: mm, or degrees for motion of rotary axes only, per revolution.
+    pub(crate) fn per_revolution(&self, rotary: bool) -> Option<f64> {
+        match *self {
+            Self::PerMinute { .. } => None,
+            Self::PerRevolution { word, .. } if rotary => Some(word),
+            Self::PerRevolution { linear_mm_rev, .. } => Some(linear_mm_rev),
+        }
+    }
+}
+
+/// The active S word.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum ProgrammedSpeed {
+    /// G97.
+    Rpm(f64),
+    /// G96.
+    Surface {
+        speed_m_min: f64,
+        /// Maximum spindle speed.
+        max_rpm: f64,
+    },
+}
+
+impl ProgrammedSpeed {
+    /// Revolutions or metres per minute.
+    pub(crate) fn word(self) -> f64 {
+        match self {
+            Self::Rpm(word)
+            | Self::Surface {
+                speed_m_min: word, ..
+            } => word,
+        }
+    }
+
+    pub(crate) fn is_surface(self) -> bool {
+        matches!(self, Self::Surface { .. })
+    }
 }
 
 /// The modes saved by M70 and restored by M72.
@@ -37,10 +123,7 @@ pub(crate) struct Modes {
     pub(crate) retract_to_old: bool,
     pub(crate) diameter: bool,
     pub(crate) spindle: SpindleDirection,
-    /// Revolutions per minute, or metres per minute in G96.
-    pub(crate) speed: f64,
-    /// G96: the maximum spindle speed in revolutions per minute.
-    pub(crate) surface: Option<f64>,
+    pub(crate) speed: ProgrammedSpeed,
     /// X of the spindle centre that was output last, machine coordinates.
     pub(crate) output_centre_mm: f64,
     pub(crate) mist: bool,
@@ -125,11 +208,13 @@ impl State {
                 diameter: false,
                 spindle: settings.outputs.direction,
                 speed: match (surface, settings.outputs.surface) {
-                    (Some(surface), _) => surface.speed_m_min,
-                    (None, Some(_)) => 0.0,
-                    (None, None) => settings.outputs.speed_rpm,
+                    (Some(surface), _) => ProgrammedSpeed::Surface {
+                        speed_m_min: surface.speed_m_min,
+                        max_rpm: surface.max_rpm,
+                    },
+                    (None, Some(_)) => ProgrammedSpeed::Rpm(0.0),
+                    (None, None) => ProgrammedSpeed::Rpm(settings.outputs.speed_rpm),
                 },
-                surface: surface.map(|surface| surface.max_rpm),
                 output_centre_mm: surface.map_or(0.0, |surface| surface.centre_mm),
                 mist: settings.outputs.mist,
                 flood: settings.outputs.flood,
@@ -284,19 +369,16 @@ impl State {
     pub(crate) fn spindle_action(&self) -> Action {
         let modes = &self.modes;
         let direction = modes.spindle;
-        match modes.surface {
-            Some(max_rpm) => Action::SurfaceSpeed {
+        match modes.speed {
+            ProgrammedSpeed::Surface { speed_m_min, max_rpm } => Action::SurfaceSpeed {
                 direction,
                 surface: SurfaceSpeed {
-                    speed_m_min: modes.speed,
+                    speed_m_min,
                     max_rpm,
                     centre_mm: self.centre_mm(),
                 },
             },
-            None => Action::Spindle {
-                direction,
-                speed_rpm: modes.speed,
-            },
+            ProgrammedSpeed::Rpm(speed_rpm) => Action::Spindle { direction, speed_rpm },
         }
     }
 
@@ -356,7 +438,7 @@ impl State {
             },
             System::CurrentTool => f64::from(self.tool),
             System::SelectedTool => self.selected_tool.map_or(-1.0, f64::from),
-            System::Feed => modes.feed.map_or(0.0, |feed| feed.word),
+            System::Feed => modes.feed.map_or(0.0, |feed| feed.word()),
             System::FeedHold => truth(modes.feed_stop),
             System::FeedOverride => truth(modes.feed_override),
             System::SpeedOverride => truth(modes.spindle_override),
@@ -380,9 +462,9 @@ impl State {
             },
             System::RetractOldZ => truth(modes.retract_to_old),
             System::RetractRPlane => truth(!modes.retract_to_old),
-            System::Rpm => modes.speed,
-            System::SpindleConstantSurface => truth(modes.surface.is_some()),
-            System::SpindleRpmMode => truth(modes.surface.is_none()),
+            System::Rpm => modes.speed.word(),
+            System::SpindleConstantSurface => truth(modes.speed.is_surface()),
+            System::SpindleRpmMode => truth(!modes.speed.is_surface()),
             System::SpindleClockwise => truth(modes.spindle == SpindleDirection::Clockwise),
             System::SpindleOn => truth(modes.spindle != SpindleDirection::Stopped),
             System::ToolOffset => truth(self.tool_offset != Axes::zeros()),

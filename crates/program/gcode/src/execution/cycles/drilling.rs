@@ -8,6 +8,7 @@ use crate::codes::modal_groups::{Cycle, FeedMode, Motion, PlaneCode};
 use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::{Executor, needs_spindle};
 use crate::execution::offsets::check_coordinate;
+use crate::state::machine_state::{ProgrammedFeed, ProgrammedSpeed};
 use crate::{Action, Code, MoveKind, PathMode, SpindleDirection};
 
 /// Retract for breaking chips, and the distance above the last depth at which the rapid ends: 0.01 inch.
@@ -254,12 +255,15 @@ impl Executor<'_> {
     fn tap_rigidly(&mut self, cycle: Cycle, at: Axes, hole: &Hole) -> Result<(), Fault> {
         let name = Motion::Cycle(cycle).name();
         let modes = self.state.modes;
-        let feed = modes.feed.map_or(0.0, |feed| feed.linear);
-        let pitch_mm = match modes.feed_mode {
-            FeedMode::PerRevolution => feed,
-            _ => feed * 60.0 / modes.speed,
+        let pitch_mm = match (modes.feed, modes.speed) {
+            (_, ProgrammedSpeed::Surface { .. }) => f64::NAN,
+            (Some(ProgrammedFeed::PerRevolution { linear_mm_rev, .. }), _) => linear_mm_rev,
+            (Some(ProgrammedFeed::PerMinute { linear_mm_s, .. }), ProgrammedSpeed::Rpm(rpm)) => {
+                linear_mm_s * 60.0 / rpm
+            }
+            (None, _) => 0.0,
         };
-        if modes.surface.is_some() || modes.speed <= 0.0 || !pitch_mm.is_finite() {
+        if modes.speed.word() <= 0.0 || !pitch_mm.is_finite() {
             let message = format!("{name} needs a spindle speed, which determines the pitch together with F");
             return Err(
                 Fault::new(Code::SpindleSpeedMissing, self.line.motion_span(), message).help(

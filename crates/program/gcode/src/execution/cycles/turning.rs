@@ -17,6 +17,7 @@ use crate::codes::modal_groups::{FeedMode, Motion, Turning};
 use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
 use crate::execution::offsets::check_coordinate;
+use crate::state::machine_state::ProgrammedSpeed;
 use crate::{Action, Code, MoveKind, PathMode, TurningWords};
 
 /// Retract of the tool from the cut before a rapid, mm.
@@ -66,6 +67,14 @@ pub struct TurningCycle {
     pub cross_feed_mm_s: f64,
 }
 
+/// The feed of a cut.
+#[derive(Clone, Copy, Debug)]
+struct CutFeed {
+    mm_s: f64,
+    /// In G95.
+    mm_rev: Option<f64>,
+}
+
 /// A cycle in program coordinates, mm and radii.
 #[derive(Clone, Copy, Debug)]
 struct Step {
@@ -77,8 +86,8 @@ struct Step {
     z: f64,
     cone: Option<[f64; 2]>,
     allowance: f64,
-    feed: f64,
-    cross_feed: f64,
+    feed: CutFeed,
+    cross_feed: CutFeed,
     /// Direction away from the axis of the work: +1 for outer turning.
     out: f64,
     /// Direction along Z from the work back to the start.
@@ -213,12 +222,19 @@ impl Executor<'_> {
             );
             return refuse(b'H', message);
         }
-        let feed = self.speed(1.0, false);
+        let feed = CutFeed {
+            mm_s: self.speed(1.0, false),
+            mm_rev: self.state.modes.feed.and_then(|feed| feed.per_revolution(false)),
+        };
         let cross_feed = match line.word(b'E') {
             Some(e) if e <= 0.0 => return refuse(b'E', format!("E{e}: the feed along X must be above 0")),
-            Some(e) => match self.state.modes.feed_mode {
-                FeedMode::PerRevolution => e * unit * self.state.modes.speed / 60.0,
-                _ => e * unit / 60.0,
+            Some(e) if feed.mm_rev.is_some() => CutFeed {
+                mm_s: e * unit * self.state.rpm() / 60.0,
+                mm_rev: Some(e * unit),
+            },
+            Some(e) => CutFeed {
+                mm_s: e * unit / 60.0,
+                mm_rev: None,
             },
             None => feed,
         };
@@ -267,7 +283,10 @@ impl Executor<'_> {
         let [x_mm, z_mm] = machine(step.x, step.z)?;
         let cone_mm = step.cone.map(|[x, z]| machine(x, z)).transpose()?;
         let modes = &self.state.modes;
-        let spindle_rpm = if modes.surface.is_none() { modes.speed } else { 0.0 };
+        let spindle_rpm = match modes.speed {
+            ProgrammedSpeed::Rpm(rpm) => rpm,
+            ProgrammedSpeed::Surface { .. } => 0.0,
+        };
         let cycle = TurningCycle {
             kind: match turning {
                 Turning::Longitudinal => TurningKind::Longitudinal,
@@ -281,8 +300,8 @@ impl Executor<'_> {
             allowance_mm: step.allowance,
             diameter_mm: 2.0 * step.x.abs(),
             spindle_rpm,
-            feed_mm_s: step.feed,
-            cross_feed_mm_s: step.cross_feed,
+            feed_mm_s: step.feed.mm_s,
+            cross_feed_mm_s: step.cross_feed.mm_s,
         };
         self.out(Action::Turning(cycle));
         // The allowance is finished as usual, from the start of the cycle.
@@ -392,7 +411,7 @@ impl Executor<'_> {
         self.go(at, MoveKind::Rapid, PathMode::ExactPath)
     }
 
-    fn cut(&mut self, x: f64, z: f64, feed: f64) -> Result<(), Fault> {
+    fn cut(&mut self, x: f64, z: f64, feed: CutFeed) -> Result<(), Fault> {
         let at = self.place(x, z);
         let before = self.out.len();
         self.go(at, MoveKind::Feed, PathMode::ExactPath)?;
@@ -400,7 +419,8 @@ impl Executor<'_> {
             && let Some(last) = self.out.back_mut()
             && let Action::Move(step) = &mut last.action
         {
-            step.feed_mm_s = feed;
+            step.feed_mm_s = feed.mm_s;
+            last.feed_mm_rev = feed.mm_rev;
         }
         Ok(())
     }
