@@ -150,13 +150,7 @@ impl PathExecutor {
             }
             Step::TimedSegment(flow) => {
                 let is_known = queue.is_final(cursor.step) && !lag.waited;
-                if cursor.slowdown.is_none() && !is_known {
-                    self.waited = true;
-                    return false;
-                }
-                // A stop within a piece, or a plan for another override: both are replaced before anything moves.
-                if cursor.slowdown.is_some() || !self.plan_fits(brake) {
-                    self.rest_step = Some(step);
+                if !self.may_start(cursor, brake, is_known, step) {
                     return false;
                 }
                 cursor.starved = false;
@@ -213,6 +207,20 @@ impl PathExecutor {
                 cursor.state = State::Done;
                 return false;
             }
+        }
+        true
+    }
+
+    /// Whether a timed segment can start from rest; `is_known` if no other plan can come for it.
+    fn may_start(&mut self, cursor: &Cursor, brake: bool, is_known: bool, step: Step) -> bool {
+        if cursor.slowdown.is_none() && !is_known {
+            self.waited = true;
+            return false;
+        }
+        // A stop within a piece, or a plan for another override: both are replaced before anything moves.
+        if cursor.slowdown.is_some() || !self.plan_fits(brake) {
+            self.rest_step = Some(step);
+            return false;
         }
         true
     }

@@ -1,16 +1,15 @@
 //! The registers of a board that are written once, read every cycle, and written every cycle.
 
-use thiserror::Error;
+mod error;
 
-use crate::board_settings::{Actuator, BoardSettings, InputSource, OutputTarget, Pin};
+pub use self::error::PlanError;
+use crate::board_settings::{Actuator, BoardAxis, BoardSettings, InputSource, OutputTarget, Pin};
 use crate::description::{Description, Module, PinFunction, tag};
 use crate::field_pins::{
     FieldOutputs, FieldPins, InputPlace, MAX_FIELD_UNITS, OutputPlace, filter_place, output_place,
 };
 use crate::packet::{Packet, PacketFull, Space};
-use crate::smart_serial::{
-    Element, MAX_REMOTES, RemoteError, SerialInputs, SerialOutputs, SmartSerial, WORDS,
-};
+use crate::smart_serial::{Element, MAX_REMOTES, SerialInputs, SerialOutputs, SmartSerial, WORDS};
 
 /// Maximum number of ports.
 pub(crate) const MAX_PORTS: usize = 8;
@@ -36,119 +35,6 @@ const PWM_MODE: u32 = 3;
 const QUADRATURE: u32 = 1 << 11;
 /// Maximum counts of an encoder between two readings.
 const MAX_COUNTS: f64 = 30_000.0;
-
-/// Why a board does not support its board file.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum PlanError {
-    /// Another board.
-    #[error("the board calls itself {found}, the board file says {wanted}: correct `name` or `address`")]
-    Name {
-        /// The name found on the network.
-        found: String,
-        /// The name in the file.
-        wanted: String,
-    },
-    /// A kind of module is missing, or has too few instances.
-    #[error(
-        "the board file asks for {what} {unit}, and the firmware of this {board} has {instances}: correct \
-         the number, or write a \
-         bit file with more of them"
-    )]
-    Module {
-        /// Its function.
-        what: &'static str,
-        /// Its number, from 0.
-        unit: usize,
-        /// The board.
-        board: String,
-        /// Number of instances of the board.
-        instances: usize,
-    },
-    /// A module that the bridge does not support.
-    #[error(
-        "the {what} module is of a kind that is not known (version {version}, {registers} registers, stride \
-         {stride}): the \
-         firmware is newer than this software"
-    )]
-    Kind {
-        /// Its function.
-        what: &'static str,
-        /// Its version.
-        version: u8,
-        /// Its registers.
-        registers: u8,
-        /// Its stride.
-        stride: u16,
-    },
-    /// A module pin that is not connected to a pin of the board.
-    #[error("{what} {unit} has no pin on this board: choose another number")]
-    NoPin {
-        /// Its function.
-        what: &'static str,
-        /// Its number.
-        unit: usize,
-    },
-    /// A pin that the board does not have.
-    #[error("pin {pin} is not a pin of this board, which has {pins}: correct the number")]
-    Pin {
-        /// The pin.
-        pin: usize,
-        /// Number of pins of the board.
-        pins: usize,
-    },
-    /// A pin with two uses.
-    #[error("pin {pin} is used twice: give each use its own")]
-    Taken {
-        /// The pin.
-        pin: usize,
-    },
-    /// A time that is too long.
-    #[error(
-        "{what} of {time_ns} ns is more than the step generators of this board can ({most_ns:.0} ns): \
-         shorten it"
-    )]
-    Time {
-        /// Which.
-        what: &'static str,
-        /// The time.
-        time_ns: f64,
-        /// The longest.
-        most_ns: f64,
-    },
-    /// The times, rounded up to clocks, do not permit the maximum velocity.
-    #[error(
-        "step generator {unit}: {needed:.0} steps/s needed, {possible:.0} possible at this board's clock: \
-         shorten its times"
-    )]
-    StepRate {
-        /// Its number.
-        unit: usize,
-        /// Steps/s at the maximum velocity.
-        needed: f64,
-        /// Steps/s permitted by the times.
-        possible: f64,
-    },
-    /// More counts between two readings than a 16-bit counter can resolve.
-    #[error("encoder {unit} counts {counts:.0} in a period, more than 30000: choose a higher control rate")]
-    Counts {
-        /// Its number.
-        unit: usize,
-        /// Counts per period at the maximum velocity.
-        counts: f64,
-    },
-    /// A pin without a filter.
-    #[error("pin {pin} has no filter on this board (InM): remove `slow`")]
-    NoFilter {
-        /// The pin.
-        pin: usize,
-    },
-    /// A smart-serial device lacks data that the file requires.
-    #[error(transparent)]
-    Remote(#[from] RemoteError),
-    /// The registers exceed a packet.
-    #[error(transparent)]
-    Full(#[from] PacketFull),
-}
 
 /// Values written every cycle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -241,14 +127,7 @@ impl Plan {
         max_velocity: &[f64],
         period_s: f64,
     ) -> Result<Self, PlanError> {
-        if let Some(wanted) = settings.name.as_ref()
-            && !wanted.eq_ignore_ascii_case(&board.name)
-        {
-            return Err(PlanError::Name {
-                found: board.name.clone(),
-                wanted: wanted.clone(),
-            });
-        }
+        check_name(board, settings)?;
         let mut plan = Self {
             watchdog: module(board, tag::WATCHDOG, "watchdog", 0, 3)?,
             port: module(board, tag::IO_PORT, "I/O port", 0, 5)?,
@@ -280,56 +159,7 @@ impl Plan {
             plan.alternate[port] |= bit;
         }
         for (axis, max_velocity) in settings.axes.iter().zip(max_velocity) {
-            match axis.actuator {
-                Actuator::Steps { unit, timing } => {
-                    let found = module(board, tag::STEP_GENERATOR, "step generator", unit, 10)?;
-                    grow(&mut plan.step, found, unit);
-                    plan.connect(
-                        board,
-                        tag::STEP_GENERATOR,
-                        "step generator",
-                        unit,
-                        &[STEP, DIRECTION],
-                    )?;
-                    let clock_hz = f64::from(found.clock_hz);
-                    for (what, time_ns) in [
-                        ("step_length_ns", timing.length_ns),
-                        ("step_space_ns", timing.space_ns),
-                        ("direction_setup_ns", timing.setup_ns),
-                        ("direction_hold_ns", timing.hold_ns),
-                    ] {
-                        if time_ns * 1e-9 * clock_hz > MAX_CLOCKS {
-                            let most_ns = MAX_CLOCKS / clock_hz * 1e9;
-                            return Err(PlanError::Time {
-                                what,
-                                time_ns,
-                                most_ns,
-                            });
-                        }
-                    }
-                    let pulse = clocks(timing.length_ns, clock_hz) + clocks(timing.space_ns, clock_hz);
-                    let (needed, possible) = (axis.per_unit * max_velocity, clock_hz / f64::from(pulse));
-                    if needed > possible {
-                        return Err(PlanError::StepRate {
-                            unit,
-                            needed,
-                            possible,
-                        });
-                    }
-                }
-                Actuator::Servo { encoder, pwm, .. } => {
-                    let found = module(board, tag::ENCODER, "encoder", encoder, 5)?;
-                    grow(&mut plan.encoder, found, encoder);
-                    plan.use_pwm(board, pwm)?;
-                    let counts = axis.per_unit * max_velocity * period_s;
-                    if counts > MAX_COUNTS {
-                        return Err(PlanError::Counts {
-                            unit: encoder,
-                            counts,
-                        });
-                    }
-                }
-            }
+            plan.use_actuator(board, axis, *max_velocity, period_s)?;
             let [home, negative, positive] = axis.switches;
             for pin in [axis.fault, home, negative, positive].into_iter().flatten() {
                 plan.look_at(board, pin)?;
@@ -337,19 +167,7 @@ impl Plan {
             plan.drive_any(board, axis.enable)?;
         }
         for (listed, input) in settings.inputs.iter().enumerate() {
-            match &input.source {
-                InputSource::Pin(pin) => plan.look_at(board, *pin)?,
-                InputSource::Remote { remote, data } => {
-                    if let Some(found) = plan.remote(*remote) {
-                        let element = found.element(false, data)?.clone();
-                        plan.numbers.push((listed, *remote, element));
-                    }
-                }
-                &InputSource::Encoder { unit, .. } => {
-                    let found = module(board, tag::ENCODER, "encoder", unit, 5)?;
-                    grow(&mut plan.encoder, found, unit);
-                }
-            }
+            plan.use_input(board, listed, &input.source)?;
         }
         for output in &settings.outputs {
             match output.target {
@@ -378,6 +196,90 @@ impl Plan {
             plan.drive_any(board, pin)?;
         }
         Ok(plan)
+    }
+
+    /// Uses the modules of an axis, which must be fast enough for it.
+    fn use_actuator(
+        &mut self,
+        board: &Description,
+        axis: &BoardAxis,
+        max_velocity: f64,
+        period_s: f64,
+    ) -> Result<(), PlanError> {
+        match axis.actuator {
+            Actuator::Steps { unit, timing } => {
+                let found = module(board, tag::STEP_GENERATOR, "step generator", unit, 10)?;
+                grow(&mut self.step, found, unit);
+                self.connect(
+                    board,
+                    tag::STEP_GENERATOR,
+                    "step generator",
+                    unit,
+                    &[STEP, DIRECTION],
+                )?;
+                let clock_hz = f64::from(found.clock_hz);
+                for (what, time_ns) in [
+                    ("step_length_ns", timing.length_ns),
+                    ("step_space_ns", timing.space_ns),
+                    ("direction_setup_ns", timing.setup_ns),
+                    ("direction_hold_ns", timing.hold_ns),
+                ] {
+                    if time_ns * 1e-9 * clock_hz > MAX_CLOCKS {
+                        let most_ns = MAX_CLOCKS / clock_hz * 1e9;
+                        return Err(PlanError::Time {
+                            what,
+                            time_ns,
+                            most_ns,
+                        });
+                    }
+                }
+                let pulse = clocks(timing.length_ns, clock_hz) + clocks(timing.space_ns, clock_hz);
+                let (needed, possible) = (axis.per_unit * max_velocity, clock_hz / f64::from(pulse));
+                if needed > possible {
+                    return Err(PlanError::StepRate {
+                        unit,
+                        needed,
+                        possible,
+                    });
+                }
+            }
+            Actuator::Servo { encoder, pwm, .. } => {
+                let found = module(board, tag::ENCODER, "encoder", encoder, 5)?;
+                grow(&mut self.encoder, found, encoder);
+                self.use_pwm(board, pwm)?;
+                let counts = axis.per_unit * max_velocity * period_s;
+                if counts > MAX_COUNTS {
+                    return Err(PlanError::Counts {
+                        unit: encoder,
+                        counts,
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Uses what an input of the board file's list is read from.
+    fn use_input(
+        &mut self,
+        board: &Description,
+        listed: usize,
+        source: &InputSource,
+    ) -> Result<(), PlanError> {
+        match source {
+            InputSource::Pin(pin) => self.look_at(board, *pin)?,
+            InputSource::Remote { remote, data } => {
+                if let Some(found) = self.remote(*remote) {
+                    let element = found.element(false, data)?.clone();
+                    self.numbers.push((listed, *remote, element));
+                }
+            }
+            &InputSource::Encoder { unit, .. } => {
+                let found = module(board, tag::ENCODER, "encoder", unit, 5)?;
+                grow(&mut self.encoder, found, unit);
+            }
+        }
+        Ok(())
     }
 
     /// Port and bit of a pin.
@@ -707,6 +609,19 @@ impl Plan {
         }
         packet.write(self.port.address(1, 0), &[0; MAX_PORTS][..self.ports])
     }
+}
+
+/// Checks that the board is the one of the board file.
+fn check_name(board: &Description, settings: &BoardSettings) -> Result<(), PlanError> {
+    if let Some(wanted) = settings.name.as_ref()
+        && !wanted.eq_ignore_ascii_case(&board.name)
+    {
+        return Err(PlanError::Name {
+            found: board.name.clone(),
+            wanted: wanted.clone(),
+        });
+    }
+    Ok(())
 }
 
 /// A time in clocks, rounded up, at least 1.

@@ -1,0 +1,261 @@
+//! What follows a choice of the second derivative of the rate: a recovery over the plan ahead, within the limits.
+
+use evolvent_machine::Limits;
+use evolvent_path::AXES;
+
+use super::{
+    ALLOWED, AT_TARGET, EARLY_ALLOWED, EARLY_SHARE, LONGEST_RECOVERY, Lookahead, MAX_SECOND, NO_TIME_S,
+    ROUNDING, RateState, STEP_S, STILL, between,
+};
+use crate::plan_preview::Sample;
+
+/// Where a step with a certain `s''` leads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Outlook {
+    /// It can go over to a constant rate that does not lie past the target.
+    Safe,
+    /// It cannot before the rate has passed the target.
+    Past,
+    /// An axis would exceed a limit, or the plan is not known far enough.
+    Unsafe,
+}
+
+/// What the limits leave for `s''` in one step.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds {
+    pub(super) lower: f64,
+    pub(super) upper: f64,
+    /// By how much a bound may be passed because of what lies between instants.
+    slack: f64,
+}
+
+impl Bounds {
+    /// The value that brings `s'` to zero as soon as possible.
+    pub(super) fn recovery(&self, from: RateState) -> f64 {
+        let needed = (-from.first / STEP_S).clamp(-MAX_SECOND, MAX_SECOND);
+        // Where nothing is allowed the bounds are infinite.
+        if from.first > 0.0 {
+            needed.max(self.lower.min(MAX_SECOND))
+        } else {
+            needed.min(self.upper.max(-MAX_SECOND))
+        }
+    }
+
+    fn allow(&self, second: f64) -> bool {
+        (self.lower - self.slack..=self.upper + self.slack).contains(&second)
+    }
+}
+
+/// Follows a slowdown over the plan ahead.
+pub(super) struct Follower<'a, A> {
+    pub(super) ahead: &'a mut A,
+    pub(super) limits: &'a Limits,
+    /// Axes from this one on are absent.
+    pub(super) axes: usize,
+    pub(super) target: f64,
+}
+
+impl<A: Lookahead> Follower<'_, A> {
+    /// Whether the slowdown can go over to a constant rate after `span` seconds with this `s''`.
+    pub(super) fn outlook(&mut self, from: RateState, begin: usize, second: f64, span: f64) -> Outlook {
+        let falls = self.target < from.rate;
+        let (mut now, mut index, mut second) = (from, begin, second);
+        for step in 0..LONGEST_RECOVERY {
+            let span = if step == 0 { span } else { STEP_S };
+            let Some((bounds, next)) = self.bounds(now, index, span) else {
+                return if self.rests(now) {
+                    Outlook::Safe
+                } else {
+                    Outlook::Unsafe
+                };
+            };
+            if step > 0 {
+                second = bounds.recovery(now);
+            }
+            if !bounds.allow(second) {
+                return Outlook::Unsafe;
+            }
+            now = now.after(span, second);
+            index = next;
+            // Before it has turned round it cannot have passed it on this side.
+            let towards = falls == (now.first < 0.0);
+            let beyond = if falls {
+                self.target - now.rate
+            } else {
+                now.rate - self.target
+            };
+            if towards && beyond > AT_TARGET {
+                return Outlook::Past;
+            }
+            // Only rates from 0 to 1 can be kept.
+            if !(-AT_TARGET..=1.0 + AT_TARGET).contains(&now.rate) {
+                return Outlook::Unsafe;
+            }
+            if now.first.abs() <= STILL {
+                return if beyond > AT_TARGET {
+                    Outlook::Past
+                } else {
+                    Outlook::Safe
+                };
+            }
+        }
+        Outlook::Unsafe
+    }
+
+    /// The constant `s''` that leads to the target, and how long it takes, where the limits are kept all the way.
+    pub(super) fn landing(&mut self, from: RateState, begin: usize) -> Option<(f64, f64)> {
+        let fall = from.rate - self.target;
+        if fall * from.first >= 0.0 {
+            return None;
+        }
+        let second = 0.5 * from.first * from.first / fall;
+        let seconds = -2.0 * fall / from.first;
+        let (mut now, mut index, mut left) = (from, begin, seconds);
+        for _ in 0..LONGEST_RECOVERY {
+            let span = left.min(STEP_S);
+            let Some((bounds, next)) = self.bounds(now, index, span) else {
+                return self.rests(now).then_some((second, seconds));
+            };
+            if !bounds.allow(second) {
+                return None;
+            }
+            now = now.after(span, second);
+            index = next;
+            left -= span;
+            if left <= NO_TIME_S {
+                return Some((second, seconds));
+            }
+        }
+        None
+    }
+
+    /// Whether the plan stops within the next step.
+    fn rests(&self, now: RateState) -> bool {
+        let end = now.time + STEP_S * now.rate;
+        self.ahead.rests_at().is_some_and(|rest| rest <= end)
+    }
+
+    pub(super) fn sample(&mut self, index: usize) -> Option<&Sample> {
+        self.ahead.sample(index)
+    }
+
+    /// What a step of `span` seconds allows, from the plan at its start, at its end and at the samples between; and the last
+    /// sample before its end. None where the plan ends before the step, or within it elsewhere than at rest.
+    pub(super) fn bounds(&mut self, from: RateState, begin: usize, span: f64) -> Option<(Bounds, usize)> {
+        let end = from.time + span * (from.rate + 0.5 * span * from.first).max(0.0);
+        let limits = self.limits;
+        let axes = self.axes;
+        let mut gathered = Gathered::new(limits, axes, from, span);
+        let (mut index, mut left) = (begin, *self.sample(begin)?);
+        // A step may end a hair before the place that its bounds were taken to, and a jump of the plan may lie between the
+        // two: what is seen ahead and what is met later must be the same.
+        while left.time > from.time && index > self.ahead.oldest() {
+            index -= 1;
+            left = *self.sample(index)?;
+        }
+        let mut right = *self.sample(index + 1)?;
+        while right.time <= from.time {
+            index += 1;
+            (left, right) = (right, *self.sample(index + 1)?);
+        }
+        gathered.include(0.0, &between(&left, &right, from.time, axes));
+        while right.time <= end {
+            let share = (right.time - from.time) / (end - from.time);
+            gathered.include(span * share, &right);
+            index += 1;
+            let Some(next) = self.sample(index + 1).copied() else {
+                // The plan stays where it rests: up to there the limits hold as everywhere.
+                let rests = self.ahead.rests_at().is_some_and(|rest| rest <= end);
+                return rests.then(|| (gathered.bounds(), index));
+            };
+            (left, right) = (right, next);
+        }
+        gathered.include(span, &between(&left, &right, end, axes));
+        Some((gathered.bounds(), index))
+    }
+}
+
+/// One more than the index of the last axis that is present: what follows costs nothing.
+pub(super) fn axes_in_use(limits: &Limits) -> usize {
+    limits
+        .present
+        .iter()
+        .rposition(|&present| present)
+        .map_or(0, |last| last + 1)
+}
+
+/// Bounds of `s''` as they are gathered, instant by instant.
+struct Gathered<'a> {
+    pub(super) limits: &'a Limits,
+    pub(super) axes: usize,
+    pub(super) from: RateState,
+    span: f64,
+    pub(super) lower: f64,
+    pub(super) upper: f64,
+    slack: f64,
+}
+
+impl<'a> Gathered<'a> {
+    pub(super) fn new(limits: &'a Limits, axes: usize, from: RateState, span: f64) -> Self {
+        Self {
+            limits,
+            axes,
+            from,
+            span,
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+            slack: f64::INFINITY,
+        }
+    }
+
+    /// Takes in the plan `seconds` after the start of the step.
+    fn include(&mut self, seconds: f64, plan: &Sample) {
+        let limits = self.limits;
+        let (r, s) = (
+            self.from.first,
+            (self.from.rate + seconds * self.from.first).max(0.0),
+        );
+        for i in (0..self.axes.min(AXES)).filter(|&i| limits.present[i]) {
+            let (v, a, j) = (plan.first[i], plan.second[i], plan.third[i]);
+            let most_j = (limits.jerk[i] * ALLOWED.1).max(j.abs());
+            let base = s * (s * s * j + 3.0 * r * a);
+            // `s''` changes `s` and `s'` within the step as well.
+            let slope = v + 3.0 * seconds * (s * a + 0.5 * seconds * (s * s * j + r * a));
+            self.bound(base, slope, most_j, (ROUNDING.1 - ALLOWED.1) * most_j);
+            let early = seconds < EARLY_SHARE * self.span;
+            let allowed = if early { EARLY_ALLOWED } else { ALLOWED.0 };
+            let most_a = (limits.acceleration[i] * allowed).max(a.abs());
+            let slope = seconds * (v + s * seconds * a);
+            self.bound(
+                s * s * a + r * v,
+                slope,
+                most_a,
+                (ROUNDING.0 - ALLOWED.0) * most_a,
+            );
+        }
+    }
+
+    /// Keeps `|base + s'' slope| <= most`.
+    fn bound(&mut self, base: f64, slope: f64, most: f64, slack: f64) {
+        let size = slope.abs();
+        if size * MAX_SECOND < 1e-3 * most {
+            // No choice of this changes it.
+            if base.abs() > most + slack + 1e-3 * most {
+                self.lower = f64::INFINITY;
+            }
+            return;
+        }
+        let toward = if slope > 0.0 { base } else { -base };
+        self.lower = self.lower.max((-most - toward) / size);
+        self.upper = self.upper.min((most - toward) / size);
+        self.slack = self.slack.min(slack / size);
+    }
+
+    pub(super) fn bounds(&self) -> Bounds {
+        Bounds {
+            lower: self.lower,
+            upper: self.upper,
+            slack: if self.slack.is_finite() { self.slack } else { 0.0 },
+        }
+    }
+}

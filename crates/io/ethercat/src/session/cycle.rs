@@ -1,0 +1,372 @@
+//! The cycle of a session in OP.
+
+use core::sync::atomic::Ordering;
+
+use ethercrab::MainDevice;
+use ethercrab::error::Error;
+use evolvent_bridge::{Incoming, monotonic_ns};
+use rustix::thread::clock_nanosleep_absolute;
+use rustix::time::{ClockId, Timespec};
+
+use super::error::{Notice, SessionError};
+use super::{Devices, Ends, OPERATIONAL_NS, PHASE_GAIN, STOP_NS};
+use crate::cycle_times::CycleTime;
+use crate::drive_set::DriveSet;
+use crate::homing::HomingProgress;
+use crate::network::{MAX_DEVICES, Network};
+use crate::pdo::PdoLayout;
+use crate::pump::Pump;
+use crate::signal::NetworkInput;
+use crate::signal_set::SignalSet;
+use crate::time_driver::thread_ns;
+
+pub(super) struct Exchanged {
+    pub(super) working_counter: u16,
+    /// Bit i set: device i is in OP.
+    pub(super) operational: u32,
+    /// The reference's time.
+    pub(super) time_ns: Option<u64>,
+}
+
+pub(super) struct Cycle<'a, 'm> {
+    pub(super) main: &'m MainDevice<'m>,
+    pub(super) network: &'a Network,
+    pub(super) devices: Devices,
+    pub(super) layouts: Vec<PdoLayout>,
+    pub(super) drives: DriveSet,
+    pub(super) signals: SignalSet,
+    pub(super) period_ns: u64,
+    /// Working counter of all devices.
+    pub(super) expected: u16,
+    pub(super) lost: u32,
+    pub(super) short: u32,
+    /// All devices have been in OP.
+    pub(super) operational: bool,
+    /// Progress of homing at the last check.
+    pub(super) homing: [HomingProgress; MAX_DEVICES],
+    /// Fault codes that were reported.
+    pub(super) reported: [u16; MAX_DEVICES],
+    pub(super) was_apart: bool,
+}
+
+impl<'m> Cycle<'_, 'm> {
+    pub(super) fn run(
+        &mut self,
+        pump: &mut Pump<'_, '_>,
+        ends: &mut Ends<'_, '_>,
+    ) -> Result<(), SessionError> {
+        self.expected = self.count()?;
+        // Setpoints sent while the network came up are void.
+        while ends.bus.incoming.pop().is_ok() {}
+        let begin_ns = monotonic_ns();
+        let mut next_ns = begin_ns + self.period_ns;
+        let mut ending: Option<(u64, Result<(), SessionError>)> = None;
+        loop {
+            sleep_until(next_ns);
+            let (woken_ns, waited_ns) = (monotonic_ns(), pump.waited_ns());
+            let processor_ns = ends.times.map_or(0, |_| thread_ns());
+            let now_ns = next_ns;
+            while let Ok(incoming) = ends.bus.incoming.pop() {
+                match incoming {
+                    Incoming::Setpoint(setpoint) => self.drives.offer(now_ns, &setpoint),
+                    Incoming::Outputs(outputs) => self.signals.offer(now_ns, &outputs),
+                    Incoming::OtherVersion => self.drives.refuse_version(),
+                }
+            }
+            let outcome = self.cycle(pump, now_ns, ends);
+            ends.counters.cycles.fetch_add(1, Ordering::Relaxed);
+            let correction_ns = match outcome {
+                Ok(correction_ns) => correction_ns,
+                Err(error @ SessionError::Broken { .. }) => {
+                    // Devices that still reply stop first.
+                    self.drives.end();
+                    self.signals.end();
+                    ending.get_or_insert((now_ns, Err(error)));
+                    0
+                }
+                Err(error) => return Err(error),
+            };
+            if !self.operational && now_ns.saturating_sub(begin_ns) > OPERATIONAL_NS {
+                return Err(SessionError::State {
+                    wanted: "OP",
+                    states: String::new(),
+                });
+            }
+            let asked = ends.bus.stop.load(Ordering::Relaxed)
+                || ends.bus.period_ns.load(Ordering::Relaxed) != self.period_ns;
+            if asked && ending.is_none() {
+                self.drives.end();
+                self.signals.end();
+                ending = Some((now_ns, Ok(())));
+            }
+            if let Some((since_ns, _)) = &ending
+                && (now_ns.saturating_sub(*since_ns) > STOP_NS
+                    || !self.drives.has_torque() && now_ns.saturating_sub(*since_ns) > 20 * self.period_ns)
+                && let Some((_, result)) = ending.take()
+            {
+                return result;
+            }
+            if let Some(times) = ends.times.filter(|_| self.operational) {
+                let whole_ns = monotonic_ns() - woken_ns;
+                let capped = |ns: u64| u32::try_from(ns).unwrap_or(u32::MAX);
+                times.take(CycleTime {
+                    late_ns: capped(woken_ns.saturating_sub(next_ns)),
+                    work_ns: capped(whole_ns.saturating_sub(pump.waited_ns() - waited_ns)),
+                    whole_ns: capped(whole_ns),
+                    processor_ns: capped(thread_ns() - processor_ns),
+                });
+            }
+            next_ns = next_ns
+                .wrapping_add(self.period_ns)
+                .wrapping_add_signed(-correction_ns);
+            let late_ns = monotonic_ns().saturating_sub(next_ns);
+            if late_ns > self.period_ns {
+                // Missed cycles are skipped.
+                next_ns += late_ns / self.period_ns * self.period_ns;
+            }
+        }
+    }
+
+    /// Bit i set: there is a device i.
+    fn all(&self) -> u32 {
+        u32::MAX >> (32 - self.network.devices.len() as u32)
+    }
+
+    /// The working counter of a frame that reaches every device: 2 for outputs, 1 for inputs.
+    fn count(&self) -> Result<u16, SessionError> {
+        let mut expected = 0;
+        let failed = |error: Error| SessionError::Main {
+            doing: "reading process data",
+            why: error.to_string(),
+        };
+        for (device, listed) in self.network.devices.iter().enumerate() {
+            let outputs = (self.devices)
+                .with_outputs(self.main, device, |image| image.len())
+                .map_err(failed)?;
+            let inputs = (self.devices)
+                .with_inputs(self.main, device, |image| image.len())
+                .map_err(failed)?;
+            expected += 2 * u16::from(outputs > 0) + u16::from(inputs > 0);
+            let read =
+                |input: &NetworkInput| input.error_bit.map_or(0, |bit| bit + 1).max(input.channel.end());
+            let last = [
+                (
+                    "output",
+                    listed.outputs.iter().map(|output| output.channel.end()).max(),
+                    outputs,
+                ),
+                (
+                    "input",
+                    listed
+                        .inputs
+                        .iter()
+                        .filter(|_| listed.axis.is_none())
+                        .map(read)
+                        .max(),
+                    inputs,
+                ),
+            ];
+            for (direction, end, bytes) in last {
+                let bits = 8 * bytes;
+                if let Some(end) = end.filter(|end| *end as usize > bits) {
+                    return Err(SessionError::SignalPlace {
+                        name: listed.name.clone(),
+                        direction,
+                        bit: end - 1,
+                        bits,
+                    });
+                }
+            }
+        }
+        Ok(expected)
+    }
+
+    /// One period; returns by how many ns the next one is shorter, to follow the reference clock.
+    fn cycle(
+        &mut self,
+        pump: &mut Pump<'_, '_>,
+        now_ns: u64,
+        ends: &mut Ends<'_, '_>,
+    ) -> Result<i64, SessionError> {
+        let internal = |error: Error| SessionError::Main {
+            doing: "exchanging process data",
+            why: error.to_string(),
+        };
+        if self.operational {
+            self.drives.step(now_ns);
+            self.signals.step(now_ns);
+        }
+        let axes = self
+            .network
+            .devices
+            .iter()
+            .enumerate()
+            .filter(|(_, device)| device.axis.is_some());
+        for (axis, (device, _)) in axes.clone().enumerate() {
+            let (outputs, layout) = (self.drives.outputs(axis), self.layouts[axis]);
+            self.devices
+                .with_outputs(self.main, device, |image| layout.write(&outputs, image))
+                .map_err(internal)?;
+        }
+        for (device, listed) in self.network.devices.iter().enumerate() {
+            if !listed.outputs.is_empty() {
+                self.devices
+                    .with_outputs(self.main, device, |image| self.signals.write(device, image))
+                    .map_err(internal)?;
+            }
+        }
+        let answer = pump.complete(now_ns + self.period_ns * 9 / 10, self.devices.exchange(self.main));
+        let exchanged = match answer {
+            Some(Ok(exchanged)) => exchanged,
+            Some(Err(_)) | None => {
+                ends.counters
+                    .lost
+                    .fetch_add(u64::from(self.operational), Ordering::Relaxed);
+                self.lost += 1;
+                // While the network comes up, a busy host may be late.
+                let patience = if self.operational {
+                    self.network.max_lost_cycles
+                } else {
+                    1000
+                };
+                return if self.lost > patience {
+                    Err(SessionError::Lost { frames: self.lost })
+                } else {
+                    Ok(0)
+                };
+            }
+        };
+        self.lost = 0;
+        let all = self.all();
+        let is_whole = exchanged.working_counter == self.expected;
+        // If a device is missing, the inputs of the others are valid; if none is, it is unknown whose are
+        // not.
+        let is_known = |device: usize| {
+            is_whole || exchanged.operational & all != all && exchanged.operational >> device & 1 == 1
+        };
+        for (axis, (device, _)) in axes.enumerate() {
+            let layout = self.layouts[axis];
+            let inputs = self
+                .devices
+                .with_inputs(self.main, device, |image| layout.read(image))
+                .map_err(internal)?;
+            if is_known(device) {
+                self.drives.take(axis, inputs);
+            }
+        }
+        for (device, listed) in self.network.devices.iter().enumerate() {
+            if !listed.inputs.is_empty() {
+                let signals = &mut self.signals;
+                self.devices
+                    .with_inputs(self.main, device, |image| {
+                        signals.read(device, is_known(device).then_some(image));
+                    })
+                    .map_err(internal)?;
+            }
+        }
+        let judged = self.judge(&exchanged, ends);
+        if self.operational {
+            // A message that does not fit is replaced by the next.
+            if let Some(feedback) = self.drives.feedback(monotonic_ns()) {
+                let _full = ends.bus.feedback.push(feedback);
+            }
+            let read_ns = monotonic_ns();
+            self.signals.read_probe(&self.drives.probe(), read_ns);
+            if let Some(message) = self.signals.message(read_ns) {
+                let _full = ends.bus.inputs.push(message);
+            }
+        }
+        judged?;
+        Ok(exchanged.time_ns.map_or(0, |time_ns| self.correction_ns(time_ns)))
+    }
+
+    fn judge(&mut self, exchanged: &Exchanged, ends: &mut Ends<'_, '_>) -> Result<(), SessionError> {
+        let all = self.all();
+        let is_whole = exchanged.operational & all == all && exchanged.working_counter == self.expected;
+        if is_whole {
+            self.short = 0;
+            if !self.operational {
+                self.operational = true;
+                let clocks = matches!(self.devices, Devices::Clocked(_));
+                let _full = ends.bus.notices.push(Notice::Operational { clocks });
+            }
+            self.tell_faults(ends);
+            return Ok(());
+        }
+        if !self.operational {
+            return Ok(());
+        }
+        ends.counters.short.fetch_add(1, Ordering::Relaxed);
+        self.short += 1;
+        if self.short <= self.network.max_lost_cycles {
+            return Ok(());
+        }
+        if self.short == self.network.max_lost_cycles + 1 {
+            let (found, expected) = (exchanged.working_counter, self.expected);
+            let _full = ends.bus.notices.push(Notice::Short { found, expected });
+        }
+        let mut axis = 0;
+        for (device, listed) in self.network.devices.iter().enumerate() {
+            let is_lost = exchanged.operational >> device & 1 == 0;
+            if is_lost && self.short == self.network.max_lost_cycles + 1 {
+                let _full = ends.bus.notices.push(Notice::DeviceLost { device });
+            }
+            if listed.axis.is_some() {
+                // If all report OP, it is unknown whose data are missing.
+                if is_lost || exchanged.operational & all == all {
+                    self.drives.set_lost(axis);
+                }
+                axis += 1;
+            }
+        }
+        Err(SessionError::Broken {
+            states: String::new(),
+        })
+    }
+
+    fn tell_faults(&mut self, ends: &mut Ends<'_, '_>) {
+        let apart = self.drives.apart();
+        if let (Some((axis, by)), false) = (apart, self.was_apart) {
+            let _full = ends.bus.notices.push(Notice::Apart { axis, by });
+        }
+        self.was_apart = apart.is_some();
+        for (place, axis) in self.drives.axes().iter().enumerate() {
+            let (index, code) = (axis.index(), axis.error_code());
+            if code != 0 && self.reported[place] != code {
+                let _full = ends.bus.notices.push(Notice::DriveFault { axis: index, code });
+            }
+            self.reported[place] = code;
+            let homing = axis.homing();
+            if homing != self.homing[place] {
+                let ended = matches!(homing, HomingProgress::Done | HomingProgress::Failed);
+                let runs = matches!(self.homing[place], HomingProgress::Running(_));
+                if ended && runs {
+                    let found = homing == HomingProgress::Done;
+                    let _full = ends.bus.notices.push(Notice::Homed { axis: index, found });
+                }
+                self.homing[place] = homing;
+            }
+        }
+    }
+
+    /// Frames pass the reference half a period after SYNC0. The difference is reduced gradually.
+    fn correction_ns(&self, time_ns: u64) -> i64 {
+        let half = self.period_ns / 2;
+        let phase = (time_ns.wrapping_sub(half)) % self.period_ns;
+        let error = if phase > half {
+            phase as i64 - self.period_ns as i64
+        } else {
+            phase as i64
+        };
+        error / PHASE_GAIN
+    }
+}
+
+fn sleep_until(at_ns: u64) {
+    let at = Timespec {
+        tv_sec: (at_ns / 1_000_000_000) as i64,
+        tv_nsec: (at_ns % 1_000_000_000) as i64,
+    };
+    // A signal ends the sleep early: the cycle is early once.
+    let _interrupted = clock_nanosleep_absolute(ClockId::Monotonic, &at);
+}

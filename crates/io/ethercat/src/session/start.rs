@@ -1,0 +1,245 @@
+//! From INIT to OP: identity, startup objects, process data and clocks of every device.
+
+use core::time::Duration;
+
+use ethercrab::error::{Error, MailboxError};
+use ethercrab::subdevice_group::DcConfiguration;
+use ethercrab::{Command, DcSync, MainDevice, RegisterAddress, SubDeviceIdentity, SubDeviceRef};
+use evolvent_bridge::monotonic_ns;
+use evolvent_drive::InterpolationTime;
+
+use super::error::SessionError;
+use super::{Devices, IMAGE, SYNC_DELAY};
+use crate::network::{MAX_DEVICES, Network, NetworkAxis, NetworkDevice, Startup};
+use crate::pdo::{Mapped, PdoLayout, wanted_inputs, wanted_outputs};
+
+pub(super) async fn start<'m>(
+    main: &'m MainDevice<'m>,
+    network: &Network,
+    period_ns: u64,
+) -> Result<(Devices, Vec<PdoLayout>), SessionError> {
+    let told = InterpolationTime::from_period_ns(period_ns)?;
+    let failed = |doing: &'static str| {
+        move |error: Error| SessionError::Main {
+            doing,
+            why: error.to_string(),
+        }
+    };
+    let refused = |wanted: &'static str| {
+        move |error: Error| match error {
+            Error::StateTransition | Error::Timeout(_) | Error::SubDevice(_) => SessionError::State {
+                wanted,
+                states: String::new(),
+            },
+            error => SessionError::Main {
+                doing: wanted,
+                why: error.to_string(),
+            },
+        }
+    };
+    let answer = Command::brd(RegisterAddress::Type.into())
+        .ignore_wkc()
+        .receive::<u8>(main)
+        .await;
+    if answer.is_err() {
+        return Err(SessionError::NoDevices);
+    }
+    let mut group = main
+        .init_single_group::<MAX_DEVICES, IMAGE>(monotonic_ns)
+        .await
+        .map_err(refused("PRE-OP"))?;
+    let (found, expected) = (main.num_subdevices(), network.devices.len());
+    if found == 0 {
+        return Err(SessionError::NoDevices);
+    }
+    if found != expected {
+        return Err(SessionError::Count { found, expected });
+    }
+    let mut layouts = Vec::new();
+    for (i, (subdevice, device)) in group.iter(main).zip(&network.devices).enumerate() {
+        check_identity(i + 1, &subdevice.identity(), device)?;
+        let objects = Objects {
+            subdevice: &subdevice,
+            device,
+        };
+        for entry in &device.startup {
+            objects.write(*entry).await?;
+        }
+        if let Some(axis) = &device.axis {
+            layouts.push(objects.set_up(axis, told).await?);
+        }
+    }
+    let mut has_clock = false;
+    for (mut subdevice, device) in group.iter_mut(main).zip(&network.devices) {
+        if network.distributed_clocks && device.axis.is_some() && subdevice.dc_support().any() {
+            subdevice.set_dc_sync(DcSync::Sync0);
+            has_clock = true;
+        }
+    }
+    let group = group
+        .into_pre_op_pdi(main)
+        .await
+        .map_err(failed("mapping process data"))?;
+    let devices = if has_clock {
+        let clocks = DcConfiguration {
+            start_delay: SYNC_DELAY,
+            sync0_period: Duration::from_nanos(period_ns),
+            sync0_shift: Duration::from_nanos(period_ns / 2),
+        };
+        let group = group
+            .configure_dc_sync(main, clocks)
+            .await
+            .map_err(failed("setting SYNC0 up"))?;
+        let group = group.into_safe_op(main).await.map_err(refused("SAFE-OP"))?;
+        Devices::Clocked(group.request_into_op(main).await.map_err(refused("OP"))?)
+    } else {
+        let group = group.into_safe_op(main).await.map_err(refused("SAFE-OP"))?;
+        Devices::Free(group.request_into_op(main).await.map_err(refused("OP"))?)
+    };
+    Ok((devices, layouts))
+}
+
+/// Checks that the device at a position of the ring is the one of the network file.
+fn check_identity(
+    position: usize,
+    identity: &SubDeviceIdentity,
+    device: &NetworkDevice,
+) -> Result<(), SessionError> {
+    let revision = device.revision.unwrap_or(identity.revision);
+    for (what, found, expected) in [
+        ("vendor", identity.vendor_id, device.vendor),
+        ("product", identity.product_id, device.product),
+        ("revision", identity.revision, revision),
+    ] {
+        if found != expected {
+            return Err(SessionError::Identity {
+                position,
+                name: device.name.clone(),
+                what,
+                found,
+                expected,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Objects of one device.
+struct Objects<'a, 'm, S> {
+    pub(super) subdevice: &'a SubDeviceRef<'m, S>,
+    pub(super) device: &'a NetworkDevice,
+}
+
+impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
+    fn refused(&self, index: u16, sub_index: u8, action: &'static str, error: Error) -> SessionError {
+        let why = match error {
+            Error::Mailbox(MailboxError::Aborted { code, .. }) => format!("the device rejects it: {code}"),
+            Error::Timeout(_) => "the device does not reply".to_owned(),
+            // ethercrab's result for an emergency message, where it does not assert that there is none.
+            Error::Wire(_) => "the reply does not belong to it; possibly an emergency message".to_owned(),
+            error => error.to_string(),
+        };
+        SessionError::Object {
+            name: self.device.name.clone(),
+            index,
+            sub_index,
+            action,
+            why,
+        }
+    }
+
+    pub(super) async fn write(&self, entry: Startup) -> Result<(), SessionError> {
+        let Startup {
+            index,
+            sub_index,
+            bytes,
+            value,
+        } = entry;
+        let written = match bytes {
+            1 => self.subdevice.sdo_write(index, sub_index, value as u8).await,
+            2 => self.subdevice.sdo_write(index, sub_index, value as u16).await,
+            _ => self.subdevice.sdo_write(index, sub_index, value).await,
+        };
+        written.map_err(|error| self.refused(index, sub_index, "written", error))
+    }
+
+    async fn set_up(&self, axis: &NetworkAxis, told: InterpolationTime) -> Result<PdoLayout, SessionError> {
+        for (sub_index, value) in [(1, told.value), (2, told.index as u8)] {
+            let written = self.subdevice.sdo_write(0x60C2, sub_index, value).await;
+            match written {
+                // Drives that take the period from SYNC0 may not have it.
+                Ok(()) | Err(Error::Mailbox(MailboxError::Aborted { .. })) => {}
+                Err(error) => return Err(self.refused(0x60C2, sub_index, "written", error)),
+            }
+        }
+        if let Some(homing) = axis.homing {
+            let write = |index, sub_index, bytes, value| {
+                self.write(Startup {
+                    index,
+                    sub_index,
+                    bytes,
+                    value,
+                })
+            };
+            write(0x6098, 0, 1, i32::from(homing.method) as u32).await?;
+            write(0x6099, 1, 4, homing.search).await?;
+            write(0x6099, 2, 4, homing.latch).await?;
+            if let Some(acceleration) = homing.acceleration {
+                write(0x609A, 0, 4, acceleration).await?;
+            }
+            // The network file gives the machine coordinate of the zero that the drive finds.
+            write(0x607C, 0, 4, 0).await?;
+        }
+        let extras = axis.extras();
+        if axis.map {
+            self.map(0x1C12, 0x1600, &wanted_outputs(extras)).await?;
+            self.map(0x1C13, 0x1A00, &wanted_inputs(extras)).await?;
+        }
+        let (outputs, inputs) = (self.mapped(0x1C12).await?, self.mapped(0x1C13).await?);
+        PdoLayout::new(&outputs, &inputs, extras).map_err(|why| SessionError::ProcessData {
+            name: self.device.name.clone(),
+            why,
+        })
+    }
+
+    pub(super) async fn map(&self, assignment: u16, pdo: u16, wanted: &[Mapped]) -> Result<(), SessionError> {
+        let entry = |index, sub_index, bytes, value| Startup {
+            index,
+            sub_index,
+            bytes,
+            value,
+        };
+        self.write(entry(assignment, 0, 1, 0)).await?;
+        self.write(entry(pdo, 0, 1, 0)).await?;
+        for (sub_index, mapped) in (1_u8..).zip(wanted) {
+            self.write(entry(pdo, sub_index, 4, mapped.number())).await?;
+        }
+        self.write(entry(pdo, 0, 1, wanted.len() as u32)).await?;
+        self.write(entry(assignment, 1, 2, u32::from(pdo))).await?;
+        self.write(entry(assignment, 0, 1, 1)).await
+    }
+
+    async fn mapped(&self, assignment: u16) -> Result<Vec<Mapped>, SessionError> {
+        let mut mapped = Vec::new();
+        let count: u8 = self.read(assignment, 0).await?;
+        for sub_index in 1..=count {
+            let pdo: u16 = self.read(assignment, sub_index).await?;
+            let entries: u8 = self.read(pdo, 0).await?;
+            for sub_index in 1..=entries {
+                mapped.push(Mapped::from_number(self.read(pdo, sub_index).await?));
+            }
+        }
+        Ok(mapped)
+    }
+
+    pub(super) async fn read<T: ethercrab::EtherCrabWireReadSized>(
+        &self,
+        index: u16,
+        sub_index: u8,
+    ) -> Result<T, SessionError> {
+        self.subdevice
+            .sdo_read(index, sub_index)
+            .await
+            .map_err(|error| self.refused(index, sub_index, "read", error))
+    }
+}

@@ -1,0 +1,119 @@
+//! Why a board file does not fit a board.
+
+use thiserror::Error;
+
+use crate::packet::PacketFull;
+use crate::smart_serial::RemoteError;
+
+/// Why a board does not support its board file.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum PlanError {
+    /// Another board.
+    #[error("the board calls itself {found}, the board file says {wanted}: correct `name` or `address`")]
+    Name {
+        /// The name found on the network.
+        found: String,
+        /// The name in the file.
+        wanted: String,
+    },
+    /// A kind of module is missing, or has too few instances.
+    #[error(
+        "the board file asks for {what} {unit}, and the firmware of this {board} has {instances}: correct \
+         the number, or write a \
+         bit file with more of them"
+    )]
+    Module {
+        /// Its function.
+        what: &'static str,
+        /// Its number, from 0.
+        unit: usize,
+        /// The board.
+        board: String,
+        /// Number of instances of the board.
+        instances: usize,
+    },
+    /// A module that the bridge does not support.
+    #[error(
+        "the {what} module is of a kind that is not known (version {version}, {registers} registers, stride \
+         {stride}): the \
+         firmware is newer than this software"
+    )]
+    Kind {
+        /// Its function.
+        what: &'static str,
+        /// Its version.
+        version: u8,
+        /// Its registers.
+        registers: u8,
+        /// Its stride.
+        stride: u16,
+    },
+    /// A module pin that is not connected to a pin of the board.
+    #[error("{what} {unit} has no pin on this board: choose another number")]
+    NoPin {
+        /// Its function.
+        what: &'static str,
+        /// Its number.
+        unit: usize,
+    },
+    /// A pin that the board does not have.
+    #[error("pin {pin} is not a pin of this board, which has {pins}: correct the number")]
+    Pin {
+        /// The pin.
+        pin: usize,
+        /// Number of pins of the board.
+        pins: usize,
+    },
+    /// A pin with two uses.
+    #[error("pin {pin} is used twice: give each use its own")]
+    Taken {
+        /// The pin.
+        pin: usize,
+    },
+    /// A time that is too long.
+    #[error(
+        "{what} of {time_ns} ns is more than the step generators of this board can ({most_ns:.0} ns): \
+         shorten it"
+    )]
+    Time {
+        /// Which.
+        what: &'static str,
+        /// The time.
+        time_ns: f64,
+        /// The longest.
+        most_ns: f64,
+    },
+    /// The times, rounded up to clocks, do not permit the maximum velocity.
+    #[error(
+        "step generator {unit}: {needed:.0} steps/s needed, {possible:.0} possible at this board's clock: \
+         shorten its times"
+    )]
+    StepRate {
+        /// Its number.
+        unit: usize,
+        /// Steps/s at the maximum velocity.
+        needed: f64,
+        /// Steps/s permitted by the times.
+        possible: f64,
+    },
+    /// More counts between two readings than a 16-bit counter can resolve.
+    #[error("encoder {unit} counts {counts:.0} in a period, more than 30000: choose a higher control rate")]
+    Counts {
+        /// Its number.
+        unit: usize,
+        /// Counts per period at the maximum velocity.
+        counts: f64,
+    },
+    /// A pin without a filter.
+    #[error("pin {pin} has no filter on this board (InM): remove `slow`")]
+    NoFilter {
+        /// The pin.
+        pin: usize,
+    },
+    /// A smart-serial device lacks data that the file requires.
+    #[error(transparent)]
+    Remote(#[from] RemoteError),
+    /// The registers exceed a packet.
+    #[error(transparent)]
+    Full(#[from] PacketFull),
+}

@@ -1,0 +1,230 @@
+//! Spindle, coolant and outputs of a line.
+
+use super::{Executor, Request};
+use crate::codes::modal_groups::{GCode, Group, MCode};
+use crate::diagnostics::diagnostic::Fault;
+use crate::parameters::values::INPUT_RESULT;
+use crate::state::machine_state::ProgrammedSpeed;
+use crate::{Action, Code, SpindleDirection};
+
+impl Executor<'_> {
+    #[inline]
+    pub(super) fn has_periphery(&self) -> bool {
+        let line = self.line;
+        line.has_m() || line.has(b'S') || line.has(b'T') || line.g(Group::SpindleMode).is_some()
+    }
+
+    /// Spindle, tools, coolant, outputs.
+    pub(super) fn periphery(&mut self) -> Result<Option<Request>, Fault> {
+        let line = self.line;
+        let was_surface = self.state.modes.speed.is_surface();
+        if let Some(GCode::ConstantSurfaceSpeed(on)) = line.g(Group::SpindleMode) {
+            if on && !line.has(b'S') {
+                let span = line.group_span(Group::SpindleMode);
+                return Err(
+                    Fault::new(Code::WordMissing, span, "G96 needs S, the surface speed")
+                        .help("in metres per minute, or feet per minute in G20"),
+                );
+            }
+            if let Some(limit) = line.word(b'D')
+                && on
+                && limit < 0.0
+            {
+                return Err(crate::syntax::word_faults::negative('D', limit, line.span(b'D')));
+            }
+            if on {
+                let limit = line.word(b'D').unwrap_or(f64::INFINITY);
+                self.state.modes.speed = ProgrammedSpeed::Surface {
+                    speed_m_min: 0.0,
+                    max_rpm: limit.min(self.settings.spindle_max_rpm),
+                };
+            } else if was_surface {
+                // Without S the spindle keeps its present speed.
+                self.state.modes.speed = ProgrammedSpeed::Rpm(self.state.rpm());
+            }
+        }
+        if let Some(speed) = line.word(b'S') {
+            let modes = &mut self.state.modes;
+            match &mut modes.speed {
+                ProgrammedSpeed::Rpm(rpm) => *rpm = speed,
+                // Feet per minute in G20.
+                ProgrammedSpeed::Surface { speed_m_min, .. } => {
+                    *speed_m_min = if modes.inches { 0.3048 * speed } else { speed };
+                }
+            }
+        }
+        if let Some(tool) = line.whole(b'T')? {
+            if tool != 0 && self.lacks(tool) {
+                let message = format!("tool {tool} is not in the tool table");
+                return Err(Fault::new(Code::UnknownTool, line.span(b'T'), message)
+                    .help("add the tool to the table, or select another one"));
+            }
+            self.state.selected_tool = Some(tool);
+            self.out(Action::SelectTool(tool));
+        }
+        self.outputs()?;
+        let changer = self.tool_change()?;
+        let turned = line.m(Group::Spindle);
+        match turned {
+            Some(MCode::SpindleClockwise) => self.state.modes.spindle = SpindleDirection::Clockwise,
+            Some(MCode::SpindleCounterClockwise) => {
+                self.state.modes.spindle = SpindleDirection::CounterClockwise;
+            }
+            Some(MCode::SpindleStop) => self.state.modes.spindle = SpindleDirection::Stopped,
+            Some(MCode::SpindleOrient) => return self.orient().map(|()| None),
+            _ => {}
+        }
+        if turned.is_some()
+            || line.has(b'S')
+            || line.g(Group::SpindleMode).is_some() && (was_surface || self.state.modes.speed.is_surface())
+        {
+            self.spindle();
+        }
+        let request = line.m(Group::Modes).map(Request::Modes).or(changer);
+        if let Some(coolant) = line.m(Group::Coolant) {
+            let modes = &mut self.state.modes;
+            match coolant {
+                MCode::Mist => modes.mist = true,
+                MCode::Flood => modes.flood = true,
+                _ => (modes.mist, modes.flood) = (false, false),
+            }
+            self.coolant();
+        }
+        self.overrides()?;
+        if let Some(MCode::User(number)) = line.m(Group::User) {
+            let (p, q) = (line.word(b'P'), line.word(b'Q'));
+            self.out(Action::UserCommand { number, p, q });
+        }
+        Ok(request)
+    }
+
+    pub(crate) fn spindle(&mut self) {
+        self.state.modes.output_centre_mm = self.state.centre_mm();
+        self.out(self.state.spindle_action());
+    }
+
+    /// Offsets may have moved the centre of the radius of G96.
+    pub(super) fn follow_centre(&mut self) {
+        let modes = &self.state.modes;
+        if modes.speed.is_surface()
+            && modes.spindle != SpindleDirection::Stopped
+            && modes.output_centre_mm != self.state.centre_mm()
+        {
+            self.spindle();
+        }
+    }
+
+    pub(crate) fn coolant(&mut self) {
+        let modes = self.state.modes;
+        self.out(Action::Coolant {
+            mist: modes.mist,
+            flood: modes.flood,
+        });
+    }
+
+    fn orient(&mut self) -> Result<(), Fault> {
+        let line = self.line;
+        let degrees = line.word(b'R').unwrap_or(0.0);
+        if !(0.0..=360.0).contains(&degrees) {
+            let message = format!("R{degrees}: M19 turns the spindle to 0 to 360 degrees");
+            return Err(Fault::new(Code::OutOfRange, line.span(b'R'), message));
+        }
+        let direction = match line.whole(b'P')? {
+            None | Some(0) => None,
+            Some(1) => Some(SpindleDirection::Clockwise),
+            Some(2) => Some(SpindleDirection::CounterClockwise),
+            Some(other) => {
+                let message =
+                    format!("P{other}: M19 supports P0 the shorter way, P1 clockwise, P2 counter-clockwise");
+                return Err(Fault::new(Code::OutOfRange, line.span(b'P'), message));
+            }
+        };
+        let timeout_s = line.word(b'Q').unwrap_or(0.0);
+        if timeout_s < 0.0 {
+            return Err(crate::syntax::word_faults::negative(
+                'Q',
+                timeout_s,
+                line.span(b'Q'),
+            ));
+        }
+        self.state.modes.spindle = SpindleDirection::Stopped;
+        self.out(Action::OrientSpindle {
+            degrees,
+            direction,
+            timeout_s,
+        });
+        Ok(())
+    }
+
+    fn outputs(&mut self) -> Result<(), Fault> {
+        let line = self.line;
+        let Some(code) = line.m(Group::InputOutput) else {
+            return Ok(());
+        };
+        let span = line.group_span(Group::InputOutput);
+        let missing = |text: &str| Err(Fault::new(Code::WordMissing, span, text.to_owned()));
+        match code {
+            MCode::Output { synchronised, on } => {
+                let Some(index) = line.whole(b'P')? else {
+                    return missing("M62 to M65 need P, the number of the output");
+                };
+                self.out(Action::Output {
+                    index,
+                    on,
+                    synchronised,
+                });
+            }
+            MCode::AnalogOutput(synchronised) => {
+                let (Some(index), Some(value)) = (line.whole(b'E')?, line.word(b'Q')) else {
+                    return missing("M67 and M68 need E, the number of the output, and Q, its value");
+                };
+                self.out(Action::AnalogOutput {
+                    index,
+                    value,
+                    synchronised,
+                });
+            }
+            _ => {
+                if self.state.cutter.is_on() || self.state.cutter.held.is_some() {
+                    // The next line is read before its result is known.
+                    return Err(Fault::new(
+                        Code::CompensationActive,
+                        span,
+                        "M66 while cutter compensation is on",
+                    )
+                    .help("write G40 and a move before it"));
+                }
+                let (digital, analog) = (line.whole(b'P')?, line.whole(b'E')?);
+                let index = match (digital, analog) {
+                    (Some(index), None) | (None, Some(index)) => index,
+                    _ => return missing("M66 needs either P, a digital input, or E, an analog one"),
+                };
+                let mode = line.whole(b'L')?.unwrap_or(0);
+                if mode > 4 || analog.is_some() && mode != 0 {
+                    let message =
+                        format!("L{mode}: M66 supports L0 immediate, L1 rise, L2 fall, L3 high, L4 low");
+                    return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message)
+                        .help("an analog input supports L0 only"));
+                }
+                let timeout_s = line.word(b'Q').unwrap_or(0.0);
+                if timeout_s <= 0.0 && mode != 0 {
+                    return missing("M66 needs Q above 0, the time limit in seconds");
+                }
+                // The result on a machine whose inputs reach the awaited state, or after a timeout.
+                let imagined = match (self.settings.waits_succeed, mode) {
+                    (true, 1 | 3) => 1.0,
+                    (true, 2 | 4) => 0.0,
+                    _ => -1.0,
+                };
+                self.parameters.set_numbered(INPUT_RESULT, imagined);
+                self.out(Action::WaitInput {
+                    index,
+                    analog: analog.is_some(),
+                    mode,
+                    timeout_s,
+                });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,189 @@
+//! Tool changes of a line, and the tool that is in the spindle.
+
+use super::{Executor, Request};
+use crate::codes::modal_groups::{Group, MCode};
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::parameters::values::{TOOL, TOOL_DIAMETER};
+use crate::{Action, Code, SpindleDirection, Tool};
+
+/// The arguments of a tool-change subroutine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ToolCall {
+    /// The tool to be put into the spindle; 0 empties it.
+    pub(crate) tool: u32,
+    /// The tool that is in the spindle.
+    pub(crate) present: u32,
+    /// The pocket of the tool, and that for the present one; 0 for none.
+    pub(crate) from_pocket: u32,
+    pub(crate) to_pocket: u32,
+}
+
+impl Executor<'_> {
+    pub(super) fn tool_change(&mut self) -> Result<Option<Request>, Fault> {
+        let line = self.line;
+        let span = line.group_span(Group::ToolChange);
+        match line.m(Group::ToolChange) {
+            None => Ok(None),
+            Some(MCode::ToolNumber) => {
+                let Some(tool) = line.whole(b'Q')? else {
+                    return Err(Fault::new(
+                        Code::WordMissing,
+                        span,
+                        "M61 needs Q, the number of the tool",
+                    ));
+                };
+                if self.state.tool != tool {
+                    self.move_pockets(tool);
+                }
+                self.load_tool(tool);
+                self.out(Action::ToolNumber(tool));
+                Ok(None)
+            }
+            Some(_) => {
+                let Some(tool) = self.state.selected_tool else {
+                    return Err(
+                        Fault::new(Code::ToolMissing, span, "M6, but no tool has been selected")
+                            .help("write T and the tool number before M6 or on its line"),
+                    );
+                };
+                if self.state.cutter.is_on() {
+                    return Err(Fault::new(
+                        Code::CompensationActive,
+                        span,
+                        "M6 while cutter compensation is on",
+                    )
+                    .help("write G40 first"));
+                }
+                if self.state.modes.spindle != SpindleDirection::Stopped {
+                    self.state.modes.spindle = SpindleDirection::Stopped;
+                    self.spindle();
+                }
+                // The present position counts, wherever the program was when compensation ended.
+                self.state.cutter.programmed = None;
+                if self.settings.tool_change.is_some() && tool != self.state.tool {
+                    let call = self.tool_call(tool, span)?;
+                    self.out(Action::BeginToolChange(tool));
+                    return Ok(Some(Request::ToolChange(call, span)));
+                }
+                self.load_tool(tool);
+                self.out(Action::ChangeTool(tool));
+                Ok(None)
+            }
+        }
+    }
+
+    /// Whether the tool table has tools, but not this one. A served machine begins with an empty table.
+    pub(super) fn lacks(&self, tool: u32) -> bool {
+        let tools = self.tools.as_ref().filter(|tools| !tools.tools().is_empty());
+        tools.is_some_and(|tools| tools.get(tool).is_none())
+    }
+
+    /// The pocket of the new tool, and the pocket for the present one.
+    fn tool_call(&self, tool: u32, span: Span) -> Result<ToolCall, Fault> {
+        let present = self.state.tool;
+        let is_random = self
+            .settings
+            .tool_change
+            .as_ref()
+            .is_some_and(|changer| changer.is_random);
+        let row = |number: u32| self.tools.as_ref().and_then(|tools| tools.get(number));
+        let missing = |number: u32| {
+            let message = format!("tool {number} is not in the tool table, so its pocket is not known");
+            Fault::new(Code::UnknownTool, span, message)
+        };
+        let wrong =
+            |message: String, help: &str| Fault::new(Code::ToolChange, span, message).help(help.to_owned());
+        if !is_random {
+            let pocket = |number: u32, help: &str| match (number, row(number)) {
+                (0, _) => Ok(0),
+                (_, Some(tool)) => Ok(tool.pocket),
+                (_, None) => Err(missing(number).help(help.to_owned())),
+            };
+            return Ok(ToolCall {
+                tool,
+                present,
+                from_pocket: pocket(tool, "write its line, such as T3 P3, into the tool table")?,
+                to_pocket: pocket(
+                    present,
+                    "write its line into the tool table; M61 Q names the tool in the spindle if it is another",
+                )?,
+            });
+        }
+        let Some(known) = row(tool) else {
+            let help = if tool == 0 {
+                "a random tool changer stores the present tool in the pocket of T0: write a line such as T0 P5 for an empty pocket"
+            } else {
+                "write its line, such as T3 P3, into the tool table"
+            };
+            return Err(missing(tool).help(help));
+        };
+        let pocket = known.pocket;
+        if pocket == 0 {
+            let message = format!(
+                "tool {tool} has pocket 0 in the tool table, which is the spindle, but tool {present} is in it"
+            );
+            return Err(wrong(
+                message,
+                "give it its pocket in the tool table, or name the tool in the spindle by M61 Q",
+            ));
+        }
+        let others = self.tools.iter().flat_map(|tools| tools.tools());
+        if let Some(other) = others
+            .filter(|other| other.pocket == pocket)
+            .find(|other| other.number != tool && other.number != present)
+        {
+            let message = format!(
+                "pocket {pocket} has tool {tool} and tool {} in the tool table",
+                other.number
+            );
+            return Err(wrong(
+                message,
+                "check the pocket, then correct P of the other one in the tool table",
+            ));
+        }
+        Ok(ToolCall {
+            tool,
+            present,
+            from_pocket: pocket,
+            to_pocket: pocket,
+        })
+    }
+
+    /// A random tool changer has stored the present tool in the pocket of the new one.
+    pub(crate) fn move_pockets(&mut self, tool: u32) {
+        let present = self.state.tool;
+        if self
+            .settings
+            .tool_change
+            .as_ref()
+            .is_some_and(|changer| changer.is_random)
+            && let Some(tools) = self.tools
+        {
+            tools.swap_pockets(tool, present);
+        }
+    }
+
+    pub(crate) fn load_tool(&mut self, number: u32) {
+        self.state.tool = number;
+        let known = self.tools.as_ref().and_then(|tools| tools.get(number)).copied();
+        let tool = known.unwrap_or_else(|| Tool::new(number));
+        self.publish_tool(&tool);
+    }
+
+    /// Writes the data of the tool in the spindle to the parameters #5400 to #5413.
+    pub(crate) fn publish_tool(&mut self, tool: &Tool) {
+        self.parameters.set_numbered(TOOL, f64::from(tool.number));
+        self.parameters.set_axes(TOOL + 1, &tool.offset);
+        for (place, value) in [
+            tool.diameter_mm,
+            tool.front_angle_deg,
+            tool.back_angle_deg,
+            f64::from(tool.orientation),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            self.parameters.set_numbered(TOOL_DIAMETER + place, value);
+        }
+    }
+}
