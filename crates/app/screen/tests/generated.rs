@@ -50,5 +50,5 @@ fn write_alarm_numbers(folder: &Path) {
         "// This file is written by the test of the generated types.\n\n/** Alarms that are in force until they are cleared or a job starts. */\nexport type AlarmNumber = {};\n",
         numbers.join(" | ")
     );
-    std::fs::write(folder.join("AlarmNumber.ts"), text).unwrap();
+    assert!(std::fs::write(folder.join("AlarmNumber.ts"), text).is_ok());
 }

@@ -133,12 +133,13 @@ async function jogs(count) {
     direction = -direction;
     await until('it moves', () => Math.abs(watcher.newest?.velocity ?? 0) > 20, 3000).catch(() => {});
     await sleep(400);
-    const top = Math.abs(watcher.newest.velocity);
+    // Looked for before: it takes a while on a busy host.
+    const processes = loss === 'killed' || loss === 'asleep' ? tree(chromium.pid) : [];
     const from = now();
     if (loss === 'cut') cable.reset();
     else if (loss === 'pulled') cable.pull();
-    else if (loss === 'killed') signal(tree(chromium.pid), 'SIGKILL');
-    else if (loss === 'asleep') signal(tree(chromium.pid), 'SIGSTOP');
+    else if (loss === 'killed') signal(processes, 'SIGKILL');
+    else if (loss === 'asleep') signal(processes, 'SIGSTOP');
     else {
       // Chromium without a display hides no tab, so the page is told what it hears when one is hidden.
       await session.send('Runtime.evaluate', {
@@ -151,6 +152,7 @@ async function jogs(count) {
     const after = watcher.samples.filter((sample) => sample.time >= from - 0.02);
     // What is due before the loss has nothing to do with it.
     const behind = after.filter((sample) => sample.time >= from);
+    const top = Math.abs(after.findLast((sample) => sample.time < from)?.velocity ?? 0);
     const brakes = behind.find((sample) => Math.abs(sample.velocity) < top - 0.01);
     const lastMoving = behind.findLast((sample) => sample.velocity !== 0);
     // Who lags behind loses samples: then nobody knows.
@@ -158,7 +160,7 @@ async function jogs(count) {
     const isSeen = gap < 0.02 && watcher.newest.time > from + 0.4 && after[0].time < from;
     const stays = watcher.newest.velocity === 0;
     // Back to a page that can jog again. Nothing may move by itself meanwhile.
-    if (loss === 'asleep') signal(tree(chromium.pid), 'SIGCONT');
+    if (loss === 'asleep') signal(processes, 'SIGCONT');
     if (loss === 'pulled') cable.plug();
     const rested = now();
     if (loss === 'killed') [chromium, page] = [null, null];
