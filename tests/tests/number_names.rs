@@ -22,7 +22,7 @@ const QUANTITIES: &[&str] = &[
     "time",
     "timeout",
 ];
-/// Units, and words of plain numbers.
+/// Units, words of plain numbers, and that of derivatives, which are per another number.
 const UNITS: &[&str] = &[
     "deg",
     "error",
@@ -37,6 +37,7 @@ const UNITS: &[&str] = &[
     "ms",
     "ns",
     "override",
+    "per",
     "percent",
     "rad",
     "ratio",
