@@ -154,7 +154,7 @@ impl Tracks {
                 change.out_mm,
                 change.reason.text()
             );
-            // States of turning are told apart from those of the cycle by what their numbers begin with.
+            // The first digits of a state's number distinguish turning from the cycle.
             let code = TURNING_STATES + change.to as u32;
             recorder.event(&event(EventKind::State, code, text, Some(change.load)))?;
         }
