@@ -57,8 +57,11 @@ pub fn measure_round_trips(
                 let _interrupted = clock_nanosleep_absolute(ClockId::Monotonic, &at);
                 let sent_ns = monotonic_ns();
                 trips.sent += 1;
-                if exchange(sent_ns + period_ns) {
-                    times.push(monotonic_ns() - sent_ns);
+                let received = exchange(sent_ns + period_ns);
+                let elapsed_ns = monotonic_ns() - sent_ns;
+                // A thread that woke late can still find a reply; the bridge's cycle would have been over.
+                if received && elapsed_ns <= period_ns {
+                    times.push(elapsed_ns);
                 } else {
                     trips.lost += 1;
                 }
@@ -77,4 +80,22 @@ pub fn measure_round_trips(
             .join()
             .map_err(|_| std::io::Error::other("the measuring thread has panicked"))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn replies_after_their_period_are_lost() {
+        let period = Duration::from_millis(2);
+        let trips = measure_round_trips(period, period * 5, |until_ns| {
+            while monotonic_ns() <= until_ns {
+                std::thread::yield_now();
+            }
+            true
+        })
+        .expect("a thread");
+        assert_eq!((trips.sent, trips.lost, trips.max_ns), (5, 5, 0));
+    }
 }
