@@ -54,9 +54,12 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut Core, ring: &Shar
     // Drives whose targets were lost for some cycles, but for fewer than end the session, catch up the distance that their
     // position loop sees.
     let highest = match kind {
-        FaultKind::Loss | FaultKind::Delay | FaultKind::Reorder | FaultKind::WorkingCounter => {
-            FASTEST * (1.0 + POSITION_GAIN * LONGEST_LOSS_S)
-        }
+        FaultKind::Loss
+        | FaultKind::Delay
+        | FaultKind::Reorder
+        | FaultKind::WorkingCounter
+        | FaultKind::Break
+        | FaultKind::Gone => FASTEST * (1.0 + POSITION_GAIN * LONGEST_LOSS_S),
         _ => 1.3 * FASTEST,
     };
     begin(ring, kind, device, Some(duration_ns));
