@@ -8,6 +8,7 @@ mod dialects;
 mod fanuc_threads;
 mod flow;
 mod language;
+mod linuxcnc;
 mod mutations;
 mod probing_cycles;
 mod programs;
