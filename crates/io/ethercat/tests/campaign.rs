@@ -22,8 +22,10 @@ const FASTEST: f64 = 60.0;
 /// Gain of the drives' position loop, 1/s, and the longest time without a target that does not end the session: 20 cycles, s.
 const POSITION_GAIN: f64 = 80.0;
 const LONGEST_LOSS_S: f64 = 20.0 * 2e-3;
-/// Lead of X, mm per turn.
+/// Lead of X, mm per turn; the drives' window of following errors (6065h) is one turn too.
 const LEAD_MM: f64 = 5.0;
+/// How long the following error may be beyond that window (6066h), s.
+const FOLLOWING_TIMEOUT_S: f64 = 0.02;
 
 fn turns(ring: &SharedRing) -> f64 {
     let ring = ring.lock().expect("no panic");
@@ -60,6 +62,8 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut Core, ring: &Shar
         | FaultKind::WorkingCounter
         | FaultKind::Break
         | FaultKind::Gone => FASTEST * (1.0 + POSITION_GAIN * LONGEST_LOSS_S),
+        // A load that comes free follows its target again, from as far behind as the drive's window of following errors allows.
+        FaultKind::Blocked => FASTEST + POSITION_GAIN * (LEAD_MM + FASTEST * FOLLOWING_TIMEOUT_S),
         _ => 1.3 * FASTEST,
     };
     begin(ring, kind, device, Some(duration_ns));
