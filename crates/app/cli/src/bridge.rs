@@ -428,6 +428,7 @@ fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
             reference_offset: args.reference_offset,
             home_switch: homing.map_or(axis.travel_min + 0.02 * range, home_switch),
             home_switch_is_below: homing.is_none_or(|homing| homing.negative),
+            unlimited: axis.unlimited.is_some(),
             index: homing.and_then(index_pulses),
             encoder_step: 0.1 / increments[index].max(1e-3),
             servo: ServoSettings {

@@ -26,6 +26,8 @@ const MAX_LIMIT: f64 = 1e5;
 pub(crate) struct AxisValues {
     pub(crate) letter: AxisLetter,
     pub(crate) travel: (f64, f64),
+    /// An unlimited rotary axis: no travel.
+    pub(crate) is_unlimited: bool,
     pub(crate) velocity: f64,
     pub(crate) acceleration: f64,
     pub(crate) jerk: f64,
@@ -216,7 +218,12 @@ fn axis(
     } else {
         TRAVEL_WITHOUT_LIMITS.0
     };
+    let wrapped = ini.first(&sections[0], "WRAPPED_ROTARY");
+    let is_unlimited = letter.is_rotary() && wrapped.is_some_and(|entry| entry.is_true());
     let mut end = |limit: f64, key: &str, instead: f64| {
+        if is_unlimited {
+            return instead;
+        }
         if limit.abs() < NO_LIMIT {
             return limit * unit;
         }
@@ -254,8 +261,12 @@ fn axis(
     };
     let joint = sections.get(1).cloned().unwrap_or_default();
     let programmed_home = ini.number(&joint, "HOME")?.unwrap_or(0.0) * unit;
-    let home = programmed_home.clamp(travel.0, travel.1);
-    if home != programmed_home {
+    let home = if is_unlimited {
+        programmed_home % 360.0
+    } else {
+        programmed_home.clamp(travel.0, travel.1)
+    };
+    if home != programmed_home && !is_unlimited {
         report.choose(
             format!("home of {name}"),
             format!("{}: HOME lies outside the travel", tidy(home)),
@@ -267,6 +278,7 @@ fn axis(
     Ok(AxisValues {
         letter,
         travel,
+        is_unlimited,
         velocity,
         acceleration,
         jerk,

@@ -63,7 +63,7 @@ const KEYS: &[(&str, &str, &str)] = &[
         "TYPE",
         "the axis's letter decides: A, B, C rotary, the others linear",
     ),
-    ("AXIS_", "WRAPPED_ROTARY", "rotary axes do not wrap"),
+    ("AXIS_", "WRAPPED_ROTARY", "linear axes do not wrap"),
     (
         "AXIS_",
         "LOCKING_INDEXER_JOINT",

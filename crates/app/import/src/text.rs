@@ -79,8 +79,16 @@ fn axis_table(axis: &AxisValues) -> Vec<String> {
     let mut lines = vec![
         "[[axis]]".to_owned(),
         format!("letter = \"{}\"", axis.letter.letter()),
-        format!("travel_min_{unit} = {}", tidy(axis.travel.0)),
-        format!("travel_max_{unit} = {}", tidy(axis.travel.1)),
+        if axis.is_unlimited {
+            // LinuxCNC turns by the sign of the word.
+            "unlimited = \"sign\"".to_owned()
+        } else {
+            format!(
+                "travel_min_{unit} = {}\ntravel_max_{unit} = {}",
+                tidy(axis.travel.0),
+                tidy(axis.travel.1)
+            )
+        },
         format!("max_velocity_{unit}_s = {}", tidy(axis.velocity)),
         format!("max_acceleration_{unit}_s2 = {}", tidy(axis.acceleration)),
         format!("max_jerk_{unit}_s3 = {}", tidy(axis.jerk)),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use evolvent_gcode as gcode;
 use evolvent_machine::{
-    ControlRate, Machine, MachineKind, Magazine, PathMode, PeriodError, ToolChange, TurningWords,
+    ControlRate, Machine, MachineKind, Magazine, PathMode, PeriodError, RotaryWay, ToolChange, TurningWords,
     WithoutToolTable,
 };
 use evolvent_path::{AXES, Axes};
@@ -176,6 +176,13 @@ impl Setup {
         let path = &self.machine.path;
         let mut axes = [false; AXES];
         axes.copy_from_slice(&limits.present);
+        let mut unlimited = [None; AXES];
+        for axis in &self.machine.axes {
+            unlimited[axis.letter.index()] = axis.unlimited.map(|way| match way {
+                RotaryWay::Shorter => gcode::RotaryWay::Shorter,
+                RotaryWay::Sign => gcode::RotaryWay::Sign,
+            });
+        }
         let program = &self.machine.program;
         let mut settings = gcode::Settings {
             tools: self.memory.tools.clone(),
@@ -203,6 +210,7 @@ impl Setup {
             tools_without_table: program.without_tool_table == WithoutToolTable::Zero,
             block_delete: self.block_delete,
             axes,
+            unlimited,
             path_mode: match path.mode {
                 PathMode::Exact => gcode::PathMode::ExactPath,
                 PathMode::Blend => gcode::PathMode::Blend {

@@ -6,6 +6,7 @@ use evolvent_bus::{EventKind, Feedback, Setpoint, Status};
 use evolvent_drive::BridgeState;
 use evolvent_machine::SignalSettings;
 use evolvent_motion::State;
+use evolvent_path::{AxisMask, angle_within_turn};
 
 use crate::due_setpoint::DueSetpoint;
 use crate::job::Job;
@@ -30,6 +31,8 @@ pub(crate) struct RunStatus {
     has_started: bool,
     controls: Arc<Controls>,
     signals: SignalSettings,
+    /// Unlimited rotary axes.
+    unlimited: AxisMask,
 }
 
 impl RunStatus {
@@ -58,6 +61,7 @@ impl RunStatus {
             has_started: false,
             controls,
             signals: job.setup.machine.signals.clone(),
+            unlimited: job.setup.machine.unlimited(),
         }
     }
 
@@ -119,12 +123,16 @@ impl StatusSource for RunStatus {
 
     fn refresh(&mut self, port: &mut StatusPort<'_>) {
         self.show_speed(port.periphery);
+        let unlimited = self.unlimited;
         let status = &mut self.status;
         status.sequence += 1;
         status.time_ns = MonotonicClock::now_ns();
         status.cycles = self.controls.progress().cycles;
         status.period_ns = self.last.period_ns;
         status.follow(&self.last);
+        for axis in unlimited.axes() {
+            status.position_machine[axis] = angle_within_turn(status.position_machine[axis]);
+        }
         status.late_cycles = port.report.late;
         status.dropped_setpoints = port.report.failed;
         status.setpoint_subscribers = port.subscribers() as u32;

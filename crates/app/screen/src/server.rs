@@ -336,8 +336,9 @@ fn machine_info(setup: &Setup, has_chatter: bool) -> MachineInfo {
         } else {
             "linear"
         },
-        min: axis.travel_min,
-        max: axis.travel_max,
+        // An unlimited axis is shown within a turn.
+        min: axis.unlimited.map_or(axis.travel_min, |_| 0.0),
+        max: axis.unlimited.map_or(axis.travel_max, |_| 360.0),
         max_velocity: axis.max_velocity,
         has_home_switch: machine.homing.iter().any(|homing| homing.axis == axis.letter),
     });

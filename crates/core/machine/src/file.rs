@@ -15,7 +15,7 @@ use crate::handwheel::HandwheelFile;
 use crate::homing::HomingFile;
 use crate::machine::{
     ControlRate, CycleRecording, FeedbackMode, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, Magazine,
-    OnFull, PathMode, PlannerKind, ToolChange, TurningWords, WithoutToolTable,
+    OnFull, PathMode, PlannerKind, RotaryWay, ToolChange, TurningWords, WithoutToolTable,
 };
 use crate::signals::{EstopFile, InputFile, OutputFile, ProbeFile, SignalsFile, SpindleFile};
 
@@ -113,6 +113,8 @@ pub(crate) struct AxisFile {
     pub(crate) travel_min_mm: Option<f64>,
     /// Maximum position of a linear axis, mm.
     pub(crate) travel_max_mm: Option<f64>,
+    /// An unlimited rotary axis, instead of a travel: how G90 goes to an angle on it, "shorter" or "sign".
+    pub(crate) unlimited: Option<RotaryWay>,
     /// Minimum position of a rotary axis, degrees.
     pub(crate) travel_min_deg: Option<f64>,
     /// Maximum position of a rotary axis, degrees.
@@ -177,6 +179,11 @@ fn axis_alternatives() -> serde_json::Value {
         let one: Vec<_> = keys.iter().map(|key| json!({ "required": [key] })).collect();
         json!({ "oneOf": one })
     };
+    let rotary_limits = |keys: &[&str]| {
+        let mut required = vec!["max_acceleration_deg_s2", "max_jerk_deg_s3"];
+        required.extend(keys);
+        json!(required)
+    };
     let none_of = |keys: &[&str]| {
         let any: Vec<_> = keys.iter().map(|key| json!({ "required": [key] })).collect();
         json!({ "not": { "anyOf": any } })
@@ -196,7 +203,7 @@ fn axis_alternatives() -> serde_json::Value {
                 none_of(&[
                     "travel_min_deg", "travel_max_deg", "max_velocity_deg_min", "max_velocity_deg_s",
                     "max_acceleration_deg_s2", "max_jerk_deg_s3", "home_deg", "following_error_deg",
-                    "backlash_deg",
+                    "backlash_deg", "unlimited",
                 ]),
             ],
         },
@@ -206,10 +213,28 @@ fn axis_alternatives() -> serde_json::Value {
                 "letter": { "pattern": "^[ABCabc]$" },
                 "kind": { "enum": ["rotary"] },
             },
-            "required": ["travel_min_deg", "travel_max_deg", "max_acceleration_deg_s2", "max_jerk_deg_s3"],
+            "required": rotary_limits(&["travel_min_deg", "travel_max_deg"]),
             "allOf": [
                 exactly_one(&["max_velocity_deg_min", "max_velocity_deg_s"]),
                 none_of(&[
+                    "unlimited", "travel_min_mm", "travel_max_mm", "max_velocity_mm_min", "max_velocity_mm_s",
+                    "max_acceleration_mm_s2", "max_acceleration_m_s2", "max_acceleration_g",
+                    "max_jerk_mm_s3", "max_jerk_m_s3", "home_mm", "following_error_mm", "backlash_mm",
+                    "screw_table_unit", "thermal_input", "thermal_max_mm", "thermal_rate_um_s",
+                ]),
+            ],
+        },
+        {
+            "title": "unlimited rotary axis",
+            "properties": {
+                "letter": { "pattern": "^[ABCabc]$" },
+                "kind": { "enum": ["rotary"] },
+            },
+            "required": rotary_limits(&["unlimited"]),
+            "allOf": [
+                exactly_one(&["max_velocity_deg_min", "max_velocity_deg_s"]),
+                none_of(&[
+                    "travel_min_deg", "travel_max_deg", "screw_table", "screw_table_format",
                     "travel_min_mm", "travel_max_mm", "max_velocity_mm_min", "max_velocity_mm_s",
                     "max_acceleration_mm_s2", "max_acceleration_m_s2", "max_acceleration_g",
                     "max_jerk_mm_s3", "max_jerk_m_s3", "home_mm", "following_error_mm", "backlash_mm",

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use evolvent_path::{Axes, AxisLetter};
+use evolvent_path::{Axes, AxisLetter, AxisMask};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -22,6 +22,9 @@ use crate::signals::SignalSettings;
 pub const MIN_RATE_HZ: f64 = 250.0;
 /// Maximum control rate, Hz.
 pub const MAX_RATE_HZ: f64 = 35_000.0;
+/// How far a program may turn an unlimited rotary axis, degrees either way. The planner was seen to plan single moves of 3e6 degrees,
+/// and to fail at 1e7. `serve` takes whole turns off where the axis rests.
+pub const UNLIMITED_DEG: f64 = 1e6;
 /// Maximum length of a machine file, bytes.
 pub const MAX_FILE_BYTES: u64 = 1 << 20;
 
@@ -158,6 +161,18 @@ pub struct Axis {
     pub following_error: f64,
     /// Permitted following error in motion, as the travel in this time at the present velocity, s.
     pub following_time_s: f64,
+    /// The direction of G90 on an unlimited rotary axis, whose travel is [`UNLIMITED_DEG`] either way.
+    pub unlimited: Option<RotaryWay>,
+}
+
+/// The direction in which G90 turns an unlimited rotary axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum RotaryWay {
+    /// The shorter way; half a turn in the positive direction.
+    Shorter,
+    /// The sign of the word: without one in the positive direction, with a minus to the absolute value in the negative direction.
+    Sign,
 }
 
 /// Path control.
@@ -471,6 +486,13 @@ impl Machine {
     #[must_use]
     pub fn drive_limits(&self) -> Limits {
         Limits::of(&self.axes)
+    }
+
+    /// The unlimited rotary axes.
+    #[must_use]
+    pub fn unlimited(&self) -> AxisMask {
+        let axes = self.axes.iter().filter(|axis| axis.unlimited.is_some());
+        axes.map(|axis| axis.letter.index()).collect()
     }
 
     /// The axis with this letter, if the machine has it.

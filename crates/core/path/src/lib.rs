@@ -52,6 +52,7 @@
     reason = "checks are written so that NaN fails them: not (x <= limit) refuses NaN, x > limit lets it pass"
 )]
 
+mod angle;
 mod arc;
 mod axis;
 mod axis_mask;
@@ -73,6 +74,7 @@ mod spindle_speed;
 mod spirals;
 mod spline;
 
+pub use angle::{TURN_DEG, angle_within_turn, turn_onward, turn_shorter, whole_turns};
 pub use arc::Arc;
 pub use axis::{AXES, Axes, AxisLetter};
 pub use axis_mask::AxisMask;

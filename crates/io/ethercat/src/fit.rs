@@ -170,7 +170,8 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
                 });
             }
             let travel = per_unit * (listed.travel_max - listed.travel_min);
-            if travel > f64::from(u32::MAX) {
+            // The counts of an unlimited axis wrap round, and are followed.
+            if listed.unlimited.is_none() && travel > f64::from(u32::MAX) {
                 return Err(FitError::Travel {
                     letter,
                     increments: travel,

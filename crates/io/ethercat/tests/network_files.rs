@@ -2,7 +2,7 @@
 
 use evolvent_ethercat::{FitError, Network, check_fit, network_schema};
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit, shipped};
-use evolvent_machine::Machine;
+use evolvent_machine::{Machine, RotaryWay};
 
 #[test]
 fn the_schema_that_ships_is_the_one_of_the_code() {
@@ -122,6 +122,11 @@ fn machine_and_network_are_compared() {
     ));
     let fine = text.replacen("turn_mm = 5 ", "turn_mm = 0.1 ", 1);
     assert!(matches!(check(&fine), Err(FitError::Travel { letter: 'X', .. })));
+    // The counts of an unlimited axis may wrap round.
+    let mut unlimited = machine.clone();
+    (unlimited.axes[0].unlimited, unlimited.axes[0].max_velocity) = (Some(RotaryWay::Shorter), 50.0);
+    let network = Network::parse(&fine, "network.toml").expect("a network");
+    assert_eq!(check_fit(&unlimited, &network), Ok(()));
 }
 
 /// Inputs and outputs behind the shipped file's last device.

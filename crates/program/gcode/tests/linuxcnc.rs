@@ -1,6 +1,7 @@
 //! LinuxCNC's own programs, its tests and its samples, in both interpreters at once.
 //!
 //! `tools/test` fetches them (`tools/get-linuxcnc`) and sets EVOLVENT_LINUXCNC to their folder.
+#![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -18,3 +18,4 @@ mod surface_speed;
 mod tool_change;
 mod turning;
 mod turning_passes;
+mod unlimited;

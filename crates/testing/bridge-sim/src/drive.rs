@@ -3,12 +3,15 @@
 use evolvent_drive::{
     Brake, BrakeState, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest, QuickStopOption,
 };
+use evolvent_path::TURN_DEG;
 
 use crate::servo::Servo;
 use crate::settings::SimAxis;
 
 /// Velocity below which an axis counts as standing, mm/s or degrees/s.
 const STANDING: f64 = 0.05;
+/// The home switch of an unlimited rotary axis is closed for so much of each turn.
+const CAM_DEG: f64 = 20.0;
 /// Periods of the self-test.
 const SELF_TEST: u32 = 10;
 /// Object 603Fh of a fault on demand: following error (8611h), as drives report it when an axis is blocked.
@@ -133,8 +136,16 @@ impl SimDrive {
     /// Whether the home switch is pressed.
     #[must_use]
     pub fn at_home_switch(&self) -> bool {
+        let beyond = self.servo.position - self.axis.home_switch;
         if let Some(switch) = self.switch {
             switch
+        } else if self.axis.unlimited {
+            let into = if self.axis.home_switch_is_below {
+                -beyond
+            } else {
+                beyond
+            };
+            into.rem_euclid(TURN_DEG) <= CAM_DEG
         } else if self.axis.home_switch_is_below {
             self.servo.position <= self.axis.home_switch
         } else {
@@ -145,6 +156,9 @@ impl SimDrive {
     /// Whether the limit switches are pressed: negative end, positive end.
     #[must_use]
     pub fn at_limit_switches(&self) -> [bool; 2] {
+        if self.axis.unlimited {
+            return [false; 2];
+        }
         let margin = self.axis.switch_margin();
         [
             self.servo.position <= self.axis.travel_min - margin,

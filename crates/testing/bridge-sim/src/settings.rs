@@ -54,6 +54,8 @@ pub struct SimAxis {
     pub home_switch: f64,
     /// Whether it is pressed beyond that towards smaller coordinates; otherwise towards larger ones.
     pub home_switch_is_below: bool,
+    /// Whether switch and pulses come again every turn, and there are no limit switches: an unlimited rotary axis.
+    pub unlimited: bool,
     /// Where the encoder has an index pulse, and every how far another, where it has any.
     pub index: Option<SimIndex>,
     /// The smallest step that the encoder shows.
@@ -77,6 +79,7 @@ impl SimAxis {
             reference_offset: 0.0,
             home_switch: -980.0,
             home_switch_is_below: true,
+            unlimited: false,
             index: Some(SimIndex {
                 position: 0.0,
                 pitch: 5.0,

@@ -13,6 +13,8 @@ pub(super) struct DriveView {
     bounds: FeedbackBounds,
     /// The datum that the last renaming has led to.
     pub(super) datum: u64,
+    /// What was ordered to be added to the axes' coordinates, until that has been done.
+    pub(super) renaming: Axes,
     /// Machine coordinates of the drives' first datum, less those of now.
     pub(super) home_offset: Axes,
     /// Number of the next request for an index pulse, and the axis of the last.
@@ -26,6 +28,7 @@ impl DriveView {
             feedback: None,
             bounds,
             datum: 0,
+            renaming: Axes::zeros(),
             home_offset: Axes::zeros(),
             next_index: 1,
             index_axis: None,

@@ -7,7 +7,7 @@ use evolvent_control::{
 };
 use evolvent_drive::{IndexRequest, Presence};
 use evolvent_machine::HomingMethod;
-use evolvent_path::{Axes, AxisLetter, AxisMask};
+use evolvent_path::{Axes, AxisLetter, AxisMask, TURN_DEG};
 use evolvent_transfer::AxesState;
 
 use super::jog::{FOR_EVER, limits_here, slowed, steering};
@@ -33,7 +33,11 @@ impl Operator {
                     search_velocity: homing.search_velocity,
                     latch_velocity: homing.latch_velocity,
                     reference: homing.reference,
-                    travel: self.limits.travel_max[i] - self.limits.travel_min[i],
+                    travel: if self.unlimited.contains(i) {
+                        TURN_DEG
+                    } else {
+                        self.limits.travel_max[i] - self.limits.travel_min[i]
+                    },
                     home: self.limits.home[i],
                 }
             })

@@ -36,6 +36,7 @@ mod state_store;
 mod status_writer;
 mod summary;
 mod track;
+mod turns;
 
 pub use config::{ServeConfig, ServeNews, TraceTo};
 pub(crate) use jobs::{Planning, ProgramJob};

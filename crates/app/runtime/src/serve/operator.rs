@@ -72,6 +72,8 @@ pub(crate) struct Operator {
     pub(super) folder: PathBuf,
     pub(super) limits: Limits,
     pub(super) present: AxisMask,
+    /// Unlimited rotary axes.
+    pub(super) unlimited: AxisMask,
     pub(super) view: CycleView,
     /// Events of cycles whose view has not come.
     inbox: VecDeque<CycleEvent>,
@@ -128,6 +130,7 @@ impl Operator {
             .iter()
             .map(|axis| axis.axis.index())
             .collect::<AxisMask>();
+        let unlimited = machine.unlimited();
         let limits = machine.limits();
         let bounds = watch_settings(machine, setup.period_ns).bounds;
         let mut desk = OperatorState::default();
@@ -150,6 +153,7 @@ impl Operator {
             folder,
             limits,
             present,
+            unlimited,
             view,
             inbox: VecDeque::new(),
             drives: DriveView::new(bounds),
@@ -533,6 +537,12 @@ impl Operator {
         while let Ok(view) = views.pop() {
             observe(&view);
             self.view = view;
+            if self.view.datum < self.drives.datum {
+                // What begins now begins by the new names.
+                self.view.setpoint.position += self.drives.renaming;
+            } else {
+                self.drives.renaming = Axes::zeros();
+            }
         }
         while self
             .inbox
@@ -561,6 +571,7 @@ impl Operator {
             .observe(self.view.setpoint.sequence, is_at_rest);
         self.follow_program();
         self.follow_handwheel();
+        self.remove_whole_turns();
         if let Some(text) = self.files.way.as_ref().and_then(|way| way.try_recv().ok()) {
             self.files.way = None;
             // Who has stopped meanwhile needs it no more.

@@ -3,7 +3,7 @@
 use evolvent_bus::{EventKind, MAX_ALARMS, Status, switches};
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_motion::{State, flags};
-use evolvent_path::{AXES, Axes, AxisMask};
+use evolvent_path::{AXES, Axes, AxisMask, angle_within_turn};
 use evolvent_signals::ProbeState;
 use evolvent_trace::Histogram;
 
@@ -191,6 +191,7 @@ pub(crate) fn snapshot(
             status.enabled_mask |= AxisMask::one_if(axis, state == Some(DriveState::OperationEnabled)).bits();
         }
     }
+    show_within_turn(&mut status, operator.unlimited);
     status.set_program(desk.program().unwrap_or_default());
     status.set_message(&operator.message);
     for (alarm, text) in desk.alarms() {
@@ -211,6 +212,19 @@ fn add_timing(status: &mut Status, pulse: &Pulse) {
     status.work_p50_ns = quantile(&pulse.work, 50.0);
     status.work_p999_ns = quantile(&pulse.work, 99.9);
     status.work_max_ns = pulse.work.max_ns().max(0) as u64;
+}
+
+/// Positions of unlimited rotary axes are shown as angles of a turn.
+fn show_within_turn(status: &mut Status, unlimited: AxisMask) {
+    for axis in unlimited.axes() {
+        for position in [
+            &mut status.position_machine[axis],
+            &mut status.position_work[axis],
+            &mut status.position_actual[axis],
+        ] {
+            *position = angle_within_turn(*position);
+        }
+    }
 }
 
 fn to_go(end: &Axes, position: &Axes) -> [f64; AXES] {

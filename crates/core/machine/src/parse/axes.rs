@@ -6,7 +6,7 @@ use evolvent_path::AxisLetter;
 use super::Check;
 use crate::error::MachineError;
 use crate::file::{AxisFile, AxisKind, MachineFile};
-use crate::machine::{Axis, MachineKind};
+use crate::machine::{Axis, MachineKind, UNLIMITED_DEG};
 use crate::rate::GRAVITY_MM_S2;
 
 impl Check<'_> {
@@ -79,7 +79,10 @@ impl Check<'_> {
             ));
         }
         self.reject_other_unit(at, letter, raw)?;
-        let (travel_min, travel_max, home) = if rotary {
+        self.reject_travel_of_unlimited(at, letter, raw)?;
+        let (travel_min, travel_max, home) = if raw.unlimited.is_some() {
+            (-UNLIMITED_DEG, UNLIMITED_DEG, ("home_deg", raw.home_deg))
+        } else if rotary {
             (
                 self.required(at, "travel_min_deg", raw.travel_min_deg)?,
                 self.required(at, "travel_max_deg", raw.travel_max_deg)?,
@@ -134,7 +137,39 @@ impl Check<'_> {
                 20.0,
                 [0.0, 10_000.0],
             )? / 1000.0,
+            unlimited: raw.unlimited,
         })
+    }
+
+    /// An unlimited axis is rotary, and has neither a travel nor a screw table.
+    fn reject_travel_of_unlimited(
+        &self,
+        at: &str,
+        letter: AxisLetter,
+        raw: &AxisFile,
+    ) -> Result<(), MachineError> {
+        if raw.unlimited.is_none() {
+            return Ok(());
+        }
+        if !letter.is_rotary() {
+            return Err(self.error(
+                &format!("{at}.unlimited"),
+                format!("axis {} is linear and has a travel", letter.letter()),
+                "remove the key: A, B and C are rotary",
+            ));
+        }
+        let keys = [
+            ("travel_min_deg", raw.travel_min_deg.is_some()),
+            ("travel_max_deg", raw.travel_max_deg.is_some()),
+            ("screw_table", raw.screw_table.is_some()),
+        ];
+        if let Some((key, _)) = keys.iter().find(|(_, is_given)| *is_given) {
+            let what = format!("axis {} is unlimited", letter.letter());
+            let advice = format!("remove {key}, or remove unlimited");
+            return Err(self.error(&format!("{at}.{key}"), what, advice));
+        }
+        let home = raw.home_deg.unwrap_or(0.0);
+        self.number(&format!("{at}.home_deg"), home, -360.0, 360.0)
     }
 
     /// Velocity, acceleration and jerk, each from the one key that is given.

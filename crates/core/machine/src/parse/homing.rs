@@ -1,7 +1,7 @@
 //! How the axes of a machine file are homed.
 
 use evolvent_config::shortened;
-use evolvent_path::AxisLetter;
+use evolvent_path::{AxisLetter, TURN_DEG};
 
 use super::{Check, MAX_NUMBER, MIN_NUMBER};
 use crate::error::MachineError;
@@ -94,7 +94,10 @@ impl HomingKeys<'_> {
             None => 0.0,
         };
         if method.has_index() {
-            let longest = (self.axis.travel_max - self.axis.travel_min).max(MIN_NUMBER);
+            let longest = match self.axis.unlimited {
+                Some(_) => 1.1 * TURN_DEG,
+                None => (self.axis.travel_max - self.axis.travel_min).max(MIN_NUMBER),
+            };
             self.number(&self.key("index_within", ""), within, MIN_NUMBER, longest)?;
         }
         Ok(HomingSettings {

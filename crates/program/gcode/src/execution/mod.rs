@@ -10,3 +10,4 @@ pub(crate) mod offset_path;
 pub(crate) mod offsets;
 pub(crate) mod spline;
 pub(crate) mod straight;
+pub(crate) mod unlimited;

@@ -1,6 +1,6 @@
 //! Straight moves: G0, G1, G28, G30, G33, G38.
 
-use evolvent_path::{Axes, AxisLetter, Curve, Line, ParamCurve as _};
+use evolvent_path::{Axes, AxisLetter, Curve, Line, ParamCurve as _, turn_shorter};
 
 use crate::codes::modal_groups::{FeedMode, Group, Motion, NonModal};
 use crate::diagnostics::diagnostic::Fault;
@@ -52,6 +52,9 @@ impl Executor<'_> {
                     target[index] = from[index];
                 }
             }
+        }
+        if !state.modes.incremental && state.unlimited.contains(&true) {
+            self.unwrap_angles(&from, &mut target)?;
         }
         for axis in AxisLetter::ALL {
             check_coordinate(target[axis.index()], axis, line)?;
@@ -322,6 +325,9 @@ impl Executor<'_> {
         for axis in AxisLetter::ALL {
             if !self.settings.axes[axis.index()] {
                 place[axis.index()] = self.state.position[axis.index()];
+            }
+            if self.state.unlimited[axis.index()] {
+                place[axis.index()] = turn_shorter(self.state.position[axis.index()], place[axis.index()]);
             }
             check_coordinate(place[axis.index()], axis, line)?;
         }

@@ -1,6 +1,6 @@
 //! The modal state.
 
-use evolvent_path::{AXES, Axes, AxisLetter, Plane, SurfaceSpeed};
+use evolvent_path::{AXES, Axes, AxisLetter, Plane, SurfaceSpeed, angle_within_turn};
 
 use crate::codes::modal_groups::{Compensation, FeedMode, Motion, PlaneCode};
 use crate::execution::compensation::CutterState;
@@ -176,6 +176,8 @@ pub(crate) struct State {
     pub(crate) is_probed: bool,
     /// Whether M2 or M30 has been executed.
     pub(crate) ended: bool,
+    /// Unlimited rotary axes.
+    pub(crate) unlimited: [bool; AXES],
 }
 
 /// The part of the state that a plain move changes.
@@ -236,6 +238,7 @@ impl State {
             cutter: CutterState::default(),
             is_probed: false,
             ended: false,
+            unlimited: settings.unlimited.map(|way| way.is_some()),
         };
         state.work = settings.work_offsets[state.modes.work_index];
         state
@@ -409,12 +412,22 @@ impl State {
 
     /// Position of an axis in program coordinates and units.
     pub(crate) fn program_position(&self, axis: usize) -> f64 {
-        self.program_of(self.programmed())[axis] / self.axis_unit(axis)
+        let position = self.program_of(self.programmed())[axis] / self.axis_unit(axis);
+        self.within_turn(axis, position)
     }
 
     /// Position of an axis in machine coordinates, in program units.
     pub(crate) fn machine_position(&self, axis: usize) -> f64 {
-        self.position[axis] / self.axis_unit(axis)
+        self.within_turn(axis, self.position[axis] / self.axis_unit(axis))
+    }
+
+    /// A coordinate as programs see it: of an unlimited rotary axis 0 to below 360 degrees.
+    fn within_turn(&self, axis: usize, position: f64) -> f64 {
+        if self.unlimited[axis] {
+            angle_within_turn(position)
+        } else {
+            position
+        }
     }
 
     /// A predefined parameter.

@@ -11,6 +11,8 @@ pub struct Settings {
     pub start: Axes,
     /// The existing axes. A word for any other axis is an error.
     pub axes: [bool; AXES],
+    /// The direction of G90 on each unlimited rotary axis; their coordinates count modulo 360 degrees.
+    pub unlimited: [Option<RotaryWay>; AXES],
     /// Work offsets G54 to G59.3: work zero in machine coordinates (mm, degrees).
     pub work_offsets: [Axes; WORK_OFFSETS],
     /// The active work offset, 0 for G54.
@@ -83,6 +85,15 @@ pub struct ToolChanger {
     pub is_random: bool,
 }
 
+/// The direction in which G90 turns an unlimited rotary axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RotaryWay {
+    /// The shorter way; half a turn in the positive direction.
+    Shorter,
+    /// The sign of the word: without one in the positive direction, with a minus to the absolute value in the negative direction.
+    Sign,
+}
+
 /// Meaning of X, R and U in a lathe's cycles G82 and G75.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TurningWords {
@@ -129,6 +140,7 @@ impl Default for Settings {
         Self {
             start: Axes::zeros(),
             axes: [true; AXES],
+            unlimited: [None; AXES],
             work_offsets: [Axes::zeros(); WORK_OFFSETS],
             active_offset: 0,
             g92_offset: Axes::zeros(),

@@ -15,6 +15,7 @@ impl ServedParts {
         for _ in 0..MAX_ORDERS {
             let Ok(order) = self.orders.pop() else { break };
             let reported = !matches!(order.what, CycleCommand::Turn { .. });
+            let renames = matches!(order.what, CycleCommand::Relocate { renames: true, .. });
             let counts = self.take(now, order.id, order.what);
             if reported && counts && order.id > 0 {
                 let sequence = self.station.sequence();
@@ -22,6 +23,10 @@ impl ServedParts {
                     id: order.id,
                     sequence,
                 });
+            }
+            if renames {
+                // Bridges take over a new datum at rest: what moves the axes begins with the next setpoint.
+                break;
             }
         }
     }

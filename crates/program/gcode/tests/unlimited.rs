@@ -1,0 +1,109 @@
+//! Unlimited rotary axes: where G90 goes to, and what programs see of the angle. Figures by hand.
+#![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
+
+use evolvent_gcode::{Action, Interpreter, Move, RotaryWay, Settings};
+use evolvent_path::Axes;
+
+fn settings(way: RotaryWay) -> Settings {
+    let mut settings = Settings::default();
+    settings.unlimited[5] = Some(way);
+    settings
+}
+
+fn moves(program: &str, settings: Settings) -> Result<Vec<Move>, String> {
+    let mut moves = Vec::new();
+    for command in Interpreter::new(program.as_bytes(), settings) {
+        if let Action::Move(step) = command.map_err(|error| error.render("test"))?.action {
+            moves.push(step);
+        }
+    }
+    Ok(moves)
+}
+
+/// C at the end of each move.
+#[track_caller]
+fn angles(program: &str, settings: Settings) -> Vec<f64> {
+    let moves = moves(program, settings).unwrap();
+    moves.iter().map(|step| step.curve.end()[5]).collect()
+}
+
+#[test]
+fn the_shorter_way_is_taken_by_rapids_feeds_and_arcs_and_in_machine_coordinates() {
+    let shorter = || settings(RotaryWay::Shorter);
+    assert_eq!(
+        angles("G0 C350\nG1 F100 C10\nC100\nC-170\nG0 C0", shorter()),
+        // Half a turn goes in the positive direction.
+        [-10.0, 10.0, 100.0, 190.0, 360.0]
+    );
+    assert_eq!(
+        angles("G0 C350\nG53 G0 C200\nG53 C0", shorter()),
+        [-10.0, -160.0, 0.0]
+    );
+    assert_eq!(angles("G0 X10 C350\nG2 F100 X20 R5 C5", shorter()), [-10.0, 5.0]);
+    // A word of more than a turn is an angle as well.
+    assert_eq!(angles("G0 C725", shorter()), [5.0]);
+    // Where it stands it does not move.
+    assert!(angles("G0 C90\nC450\nC-270", shorter()).len() == 1);
+    // G91 is what is written.
+    assert_eq!(angles("G91 G0 C725\nC-1000", shorter()), [725.0, -275.0]);
+}
+
+#[test]
+fn the_sign_says_the_way() {
+    let sign = || settings(RotaryWay::Sign);
+    assert_eq!(
+        angles("G0 C350\nC10\nC-350\nC-0\nC-90\nC90\nC0", sign()),
+        // C90 is where C-90 has gone to.
+        [350.0, 370.0, 350.0, 0.0, -270.0, 0.0]
+    );
+    // The angle is that of the program's coordinates.
+    assert_eq!(
+        angles("G10 L2 P1 C30\nG0 C0\nC-350\nC10", sign()),
+        [30.0, 20.0, 40.0]
+    );
+    for word in ["360", "-360", "400"] {
+        let error = moves(&format!("G0 C{word}"), sign()).unwrap_err();
+        assert!(error.contains("G0412") && error.contains("below 360"), "{error}");
+    }
+    assert_eq!(angles("G91 G0 C-400", sign()), [-400.0]);
+}
+
+#[test]
+fn offsets_and_stored_places_are_angles_too() {
+    let shorter = || settings(RotaryWay::Shorter);
+    assert_eq!(
+        angles("G0 C100\nG92 C0\nG0 C-10\nC300", shorter()),
+        [100.0, 90.0, 40.0]
+    );
+    let far = Settings {
+        start: Axes::from_fn(|axis, _| if axis == 5 { 3600.5 } else { 0.0 }),
+        ..shorter()
+    };
+    assert_eq!(angles("G0 C0\nC90", far.clone()), [3600.0, 3690.0]);
+    // G28 goes to the stored angle by the shorter way.
+    let stored = Settings {
+        parameters: vec![(5166, 350.0)],
+        ..far.clone()
+    };
+    assert_eq!(angles("G28 C0", stored), [3600.0, 3590.0]);
+    // G10 L20 gives the present angle a name.
+    assert_eq!(angles("G10 L20 P1 C0\nG0 C10", far), [3610.5]);
+}
+
+#[test]
+fn programs_see_an_angle_of_a_turn() {
+    let program = "G91 G0 C-10\nG90\nX[#5425] Y[#<_c>] Z[#<_abs_c>]\nG91 C380\nG90 X[#5425]";
+    let seen = moves(program, settings(RotaryWay::Shorter)).unwrap();
+    let ends: Vec<_> = seen.iter().map(|step| step.curve.end()).collect();
+    assert_eq!((ends[1][0], ends[1][1], ends[1][2]), (350.0, 350.0, 350.0));
+    assert_eq!((ends[2][5], ends[3][0]), (370.0, 10.0));
+}
+
+#[test]
+fn other_rotary_axes_go_to_the_number() {
+    let mut both = settings(RotaryWay::Shorter);
+    both.unlimited[3] = None;
+    let moves = moves("G0 A350 C350", both).unwrap();
+    let end = moves[0].curve.end();
+    assert_eq!((end[3], end[5]), (350.0, -10.0));
+}

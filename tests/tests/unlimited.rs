@@ -1,0 +1,257 @@
+//! An unlimited rotary axis: programs, MDI, jogs and homing in closed loop with simulated drives, and a trace that comes out the same.
+#![expect(clippy::expect_used, reason = "tests fail as tests do")]
+
+use std::path::PathBuf;
+
+use evolvent_bus::{ControlRequest, Status};
+use evolvent_replay::verify;
+use evolvent_tests::{
+    Domain, Drives, Operator, Random, Served, Workshop, command, cycles, run, unless_disturbed,
+};
+
+/// A mill with a rotary table that turns for ever.
+fn table(workshop: &Workshop, name: &str, way: &str, homing: &str) -> PathBuf {
+    let shipped = workshop.mill(name, &[]);
+    let text = std::fs::read_to_string(shipped).expect("a machine file");
+    let text = text
+        .replace("feedback_timeout_ms = 20", "feedback_timeout_ms = 1000")
+        .replacen(
+            "increments_per_mm",
+            "increments_per_degree = 1000\nincrements_per_mm",
+            1,
+        );
+    let axis = format!(
+        "[[axis]]\nletter = \"C\"\nunlimited = \"{way}\"\nmax_velocity_deg_s = 720\nmax_acceleration_deg_s2 = 7200\n\
+         max_jerk_deg_s3 = 200000\nfollowing_error_deg = 2\n"
+    );
+    workshop.write(&format!("{name}.toml"), format!("{text}\n{axis}\n{homing}"))
+}
+
+const C: usize = 5;
+
+/// Faster than the table turns in a cycle of 1 ms, degrees: the end of a move that goes on lies between two setpoints.
+const STEP_DEG: f64 = 0.75;
+
+/// Angles of C at the end of each line, by a virtual run.
+fn ends(way: &str, program: &str) -> Vec<f64> {
+    let workshop = Workshop::new();
+    let machine = table(&workshop, "table", way, "");
+    let file = workshop.write("table.ngc", program);
+    let trace = workshop.path("table.mcap");
+    let path = |path: &PathBuf| path.to_str().expect("UTF-8").to_owned();
+    run([
+        "run",
+        &path(&file),
+        "--machine",
+        &path(&machine),
+        "--clock",
+        "virtual",
+        "--no-bus",
+        "--trace",
+        &path(&trace),
+    ])
+    .expect_code(&[0]);
+    let again = verify(&trace).expect("a readable trace");
+    assert!(again.holds(), "{again:?}");
+    let mut ends: Vec<f64> = Vec::new();
+    let mut line = 0;
+    for cycle in cycles(&trace) {
+        let angle = cycle.position[C];
+        if cycle.line == line && !ends.is_empty() {
+            *ends.last_mut().expect("one") = angle;
+        } else {
+            ends.push(angle);
+        }
+        line = cycle.line;
+    }
+    ends
+}
+
+#[test]
+fn g90_takes_the_shorter_way_g91_what_is_written_and_rapids_and_feeds_alike() {
+    let program = "G61 F36000\nG0 C350\nG1 C10\nG0 C190\nG0 C0\nG91 G1 C725\nG90 G0 C0\nG53 G0 C-90\nG10 L2 P1 C30\nG0 C0\nM2\n";
+    let ends = ends("shorter", program);
+    let expected = [-10.0, 10.0, 190.0, 360.0, 1085.0, 1080.0, 990.0, 1110.0];
+    assert!(ends.len() >= expected.len(), "{ends:?}");
+    for (end, expected) in ends.iter().zip(expected) {
+        assert!((end - expected).abs() < STEP_DEG, "{ends:?}");
+    }
+}
+
+#[test]
+fn by_sign_the_word_says_which_way_and_a_whole_turn_is_an_error() {
+    let program = "G61\nG0 C350\nG0 C10\nG0 C-350\nG0 C-0\nG0 C0\nG0 C-90\nG0 C90\nM2\n";
+    let ends = ends("sign", program);
+    let different: Vec<f64> = ends.iter().copied().fold(Vec::new(), |mut kept, end| {
+        if kept.last().is_none_or(|last: &f64| (last - end).abs() > 1e-6) {
+            kept.push(end);
+        }
+        kept
+    });
+    let different: Vec<f64> = different.into_iter().skip_while(|end| *end == 0.0).collect();
+    let expected = [350.0, 370.0, 350.0, 0.0, -270.0];
+    assert!(different.len() >= expected.len(), "{different:?}");
+    for (end, expected) in different.iter().zip(expected) {
+        assert!((end - expected).abs() < STEP_DEG, "{different:?}");
+    }
+    let workshop = Workshop::new();
+    let machine = table(&workshop, "table", "sign", "");
+    let file = workshop.write("wrong.ngc", "G0 C10\nG0 C-360\nM2\n");
+    let finished = run([
+        "check",
+        file.to_str().expect("UTF-8"),
+        "--machine",
+        machine.to_str().expect("UTF-8"),
+        "--json",
+    ]);
+    let errors = finished.expect_code(&[1]).json();
+    assert_eq!(errors["errors"][0]["code"], "G0412", "{errors}");
+    assert_eq!(errors["errors"][0]["line"], 2);
+}
+
+/// 2775 turns in one program, at limits that are kept in every sample, and the angle at its end is right.
+#[test]
+fn a_long_way_keeps_its_resolution() {
+    let program = "G91 G0 C999000\nG90 G0 C123.456\nM2\n";
+    let workshop = Workshop::new();
+    let machine = table(&workshop, "far", "shorter", "");
+    let text = std::fs::read_to_string(&machine).expect("a machine file");
+    // Fast, so that the trace is short.
+    let text = text
+        .replace("max_velocity_deg_s = 720", "max_velocity_deg_s = 72000")
+        .replace(
+            "max_acceleration_deg_s2 = 7200",
+            "max_acceleration_deg_s2 = 720000",
+        )
+        .replace("max_jerk_deg_s3 = 200000", "max_jerk_deg_s3 = 20000000");
+    let machine = workshop.write("far.toml", text);
+    let file = workshop.write("far.ngc", program);
+    let trace = workshop.path("far.mcap");
+    let path = |path: &PathBuf| path.to_str().expect("UTF-8").to_owned();
+    run([
+        "run",
+        &path(&file),
+        "--machine",
+        &path(&machine),
+        "--clock",
+        "virtual",
+        "--no-bus",
+        "--trace",
+        &path(&trace),
+    ])
+    .expect_code(&[0]);
+    let again = verify(&trace).expect("a readable trace");
+    assert!(again.holds(), "{again:?}");
+    let last = cycles(&trace).pop().expect("cycles").position[C];
+    let wrong = (last - 123.456).rem_euclid(360.0);
+    assert!(wrong.min(360.0 - wrong) < 1e-6, "{last}");
+    let beyond = workshop.write("beyond.ngc", "G91 G0 C1000001\nM2\n");
+    let refused = run(["check", &path(&beyond), "--machine", &path(&machine)]);
+    refused.expect_code(&[1]);
+}
+
+const HOMING: &str = "
+[[homing]]
+axis = \"C\"
+method = \"switch-index\"
+towards = \"positive\"
+search_deg_s = 90
+latch_deg_s = 20
+index_deg = 12.5
+index_within_deg = 30
+";
+
+fn jog(distance: f64, speed: f64) -> ControlRequest {
+    let mut request = ControlRequest {
+        axes_mask: 1 << C,
+        index: 1,
+        amount: speed,
+        ..command("JOG")
+    };
+    request.values[C] = distance;
+    request
+}
+
+fn near(status: &Status, angle: f64) -> bool {
+    (status.position_machine[C] - angle).abs() < 1e-6
+}
+
+/// It homes within a turn, turns for ever one way by MDI and jogs, shows angles, and begins to count anew at rest: nothing moves then, and
+/// the next block goes the shorter way.
+#[test]
+fn a_served_table_turns_for_ever() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let name = "table-served";
+        let machine = table(&workshop, name, "shorter", HOMING);
+        let text = std::fs::read_to_string(&machine).expect("a machine file");
+        // Fast, so that the test is short.
+        let text = text
+            .replace("max_velocity_deg_s = 720", "max_velocity_deg_s = 3600")
+            .replace(
+                "max_acceleration_deg_s2 = 7200",
+                "max_acceleration_deg_s2 = 36000",
+            )
+            .replace("max_jerk_deg_s3 = 200000", "max_jerk_deg_s3 = 1000000");
+        let machine = workshop.write(&format!("{name}.toml"), text);
+        let trace = workshop.path("turns.mcap");
+        let options = ["--trace", trace.to_str().expect("UTF-8")];
+        let served = Served::start(&machine, name, &domain, &workshop.path("state"), &options);
+        let drives = Drives::start(&machine, &domain, &["--reference-offset", "3.5"]);
+        let mut operator = Operator::join(name, &domain);
+        operator.waits("drives", |status| status.feedback_age_ns < 1_000_000_000);
+        operator.brings_up();
+        operator.says_number("MODE", 1);
+        let home = ControlRequest {
+            axes_mask: 1 << C,
+            ..command("HOME")
+        };
+        let job = operator.does(&home).job;
+        let status = operator.sees_end(job);
+        assert_eq!(status.job_result, 1, "{}", status.alarm_sentence());
+        // What the other axes' offset is found by their drives; of C the pulse has put it right, but for whole turns.
+        let wrong = (status.home_offset[C] - 3.5).rem_euclid(360.0);
+        assert!(wrong.min(360.0 - wrong) < 1e-2, "{wrong}");
+        let mut random = Random::new();
+        let mut angle = 0.0_f64;
+        for round in 0..4 {
+            operator.says_number("MODE", 2);
+            let way = random.between(5000.0, 9000.0).round();
+            let job = operator.says_text("MDI", &format!("G91 G0 C{way}")).job;
+            assert_eq!(operator.sees_end(job).job_result, 1);
+            angle = (angle + way).rem_euclid(360.0);
+            let status = operator.now();
+            assert!(
+                near(&status, angle),
+                "round {round}: {} {angle}",
+                status.position_machine[C]
+            );
+            operator.says_number("MODE", 1);
+            let job = operator.does(&jog(7000.0, 3500.0)).job;
+            let status = operator.sees_end(job);
+            angle = (angle + 7000.0).rem_euclid(360.0);
+            assert!(near(&status, angle), "{} {angle}", status.position_machine[C]);
+            operator.says_number("MODE", 2);
+            let to = random.between(0.0, 360.0).round();
+            let job = operator.says_text("MDI", &format!("G90 G0 C{to}")).job;
+            let status = operator.sees_end(job);
+            angle = to.rem_euclid(360.0);
+            assert!(near(&status, angle), "{}", status.position_machine[C]);
+            assert_eq!(status.alarm_count, 0, "{}", status.alarm_sentence());
+        }
+        drop(operator);
+        drop(drives);
+        served.end().expect_code(&[0, 3]);
+        let turned = cycles(&trace);
+        let farthest = turned
+            .iter()
+            .map(|cycle| cycle.position[C].abs())
+            .fold(0.0, f64::max);
+        assert!(
+            farthest > 36_000.0 && farthest < 60_000.0,
+            "it counts anew: {farthest}"
+        );
+        let again = verify(&trace).expect("a readable trace");
+        assert!(again.holds() && again.uncompared == 0, "{again:?}");
+    });
+}
