@@ -218,7 +218,8 @@ fn a_served_table_turns_for_ever() {
             operator.says_number("MODE", 2);
             let way = random.between(5000.0, 9000.0).round();
             let job = operator.says_text("MDI", &format!("G91 G0 C{way}")).job;
-            assert_eq!(operator.sees_end(job).job_result, 1);
+            let status = operator.sees_end(job);
+            assert_eq!(status.job_result, 1, "{}", status.alarm_sentence());
             angle = (angle + way).rem_euclid(360.0);
             let status = operator.now();
             assert!(
