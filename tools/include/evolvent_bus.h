@@ -418,8 +418,14 @@ typedef struct evolvent_status {
     uint32_t retrace_blocks;
     /* 1 where the axes are, or were before they were jogged, at an earlier place of the path of the held program; else 0. */
     uint32_t retraced;
+    /* Bit i set: the handwheel moves axis i; 0 if it moves none. */
+    uint32_t handwheel_mask;
+    /* 1 where its enabling button is pressed, or where it has none; 0 without a handwheel. */
+    uint32_t handwheel_enabled;
+    /* Distance of that axis per detent: mm, degrees for A B C; 0 if it moves none. */
+    double handwheel_step;
     /* Zero; for later versions. */
-    uint64_t reserved[8];
+    uint64_t reserved[6];
 } evolvent_status_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_status_t) == 1840, "size of Status");
@@ -497,7 +503,10 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, away_mask) == 1760, "offset o
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, away_parts) == 1764, "offset of Status.away_parts");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, retrace_blocks) == 1768, "offset of Status.retrace_blocks");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, retraced) == 1772, "offset of Status.retraced");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1776, "offset of Status.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, handwheel_mask) == 1776, "offset of Status.handwheel_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, handwheel_enabled) == 1780, "offset of Status.handwheel_enabled");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, handwheel_step) == 1784, "offset of Status.handwheel_step");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1792, "offset of Status.reserved");
 
 /* A drive bridge's reply to one setpoint.
  */

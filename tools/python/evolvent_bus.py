@@ -353,6 +353,9 @@ class Status(ctypes.Structure):
     away_parts: int
     retrace_blocks: int
     retraced: int
+    handwheel_mask: int
+    handwheel_enabled: int
+    handwheel_step: float
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
@@ -504,8 +507,14 @@ class Status(ctypes.Structure):
         ("retrace_blocks", ctypes.c_uint32),
         # 1 where the axes are, or were before they were jogged, at an earlier place of the path of the held program; else 0.
         ("retraced", ctypes.c_uint32),
+        # Bit i set: the handwheel moves axis i; 0 if it moves none.
+        ("handwheel_mask", ctypes.c_uint32),
+        # 1 where its enabling button is pressed, or where it has none; 0 without a handwheel.
+        ("handwheel_enabled", ctypes.c_uint32),
+        # Distance of that axis per detent: mm, degrees for A B C; 0 if it moves none.
+        ("handwheel_step", ctypes.c_double),
         # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 8),
+        ("reserved", ctypes.c_uint64 * 6),
     ]
 
     def __init__(self, **values: Any) -> None:

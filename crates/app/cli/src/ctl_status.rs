@@ -137,6 +137,9 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         "away_parts": status.away_parts,
         "retraced": status.retraced != 0,
         "retrace_blocks": status.retrace_blocks,
+        "handwheel": axis_letters(status.handwheel_mask, axes),
+        "handwheel_enabled": status.handwheel_enabled != 0,
+        "handwheel_step": status.handwheel_step,
     });
     for part in [rest, away] {
         if let (Value::Object(whole), Value::Object(part)) = (&mut whole, part) {
@@ -172,7 +175,7 @@ pub(crate) fn write_status(
     }
     write_axes(out, status, axes)?;
     write_motion(out, status)?;
-    write_waits(out, status)?;
+    write_waits(out, status, axes)?;
     if status.feedback_age_ns != u64::MAX {
         writeln!(
             out,
@@ -256,7 +259,7 @@ fn write_motion(out: &mut dyn Write, status: &Status) -> io::Result<()> {
 }
 
 /// What the machine waits for, and the probe.
-fn write_waits(out: &mut dyn Write, status: &Status) -> io::Result<()> {
+fn write_waits(out: &mut dyn Write, status: &Status, axes: &str) -> io::Result<()> {
     if status.switches & switches::CHAIN_OPEN != 0 {
         writeln!(out, "  the emergency-stop chain is open, or no bridge reads it")?;
     }
@@ -268,6 +271,19 @@ fn write_waits(out: &mut dyn Write, status: &Status) -> io::Result<()> {
             out,
             "  away from the held program: {} part(s) of the way back, `evolvent ctl return` drives it",
             status.away_parts
+        )?;
+    }
+    if status.handwheel_mask != 0 {
+        writeln!(
+            out,
+            "  the handwheel moves {} by {} per detent{}",
+            axis_letters(status.handwheel_mask, axes),
+            status.handwheel_step,
+            if status.handwheel_enabled == 0 {
+                ", while its button is pressed"
+            } else {
+                ""
+            }
         )?;
     }
     if let Some(state) = probe_state(status) {

@@ -165,8 +165,14 @@ payload! {
         retrace_blocks: u32,
         /// 1 where the axes are, or were before they were jogged, at an earlier place of the path of the held program; else 0.
         retraced: u32,
+        /// Bit i set: the handwheel moves axis i; 0 if it moves none.
+        handwheel_mask: u32,
+        /// 1 where its enabling button is pressed, or where it has none; 0 without a handwheel.
+        handwheel_enabled: u32,
+        /// Distance of that axis per detent: mm, degrees for A B C; 0 if it moves none.
+        handwheel_step: f64,
         /// Zero; for later versions.
-        reserved: [u64; 8],
+        reserved: [u64; 6],
     }
 }
 

@@ -72,6 +72,14 @@ impl HandwheelDesk {
         }
     }
 
+    /// The status's fields: mask of the axis that it moves, whether it is enabled, distance per detent.
+    pub(super) fn numbers(&self, view: &HandwheelView) -> (u32, u32, f64) {
+        let reading = self.reading(view);
+        let mask = reading.axis.map_or(0, |axis| 1 << axis);
+        let step = if mask == 0 { 0.0 } else { reading.step };
+        (mask, u32::from(reading.is_enabled), step)
+    }
+
     /// Nothing of what was turned is left to be driven.
     pub(super) fn rest(&mut self) {
         self.goal = None;

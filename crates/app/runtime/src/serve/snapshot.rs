@@ -115,11 +115,17 @@ pub(crate) fn snapshot(
     let (tool_change, tool_wanted) = periphery.change_numbers();
     let (program_time_s, program_held_s) = operator.program.tally.times_s(operator.setup.period_ns);
     let (away_axes, away_parts) = operator.away_numbers();
+    let wheel = operator.handwheel.as_ref();
+    let (handwheel_mask, handwheel_enabled, handwheel_step) =
+        wheel.map_or((0, 0, 0.0), |wheel| wheel.numbers(&view.handwheel));
     let mut status = Status {
         away_mask: away_axes.bits(),
         away_parts,
         retrace_blocks: view.leaving.blocks_before,
         retraced: u32::from(view.leaving.is_retraced),
+        handwheel_mask,
+        handwheel_enabled,
+        handwheel_step,
         parts: operator.program.tally.parts(),
         program_time_s,
         program_held_s,
