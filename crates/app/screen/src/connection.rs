@@ -65,11 +65,12 @@ async fn write(
     mut messages: mpsc::Receiver<Utf8Bytes>,
 ) {
     let mut frames = server.hub.frames();
+    let mut signals = Utf8Bytes::default();
     loop {
-        let (first, second) = tokio::select! {
+        let (first, others) = tokio::select! {
             biased;
             message = messages.recv() => match message {
-                Some(message) => (Message::Text(message), None),
+                Some(message) => (Message::Text(message), [None, None]),
                 None => return,
             },
             changed = frames.changed() => {
@@ -78,10 +79,15 @@ async fn write(
                 }
                 let frame = frames.borrow_and_update().clone();
                 let samples = (!frame.samples.is_empty()).then_some(Message::Binary(frame.samples));
-                (Message::Text(frame.status), samples)
+                let is_new = !frame.signals.is_empty() && frame.signals != signals;
+                let values = is_new.then(|| {
+                    signals = frame.signals.clone();
+                    Message::Text(frame.signals)
+                });
+                (Message::Text(frame.status), [samples, values])
             }
         };
-        for message in [Some(first), second].into_iter().flatten() {
+        for message in std::iter::once(first).chain(others.into_iter().flatten()) {
             match tokio::time::timeout(SLOW, sink.send(message)).await {
                 Ok(Ok(())) => {}
                 _ => return,

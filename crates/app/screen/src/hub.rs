@@ -64,11 +64,18 @@ impl Hub {
     }
 
     /// What pages draw next; `present` is the status that it shows, where one comes.
-    pub(crate) fn show(&self, status: &ToPage, samples: Bytes, present: Option<Arc<Status>>) {
+    pub(crate) fn show(
+        &self,
+        status: &ToPage,
+        samples: Bytes,
+        signals: Utf8Bytes,
+        present: Option<Arc<Status>>,
+    ) {
         let status = text(status);
         self.frames.send_replace(Frame {
             status,
             samples,
+            signals,
             present,
         });
     }

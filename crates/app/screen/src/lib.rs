@@ -27,6 +27,7 @@ mod restart;
 mod routes;
 mod sampling;
 mod server;
+mod signal_board;
 mod slots;
 mod streaming;
 mod tls;

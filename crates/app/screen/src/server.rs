@@ -21,7 +21,7 @@ use crate::gate::{Gate, Role};
 use crate::hub::Hub;
 use crate::listener::listen;
 use crate::macro_file::MacroWatch;
-use crate::messages::{AxisInfo, MachineInfo, ProcessInfo, ProgramInfo, ToPage};
+use crate::messages::{AxisInfo, HandwheelInfo, MachineInfo, ProcessInfo, ProgramInfo, SignalInfo, ToPage};
 use crate::orders::Orders;
 use crate::programs::{is_good_name, kept};
 use crate::routes::router;
@@ -175,7 +175,8 @@ impl Screen {
         let (stops, first) = orders("screen-stops")?;
         let (jogs, second) = orders("screen-jogs")?;
         let (commands, third) = orders("screen-orders")?;
-        let bus = watcher::spawn(client.clone(), Arc::clone(&hub), Arc::clone(&stop))?;
+        let signals = config.setup.machine.signals.clone();
+        let bus = watcher::spawn(client.clone(), signals, Arc::clone(&hub), Arc::clone(&stop))?;
         let server = Arc::new(Server {
             hub,
             stops,
@@ -351,6 +352,15 @@ fn machine_info(setup: &Setup, has_chatter: bool) -> MachineInfo {
         },
         axes: axes.collect(),
         process: setup.process.as_deref().map(ProcessInfo::from),
+        inputs: machine.signals.inputs.iter().map(SignalInfo::from).collect(),
+        outputs: machine.signals.outputs.iter().map(SignalInfo::from).collect(),
+        spindles: machine
+            .signals
+            .spindles
+            .iter()
+            .map(|spindle| spindle.number)
+            .collect(),
+        handwheel: machine.handwheel.as_ref().map(HandwheelInfo::from),
         has_chatter,
     }
 }

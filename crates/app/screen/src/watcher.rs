@@ -8,17 +8,22 @@ use std::time::{Duration, Instant};
 use axum::body::Bytes;
 use axum::extract::ws::Utf8Bytes;
 use evolvent_bus::{
-    ClientBus, ClientConfig, FeedbackReader, LoadReader, ReceiveError, Setpoint, SetpointReader, Status,
-    StatusReader, flags,
+    ClientBus, ClientConfig, FeedbackReader, InputReader, LoadReader, OutputReader, ReceiveError, Setpoint,
+    SetpointReader, Status, StatusReader, flags,
 };
 use evolvent_control::{Alarm, AlarmKind};
+use evolvent_machine::SignalSettings;
+use evolvent_runtime::MonotonicClock;
 
-use crate::hub::Hub;
+use crate::hub::{Hub, text};
 use crate::messages::{LogKind, SAMPLE_BYTES, ScreenStatus, ToPage};
 use crate::sampling::Sampler;
+use crate::signal_board::SignalBoard;
 
 /// 60 per second.
 const FRAME: Duration = Duration::from_micros(16_667);
+/// Interval of the values of inputs and outputs.
+const SIGNALS: Duration = Duration::from_millis(100);
 /// A core without a status for this time has ended.
 const SILENCE: Duration = Duration::from_millis(500);
 /// Maximum number of samples per frame; beyond it the oldest are dropped.
@@ -29,6 +34,8 @@ const MAX_SAMPLES: usize = 4096;
 pub(crate) struct Frame {
     pub(crate) status: Utf8Bytes,
     pub(crate) samples: Bytes,
+    /// Values of inputs and outputs; empty if there are none.
+    pub(crate) signals: Utf8Bytes,
     /// The status itself.
     pub(crate) present: Option<Arc<Status>>,
 }
@@ -36,6 +43,7 @@ pub(crate) struct Frame {
 /// Starts the thread that reads the bus. It retries if the core does not exist yet.
 pub(crate) fn spawn(
     config: ClientConfig,
+    signals: SignalSettings,
     hub: Arc<Hub>,
     stop: Arc<AtomicBool>,
 ) -> std::io::Result<JoinHandle<()>> {
@@ -43,6 +51,7 @@ pub(crate) fn spawn(
         .name("screen-bus".into())
         .spawn(move || {
             while !stop.load(Ordering::Relaxed) {
+                let board = SignalBoard::new(signals.clone());
                 let opened = ClientBus::open(&config).and_then(|bus| {
                     Ok(Readers {
                         status: bus.status()?,
@@ -50,12 +59,21 @@ pub(crate) fn spawn(
                         // The scope shows what there is.
                         feedback: bus.feedback().ok(),
                         loads: bus.loads().ok(),
+                        // A machine without signals has no such channels, and opening them would wait for them.
+                        outputs: (!board.is_empty()).then(|| bus.outputs().ok()).flatten(),
+                        inputs: (!board.is_empty()).then(|| bus.inputs().ok()).flatten(),
+                        board,
                     })
                 });
                 match opened {
                     Ok(readers) => watch(readers, &hub, &stop),
                     Err(_) => {
-                        hub.show(&ToPage::Core { alive: false }, Bytes::new(), None);
+                        hub.show(
+                            &ToPage::Core { alive: false },
+                            Bytes::new(),
+                            Utf8Bytes::default(),
+                            None,
+                        );
                         std::thread::sleep(SILENCE);
                     }
                 }
@@ -69,6 +87,9 @@ struct Readers {
     setpoints: SetpointReader,
     feedback: Option<FeedbackReader>,
     loads: Option<LoadReader>,
+    outputs: Option<OutputReader>,
+    inputs: Option<InputReader>,
+    board: SignalBoard,
 }
 
 impl Readers {
@@ -89,6 +110,16 @@ impl Readers {
                 sampler.load(&load);
             }
         }
+        if let Some(outputs) = &mut self.outputs {
+            while let Some(message) = outputs.receive()? {
+                self.board.take_outputs(message);
+            }
+        }
+        if let Some(inputs) = &mut self.inputs {
+            while let Some(message) = inputs.receive()? {
+                self.board.take_inputs(message);
+            }
+        }
         Ok(newest)
     }
 }
@@ -97,6 +128,7 @@ impl Readers {
 fn watch(mut readers: Readers, hub: &Hub, stop: &AtomicBool) {
     let mut sampler = Sampler::default();
     let (mut heard, mut last): (Instant, Option<Status>) = (Instant::now(), None);
+    let (mut signals, mut signals_at) = (Utf8Bytes::default(), Instant::now());
     while !stop.load(Ordering::Relaxed) {
         std::thread::sleep(FRAME);
         let Ok(newest) = readers.read(&mut sampler) else {
@@ -117,9 +149,18 @@ fn watch(mut readers: Readers, hub: &Hub, stop: &AtomicBool) {
             Err(_) => return,
         }
         if heard.elapsed() > SILENCE {
-            hub.show(&ToPage::Core { alive: false }, Bytes::new(), None);
+            hub.show(
+                &ToPage::Core { alive: false },
+                Bytes::new(),
+                Utf8Bytes::default(),
+                None,
+            );
             std::thread::sleep(SILENCE / 2);
             continue;
+        }
+        if !readers.board.is_empty() && signals_at.elapsed() >= SIGNALS {
+            signals_at = Instant::now();
+            signals = text(&ToPage::Signals(readers.board.values(MonotonicClock::now_ns())));
         }
         let Some(mut shown) = last else { continue };
         if let Some(setpoint) = newest {
@@ -135,6 +176,7 @@ fn watch(mut readers: Readers, hub: &Hub, stop: &AtomicBool) {
         hub.show(
             &ToPage::Status { status },
             Bytes::from(samples),
+            signals.clone(),
             Some(Arc::new(shown)),
         );
     }

@@ -1,6 +1,6 @@
 // The cases against a page that somebody serves: `node tests/against.mjs URL [CASE]`. With EVOLVENT_MACROS, the name of the service's file of
-// macros, those of macros are measured, too.
-import { writeFileSync } from 'node:fs';
+// macros, those of macros are measured, too; with EVOLVENT_WHEEL, a file of the counts of its handwheel, that the wheel is followed.
+import { readFileSync, writeFileSync } from 'node:fs';
 import { launch } from './browser.mjs';
 import { runCases } from './run.mjs';
 
@@ -13,6 +13,8 @@ if (browser === null) {
 }
 const file = process.env.EVOLVENT_MACROS;
 const macros = file ? (text) => writeFileSync(file, text) : undefined;
-const failed = await runCases(browser, url, only, { real: true, macros });
+const wheel = process.env.EVOLVENT_WHEEL;
+const turn = wheel ? async (counts) => writeFileSync(wheel, String(Number(readFileSync(wheel, 'utf8')) + counts)) : undefined;
+const failed = await runCases(browser, url, only, { real: true, macros, turn });
 await browser.close();
 process.exit(failed === 0 ? 0 : 1);

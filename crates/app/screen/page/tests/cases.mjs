@@ -4,7 +4,8 @@ import { readFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
 
 const axeSource = readFileSync(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8');
-const VIEWS = ['jog', 'program', 'path', 'mdi', 'offsets', 'tools', 'scope', 'events', 'traces'];
+/** The views of this machine. */
+const viewsOf = (page) => page.locator('[data-view]').evaluateAll((tabs) => [...new Set(tabs.map((tab) => tab.dataset.view))]);
 
 export const at = (name) => `[data-test="${name}"]`;
 export const text = async (page, name) => (await page.locator(at(name)).innerText()).trim();
@@ -171,6 +172,101 @@ export const cases = {
     await until('50 %', async () => (await text(page, 'feed_override')) === '50 %' || text(page, 'feed_override'));
     await page.locator(at('feed_override')).click();
     await until('100 %', async () => (await text(page, 'feed_override')) === '100 %' || text(page, 'feed_override'));
+  },
+
+  async 'outputs are set by name, and each signal has its value'(page, context) {
+    if ((await page.locator('[data-view="io"]').count()) === 0) return 'not measured';
+    await ready(page);
+    await view(page, 'io');
+    await until('an input', async () => /D0\s+on/.test(await text(page, 'input-door-closed')) || text(page, 'input-door-closed'));
+    const is = (name, value) => page.locator(`${at(`${value}-${name}`)}[aria-pressed="true"]`).waitFor();
+    // With the finger, then with the keyboard.
+    await page.locator(at('on-dust-extraction')).click();
+    await is('dust-extraction', 'on');
+    await page.locator(at('off-dust-extraction')).focus();
+    await page.keyboard.press('Enter');
+    await is('dust-extraction', 'off');
+    const power = page.locator(at('value-laser-power'));
+    await power.fill('7,5');
+    await page.keyboard.press('Enter');
+    await until('7.5', async () => (await power.inputValue()) === '7.500' || power.inputValue());
+    // A value that the machine file does not permit is rejected, and the one in force is shown again.
+    await power.fill('10.5');
+    await page.keyboard.press('Enter');
+    await page.locator(at('rejection')).waitFor();
+    await until('7.5 again', async () => (await power.inputValue()) === '7.500' || power.inputValue());
+    if (context.real) await until('the wheel', async () => /A3\s+123456/.test(await text(page, 'input-wheel')) || text(page, 'input-wheel'));
+    // Who only watches sees them and sets nothing.
+    await page.locator(at('lease')).click();
+    await page.locator(`${at('on-dust-extraction')}:disabled`).waitFor();
+    assert.equal(await power.isDisabled(), true);
+  },
+
+  async 'the handwheel moves the axis that is selected, by the step that is selected'(page, context) {
+    if ((await page.locator('[data-view="io"]').count()) === 0) return 'not measured';
+    await ready(page);
+    await view(page, 'jog');
+    const told = (what) => until(`${what}`, async () => what.test(await text(page, 'wheel-told')) || text(page, 'wheel-told'));
+    await page.locator(at('wheel-none')).click();
+    await told(/moves no axis/);
+    // The step that is chosen first counts for the axis that is chosen then.
+    await page.locator(at('wheel-step-1')).click();
+    await page.locator(at('wheel-X')).focus();
+    await page.keyboard.press('Enter');
+    await told(/moves X by 0.01 mm/);
+    await page.locator(at('wheel-step-2')).click();
+    await told(/moves X by 0.1 mm/);
+    await page.locator(`${at('wheel-step-2')}[aria-pressed="true"]`).waitFor();
+    if (context.turn) {
+      await page.locator('button:has-text("Machine")').first().click();
+      const before = await number(page, 'large-X');
+      // Ten detents of four counts.
+      await context.turn(40);
+      await until('X + 1', async () => Math.abs((await number(page, 'large-X')) - before - 1) < 0.0015 || number(page, 'large-X'));
+      await page.locator(at('wheel-none')).click();
+      await told(/moves no axis/);
+      await context.turn(40);
+      await page.waitForTimeout(400);
+      assert.ok(Math.abs((await number(page, 'large-X')) - before - 1) < 0.0015, 'no axis is selected');
+    }
+    await page.locator(at('wheel-Z')).click();
+    await told(/moves Z/);
+    await page.locator(at('wheel-none')).click();
+    await told(/moves no axis/);
+  },
+
+  async 'RESET restores the modes at the start'(page) {
+    await ready(page);
+    await view(page, 'mdi');
+    const modal = () => text(page, 'modal');
+    for (const block of ['G91', 'M3 S800']) {
+      await page.locator(at('mdi-block')).fill(block);
+      await page.locator(`${at('mdi-run')}:enabled`).click();
+      await until(block, async () => ((await page.locator(at('mdi-block')).inputValue()) === '' && (await text(page, 'state')) === 'Ready') || text(page, 'state'));
+    }
+    await until('G91', async () => /G91( |$)/.test(await modal()) || modal());
+    await page.locator(at('reset')).click();
+    await until('G90', async () => /G90/.test(await modal()) || modal());
+    assert.doesNotMatch(await modal(), /G91( |$)/);
+    assert.match(await text(page, 'spindle'), /^0 /);
+  },
+
+  async 'parts and times of the program are counted'(page, context) {
+    await ready(page);
+    const told = () => text(page, 'run-times');
+    if (context.real) {
+      await upload(page, 'parts.ngc', square(5, 600));
+      await until('checked', async () => (await text(page, 'findings-button')) === 'no errors' || text(page, 'findings-button'), 20_000);
+      assert.match(await told(), /^0 parts; running time 0:00/);
+    }
+    await view(page, 'program');
+    await page.locator(at('start')).click();
+    await page.locator(`${at('hold')}:enabled`).click();
+    await until('held', async () => /of which held 0:0[1-9]/.test(await told()) || told());
+    await page.locator(at('resume')).click();
+    await until('it runs', async () => /running time 0:0[2-9]/.test(await told()) || told());
+    if (!context.real) return void (await page.locator(at('stop')).click());
+    await until('its end', async () => /^1 part; /.test(await told()) || told(), 20_000);
   },
 
   async 'a program of 50 MB can be scrolled, and the page holds the lines in sight only'(page, context) {
@@ -625,7 +721,7 @@ export const cases = {
         await page.locator(`dialog[open] [lang="${language}"]`).click();
         await page.locator('dialog[open] [aria-pressed]').nth(theme === 'light' ? 2 : 3).click();
         await page.keyboard.press('Escape');
-        for (const name of VIEWS) {
+        for (const name of await viewsOf(page)) {
           await view(page, name);
           await page.waitForTimeout(150);
           // As a string: the policy of the page permits no eval, and needs none for what a debugger runs.
@@ -648,7 +744,7 @@ export const cases = {
       await page.locator(at('menu')).click();
       await page.locator(`dialog[open] [lang="${language}"]`).click();
       await page.keyboard.press('Escape');
-      for (const name of VIEWS) {
+      for (const name of await viewsOf(page)) {
         await view(page, name);
         await page.waitForTimeout(100);
         const faults = await page.evaluate(() => {

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use ts_rs::TS;
 
-use super::ProcessInfo;
+use super::{HandwheelInfo, ProcessInfo, SignalInfo};
 
 /// One axis.
 #[derive(Clone, Debug, PartialEq, Serialize, TS)]
@@ -37,6 +37,14 @@ pub struct MachineInfo {
     pub axes: Vec<AxisInfo>,
     /// What a cut is like, where the service was given a process file.
     pub process: Option<ProcessInfo>,
+    /// Its inputs, in the order of the machine file.
+    pub inputs: Vec<SignalInfo>,
+    /// Its outputs, in the order of the machine file.
+    pub outputs: Vec<SignalInfo>,
+    /// Numbers of its spindles.
+    pub spindles: Vec<u32>,
+    /// The handwheel, if there is one.
+    pub handwheel: Option<HandwheelInfo>,
     /// The service was given a chatter case.
     pub has_chatter: bool,
 }

@@ -2,6 +2,7 @@
 
 mod finding;
 mod from_page;
+mod handwheel_info;
 mod kept;
 mod lease;
 mod log_entry;
@@ -13,11 +14,13 @@ mod program_info;
 mod restart_info;
 mod sample;
 mod screen_status;
+mod signal_info;
 mod to_page;
 mod trace_entry;
 
 pub use finding::Finding;
 pub use from_page::{CommandMessage, FromPage};
+pub use handwheel_info::HandwheelInfo;
 pub use kept::{ToolEntry, WorkOffset};
 pub use lease::Lease;
 pub use log_entry::{LogEntry, LogKind};
@@ -29,5 +32,6 @@ pub use program_info::ProgramInfo;
 pub use restart_info::RestartInfo;
 pub use sample::{SAMPLE_BYTES, put_sample};
 pub use screen_status::ScreenStatus;
+pub use signal_info::{SignalInfo, SignalValues};
 pub use to_page::ToPage;
 pub use trace_entry::{TraceEntry, TraceJob};

@@ -111,6 +111,18 @@ pub struct ScreenStatus {
     pub retraced: u32,
     /// As on the bus.
     pub retrace_blocks: u32,
+    /// As on the bus.
+    pub parts: u32,
+    /// As on the bus.
+    pub program_time_s: f64,
+    /// As on the bus.
+    pub program_held_s: f64,
+    /// As on the bus.
+    pub handwheel_mask: u32,
+    /// As on the bus.
+    pub handwheel_enabled: u32,
+    /// As on the bus.
+    pub handwheel_step: f64,
     /// Modal G codes times ten.
     pub modal: Vec<u32>,
     /// Numbers of the alarms in force, the oldest first.
@@ -171,6 +183,12 @@ impl From<&Status> for ScreenStatus {
             away_parts: status.away_parts,
             retraced: status.retraced,
             retrace_blocks: status.retrace_blocks,
+            parts: status.parts,
+            program_time_s: status.program_time_s,
+            program_held_s: status.program_held_s,
+            handwheel_mask: status.handwheel_mask,
+            handwheel_enabled: status.handwheel_enabled,
+            handwheel_step: status.handwheel_step,
             modal: status.modal.iter().copied().filter(|&code| code != 0).collect(),
             alarms: status.listed_alarms().to_vec(),
             program: status.program_name().to_owned(),

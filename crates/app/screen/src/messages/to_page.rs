@@ -3,7 +3,9 @@
 use serde::Serialize;
 use ts_rs::TS;
 
-use super::{Lease, LogEntry, MachineInfo, MacroButton, ProgramInfo, ScreenStatus, ToolEntry, WorkOffset};
+use super::{
+    Lease, LogEntry, MachineInfo, MacroButton, ProgramInfo, ScreenStatus, SignalValues, ToolEntry, WorkOffset,
+};
 
 /// A text message to a page. Binary ones are samples ([`put_sample`](super::put_sample)).
 #[derive(Clone, Debug, PartialEq, Serialize, TS)]
@@ -21,6 +23,8 @@ pub enum ToPage {
         /// The status.
         status: Box<ScreenStatus>,
     },
+    /// The latest values of inputs and outputs, up to 10 a second; only if the machine has any.
+    Signals(SignalValues),
     /// Whether a status comes.
     Core {
         /// False while none comes.

@@ -165,6 +165,30 @@ retraced: number,
  */
 retrace_blocks: number, 
 /**
+ * As on the bus.
+ */
+parts: number, 
+/**
+ * As on the bus.
+ */
+program_time_s: number, 
+/**
+ * As on the bus.
+ */
+program_held_s: number, 
+/**
+ * As on the bus.
+ */
+handwheel_mask: number, 
+/**
+ * As on the bus.
+ */
+handwheel_enabled: number, 
+/**
+ * As on the bus.
+ */
+handwheel_step: number, 
+/**
  * Modal G codes times ten.
  */
 modal: Array<number>, 

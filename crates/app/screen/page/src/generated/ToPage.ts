@@ -5,6 +5,7 @@ import type { MachineInfo } from "./MachineInfo";
 import type { MacroButton } from "./MacroButton";
 import type { ProgramInfo } from "./ProgramInfo";
 import type { ScreenStatus } from "./ScreenStatus";
+import type { SignalValues } from "./SignalValues";
 import type { ToolEntry } from "./ToolEntry";
 import type { WorkOffset } from "./WorkOffset";
 
@@ -23,7 +24,7 @@ version: string, } | { "type": "status",
 /**
  * The status.
  */
-status: ScreenStatus, } | { "type": "core", 
+status: ScreenStatus, } | { "type": "signals" } & SignalValues | { "type": "core", 
 /**
  * False while none comes.
  */

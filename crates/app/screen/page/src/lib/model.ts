@@ -1,6 +1,8 @@
 // What the page knows of a machine, in the words that the views use. `link/` makes it from the server's messages.
 
+import type { HandwheelInfo } from '../generated/HandwheelInfo';
 import type { ProcessInfo } from '../generated/ProcessInfo';
+import type { SignalInfo } from '../generated/SignalInfo';
 
 export type AxisKind = 'linear' | 'rotary';
 
@@ -25,6 +27,11 @@ export interface Machine {
   version: string;
   /** what a cut is like, for turning cycles that find their passes */
   process: ProcessInfo | null;
+  inputs: SignalInfo[];
+  outputs: SignalInfo[];
+  /** numbers of the spindles */
+  spindles: number[];
+  handwheel: HandwheelInfo | null;
   /** there are limits of chatter to be shown */
   hasChatter: boolean;
 }
@@ -98,6 +105,18 @@ export interface Status {
   awayParts: number;
   /** starts of blocks that can be reached backwards along the path of the held program */
   retraceBlocks: number;
+  /** how often the program has reached its end since it was loaded */
+  parts: number;
+  /** of the current or last run of the program, s */
+  programTimeS: number;
+  /** of it in holds and program stops, s */
+  programHeldS: number;
+  /** the axis that the handwheel moves, none where it moves none */
+  handwheelAxis: number | null;
+  /** distance of that axis per detent */
+  handwheelStep: number;
+  /** its enabling button is pressed, or it has none */
+  handwheelEnabled: boolean;
 }
 
 /** Commands of the contract, by the names and units of docs/contract.md. */
@@ -114,6 +133,8 @@ export type Command =
   | { name: 'tool'; tool: number; values: AxisValue[]; diameter: number | null }
   | { name: 'jog_distance'; values: AxisValue[]; speed: number }
   | { name: 'jog'; values: AxisValue[]; speed: number }
+  | { name: 'output'; output: string; value: number }
+  | { name: 'handwheel'; axis: number | null; step: number }
   | { name: 'jog_keep' }
   | { name: 'jog_stop' }
   | { name: 'return'; speed: number }

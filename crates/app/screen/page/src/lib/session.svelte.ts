@@ -1,4 +1,5 @@
 // The one place where the page keeps what it has been told, and from which commands go out.
+import type { SignalValues } from '../generated/SignalValues';
 import type { Incoming, Sample } from '../link/incoming';
 import type { Source } from '../link/source';
 import type { Answer, Command, EventEntry, Lease, Machine, Macro, ProgramInfo, Status, Tool, WorkOffset } from './model';
@@ -72,6 +73,8 @@ class Session {
   offsets = $state.raw<WorkOffset[]>([]);
   tools = $state.raw<Tool[]>([]);
   macros = $state.raw<Macro[]>([]);
+  /** null before the first, and on a machine without signals */
+  signals = $state.raw<SignalValues | null>(null);
   /** what is wrong with the file of macros */
   macrosProblem = $state<string | null>(null);
   /** The latest rejection, shown until the next command. */
@@ -220,6 +223,9 @@ class Session {
         break;
       case 'macros':
         [this.macros, this.macrosProblem] = [message.macros, message.problem];
+        break;
+      case 'signals':
+        this.signals = message.signals;
         break;
       case 'log':
         this.#serverLogs = true;

@@ -56,6 +56,10 @@ export function encode(machine: Machine, command: Command): Request {
       return { command: 30, amount: command.speed };
     case 'retrace':
       return { command: 31, index: command.blocks };
+    case 'output':
+      return { command: 28, text: command.output, amount: command.value };
+    case 'handwheel':
+      return { command: 29, amount: command.step, ...valued(machine, command.axis === null ? [] : [{ axis: command.axis, value: 0 }]) };
     case 'home':
       return { command: 23, ...valued(machine, command.axes.map((axis) => ({ axis, value: 0 }))) };
     case 'work_offset':

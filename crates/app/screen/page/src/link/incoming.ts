@@ -1,3 +1,4 @@
+import type { SignalValues } from '../generated/SignalValues';
 import type { EventEntry, Lease, Machine, Macro, ProgramInfo, Status, Tool, WorkOffset } from '../lib/model';
 
 /** One value per axis, in the order of the machine file. */
@@ -27,4 +28,5 @@ export type Incoming =
   | { kind: 'tools'; tools: Tool[] }
   | { kind: 'macros'; macros: Macro[]; problem: string | null }
   | { kind: 'log'; entries: Omit<EventEntry, 'id'>[] }
+  | { kind: 'signals'; signals: SignalValues }
   | { kind: 'samples'; samples: Sample[] };

@@ -18,6 +18,18 @@ const machine: Machine = {
   periodNs: 1_000_000,
   version: '0.1.0',
   process: null,
+  inputs: [
+    { name: 'door-closed', kind: 'digital', number: 0, range: [0, 1] },
+    { name: 'air-pressure-bar', kind: 'analog', number: 2, range: [0, 16] },
+    { name: 'wheel', kind: 'analog', number: 3, range: [-Number.MAX_VALUE, Number.MAX_VALUE] },
+  ],
+  outputs: [
+    { name: 'dust-extraction', kind: 'digital', number: 0, range: [0, 1] },
+    { name: 'work-light', kind: 'digital', number: 1, range: [0, 1] },
+    { name: 'laser-power', kind: 'analog', number: 0, range: [0, 10] },
+  ],
+  spindles: [0],
+  handwheel: { steps_mm: [0.001, 0.01, 0.1], steps_deg: [0.001, 0.01, 0.1], switches_select_axis: false, switches_select_step: false },
   hasChatter: false,
 };
 
@@ -31,7 +43,9 @@ export class MadeUp implements Source {
     workSystem: 'G54', modal: ['G0', 'G17', 'G21', 'G54', 'G90', 'G94'], alarms: [], alarmText: '', message: '', singleStep: false,
     optionalStop: false, blockDelete: false, hold: false, chainOpen: false, inputWait: false, pathDone: 0, pathToGo: 0, lateCycles: 0,
     latenessNs: 12_000, longestStopMm: 0, longestStopS: 0, away: [false, false, false], awayParts: 0, retraceBlocks: 0,
+    parts: 0, programTimeS: 0, programHeldS: 0, handwheelAxis: null, handwheelStep: 0, handwheelEnabled: true,
   };
+  #outputs = [0, 1, 2.5];
   #jogUntil = 0;
   /** where the program is held, while the axes are away from it */
   #heldAt: number[] | null = null;
@@ -73,6 +87,10 @@ export class MadeUp implements Source {
     const now = performance.now();
     const dt = 0.016;
     if (s.activity === 'jog' && now > this.#jogUntil) this.#end();
+    if (s.activity === 'program') {
+      s.programTimeS += dt;
+      if (s.hold) s.programHeldS += dt;
+    }
     if (s.activity === 'program' && !s.hold) {
       const t = now / 1000;
       s.machine = [50 * Math.cos(t), 50 * Math.sin(t), -5];
@@ -85,6 +103,7 @@ export class MadeUp implements Source {
     s.work = s.machine.map((value, axis) => value - (s.workOffset[axis] ?? 0));
     s.time = now / 1000;
     this.#handle({ kind: 'status', status: { ...s } });
+    this.#handle({ kind: 'signals', signals: { inputs: [1, 6.25, null], outputs: [...this.#outputs], spindles_rpm: [s.spindleRpm], probe: 'open' } });
     this.#handle({
       kind: 'samples',
       samples: [{ time: s.time, line: s.line, rapid: false, feed: s.feed, position: s.machine, velocity: s.velocity, acceleration: [0, 0, 0], error: null, load: null }],
@@ -139,7 +158,7 @@ export class MadeUp implements Source {
         break;
       case 'start':
         if (s.homed.includes(false)) return reject(916, 'axis X is not homed');
-        Object.assign(s, { activity: 'program', state: 'running' });
+        Object.assign(s, { activity: 'program', state: 'running', programTimeS: 0, programHeldS: 0 });
         break;
       case 'clear_alarms': Object.assign(s, { alarms: [], alarmText: '' }); break;
       case 'hold': Object.assign(s, { hold: true, state: 'held', feed: 0, retraceBlocks: 3 }); break;
@@ -151,6 +170,20 @@ export class MadeUp implements Source {
       case 'feed_override': s.override = command.ratio; break;
       case 'rapid_override': s.rapidOverride = command.ratio; break;
       case 'spindle_override': s.spindleOverride = command.ratio; break;
+      case 'output': {
+        if (s.machineState === 'estop') return reject(910, 'not in emergency stop');
+        const at = machine.outputs.findIndex((output) => output.name === command.output);
+        const [low, high] = machine.outputs[at]?.range ?? [0, 0];
+        if (command.value < low || command.value > high) return reject(901, `${command.output} takes ${low} to ${high}`);
+        this.#outputs[at] = command.value;
+        break;
+      }
+      case 'handwheel': Object.assign(s, { handwheelAxis: command.axis, handwheelStep: command.axis === null ? 0 : command.step || 0.001 }); break;
+      case 'reset': Object.assign(s, { modal: ['G0', 'G17', 'G21', 'G54', 'G90', 'G94'], spindleRpm: 0, coolant: 0, alarms: [], alarmText: '', message: '' }); break;
+      case 'mdi':
+        if (/M3 S(\d+)/.test(command.block)) s.spindleRpm = Number(/M3 S(\d+)/.exec(command.block)![1]);
+        if (/G91/.test(command.block)) s.modal = s.modal.map((code) => (code === 'G90' ? 'G91' : code));
+        break;
       case 'touch_off': for (const { axis, value } of command.values) s.workOffset[axis] = s.machine[axis]! - value; break;
       default: break;
     }

@@ -117,6 +117,11 @@ export class Server implements Source {
         this.#handle({ kind: 'core', alive: true });
         this.#handle({ kind: 'status', status: this.#status(message.status) });
         break;
+      case 'signals': {
+        const { type: _type, ...signals } = message;
+        this.#handle({ kind: 'signals', signals });
+        break;
+      }
       case 'core':
         this.#handle({ kind: 'core', alive: message.alive });
         break;
@@ -228,6 +233,12 @@ export class Server implements Source {
       away: this.#bits.map((bit) => ((status.away_mask >> bit) & 1) === 1),
       awayParts: status.away_parts,
       retraceBlocks: status.retrace_blocks,
+      parts: status.parts,
+      programTimeS: status.program_time_s,
+      programHeldS: status.program_held_s,
+      handwheelAxis: status.handwheel_mask === 0 ? null : this.#bits.findIndex((bit) => ((status.handwheel_mask >> bit) & 1) === 1),
+      handwheelStep: status.handwheel_step,
+      handwheelEnabled: status.handwheel_enabled !== 0,
     };
   }
 

@@ -2,6 +2,7 @@ import type { Component } from 'svelte';
 import type { Machine } from '../lib/model';
 import Cut from './Cut.svelte';
 import Events from './Events.svelte';
+import Io from './Io.svelte';
 import Jog from './Jog.svelte';
 import Mdi from './Mdi.svelte';
 import Offsets from './Offsets.svelte';
@@ -11,7 +12,7 @@ import Scope from './Scope.svelte';
 import Tools from './Tools.svelte';
 import Traces from './Traces.svelte';
 
-export type ViewName = 'jog' | 'program' | 'path' | 'mdi' | 'offsets' | 'tools' | 'scope' | 'events' | 'traces' | 'cut';
+export type ViewName = 'jog' | 'program' | 'path' | 'mdi' | 'offsets' | 'tools' | 'scope' | 'events' | 'traces' | 'io' | 'cut';
 
 export const views: { name: ViewName; component: Component }[] = [
   { name: 'jog', component: Jog },
@@ -23,11 +24,13 @@ export const views: { name: ViewName; component: Component }[] = [
   { name: 'scope', component: Scope },
   { name: 'events', component: Events },
   { name: 'traces', component: Traces },
+  { name: 'io', component: Io },
   { name: 'cut', component: Cut },
 ];
 
-/** The views of a machine: that of the cut only where there is something to show. */
+/** The views of a machine: those of signals and of the cut only where there is something to show. */
 export function viewsOf(machine: Machine | null): ViewName[] {
   const cuts = machine?.kind === 'lathe' || machine?.hasChatter === true;
-  return views.map((view) => view.name).filter((name) => name !== 'cut' || cuts);
+  const signals = machine !== null && machine.inputs.length + machine.outputs.length + machine.spindles.length > 0;
+  return views.map((view) => view.name).filter((name) => (name !== 'cut' || cuts) && (name !== 'io' || signals));
 }
