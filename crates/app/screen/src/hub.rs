@@ -212,18 +212,28 @@ impl Hub {
 
     /// Reports the errors of a program, unless another one is loaded by now.
     pub(crate) fn tell_checked(&self, found: ProgramInfo) {
-        let is_present = |program: &ProgramInfo| program.name == found.name && program.bytes == found.bytes;
-        if self.lock().program.as_ref().is_some_and(is_present) {
-            self.tell_program(found);
+        let present = self.lock().program.clone();
+        if let Some(present) = present.filter(|present| present.upload == found.upload) {
+            // It may have been planned before the check has ended.
+            self.tell_program(ProgramInfo {
+                planned_s: present.planned_s,
+                ..found
+            });
         }
     }
 
+    /// Number of the upload of the loaded program.
+    pub(crate) fn loaded_upload(&self) -> Option<u64> {
+        self.lock().program.as_ref().map(|program| program.upload)
+    }
+
     /// Adds the planned time of the loaded program.
-    pub(crate) fn tell_planned(&self, name: &str, planned_s: Option<f64>) {
+    pub(crate) fn tell_planned(&self, name: &str, upload: Option<u64>, planned_s: Option<f64>) {
         let program = self.lock().program.clone();
-        if let Some(program) =
-            program.filter(|program| program.name == name && program.planned_s != planned_s)
-        {
+        let is_it = |program: &ProgramInfo| {
+            program.name == name && Some(program.upload) == upload && program.planned_s != planned_s
+        };
+        if let Some(program) = program.filter(is_it) {
             self.tell_program(ProgramInfo { planned_s, ..program });
         }
     }
@@ -305,4 +315,36 @@ impl Inner {
 pub(crate) fn text(message: &ToPage) -> Utf8Bytes {
     // Values that are not numbers become null; nothing else in these types can fail.
     serde_json::to_string(message).unwrap_or_default().into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn program(upload: u64, checked: bool, planned_s: Option<f64>) -> ProgramInfo {
+        ProgramInfo {
+            name: "part.ngc".to_owned(),
+            upload,
+            bytes: 7,
+            errors: Vec::new(),
+            warnings: Vec::new(),
+            checked,
+            planned_s,
+        }
+    }
+
+    #[test]
+    fn a_plan_that_is_earlier_than_the_check_keeps_its_time_and_other_uploads_get_neither() {
+        let hub = Hub::new(ToPage::Core { alive: false });
+        let present = || hub.lock().program.clone();
+        hub.tell_program(program(2, false, None));
+        hub.tell_planned("part.ngc", Some(2), Some(12.5));
+        hub.tell_checked(program(2, true, None));
+        assert_eq!(present(), Some(program(2, true, Some(12.5))));
+        // The same name and size again: what comes late of the former upload is none of it.
+        hub.tell_program(program(3, false, None));
+        hub.tell_planned("part.ngc", Some(2), Some(12.5));
+        hub.tell_checked(program(2, true, None));
+        assert_eq!(present(), Some(program(3, false, None)));
+    }
 }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
 use evolvent_analysis::{FeedWords, LimitClassifier};
@@ -18,7 +19,9 @@ const ERRORS: usize = 50;
 /// Vertices per chunk of the path.
 const CHUNK: usize = 16_384;
 /// The first chunk is small, so that it is shown at once.
-const FIRST_CHUNK: usize = 1024;
+const FIRST_CHUNK: usize = 64;
+/// A chunk that is not full is sent after this time: a slow plan is drawn as it grows.
+const CHUNK_TIME: Duration = Duration::from_millis(250);
 /// A path with more vertices is not shown to its end: a program may loop for ever.
 const MAX_VERTICES: usize = 8_000_000;
 /// Time between two vertices of the path, ns.
@@ -197,6 +200,7 @@ pub(crate) fn plan(
     // A program that cannot be opened is the run's to complain of.
     let mut feeds = FeedWords::open(&job.program, &job.setup).ok();
     let (mut chunk, mut full, mut line) = (PathChunk::default(), FIRST_CHUNK, u32::MAX);
+    let mut sent_at = Instant::now();
     let mut sent = 0;
     let outcome = run(&job, &controls, &mut Quiet, |setpoint| {
         if setpoint.sequence % every != 0 && setpoint.line == line {
@@ -213,12 +217,14 @@ pub(crate) fn plan(
         let word = feeds.as_mut().and_then(|feeds| feeds.of_block(setpoint.block));
         let limit = classifier.classify(setpoint, word).index() as u8;
         chunk.push([x, y, z], feed as f32, setpoint.line, limit);
-        if chunk.len() >= full {
+        let is_late = full == CHUNK && sent_at.elapsed() >= CHUNK_TIME;
+        if chunk.len() >= full || is_late {
             sent += chunk.len();
             full = CHUNK;
             if sent > MAX_VERTICES || !hand_over(chunks, chunk.take_bytes().into()) {
                 controls.stop();
             }
+            sent_at = Instant::now();
         }
     });
     if !chunk.is_empty() {

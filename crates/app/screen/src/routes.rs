@@ -159,7 +159,7 @@ async fn path(
     let Some(file) = server.file_of(&name) else {
         return StatusCode::NOT_FOUND.into_response();
     };
-    let Ok(permit) = Arc::clone(&server.workers).acquire_owned().await else {
+    let Ok(permit) = Arc::clone(&server.planners).acquire_owned().await else {
         return StatusCode::SERVICE_UNAVAILABLE.into_response();
     };
     let (sender, receiver) = channel();
@@ -174,8 +174,9 @@ async fn path(
 }
 
 fn plan_path(server: &Server, name: &str, file: PathBuf, sender: &mpsc::Sender<Bytes>) {
+    let upload = server.hub.loaded_upload();
     let planned_s = plan(file, &server.setup, server.state_folder.as_deref(), sender);
     if planned_s.is_some() {
-        server.hub.tell_planned(name, planned_s);
+        server.hub.tell_planned(name, upload, planned_s);
     }
 }

@@ -55,8 +55,10 @@ pub(crate) struct Server {
     pub(crate) traces: TraceTo,
     /// The only program of a run.
     run: Option<PathBuf>,
-    /// Checks and plans one program after another.
-    pub(crate) workers: Arc<Semaphore>,
+    /// Checks one program after another.
+    pub(crate) checkers: Arc<Semaphore>,
+    /// Plans one program after another, beside a check: its picture must not wait for that.
+    pub(crate) planners: Arc<Semaphore>,
     /// Texts of programs that are sent at the same time.
     pub(crate) texts: Arc<Semaphore>,
     pub(crate) chatter: ChatterCase,
@@ -164,6 +166,7 @@ impl Screen {
         if let Some(file) = &run {
             hub.tell_program(ProgramInfo {
                 name: name_of(file),
+                upload: 0,
                 bytes: std::fs::metadata(file).map_or(0, |data| data.len()),
                 errors: Vec::new(),
                 warnings: Vec::new(),
@@ -188,7 +191,8 @@ impl Screen {
             state_folder,
             traces,
             run,
-            workers: Arc::new(Semaphore::new(1)),
+            checkers: Arc::new(Semaphore::new(1)),
+            planners: Arc::new(Semaphore::new(1)),
             restarts: Arc::new(Semaphore::new(1)),
             macros,
             texts: Arc::new(Semaphore::new(MAX_TEXTS)),

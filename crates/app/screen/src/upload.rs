@@ -124,6 +124,8 @@ async fn store(
     }
     let info = ProgramInfo {
         name: name.to_owned(),
+        // 0 is the program of a run.
+        upload: number + 1,
         bytes,
         errors: Vec::new(),
         warnings: Vec::new(),
@@ -143,7 +145,7 @@ async fn store(
 fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInfo) {
     let server = Arc::clone(server);
     tokio::spawn(async move {
-        let Ok(permit) = Arc::clone(&server.workers).acquire_owned().await else {
+        let Ok(permit) = Arc::clone(&server.checkers).acquire_owned().await else {
             return;
         };
         // Without a thread the program stays unchecked; START evaluates it.

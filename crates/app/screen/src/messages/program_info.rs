@@ -10,6 +10,9 @@ use super::Finding;
 pub struct ProgramInfo {
     /// Its file's name.
     pub name: String,
+    /// Number of its upload: another one is another text, even of the same name and size.
+    #[ts(type = "number")]
+    pub upload: u64,
     /// Its size.
     #[ts(type = "number")]
     pub bytes: u64,

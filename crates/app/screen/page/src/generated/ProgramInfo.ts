@@ -10,6 +10,10 @@ export type ProgramInfo = {
  */
 name: string, 
 /**
+ * Number of its upload: another one is another text, even of the same name and size.
+ */
+upload: number, 
+/**
  * Its size.
  */
 bytes: number, 

@@ -132,7 +132,8 @@ export class Server implements Source {
       }
       case 'program': {
         const program = message.program;
-        programText.load(program === null ? '' : `programs/${encodeURIComponent(program.name)}`);
+        // Another upload of the same name is another text.
+        programText.load(program === null ? '' : `programs/${encodeURIComponent(program.name)}?${program.upload}`);
         this.#program = program;
         this.#path();
         this.#handle({
@@ -170,12 +171,12 @@ export class Server implements Source {
     }
   }
 
-  /** Offsets and tools change where the path is: it is read again with them, once the program has been checked. */
+  /** Offsets and tools change where the path is: it is read again with them. It comes while the program is still being checked. */
   #path(): void {
     const program = this.#program;
     if (program === null) path.load('', '');
-    else if (program.checked && this.#kept !== '') {
-      path.load(`path/${encodeURIComponent(program.name)}`, `${program.name}/${program.bytes}/${this.#kept}`);
+    else if (this.#kept !== '') {
+      path.load(`path/${encodeURIComponent(program.name)}`, `${program.name}/${program.upload}/${this.#kept}`);
     }
   }
 

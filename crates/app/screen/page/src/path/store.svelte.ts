@@ -1,4 +1,5 @@
 // The path of the loaded program, as it comes in chunks.
+import { programText } from '../lib/program-text.svelte';
 import { session } from '../lib/session.svelte';
 import type { PathReply, PathRequest } from '../workers/path.worker';
 import type { PathChunk } from './chunk';
@@ -60,6 +61,8 @@ class PathStore {
     switch (reply.kind) {
       case 'chunk':
         this.add(reply.chunk, reply.box, reply.fastest);
+        // By lines, because nobody knows the number of vertices before.
+        if (programText.lines > 0) this.progress = Math.min(0.99, Math.max(this.progress, reply.chunk.line.at(-1)! / programText.lines));
         break;
       case 'complete':
         this.progress = 1;

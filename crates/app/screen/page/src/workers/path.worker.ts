@@ -30,6 +30,8 @@ class Builder {
   #before = 0;
   vertices = 0;
   readonly profile: number[] = [];
+  readonly #begun = performance.now();
+  #flushAt = 0;
 
   constructor(id: number) {
     this.#id = id;
@@ -80,6 +82,22 @@ class Builder {
     this.profile.push(this.#mm, this.#s);
   }
 
+  /** Hands on what is here, where enough time has passed: at once at first, then in ever longer intervals, so that there are few chunks. */
+  tick(): void {
+    const now = performance.now();
+    if (now < this.#flushAt || this.#count < 2) return;
+    this.#flushAt = now + Math.max(250, now - this.#begun);
+    if (this.#count === CHUNK_VERTICES) return;
+    const at = this.#count - 1;
+    const [p, feed, line, limit] = [this.#chunk.position, this.#chunk.feed[at]!, this.#chunk.line[at]!, this.#chunk.limit[at]!];
+    const [x, y, z] = [p[3 * at]!, p[3 * at + 1]!, p[3 * at + 2]!];
+    this.flush(0);
+    // The next chunk begins where this one ended; what it was copied from is free again.
+    this.#count = 0;
+    this.vertices -= 1;
+    this.add(x, y, z, feed, line, limit);
+  }
+
   flush(read: number): void {
     if (this.#count < 2) return;
     const whole = this.#count === CHUNK_VERTICES;
@@ -123,6 +141,7 @@ async function load(url: string, id: number): Promise<void> {
       }
       at += 4 + count * VERTEX_BYTES;
     }
+    builder.tick();
     rest = bytes.slice(at);
   }
   builder.finish();
