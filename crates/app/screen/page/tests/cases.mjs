@@ -269,6 +269,233 @@ export const cases = {
     await until('its end', async () => /^1 part; /.test(await told()) || told(), 20_000);
   },
 
+  async 'one axis is homed, and the others stay'(page, context) {
+    await takeControl(page);
+    await powerTo(page, 'Ready');
+    await view(page, 'jog');
+    if (context.real) await ready(page);
+    else await until('not homed', async () => (await page.locator('.homed.no').count()) === 3);
+    await page.locator('button:has-text("Machine")').first().click();
+    await page.locator(at('increment-1')).click();
+    const places = async () => [await number(page, 'large-X'), await number(page, 'large-Y')];
+    const settle = () => until('at rest', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'));
+    const before = await places();
+    for (const [i, letter] of ['X', 'Y'].entries()) {
+      await page.locator(`${at(`jog-${letter}-plus`)}:enabled`).click();
+      await until(`${letter} + 1`, async () => Math.abs((await places())[i] - before[i] - 1) < 0.0015 || places());
+      await settle();
+    }
+    const [, y] = await places();
+    await page.locator(`${at('home-X')}:enabled`).click();
+    if (context.real) {
+      // Without a home switch the core takes the command and the axis has nothing to do.
+      await settle();
+      await view(page, 'events');
+      await until('HOME', async () => /HOME by page \d+$/m.test(await text(page, 'events')) || text(page, 'events'));
+      return;
+    }
+    await until('X at home', async () => (await places())[0] === 0 || places(), 20_000);
+    await settle();
+    assert.equal((await places())[1], y, 'Y stays');
+    assert.equal(await page.locator('.homed.no').count(), 2, 'X alone is homed');
+  },
+
+  async 'Tab completes a block of MDI, and so does a press'(page) {
+    await view(page, 'mdi');
+    const block = page.locator(at('mdi-block'));
+    await block.pressSequentially('g54 G53');
+    await page.keyboard.press('Tab');
+    assert.equal(await block.inputValue(), 'g54 G53 G0');
+    await block.fill('M6');
+    await page.locator('.completions button', { hasText: 'M6 T' }).click();
+    assert.equal(await block.inputValue(), 'M6 T');
+    assert.equal(await block.evaluate((element) => element === document.activeElement), true);
+    // Shift and Tab leave the field, as everywhere.
+    await page.keyboard.press('Shift+Tab');
+    assert.equal(await block.evaluate((element) => element === document.activeElement), false);
+  },
+
+  async 'an envelope keeps every peak, and few samples whole'(page, context) {
+    if (context.real) return 'not measured';
+    const found = await page.evaluate(async () => {
+      const { envelope, firstAt } = await import('/src/scope/envelope.ts');
+      const size = 1000;
+      const [time, values] = [new Float64Array(size), new Float32Array(size)];
+      // More samples than the ring holds: those of 500 to 1499 are left, each at its number modulo the size.
+      for (let i = 0; i < 1500; i += 1) [time[i % size], values[i % size]] = [i / 1000, i === 777 ? 50 : i === 1203 ? -60 : Math.sin(i / 40)];
+      const all = { begin: 500, end: 1500 };
+      const [t, v] = envelope(time, [values], all, 100, 1.499);
+      const few = envelope(time, [values], { begin: 1490, end: 1500 }, 100, 0);
+      const none = envelope(time, [new Float32Array(size).fill(NaN)], all, 100, 0);
+      return {
+        points: v.length,
+        times: [...t],
+        values: [...v],
+        peak: t[v.indexOf(50)],
+        few: [...few[0]],
+        none: none[1].every(Number.isNaN),
+        first: [firstAt(time, all, 1.2), firstAt(time, all, 0), firstAt(time, all, 9)],
+      };
+    });
+    assert.equal(found.points, 200);
+    assert.ok(found.values.includes(50) && found.values.includes(-60), 'both peaks, each of one sample');
+    assert.ok(Math.abs(found.peak - (0.777 - 1.499)) < 0.011, `${found.peak}`);
+    assert.deepEqual(found.times, [...found.times].sort((a, b) => a - b));
+    assert.equal(found.few.length, 10);
+    assert.equal(found.few[0], 1.49);
+    assert.equal(found.none, true);
+    assert.deepEqual(found.first, [1200, 500, 1500]);
+  },
+
+  async 'the scope stops at its trigger, shows every sample then, and exports them'(page, context) {
+    await ready(page);
+    await view(page, 'scope');
+    await page.locator(at('scope-seconds')).selectOption('5');
+    const points = async () => Number(await page.locator(at('scope')).getAttribute('data-points'));
+    const paused = async () => (await page.locator(at('scope-pause')).getAttribute('aria-pressed')) === 'true';
+    await page.waitForTimeout(5000);
+    const live = await points();
+    const width = await page.locator(at('scope')).evaluate((element) => element.clientWidth);
+    assert.ok(live <= 2 * width + 4, `${live} points on ${width} pixels`);
+    // Jogging beside it needs two views.
+    await page.setViewportSize({ width: 1920, height: 1080 });
+    await page.locator('[data-view="scope"]').nth(1).click();
+    await view(page, 'jog');
+    await page.locator(at('increment-0')).click();
+    await page.locator(at('scope-seconds')).selectOption('5');
+    await page.locator(at('scope-level')).fill('10');
+    await page.locator(at('scope-trigger')).selectOption('rising');
+    await page.waitForTimeout(300);
+    assert.equal(await paused(), false, 'nothing has crossed the level');
+    await page.locator(`${at('jog-X-plus')}:enabled`).waitFor();
+    await press(page, 'jog-X-plus');
+    await page.waitForTimeout(400);
+    await page.mouse.up();
+    assert.equal(await paused(), false, 'half of the window is still recorded');
+    await until('the trigger', paused, 10_000);
+    assert.equal(await page.locator(at('scope-trigger')).inputValue(), 'off');
+    const [download] = await Promise.all([page.waitForEvent('download'), page.locator(at('scope-export')).click()]);
+    const [heading, ...rows] = readFileSync(await download.path(), 'utf8').trim().split('\n');
+    assert.equal(heading, 'time_s,line,X_velocity_mm_s,Y_velocity_mm_s,Z_velocity_mm_s');
+    assert.equal(rows.length, await points(), 'the picture that stands has every sample');
+    const table = rows.map((row) => row.split(',').map(Number));
+    const [from, to] = [table[0][0], table.at(-1)[0]];
+    assert.ok(to - from > 2.4 && to - from <= 5.001, `${from} to ${to}`);
+    // The level is crossed half of the window before the end.
+    const at_ = table.findIndex((row, i) => i > 0 && table[i - 1][2] < 10 && row[2] >= 10);
+    assert.ok(at_ > 0, 'X crosses 10 mm/s');
+    // The last sample is the first that is half of the window later; a host that gives the page no time makes samples rare.
+    const [last, behind] = [to - table[at_][0], table.at(-2)[0] - table[at_][0]];
+    assert.ok(last > 2.499 && behind < 2.501, `${behind} and ${last} s`);
+    if (context.real) {
+      const steps = table.slice(1).map((row, i) => row[0] - table[i][0]).sort((a, b) => a - b);
+      const median = steps[steps.length >> 1];
+      assert.ok(median < 0.0021, `a sample every ${median} s`);
+      assert.ok(rows.length > 2 * width, `${rows.length} samples are more than the envelope had`);
+    }
+    await page.locator(at('scope-pause')).click();
+    await until('live again', async () => !(await paused()));
+  },
+
+  async 'two fingers zoom the path'(page, context) {
+    if (context.real) {
+      await takeControl(page);
+      await upload(page, 'pinch.ngc', square(100, 3000));
+    }
+    await view(page, 'path');
+    await page.locator(at('path-plan')).click();
+    /** Width of what is coloured. */
+    const extent = () =>
+      page.locator('.holder canvas').first().evaluate((element) => {
+        const copy = document.createElement('canvas');
+        [copy.width, copy.height] = [element.width, element.height];
+        const context = copy.getContext('2d');
+        context.drawImage(element, 0, 0);
+        const { data } = context.getImageData(0, 0, copy.width, copy.height);
+        let [left, right] = [Infinity, -Infinity];
+        for (let i = 0; i < data.length; i += 4) {
+          if (data[i + 3] === 0 || Math.max(data[i], data[i + 1], data[i + 2]) - Math.min(data[i], data[i + 1], data[i + 2]) <= 60) continue;
+          const x = (i >> 2) % copy.width;
+          [left, right] = [Math.min(left, x), Math.max(right, x)];
+        }
+        return right - left;
+      });
+    await until('the path', async () => (await extent()) > 100 || extent(), 20_000);
+    await page.waitForTimeout(800);
+    const before = await extent();
+    const box = await page.locator(at('path')).boundingBox();
+    const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+    const session = await page.context().newCDPSession(page);
+    const touch = (type, apart) => session.send('Input.dispatchTouchEvent', { type, touchPoints: apart === null ? [] : [{ x: x - apart, y, id: 1 }, { x: x + apart, y, id: 2 }] });
+    await touch('touchStart', 100);
+    for (let apart = 95; apart >= 50; apart -= 5) await touch('touchMove', apart);
+    await touch('touchEnd', null);
+    await until('half as wide', async () => Math.abs((await extent()) / before - 0.5) < 0.1 || [await extent(), before]);
+  },
+
+  async 'a tool change asks for the tool, and goes on when it is confirmed'(page, context) {
+    if (!context.real) return 'not measured';
+    await ready(page);
+    await upload(page, 'tools.ngc', 'G21 G90 G94\nG1 X1 F1000\nT3 M6\nG1 X2\nM2\n');
+    await until('checked', async () => (await text(page, 'findings-button')) === 'no errors' || text(page, 'findings-button'), 20_000);
+    await page.locator(at('start')).click();
+    await until('asked', async () => /Put tool 3 into the spindle, then press “Resume”/.test(await text(page, 'advice')) || text(page, 'advice'));
+    assert.doesNotMatch(await text(page, 'tool'), /T3/, 'not before it is confirmed');
+    await page.locator(`${at('resume')}:enabled`).click();
+    await until('done', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'), 20_000);
+    assert.match(await text(page, 'tool'), /T3/);
+    // Back, so that the next case finds what it expects.
+    await view(page, 'mdi');
+    await page.locator(at('mdi-block')).fill('M61 Q0');
+    await page.locator(`${at('mdi-run')}:enabled`).click();
+    await until('T0', async () => /T0/.test(await text(page, 'tool')) || text(page, 'tool'));
+  },
+
+  async 'single step holds at the end of each line'(page, context) {
+    if (!context.real) return 'not measured';
+    await ready(page);
+    await upload(page, 'steps.ngc', 'G21 G90 G94\nG53 G1 X0 F3000\nG53 G1 X4\nG53 G1 X9\nM2\n');
+    await until('checked', async () => (await text(page, 'findings-button')) === 'no errors' || text(page, 'findings-button'), 20_000);
+    await page.locator('button:has-text("Machine")').first().click();
+    await page.locator(at('single-step')).click();
+    await page.locator(`${at('single-step')}[aria-pressed="true"]`).waitFor();
+    const x = () => number(page, 'large-X');
+    try {
+      await page.locator(`${at('step')}:enabled`).click();
+      // Every step ends where a line ends, and none goes on by itself.
+      const seen = new Set();
+      for (let i = 0; i < 12 && !seen.has(9); i += 1) {
+        await until('held', async () => /Held|Ready|Program stop/.test(await text(page, 'state')) || text(page, 'state'));
+        await rests(page, 'X');
+        seen.add(await x());
+        if ((await text(page, 'state')) !== 'Ready') await page.locator(`${at('step')}:enabled`).click();
+        await page.waitForTimeout(150);
+      }
+      for (const place of seen) assert.ok([0, 4, 9].includes(place), `it held at ${place}`);
+      assert.ok(seen.has(4), [...seen].join(' '));
+    } finally {
+      if (!(await page.locator(at('stop')).isDisabled())) await page.locator(at('stop')).click();
+      await until('ended', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'));
+      if ((await page.locator(at('single-step')).getAttribute('aria-pressed')) === 'true') await page.locator(at('single-step')).click();
+      await page.locator(`${at('single-step')}[aria-pressed="false"]`).waitFor();
+    }
+  },
+
+  async 'the log of events survives a reload of the page'(page) {
+    await page.locator(at('estop')).click();
+    await ready(page);
+    await view(page, 'events');
+    // What only the page knows: the server's log has commands and alarms, not states.
+    const own = async () => (await page.locator(`${at('events')} li.state`).allInnerTexts()).filter((line) => /Power on/.test(line));
+    await until('an entry', async () => (await own()).length > 0);
+    const before = await own();
+    await page.reload();
+    await page.locator(at('lease')).waitFor();
+    await view(page, 'events');
+    await until('as many', async () => (await own()).length >= before.length || own());
+    assert.deepEqual((await own()).slice(-before.length), before);
+  },
+
   async 'a program of 50 MB can be scrolled, and the page holds the lines in sight only'(page, context) {
     if (!context.program) return 'not measured';
     await page.evaluate(() => {
@@ -462,6 +689,18 @@ export const cases = {
       await leads(page.locator(`${at('events')} [data-alarm="410"]`).first(), 410);
     }
     assert.deepEqual(elsewhere, []);
+  },
+
+  async 'a program that is uploaded again under its name shows its new text and path'(page, context) {
+    if (!context.real) return 'not measured';
+    await takeControl(page);
+    const shown = async (wanted) => until(wanted, async () => (await page.locator('[data-line="2"] .code').innerText()) === wanted || page.locator('[data-line="2"] .code').innerText());
+    // Both have the same size.
+    for (const side of [10, 20]) {
+      await upload(page, 'again.ngc', square(side, 1000));
+      await shown(`G1 X${side} Y0 F1000`);
+      await until('planned', async () => (await page.locator(at('planned')).count()) === 1, 20_000);
+    }
   },
 
   async 'errors of a program have their place and a help'(page, context) {

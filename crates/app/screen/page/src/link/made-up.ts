@@ -124,7 +124,12 @@ export class MadeUp implements Source {
       case 'on': s.machineState = 'on'; break;
       case 'off': s.machineState = 'off'; break;
       case 'mode': s.mode = command.mode; break;
-      case 'home': s.homed = [true, true, true]; break;
+      case 'home':
+        for (const axis of command.axes.length > 0 ? command.axes : [0, 1, 2]) {
+          s.homed = s.homed.map((is, at) => is || at === axis);
+          if (command.axes.length > 0) s.machine[axis] = 0;
+        }
+        break;
       case 'jog':
         if (s.machineState !== 'on') return reject(912, 'the machine is off');
         if (s.hold) {
