@@ -114,7 +114,7 @@ fn outputs_and_the_handwheel_are_set_at_the_page() {
     let mill = workshop.mill(name, &[]);
     let text = std::fs::read_to_string(&mill).expect("the mill");
     let machine = workshop.write("signals.toml", format!("{text}{SIGNALS}"));
-    let counts = workshop.write("counts", "123456".to_owned());
+    let counts = workshop.write("counts", "123456");
     let state = workshop.path("state");
     let mut served = Served::start(&machine, name, &domain, &state, &["--screen=127.0.0.1:0"]);
     let [address, _] = served.screen();

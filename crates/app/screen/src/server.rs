@@ -160,7 +160,7 @@ impl Screen {
             ..ClientConfig::new(&config.setup.machine.name)
         };
         let hub = Arc::new(Hub::new(ToPage::Machine {
-            machine: machine_info(&config.setup, chatter.is_some()),
+            machine: Box::new(machine_info(&config.setup, chatter.is_some())),
             version: env!("CARGO_PKG_VERSION").to_owned(),
         }));
         if let Some(file) = &run {

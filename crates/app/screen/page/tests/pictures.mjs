@@ -7,7 +7,7 @@ import { at, ready, takeControl, text, until, view } from './cases.mjs';
 import { root, serve } from './service.mjs';
 
 const [binary, folder, only = ''] = process.argv.slice(2);
-if (folder === undefined) throw new Error('node tests/pictures.mjs BINARY FOLDER [mill|lathe]');
+if (folder === undefined) throw new Error('node tests/pictures.mjs BINARY FOLDER [mill|lathe|router]');
 const browser = await launch();
 const sleep = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
@@ -128,18 +128,6 @@ async function mill() {
   await page.locator(at('comparison')).waitFor({ timeout: 60_000 });
   await sleep(1000);
   await shoot(page, 'compare');
-  // A rejection and an alarm of the drives, and their place in the documentation.
-  await view(page, 'mdi');
-  await page.locator(at('mdi-block')).fill('G1 X9999 F500');
-  await page.locator(`${at('mdi-run')}:enabled`).click();
-  await page.locator(at('rejection')).waitFor();
-  await view(page, 'events');
-  await sleep(500);
-  await shoot(page, 'events');
-  await page.locator(`${at('events')} [data-alarm]`).first().click();
-  await page.locator(`${at('help')} iframe`).waitFor();
-  await sleep(800);
-  await shoot(page, 'help');
   await page.context().close();
   await service.end();
 }
@@ -180,6 +168,32 @@ async function lathe() {
   await service.end();
 }
 
-if (only !== 'lathe') await mill();
-if (only !== 'mill') await lathe();
+/** Signals; a rejection, and its place in the documentation. */
+async function router() {
+  const service = await serve(binary, { machine: 'router-3axis' });
+  const page = await open(service.url);
+  await ready(page);
+  await view(page, 'io');
+  await page.locator(at('on-dust-extraction')).click();
+  await page.locator(`${at('on-dust-extraction')}[aria-pressed="true"]`).waitFor();
+  await sleep(600);
+  await shoot(page, 'io');
+  await view(page, 'mdi');
+  await page.locator(at('mdi-block')).fill('G1 X9999 F500');
+  await page.locator(`${at('mdi-run')}:enabled`).click();
+  await page.locator(at('rejection')).waitFor();
+  await view(page, 'events');
+  await sleep(500);
+  await shoot(page, 'events');
+  await page.locator(`${at('events')} [data-alarm]`).first().click();
+  await page.locator(`${at('help')} iframe`).waitFor();
+  await sleep(1500);
+  await shoot(page, 'help');
+  await page.context().close();
+  await service.end();
+}
+
+if (only === 'router' || only === '') await router();
+if (only === 'mill' || only === '') await mill();
+if (only === 'lathe' || only === '') await lathe();
 await browser.close();

@@ -14,7 +14,7 @@ pub enum ToPage {
     /// First of all on a connection.
     Machine {
         /// The machine.
-        machine: MachineInfo,
+        machine: Box<MachineInfo>,
         /// Version of the server.
         version: String,
     },
