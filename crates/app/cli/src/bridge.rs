@@ -511,7 +511,7 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
     let mut process;
     let mut thread;
     let bridge: &mut dyn evolvent_bridge_test::BridgeUnderTest = if args.in_process {
-        thread = ThreadBridge::default();
+        thread = ThreadBridge::simulated();
         &mut thread
     } else {
         process = ProcessBridge::new(command_under_test(args, program.as_deref()));

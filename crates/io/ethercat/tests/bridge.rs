@@ -4,11 +4,8 @@
 
 #![expect(clippy::expect_used, clippy::print_stdout, reason = "a test")]
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
-
-use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, StartError, run_case};
+use evolvent_bridge_test::ThreadBridge;
+use evolvent_bridge_trial::failed_cases;
 use evolvent_disturbance::unless_disturbed;
 use evolvent_ethercat::{Network, RunSettings, run};
 use evolvent_ethercat_ring::{DriveSettings, MAIN_INTERFACE, SubDevice, TerminalKind, on_bench};
@@ -46,19 +43,13 @@ output = [{ name = "lamp", number = 0 }]
 "#;
 
 /// The bridge on a thread of this process.
-struct EthercatBridge {
-    machine: Machine,
-    running: Option<(Arc<AtomicBool>, JoinHandle<()>)>,
-}
-
-impl BridgeUnderTest for EthercatBridge {
-    fn start(&mut self, machine_name: &str, prefix: &str) -> Result<(), StartError> {
-        self.end();
+fn ethercat_bridge(machine: Machine) -> ThreadBridge {
+    ThreadBridge::new(move |machine_name, prefix, stop| {
         let mut network = Network::parse(&format!("{NETWORK}{SIGNALS}"), "sim-mill.toml").expect("a network");
         // The suite's period is 2 ms, the devices' watchdog 100 ms; a host that is busy may be late for so long.
         network.max_lost_cycles = 40;
         let settings = RunSettings {
-            machine: self.machine.clone(),
+            machine: machine.clone(),
             machine_name: Some(machine_name.to_owned()),
             network,
             interface: MAIN_INTERFACE.to_owned(),
@@ -66,70 +57,20 @@ impl BridgeUnderTest for EthercatBridge {
             duration: None,
             dump: None,
         };
-        let stop = Arc::new(AtomicBool::new(false));
-        let flag = Arc::clone(&stop);
-        let thread = std::thread::spawn(move || {
-            let report = run(&settings, &flag, |text| println!("{text}"));
-            println!("{report:?}");
-        });
-        self.running = Some((stop, thread));
-        Ok(())
-    }
-
-    fn end(&mut self) {
-        if let Some((stop, thread)) = self.running.take() {
-            stop.store(true, Ordering::Relaxed);
-            thread.join().expect("no panic");
-        }
-    }
-
-    fn kill(&mut self) {
-        self.end();
-    }
-
-    fn can_be_killed(&self) -> bool {
-        false
-    }
-
-    fn is_running(&mut self) -> bool {
-        self.running
-            .as_ref()
-            .is_some_and(|(_, thread)| !thread.is_finished())
-    }
+        let report = run(&settings, stop, |text| println!("{text}"));
+        println!("{report:?}");
+    })
 }
 
 #[test]
 fn it_does_what_every_bridge_must() {
-    let wanted = std::env::var("EVOLVENT_CASE").ok();
     unless_disturbed(|| {
-        let wanted = wanted.clone();
-        on_bench(devices(), move |ring| {
+        on_bench(devices(), |ring| {
             ring.lock().expect("no panic").wire(5, 4);
             let text = evolvent_file_tests::shipped("machines/mill-3axis.toml");
-            let mut bridge = EthercatBridge {
-                machine: Machine::parse(&format!("{MACHINE_SIGNALS}{text}"), "mill-3axis.toml")
-                    .expect("a machine"),
-                running: None,
-            };
-            let mut failures = Vec::new();
-            for case in CASES
-                .iter()
-                .filter(|case| wanted.as_ref().is_none_or(|wanted| case.name == wanted))
-            {
-                let mut stage = Stage {
-                    bridge: &mut bridge,
-                    machine_name: "bridge-test".to_owned(),
-                    prefix: format!("ecbt{}_", std::process::id()),
-                    core_program: None,
-                    seed: 1,
-                    moments: 2,
-                    has_signals: true,
-                };
-                let result = run_case(case, &mut stage);
-                println!("{}: {result:?}", case.name);
-                failures.extend(result.err().map(|error| format!("{}: {error}", case.name)));
-                bridge.end();
-            }
+            let machine = Machine::parse(&format!("{MACHINE_SIGNALS}{text}"), "mill-3axis.toml");
+            let mut bridge = ethercat_bridge(machine.expect("a machine"));
+            let failures = failed_cases(&mut bridge, &format!("ecbt{}_", std::process::id()));
             assert!(failures.is_empty(), "{failures:#?}");
         });
     });

@@ -7,6 +7,7 @@
 
 use std::time::{Duration, Instant};
 
+use evolvent_bridge_trial::{TrialCore, states};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_ethercat_ring::{FaultKind, SharedRing, on_bench};
@@ -37,7 +38,7 @@ fn turns(ring: &SharedRing) -> f64 {
 /// One fault while X moves. Either the drives continue, or all stop within 2.5 s; no motor exceeds the commanded velocity,
 /// but to catch up; afterwards the axes are enabled again at the positions of their motors. Returns whether the axes were
 /// stopped.
-fn one_moment(kind: FaultKind, random: &mut Random, core: &mut Core, ring: &SharedRing) -> bool {
+fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, ring: &SharedRing) -> bool {
     core.bring_up();
     // Away from the end that is nearer.
     let speed = random.between(5.0, FASTEST);
@@ -77,13 +78,9 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut Core, ring: &Shar
             fastest * LEAD_MM < highest,
             "{kind:?} for {duration_ns} ns: {fastest} turns/s"
         );
-        let is_heard = core
-            .heard
-            .is_some_and(|(at, _)| at.elapsed() < Duration::from_millis(100));
-        let in_operation = is_heard
-            && core
-                .heard
-                .is_some_and(|(_, feedback)| states(&feedback) == [Some(DriveState::OperationEnabled); 3]);
+        let in_operation = core
+            .fresh()
+            .is_some_and(|feedback| states(&feedback) == [Some(DriveState::OperationEnabled); 3]);
         if !in_operation {
             // As a core does: it stops its axes, and requests power again later.
             (core.velocity_x, core.power) = (0.0, PowerRequest::Off);

@@ -6,6 +6,7 @@
 
 use std::time::{Duration, Instant};
 
+use evolvent_bridge_trial::states;
 use evolvent_disturbance::unless_disturbed;
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_ethercat::{HomingOnDrive, Network};
@@ -66,8 +67,8 @@ fn drives_find_their_zero_in_order_when_power_is_requested() {
                     set_homing(network, 2, homing(1, 25.0));
                 },
                 ring,
-                |core, ring, told| {
-                    let (_, before) = core.until("feedback", |_| true);
+                |core, ring, messages| {
+                    let before = core.until("feedback", |_| true);
                     assert_eq!(before.absolute_mask, 0);
                     for _ in 0..200 {
                         core.cycle();
@@ -79,10 +80,11 @@ fn drives_find_their_zero_in_order_when_power_is_requested() {
                     core.power = PowerRequest::On;
                     let begin = Instant::now();
                     let (mut x_first, mut z_most) = (false, 0.0_f64);
-                    while !was_told(told, "drive of X: machine zero found") {
+                    while !messages.contain("drive of X: machine zero found") {
                         core.cycle();
                         let turns = turns(ring);
-                        x_first |= turns[0].abs() > 0.1 && !was_told(told, "drive of Y: machine zero found");
+                        x_first |=
+                            turns[0].abs() > 0.1 && !messages.contain("drive of Y: machine zero found");
                         z_most = z_most.max(turns[2].abs());
                         let (_, feedback) = core.heard.expect("feedback");
                         assert!(
@@ -93,7 +95,7 @@ fn drives_find_their_zero_in_order_when_power_is_requested() {
                         );
                         assert!(
                             begin.elapsed() < Duration::from_secs(20),
-                            "{turns:?} {told:?} {feedback:?}"
+                            "{turns:?} {messages:?} {feedback:?}"
                         );
                     }
                     assert!(!x_first, "Y homes before X moves");
@@ -151,7 +153,7 @@ fn a_homing_that_is_broken_off_or_finds_nothing_ends_at_rest() {
                     );
                 },
                 ring,
-                |core, ring, told| {
+                |core, ring, messages| {
                     core.until("feedback", |_| true);
                     core.power = PowerRequest::On;
                     let moves = |ring: &SharedRing| speeds(ring)[2] > 0.5;
@@ -166,9 +168,9 @@ fn a_homing_that_is_broken_off_or_finds_nothing_ends_at_rest() {
                     assert!((turns(ring)[2] - stands).abs() < 0.01);
                     core.power = PowerRequest::On;
                     let begin = Instant::now();
-                    while !was_told(told, "drive of Z: homing failed") {
+                    while !messages.contain("drive of Z: homing failed") {
                         core.cycle();
-                        assert!(begin.elapsed() < Duration::from_secs(20), "{told:?}");
+                        assert!(begin.elapsed() < Duration::from_secs(20), "{messages:?}");
                     }
                     core.until("rest after the failure", |_| {
                         speeds(ring).iter().all(|speed| *speed < 0.02)
@@ -194,13 +196,13 @@ fn a_fault_of_another_drive_ends_homing() {
             with_bridge(
                 |network| set_homing(network, 3, homing(0, 0.0)),
                 ring,
-                |core, ring, told| {
+                |core, ring, messages| {
                     core.until("feedback", |_| true);
                     core.power = PowerRequest::On;
                     core.until("motion", |_| speeds(ring)[2] > 0.5);
                     begin(ring, FaultKind::Drive, 1, Some(100_000_000));
                     core.until("rest", |_| speeds(ring).iter().all(|speed| *speed < 0.02));
-                    assert!(was_told(told, "drive of X: fault 2310h"), "{told:?}");
+                    assert!(messages.contain("drive of X: fault 2310h"), "{messages:?}");
                 },
             );
         });
@@ -225,7 +227,7 @@ fn the_touch_probe_latches_and_the_drive_tells_its_following_error() {
                     let at = |turns: f64, ring: &SharedRing, position: f64| {
                         position + 5.0 * (turns - self::turns(ring)[0])
                     };
-                    let (_, here) = core.until("feedback", |_| true);
+                    let here = core.until("feedback", |_| true);
                     let closes = at(2.25, ring, here.position[0]);
                     assert!(closes - start > 10.0);
                     let inputs = core.inputs.expect("inputs");

@@ -2,13 +2,13 @@
 //!
 //! Needs the right to make a network namespace.
 
-#![expect(clippy::expect_used, clippy::print_stdout, reason = "a test")]
+#![expect(clippy::expect_used, reason = "a test")]
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-use evolvent_bus::{BusConfig, CoreBus, MachineInputs, MachineOutputs, Setpoint, remove_private_domain};
+use evolvent_bridge_trial::with_bridge as with_bridge_and_core;
+use evolvent_bus::{BusConfig, CoreBus, MachineInputs, MachineOutputs, Setpoint};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_ethercat::{Network, RunSettings, check_fit, run};
 use evolvent_ethercat_ring::{
@@ -181,7 +181,7 @@ fn driven(ring: &SharedRing) -> (u8, [i16; 2]) {
 }
 
 fn with_bridge(ring: &SharedRing, test: impl FnOnce(&mut Core, &SharedRing)) {
-    static NUMBER: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);
+    static NUMBER: AtomicU32 = AtomicU32::new(0);
     let number = NUMBER.fetch_add(1, Ordering::Relaxed);
     let prefix = format!("ecst{}-{number}_", std::process::id());
     let mut network = network();
@@ -195,26 +195,12 @@ fn with_bridge(ring: &SharedRing, test: impl FnOnce(&mut Core, &SharedRing)) {
         duration: None,
         dump: None,
     };
-    let (stop, told) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(Vec::new())));
-    let bridge = std::thread::spawn({
-        let (stop, told) = (Arc::clone(&stop), Arc::clone(&told));
-        move || {
-            run(&settings, &stop, |text| {
-                told.lock().expect("no panic").push(text.to_owned());
-            })
-        }
-    });
-    let mut core = Core::open(&prefix);
-    let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(&mut core, ring)));
-    stop.store(true, Ordering::Relaxed);
-    let report = bridge.join().expect("no panic");
-    drop(core);
-    let _swept = remove_private_domain(&prefix);
-    println!("{told:#?} {report:?}");
-    if let Err(panic) = result {
-        std::panic::resume_unwind(panic);
-    }
-    report.expect("a bridge that fits");
+    with_bridge_and_core(
+        &prefix,
+        |stop, messages| run(&settings, stop, |text| messages.push(text)),
+        Core::open(&prefix),
+        |core, _| test(core, ring),
+    );
 }
 
 /// Clamp on and spindle not clockwise (inverted): bits 5 and 1. -2 of -10 to 10 is -6553.4.
@@ -347,33 +333,23 @@ fn a_signal_beyond_the_process_data_is_told() {
                 duration: None,
                 dump: None,
             };
-            let (stop, told) = (AtomicBool::new(false), Mutex::new(Vec::new()));
-            let mut core = Core::open(&prefix);
-            std::thread::scope(|scope| {
-                let bridge = scope.spawn(|| {
-                    run(&settings, &stop, |text| {
-                        told.lock().expect("no panic").push(text.to_owned());
-                    })
-                });
-                let begin = Instant::now();
-                let expected =
-                    "`inputs`: the network file has a signal up to bit 8 of its inputs, of which there are 8";
-                while !told
-                    .lock()
-                    .expect("no panic")
-                    .iter()
-                    .any(|text| text.contains(expected))
-                    && begin.elapsed() < Duration::from_secs(15)
-                {
-                    core.cycle();
-                }
-                stop.store(true, Ordering::Relaxed);
-                let _report = bridge.join();
-                let told = told.lock().expect("no panic");
-                assert!(told.iter().any(|text| text.contains(expected)), "{told:#?}");
-            });
-            drop(core);
-            let _swept = remove_private_domain(&prefix);
+            let expected =
+                "`inputs`: the network file has a signal up to bit 8 of its inputs, of which there are 8";
+            with_bridge_and_core(
+                &prefix,
+                |stop, messages| {
+                    let _report = run(&settings, stop, |text| messages.push(text));
+                    Ok::<_, ()>(())
+                },
+                Core::open(&prefix),
+                |core, messages| {
+                    let begin = Instant::now();
+                    while !messages.contain(expected) && begin.elapsed() < Duration::from_secs(15) {
+                        core.cycle();
+                    }
+                    assert!(messages.contain(expected), "{messages:#?}");
+                },
+            );
         });
     });
 }

@@ -2,18 +2,18 @@
 
 use std::time::{Duration, Instant};
 
-use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, run_case};
+use evolvent_bridge_test::BridgeUnderTest;
+use evolvent_bridge_trial::failed_cases;
 use evolvent_bus::{BusConfig, CoreBus};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_machine::Machine;
 use evolvent_mesa::{BoardSettings, InputPin, InputSource, OutputTarget};
 use evolvent_mesa_board::BoardModel;
 
-use crate::common::{MesaBridge, field_router, machine, router, serve};
+use crate::common::{field_router, machine, mesa_bridge, router, serve};
 
 /// The suite of all bridges, on a board with the axes X, Y and Z.
 pub(crate) fn suite(board: impl Fn(std::net::IpAddr) -> BoardSettings, model: BoardModel) {
-    let wanted = std::env::var("EVOLVENT_CASE").ok();
     unless_disturbed(|| {
         let (server, address) = serve(model);
         let mut settings = board(address);
@@ -27,27 +27,10 @@ pub(crate) fn suite(board: impl Fn(std::net::IpAddr) -> BoardSettings, model: Bo
         }
         server.lock().wire(14, 3);
         server.lock().wire_field(3, 3);
-        let mut bridge = MesaBridge::new(machine("router-3axis"), settings);
-        let mut failures = Vec::new();
-        for case in CASES
-            .iter()
-            .filter(|case| wanted.as_ref().is_none_or(|wanted| case.name == wanted))
-        {
-            let mut stage = Stage {
-                bridge: &mut bridge,
-                machine_name: "bridge-test".to_owned(),
-                // Both suites may run at the same time.
-                prefix: format!("mesabt{}_{}", std::process::id(), model as u8),
-                core_program: None,
-                seed: 1,
-                moments: 2,
-                has_signals: true,
-            };
-            let result = run_case(case, &mut stage);
-            println!("{}: {result:?}", case.name);
-            failures.extend(result.err().map(|error| format!("{}: {error}", case.name)));
-            bridge.end();
-        }
+        let mut bridge = mesa_bridge(machine("router-3axis"), settings);
+        // Both suites may run at the same time.
+        let prefix = format!("mesabt{}_{}", std::process::id(), model as u8);
+        let failures = failed_cases(&mut bridge, &prefix);
         let board = server.lock();
         println!("{:?}", board.traffic());
         assert_eq!(board.traffic().refused, 0, "every command makes sense");
@@ -99,7 +82,7 @@ fn an_analog_input_counts_what_a_hand_turns_at_an_encoder() {
             let mut config = BusConfig::new("mesa-wheel", "XYZ", 1_000_000);
             config.prefix = Some(prefix.clone());
             let mut core = CoreBus::open(&config).expect("a bus");
-            let mut bridge = MesaBridge::new(machine.clone(), board);
+            let mut bridge = mesa_bridge(machine.clone(), board);
             bridge.start("mesa-wheel", &prefix).expect("a bridge");
             let mut counts = |expected: f64| {
                 let begin = Instant::now();

@@ -3,11 +3,12 @@
 
 use std::time::{Duration, Instant};
 
+use evolvent_bridge_trial::{TrialCore, states};
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_mesa_board::{BoardServer, FaultKind};
 use evolvent_random::{Random, cases};
 
-use crate::common::core::{Core, STEPS, states, with_bridge};
+use crate::common::core::{STEPS, with_bridge};
 
 /// Distance from where it began that X keeps, mm, and its maximum velocity, mm/s.
 const REACH: f64 = 40.0;
@@ -22,11 +23,11 @@ fn ahead(server: &BoardServer, position: f64) -> f64 {
 
 /// One fault while X moves. Either the drives continue with every step, or all stop within 1.5 s; no motor exceeds the highest command;
 /// afterwards the axes are enabled again and steps and positions agree. Returns whether the axes were stopped.
-fn one_moment(kind: FaultKind, random: &mut Random, core: &mut Core, server: &BoardServer) -> bool {
+fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, server: &BoardServer) -> bool {
     let before = core.bring_up();
     let (from, stalls) = (before.position[0], server.lock().motor_stalls(0));
     let ahead_before = ahead(server, from);
-    let turn = |core: &mut Core| {
+    let turn = |core: &mut TrialCore| {
         if (core.position[0] - from) * core.velocity_x > REACH * core.velocity_x.abs() {
             core.velocity_x = -core.velocity_x;
         }
@@ -47,11 +48,9 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut Core, server: &Bo
             rates[0] < 1.001 * LIMIT * STEPS && rates[1] < 1.0 && rates[2] < 1.0,
             "{kind:?} for {duration_ns} ns: {rates:?} steps/s"
         );
-        let fresh = core
-            .heard
-            .filter(|(at, _)| at.elapsed() < Duration::from_millis(100));
-        let in_operation =
-            fresh.is_some_and(|(_, feedback)| states(&feedback) == [Some(DriveState::OperationEnabled); 3]);
+        let in_operation = core
+            .fresh()
+            .is_some_and(|feedback| states(&feedback) == [Some(DriveState::OperationEnabled); 3]);
         if !in_operation {
             // As a core does: it stops its axes, and requests power again later.
             (core.velocity_x, core.power) = (0.0, PowerRequest::Off);

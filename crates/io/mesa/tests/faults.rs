@@ -1,14 +1,16 @@
 //! Faults of the cable, of the board and of drives, on the simulated board over real sockets: what the core is told, and what the motors
 //! do.
 
+use std::cell::Cell;
+
 use evolvent_bridge_sim::monotonic_ns;
+use evolvent_bridge_trial::states;
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_mesa::BoardSettings;
 use evolvent_mesa_board::{BoardModel, FaultKind};
 use evolvent_random::{Random, cases};
 
-use crate::common::core::{STEPS, states, with_bridge, with_bridge_to};
-use crate::common::was_told;
+use crate::common::core::{STEPS, with_bridge, with_bridge_to};
 
 #[test]
 fn the_motor_turns_as_many_steps_as_the_setpoints_say() {
@@ -58,7 +60,7 @@ fn short_losses_are_counted_and_ridden_through() {
     ] {
         let report = with_bridge(
             |board| board.max_lost_packets = 45,
-            |core, server, told| {
+            |core, server, messages| {
                 let mut random = Random::seeded(kind as u64);
                 core.bring_up();
                 let motor = server.lock().motor_steps(0) - core.position[0] * STEPS;
@@ -72,7 +74,7 @@ fn short_losses_are_counted_and_ridden_through() {
                 core.rest(0.5);
                 let (_, feedback) = core.heard.expect("feedback");
                 assert_eq!(states(&feedback), [Some(DriveState::OperationEnabled); 3]);
-                assert!(!was_told(told, "in a row"), "{told:?}");
+                assert!(!messages.contain("in a row"), "{messages:?}");
                 let off = server.lock().motor_steps(0) - core.position[0] * STEPS - motor;
                 assert!(off.abs() <= 2.0, "{kind:?}: {off} steps off");
                 assert_eq!(server.lock().motor_stalls(0), 0);
@@ -103,7 +105,7 @@ fn longer_losses_and_lost_boards_stop_every_axis() {
 fn longer_loss(kind: FaultKind, wanted: &str, moment: u64) {
     let report = with_bridge(
         |_| {},
-        |core, server, told| {
+        |core, server, messages| {
             let mut random = Random::seeded(7 + kind as u64 + 100 * moment);
             let before = core.bring_up();
             core.velocity_x = 30.0;
@@ -122,7 +124,7 @@ fn longer_loss(kind: FaultKind, wanted: &str, moment: u64) {
             core.rest(0.2);
             let moved = server.lock().motor_steps(0) - motor;
             assert!(moved.abs() < 1.0, "{kind:?}: {moved} steps after the stop");
-            assert!(was_told(told, wanted), "{kind:?}: {told:?}");
+            assert!(messages.contain(wanted), "{kind:?}: {messages:?}");
             // The core has seen the fault, and resets it.
             core.rest(1.5);
             core.fault_reset += 1;
@@ -135,13 +137,14 @@ fn longer_loss(kind: FaultKind, wanted: &str, moment: u64) {
 
 #[test]
 fn another_program_at_the_board_ends_the_session() {
+    let address = Cell::new(None);
     let report = with_bridge(
-        |_| {},
-        |core, server, told| {
+        |board| address.set(Some(board.address)),
+        |core, server, messages| {
             core.bring_up();
             core.velocity_x = 30.0;
             core.rest(0.3);
-            let address = core.board.expect("an address");
+            let address = address.get().expect("an address");
             let mut packet = evolvent_mesa::Packet::new();
             packet
                 .write_word(evolvent_mesa::Space::Timer, 0x14, 0)
@@ -155,7 +158,7 @@ fn another_program_at_the_board_ends_the_session() {
             assert_eq!(feedback.error_code, 0x7500);
             core.rest(0.3);
             assert!(server.lock().step_rate(0).abs() < 1.0, "it has braked");
-            assert!(was_told(told, "no longer has this session"), "{told:?}");
+            assert!(messages.contain("no longer has this session"), "{messages:?}");
             core.until("another session", |later| later.instance != feedback.instance);
         },
     );
@@ -173,7 +176,7 @@ fn a_drive_in_fault_stops_all_quickly() {
                 slow: false,
             });
         },
-        |core, server, told| {
+        |core, server, messages| {
             core.bring_up();
             core.velocity_x = 30.0;
             core.rest(0.3);
@@ -187,7 +190,7 @@ fn a_drive_in_fault_stops_all_quickly() {
             });
             assert!(server.lock().step_rate(0).abs() < 1.0);
             assert!(!server.lock().level(11) && !server.lock().level(12));
-            assert!(was_told(told, "Y: 9000h"), "{told:?}");
+            assert!(messages.contain("Y: 9000h"), "{messages:?}");
             server.lock().set_level(5, true);
             core.fault_reset += 1;
             core.bring_up();

@@ -3,13 +3,14 @@
 use std::time::{Duration, Instant};
 
 use evolvent_bridge_sim::monotonic_ns;
+use evolvent_bridge_trial::{Messages, with_bridge as with_bridge_and_core};
 use evolvent_bus::{BusConfig, CoreBus, MachineInputs, MachineOutputs};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_machine::Machine;
-use evolvent_mesa::{BoardSettings, RunSettings};
+use evolvent_mesa::{BoardSettings, RunSettings, run};
 use evolvent_mesa_board::{BoardModel, BoardServer, FaultKind};
 
-use crate::common::{Told, field_router, machine, router, serve, was_told, with_running};
+use crate::common::{field_router, machine, router, serve};
 
 /// A core that says nothing but outputs.
 struct Core {
@@ -55,7 +56,7 @@ fn with_bridge(
     model: BoardModel,
     board: impl Fn(std::net::IpAddr) -> BoardSettings,
     machine: &Machine,
-    test: impl Fn(&mut Core, &BoardServer, &Told),
+    test: impl Fn(&mut Core, &BoardServer, &Messages),
 ) {
     unless_disturbed(|| {
         let (server, address) = serve(model);
@@ -73,10 +74,15 @@ fn with_bridge(
             machine: machine.clone(),
             machine_name: Some("mesa-field".to_owned()),
             board,
-            prefix: Some(prefix),
+            prefix: Some(prefix.clone()),
             duration: None,
         };
-        with_running(settings, core, |core, told| test(core, &server, told));
+        with_bridge_and_core(
+            &prefix,
+            |stop, messages| run(&settings, stop, |text| messages.push(text)),
+            core,
+            |core, messages| test(core, &server, messages),
+        );
         assert_eq!(server.lock().traffic().refused, 0, "every command makes sense");
     });
 }
@@ -172,7 +178,7 @@ fn field_inputs_outputs_and_the_spindle_of_a_7i76() {
         BoardModel::B7i76e,
         field_router,
         &machine("router-3axis"),
-        |core, server, told| {
+        |core, server, messages| {
             core.until("inputs", |inputs| inputs.is_some());
             for on in [true, false, true] {
                 server.lock().set_field_input(3, on);
@@ -200,10 +206,10 @@ fn field_inputs_outputs_and_the_spindle_of_a_7i76() {
             // Without its supply the device does not reply. The bridge reports its name, and uses it again when the supply is back.
             server.lock().fault_now(FaultKind::FieldOff, None);
             core.until("the failure", |_| {
-                was_told(told, "7I76 10004711 on smart serial: no reply")
+                messages.contain("7I76 10004711 on smart serial: no reply")
             });
             core.until("why it cannot begin", |_| {
-                was_told(told, "no device replies at channel 0 of smart serial port 0")
+                messages.contain("no device replies at channel 0 of smart serial port 0")
             });
             server.lock().clear_faults();
             core.heard = None;
@@ -242,8 +248,8 @@ fn what_a_device_does_not_have_is_told() {
             BoardModel::B7i76e,
             board,
             &machine("router-3axis"),
-            |core, _, told| {
-                core.until(wanted, |_| was_told(told, wanted));
+            |core, _, messages| {
+                core.until(wanted, |_| messages.contain(wanted));
             },
         );
     }

@@ -119,33 +119,52 @@ impl Drop for ProcessBridge {
     }
 }
 
-/// The simulated bridge on a thread of this process.
-#[derive(Debug, Default)]
+type RunBridge = dyn Fn(&str, &str, &AtomicBool) + Send + Sync;
+
+/// A bridge on a thread of this process. It cannot be killed.
 pub struct ThreadBridge {
+    run: Arc<RunBridge>,
     running: Option<(Arc<AtomicBool>, JoinHandle<()>)>,
+}
+
+impl ThreadBridge {
+    /// A bridge that is a function of the machine's name, iceoryx2's prefix and a flag that ends it.
+    pub fn new(run: impl Fn(&str, &str, &AtomicBool) + Send + Sync + 'static) -> Self {
+        Self {
+            run: Arc::new(run),
+            running: None,
+        }
+    }
+
+    /// The simulated bridge.
+    #[must_use]
+    pub fn simulated() -> Self {
+        Self::new(|machine_name, prefix, stop| {
+            let settings = RunSettings {
+                spindles: Vec::new(),
+                machine_name: machine_name.to_owned(),
+                prefix: Some(prefix.to_owned()),
+                drives: None,
+                faults: Vec::new(),
+                probe: None,
+                drift_ppm: 50.0,
+                duration: None,
+            };
+            // What went wrong shows in the feedback that does not come.
+            let _report = run_cutting(&settings, stop, |_, _| {}, |_| None, Some(loopback(0)));
+        })
+    }
 }
 
 impl BridgeUnderTest for ThreadBridge {
     fn start(&mut self, machine_name: &str, prefix: &str) -> Result<(), StartError> {
         self.end();
-        let settings = RunSettings {
-            spindles: Vec::new(),
-            machine_name: machine_name.to_owned(),
-            prefix: Some(prefix.to_owned()),
-            drives: None,
-            faults: Vec::new(),
-            probe: None,
-            drift_ppm: 50.0,
-            duration: None,
-        };
         let stop = Arc::new(AtomicBool::new(false));
-        let stopped = Arc::clone(&stop);
+        let (stopped, run) = (Arc::clone(&stop), Arc::clone(&self.run));
+        let (machine_name, prefix) = (machine_name.to_owned(), prefix.to_owned());
         let thread = std::thread::Builder::new()
             .name("bridge".to_owned())
-            .spawn(move || {
-                // What went wrong shows in the feedback that does not come.
-                let _report = run_cutting(&settings, &stopped, |_, _| {}, |_| None, Some(loopback(0)));
-            })
+            .spawn(move || run(&machine_name, &prefix, &stopped))
             .map_err(|cause| StartError {
                 what: "a thread".to_owned(),
                 cause: cause.to_string(),
@@ -157,7 +176,12 @@ impl BridgeUnderTest for ThreadBridge {
     fn end(&mut self) {
         if let Some((stop, thread)) = self.running.take() {
             stop.store(true, Ordering::Relaxed);
-            let _ended = thread.join();
+            // A bridge of a test fails as the test does.
+            if let Err(panic) = thread.join()
+                && !std::thread::panicking()
+            {
+                std::panic::resume_unwind(panic);
+            }
         }
     }
 

@@ -12,7 +12,7 @@
 //! the feedback and the inputs alone. [`CASES`] names them all; [`run_case`] runs one on a bus of its own.
 //!
 //! [`ProcessBridge`] is any command. `evolvent bridge test -- COMMAND` runs the suite against it. [`ThreadBridge`] is
-//! the simulated bridge within this process; it cannot be killed, so cases with a kill leave it out.
+//! a bridge within this process, the simulated one or another; it cannot be killed, so cases with a kill leave it out.
 //!
 //! The first axis moves by some millimetres to and fro, slowly: do not run the suite against a machine whose axes may
 //! not.

@@ -4,12 +4,10 @@
 
 use core::time::Duration;
 use std::collections::VecDeque;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::thread::JoinHandle;
 
 use evolvent_bridge_sim::{SimBridge, SimSettings, monotonic_ns};
-use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, StartError, run_case};
+use evolvent_bridge_test::{CASES, Stage, ThreadBridge, run_case};
 use evolvent_bus::{
     ClientBus, ClientConfig, Feedback, FeedbackSender, InputSender, MachineInputs, MachineOutputs,
     OutputReader, Setpoint, SetpointReader,
@@ -58,45 +56,6 @@ enum Flaw {
     FewInputs,
     OldInputs,
     OneInputMore,
-}
-
-/// The simulated drives behind a bridge with a flaw.
-struct FlawedBridge {
-    flaw: Flaw,
-    running: Option<(Arc<AtomicBool>, JoinHandle<()>)>,
-}
-
-impl BridgeUnderTest for FlawedBridge {
-    fn start(&mut self, machine_name: &str, prefix: &str) -> Result<(), StartError> {
-        self.end();
-        let stop = Arc::new(AtomicBool::new(false));
-        let (stopped, flaw) = (Arc::clone(&stop), self.flaw);
-        let (name, prefix) = (machine_name.to_owned(), prefix.to_owned());
-        let thread = std::thread::spawn(move || serve(flaw, &name, &prefix, &stopped));
-        self.running = Some((stop, thread));
-        Ok(())
-    }
-
-    fn end(&mut self) {
-        if let Some((stop, thread)) = self.running.take() {
-            stop.store(true, Ordering::Relaxed);
-            thread.join().expect("a bridge that ends");
-        }
-    }
-
-    fn kill(&mut self) {
-        self.end();
-    }
-
-    fn can_be_killed(&self) -> bool {
-        false
-    }
-
-    fn is_running(&mut self) -> bool {
-        self.running
-            .as_ref()
-            .is_some_and(|(_, thread)| !thread.is_finished())
-    }
 }
 
 type Ports = (
@@ -296,7 +255,7 @@ fn spoil(flaw: Flaw, feedback: &mut Feedback, first_ns: u64, newest: u64) {
 fn verdict(flaw: Flaw, case: &str) -> Result<(), String> {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     let case = CASES.iter().find(|known| known.name == case).expect("a case");
-    let mut bridge = FlawedBridge { flaw, running: None };
+    let mut bridge = ThreadBridge::new(move |name, prefix, stop| serve(flaw, name, prefix, stop));
     let mut stage = Stage {
         bridge: &mut bridge,
         machine_name: "broken".to_owned(),

@@ -1,0 +1,29 @@
+//! The suite of all bridges, on one bridge.
+
+use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, run_case};
+
+/// Plays every case, or the one that the environment variable `EVOLVENT_CASE` names, on a bridge whose digital output 0 is wired to its
+/// digital input 0; the cases that it fails, each with the reason.
+pub fn failed_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str) -> Vec<String> {
+    let wanted = std::env::var("EVOLVENT_CASE").ok();
+    let mut failures = Vec::new();
+    for case in CASES
+        .iter()
+        .filter(|case| wanted.as_ref().is_none_or(|wanted| case.name == wanted))
+    {
+        let mut stage = Stage {
+            bridge: &mut *bridge,
+            machine_name: "bridge-test".to_owned(),
+            prefix: prefix.to_owned(),
+            core_program: None,
+            seed: 1,
+            moments: 2,
+            has_signals: true,
+        };
+        let result = run_case(case, &mut stage);
+        println!("{}: {result:?}", case.name);
+        failures.extend(result.err().map(|error| format!("{}: {error}", case.name)));
+        bridge.end();
+    }
+    failures
+}

@@ -1,0 +1,147 @@
+//! A core that stands, or moves X at a constant velocity.
+
+use core::time::Duration;
+use std::time::Instant;
+
+use evolvent_bridge_sim::monotonic_ns;
+use evolvent_bus::{AXES, BusConfig, CoreBus, Feedback, MachineInputs, Setpoint};
+use evolvent_drive::{DriveState, PowerRequest};
+
+/// The core's period: slow enough for a busy machine.
+pub const PERIOD_NS: u64 = 2_000_000;
+/// Periods that a setpoint is sent before it is due.
+pub const LEAD: u64 = 50;
+/// Feedback that is older is not judged by.
+const FRESH: Duration = Duration::from_millis(100);
+/// How long something may take that is waited for: a busy host may need that.
+const LATEST: Duration = Duration::from_secs(30);
+
+/// The core of a machine with the axes X, Y and Z, run by hand, cycle by cycle.
+#[derive(Debug)]
+pub struct TrialCore {
+    /// Its ports.
+    pub bus: CoreBus,
+    sequence: u64,
+    next_ns: u64,
+    /// Where the axes are commanded to be, mm.
+    pub position: [f64; AXES],
+    /// mm/s.
+    pub velocity_x: f64,
+    /// What the core asks of the drives.
+    pub power: PowerRequest,
+    /// The number of the newest reset of the drives' faults.
+    pub fault_reset: u32,
+    /// The newest feedback, and when it came.
+    pub heard: Option<(Instant, Feedback)>,
+    /// The newest inputs of the machine.
+    pub inputs: Option<MachineInputs>,
+}
+
+impl TrialCore {
+    /// A core at rest, without power.
+    ///
+    /// # Panics
+    /// If the bus cannot be used.
+    #[must_use]
+    pub fn open(machine_name: &str, prefix: &str) -> Self {
+        let mut config = BusConfig::new(machine_name, "XYZ", PERIOD_NS);
+        config.prefix = Some(prefix.to_owned());
+        Self {
+            bus: CoreBus::open(&config).expect("a bus"),
+            sequence: 0,
+            next_ns: monotonic_ns(),
+            position: [0.0; AXES],
+            velocity_x: 0.0,
+            power: PowerRequest::Off,
+            fault_reset: 0,
+            heard: None,
+            inputs: None,
+        }
+    }
+
+    /// Sends the next setpoint, sleeps until that after it is to be sent, and collects what came.
+    pub fn cycle(&mut self) {
+        self.position[0] += self.velocity_x * PERIOD_NS as f64 * 1e-9;
+        let mut setpoint = Setpoint {
+            sequence: self.sequence,
+            due_time_ns: self.next_ns + LEAD * PERIOD_NS,
+            period_ns: PERIOD_NS,
+            position: self.position,
+            axes_mask: 0b111,
+            state: 1,
+            override_ratio: 1.0,
+            power_request: self.power.number(),
+            fault_reset: self.fault_reset,
+            ..Setpoint::default()
+        };
+        setpoint.velocity[0] = self.velocity_x;
+        self.sequence += 1;
+        let _reached = self.bus.publish_setpoint(&setpoint);
+        self.next_ns = (self.next_ns + PERIOD_NS).max(monotonic_ns().saturating_sub(LEAD * PERIOD_NS / 2));
+        std::thread::sleep(Duration::from_nanos(self.next_ns.saturating_sub(monotonic_ns())));
+        self.bus.admit_readers();
+        while let Ok(Some(feedback)) = self.bus.unchecked_feedback() {
+            self.heard = Some((Instant::now(), feedback));
+        }
+        while let Ok(Some(inputs)) = self.bus.unchecked_inputs() {
+            self.inputs = Some(inputs);
+        }
+    }
+
+    /// Cycles for a time, at the velocity that is set.
+    pub fn rest(&mut self, seconds: f64) {
+        for _ in 0..(seconds * 1e9) as u64 / PERIOD_NS {
+            self.cycle();
+        }
+    }
+
+    /// The newest feedback where it is fresh.
+    #[must_use]
+    pub fn fresh(&self) -> Option<Feedback> {
+        self.heard
+            .filter(|(at, _)| at.elapsed() < FRESH)
+            .map(|(_, feedback)| feedback)
+    }
+
+    /// Cycles until fresh feedback shows something.
+    ///
+    /// # Panics
+    /// If it does not in time.
+    pub fn until(&mut self, what: &str, mut seen: impl FnMut(&Feedback) -> bool) -> Feedback {
+        let begin = Instant::now();
+        loop {
+            self.cycle();
+            if let Some(feedback) = self.fresh().filter(|feedback| seen(feedback)) {
+                return feedback;
+            }
+            assert!(
+                begin.elapsed() < LATEST,
+                "{what}: not within {LATEST:?}; {:?}",
+                self.heard
+            );
+        }
+    }
+
+    /// Goes to where the axes stand, and switches the drives on.
+    ///
+    /// # Panics
+    /// If they are not in operation in time.
+    pub fn bring_up(&mut self) -> Feedback {
+        (self.power, self.velocity_x) = (PowerRequest::Off, 0.0);
+        let here = self.until("feedback with the drives off", |feedback| {
+            states(feedback) == [Some(DriveState::SwitchOnDisabled); 3]
+        });
+        self.position = here.position;
+        self.rest(0.2);
+        self.power = PowerRequest::On;
+        self.until("operation", |feedback| {
+            states(feedback) == [Some(DriveState::OperationEnabled); 3] && feedback.bridge_state == 1
+        })
+    }
+}
+
+/// The state of each of the three drives.
+#[must_use]
+pub fn states(feedback: &Feedback) -> [Option<DriveState>; 3] {
+    core::array::from_fn(|axis| DriveState::decode(feedback.status_word[axis] as u16))
+}
