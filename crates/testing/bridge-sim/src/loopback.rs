@@ -2,7 +2,7 @@
 
 use evolvent_bus::{MachineInputs, MachineOutputs};
 
-use crate::run::Signalling;
+use crate::input_messages::Signalling;
 
 /// Reads each digital and analog output back as the input of its number. `closed`: digital inputs that are on besides, as a
 /// closed emergency-stop chain is; they win.

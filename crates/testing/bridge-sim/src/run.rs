@@ -4,14 +4,15 @@ use core::time::Duration;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use evolvent_bus::{
-    AXES, BusError, ClientBus, ClientConfig, FeedbackSender, InputSender, Load, LoadSender, MachineInputs,
-    MachineOutputs, OutputReader, ReceiveError, Setpoint, SetpointReader, SpindleSender,
+    AXES, BusError, ClientBus, ClientConfig, FeedbackSender, InputSender, Load, LoadSender, OutputReader,
+    ReceiveError, Setpoint, SetpointReader, SpindleSender,
 };
 use evolvent_drive::{OutputFollower, SettingsError};
 use thiserror::Error;
 
 use crate::bridge::SimBridge;
 use crate::clock::{DriveClock, monotonic_ns};
+use crate::input_messages::{InputMessages, Signalling};
 use crate::probe::{ProbeSettings, SimProbe};
 use crate::settings::SimSettings;
 use crate::spindle::{SimSpindle, SpindleSimulation};
@@ -24,8 +25,6 @@ const ATTEMPT: Duration = Duration::from_millis(5);
 const CATCH_UP_NS: u64 = 200_000_000;
 /// Number of a load that is a force.
 const FORCE_N: u32 = 1;
-/// Time between two messages of inputs that do not change, ns.
-const INPUTS_EVERY_NS: u64 = 5_000_000;
 /// Longest nap, ns.
 const POLL_INTERVAL_NS: u64 = 1_000_000;
 
@@ -96,10 +95,6 @@ struct Ports {
 /// What the axes cut, asked once a period: a reading of the load sensor, and the end of its range. None for no reading.
 pub type Cutting = Box<dyn FnMut(&[f64; AXES]) -> Option<(f64, f64)>>;
 
-/// The machine's inputs, asked every period: of the last setpoint and the outputs in force. Number, time and instance of the message
-/// are the bridge's affair.
-pub type Signalling = Box<dyn FnMut(Option<&Setpoint>, &MachineOutputs) -> MachineInputs>;
-
 /// As [`run_cutting`], with axes that cut nothing.
 ///
 /// # Errors
@@ -124,43 +119,24 @@ pub fn run_cutting(
     stop: &AtomicBool,
     mut on_core: impl FnMut(&str, u64),
     cutting: impl FnOnce(u64) -> Option<Cutting>,
-    mut signalling: Option<Signalling>,
+    signalling: Option<Signalling>,
 ) -> Result<SimReport, RunError> {
     let begin_ns = monotonic_ns();
     let end_ns = settings
         .duration
         .map(|duration| begin_ns.saturating_add(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)));
     let over = || stop.load(Ordering::Relaxed) || end_ns.is_some_and(|end_ns| monotonic_ns() >= end_ns);
-    let mut report = SimReport::default();
+    let mut machine = SimMachine::new(settings, begin_ns, signalling);
+    let mut cutting = Some(cutting);
     let mut model: Option<(SimBridge, DriveClock)> = None;
-    let mut ports: Option<Ports> = None;
-    let mut heard_ns = begin_ns;
-    let (mut cutting, mut cut) = (Some(cutting), None);
-    let (mut last, mut outputs) = (None, OutputFollower::default());
-    let mut sent = MachineInputs::default();
-    let spindles = settings.spindles.iter();
-    let mut spindles: Vec<SimSpindle> = spindles
-        .map(|spindle| SimSpindle::new(*spindle, begin_ns))
-        .collect();
-    let mut probe = settings.probe.clone().map(SimProbe::new);
     while !over() {
-        if ports.is_none() {
-            let measures = cut.is_some() || cutting.is_some();
-            match connect(settings, measures, signalling.is_some()) {
-                Ok((found, letters, period_ns)) => {
-                    report.connections += 1;
-                    heard_ns = monotonic_ns();
-                    on_core(&letters, period_ns);
-                    if model.is_none() {
-                        let drives = drives(settings, &letters, period_ns, begin_ns);
-                        let clock = DriveClock::new(monotonic_ns(), drives.period_ns, settings.drift_ppm);
-                        model = Some((SimBridge::new(&drives)?, clock));
-                        cut = cutting.take().and_then(|cutting| cutting(drives.period_ns));
-                    }
-                    ports = Some(found);
-                }
-                Err(BusError::NoCore { .. } | BusError::Service { .. } | BusError::NoPlace { .. }) => {}
-                Err(error) => return Err(error.into()),
+        if let Some((letters, period_ns)) = machine.find_core(cutting.is_some())? {
+            on_core(&letters, period_ns);
+            if model.is_none() {
+                let drives = drives(settings, &letters, period_ns, begin_ns);
+                let clock = DriveClock::new(monotonic_ns(), drives.period_ns, settings.drift_ppm);
+                model = Some((SimBridge::new(&drives)?, clock));
+                machine.cutting = cutting.take().and_then(|cutting| cutting(drives.period_ns));
             }
         }
         let Some((bridge, clock)) = &mut model else {
@@ -172,103 +148,155 @@ pub fn run_cutting(
             clock.skip_to(now_ns);
         }
         // Whatever has come was there at the next tick: a late wake-up of this thread makes no setpoint late.
-        let tick_ns = clock.next_ns();
-        let mut is_broken = false;
-        while let Some(open) = &mut ports {
-            match open.setpoints.receive() {
-                Ok(None) => break,
-                Ok(Some(setpoint)) => {
-                    heard_ns = now_ns;
-                    report.setpoints += 1;
-                    last = Some(setpoint);
-                    bridge.offer(tick_ns, &setpoint);
-                }
-                Err(ReceiveError::Version { .. }) => {
-                    heard_ns = now_ns;
-                    bridge.refuse_version();
-                }
-                Err(ReceiveError::Broken { .. }) => {
-                    is_broken = true;
-                    break;
-                }
-            }
-        }
-        if let Some(reader) = ports.as_mut().and_then(|open| open.outputs.as_mut()) {
-            // What comes damaged is followed by a message that is complete.
-            while let Ok(Some(message)) = reader.receive() {
-                let _damaged = outputs.offer(now_ns, &message);
-            }
-        }
+        let is_broken = machine.receive(bridge, clock.next_ns(), now_ns);
         while clock.next_ns() <= now_ns {
-            report.periods += 1;
-            let tick_ns = clock.tick();
-            let in_force = outputs.step(tick_ns);
-            for spindle in &mut spindles {
-                let faults = bridge.spindle_faults(tick_ns);
-                let feedback = spindle.step(tick_ns, &in_force, &faults);
-                if let (Some(feedback), Some(sender)) =
-                    (feedback, ports.as_mut().and_then(|open| open.spindles.as_mut()))
-                {
-                    report.spindles += u64::from(sender.send(&feedback).is_ok());
-                }
-            }
-            let feedback = bridge.step(tick_ns);
-            if let Some(probe) = &mut probe {
-                probe.step(tick_ns, &bridge.true_positions(), &bridge.shown_positions());
-            }
-            let reading = cut.as_mut().and_then(|cut| cut(&bridge.true_positions()));
-            if let Some(reading) = reading.and_then(|reading| bridge.load_reading(tick_ns, reading))
-                && let Some(sender) = ports.as_mut().and_then(|open| open.load.as_mut())
-            {
-                // What does not leave is replaced by the next.
-                report.loads += u64::from(sender.send(&load(report.periods, tick_ns, reading)).is_ok());
-            }
-            if let (Some(feedback), Some(open)) = (feedback, &mut ports) {
-                // What does not leave is replaced by the next.
-                report.answers += u64::from(open.feedback.send(&feedback).is_ok());
-            }
+            machine.step(bridge, clock.tick());
         }
-        if let (Some(read), Some(sender)) = (
-            &mut signalling,
-            ports.as_mut().and_then(|open| open.inputs.as_mut()),
-        ) {
-            let outputs = outputs.step(now_ns);
-            // Each change of the probe in a message of its own.
-            while let Some(probe) = &mut probe
-                && probe.advance()
-            {
-                let mut message = read(last.as_ref(), &outputs);
-                (message.sequence, message.time_ns, message.instance) = (sent.sequence + 1, now_ns, begin_ns);
-                message.outputs_sequence = outputs.sequence;
-                probe.describe(&mut message);
-                report.inputs += u64::from(sender.send(&message).is_ok());
-                sent = message;
-            }
-            let mut message = read(last.as_ref(), &outputs);
-            if let Some(probe) = &probe {
-                probe.describe(&mut message);
-            }
-            (message.sequence, message.time_ns, message.instance) = (sent.sequence, sent.time_ns, begin_ns);
-            message.outputs_sequence = outputs.sequence;
-            let is_old = now_ns.saturating_sub(sent.time_ns) >= INPUTS_EVERY_NS;
-            if message != sent || is_old {
-                (message.sequence, message.time_ns) = (sent.sequence + 1, now_ns);
-                report.inputs += u64::from(sender.send(&message).is_ok());
-                sent = message;
-            }
-        }
-        report.missed = bridge.missed();
-        if is_broken || now_ns.saturating_sub(heard_ns) > RECONNECT_NS {
-            heard_ns = now_ns;
-            ports = None;
-        }
+        machine.send_inputs(now_ns);
+        machine.report.missed = bridge.missed();
+        machine.leave_lost_core(is_broken, now_ns);
         let nap_ns = clock
             .next_ns()
             .saturating_sub(monotonic_ns())
             .min(POLL_INTERVAL_NS);
         std::thread::sleep(Duration::from_nanos(nap_ns));
     }
-    Ok(report)
+    Ok(machine.report)
+}
+
+/// What is beside the drives, and the ports of all.
+struct SimMachine<'a> {
+    settings: &'a RunSettings,
+    ports: Option<Ports>,
+    /// When the core was heard last.
+    heard_ns: u64,
+    setpoint: Option<Setpoint>,
+    outputs: OutputFollower,
+    spindles: Vec<SimSpindle>,
+    probe: Option<SimProbe>,
+    cutting: Option<Cutting>,
+    inputs: Option<InputMessages>,
+    report: SimReport,
+}
+
+impl<'a> SimMachine<'a> {
+    fn new(settings: &'a RunSettings, begin_ns: u64, signalling: Option<Signalling>) -> Self {
+        let spindles = settings.spindles.iter();
+        Self {
+            settings,
+            ports: None,
+            heard_ns: begin_ns,
+            setpoint: None,
+            outputs: OutputFollower::default(),
+            spindles: spindles
+                .map(|spindle| SimSpindle::new(*spindle, begin_ns))
+                .collect(),
+            probe: settings.probe.clone().map(SimProbe::new),
+            cutting: None,
+            inputs: signalling.map(|read| InputMessages::new(read, begin_ns)),
+            report: SimReport::default(),
+        }
+    }
+
+    /// Axes and period of a core that was found now. `may_cut` says that there may be cutting once its period is known.
+    fn find_core(&mut self, may_cut: bool) -> Result<Option<(String, u64)>, RunError> {
+        if self.ports.is_some() {
+            return Ok(None);
+        }
+        let measures = may_cut || self.cutting.is_some();
+        match connect(self.settings, measures, self.inputs.is_some()) {
+            Ok((ports, letters, period_ns)) => {
+                self.report.connections += 1;
+                self.heard_ns = monotonic_ns();
+                self.ports = Some(ports);
+                Ok(Some((letters, period_ns)))
+            }
+            Err(BusError::NoCore { .. } | BusError::Service { .. } | BusError::NoPlace { .. }) => Ok(None),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Takes what the core has sent; whether the connection is broken.
+    fn receive(&mut self, bridge: &mut SimBridge, tick_ns: u64, now_ns: u64) -> bool {
+        let Some(ports) = &mut self.ports else {
+            return false;
+        };
+        let is_broken = loop {
+            match ports.setpoints.receive() {
+                Ok(None) => break false,
+                Ok(Some(setpoint)) => {
+                    self.heard_ns = now_ns;
+                    self.report.setpoints += 1;
+                    self.setpoint = Some(setpoint);
+                    bridge.offer(tick_ns, &setpoint);
+                }
+                Err(ReceiveError::Version { .. }) => {
+                    self.heard_ns = now_ns;
+                    bridge.refuse_version();
+                }
+                Err(ReceiveError::Broken { .. }) => break true,
+            }
+        };
+        if let Some(reader) = &mut ports.outputs {
+            // What comes damaged is followed by a message that is complete.
+            while let Ok(Some(message)) = reader.receive() {
+                let _damaged = self.outputs.offer(now_ns, &message);
+            }
+        }
+        is_broken
+    }
+
+    /// One period of the drives. What does not leave is replaced by the message of the next.
+    fn step(&mut self, bridge: &mut SimBridge, tick_ns: u64) {
+        self.report.periods += 1;
+        let in_force = self.outputs.step(tick_ns);
+        for spindle in &mut self.spindles {
+            let faults = bridge.spindle_faults(tick_ns);
+            let feedback = spindle.step(tick_ns, &in_force, &faults);
+            if let (Some(feedback), Some(sender)) = (
+                feedback,
+                self.ports.as_mut().and_then(|open| open.spindles.as_mut()),
+            ) {
+                self.report.spindles += u64::from(sender.send(&feedback).is_ok());
+            }
+        }
+        let feedback = bridge.step(tick_ns);
+        if let Some(probe) = &mut self.probe {
+            probe.step(tick_ns, &bridge.true_positions(), &bridge.shown_positions());
+        }
+        let reading = self
+            .cutting
+            .as_mut()
+            .and_then(|cut| cut(&bridge.true_positions()));
+        if let Some(reading) = reading.and_then(|reading| bridge.load_reading(tick_ns, reading))
+            && let Some(sender) = self.ports.as_mut().and_then(|open| open.load.as_mut())
+        {
+            let message = load(self.report.periods, tick_ns, reading);
+            self.report.loads += u64::from(sender.send(&message).is_ok());
+        }
+        if let (Some(feedback), Some(open)) = (feedback, &mut self.ports) {
+            self.report.answers += u64::from(open.feedback.send(&feedback).is_ok());
+        }
+    }
+
+    fn send_inputs(&mut self, now_ns: u64) {
+        if let (Some(inputs), Some(sender)) = (
+            &mut self.inputs,
+            self.ports.as_mut().and_then(|open| open.inputs.as_mut()),
+        ) {
+            let outputs = self.outputs.step(now_ns);
+            let setpoint = self.setpoint.as_ref();
+            self.report.inputs += inputs.send(now_ns, setpoint, &outputs, self.probe.as_mut(), sender);
+        }
+    }
+
+    /// Closes the ports where the core has gone: the next may have others.
+    fn leave_lost_core(&mut self, is_broken: bool, now_ns: u64) {
+        if is_broken || now_ns.saturating_sub(self.heard_ns) > RECONNECT_NS {
+            self.heard_ns = now_ns;
+            self.ports = None;
+        }
+    }
 }
 
 /// A force at the tool, as a sensor of the user.
