@@ -6,7 +6,7 @@ use evolvent_drive::{DriveEvents, DriveMachine, DriveState, QuickStopOption, bit
 
 use crate::homing::{Homing, HomingState, Sight};
 use crate::motor::{Mechanics, TwoMass};
-use crate::object::{Dictionary, Entry, ObjectCode, data_type as t};
+use crate::object::Dictionary;
 use crate::probe::Probe;
 
 /// The period of the drive's own control, ns.
@@ -220,138 +220,6 @@ impl Drive {
             at <= negative || self.trouble.limit,
             at >= positive || self.trouble.limit,
         ]
-    }
-
-    /// Its objects.
-    pub(crate) fn objects(&self, objects: &mut Dictionary) {
-        let resolution = i64::from(self.settings.resolution);
-        let torque = (self.settings.mechanics.rated_torque_n_m * 1000.0) as i64;
-        let variables = [
-            (0x603F, Entry::integer("Error code", t::UNSIGNED16, 0).input()),
-            (0x6040, Entry::integer("Control word", t::UNSIGNED16, 0).output()),
-            (0x6041, Entry::integer("Status word", t::UNSIGNED16, 0).input()),
-            (0x605A, Entry::integer("Quick stop option code", t::INTEGER16, 2)),
-            (
-                0x6060,
-                Entry::integer("Modes of operation", t::INTEGER8, 0).output(),
-            ),
-            (
-                0x6061,
-                Entry::integer("Modes of operation display", t::INTEGER8, 0).input(),
-            ),
-            (
-                0x6064,
-                Entry::integer("Position actual value", t::INTEGER32, 0).input(),
-            ),
-            (
-                0x6065,
-                Entry::integer("Following error window", t::UNSIGNED32, resolution).writable(),
-            ),
-            (
-                0x6066,
-                Entry::integer("Following error time out", t::UNSIGNED16, 20).writable(),
-            ),
-            (
-                0x606C,
-                Entry::integer("Velocity actual value", t::INTEGER32, 0).input(),
-            ),
-            (
-                0x6076,
-                Entry::integer("Motor rated torque", t::UNSIGNED32, torque),
-            ),
-            (
-                0x6077,
-                Entry::integer("Torque actual value", t::INTEGER16, 0).input(),
-            ),
-            (
-                0x607A,
-                Entry::integer("Target position", t::INTEGER32, 0).output(),
-            ),
-            (0x607C, Entry::integer("Home offset", t::INTEGER32, 0).writable()),
-            (
-                0x6085,
-                Entry::integer(
-                    "Quick stop deceleration",
-                    t::UNSIGNED32,
-                    200 * resolution.min(1 << 24),
-                )
-                .writable(),
-            ),
-            (
-                0x6098,
-                Entry::integer("Homing method", t::INTEGER8, 35).writable(),
-            ),
-            (
-                0x609A,
-                Entry::integer("Homing acceleration", t::UNSIGNED32, 50 * resolution.min(1 << 24)).writable(),
-            ),
-            (
-                0x60B1,
-                Entry::integer("Velocity offset", t::INTEGER32, 0).output(),
-            ),
-            (0x60B2, Entry::integer("Torque offset", t::INTEGER16, 0).output()),
-            (
-                0x60B8,
-                Entry::integer("Touch probe function", t::UNSIGNED16, 0).output(),
-            ),
-            (
-                0x60B9,
-                Entry::integer("Touch probe status", t::UNSIGNED16, 0).input(),
-            ),
-            (
-                0x60BA,
-                Entry::integer("Touch probe 1 positive edge", t::INTEGER32, 0).input(),
-            ),
-            (
-                0x60BB,
-                Entry::integer("Touch probe 1 negative edge", t::INTEGER32, 0).input(),
-            ),
-            (
-                0x60F4,
-                Entry::integer("Following error actual value", t::INTEGER32, 0).input(),
-            ),
-            (0x60FD, Entry::integer("Digital inputs", t::UNSIGNED32, 0).input()),
-            (
-                0x6502,
-                Entry::integer("Supported drive modes", t::UNSIGNED32, 0b1010_0000),
-            ),
-        ];
-        for (index, entry) in variables {
-            objects.variable(index, entry);
-        }
-        // Longer than a mailbox, so that it goes in segments.
-        objects.variable(
-            0x2000,
-            Entry::text("Note", &"test simulator ".repeat(20)).writable(),
-        );
-        let numbers = |names: [(&'static str, u16, i64); 2]| {
-            names
-                .map(|(name, kind, value)| Entry::integer(name, kind, value))
-                .to_vec()
-        };
-        let writable = |entries: Vec<Entry>| entries.into_iter().map(Entry::writable).collect();
-        let speeds = numbers([
-            ("Search for switch", t::UNSIGNED32, 5 * resolution),
-            ("Search for zero", t::UNSIGNED32, resolution / 2),
-        ]);
-        objects.compound(0x6099, "Homing speeds", ObjectCode::Array, writable(speeds));
-        let period = numbers([("Value", t::UNSIGNED8, 1), ("Index", t::INTEGER8, -3)]);
-        objects.compound(
-            0x60C2,
-            "Interpolation time period",
-            ObjectCode::Record,
-            writable(period),
-        );
-        let encoder = numbers([
-            ("Increments", t::UNSIGNED32, resolution),
-            ("Motor revolutions", t::UNSIGNED32, 1),
-        ]);
-        objects.compound(0x608F, "Position encoder resolution", ObjectCode::Array, encoder);
-        let gear = numbers([
-            ("Motor revolutions", t::UNSIGNED32, 1),
-            ("Shaft revolutions", t::UNSIGNED32, 1),
-        ]);
-        objects.compound(0x6091, "Gear ratio", ObjectCode::Array, writable(gear));
     }
 
     /// Takes over outputs. `cycle_ns` is the period of SYNC0, where that is on.
@@ -580,6 +448,7 @@ impl Drive {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::drive_objects::add_drive_objects;
 
     /// A drive with its objects, and outputs once a ms.
     struct Axis {
@@ -590,7 +459,7 @@ mod tests {
     impl Axis {
         fn new(settings: DriveSettings) -> Self {
             let (drive, mut objects) = (Drive::new(settings), Dictionary::default());
-            drive.objects(&mut objects);
+            add_drive_objects(&settings, &mut objects);
             let mut axis = Self { drive, objects };
             axis.objects.set_integer(0x6060, 0, i64::from(CSP));
             axis.run(20);
