@@ -4,7 +4,6 @@
 //! a chain of tiny runs would be slow. A backward pass from rest at the end of the known path gives each boundary the highest
 //! speed from which everything after it can be executed. A boundary whose speed equals its own cap cannot gain from path that
 //! is not known yet: it and everything before it are final. So the plan does not depend on how the program text arrives.
-//! not depend on how the program's text happened to arrive.
 
 use std::collections::VecDeque;
 
@@ -176,10 +175,11 @@ impl<S: PlanSink> LookAhead<S> {
                 self.speed_over(&segment.curve, from, middle),
                 self.speed_over(&segment.curve, middle, to),
             );
+            let doubled_feed_u_s = 2.0 * feed_mm_s / metric_speed(&segment.curve, from, to);
             let differ = (left - right).abs() > MIN_SPLIT_DIFFERENCE * left.max(right);
-            let lasts = segment.length > MIN_SPLIT_TIME_S * left.min(right).min(2.0 * feed_mm_s);
+            let lasts = segment.length > MIN_SPLIT_TIME_S * left.min(right).min(doubled_feed_u_s);
             // If the feed word limits both halves there is nothing to gain.
-            if differ && lasts && left.min(right) < 2.0 * feed_mm_s {
+            if differ && lasts && left.min(right) < doubled_feed_u_s {
                 let first = Segment {
                     length: middle - from,
                     ..segment
@@ -197,6 +197,7 @@ impl<S: PlanSink> LookAhead<S> {
         self.add_to_run(segment, feed_mm_s)
     }
 
+    /// Permitted speed of the parameter, per second.
     fn speed_over(&mut self, curve: &Curve, from: f64, to: f64) -> f64 {
         self.scratch.clear();
         append_cells(curve, from, to, &mut self.scratch);
@@ -399,7 +400,7 @@ fn metric_speed(curve: &Curve, from: f64, to: f64) -> f64 {
 mod tests {
     #![allow(clippy::expect_used, reason = "a test may fail")]
 
-    use evolvent_path::{Arc, Line, Plane, Sense};
+    use evolvent_path::{Arc, Involute, Line, Plane, Sense};
 
     use super::*;
     use crate::SegmentMarks;
@@ -503,6 +504,26 @@ mod tests {
             (exit.nominal - 5.0).abs() < 1e-12 && (exit.doubled - 5.0).abs() < 1e-12,
             "{exit:?}"
         );
+    }
+
+    /// Near the base circle the parameter advances faster than the path, here by a factor of at least 1.8. Twice the feed in mm/s is below
+    /// what both halves permit in u/s, but the same in u/s is not.
+    #[test]
+    fn feeds_are_compared_with_speeds_of_the_parameter() {
+        let (radius, roll) = (20.0, 0.3_f64);
+        let (sin, cos) = roll.sin_cos();
+        let end = point(radius * (cos + roll * sin), radius * (sin - roll * cos));
+        let sense = Sense::CounterClockwise;
+        let involute = Involute::new(Plane::Xy, point(radius, 0.0), end, [0.0; 2], radius, sense, 1e-6);
+        let segment = whole(Curve::Involute(involute.expect("involute")));
+        let (end, middle) = (segment.length, 0.5 * segment.length);
+        let mut ahead = ahead();
+        let slower = ahead
+            .speed_over(&segment.curve, 0.0, middle)
+            .min(ahead.speed_over(&segment.curve, middle, end));
+        ahead.segment(segment, 0.45 * slower).expect("plan");
+        ahead.finish(2).expect("finish");
+        assert!(ahead.sink().segments.len() > 1);
     }
 
     #[test]
