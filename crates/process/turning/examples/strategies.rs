@@ -6,6 +6,18 @@
 )]
 use evolvent_turning::*;
 
+const SET_LOAD: f64 = 2200.0;
+/// Length of every piece, mm.
+const LENGTH_MM: f64 = 200.0;
+
+/// What is cut with, and how: without the stock.
+struct Case {
+    law: CutLaw,
+    tool: Tool,
+    regime: Regime,
+    fast_regime: Regime,
+}
+
 fn main() {
     let law = CutLaw {
         coefficient: 2943.0 * libm::pow(103.672_557_568_463_18, -0.15),
@@ -13,26 +25,49 @@ fn main() {
         feed_exponent: 0.75,
     };
     let tool = Tool::new(60.0, 12.0).unwrap();
-    let input = RegimeInput {
-        law,
-        set_load: 2200.0,
-        permitted_load: 10_000.0,
-        feed_min_mm_rev: 0.2,
-        feed_max_mm_rev: 0.7,
-        back_off: BackOff::Balanced,
+    let regime = |back_off| {
+        let input = RegimeInput {
+            law,
+            set_load: SET_LOAD,
+            permitted_load: 10_000.0,
+            feed_min_mm_rev: 0.2,
+            feed_max_mm_rev: 0.7,
+            back_off,
+        };
+        Regime::new(&input, &tool).unwrap()
     };
-    let regime = Regime::new(&input, &tool).unwrap();
-    let fast_regime = Regime::new(
-        &RegimeInput {
-            back_off: BackOff::LeastTime,
-            ..input
-        },
-        &tool,
-    )
-    .unwrap();
-    let blanks = [
+    let case = Case {
+        law,
+        tool,
+        regime: regime(BackOff::Balanced),
+        fast_regime: regime(BackOff::LeastTime),
+    };
+    let shown = std::env::args().nth(1);
+    let mut sums = std::collections::BTreeMap::new();
+    for (name, blank) in blanks() {
+        println!("{name}");
+        for (variant, settings, sensor) in case.variants() {
+            let is_shown = shown.as_deref() == Some(&format!("{name}/{variant}"));
+            let (figures, last) = case.adaptive(&blank, settings, sensor, is_shown);
+            row(variant, &figures);
+            if !figures.done {
+                println!("    {last:?}");
+            }
+            *sums.entry(variant).or_insert(0.0) += figures.time_s;
+        }
+        for (cycle, figures) in case.fixed(&blank) {
+            row(cycle, &figures);
+            *sums.entry(cycle).or_insert(0.0) += figures.time_s;
+        }
+    }
+    println!("{sums:#?}");
+}
+
+fn blanks() -> [(&'static str, Blank); 10] {
+    let outline = |points: &[(f64, f64)]| Blank::outline(points);
+    [
         ("uniform_8", Blank::uniform(8.0)),
-        ("taper_5_10", Blank::outline(&[(0.0, 10.0), (200.0, 5.0)])),
+        ("taper_5_10", outline(&[(0.0, 10.0), (200.0, 5.0)])),
         (
             "gap_8",
             Blank {
@@ -49,141 +84,118 @@ fn main() {
         ),
         ("uniform_3", Blank::uniform(3.0)),
         ("uniform_10", Blank::uniform(10.0)),
-        ("taper_10_5", Blank::outline(&[(0.0, 5.0), (200.0, 10.0)])),
+        ("taper_10_5", outline(&[(0.0, 5.0), (200.0, 10.0)])),
         (
             "step_4_8",
-            Blank::outline(&[(0.0, 4.0), (100.0, 4.0), (100.0, 8.0), (200.0, 8.0)]),
+            outline(&[(0.0, 4.0), (100.0, 4.0), (100.0, 8.0), (200.0, 8.0)]),
         ),
         (
             "step_8_3",
-            Blank::outline(&[(0.0, 8.0), (100.0, 8.0), (100.0, 3.0), (200.0, 3.0)]),
+            outline(&[(0.0, 8.0), (100.0, 8.0), (100.0, 3.0), (200.0, 3.0)]),
         ),
         (
             "bump",
-            Blank::outline(&[(0.0, 3.0), (80.0, 3.0), (100.0, 7.0), (120.0, 3.0), (200.0, 3.0)]),
+            outline(&[(0.0, 3.0), (80.0, 3.0), (100.0, 7.0), (120.0, 3.0), (200.0, 3.0)]),
         ),
-    ];
-    let verbose = std::env::args().nth(1);
-    let mut sums = std::collections::BTreeMap::new();
-    for (name, blank) in blanks {
-        println!("{name}");
-        let base = TurningSettings {
+    ]
+}
+
+impl Case {
+    fn usual(&self) -> TurningSettings {
+        TurningSettings {
             overload_n: 9000.0,
-            ..TurningSettings::usual(regime, tool, 500.0, 200.0)
-        };
+            ..TurningSettings::usual(self.regime, self.tool, 500.0, LENGTH_MM)
+        }
+    }
+
+    /// Every strategy, with the sensor that it has.
+    fn variants(&self) -> [(&'static str, TurningSettings, SensorModel); 6] {
+        let (base, fast_regime) = (self.usual(), self.fast_regime);
         let sensor = SensorModel {
             lag_s: 0.01,
             noise: 0.02,
             range_max: 20_000.0,
             seed: 0,
         };
-        let slow_sensor = SensorModel { lag_s: 0.1, ..sensor };
-        let variants = [
-            (
-                "literal",
-                TurningSettings {
-                    strategy: Strategy::literal(&regime),
-                    ..base
-                },
-                sensor,
-            ),
+        let fast = |face| TurningSettings {
+            regime: fast_regime,
+            strategy: Strategy::fast(&fast_regime, face),
+            ..base
+        };
+        let literal = TurningSettings {
+            strategy: Strategy::literal(&self.regime),
+            ..base
+        };
+        let slow = TurningSettings {
+            sensor_lag_s: 0.1,
+            thin_mm: 6.0,
+            confirm_s: 0.2,
+            ..base
+        };
+        let continuing = TurningSettings {
+            strategy: Strategy {
+                on_thin: OnThin::Continue,
+                ..Strategy::safe(&self.regime)
+            },
+            ..base
+        };
+        [
+            ("literal", literal, sensor),
             ("safe", base, sensor),
-            (
-                "safe slow",
-                TurningSettings {
-                    sensor_lag_s: 0.1,
-                    thin_mm: 6.0,
-                    confirm_s: 0.2,
-                    ..base
-                },
-                slow_sensor,
-            ),
-            (
-                "safe continue",
-                TurningSettings {
-                    strategy: Strategy {
-                        on_thin: OnThin::Continue,
-                        ..Strategy::safe(&regime)
-                    },
-                    ..base
-                },
-                sensor,
-            ),
-            (
-                "fast",
-                TurningSettings {
-                    regime: fast_regime,
-                    strategy: Strategy::fast(&fast_regime, false),
-                    ..base
-                },
-                sensor,
-            ),
-            (
-                "fast face",
-                TurningSettings {
-                    regime: fast_regime,
-                    strategy: Strategy::fast(&fast_regime, true),
-                    ..base
-                },
-                sensor,
-            ),
-        ];
-        for (variant, settings, sensor) in variants {
-            let mut simulation = Simulation::new(settings, blank.clone(), law, sensor).unwrap();
-            let show = verbose.as_deref() == Some(&format!("{name}/{variant}"));
-            let (f, last) = simulation.run(2000.0, |output, _| {
-                if let (true, Some(t)) = (show, output.transition) {
-                    println!(
-                        "   {:8.3} s u {:7.2} h {:5.2} P {:5.0} s {:.3} t {:.2} {:?} -> {:?}: {}",
-                        t.cycle as f64 * 0.001,
-                        t.along_mm,
-                        t.out_mm,
-                        t.load,
-                        t.feed_mm_rev,
-                        t.depth_mm,
-                        t.from,
-                        t.to,
-                        t.reason.text()
-                    );
-                }
-            });
-            row(variant, &f);
-            if !f.done {
-                println!("    {last:?}");
-            }
-            *sums.entry(variant.to_string()).or_insert(0.0) += f.time_s;
-        }
-        let high = blank.highest_mm(200.0);
-        let piece = || Workpiece::new(blank.clone(), 200.0, law, tool, 120.0);
-        let f = run_fixed(
-            FixedPasses::new(&base, high, regime.depth_back_off_mm, regime.feed_back_off_mm_rev),
-            piece(),
-            2200.0,
-        );
-        row("G82 same load", &f);
-        *sums.entry("g82".to_string()).or_insert(0.0) += f.time_s;
-        let n = f64::from(regime.fastest_passes(high, 200.0, 34.0));
-        let f = run_fixed(
-            FixedPasses::new(&base, high, high / n, regime.feed_mm_rev(high / n)),
-            piece(),
-            2200.0,
-        );
-        row("G82 known", &f);
-        *sums.entry("g82 known".to_string()).or_insert(0.0) += f.time_s;
-        let f = run_fixed(
-            FixedPasses::new(
-                &base,
-                high,
-                regime.depth_back_off_mm,
-                0.7 * regime.feed_back_off_mm_rev,
-            ),
-            piece(),
-            2200.0,
-        );
-        row("G82 70 %", &f);
-        *sums.entry("g82 70".to_string()).or_insert(0.0) += f.time_s;
+            ("safe slow", slow, SensorModel { lag_s: 0.1, ..sensor }),
+            ("safe continue", continuing, sensor),
+            ("fast", fast(false), sensor),
+            ("fast face", fast(true), sensor),
+        ]
     }
-    println!("{sums:#?}");
+
+    /// Passes that adapt to the load.
+    fn adaptive(
+        &self,
+        blank: &Blank,
+        settings: TurningSettings,
+        sensor: SensorModel,
+        is_shown: bool,
+    ) -> (Figures, Option<Reason>) {
+        let mut simulation = Simulation::new(settings, blank.clone(), self.law, sensor).unwrap();
+        simulation.run(2000.0, |output, _| {
+            if let (true, Some(t)) = (is_shown, output.transition) {
+                println!(
+                    "   {:8.3} s u {:7.2} h {:5.2} P {:5.0} s {:.3} t {:.2} {:?} -> {:?}: {}",
+                    t.cycle as f64 * 0.001,
+                    t.along_mm,
+                    t.out_mm,
+                    t.load,
+                    t.feed_mm_rev,
+                    t.depth_mm,
+                    t.from,
+                    t.to,
+                    t.reason.text()
+                );
+            }
+        })
+    }
+
+    /// Passes of one depth and feed: those of the same load, the fastest ones where the stock is known, and careful ones.
+    fn fixed(&self, blank: &Blank) -> [(&'static str, Figures); 3] {
+        let (base, regime) = (self.usual(), &self.regime);
+        let high_mm = blank.highest_mm(LENGTH_MM);
+        let run = |depth_mm, feed_mm_rev| {
+            let piece = Workpiece::new(blank.clone(), LENGTH_MM, self.law, self.tool, 120.0);
+            run_fixed(
+                FixedPasses::new(&base, high_mm, depth_mm, feed_mm_rev),
+                piece,
+                SET_LOAD,
+            )
+        };
+        let known_mm = high_mm / f64::from(regime.fastest_passes(high_mm, LENGTH_MM, 34.0));
+        let (depth_mm, feed_mm_rev) = (regime.depth_back_off_mm, regime.feed_back_off_mm_rev);
+        [
+            ("G82 same load", run(depth_mm, feed_mm_rev)),
+            ("G82 known", run(known_mm, regime.feed_mm_rev(known_mm))),
+            ("G82 70 %", run(depth_mm, 0.7 * feed_mm_rev)),
+        ]
+    }
 }
 
 fn row(name: &str, f: &Figures) {
@@ -194,7 +206,7 @@ fn row(name: &str, f: &Figures) {
         f.air_s,
         f.return_s,
         f.back_offs,
-        f.peak / 2200.0,
+        f.peak / SET_LOAD,
         f.over_120_s,
         f.over_130_s,
         f.residual_mm,
