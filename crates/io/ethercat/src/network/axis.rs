@@ -1,0 +1,201 @@
+//! The axis of a device in the network file: what its motor turns, and the second drive of a gantry.
+
+use evolvent_config::{ConfigDocument, ConfigError};
+use evolvent_path::AxisLetter;
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::NetworkAxis;
+use super::homing::HomingFile;
+use crate::gantry::GantrySettings;
+use crate::scale::Scale;
+
+/// What a drive turns.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AxisFile {
+    /// Letter of the axis in the machine file.
+    pub(super) letter: String,
+    /// Increments of the drive's position a turn of the motor.
+    #[schemars(range(min = 1))]
+    pub(super) increments_per_turn: u32,
+    /// Turns of the motor, and turns of the other side of the gear in the same time.
+    #[serde(default = "direct")]
+    pub(super) gear: [u32; 2],
+    /// What one turn behind the gear moves the axis, in mm; the lead of a screw.
+    pub(super) turn_mm: Option<f64>,
+    /// The same for a rotary axis, in degrees.
+    pub(super) turn_deg: Option<f64>,
+    /// The motor turns against the axis.
+    #[serde(default)]
+    pub(super) inverted: bool,
+    /// Whether the encoder knows its position at power-up.
+    #[serde(default)]
+    pub(super) absolute: bool,
+    /// The machine coordinate, in mm or degrees, at which the drive's position is zero, until the axis is homed.
+    #[serde(default)]
+    pub(super) zero: f64,
+    /// Process data are written to the drive as the bridge needs them; else those are taken that it has.
+    #[serde(default = "yes")]
+    pub(super) map: bool,
+    /// The velocity of the setpoints is handed on as velocity offset (60B1h).
+    #[serde(default)]
+    pub(super) velocity_offset: bool,
+    /// Inertia of motor and load at the motor, kg m2: their acceleration is handed on as torque offset (60B2h).
+    pub(super) inertia_kg_m2: Option<f64>,
+    /// Rated torque of the motor, N m; needed with an inertia.
+    pub(super) rated_torque_n_m: Option<f64>,
+    /// Bit of the digital inputs (60FDh) with the home switch.
+    #[schemars(range(max = 31))]
+    pub(super) home_switch_bit: Option<u8>,
+    /// Bits 0 and 1 of the digital inputs (60FDh) are limit switches.
+    #[serde(default)]
+    pub(super) limit_switches: bool,
+    /// The following error of the feedback is the drive's own (60F4h).
+    #[serde(default)]
+    pub(super) following_error: bool,
+    /// Touch probe 1 (60B8h, 60B9h, 60BAh) latches positions at its rising edge.
+    #[serde(default)]
+    pub(super) touch_probe: bool,
+    /// Bit of the digital inputs (60FDh) with the probe.
+    #[schemars(range(max = 31))]
+    pub(super) probe_input_bit: Option<u8>,
+    /// The drive finds its machine zero by itself when power is first requested: the axis moves then.
+    pub(super) homing: Option<HomingFile>,
+    /// This is the second drive of a gantry: another device without it drives the same axis.
+    pub(super) gantry: Option<GantryFile>,
+}
+
+/// The second drive of an axis. One unit each: mm for a linear axis, degrees for a rotary one.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct GantryFile {
+    /// By how much this drive's coordinate exceeds that of the first where the beam is square, mm or degrees.
+    #[serde(default)]
+    pub(super) squaring_offset: f64,
+    /// By how much the drives may be apart beyond that before all drives stop, mm or degrees.
+    pub(super) max_difference: f64,
+    /// Speed at which this drive is moved until the beam is square, when power comes, mm/s or degrees/s.
+    #[serde(default = "slow")]
+    pub(super) square_speed: f64,
+}
+
+pub(super) const fn slow() -> f64 {
+    1.0
+}
+
+pub(super) const fn yes() -> bool {
+    true
+}
+
+pub(super) const fn direct() -> [u32; 2] {
+    [1, 1]
+}
+
+impl AxisFile {
+    pub(super) fn check(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<NetworkAxis, ConfigError> {
+        let at = |name: &str| format!("{key}.{name}");
+        let mut letters = self.letter.chars();
+        let letter = match (letters.next().and_then(AxisLetter::from_letter), letters.next()) {
+            (Some(letter), None) => letter,
+            _ => {
+                return Err(sheet.error(
+                    &at("letter"),
+                    format!("`{}` is not an axis", self.letter),
+                    "give one of X Y Z A B C U V W",
+                ));
+            }
+        };
+        let turn = match (self.turn_mm, self.turn_deg, letter.is_rotary()) {
+            (Some(turn), None, false) | (None, Some(turn), true) => turn,
+            (.., false) => {
+                return Err(sheet.error(
+                    key,
+                    "a linear axis needs turn_mm alone".to_owned(),
+                    "give what one turn moves it, in mm",
+                ));
+            }
+            (.., true) => {
+                return Err(sheet.error(
+                    key,
+                    "a rotary axis needs turn_deg alone".to_owned(),
+                    "give what one turn moves it, in degrees",
+                ));
+            }
+        };
+        let scale = Scale::new(self.increments_per_turn, self.gear, turn).map_err(|error| {
+            sheet.error(
+                key,
+                format!("increments_per_turn, gear and turn give no valid scale: {error}"),
+                "give the numbers of the drive's encoder and the gear",
+            )
+        })?;
+        sheet.number(&at("zero"), self.zero, -1e6, 1e6)?;
+        let torque_per_acceleration = match (self.inertia_kg_m2, self.rated_torque_n_m) {
+            (None, _) => 0.0,
+            (Some(_), None) => {
+                return Err(sheet.error(
+                    &at("inertia_kg_m2"),
+                    "an inertia needs a rated torque".to_owned(),
+                    "give rated_torque_n_m as well",
+                ));
+            }
+            (Some(inertia), Some(torque)) => {
+                sheet.number(&at("inertia_kg_m2"), inertia, 1e-9, 1e3)?;
+                sheet.number(&at("rated_torque_n_m"), torque, 1e-3, 1e6)?;
+                let turns = scale.per_unit() / f64::from(self.increments_per_turn);
+                1000.0 * inertia / torque * core::f64::consts::TAU * turns
+            }
+        };
+        if let Some(bit) = self.home_switch_bit {
+            sheet.number(&at("home_switch_bit"), f64::from(bit), 0.0, 31.0)?;
+        }
+        if let Some(bit) = self.probe_input_bit {
+            sheet.number(&at("probe_input_bit"), f64::from(bit), 0.0, 31.0)?;
+        }
+        let homing = match &self.homing {
+            Some(homing) => Some(homing.check(sheet, &at("homing"), scale, letter.is_rotary())?),
+            None => None,
+        };
+        if homing.is_some() && self.absolute {
+            return Err(sheet.error(
+                &at("absolute"),
+                "an encoder that knows its position needs no homing".to_owned(),
+                "remove `absolute` or `homing`",
+            ));
+        }
+        Ok(NetworkAxis {
+            axis: letter.index(),
+            scale,
+            inverted: self.inverted,
+            absolute: self.absolute,
+            zero: self.zero,
+            map: self.map,
+            velocity_offset: self.velocity_offset,
+            torque_per_acceleration,
+            home_switch_bit: self.home_switch_bit,
+            limit_switches: self.limit_switches,
+            following_error: self.following_error,
+            touch_probe: self.touch_probe,
+            probe_input_bit: self.probe_input_bit,
+            homing,
+            gantry: match &self.gantry {
+                Some(gantry) => Some(gantry.check(sheet, &at("gantry"))?),
+                None => None,
+            },
+        })
+    }
+}
+
+impl GantryFile {
+    pub(super) fn check(self, sheet: &ConfigDocument<'_>, key: &str) -> Result<GantrySettings, ConfigError> {
+        sheet.number(&format!("{key}.squaring_offset"), self.squaring_offset, -1e3, 1e3)?;
+        sheet.number(&format!("{key}.max_difference"), self.max_difference, 1e-4, 1e3)?;
+        sheet.number(&format!("{key}.square_speed"), self.square_speed, 1e-3, 1e3)?;
+        Ok(GantrySettings {
+            squaring_offset: self.squaring_offset,
+            max_difference: self.max_difference,
+            square_velocity: self.square_speed,
+        })
+    }
+}

@@ -1,0 +1,159 @@
+//! An axis of the board file: a step generator, or an encoder and a PWM generator.
+
+use evolvent_config::{ConfigDocument, ConfigError};
+use evolvent_path::AxisLetter;
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::MAX_UNITS;
+use super::pins::PinFile;
+use crate::board_settings::{Actuator, BoardAxis, Gains, StepTiming};
+
+/// Maximum time of a step generator: 14 bits of 10 ns.
+const MAX_TIME_NS: f64 = 163_830.0;
+
+/// An axis.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(super) struct AxisFile {
+    /// Letter of the axis in the machine file.
+    pub(super) letter: String,
+    /// A stepper: number of the step generator.
+    #[schemars(range(max = 15))]
+    pub(super) stepgen: Option<u32>,
+    /// Steps a mm; of a rotary axis steps a degree.
+    #[serde(rename = "steps_per_unit")]
+    pub(super) steps: Option<f64>,
+    /// How long a step pulse is, ns.
+    pub(super) step_length_ns: Option<f64>,
+    /// Shortest time between two step pulses, ns.
+    pub(super) step_space_ns: Option<f64>,
+    /// How long the direction stands before a step, ns.
+    pub(super) direction_setup_ns: Option<f64>,
+    /// How long the direction stands after a step, ns.
+    pub(super) direction_hold_ns: Option<f64>,
+    /// A servo: number of the encoder.
+    #[schemars(range(max = 15))]
+    pub(super) encoder: Option<u32>,
+    /// Counts a mm (four to a line); of a rotary axis counts a degree.
+    #[serde(rename = "counts_per_unit")]
+    pub(super) counts: Option<f64>,
+    /// Number of the PWM generator (or analog output) that gives the drive its velocity.
+    #[schemars(range(max = 15))]
+    pub(super) pwm: Option<u32>,
+    /// Velocity at full output, mm/s; of a rotary axis degrees/s.
+    pub(super) full_velocity: Option<f64>,
+    /// Proportional gain of the position loop, 1/s.
+    pub(super) p_gain: Option<f64>,
+    /// Integral gain, 1/s2.
+    #[serde(default)]
+    pub(super) i_gain: f64,
+    /// Derivative gain.
+    #[serde(default)]
+    pub(super) d_gain: f64,
+    /// The motor turns against the axis.
+    #[serde(default)]
+    pub(super) inverted: bool,
+    /// The machine coordinate at which the axis stands when the board is set up, until it is homed.
+    #[serde(default)]
+    pub(super) zero: f64,
+    /// Output that switches the drive on.
+    pub(super) enable: Option<PinFile>,
+    /// Input by which the drive reports a fault.
+    pub(super) fault: Option<PinFile>,
+    /// Home switch.
+    pub(super) home_switch: Option<PinFile>,
+    /// Limit switch at the negative end.
+    pub(super) negative_limit: Option<PinFile>,
+    /// Limit switch at the positive end.
+    pub(super) positive_limit: Option<PinFile>,
+}
+
+impl AxisFile {
+    pub(super) fn check(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<BoardAxis, ConfigError> {
+        let at = |name: &str| format!("{key}.{name}");
+        let mut letters = self.letter.chars();
+        let letter = match (letters.next().and_then(AxisLetter::from_letter), letters.next()) {
+            (Some(letter), None) => letter,
+            _ => {
+                return Err(sheet.error(
+                    &at("letter"),
+                    format!("`{}` is not an axis", self.letter),
+                    "give one of X Y Z A B C U V W",
+                ));
+            }
+        };
+        let missing =
+            |name: &str, of: &str| sheet.error(key, format!("{of} needs {name}"), format!("give {name}"));
+        let (actuator, per_unit) = match (self.stepgen, self.encoder) {
+            (Some(unit), None) => {
+                sheet.number(&at("stepgen"), f64::from(unit), 0.0, MAX_UNITS)?;
+                let per_unit = self
+                    .steps
+                    .ok_or_else(|| missing("steps_per_unit", "a step generator"))?;
+                sheet.number(&at("steps_per_unit"), per_unit, 1e-3, 1e7)?;
+                let time = |name: &str, value: Option<f64>| {
+                    let value = value.ok_or_else(|| missing(name, "a step generator"))?;
+                    sheet.number(&at(name), value, 20.0, MAX_TIME_NS)?;
+                    Ok::<_, ConfigError>(value)
+                };
+                let timing = StepTiming {
+                    length_ns: time("step_length_ns", self.step_length_ns)?,
+                    space_ns: time("step_space_ns", self.step_space_ns)?,
+                    setup_ns: time("direction_setup_ns", self.direction_setup_ns)?,
+                    hold_ns: time("direction_hold_ns", self.direction_hold_ns)?,
+                };
+                let unit = unit as usize;
+                (Actuator::Steps { unit, timing }, per_unit)
+            }
+            (None, Some(encoder)) => {
+                sheet.number(&at("encoder"), f64::from(encoder), 0.0, MAX_UNITS)?;
+                let needed = |name: &str, value: Option<f64>, least: f64, most: f64| {
+                    let value = value.ok_or_else(|| missing(name, "an encoder"))?;
+                    sheet.number(&at(name), value, least, most)?;
+                    Ok::<_, ConfigError>(value)
+                };
+                let per_unit = needed("counts_per_unit", self.counts, 1e-3, 1e7)?;
+                let pwm = needed("pwm", self.pwm.map(f64::from), 0.0, MAX_UNITS)? as usize;
+                let full_velocity = needed("full_velocity", self.full_velocity, 1e-3, 1e6)?;
+                let p = needed("p_gain", self.p_gain, 0.1, 1e4)?;
+                sheet.number(&at("i_gain"), self.i_gain, 0.0, 1e6)?;
+                sheet.number(&at("d_gain"), self.d_gain, 0.0, 10.0)?;
+                let servo = Actuator::Servo {
+                    encoder: encoder as usize,
+                    pwm,
+                    full_velocity,
+                    gains: Gains {
+                        p,
+                        i: self.i_gain,
+                        d: self.d_gain,
+                    },
+                };
+                (servo, per_unit)
+            }
+            _ => {
+                return Err(sheet.error(
+                    key,
+                    "an axis needs either `stepgen` or `encoder`".to_owned(),
+                    "give stepgen for step and direction, encoder and pwm for an analog servo",
+                ));
+            }
+        };
+        sheet.number(&at("zero"), self.zero, -1e6, 1e6)?;
+        let pin = |pin: Option<PinFile>, name: &str| PinFile::check_any(pin, sheet, &at(name));
+        Ok(BoardAxis {
+            axis: letter.index(),
+            actuator,
+            per_unit,
+            inverted: self.inverted,
+            zero: self.zero,
+            enable: PinFile::check_driven(self.enable, sheet, &at("enable"))?,
+            fault: pin(self.fault, "fault")?,
+            switches: [
+                pin(self.home_switch, "home_switch")?,
+                pin(self.negative_limit, "negative_limit")?,
+                pin(self.positive_limit, "positive_limit")?,
+            ],
+        })
+    }
+}
