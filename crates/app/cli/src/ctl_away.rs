@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 use evolvent_bus::{ControlAnswer, ControlRequest, Status};
 use evolvent_control::{CommandCode, JobResult};
 
-use crate::ctl::{MAX_LOOKS, POLL, Session, tell};
+use crate::ctl_answer::tell;
 use crate::ctl_request::request;
+use crate::ctl_session::{MAX_LOOKS, POLL, Session};
 use crate::{CommandError, Ending};
 
 /// Axes that have not moved for this long are at rest. Between two parts of the way back they stop for less.
