@@ -169,13 +169,7 @@ impl Setup {
         }
     }
 
-    /// What the interpreter needs to know before the first line.
-    #[must_use]
-    pub fn interpreter_settings(&self) -> gcode::Settings {
-        let limits = self.machine.limits();
-        let path = &self.machine.path;
-        let mut axes = [false; AXES];
-        axes.copy_from_slice(&limits.present);
+    fn features(&self) -> gcode::MachineFeatures {
         let mut unlimited = [None; AXES];
         for axis in &self.machine.axes {
             unlimited[axis.letter.index()] = axis.unlimited.map(|way| match way {
@@ -184,12 +178,12 @@ impl Setup {
             });
         }
         let program = &self.machine.program;
-        let mut settings = gcode::Settings {
-            tools: self.memory.tools.clone(),
+        gcode::MachineFeatures {
             tool_change: (program.tool_change == ToolChange::Subroutine).then(|| gcode::ToolChanger {
                 subroutine: program.tool_change_subroutine.clone(),
                 is_random: program.magazine == Magazine::Random,
             }),
+            unlimited,
             user_codes: program.user_codes.clone(),
             lathe: self.machine.kind == MachineKind::Lathe,
             fanuc_threads: program.fanuc_threads,
@@ -201,6 +195,20 @@ impl Setup {
             load_channel: program.load_channel,
             spindle_max_rpm: crate::spindle_command::max_rpm(&self.machine.signals),
             rigid_tapping: (self.machine.signals.spindle(0)).is_some_and(|spindle| spindle.has_feedback()),
+        }
+    }
+
+    /// What the interpreter needs to know before the first line.
+    #[must_use]
+    pub fn interpreter_settings(&self) -> gcode::Settings {
+        let limits = self.machine.limits();
+        let path = &self.machine.path;
+        let mut axes = [false; AXES];
+        axes.copy_from_slice(&limits.present);
+        let program = &self.machine.program;
+        let mut settings = gcode::Settings {
+            tools: self.memory.tools.clone(),
+            features: self.features(),
             subroutine_folders: self.memory.folders.clone(),
             start: self.start(),
             tool: self.tool,
@@ -210,7 +218,6 @@ impl Setup {
             tools_without_table: program.without_tool_table == WithoutToolTable::Zero,
             block_delete: self.block_delete,
             axes,
-            unlimited,
             path_mode: match path.mode {
                 PathMode::Exact => gcode::PathMode::ExactPath,
                 PathMode::Blend => gcode::PathMode::Blend {

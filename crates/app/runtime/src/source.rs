@@ -79,7 +79,7 @@ impl Commands {
         })?;
         let mut settings = setup.interpreter_settings_for(program);
         let interrupt = bounds.map(|(max_body_bytes, interrupt)| {
-            settings.max_body_bytes = max_body_bytes;
+            settings.limits.max_body_bytes = max_body_bytes;
             interrupt
         });
         let mut interpreter = Interpreter::new(reader_of(opened), settings);

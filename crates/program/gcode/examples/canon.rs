@@ -6,7 +6,7 @@ mod canon;
 
 use std::io::Write as _;
 
-use evolvent_gcode::{Settings, ToolTable};
+use evolvent_gcode::{MachineFeatures, Settings, ToolTable};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args_os().skip(1);
@@ -23,7 +23,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         tools,
         subroutine_folders: vec![folder],
         block_delete: false,
-        user_codes: (100..200).collect(),
+        features: MachineFeatures {
+            user_codes: (100..200).collect(),
+            ..MachineFeatures::default()
+        },
         ..Settings::default()
     };
     let reader = std::io::BufReader::new(std::fs::File::open(&program)?);

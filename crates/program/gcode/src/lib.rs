@@ -77,7 +77,10 @@ pub use interpreter::Interpreter;
 pub use interpreter::modal::Modal;
 pub use interpreter::restart::{Approach, Restart};
 pub use state::outputs::Outputs;
-pub use state::settings::{ArcTolerance, RotaryWay, Settings, ToolChanger, TurningWords, WORK_OFFSETS};
+pub use state::settings::{
+    ArcTolerance, MachineFeatures, ProgramLimits, RotaryWay, Settings, StartOffsets, ToolChanger,
+    TurningWords, WORK_OFFSETS,
+};
 pub use tables::parameter_file::{KeptParameters, ParameterFileError};
 pub use tables::store::{StoreError, replace_file};
 pub use tables::tools::{Tool, ToolTable, ToolTableError};

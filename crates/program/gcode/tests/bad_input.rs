@@ -361,7 +361,7 @@ fn every_code_is_listed_in_the_docs_with_its_meaning() {
     for code in Code::ALL {
         // Links of the library's documentation mean nothing here.
         let meaning = code.meaning().replace(
-            "[`Settings::max_line_bytes`](crate::Settings::max_line_bytes)",
+            "[`ProgramLimits::max_line_bytes`](crate::ProgramLimits::max_line_bytes)",
             "64 KiB",
         );
         text += &format!("| {code} | {} |\n", meaning.trim().replace('|', "\\|"));

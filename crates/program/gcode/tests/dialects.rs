@@ -3,7 +3,8 @@
 use std::time::{Duration, Instant};
 
 use evolvent_gcode::{
-    Action, Code, Command, Diagnostic, Interpreter, Outputs, Settings, SpindleDirection, ToolTable,
+    Action, Code, Command, Diagnostic, Interpreter, MachineFeatures, Outputs, Settings, SpindleDirection,
+    ToolTable,
 };
 
 fn interpret(program: &str, settings: Settings) -> (Vec<Command>, Vec<Diagnostic>) {
@@ -419,7 +420,10 @@ fn a_tapping_cycle_restores_overrides_and_hold() {
 #[test]
 fn a_measured_spindle_taps_rigidly() {
     let settings = Settings {
-        rigid_tapping: true,
+        features: MachineFeatures {
+            rigid_tapping: true,
+            ..MachineFeatures::default()
+        },
         ..Settings::default()
     };
     for (program, pitch) in [

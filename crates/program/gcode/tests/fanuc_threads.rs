@@ -1,6 +1,6 @@
 //! G32 and G92 as Fanuc's lathes read them, where the machine file asks for that.
 
-use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, Settings};
+use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, MachineFeatures, Settings};
 use evolvent_path::Curve;
 
 /// A thread or rapid: from, to (X radius, Z), path per turn, angle, where the tool is clear.
@@ -8,8 +8,11 @@ type Way = ([f64; 2], [f64; 2], Option<(f64, f64, Option<f64>)>);
 
 fn read(program: &str, fanuc_threads: bool) -> (Vec<Way>, Vec<Diagnostic>) {
     let settings = Settings {
-        fanuc_threads,
-        lathe: true,
+        features: MachineFeatures {
+            fanuc_threads,
+            lathe: true,
+            ..MachineFeatures::default()
+        },
         ..Settings::default()
     };
     let (mut ways, mut errors) = (Vec::new(), Vec::new());

@@ -4,7 +4,9 @@ use std::io::Read;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, PathMode, Settings, SpindleDirection};
+use evolvent_gcode::{
+    Action, Code, Diagnostic, Interpreter, PathMode, ProgramLimits, Settings, SpindleDirection,
+};
 use evolvent_path::{Axes, AxisLetter};
 
 fn interpret(program: &str, settings: Settings) -> (Vec<(u32, Action)>, Vec<Diagnostic>) {
@@ -33,7 +35,10 @@ fn ends(program: &str, settings: Settings) -> Vec<f64> {
 #[test]
 fn endless_loops_without_motion_are_bounded() {
     let settings = Settings {
-        max_silent_lines: 5000,
+        limits: ProgramLimits {
+            max_silent_lines: 5000,
+            ..ProgramLimits::default()
+        },
         ..Settings::default()
     };
     for program in [
@@ -78,7 +83,10 @@ fn an_interrupt_ends_a_program_that_computes() {
 #[test]
 fn bodies_take_no_more_memory_than_allowed() {
     let settings = Settings {
-        max_body_bytes: 10_000,
+        limits: ProgramLimits {
+            max_body_bytes: 10_000,
+            ..ProgramLimits::default()
+        },
         ..Settings::default()
     };
     let long = "G0 X1\nG0 X0\n".repeat(2000);
@@ -312,7 +320,10 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
     for body in ["G0 X1\nG0 X0\n", "#1=[#1+1]\n"] {
         let program = format!("O1 while [1]\n{body}O1 endwhile\nG0 X5\n");
         let settings = Settings {
-            max_lines_before_start: 1000,
+            limits: ProgramLimits {
+                max_lines_before_start: 1000,
+                ..ProgramLimits::default()
+            },
             ..Settings::default()
         };
         let error = Interpreter::new(program.as_bytes(), settings)

@@ -1,7 +1,7 @@
 //! What programs mean: one test a rule of RS274/NGC (NISTIR 6556, chapter 3), figures by hand.
 
 use evolvent_gcode::{
-    Action, Command, Interpreter, Move, MoveKind, PathMode, Settings, SpindleDirection as Turn,
+    Action, Command, Interpreter, Move, MoveKind, PathMode, Settings, SpindleDirection as Turn, StartOffsets,
 };
 use evolvent_path::{Axes, Curve};
 
@@ -158,9 +158,9 @@ fn offsets() -> Settings {
         start: Axes::repeat(1.0),
         ..Settings::default()
     };
-    settings.work_offsets[0] = Axes::repeat(10.0);
-    settings.work_offsets[1] = Axes::repeat(20.0);
-    settings.work_offsets[8] = Axes::repeat(90.0);
+    settings.offsets.work[0] = Axes::repeat(10.0);
+    settings.offsets.work[1] = Axes::repeat(20.0);
+    settings.offsets.work[8] = Axes::repeat(90.0);
     settings
 }
 
@@ -210,7 +210,10 @@ fn g92_makes_the_present_point_what_it_says() {
 #[test]
 fn an_earlier_g92_offset_is_active_from_the_start() {
     let settings = Settings {
-        g92_offset: Axes::repeat(3.0),
+        offsets: StartOffsets {
+            g92: Axes::repeat(3.0),
+            ..StartOffsets::default()
+        },
         ..Settings::default()
     };
     assert_eq!(moves_with("G0 X0", settings)[0].curve.end()[0], 3.0);
@@ -275,7 +278,10 @@ fn an_arc_s_mode_stays_and_needs_its_centre_each_time() {
 #[test]
 fn absolute_centres_follow_offsets_and_units() {
     let settings = Settings {
-        work_offsets: [Axes::repeat(7.0); 9],
+        offsets: StartOffsets {
+            work: [Axes::repeat(7.0); 9],
+            ..StartOffsets::default()
+        },
         ..Settings::default()
     };
     let program = "G0 X0 Y0 Z0\nG20\nF10 G90.1 G3 X1 Y1 I0 J1";

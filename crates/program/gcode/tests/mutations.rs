@@ -3,7 +3,7 @@
 //! The corpus are the programs of `tests/programs`. A seed is printed; `EVOLVENT_SEED` and `EVOLVENT_CASES` choose
 //! another run and how long it is: `EVOLVENT_CASES=10000000 cargo test --release -p evolvent-gcode --test all mutations`.
 
-use evolvent_gcode::{Action, Interpreter, Settings, ToolTable};
+use evolvent_gcode::{Action, Interpreter, MachineFeatures, ProgramLimits, Settings, ToolTable};
 use evolvent_random::{Random, cases, seed, seed_of_time};
 
 /// What programs consist of, to be put anywhere.
@@ -290,15 +290,24 @@ fn damaged_programs_neither_panic_nor_hang() {
     let tools = ToolTable::parse(&std::fs::read_to_string(folder.join("tools.tbl")).unwrap()).unwrap();
     let settings = Settings {
         tools: Some(tools),
-        user_codes: (100..200).collect(),
-        max_silent_lines: 3000,
-        max_body_bytes: 100_000,
-        max_call_depth: 20,
+        features: MachineFeatures {
+            user_codes: (100..200).collect(),
+            ..MachineFeatures::default()
+        },
+        limits: ProgramLimits {
+            max_silent_lines: 3000,
+            max_body_bytes: 100_000,
+            max_call_depth: 20,
+            ..ProgramLimits::default()
+        },
         ..Settings::default()
     };
     let lathe = Settings {
-        lathe: true,
-        load_channel: true,
+        features: MachineFeatures {
+            lathe: true,
+            load_channel: true,
+            ..settings.clone().features
+        },
         ..settings.clone()
     };
     let (seed, cases) = (seed(seed_of_time()), cases(8000) as u64);

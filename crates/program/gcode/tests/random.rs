@@ -2,7 +2,7 @@
 //!
 //! Each test prints its seed when it fails; set `EVOLVENT_SEED` to run it again.
 
-use evolvent_gcode::{Action, Interpreter, Settings};
+use evolvent_gcode::{Action, Interpreter, ProgramLimits, Settings, StartOffsets};
 use evolvent_path::Axes;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
@@ -33,7 +33,10 @@ fn survive(program: &[u8]) -> Result<usize, TestCaseError> {
     let mut moves = 0;
     let lines = program.iter().filter(|byte| **byte == b'\n').count() + 1;
     let settings = Settings {
-        max_line_bytes: 300,
+        limits: ProgramLimits {
+            max_line_bytes: 300,
+            ..ProgramLimits::default()
+        },
         ..Settings::default()
     };
     let mut position = settings.start;
@@ -244,7 +247,10 @@ fn positions_match_an_independent_computation() {
                 }
             }
             let settings = Settings {
-                work_offsets: offsets,
+                offsets: StartOffsets {
+                    work: offsets,
+                    ..StartOffsets::default()
+                },
                 ..Settings::default()
             };
             let mut found = Vec::new();

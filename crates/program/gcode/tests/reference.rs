@@ -9,7 +9,7 @@ mod canon;
 
 use std::path::Path;
 
-use evolvent_gcode::{Settings, ToolTable};
+use evolvent_gcode::{MachineFeatures, Settings, ToolTable};
 
 /// Ours has six decimals.
 const OURS_MM: f64 = 0.6e-6;
@@ -139,7 +139,10 @@ fn programs_mean_what_they_mean_to_linuxcnc() {
         let settings = Settings {
             tools: Some(tools.clone()),
             block_delete: false,
-            user_codes: (100..200).collect(),
+            features: MachineFeatures {
+                user_codes: (100..200).collect(),
+                ..MachineFeatures::default()
+            },
             ..Settings::default()
         };
         let ours = canon::canon(&program[..], settings);

@@ -3,13 +3,18 @@
 
 use std::f64::consts::TAU;
 
-use evolvent_gcode::{Action, Command, Interpreter, MoveKind, Outputs, PathMode, Settings, SpindleDirection};
+use evolvent_gcode::{
+    Action, Command, Interpreter, MachineFeatures, MoveKind, Outputs, PathMode, Settings, SpindleDirection,
+};
 use evolvent_path::SurfaceSpeed;
 
 fn run(program: &str) -> Vec<Command> {
     let settings = Settings {
-        lathe: true,
-        spindle_max_rpm: 4000.0,
+        features: MachineFeatures {
+            lathe: true,
+            spindle_max_rpm: 4000.0,
+            ..MachineFeatures::default()
+        },
         ..Settings::default()
     };
     Interpreter::new(program.as_bytes(), settings)
@@ -211,7 +216,10 @@ fn surface_speed_respects_feet_and_diameters() {
 fn a_restart_in_the_middle_knows_speed_and_feed() {
     let program = "G21 G18 G8 G95 G96 S200 D3000 M3\nG0 X60 Z0\nG1 X40 F0.2\nX20\nM2\n";
     let settings = Settings {
-        lathe: true,
+        features: MachineFeatures {
+            lathe: true,
+            ..MachineFeatures::default()
+        },
         ..Settings::default()
     };
     let mut interpreter = Interpreter::new(program.as_bytes(), settings);

@@ -4,7 +4,8 @@
 use std::path::Path;
 
 use evolvent_gcode::{
-    Action, Code, Diagnostic, Interpreter, Settings, SpindleDirection, ToolChanger, ToolTable,
+    Action, Code, Diagnostic, Interpreter, MachineFeatures, Settings, SpindleDirection, ToolChanger,
+    ToolTable,
 };
 
 /// Puts the present tool away and fetches the new one, in modes of its own.
@@ -32,10 +33,13 @@ impl Magazine {
         let settings = Settings {
             subroutine_folders: vec![folder.path().to_path_buf()],
             tools: Some(ToolTable::parse(table).expect("a table")),
-            tool_change: Some(ToolChanger {
-                subroutine: "toolchange".to_owned(),
-                is_random,
-            }),
+            features: MachineFeatures {
+                tool_change: Some(ToolChanger {
+                    subroutine: "toolchange".to_owned(),
+                    is_random,
+                }),
+                ..MachineFeatures::default()
+            },
             waits_succeed: true,
             ..Settings::default()
         };

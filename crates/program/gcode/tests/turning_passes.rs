@@ -3,13 +3,17 @@
 #![expect(clippy::unwrap_used, reason = "a test may fail")]
 
 use evolvent_gcode::{
-    Action, Code, Diagnostic, Interpreter, MoveKind, Settings, TurningCycle, TurningKind, TurningWords,
+    Action, Code, Diagnostic, Interpreter, MachineFeatures, MoveKind, Settings, TurningCycle, TurningKind,
+    TurningWords,
 };
 use evolvent_path::Axes;
 
 fn lathe() -> Settings {
     let mut settings = Settings {
-        lathe: true,
+        features: MachineFeatures {
+            lathe: true,
+            ..MachineFeatures::default()
+        },
         ..Settings::default()
     };
     settings.axes = [true, false, true, false, false, false, false, false, false];
@@ -166,7 +170,10 @@ fn increments_and_radii_are_as_configured() {
         (TurningWords::Mode, "X52", "G7"),
     ] {
         let settings = Settings {
-            turning_words: words,
+            features: MachineFeatures {
+                turning_words: words,
+                ..lathe().features
+            },
             ..lathe()
         };
         let program = format!("G21 G18 F100\nG0 X30 Z1\n{mode}\nG82 {x} Z-20 D3\nM2\n");
@@ -183,7 +190,10 @@ fn increments_and_radii_are_as_configured() {
 fn q1_outputs_the_cycle_if_a_load_is_measured() {
     let program = "G21 G18 F60 S800\nG10 L2 P1 X1 Z2\nG0 X30 Z1\nG82 X40 Z-20 R50 L-25 H0.5 Q1\nG75 X40 Z-5 K2 E30 Q1\nM2\n";
     let with_load = Settings {
-        load_channel: true,
+        features: MachineFeatures {
+            load_channel: true,
+            ..lathe().features
+        },
         ..lathe()
     };
     let actions = run_with(program, with_load).unwrap();
@@ -279,7 +289,10 @@ fn invalid_turning_is_rejected_and_mills_drill() {
     for line in ["G82 X52 Z-20 D1", "G75 X52 Z-20 K1", "G82 X52 Z-20 Q1"] {
         let program = format!("G21 G18 F60\nG0 X30 Z1\nG41.1 D0.8 L2\nG0 X28 Z0\n{line}\n");
         let settings = Settings {
-            load_channel: true,
+            features: MachineFeatures {
+                load_channel: true,
+                ..lathe().features
+            },
             ..lathe()
         };
         let error = run_with(&program, settings).unwrap_err();

@@ -6,7 +6,7 @@ use evolvent_path::Axes;
 
 fn settings(way: RotaryWay) -> Settings {
     let mut settings = Settings::default();
-    settings.unlimited[5] = Some(way);
+    settings.features.unlimited[5] = Some(way);
     settings
 }
 
@@ -102,7 +102,7 @@ fn programs_see_an_angle_of_a_turn() {
 #[test]
 fn other_rotary_axes_go_to_the_number() {
     let mut both = settings(RotaryWay::Shorter);
-    both.unlimited[3] = None;
+    both.features.unlimited[3] = None;
     let moves = moves("G0 A350 C350", both).unwrap();
     let end = moves[0].curve.end();
     assert_eq!((end[3], end[5]), (350.0, -10.0));

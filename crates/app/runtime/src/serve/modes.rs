@@ -1,6 +1,8 @@
 //! The modes between jobs: what a block of MDI finds, and what it leaves.
 
-use evolvent_gcode::{Diagnostic, Interpreter, KeptParameters, Modal, Outputs, Settings, ToolTable};
+use evolvent_gcode::{
+    Diagnostic, Interpreter, KeptParameters, Modal, Outputs, Settings, StartOffsets, ToolTable,
+};
 use evolvent_path::{Axes, AxisLetter};
 
 /// What lines leave.
@@ -89,7 +91,10 @@ pub(crate) fn simulate_modes(
         let tools = interpreter.tools().cloned();
         let fresh = Settings {
             outputs: Outputs::default(),
-            work_offsets: std::array::from_fn(|index| kept.work_offset(index)),
+            offsets: StartOffsets {
+                work: std::array::from_fn(|index| kept.work_offset(index)),
+                ..settings.offsets
+            },
             ..settings
         };
         let modes = Modes::at_start(&fresh)?;

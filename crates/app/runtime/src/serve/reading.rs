@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Payload};
 use evolvent_control::{Alarm, Command, CommandCode, Rejection};
-use evolvent_gcode::Settings;
+use evolvent_gcode::{ProgramLimits, Settings};
 use evolvent_path::{Axes, AxisMask};
 
 use super::files::{Found, MdiBlock, Reading, read_program, read_tools, written};
@@ -159,7 +159,10 @@ impl Operator {
             preamble: format!("{}{}", self.program.parameters, self.program.modes.preamble()),
             text: text.to_owned(),
             settings: Settings {
-                max_lines_before_start: MAX_LINES_OF_MDI,
+                limits: ProgramLimits {
+                    max_lines_before_start: MAX_LINES_OF_MDI,
+                    ..ProgramLimits::default()
+                },
                 ..setup.interpreter_settings()
             },
             kept: self.kept(),

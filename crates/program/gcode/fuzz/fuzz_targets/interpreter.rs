@@ -1,7 +1,7 @@
 //! Whole programs: no panic, an end, moves that chain, errors with a place. The first byte chooses the machine.
 #![no_main]
 
-use evolvent_gcode::{Action, Interpreter, Settings, Tool, ToolTable};
+use evolvent_gcode::{Action, Interpreter, MachineFeatures, ProgramLimits, Settings, Tool, ToolTable};
 use libfuzzer_sys::fuzz_target;
 
 fn settings(kind: u8) -> Settings {
@@ -10,14 +10,20 @@ fn settings(kind: u8) -> Settings {
     tool.offset[2] = 12.5;
     Settings {
         tools: Some(ToolTable::new(vec![tool])),
-        user_codes: vec![101],
-        lathe: kind & 1 == 1,
-        load_channel: kind & 2 == 2,
+        features: MachineFeatures {
+            user_codes: vec![101],
+            lathe: kind & 1 == 1,
+            load_channel: kind & 2 == 2,
+            ..MachineFeatures::default()
+        },
         block_delete: kind & 4 == 4,
         inches: kind & 8 == 8,
-        max_silent_lines: 2000,
-        max_body_bytes: 100_000,
-        max_call_depth: 20,
+        limits: ProgramLimits {
+            max_silent_lines: 2000,
+            max_body_bytes: 100_000,
+            max_call_depth: 20,
+            ..ProgramLimits::default()
+        },
         ..Settings::default()
     }
 }

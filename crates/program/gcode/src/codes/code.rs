@@ -36,7 +36,7 @@ macro_rules! codes {
 }
 
 codes! {
-    /// A line is longer than [`Settings::max_line_bytes`](crate::Settings::max_line_bytes).
+    /// A line is longer than [`ProgramLimits::max_line_bytes`](crate::ProgramLimits::max_line_bytes).
     LineTooLong = "G0001",
     /// The text could not be read.
     ReadFailed = "G0002",

@@ -10,7 +10,8 @@ impl Executor<'_> {
     /// Replaces the angles in an absolute target by the coordinates at which the axes reach them.
     pub(crate) fn unwrap_angles(&self, from: &Axes, target: &mut Axes) -> Result<(), Fault> {
         for index in 0..AXES {
-            let (Some(way), Some(word)) = (self.settings.unlimited[index], self.line.axis(index)) else {
+            let (Some(way), Some(word)) = (self.settings.features.unlimited[index], self.line.axis(index))
+            else {
                 continue;
             };
             target[index] = match way {

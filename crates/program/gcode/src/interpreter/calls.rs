@@ -25,6 +25,7 @@ impl<R: BufRead> Interpreter<R> {
         };
         let remaining = self
             .settings
+            .limits
             .max_body_bytes
             .saturating_sub(self.flow.library.size);
         let Some(definition) = &mut self.flow.definition else {
@@ -68,7 +69,7 @@ impl<R: BufRead> Interpreter<R> {
     pub(crate) fn body_too_long(&self) -> Fault {
         let message = format!(
             "the bodies of loops and subroutines take more than {} bytes",
-            self.settings.max_body_bytes
+            self.settings.limits.max_body_bytes
         );
         Fault::new(Code::BodyTooLong, Span::new(0, self.current.text.len()), message)
             .help("lines inside a loop are stored to be repeated; make its body a subroutine or shorter")
@@ -120,10 +121,10 @@ impl<R: BufRead> Interpreter<R> {
         own: bool,
         times: u32,
     ) -> Result<(), Fault> {
-        if self.flow.frames.len() > self.settings.max_call_depth {
+        if self.flow.frames.len() > self.settings.limits.max_call_depth {
             let message = format!(
                 "subroutines are nested deeper than {}",
-                self.settings.max_call_depth
+                self.settings.limits.max_call_depth
             );
             return Err(Fault::new(Code::NestingTooDeep, span, message)
                 .help("check for a subroutine that calls itself without end"));
@@ -189,6 +190,7 @@ impl<R: BufRead> Interpreter<R> {
     fn load(&mut self, text: &Normal, name: NameId, span: Span) -> Result<Option<Subroutine>, Fault> {
         let max_bytes = self
             .settings
+            .limits
             .max_body_bytes
             .saturating_sub(self.flow.library.size);
         match find_file(text.as_str(), &self.settings.subroutine_folders, max_bytes) {
@@ -258,7 +260,7 @@ impl<R: BufRead> Interpreter<R> {
                 }
                 let line = self.reader.line();
                 self.flow.tape.push(line, &text);
-                if self.flow.tape.size() > self.settings.max_body_bytes {
+                if self.flow.tape.size() > self.settings.limits.max_body_bytes {
                     return Err(self.body_too_long());
                 }
                 line

@@ -2,64 +2,49 @@
 
 pub(crate) mod calls;
 pub(crate) mod capture;
+pub(crate) mod control_flow;
+pub(crate) mod current_line;
 pub(crate) mod doubt;
 pub(crate) mod effects;
+mod error_history;
 pub(crate) mod modal;
 pub(crate) mod o_words;
+pub(crate) mod output;
 pub(crate) mod restart;
 pub(crate) mod surface_feed;
 pub(crate) mod tool_change;
 pub(crate) mod volatile;
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::BTreeMap;
 use std::io::BufRead;
-use std::sync::Arc as Shared;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use evolvent_path::Axes;
 
 use crate::diagnostics::diagnostic::{Fault, Span};
-use crate::execution::compensation::Changed;
-use crate::execution::contour_watch::ContourWatch;
 use crate::execution::execute::{Executor, MAX_HELD_COMMANDS};
 use crate::interpreter::capture::Capture;
-use crate::interpreter::doubt::Doubt;
-use crate::interpreter::o_words::{Definition, Frame, Skip};
+use crate::interpreter::control_flow::ControlFlow;
+use crate::interpreter::current_line::{CurrentLine, Place};
+use crate::interpreter::error_history::{ErrorHistory, MAX_REPEATED_ERRORS, Report};
+use crate::interpreter::o_words::Frame;
+use crate::interpreter::output::Output;
 use crate::interpreter::surface_feed::SurfaceFeed;
 use crate::interpreter::tool_change::Resumed;
-use crate::parameters::names::Names;
 use crate::parameters::values::Parameters;
 use crate::state::machine_state::{Modes, State};
 use crate::state::scope::Scope;
-use crate::syntax::block::Block;
-use crate::syntax::lines::{Library, Lines};
 use crate::syntax::parser::{first_character, is_block_delete, is_percent, parse};
 use crate::syntax::reader::LineReader;
 use crate::syntax::statement::Statement;
-use crate::{Action, CallChain, Code, Command, Diagnostic, Origin, Settings, ToolTable};
-
-/// Number of errors after which a program is abandoned.
-const MAX_ERRORS: usize = 1000;
-
-/// Number of repeated errors, from lines reported before, after which a program is abandoned: loops repeat them. About 50 ms.
-const MAX_REPEATED_ERRORS: u32 = 10_000;
+use crate::{Action, Code, Command, Diagnostic, Origin, Settings, ToolTable};
 
 /// Number of lines between two checks of the interrupt flag.
 const INTERRUPT_LINES: u64 = 1024;
 
-/// The position of the present line. Recorded when the line is read, because the line itself may leave the subroutine.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Place {
-    /// The file, if it is not the program itself.
-    pub(crate) file: Option<Shared<str>>,
-    pub(crate) calls: CallChain,
-    /// Whether no subroutine file is among the calls.
-    is_of_program: bool,
-}
-
 /// Interprets a program line by line, as commands are requested. Memory is bounded by the longest line and, for loops and
-/// subroutines, by [`Settings::max_body_bytes`].
+/// subroutines, by [`ProgramLimits::max_body_bytes`].
 ///
 /// After an error the iterator continues with the next line; the modal state is that before the faulty line. So one pass finds
 /// many errors; those that are likely to follow from an earlier one alone are not reported, such as an arc behind a refused move.
@@ -104,78 +89,6 @@ pub struct Interpreter<R> {
     pub(crate) finished: bool,
 }
 
-/// The line that is being executed.
-#[derive(Default)]
-pub(crate) struct CurrentLine {
-    pub(crate) block: Block,
-    pub(crate) statement: Statement,
-    /// Its text, and its number in its file.
-    pub(crate) text: Vec<u8>,
-    pub(crate) number: u32,
-    pub(crate) place: Place,
-    /// Line of the program from which the present subroutine files were called.
-    calling_line: u32,
-}
-
-/// What decides which line is next: subroutines, loops and branches.
-pub(crate) struct ControlFlow {
-    /// Whether a subroutine has started or ended since [`CurrentLine::place`] was recorded.
-    pub(crate) has_moved: bool,
-    /// Lines of the program that may be needed again, and whether the present line is among them.
-    pub(crate) tape: Lines,
-    pub(crate) on_tape: bool,
-    /// The program, and on top of it the active subroutines.
-    pub(crate) frames: Vec<Frame>,
-    pub(crate) skip: Option<Skip>,
-    pub(crate) definition: Option<Definition>,
-    pub(crate) library: Library,
-    pub(crate) labels: Names,
-    /// Values after an O-word.
-    pub(crate) arguments: Vec<f64>,
-}
-
-impl Default for ControlFlow {
-    fn default() -> Self {
-        Self {
-            has_moved: true,
-            tape: Lines::default(),
-            on_tape: false,
-            frames: vec![Frame::default()],
-            skip: None,
-            definition: None,
-            library: Library::default(),
-            labels: Names::default(),
-            arguments: Vec::new(),
-        }
-    }
-}
-
-/// The way of commands from a line to the consumer.
-#[derive(Default)]
-pub(crate) struct Output {
-    /// Commands of the last line that have not been requested yet.
-    pub(crate) pending: VecDeque<Command>,
-    /// Commands of earlier lines that the present line has changed.
-    pub(crate) changed: Vec<Changed>,
-    /// Contours whose parts may be too close to each other.
-    watch: ContourWatch,
-    /// Moves whose feed follows the spindle speed.
-    pub(crate) surface_feed: SurfaceFeed,
-    /// Number of lines since the last command.
-    lines_without_command: u64,
-}
-
-/// The errors so far, by which a further one is reported or not.
-#[derive(Default)]
-struct ErrorHistory {
-    /// What refused lines have left unknown.
-    doubt: Doubt,
-    /// Number of repeated errors.
-    repeated: u32,
-    /// Positions of the errors so far: a loop reports each once.
-    reported: BTreeSet<(Option<Shared<str>>, u32)>,
-}
-
 impl<R: BufRead> Interpreter<R> {
     /// Starts at the first line of `input`.
     pub fn new(input: R, settings: Settings) -> Self {
@@ -192,7 +105,7 @@ impl<R: BufRead> Interpreter<R> {
         let mut surface_feed = SurfaceFeed::default();
         surface_feed.set_speed(&state.spindle_action());
         Self {
-            reader: LineReader::new(input, settings.max_line_bytes),
+            reader: LineReader::new(input, settings.limits.max_line_bytes),
             before: state,
             state,
             parameters,
@@ -482,10 +395,10 @@ impl<R: BufRead> Interpreter<R> {
     /// The error of too many lines without a command, or of too many commands that wait for a move in the plane.
     fn check_bounds(&self) -> Option<Fault> {
         let place = Span::new(0, self.current.text.len());
-        if self.output.lines_without_command > self.settings.max_silent_lines {
+        if self.output.lines_without_command > self.settings.limits.max_silent_lines {
             let message = format!(
                 "{} lines without anything to do for the machine: an endless loop",
-                self.settings.max_silent_lines
+                self.settings.limits.max_silent_lines
             );
             return Some(
                 Fault::new(Code::TooManySteps, place, message)
@@ -548,7 +461,7 @@ impl<R: BufRead> Interpreter<R> {
             self.flow.tape.push(self.current.number, &self.current.text);
             self.flow.frames[0].at = self.flow.tape.len();
             self.flow.on_tape = true;
-            if self.flow.tape.size() > self.settings.max_body_bytes {
+            if self.flow.tape.size() > self.settings.limits.max_body_bytes {
                 self.finished = true;
                 return Err(self.body_too_long());
             }
@@ -744,26 +657,14 @@ impl<R: BufRead> Iterator for Interpreter<R> {
                 return None;
             }
             if let Err(diagnostic) = self.advance() {
-                let file: Option<Shared<str>> = diagnostic.file.as_deref().map(Shared::from);
-                let follows = self
+                let report = self
                     .errors
-                    .doubt
-                    .excuses(diagnostic.code, &self.current.block, &self.state);
-                self.errors.doubt.refuse(
-                    diagnostic.code,
-                    &self.current.text,
-                    &self.current.block,
-                    &self.state,
-                );
-                let fresh = !follows && self.errors.reported.insert((file, diagnostic.line));
-                self.finished |= self.errors.reported.len() >= MAX_ERRORS;
-                if fresh || self.finished {
-                    return Some(Err(*diagnostic));
-                }
-                self.errors.repeated += 1;
-                if self.errors.repeated >= MAX_REPEATED_ERRORS {
-                    self.finished = true;
-                    return Some(Err(*self.locate(self.too_many_repeats())));
+                    .record(&diagnostic, &self.current, &self.state, self.finished);
+                self.finished |= matches!(report, Report::Last | Report::TooOften);
+                match report {
+                    Report::New | Report::Last => return Some(Err(*diagnostic)),
+                    Report::TooOften => return Some(Err(*self.locate(self.too_many_repeats()))),
+                    Report::Skipped => {}
                 }
             }
         }

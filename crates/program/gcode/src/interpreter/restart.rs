@@ -137,7 +137,7 @@ impl<R: BufRead> Interpreter<R> {
         let waits_succeed = std::mem::replace(&mut self.settings.waits_succeed, true);
         while self.next_of_program() < line || self.is_inside() {
             executed += 1;
-            if executed > self.settings.max_lines_before_start {
+            if executed > self.settings.limits.max_lines_before_start {
                 return Err(Box::new(self.endless_loop(line)));
             }
             self.step_silently()?;
@@ -189,7 +189,7 @@ impl<R: BufRead> Interpreter<R> {
     fn endless_loop(&self, line: u32) -> Diagnostic {
         let message = format!(
             "{} lines were interpreted and line {line} was not reached: an endless loop",
-            self.settings.max_lines_before_start
+            self.settings.limits.max_lines_before_start
         );
         Fault::new(Code::TooManySteps, Span::new(0, self.current.text.len()), message)
             .locate(self.current.number, &self.current.text)

@@ -45,7 +45,7 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Whether the present line has to be divided.
     pub(crate) fn divides(&self) -> Result<bool, Fault> {
-        if self.settings.tool_change.is_none() {
+        if self.settings.features.tool_change.is_none() {
             return Ok(false);
         }
         let changes = self.current.statement.m(Group::ToolChange) == Some(MCode::ToolChange);
@@ -92,7 +92,7 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Enters the tool-change subroutine.
     pub(crate) fn call_tool_change_subroutine(&mut self, call: &ToolCall, span: Span) -> Result<(), Fault> {
-        let name = match &self.settings.tool_change {
+        let name = match &self.settings.features.tool_change {
             Some(changer) => changer.subroutine.clone(),
             None => return Ok(()),
         };

@@ -205,7 +205,7 @@ impl State {
                 feed_mode: FeedMode::PerMinute,
                 feed: None,
                 path_mode: settings.path_mode,
-                work_index: settings.active_offset.min(settings.work_offsets.len() - 1),
+                work_index: settings.offsets.active.min(settings.offsets.work.len() - 1),
                 retract_to_old: false,
                 diameter: false,
                 spindle: settings.outputs.direction,
@@ -227,7 +227,7 @@ impl State {
             },
             work: Axes::zeros(),
             rotation: [0.0, 1.0, 0.0],
-            g92: settings.g92_offset,
+            g92: settings.offsets.g92,
             tool_offset: Axes::zeros(),
             tool: settings.tool,
             selected_tool: settings.selected_tool,
@@ -238,9 +238,9 @@ impl State {
             cutter: CutterState::default(),
             is_probed: false,
             ended: false,
-            unlimited: settings.unlimited.map(|way| way.is_some()),
+            unlimited: settings.features.unlimited.map(|way| way.is_some()),
         };
-        state.work = settings.work_offsets[state.modes.work_index];
+        state.work = settings.offsets.work[state.modes.work_index];
         state
     }
 
@@ -272,7 +272,7 @@ impl State {
 
     /// Writes the offsets and the tool of the settings to the parameters.
     pub(crate) fn publish(&self, settings: &Settings, parameters: &mut Parameters) {
-        for (index, offset) in settings.work_offsets.iter().enumerate() {
+        for (index, offset) in settings.offsets.work.iter().enumerate() {
             parameters.set_axes(WORK_OFFSET_1 + 20 * index, offset);
         }
         parameters.set_numbered(WORK_OFFSET, (self.modes.work_index + 1) as f64);

@@ -11,14 +11,8 @@ pub struct Settings {
     pub start: Axes,
     /// The existing axes. A word for any other axis is an error.
     pub axes: [bool; AXES],
-    /// The direction of G90 on each unlimited rotary axis; their coordinates count modulo 360 degrees.
-    pub unlimited: [Option<RotaryWay>; AXES],
-    /// Work offsets G54 to G59.3: work zero in machine coordinates (mm, degrees).
-    pub work_offsets: [Axes; WORK_OFFSETS],
-    /// The active work offset, 0 for G54.
-    pub active_offset: usize,
-    /// The offset of G92 from earlier programs, active from the start (mm, degrees).
-    pub g92_offset: Axes,
+    /// Offsets at the start.
+    pub offsets: StartOffsets,
     /// Path control mode before the first G61 or G64.
     pub path_mode: PathMode,
     /// Whether the program starts in inches (G20) instead of mm (G21).
@@ -31,8 +25,8 @@ pub struct Settings {
     pub arc: ArcTolerance,
     /// Permitted distance of an involute's programmed end from the involute, in mm: one increment, at least 1 um.
     pub involute_tolerance_mm: f64,
-    /// Maximum length of a line, in bytes.
-    pub max_line_bytes: usize,
+    /// Bounds of memory and time.
+    pub limits: ProgramLimits,
     /// Tool in the spindle at the start; 0 for none.
     pub tool: u32,
     /// Tool that an earlier T word has selected for the next M6.
@@ -41,16 +35,32 @@ pub struct Settings {
     pub outputs: Outputs,
     /// Whether the text is an MDI block: without M2 or M30 spindle and coolant keep their state at its end.
     pub is_block: bool,
-    /// The subroutine that executes M6; without one, M6 is output as [`crate::Action::ChangeTool`].
-    pub tool_change: Option<ToolChanger>,
+    /// What the machine has.
+    pub features: MachineFeatures,
     /// The tool table. Without one, an offset or diameter of any tool but 0 is an error ([`crate::Code::UnknownTool`]).
     pub tools: Option<ToolTable>,
     /// Whether a missing tool table means offsets and diameters of 0, with a warning.
     pub tools_without_table: bool,
     /// Values of numbered parameters from earlier runs. The fields above (offsets, tool) overwrite theirs.
     pub parameters: Vec<(u32, f64)>,
-    /// The user-defined M codes from M100 to M199, which are output with their words P and Q.
-    pub user_codes: Vec<u32>,
+    /// Folders in which subroutine files are searched, in this order: `NAME.ngc` for `O<NAME> call`.
+    pub subroutine_folders: Vec<std::path::PathBuf>,
+}
+
+/// Offsets at the start of a program.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StartOffsets {
+    /// Work offsets G54 to G59.3: work zero in machine coordinates (mm, degrees).
+    pub work: [Axes; WORK_OFFSETS],
+    /// The active work offset, 0 for G54.
+    pub active: usize,
+    /// The offset of G92 from earlier programs, active from the start (mm, degrees).
+    pub g92: Axes,
+}
+
+/// What the machine has, as far as programs depend on it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MachineFeatures {
     /// Whether the machine is a lathe: G82 and G75 are its turning cycles.
     pub lathe: bool,
     /// Meaning of X, R and U in the turning cycles.
@@ -61,10 +71,21 @@ pub struct Settings {
     pub load_channel: bool,
     /// Whether axes can follow the spindle angle, so that G84 and G74 tap rigidly ([`crate::Action::RigidTap`]).
     pub rigid_tapping: bool,
+    /// The direction of G90 on each unlimited rotary axis; their coordinates count modulo 360 degrees.
+    pub unlimited: [Option<RotaryWay>; AXES],
+    /// The user-defined M codes from M100 to M199, which are output with their words P and Q.
+    pub user_codes: Vec<u32>,
     /// Maximum spindle speed (G96 at small radii), rpm; infinite if unknown.
     pub spindle_max_rpm: f64,
-    /// Folders in which subroutine files are searched, in this order: `NAME.ngc` for `O<NAME> call`.
-    pub subroutine_folders: Vec<std::path::PathBuf>,
+    /// The subroutine that executes M6; without one, M6 is output as [`crate::Action::ChangeTool`].
+    pub tool_change: Option<ToolChanger>,
+}
+
+/// How much memory and time a program may take.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ProgramLimits {
+    /// Maximum length of a line, in bytes.
+    pub max_line_bytes: usize,
     /// Maximum memory for the bodies of loops and subroutines, in bytes.
     pub max_body_bytes: usize,
     /// Maximum nesting depth of subroutines.
@@ -140,10 +161,9 @@ impl Default for Settings {
         Self {
             start: Axes::zeros(),
             axes: [true; AXES],
-            unlimited: [None; AXES],
-            work_offsets: [Axes::zeros(); WORK_OFFSETS],
-            active_offset: 0,
-            g92_offset: Axes::zeros(),
+            offsets: StartOffsets::default(),
+            features: MachineFeatures::default(),
+            limits: ProgramLimits::default(),
             path_mode: PathMode::Blend {
                 tolerance_mm: None,
                 merge_mm: None,
@@ -153,23 +173,51 @@ impl Default for Settings {
             waits_succeed: false,
             arc: ArcTolerance::default(),
             involute_tolerance_mm: 0.001,
-            spindle_max_rpm: f64::INFINITY,
-            max_line_bytes: 64 * 1024,
             tool: 0,
             selected_tool: None,
             outputs: Outputs::default(),
             is_block: false,
-            tool_change: None,
             tools: None,
             tools_without_table: false,
             parameters: Vec::new(),
-            user_codes: Vec::new(),
+            subroutine_folders: Vec::new(),
+        }
+    }
+}
+
+impl Default for StartOffsets {
+    /// None.
+    fn default() -> Self {
+        Self {
+            work: [Axes::zeros(); WORK_OFFSETS],
+            active: 0,
+            g92: Axes::zeros(),
+        }
+    }
+}
+
+impl Default for MachineFeatures {
+    /// A mill without any of them.
+    fn default() -> Self {
+        Self {
             lathe: false,
             turning_words: TurningWords::default(),
             fanuc_threads: false,
             load_channel: false,
             rigid_tapping: false,
-            subroutine_folders: Vec::new(),
+            unlimited: [None; AXES],
+            user_codes: Vec::new(),
+            spindle_max_rpm: f64::INFINITY,
+            tool_change: None,
+        }
+    }
+}
+
+impl Default for ProgramLimits {
+    /// Far beyond what programs need.
+    fn default() -> Self {
+        Self {
+            max_line_bytes: 64 * 1024,
             max_body_bytes: 256 * 1024 * 1024,
             max_call_depth: 100,
             max_silent_lines: 10_000_000,

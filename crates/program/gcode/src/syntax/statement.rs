@@ -102,12 +102,12 @@ impl Statement {
         for word in &block.words {
             match word.letter {
                 b'G' => self.add_g(word.value, word.span, settings)?,
-                b'M' => self.add_m(word.value, word.span, &settings.user_codes)?,
+                b'M' => self.add_m(word.value, word.span, &settings.features.user_codes)?,
                 letter => self.add_word(letter, word.value, word.span, settings)?,
             }
         }
         self.select_motion(modal)?;
-        if settings.lathe {
+        if settings.features.lathe {
             self.check_increments(&settings.axes)?;
         }
         self.check_use()
@@ -295,8 +295,12 @@ impl Statement {
         let tenths = (value * 10.0).round();
         let whole = (value * 10.0 - tenths).abs() < 1e-3 && (0.0..=999.0).contains(&tenths);
         let tenths = tenths as u32;
-        let of_lathe = settings.lathe.then(|| lathe_code(tenths)).flatten();
-        let of_fanuc = settings.fanuc_threads.then(|| fanuc_code(tenths)).flatten();
+        let of_lathe = settings.features.lathe.then(|| lathe_code(tenths)).flatten();
+        let of_fanuc = settings
+            .features
+            .fanuc_threads
+            .then(|| fanuc_code(tenths))
+            .flatten();
         let special = of_lathe.or(of_fanuc);
         let Some(code) = special.or_else(|| GCode::from_tenths(tenths)).filter(|_| whole) else {
             if whole && tenths == 750 {
@@ -361,7 +365,7 @@ impl Statement {
         }
         if bit(letter) & AXIS_BITS & !POLAR_BITS != 0 {
             let exists = AxisLetter::from_letter(name).is_some_and(|axis| axes[axis.index()]);
-            let increment = settings.lathe && matches!(letter, b'U' | b'W');
+            let increment = settings.features.lathe && matches!(letter, b'U' | b'W');
             if !exists && !increment {
                 return Err(no_such_axis(name, span, axes));
             }

@@ -223,11 +223,11 @@ impl KeptParameters {
     /// Supplies the values to a program: offsets, rotation, the positions of G28 and G30, and all others.
     pub fn apply(&self, settings: &mut Settings) {
         settings.parameters = self.iter().collect();
-        for (index, offset) in settings.work_offsets.iter_mut().enumerate() {
+        for (index, offset) in settings.offsets.work.iter_mut().enumerate() {
             *offset = self.work_offset(index);
         }
-        settings.active_offset = self.active_offset();
-        settings.g92_offset = if self.at(G92_ACTIVE) == 0.0 {
+        settings.offsets.active = self.active_offset();
+        settings.offsets.g92 = if self.at(G92_ACTIVE) == 0.0 {
             Axes::zeros()
         } else {
             self.axes(G92)

@@ -346,7 +346,7 @@ impl Executor<'_> {
                 // The operator has retracted the tool.
                 return Ok(());
             }
-            Cycle::Tap | Cycle::TapLeft if self.settings.rigid_tapping => {
+            Cycle::Tap | Cycle::TapLeft if self.settings.features.rigid_tapping => {
                 self.tap_rigidly(cycle, at, hole)?;
                 return if hole.clear == hole.r {
                     Ok(())

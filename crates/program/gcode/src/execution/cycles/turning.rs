@@ -126,7 +126,7 @@ impl Executor<'_> {
                 return Err(Fault::new(Code::OutOfRange, line.span(b'Q'), message));
             }
         };
-        if load_adaptive && self.settings.load_channel {
+        if load_adaptive && self.settings.features.load_channel {
             return self.output_cycle(turning, &step, depth);
         }
         let Some(depth) = depth else {
@@ -154,7 +154,7 @@ impl Executor<'_> {
     fn step_of_line(&self, turning: Turning, name: &str) -> Result<Step, Fault> {
         let line = self.line;
         let unit = self.state.unit_mm();
-        let across = match self.settings.turning_words {
+        let across = match self.settings.features.turning_words {
             TurningWords::Diameter => 0.5 * unit,
             TurningWords::Radius => unit,
             TurningWords::Mode => self.state.word_unit(0),

@@ -36,7 +36,7 @@ impl Executor<'_> {
                 let limit = line.word(b'D').unwrap_or(f64::INFINITY);
                 self.state.modes.speed = ProgrammedSpeed::Surface {
                     speed_m_min: 0.0,
-                    max_rpm: limit.min(self.settings.spindle_max_rpm),
+                    max_rpm: limit.min(self.settings.features.spindle_max_rpm),
                 };
             } else if was_surface {
                 // Without S the spindle keeps its present speed.

@@ -60,7 +60,7 @@ impl Executor<'_> {
                 }
                 // The present position counts, wherever the program was when compensation ended.
                 self.state.cutter.programmed = None;
-                if self.settings.tool_change.is_some() && tool != self.state.tool {
+                if self.settings.features.tool_change.is_some() && tool != self.state.tool {
                     let call = self.tool_call(tool, span)?;
                     self.out(Action::BeginToolChange(tool));
                     return Ok(Some(Request::ToolChange(call, span)));
@@ -83,6 +83,7 @@ impl Executor<'_> {
         let present = self.state.tool;
         let is_random = self
             .settings
+            .features
             .tool_change
             .as_ref()
             .is_some_and(|changer| changer.is_random);
@@ -154,6 +155,7 @@ impl Executor<'_> {
         let present = self.state.tool;
         if self
             .settings
+            .features
             .tool_change
             .as_ref()
             .is_some_and(|changer| changer.is_random)

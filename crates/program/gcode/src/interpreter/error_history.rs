@@ -1,0 +1,67 @@
+//! The errors so far, and which further ones are reported.
+
+use std::collections::BTreeSet;
+use std::sync::Arc as Shared;
+
+use crate::Diagnostic;
+use crate::interpreter::current_line::CurrentLine;
+use crate::interpreter::doubt::Doubt;
+use crate::state::machine_state::State;
+
+/// Number of errors after which a program is abandoned.
+const MAX_ERRORS: usize = 1000;
+
+/// Number of repeated errors, from lines reported before, after which a program is abandoned: loops repeat them. About 50 ms.
+pub(super) const MAX_REPEATED_ERRORS: u32 = 10_000;
+
+/// The errors so far, by which a further one is reported or not.
+#[derive(Default)]
+pub(super) struct ErrorHistory {
+    /// What refused lines have left unknown.
+    pub(super) doubt: Doubt,
+    /// Number of repeated errors.
+    pub(super) repeated: u32,
+    /// Positions of the errors so far: a loop reports each once.
+    pub(super) reported: BTreeSet<(Option<Shared<str>>, u32)>,
+}
+
+/// What becomes of an error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Report {
+    /// It is reported.
+    New,
+    /// It is reported, and the program is abandoned.
+    Last,
+    /// It follows from an earlier one, or is one again.
+    Skipped,
+    /// Likewise, and errors have been repeated too often: the program is abandoned.
+    TooOften,
+}
+
+impl ErrorHistory {
+    /// Records an error of a line. `is_finished` says that the program has ended with it anyway.
+    pub(super) fn record(
+        &mut self,
+        diagnostic: &Diagnostic,
+        line: &CurrentLine,
+        state: &State,
+        is_finished: bool,
+    ) -> Report {
+        let file: Option<Shared<str>> = diagnostic.file.as_deref().map(Shared::from);
+        let follows = self.doubt.excuses(diagnostic.code, &line.block, state);
+        self.doubt.refuse(diagnostic.code, &line.text, &line.block, state);
+        let is_new = !follows && self.reported.insert((file, diagnostic.line));
+        if is_finished || self.reported.len() >= MAX_ERRORS {
+            return Report::Last;
+        }
+        if is_new {
+            return Report::New;
+        }
+        self.repeated += 1;
+        if self.repeated >= MAX_REPEATED_ERRORS {
+            Report::TooOften
+        } else {
+            Report::Skipped
+        }
+    }
+}

@@ -1,0 +1,23 @@
+//! Commands between a line and the consumer.
+
+use std::collections::VecDeque;
+
+use crate::Command;
+use crate::execution::compensation::Changed;
+use crate::execution::contour_watch::ContourWatch;
+use crate::interpreter::surface_feed::SurfaceFeed;
+
+/// The way of commands from a line to the consumer.
+#[derive(Default)]
+pub(crate) struct Output {
+    /// Commands of the last line that have not been requested yet.
+    pub(crate) pending: VecDeque<Command>,
+    /// Commands of earlier lines that the present line has changed.
+    pub(crate) changed: Vec<Changed>,
+    /// Contours whose parts may be too close to each other.
+    pub(super) watch: ContourWatch,
+    /// Moves whose feed follows the spindle speed.
+    pub(crate) surface_feed: SurfaceFeed,
+    /// Number of lines since the last command.
+    pub(super) lines_without_command: u64,
+}
