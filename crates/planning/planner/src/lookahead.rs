@@ -594,7 +594,7 @@ mod tests {
             let (sin, cos) = phi.sin_cos();
             point(radius * (cos + phi * sin), radius * (sin - phi * cos))
         };
-        let involute = evolvent_path::Involute::new(
+        let involute = Involute::new(
             Plane::Xy,
             place(0.5),
             place(9.0),
