@@ -2,5 +2,7 @@
 
 mod conformance;
 mod degenerate;
+mod gallery;
 mod hole;
+mod involutes;
 mod random;
