@@ -1,5 +1,10 @@
 //! A valid machine file, and edits of it that are rejected.
 
+#![expect(
+    clippy::panic,
+    reason = "clippy does not recognise the helpers of these tests as test code"
+)]
+
 use evolvent_machine::{FeedbackMode, Machine};
 
 pub(crate) const GOOD: &str = r#"name = "m"
