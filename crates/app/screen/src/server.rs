@@ -345,6 +345,7 @@ fn machine_info(setup: &Setup, has_chatter: bool) -> MachineInfo {
         min: axis.unlimited.map_or(axis.travel_min, |_| 0.0),
         max: axis.unlimited.map_or(axis.travel_max, |_| 360.0),
         max_velocity: axis.max_velocity,
+        is_unlimited: axis.unlimited.is_some(),
         has_home_switch: machine.homing.iter().any(|homing| homing.axis == axis.letter),
     });
     MachineInfo {

@@ -19,6 +19,8 @@ pub struct AxisInfo {
     pub max: f64,
     /// mm/s or degrees/s.
     pub max_velocity: f64,
+    /// Whether it is an unlimited rotary axis: positions are angles of a turn, and have no ends.
+    pub is_unlimited: bool,
     /// It is homed by a switch.
     pub has_home_switch: bool,
 }

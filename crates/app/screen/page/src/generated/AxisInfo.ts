@@ -25,6 +25,10 @@ max: number,
  */
 max_velocity: number, 
 /**
+ * Whether it is an unlimited rotary axis: positions are angles of a turn, and have no ends.
+ */
+is_unlimited: boolean, 
+/**
  * It is homed by a switch.
  */
 has_home_switch: boolean, };

@@ -14,6 +14,8 @@ export interface Axis {
   max: number;
   /** mm/s or degrees/s */
   maxVelocity: number;
+  /** A rotary axis without ends: min and max are a turn. */
+  isUnlimited: boolean;
   hasHomeSwitch: boolean;
 }
 

@@ -11,9 +11,9 @@ const machine: Machine = {
   description: 'Three-axis mill, made up',
   kind: 'mill',
   axes: [
-    { letter: 'X', kind: 'linear', min: -400, max: 400, maxVelocity: 500, hasHomeSwitch: true },
-    { letter: 'Y', kind: 'linear', min: -250, max: 250, maxVelocity: 500, hasHomeSwitch: true },
-    { letter: 'Z', kind: 'linear', min: -400, max: 100, maxVelocity: 333, hasHomeSwitch: true },
+    { letter: 'X', kind: 'linear', min: -400, max: 400, maxVelocity: 500, isUnlimited: false, hasHomeSwitch: true },
+    { letter: 'Y', kind: 'linear', min: -250, max: 250, maxVelocity: 500, isUnlimited: false, hasHomeSwitch: true },
+    { letter: 'Z', kind: 'linear', min: -400, max: 100, maxVelocity: 333, isUnlimited: false, hasHomeSwitch: true },
   ],
   periodNs: 1_000_000,
   version: '0.1.0',

@@ -105,7 +105,12 @@ export class Server implements Source {
         this.#machine = {
           ...rest,
           hasChatter,
-          axes: axes.map(({ max_velocity: maxVelocity, has_home_switch: hasHomeSwitch, ...axis }) => ({ ...axis, maxVelocity, hasHomeSwitch })),
+          axes: axes.map(({ max_velocity: maxVelocity, is_unlimited: isUnlimited, has_home_switch: hasHomeSwitch, ...axis }) => ({
+            ...axis,
+            maxVelocity,
+            isUnlimited,
+            hasHomeSwitch,
+          })),
           periodNs: 0,
           version: message.version,
         };
