@@ -506,26 +506,6 @@ mod tests {
         );
     }
 
-    /// Near the base circle the parameter advances faster than the path, here by a factor of at least 1.8. Twice the feed in mm/s is below
-    /// what both halves permit in u/s, but the same in u/s is not.
-    #[test]
-    fn feeds_are_compared_with_speeds_of_the_parameter() {
-        let (radius, roll) = (20.0, 0.3_f64);
-        let (sin, cos) = roll.sin_cos();
-        let end = point(radius * (cos + roll * sin), radius * (sin - roll * cos));
-        let sense = Sense::CounterClockwise;
-        let involute = Involute::new(Plane::Xy, point(radius, 0.0), end, [0.0; 2], radius, sense, 1e-6);
-        let segment = whole(Curve::Involute(involute.expect("involute")));
-        let (end, middle) = (segment.length, 0.5 * segment.length);
-        let mut ahead = ahead();
-        let slower = ahead
-            .speed_over(&segment.curve, 0.0, middle)
-            .min(ahead.speed_over(&segment.curve, middle, end));
-        ahead.segment(segment, 0.45 * slower).expect("plan");
-        ahead.finish(2).expect("finish");
-        assert!(ahead.sink().segments.len() > 1);
-    }
-
     #[test]
     fn short_blocks_of_equal_feed_form_one_run() {
         let mut ahead = ahead();
