@@ -78,7 +78,7 @@ max = 10
 counts = \"wheel\"
 ";
 
-/// Sends inputs of a closed door and of a wheel, whose counts are in a file, until it is told to end.
+/// Sends inputs until `is_over` is set: a closed door, and a wheel whose counts are in a file.
 fn inputs_of(domain: &Domain, name: &str, counts: PathBuf, is_over: Arc<AtomicBool>) -> JoinHandle<()> {
     let client = domain.client(name);
     std::thread::spawn(move || {

@@ -1,16 +1,21 @@
 //! An unlimited rotary axis: programs, MDI, jogs and homing in closed loop with simulated drives, and a trace that comes out the same.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use evolvent_bus::{ControlRequest, Status};
 use evolvent_replay::verify;
 use evolvent_tests::{
-    Domain, Drives, Operator, Random, Served, Workshop, command, cycles, run, unless_disturbed,
+    Cycle, Domain, Drives, Operator, Random, Served, Workshop, command, cycles, run, unless_disturbed,
 };
 
-/// A mill with a rotary table that turns for ever.
-fn table(workshop: &Workshop, name: &str, way: &str, homing: &str) -> PathBuf {
+const C: usize = 5;
+
+/// Farther than the table turns in a cycle of 1 ms, degrees: the end of a move without a stop lies between two setpoints.
+const STEP_DEG: f64 = 0.75;
+
+/// A mill with an unlimited rotary table that reaches 720 degrees/s, or a multiple of that: long turns make long traces.
+fn table(workshop: &Workshop, name: &str, way: &str, faster: u32, homing: &str) -> PathBuf {
     let shipped = workshop.mill(name, &[]);
     let text = std::fs::read_to_string(shipped).expect("a machine file");
     let text = text
@@ -21,41 +26,47 @@ fn table(workshop: &Workshop, name: &str, way: &str, homing: &str) -> PathBuf {
             1,
         );
     let axis = format!(
-        "[[axis]]\nletter = \"C\"\nunlimited = \"{way}\"\nmax_velocity_deg_s = 720\nmax_acceleration_deg_s2 = 7200\n\
-         max_jerk_deg_s3 = 200000\nfollowing_error_deg = 2\n"
+        "[[axis]]\nletter = \"C\"\nunlimited = \"{way}\"\nmax_velocity_deg_s = {}\nmax_acceleration_deg_s2 = {}\n\
+         max_jerk_deg_s3 = {}\nfollowing_error_deg = 2\n",
+        720 * faster,
+        7200 * faster,
+        200_000 * faster
     );
     workshop.write(&format!("{name}.toml"), format!("{text}\n{axis}\n{homing}"))
 }
 
-const C: usize = 5;
+fn path(file: &Path) -> &str {
+    file.to_str().expect("UTF-8")
+}
 
-/// Faster than the table turns in a cycle of 1 ms, degrees: the end of a move that goes on lies between two setpoints.
-const STEP_DEG: f64 = 0.75;
-
-/// Angles of C at the end of each line, by a virtual run.
-fn ends(way: &str, program: &str) -> Vec<f64> {
-    let workshop = Workshop::new();
-    let machine = table(&workshop, "table", way, "");
+/// The cycles of a virtual run, which is computed again from its trace.
+fn virtual_cycles(workshop: &Workshop, machine: &Path, program: &str) -> Vec<Cycle> {
     let file = workshop.write("table.ngc", program);
     let trace = workshop.path("table.mcap");
-    let path = |path: &PathBuf| path.to_str().expect("UTF-8").to_owned();
     run([
         "run",
-        &path(&file),
+        path(&file),
         "--machine",
-        &path(&machine),
+        path(machine),
         "--clock",
         "virtual",
         "--no-bus",
         "--trace",
-        &path(&trace),
+        path(&trace),
     ])
     .expect_code(&[0]);
     let again = verify(&trace).expect("a readable trace");
     assert!(again.holds(), "{again:?}");
+    cycles(&trace)
+}
+
+/// Angles of C at the end of each line, by a virtual run.
+fn ends(way: &str, program: &str) -> Vec<f64> {
+    let workshop = Workshop::new();
+    let machine = table(&workshop, "table", way, 1, "");
     let mut ends: Vec<f64> = Vec::new();
     let mut line = 0;
-    for cycle in cycles(&trace) {
+    for cycle in virtual_cycles(&workshop, &machine, program) {
         let angle = cycle.position[C];
         if cycle.line == line && !ends.is_empty() {
             *ends.last_mut().expect("one") = angle;
@@ -95,15 +106,9 @@ fn by_sign_the_word_says_which_way_and_a_whole_turn_is_an_error() {
         assert!((end - expected).abs() < STEP_DEG, "{different:?}");
     }
     let workshop = Workshop::new();
-    let machine = table(&workshop, "table", "sign", "");
+    let machine = table(&workshop, "table", "sign", 1, "");
     let file = workshop.write("wrong.ngc", "G0 C10\nG0 C-360\nM2\n");
-    let finished = run([
-        "check",
-        file.to_str().expect("UTF-8"),
-        "--machine",
-        machine.to_str().expect("UTF-8"),
-        "--json",
-    ]);
+    let finished = run(["check", path(&file), "--machine", path(&machine), "--json"]);
     let errors = finished.expect_code(&[1]).json();
     assert_eq!(errors["errors"][0]["code"], "G0412", "{errors}");
     assert_eq!(errors["errors"][0]["line"], 2);
@@ -111,43 +116,15 @@ fn by_sign_the_word_says_which_way_and_a_whole_turn_is_an_error() {
 
 /// 2775 turns in one program, at limits that are kept in every sample, and the angle at its end is right.
 #[test]
-fn a_long_way_keeps_its_resolution() {
-    let program = "G91 G0 C999000\nG90 G0 C123.456\nM2\n";
+fn a_long_turn_keeps_its_resolution() {
     let workshop = Workshop::new();
-    let machine = table(&workshop, "far", "shorter", "");
-    let text = std::fs::read_to_string(&machine).expect("a machine file");
-    // Fast, so that the trace is short.
-    let text = text
-        .replace("max_velocity_deg_s = 720", "max_velocity_deg_s = 72000")
-        .replace(
-            "max_acceleration_deg_s2 = 7200",
-            "max_acceleration_deg_s2 = 720000",
-        )
-        .replace("max_jerk_deg_s3 = 200000", "max_jerk_deg_s3 = 20000000");
-    let machine = workshop.write("far.toml", text);
-    let file = workshop.write("far.ngc", program);
-    let trace = workshop.path("far.mcap");
-    let path = |path: &PathBuf| path.to_str().expect("UTF-8").to_owned();
-    run([
-        "run",
-        &path(&file),
-        "--machine",
-        &path(&machine),
-        "--clock",
-        "virtual",
-        "--no-bus",
-        "--trace",
-        &path(&trace),
-    ])
-    .expect_code(&[0]);
-    let again = verify(&trace).expect("a readable trace");
-    assert!(again.holds(), "{again:?}");
-    let last = cycles(&trace).pop().expect("cycles").position[C];
+    let machine = table(&workshop, "far", "shorter", 100, "");
+    let cycles = virtual_cycles(&workshop, &machine, "G91 G0 C999000\nG90 G0 C123.456\nM2\n");
+    let last = cycles.last().expect("cycles").position[C];
     let wrong = (last - 123.456).rem_euclid(360.0);
     assert!(wrong.min(360.0 - wrong) < 1e-6, "{last}");
     let beyond = workshop.write("beyond.ngc", "G91 G0 C1000001\nM2\n");
-    let refused = run(["check", &path(&beyond), "--machine", &path(&machine)]);
-    refused.expect_code(&[1]);
+    run(["check", path(&beyond), "--machine", path(&machine)]).expect_code(&[1]);
 }
 
 const HOMING: &str = "
@@ -176,26 +153,16 @@ fn near(status: &Status, angle: f64) -> bool {
     (status.position_machine[C] - angle).abs() < 1e-6
 }
 
-/// It homes within a turn, turns for ever one way by MDI and jogs, shows angles, and begins to count anew at rest: nothing moves then, and
-/// the next block goes the shorter way.
+/// It homes within a turn, turns in one direction by MDI and jogs without an end, and displays angles. At rest whole turns are taken off
+/// without motion, and the next block takes the shorter direction.
 #[test]
-fn a_served_table_turns_for_ever() {
+fn a_served_table_turns_without_an_end() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let name = "table-served";
-        let machine = table(&workshop, name, "shorter", HOMING);
-        let text = std::fs::read_to_string(&machine).expect("a machine file");
-        // Fast, so that the test is short.
-        let text = text
-            .replace("max_velocity_deg_s = 720", "max_velocity_deg_s = 3600")
-            .replace(
-                "max_acceleration_deg_s2 = 7200",
-                "max_acceleration_deg_s2 = 36000",
-            )
-            .replace("max_jerk_deg_s3 = 200000", "max_jerk_deg_s3 = 1000000");
-        let machine = workshop.write(&format!("{name}.toml"), text);
+        let machine = table(&workshop, name, "shorter", 5, HOMING);
         let trace = workshop.path("turns.mcap");
-        let options = ["--trace", trace.to_str().expect("UTF-8")];
+        let options = ["--trace", path(&trace)];
         let served = Served::start(&machine, name, &domain, &workshop.path("state"), &options);
         let drives = Drives::start(&machine, &domain, &["--reference-offset", "3.5"]);
         let mut operator = Operator::join(name, &domain);
@@ -209,7 +176,7 @@ fn a_served_table_turns_for_ever() {
         let job = operator.does(&home).job;
         let status = operator.sees_end(job);
         assert_eq!(status.job_result, 1, "{}", status.alarm_sentence());
-        // What the other axes' offset is found by their drives; of C the pulse has put it right, but for whole turns.
+        // The drives give the offsets of the other axes; the pulse has corrected that of C, but for whole turns.
         let wrong = (status.home_offset[C] - 3.5).rem_euclid(360.0);
         assert!(wrong.min(360.0 - wrong) < 1e-2, "{wrong}");
         let mut random = Random::new();
@@ -250,7 +217,7 @@ fn a_served_table_turns_for_ever() {
             .fold(0.0, f64::max);
         assert!(
             farthest > 36_000.0 && farthest < 60_000.0,
-            "it counts anew: {farthest}"
+            "whole turns are taken off: {farthest}"
         );
         let again = verify(&trace).expect("a readable trace");
         assert!(again.holds() && again.uncompared == 0, "{again:?}");

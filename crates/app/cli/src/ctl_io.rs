@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{ClientBus, MachineInputs, MachineOutputs, PROBE_STATES, SPINDLE_DIRECTIONS};
-use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, Machine, SignalKind, SignalSettings};
+use evolvent_machine::{MAX_SPINDLES, Machine, SignalKind, SignalSettings};
 use evolvent_runtime::MonotonicClock;
 use serde_json::{Value, json};
 
@@ -204,27 +204,17 @@ fn signal(
 }
 
 fn input(bridge: &MachineInputs, kind: SignalKind, number: u32) -> Option<f64> {
-    let at = number as usize;
     match kind {
-        SignalKind::Digital => bit(bridge.digital_mask, bridge.digital, number, MAX_DIGITAL),
-        SignalKind::Analog => (number < MAX_ANALOG && bridge.analog_mask >> number & 1 == 1)
-            .then(|| bridge.analog[at])
-            .filter(|value| value.is_finite()),
+        SignalKind::Digital => bridge.digital_input(number).map(f64::from),
+        SignalKind::Analog => bridge.analog_input(number),
     }
 }
 
 fn output(outputs: &MachineOutputs, kind: SignalKind, number: u32) -> Option<f64> {
-    let at = number as usize;
     match kind {
-        SignalKind::Digital => bit(outputs.digital_mask, outputs.digital, number, MAX_DIGITAL),
-        SignalKind::Analog => {
-            (number < MAX_ANALOG && outputs.analog_mask >> number & 1 == 1).then(|| outputs.analog[at])
-        }
+        SignalKind::Digital => outputs.digital_output(number).map(f64::from),
+        SignalKind::Analog => outputs.analog_output(number),
     }
-}
-
-fn bit(mask: u64, bits: u64, number: u32, count: u32) -> Option<f64> {
-    (number < count && mask >> number & 1 == 1).then(|| (bits >> number & 1) as f64)
 }
 
 fn shown(signal: &Signal) -> String {

@@ -52,20 +52,20 @@ impl SignalBoard {
         let fresh = || self.bridges.iter().rev().filter(is_fresh);
         let inputs = self.settings.inputs.iter().map(|input| {
             fresh().find_map(|bridge| match input.kind {
-                SignalKind::Digital => bit(bridge.digital_mask, bridge.digital, input.number),
-                SignalKind::Analog => number(bridge.analog_mask, &bridge.analog, input.number),
+                SignalKind::Digital => bridge.digital_input(input.number).map(f64::from),
+                SignalKind::Analog => bridge.analog_input(input.number),
             })
         });
         let outputs = self.settings.outputs.iter().map(|output| {
             self.outputs.as_ref().and_then(|sent| match output.kind {
-                SignalKind::Digital => bit(sent.digital_mask, sent.digital, output.number),
-                SignalKind::Analog => number(sent.analog_mask, &sent.analog, output.number),
+                SignalKind::Digital => sent.digital_output(output.number).map(f64::from),
+                SignalKind::Analog => sent.analog_output(output.number),
             })
         });
         let spindles = self.settings.spindles.iter().map(|spindle| {
             let sent = self.outputs.as_ref()?;
             let at = spindle.number as usize;
-            let rpm = number(sent.spindle_mask, &sent.spindle_rpm, spindle.number)?;
+            let rpm = sent.spindle_speed_rpm(spindle.number)?;
             Some(if sent.spindle_direction.get(at) == Some(&COUNTER_CLOCKWISE) {
                 -rpm
             } else {
@@ -85,16 +85,6 @@ impl SignalBoard {
                 .map(|(name, _)| name.to_ascii_lowercase()),
         }
     }
-}
-
-fn bit(mask: u64, bits: u64, number: u32) -> Option<f64> {
-    (mask.checked_shr(number)? & 1 == 1).then(|| (bits >> number & 1) as f64)
-}
-
-fn number(mask: u32, values: &[f64], number: u32) -> Option<f64> {
-    let is_there = mask.checked_shr(number)? & 1 == 1;
-    let value = values.get(number as usize).copied();
-    value.filter(|value| is_there && value.is_finite())
 }
 
 #[cfg(test)]

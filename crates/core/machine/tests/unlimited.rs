@@ -27,7 +27,7 @@ fn an_unlimited_axis_needs_no_travel_and_takes_none() {
         (format!("{unlimited}screw_table = \"c.csv\""), "screw_table"),
         (format!("{unlimited}home_deg = 361"), "home_deg"),
         ("unlimited = true".to_owned(), "unlimited"),
-        ("unlimited = \"for ever\"".to_owned(), "unlimited"),
+        ("unlimited = \"without end\"".to_owned(), "unlimited"),
         (String::new(), "travel_min_deg"),
     ] {
         let error = parse(&keys).unwrap_err().to_string();

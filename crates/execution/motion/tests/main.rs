@@ -18,7 +18,7 @@ mod probing;
 mod regressions;
 mod requests;
 mod station;
-mod threading;
+mod synchronised;
 
 // It counts by thread, so that tests beside each other do not count together.
 #[global_allocator]

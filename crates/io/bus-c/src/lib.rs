@@ -7,6 +7,15 @@
 //!
 //! A handle belongs to the thread that opened it. No function panics across the C interface: an error is a
 //! return value and a sentence.
+//!
+//! A client that prints setpoints; `tools/examples/bridge.c` is a whole bridge, which the tests compile, link and run:
+//!
+//! ```c
+//! char error[256];
+//! evolvent_bridge_t *bus = evolvent_bridge_open("mill-3axis", NULL, 1000, error, sizeof error);
+//! evolvent_setpoint_t s;
+//! while (bus && evolvent_bridge_receive(bus, &s) == 1) printf("%f mm\n", s.position[0]);
+//! ```
 
 use core::ffi::{CStr, c_char, c_int};
 use core::time::Duration;

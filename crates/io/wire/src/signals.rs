@@ -154,7 +154,58 @@ pub const SPINDLE_FLAGS: [(&str, u32); 4] = [
     ("ORIENTED", spindle_flags::ORIENTED),
 ];
 
+/// A bit of a signal that is in the mask.
+fn digital_of(mask: u64, bits: u64, number: u32) -> Option<bool> {
+    (mask.checked_shr(number)? & 1 == 1).then_some(bits >> number & 1 == 1)
+}
+
+/// A finite value of a signal that is in the mask.
+fn analog_of(mask: u32, values: &[f64], number: u32) -> Option<f64> {
+    let is_listed = mask.checked_shr(number)? & 1 == 1;
+    let value = values.get(number as usize).copied()?;
+    (is_listed && value.is_finite()).then_some(value)
+}
+
+impl MachineOutputs {
+    /// State of a digital output, if the machine has it. Real-time safe.
+    #[must_use]
+    pub fn digital_output(&self, number: u32) -> Option<bool> {
+        digital_of(self.digital_mask, self.digital, number)
+    }
+
+    /// Value of an analog output, if the machine has it. Real-time safe.
+    #[must_use]
+    pub fn analog_output(&self, number: u32) -> Option<f64> {
+        analog_of(self.analog_mask, &self.analog, number)
+    }
+
+    /// Commanded speed of a spindle, rpm, not negative, if the machine has it. Real-time safe.
+    #[must_use]
+    pub fn spindle_speed_rpm(&self, number: u32) -> Option<f64> {
+        analog_of(self.spindle_mask, &self.spindle_rpm, number)
+    }
+}
+
 impl MachineInputs {
+    /// State of a digital input, if it was read. Real-time safe.
+    ///
+    /// ```
+    /// use evolvent_wire::MachineInputs;
+    ///
+    /// let inputs = MachineInputs { digital_mask: 0b10, digital: 0b11, ..MachineInputs::default() };
+    /// assert_eq!((inputs.digital_input(1), inputs.digital_input(0)), (Some(true), None));
+    /// ```
+    #[must_use]
+    pub fn digital_input(&self, number: u32) -> Option<bool> {
+        digital_of(self.digital_mask, self.digital, number)
+    }
+
+    /// Value of an analog input, if it was read and is finite. Real-time safe.
+    #[must_use]
+    pub fn analog_input(&self, number: u32) -> Option<f64> {
+        analog_of(self.analog_mask, &self.analog, number)
+    }
+
     /// Whether every analog value that was read, and every latched position, is finite.
     #[must_use]
     pub fn is_finite(&self) -> bool {

@@ -1,4 +1,15 @@
-//! For tests: shipped schemas are those of the code, and bad files are told with their place.
+//! For tests: shipped schemas are those of the code, and errors in files have their place.
+//!
+//! ```
+//! use evolvent_file_tests::{assert_refused, edit};
+//!
+//! // A reader of files with one line `feed = NUMBER`.
+//! let parse = |text: &str, file: &str| {
+//!     let value = text.trim_end().strip_prefix("feed = ").unwrap_or_default();
+//!     value.parse::<f64>().map_err(|error| format!("{file}:1:1: feed: {error}"))
+//! };
+//! assert_refused("feed = 200\n", &[edit("feed = 200", "feed = fast", "feed")], parse);
+//! ```
 #![allow(clippy::unwrap_used, clippy::panic, reason = "it fails as tests do")]
 
 use std::path::{Path, PathBuf};

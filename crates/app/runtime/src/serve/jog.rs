@@ -20,7 +20,7 @@ pub(super) const FOR_EVER: u64 = u64::MAX;
 const USUAL_FRACTION: f64 = 0.2;
 
 /// Maximum distance of a jog without one, mm or degrees: a thousand turns of an unlimited rotary axis.
-const FARTHEST: f64 = 360_000.0;
+const MAX_DISTANCE: f64 = 360_000.0;
 
 /// Limits for the axes as they are: an axis whose zero is unknown may go its travel's length either way, and one
 /// that stands beyond its travel may come back.
@@ -53,8 +53,8 @@ pub(crate) fn target(jog: &JogCommand, position: &Axes, limits: &Limits) -> Resu
         }
         let (low, high) = (limits.travel_min[i], limits.travel_max[i]);
         match &jog.distance {
-            None if jog.direction[i] > 0.0 => target[i] = high.min(position[i] + FARTHEST),
-            None => target[i] = low.max(position[i] - FARTHEST),
+            None if jog.direction[i] > 0.0 => target[i] = high.min(position[i] + MAX_DISTANCE),
+            None => target[i] = low.max(position[i] - MAX_DISTANCE),
             Some(distance) => {
                 target[i] = position[i] + distance[i];
                 let beyond = (low - target[i]).max(target[i] - high);

@@ -2,7 +2,7 @@
 
 use evolvent_drive::Presence;
 use evolvent_motion::State;
-use evolvent_path::whole_turns;
+use evolvent_path::{AxisLetter, whole_turns};
 
 use super::operator::{Job, Operator};
 use crate::news::ExternalEventKind;
@@ -28,13 +28,13 @@ impl Operator {
         }
         let here = view.setpoint.position;
         let mut renamed = here;
-        let mut text = String::new();
+        let mut removed = Vec::new();
         for axis in self.unlimited.axes() {
             if here[axis].abs() > FAR_DEG {
                 let turns = whole_turns(here[axis]);
                 renamed[axis] -= turns;
                 self.drives.home_offset[axis] += turns;
-                text = format!("{turns} degrees of whole turns taken off axis {axis}");
+                removed.push(format!("{turns} degrees off {}", AxisLetter::ALL[axis].letter()));
             }
         }
         if renamed == here {
@@ -44,6 +44,7 @@ impl Operator {
         self.drives.renaming = renamed - here;
         self.view.setpoint.position = renamed;
         self.relocate(renamed, true);
+        let text = format!("whole turns: {}", removed.join(", "));
         self.record(ExternalEventKind::Command, NO_COMMAND, text, None);
     }
 }
