@@ -2,6 +2,7 @@
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use evolvent_bus::{ControlRequest, Status};
 use evolvent_replay::verify;
@@ -207,6 +208,9 @@ fn a_served_table_turns_without_an_end() {
             assert!(near(&status, angle), "{}", status.position_machine[C]);
             assert_eq!(status.alarm_count, 0, "{}", status.alarm_sentence());
         }
+        // What the drives count is more by the turns that were taken off.
+        let removed = operator.now().home_offset[C] - status.home_offset[C];
+        assert!(removed >= 36_000.0 && removed % 360.0 == 0.0, "{removed}");
         drop(operator);
         drop(drives);
         served.end().expect_code(&[0, 3]);
@@ -215,11 +219,47 @@ fn a_served_table_turns_without_an_end() {
             .iter()
             .map(|cycle| cycle.position[C].abs())
             .fold(0.0, f64::max);
-        assert!(
-            farthest > 36_000.0 && farthest < 60_000.0,
-            "whole turns are taken off: {farthest}"
-        );
+        // Whole turns are taken off at each rest beyond 36 000 degrees, and a move turns by 9000 at most.
+        assert!(farthest > 36_000.0 && farthest < 45_001.0, "{farthest}");
         let again = verify(&trace).expect("a readable trace");
         assert!(again.holds() && again.uncompared == 0, "{again:?}");
+    });
+}
+
+/// The next block comes in the moment in which whole turns are taken off: it begins by the new coordinates.
+#[test]
+fn a_block_right_behind_a_long_turn_finds_its_angle() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let name = "table-next";
+        let machine = table(&workshop, name, "shorter", 20, "");
+        let served = Served::start(&machine, name, &domain, &workshop.path("state"), &[]);
+        let drives = Drives::start(&machine, &domain, &[]);
+        let mut operator = Operator::join(name, &domain);
+        operator.waits("drives", |status| status.feedback_age_ns < 1_000_000_000);
+        operator.brings_up();
+        operator.says_number("MODE", 2);
+        let mut random = Random::new();
+        for _ in 0..6 {
+            operator.says_text("MDI", "G91 G0 C37000");
+            let to = random.between(0.0, 359.0).round();
+            let mut next = command("MDI");
+            assert!(next.set_text(&format!("G90 G0 C{to}")));
+            let begin = Instant::now();
+            let job = loop {
+                let answer = operator.ask(&next);
+                if answer.verdict == 0 {
+                    break answer.job;
+                }
+                assert!(begin.elapsed() < Duration::from_secs(20), "{}", answer.text());
+            };
+            let status = operator.sees_end(job);
+            assert_eq!(status.job_result, 1, "{}", status.alarm_sentence());
+            assert!(near(&status, to), "{} {to}", status.position_machine[C]);
+            assert_eq!(status.alarm_count, 0, "{}", status.alarm_sentence());
+        }
+        drop(operator);
+        drop(drives);
+        served.end().expect_code(&[0, 3]);
     });
 }

@@ -5,9 +5,10 @@ use std::path::Path;
 use evolvent_counting::{CountingAllocator, calls};
 use evolvent_drive::WatchSettings;
 use evolvent_machine::{Machine, SignalKind, SignalSettings};
+use evolvent_path::Axes;
 use evolvent_signals::{Change, InputImage, Moment, Signals};
 use evolvent_transfer::{AxesState, Sync, Transfer};
-use rtrb::RingBuffer;
+use rtrb::{Consumer, RingBuffer};
 
 use super::*;
 use crate::core_loop::CoreLoop;
@@ -17,6 +18,40 @@ use crate::signal_loop::InputSource;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+/// A cycle at rest at home without signals, corrections and drives' clock, and what it tells.
+fn parts_at_home(
+    limits: Limits,
+    period_ns: u64,
+    (orders, feedback): (Consumer<Order>, Consumer<Feedback>),
+) -> (ServedParts, Consumer<CycleEvent>, Consumer<CycleView>) {
+    let (events, cycle_events) = RingBuffer::new(4096);
+    let (views, cycle_views) = RingBuffer::new(4096);
+    let parts = ServedParts {
+        station: MachineState::new(limits, period_ns, limits.home),
+        limits,
+        period_ns,
+        orders,
+        events,
+        views,
+        feedback,
+        watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::NONE)),
+        signals: None,
+        corrections: None,
+        probe: ProbeInput::default(),
+        wheel_counts: None,
+        phase: None,
+        controls: Arc::new(Controls::new(1.0)),
+        driven: DrivenPath::new(period_ns),
+    };
+    (parts, cycle_events, cycle_views)
+}
+
+/// A motion from rest to rest.
+fn transfer(limits: &Limits, from: Axes, to: Axes) -> TransferExecutor {
+    let [from, to] = [from, to].map(AxesState::at_rest);
+    TransferExecutor::new(Transfer::solve(limits, &from, &to, Sync::Time).unwrap())
+}
 
 /// Calls of the allocator by a cycle that drives so many jogs, each with a turn that comes too late, renamings, an
 /// override and feedback of every cycle.
@@ -28,8 +63,6 @@ fn calls_during(jogs: u64) -> (u64, u64) {
     let limits = machine.limits();
     let period_ns = 250_000;
     let (mut orders, cycle_orders) = RingBuffer::new(64);
-    let (cycle_events, mut events) = RingBuffer::new(4096);
-    let (cycle_views, mut views) = RingBuffer::new(4096);
     let (mut to_cycle, feedback) = RingBuffer::new(256);
     let (bus, _setpoints) = RingBuffer::new(64);
     let (trace, _records) = RingBuffer::new(64);
@@ -42,22 +75,10 @@ fn calls_during(jogs: u64) -> (u64, u64) {
         bus: Some(bus),
         trace: Some(trace),
     };
+    let (parts, mut events, mut views) = parts_at_home(limits, period_ns, (cycle_orders, feedback));
     let parts = ServedParts {
-        station: MachineState::new(limits, period_ns, limits.home),
-        limits,
-        period_ns,
-        orders: cycle_orders,
-        events: cycle_events,
-        views: cycle_views,
-        feedback,
-        watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::NONE)),
-        signals: None,
         corrections: Corrections::new(&machine, period_ns, limits.home),
-        probe: ProbeInput::default(),
-        wheel_counts: None,
-        phase: None,
-        controls: Arc::new(Controls::new(1.0)),
-        driven: DrivenPath::new(period_ns),
+        ..parts
     };
     let cycle = std::thread::spawn(move || {
         let before = calls();
@@ -86,9 +107,7 @@ fn calls_during(jogs: u64) -> (u64, u64) {
             begun += 1;
             let mut to = at;
             to[0] = if begun % 2 == 1 { 2.0 } else { 0.0 };
-            let from = AxesState::at_rest(at);
-            let solved = Transfer::solve(&limits, &from, &AxesState::at_rest(to), Sync::Time).unwrap();
-            let steering = TransferExecutor::new(solved);
+            let steering = transfer(&limits, at, to);
             give(CycleCommand::Override(0.5));
             give(CycleCommand::Relocate {
                 position: at,
@@ -133,8 +152,7 @@ fn an_open_chain_stops_axes_drives_and_outputs_with_the_next_setpoint_whoever_sl
     let period_ns = 1_000_000;
     let settings = settings();
     let (mut orders, cycle_orders) = RingBuffer::new(64);
-    let (cycle_events, mut events) = RingBuffer::new(64);
-    let (cycle_views, _views) = RingBuffer::new(1);
+    let (cycle_views, _full) = RingBuffer::new(1);
     let (_to_cycle, feedback) = RingBuffer::new(1);
     let (mut inputs, samples) = RingBuffer::new(16);
     let (changes, mut outputs) = RingBuffer::new(64);
@@ -146,30 +164,17 @@ fn an_open_chain_stops_axes_drives_and_outputs_with_the_next_setpoint_whoever_sl
         None,
         true,
     );
+    let (parts, mut events, _views) = parts_at_home(limits, period_ns, (cycle_orders, feedback));
     let mut cycle = ServedCycle::new(ServedParts {
-        station: MachineState::new(limits, period_ns, limits.home),
-        limits,
-        period_ns,
-        orders: cycle_orders,
-        events: cycle_events,
         views: cycle_views,
-        feedback,
-        watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::NONE)),
         signals: Some(signals),
-        corrections: None,
-        probe: ProbeInput::default(),
-        wheel_counts: None,
-        phase: None,
-        controls: Arc::new(Controls::new(1.0)),
-        driven: DrivenPath::new(period_ns),
+        ..parts
     });
     let mut image = InputImage::default();
     image.set(SignalKind::Digital, 0, Some(1.0));
     inputs.push(image).unwrap();
     let mut to = limits.home;
     to[0] += 100.0;
-    let from = AxesState::at_rest(limits.home);
-    let way = Transfer::solve(&limits, &from, &AxesState::at_rest(to), Sync::Time).unwrap();
     let mut clamp = Change::at(Moment::Rest(0));
     clamp.set_digital(0, false);
     for what in [
@@ -177,7 +182,7 @@ fn an_open_chain_stops_axes_drives_and_outputs_with_the_next_setpoint_whoever_sl
         CycleCommand::Power(PowerRequest::On),
         CycleCommand::Outputs(clamp),
         CycleCommand::KeepJogging(u64::MAX),
-        CycleCommand::Steer(Box::new(TransferExecutor::new(way))),
+        CycleCommand::Steer(Box::new(transfer(&limits, limits.home, to))),
     ] {
         assert!(orders.push(Order { id: 0, what }).is_ok(), "no room");
     }
@@ -214,4 +219,50 @@ fn an_open_chain_stops_axes_drives_and_outputs_with_the_next_setpoint_whoever_sl
         .iter()
         .filter(|event| matches!(event, CycleEvent::EstopChain { .. }));
     assert_eq!(chain.count(), 1);
+}
+
+/// Bridges take over a datum at rest, so a motion that was ordered together with it begins one setpoint later.
+#[test]
+fn a_datum_is_published_at_rest_before_the_next_motion() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+    let limits = Machine::load(&file).unwrap().limits();
+    let period_ns = 1_000_000;
+    let (mut orders, cycle_orders) = RingBuffer::new(64);
+    let (_to_cycle, feedback) = RingBuffer::new(1);
+    let (parts, _events, _views) = parts_at_home(limits, period_ns, (cycle_orders, feedback));
+    let mut cycle = ServedCycle::new(parts);
+    let mut renamed = limits.home;
+    renamed[0] += 5.0;
+    let mut to = renamed;
+    to[0] += 50.0;
+    for what in [
+        CycleCommand::LeaveEstop,
+        CycleCommand::Power(PowerRequest::On),
+        CycleCommand::KeepJogging(u64::MAX),
+        CycleCommand::Relocate {
+            position: renamed,
+            limits,
+            renames: true,
+        },
+        CycleCommand::Steer(Box::new(transfer(&limits, renamed, to))),
+    ] {
+        assert!(orders.push(Order { id: 0, what }).is_ok(), "no room");
+    }
+    let computed: Vec<_> = (0..100)
+        .map(|number| {
+            cycle.step(&CycleBegin {
+                number,
+                deadline_ns: number * period_ns,
+            })
+        })
+        .collect();
+    let first = computed
+        .iter()
+        .find(|computed| computed.drive.datum == 1)
+        .unwrap();
+    let [speed, acceleration] = [first.setpoint.velocity[0], first.setpoint.acceleration[0]];
+    assert_eq!((speed, acceleration), (0.0, 0.0));
+    assert_eq!(first.setpoint.position, renamed);
+    let last = computed.last().unwrap();
+    assert!(last.setpoint.velocity[0] > 1.0, "{:?}", last.setpoint);
 }
