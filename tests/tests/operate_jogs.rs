@@ -145,6 +145,32 @@ fn an_increment_ends_where_it_should_and_a_jog_ends_at_the_soft_limit() {
     });
 }
 
+/// A jog that is accepted while STOP brakes the one before would end with it and not move.
+#[test]
+fn no_jog_is_accepted_while_stop_brakes() {
+    unless_disturbed(|| {
+        let scene = Scene::new("op-stop-jog");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        let mut jog = ControlRequest {
+            axes_mask: X_ONLY,
+            index: 1,
+            amount: 50.0,
+            ..command("JOG")
+        };
+        jog.values[0] = -100.0;
+        let job = operator.does(&jog).job;
+        operator.waits("full speed", |status| status.velocity[0] < -49.0);
+        operator.says("STOP");
+        let answer = operator.ask(&jog);
+        let is_rejected = (answer.verdict, answer.alarm) == (1, 914);
+        assert!(is_rejected || answer.job != job, "{}", answer.text());
+        assert_eq!(operator.sees_end(job).job_result, STOPPED);
+        drop(operator);
+        scene.end();
+    });
+}
+
 #[test]
 fn a_jog_turns_round_in_motion_without_standing_longer_than_a_cycle() {
     unless_disturbed(|| {

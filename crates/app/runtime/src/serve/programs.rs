@@ -329,6 +329,9 @@ impl Operator {
         self.cancel_command();
         self.stops.stopping = !matches!(self.job, Job::None);
         self.stops.hold = false;
+        if let Job::Jog { steered, .. } = &mut self.job {
+            steered.stopping = true;
+        }
         // The cycle stops an excursion with the program.
         self.stop_away();
         self.switch_off_at_rest();
