@@ -145,5 +145,5 @@ fn lagrange(k: usize, at: f64) -> f64 {
 /// The forces on V1 and V2 in a state, with its cutting speed and depth.
 pub(crate) fn forces_n(model: &Model<'_>, state: &State) -> Result<([f64; 2], f64, f64), ChatterError> {
     let (speed, depth) = model.cut_at(state);
-    Ok((model.pulls(speed, depth)?.map(|pull| pull.force), speed, depth))
+    Ok((model.forces_n(speed, depth)?, speed, depth))
 }

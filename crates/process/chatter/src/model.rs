@@ -259,6 +259,35 @@ impl<'a> Model<'a> {
         ])
     }
 
+    /// The forces of [`Model::pulls`] alone, N.
+    pub(crate) fn forces_n(&self, speed: f64, depth: f64) -> Result<[f64; 2], ChatterError> {
+        let tangential = self.force_of(&self.law, speed, depth)?;
+        let Some(radial) = &self.radial else {
+            return Ok(self.direction.map(|e| e * tangential));
+        };
+        let radial = self.force_of(radial, speed, depth)?;
+        Ok([
+            self.cos * radial - self.sin * tangential,
+            -self.sin * radial - self.cos * tangential,
+        ])
+    }
+
+    fn force_of(&self, law: &Section<'_>, speed: f64, depth: f64) -> Result<f64, ChatterError> {
+        if depth <= 0.0 {
+            return Ok(0.0);
+        }
+        Ok(law.tangential_n(self.floored(speed), depth)?)
+    }
+
+    /// A NaN stays one: the law refuses it.
+    fn floored(&self, speed: f64) -> f64 {
+        if speed < self.tool.floor_m_min {
+            self.tool.floor_m_min
+        } else {
+            speed
+        }
+    }
+
     fn pull_of(&self, law: &Section<'_>, speed: f64, depth: f64) -> Result<Pull, ChatterError> {
         // A NaN is refused by the law.
         if depth <= 0.0 {
@@ -269,7 +298,7 @@ impl<'a> Model<'a> {
             });
         }
         let floored = speed < self.tool.floor_m_min;
-        let force = law.force(if floored { self.tool.floor_m_min } else { speed }, depth)?;
+        let force = law.force(self.floored(speed), depth)?;
         Ok(Pull {
             force: force.tangential_n,
             per_y: -1000.0 * force.per_depth,
@@ -283,8 +312,7 @@ impl<'a> Model<'a> {
     /// The law has no force there.
     pub fn derivative(&self, state: &State) -> Result<State, ChatterError> {
         let (speed, depth) = self.cut_at(state);
-        let forces = self.pulls(speed, depth)?.map(|pull| pull.force);
-        Ok(self.accelerate(state, forces))
+        Ok(self.accelerate(state, self.forces_n(speed, depth)?))
     }
 
     /// From the forces on V1 and V2.

@@ -1,6 +1,7 @@
 //! One law, whatever its kind.
 
 use crate::error::ForceError;
+use crate::fixed_power::FixedPower;
 use crate::force::{Cut, Force, SectionForce};
 use crate::power::PowerLaw;
 use crate::rational::{RationalLaw, RationalSection};
@@ -51,8 +52,8 @@ pub struct ForceLaw {
 
 #[derive(Clone, Debug, PartialEq)]
 enum Kind {
-    Power(PowerLaw),
-    Rational(RationalLaw),
+    Power(PowerLaw, [FixedPower; 2]),
+    Rational(RationalLaw, FixedPower),
     Table(ForceTable),
 }
 
@@ -64,20 +65,20 @@ pub struct Section<'a> {
 
 #[derive(Clone, Copy, Debug)]
 enum SectionKind<'a> {
-    Power(&'a PowerLaw, f64),
-    Rational(RationalSection),
+    Power(&'a PowerLaw, &'a [FixedPower; 2], f64),
+    Rational(RationalSection<'a>),
     Table(&'a ForceTable, Weights),
 }
 
 impl From<PowerLaw> for ForceLaw {
     fn from(law: PowerLaw) -> Self {
-        Self::of(Kind::Power(law))
+        Self::of(Kind::Power(law, law.powers()))
     }
 }
 
 impl From<RationalLaw> for ForceLaw {
     fn from(law: RationalLaw) -> Self {
-        Self::of(Kind::Rational(law))
+        Self::of(Kind::Rational(law, law.depth_power()))
     }
 }
 
@@ -134,7 +135,7 @@ impl ForceLaw {
     #[must_use]
     pub fn power(&self) -> Option<&PowerLaw> {
         match &self.kind {
-            Kind::Power(law) => Some(law),
+            Kind::Power(law, _) => Some(law),
             _ => None,
         }
     }
@@ -148,13 +149,13 @@ impl ForceLaw {
         let force = section.force(cut.speed_m_min, cut.depth_mm)?;
         let (feed, speed, depth) = (cut.feed_mm_rev, cut.speed_m_min, cut.depth_mm);
         let per_feed = match (&self.kind, &section.kind) {
-            (Kind::Rational(law), SectionKind::Rational(section)) => {
+            (Kind::Rational(law, _), SectionKind::Rational(section)) => {
                 law.per_feed(section, feed, speed, depth)
             }
             (Kind::Table(table), SectionKind::Table(_, weights)) => {
                 table.per_feed(weights, feed, speed, depth)?
             }
-            (Kind::Power(law), _) => force.tangential_n * law.feed_exponent / feed,
+            (Kind::Power(law, _), _) => force.tangential_n * law.feed_exponent / feed,
             _ => f64::NAN,
         };
         Ok(Force {
@@ -174,8 +175,8 @@ impl ForceLaw {
             return Err(ForceError::Feed { feed_mm_rev });
         }
         let kind = match &self.kind {
-            Kind::Power(law) => SectionKind::Power(law, law.at_feed(feed_mm_rev)),
-            Kind::Rational(law) => SectionKind::Rational(law.at_feed(feed_mm_rev)?),
+            Kind::Power(law, powers) => SectionKind::Power(law, powers, law.at_feed(feed_mm_rev)),
+            Kind::Rational(law, power) => SectionKind::Rational(law.at_feed(feed_mm_rev, power)?),
             Kind::Table(table) => SectionKind::Table(table, table.at_feed(feed_mm_rev)?),
         };
         Ok(Section { kind })
@@ -188,24 +189,50 @@ impl Section<'_> {
     /// # Errors
     /// Speed or depth that is not positive or outside a table; a law that gives a negative force.
     pub fn force(&self, speed_m_min: f64, depth_mm: f64) -> Result<SectionForce, ForceError> {
-        if !(speed_m_min > 0.0 && speed_m_min.is_finite()) {
-            return Err(ForceError::Speed { speed_m_min });
-        }
-        if !(depth_mm > 0.0 && depth_mm.is_finite()) {
-            return Err(ForceError::Depth { depth_mm });
-        }
+        positive(speed_m_min, depth_mm)?;
         let force = match &self.kind {
-            SectionKind::Power(law, at_feed) => law.force(*at_feed, speed_m_min, depth_mm),
+            SectionKind::Power(law, powers, at_feed) => law.force(*at_feed, powers, speed_m_min, depth_mm),
             SectionKind::Rational(section) => section.force(speed_m_min, depth_mm),
             SectionKind::Table(table, weights) => table.force(weights, speed_m_min, depth_mm)?,
         };
-        if force.tangential_n >= 0.0 && force.tangential_n.is_finite() {
-            return Ok(force);
-        }
-        Err(ForceError::Negative {
-            tangential_n: force.tangential_n,
-            speed_m_min,
-            depth_mm,
-        })
+        not_negative(force.tangential_n, speed_m_min, depth_mm)?;
+        Ok(force)
     }
+
+    /// The force of [`Section::force`] without its derivatives, N, in less time. The cycle may call it.
+    ///
+    /// # Errors
+    /// As [`Section::force`].
+    pub fn tangential_n(&self, speed_m_min: f64, depth_mm: f64) -> Result<f64, ForceError> {
+        positive(speed_m_min, depth_mm)?;
+        let force = match &self.kind {
+            SectionKind::Power(law, powers, at_feed) => {
+                law.tangential_n(*at_feed, powers, speed_m_min, depth_mm)
+            }
+            SectionKind::Rational(section) => section.tangential_n(speed_m_min, depth_mm),
+            SectionKind::Table(table, weights) => table.force(weights, speed_m_min, depth_mm)?.tangential_n,
+        };
+        not_negative(force, speed_m_min, depth_mm)
+    }
+}
+
+fn positive(speed_m_min: f64, depth_mm: f64) -> Result<(), ForceError> {
+    if !(speed_m_min > 0.0 && speed_m_min.is_finite()) {
+        return Err(ForceError::Speed { speed_m_min });
+    }
+    if !(depth_mm > 0.0 && depth_mm.is_finite()) {
+        return Err(ForceError::Depth { depth_mm });
+    }
+    Ok(())
+}
+
+fn not_negative(tangential_n: f64, speed_m_min: f64, depth_mm: f64) -> Result<f64, ForceError> {
+    if tangential_n >= 0.0 && tangential_n.is_finite() {
+        return Ok(tangential_n);
+    }
+    Err(ForceError::Negative {
+        tangential_n,
+        speed_m_min,
+        depth_mm,
+    })
 }

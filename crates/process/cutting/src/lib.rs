@@ -23,6 +23,7 @@
 
 mod error;
 mod file;
+mod fixed_power;
 mod force;
 mod law;
 mod power;

@@ -1,8 +1,9 @@
 //! A rational function of the speed with a falling section (S. L. Leonov, E. V. Veglov, equation 2).
 
 use crate::error::{ForceError, LawError};
+use crate::fixed_power::FixedPower;
 use crate::force::{SectionForce, Tool};
-use crate::power::{number, power};
+use crate::power::number;
 
 /// The coefficients, as a law file gives them.
 ///
@@ -49,7 +50,7 @@ impl Term {
 
 /// The law at a feed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct RationalSection {
+pub(crate) struct RationalSection<'a> {
     a: f64,
     b: f64,
     f: f64,
@@ -57,6 +58,7 @@ pub(crate) struct RationalSection {
     c: f64,
     d: f64,
     depth_exponent: f64,
+    depth_power: &'a FixedPower,
 }
 
 impl RationalLaw {
@@ -123,7 +125,16 @@ impl RationalLaw {
         })
     }
 
-    pub(crate) fn at_feed(&self, feed: f64) -> Result<RationalSection, ForceError> {
+    /// The power of the depth in this law.
+    pub(crate) fn depth_power(&self) -> FixedPower {
+        FixedPower::new(self.depth_exponent)
+    }
+
+    pub(crate) fn at_feed<'a>(
+        &self,
+        feed: f64,
+        depth_power: &'a FixedPower,
+    ) -> Result<RationalSection<'a>, ForceError> {
         let [a, b, f, g, c, d] = self.terms.map(|term| term.at(feed));
         let ratio = pole_ratio(f, g);
         // A NaN is not below 1.
@@ -136,6 +147,7 @@ impl RationalLaw {
                 c,
                 d,
                 depth_exponent: self.depth_exponent,
+                depth_power,
             });
         }
         Err(ForceError::Pole {
@@ -145,7 +157,7 @@ impl RationalLaw {
     }
 
     /// Derivative by the feed at a valid section.
-    pub(crate) fn per_feed(&self, section: &RationalSection, feed: f64, speed: f64, depth: f64) -> f64 {
+    pub(crate) fn per_feed(&self, section: &RationalSection<'_>, feed: f64, speed: f64, depth: f64) -> f64 {
         let s = section;
         let [ea, eb, ef, eg, ec, ed] = self.terms.map(|term| term.exponent);
         let above = s.a * speed + s.b;
@@ -153,7 +165,7 @@ impl RationalLaw {
         let above_by = ea * s.a * speed + eb * s.b;
         let below_by = ef * s.f * speed + eg * s.g;
         let by = (above_by * below - above * below_by) / (below * below) + ec * s.c / speed + ed * s.d;
-        power(depth, s.depth_exponent) * by / feed
+        s.depth_power.of(depth) * by / feed
     }
 }
 
@@ -162,12 +174,9 @@ fn pole_ratio(f: f64, g: f64) -> f64 {
     if g > 0.0 { f * f / (4.0 * g) } else { f64::INFINITY }
 }
 
-impl RationalSection {
+impl RationalSection<'_> {
     pub(crate) fn force(&self, speed: f64, depth: f64) -> SectionForce {
-        let above = self.a * speed + self.b;
-        let below = speed * speed + self.f * speed + self.g;
-        let fraction = above / below;
-        let factor = power(depth, self.depth_exponent);
+        let (factor, fraction, below) = self.parts(speed, depth);
         let force = factor * (fraction + self.c / speed + self.d);
         let by_speed = (self.a - fraction * (2.0 * speed + self.f)) / below - self.c / (speed * speed);
         SectionForce {
@@ -175,5 +184,17 @@ impl RationalSection {
             per_speed: factor * by_speed,
             per_depth: force * self.depth_exponent / depth,
         }
+    }
+
+    pub(crate) fn tangential_n(&self, speed: f64, depth: f64) -> f64 {
+        let (factor, fraction, _) = self.parts(speed, depth);
+        factor * (fraction + self.c / speed + self.d)
+    }
+
+    /// Factor of the depth, fraction in the speed, its denominator.
+    fn parts(&self, speed: f64, depth: f64) -> (f64, f64, f64) {
+        let above = self.a * speed + self.b;
+        let below = speed * speed + self.f * speed + self.g;
+        (self.depth_power.of(depth), above / below, below)
     }
 }
