@@ -4,8 +4,6 @@
 use std::io::Write as _;
 use std::path::Path;
 
-use evolvent_config::read_regular;
-
 use crate::error::AnalysisError;
 
 /// Maximum size of a settings file, bytes: as for the machine file.
@@ -16,21 +14,9 @@ const MAX_FILE_BYTES: u64 = 1 << 20;
 /// # Errors
 /// A file that cannot be read in time, is not a regular file, is too long, or is not text.
 pub fn read_text(file: &Path, kind: &str) -> Result<String, AnalysisError> {
-    let usage = |what: String| AnalysisError::Input(format!("{}: {what}", file.display()));
-    let bytes = read_regular(file, MAX_FILE_BYTES).map_err(|error| {
-        usage(format!(
-            "cannot read the {kind}: {error}; check the path and its permissions"
-        ))
-    })?;
-    if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(usage(format!(
-            "longer than {MAX_FILE_BYTES} bytes: this is no {kind}; check the path"
-        )));
-    }
-    String::from_utf8(bytes).map_err(|error| {
-        let byte = error.utf8_error().valid_up_to();
-        usage(format!("not UTF-8 text at byte {byte}; save the file as UTF-8"))
-    })
+    evolvent_config::read_text(file, MAX_FILE_BYTES, kind)
+        .map(|(text, _)| text)
+        .map_err(|error| AnalysisError::Input(error.to_string()))
 }
 
 /// Writes a file atomically: into a temporary file beside it, which is then renamed.

@@ -3,14 +3,14 @@
 use std::io::Write;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::SystemTime;
 
 use clap::Args;
 use evolvent_analysis::read_text;
 use evolvent_config::{FILE_TIMEOUT, open_regular, within};
 use evolvent_gcode::StoreError;
 use evolvent_machine::{ControlRate, Machine, PlannerKind};
-use evolvent_runtime::{Commands, InputScript, ProgramMemory, Setup};
+use evolvent_runtime::{Commands, InputScript, ProgramMemory, Setup, file_stamp};
 
 use crate::CommandError;
 
@@ -179,38 +179,8 @@ pub(crate) fn default_trace(program: &Path) -> PathBuf {
     let name = program
         .file_stem()
         .map_or_else(|| "run".into(), |stem| stem.to_string_lossy());
-    let seconds = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .map_or(0, |since| since.as_secs());
-    let millis = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .map_or(0, |since| since.subsec_millis());
-    let (days, rest) = (seconds / 86_400, seconds % 86_400);
-    let (year, month, day) = civil_date(days);
-    let (hour, minute, second) = (rest / 3600, rest / 60 % 60, rest % 60);
-    PathBuf::from("traces").join(format!(
-        "{name}-{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}.{millis:03}Z.mcap"
-    ))
-}
-
-/// Date in the proleptic Gregorian calendar, days since 1970-01-01, by counting: called once per run.
-fn civil_date(mut days: u64) -> (u64, u64, u64) {
-    let leap = |year: u64| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
-    let mut year = 1970;
-    while days >= 365 + u64::from(leap(year)) {
-        days -= 365 + u64::from(leap(year));
-        year += 1;
-    }
-    let february = 28 + u64::from(leap(year));
-    let mut month = 1;
-    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31] {
-        if days < length {
-            break;
-        }
-        days -= length;
-        month += 1;
-    }
-    (year, month, days + 1)
+    let stamp = file_stamp(SystemTime::now());
+    PathBuf::from("traces").join(format!("{name}-{stamp}.mcap"))
 }
 
 /// The inputs of a file for a run with the virtual clock.
@@ -223,15 +193,6 @@ pub(crate) fn inputs(file: Option<&Path>, machine: &Machine) -> Result<Option<In
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn dates_are_those_of_the_calendar() {
-        // `date -u -d @N`
-        assert_eq!(civil_date(0), (1970, 1, 1));
-        assert_eq!(civil_date(951_782_400 / 86_400), (2000, 2, 29));
-        assert_eq!(civil_date(1_795_219_200 / 86_400), (2026, 11, 21));
-        assert_eq!(civil_date(4_107_542_400 / 86_400), (2100, 3, 1));
-    }
 
     #[test]
     fn overrides_outside_1_to_200_percent_are_refused() {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use evolvent_config::{ConfigDocument, ConfigError, read_regular};
+use evolvent_config::{ConfigDocument, ConfigError, TextFileError, read_text};
 use evolvent_machine::{AtSpeed, SignalKind, SignalSettings};
 use evolvent_motion::Setpoint;
 use evolvent_signals::{InputImage, ProbeState, SpindleState, probe_numbers};
@@ -87,20 +87,9 @@ pub struct InputScript {
 /// What is wrong with a file of inputs.
 #[derive(Debug, thiserror::Error)]
 pub enum InputScriptError {
-    /// It cannot be read.
-    #[error("{file}: cannot read the inputs: {source}; check the path and its permissions")]
-    Read {
-        /// The file.
-        file: String,
-        /// What the system said.
-        source: std::io::Error,
-    },
-    /// It is no text.
-    #[error("{file}: not UTF-8 text; save the file as UTF-8")]
-    NotText {
-        /// The file.
-        file: String,
-    },
+    /// It gives no text.
+    #[error(transparent)]
+    File(#[from] TextFileError),
     /// A key or value.
     #[error(transparent)]
     Document(#[from] ConfigError),
@@ -137,12 +126,7 @@ impl InputScript {
     /// # Errors
     /// File, line, column and key of what is wrong.
     pub fn load(path: &Path, settings: &SignalSettings) -> Result<Self, InputScriptError> {
-        let file = path.display().to_string();
-        let bytes = read_regular(path, MAX_BYTES).map_err(|source| InputScriptError::Read {
-            file: file.clone(),
-            source,
-        })?;
-        let text = String::from_utf8(bytes).map_err(|_| InputScriptError::NotText { file: file.clone() })?;
+        let (text, file) = read_text(path, MAX_BYTES, "file of inputs")?;
         Self::parse(&text, &file, settings)
     }
 

@@ -20,7 +20,7 @@
 //! # Ok::<(), evolvent_config::ConfigError>(())
 //! ```
 //!
-//! [`open_regular`] and [`read_regular`] open regular files only, with a time limit.
+//! [`open_regular`], [`read_regular`] and [`read_text`] open regular files only, with a time limit.
 //!
 //! # Guarantees
 //!
@@ -30,9 +30,11 @@ mod config_document;
 mod error;
 mod file;
 mod place;
+mod text_file;
 mod words;
 
 pub use config_document::ConfigDocument;
 pub use error::ConfigError;
 pub use file::{FILE_TIMEOUT, no_reply, open_regular, read_regular, within};
+pub use text_file::{TextFileError, read_text};
 pub use words::{plain, shortened};

@@ -1,7 +1,8 @@
 //! All drives of a session behind one follower: setpoints in, outputs out, feedback back.
 
+use evolvent_bridge::follower_settings;
 use evolvent_bus::{AXES, Feedback, Setpoint};
-use evolvent_drive::{DriveState, Follower, FollowerSettings, PowerRequest, SettingsError, Target};
+use evolvent_drive::{DriveState, Follower, PowerRequest, SettingsError, Target};
 use evolvent_machine::Machine;
 use evolvent_path::AxisMask;
 
@@ -10,11 +11,6 @@ use crate::gantry::Squaring;
 use crate::homing::HomingProgress;
 use crate::network::Network;
 use crate::pdo::{DriveInputs, DriveOutputs};
-
-/// Number of periods for which the last motion continues if setpoints are missing.
-const BRIDGE_CYCLES: u32 = 10;
-/// Maximum distance of a setpoint from the axis at which following starts, mm or degrees.
-const SYNC_TOLERANCE: f64 = 0.5;
 
 /// The drives' reports of the probe.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -59,22 +55,7 @@ impl DriveSet {
         period_ns: u64,
         instance: u64,
     ) -> Result<Self, SettingsError> {
-        let mut settings = FollowerSettings {
-            period_ns,
-            bridge_cycles: BRIDGE_CYCLES,
-            axes: network.axes_mask(),
-            max_velocity: [1.0; AXES],
-            max_acceleration: [1.0; AXES],
-            max_jerk: [1.0; AXES],
-            sync_tolerance: [SYNC_TOLERANCE; AXES],
-        };
-        for axis in &machine.axes {
-            let index = axis.letter.index();
-            settings.max_velocity[index] = axis.max_velocity;
-            settings.max_acceleration[index] = axis.max_acceleration;
-            settings.max_jerk[index] = axis.max_jerk;
-            settings.sync_tolerance[index] = SYNC_TOLERANCE.min(axis.following_error);
-        }
+        let settings = follower_settings(machine, network.axes_mask(), period_ns);
         let axes: Vec<DriveAxis> = network
             .devices
             .iter()

@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-use evolvent_config::read_regular;
+use evolvent_config::{TextFileError, read_text};
 use roxmltree::{Document, Node, ParsingOptions};
 use thiserror::Error;
 
@@ -27,20 +27,17 @@ const ENGLISH: &str = "1033";
 /// Why an ESI file was rejected.
 #[derive(Debug, Error)]
 pub enum EsiError {
-    /// It cannot be read.
-    #[error("{file}: the ESI file cannot be read: {source}; check the path and its permissions")]
-    Read {
-        /// The file or folder.
-        file: String,
+    /// A folder cannot be read.
+    #[error("{folder}: the folder of ESI files cannot be read: {source}; check the path and its permissions")]
+    UnreadableFolder {
+        /// The folder.
+        folder: String,
         /// The error of the operating system.
         source: std::io::Error,
     },
-    /// It is not UTF-8.
-    #[error("{file}: not UTF-8: save the file as UTF-8")]
-    NotText {
-        /// The file.
-        file: String,
-    },
+    /// A file gives no text.
+    #[error(transparent)]
+    File(#[from] TextFileError),
     /// It is not XML.
     #[error("{file}:{line}:{column}: not valid XML: {what}; download the vendor's file again")]
     Xml {
@@ -114,8 +111,8 @@ impl EsiLibrary {
         if !path.is_dir() {
             return self.add_file(path);
         }
-        let failed = |source| EsiError::Read {
-            file: path.display().to_string(),
+        let failed = |source| EsiError::UnreadableFolder {
+            folder: path.display().to_string(),
             source,
         };
         let mut files: Vec<PathBuf> = Vec::new();
@@ -138,12 +135,7 @@ impl EsiLibrary {
     }
 
     fn add_file(&mut self, path: &Path) -> Result<(), EsiError> {
-        let file = path.display().to_string();
-        let bytes = read_regular(path, MAX_FILE_BYTES).map_err(|source| EsiError::Read {
-            file: file.clone(),
-            source,
-        })?;
-        let text = String::from_utf8(bytes).map_err(|_| EsiError::NotText { file: file.clone() })?;
+        let (text, file) = read_text(path, MAX_FILE_BYTES, "ESI file")?;
         self.add_text(&text, &file)
     }
 

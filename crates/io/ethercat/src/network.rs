@@ -6,7 +6,7 @@ mod homing;
 
 use std::path::Path;
 
-use evolvent_config::{ConfigDocument, ConfigError, read_regular};
+use evolvent_config::{ConfigDocument, ConfigError, TextFileError, read_text};
 use evolvent_path::AxisMask;
 use thiserror::Error;
 
@@ -27,20 +27,9 @@ pub const MAX_DEVICES: usize = 32;
 /// Why a network file was rejected.
 #[derive(Debug, Error)]
 pub enum NetworkError {
-    /// The file cannot be read.
-    #[error("{file}: cannot read the network file: {source}; check the path and its permissions")]
-    Read {
-        /// The file as given.
-        file: String,
-        /// The error of the system.
-        source: std::io::Error,
-    },
-    /// The file is not text.
-    #[error("{file}: not UTF-8 text; save the file as UTF-8")]
-    NotText {
-        /// The file as given.
-        file: String,
-    },
+    /// It gives no text.
+    #[error(transparent)]
+    File(#[from] TextFileError),
     /// A key is unknown, missing or invalid.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -147,12 +136,7 @@ impl Network {
     /// # Errors
     /// It cannot be read, or its contents are invalid.
     pub fn load(path: &Path) -> Result<Self, NetworkError> {
-        let file = path.display().to_string();
-        let bytes = read_regular(path, MAX_FILE_BYTES).map_err(|source| NetworkError::Read {
-            file: file.clone(),
-            source,
-        })?;
-        let text = String::from_utf8(bytes).map_err(|_| NetworkError::NotText { file: file.clone() })?;
+        let (text, file) = read_text(path, MAX_FILE_BYTES, "network file")?;
         Ok(Self::parse(&text, &file)?)
     }
 

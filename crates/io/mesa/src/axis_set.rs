@@ -1,7 +1,8 @@
 //! All axes of a session behind one follower: setpoints in, rates out, feedback back.
 
+use evolvent_bridge::follower_settings;
 use evolvent_bus::{AXES, Feedback, Setpoint};
-use evolvent_drive::{DriveState, Follower, FollowerSettings, PowerRequest, SettingsError, Target};
+use evolvent_drive::{DriveState, Follower, PowerRequest, SettingsError, Target};
 use evolvent_machine::Machine;
 use evolvent_path::AxisMask;
 
@@ -10,11 +11,6 @@ use crate::board_settings::{Actuator, BoardSettings, Pin};
 use crate::field_pins::{InputPlace, OutputPlace};
 use crate::plan::{Inputs, Outputs, Plan};
 use crate::smart_serial::{bit_of, set_bit};
-
-/// Number of periods for which the last motion continues if setpoints are missing.
-const BRIDGE_CYCLES: u32 = 10;
-/// Maximum distance of a setpoint from the axis at which following starts, mm or degrees.
-const SYNC_TOLERANCE: f64 = 0.5;
 
 /// Axes of one session. Only the constructor allocates.
 #[derive(Debug)]
@@ -40,22 +36,7 @@ impl AxisSet {
         period_ns: u64,
         instance: u64,
     ) -> Result<Self, SettingsError> {
-        let mut settings = FollowerSettings {
-            period_ns,
-            bridge_cycles: BRIDGE_CYCLES,
-            axes: board.axes_mask(),
-            max_velocity: [1.0; AXES],
-            max_acceleration: [1.0; AXES],
-            max_jerk: [1.0; AXES],
-            sync_tolerance: [SYNC_TOLERANCE; AXES],
-        };
-        for axis in &machine.axes {
-            let index = axis.letter.index();
-            settings.max_velocity[index] = axis.max_velocity;
-            settings.max_acceleration[index] = axis.max_acceleration;
-            settings.max_jerk[index] = axis.max_jerk;
-            settings.sync_tolerance[index] = SYNC_TOLERANCE.min(axis.following_error);
-        }
+        let settings = follower_settings(machine, board.axes_mask(), period_ns);
         let axes = board.axes.iter().map(|axis| {
             let limits = AxisLimits {
                 max_velocity: settings.max_velocity[axis.axis],

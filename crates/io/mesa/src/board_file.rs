@@ -7,7 +7,7 @@ mod spindle;
 use std::net::IpAddr;
 use std::path::Path;
 
-use evolvent_config::{ConfigDocument, ConfigError, read_regular};
+use evolvent_config::{ConfigDocument, ConfigError, TextFileError, read_text};
 use evolvent_path::AxisMask;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -30,20 +30,9 @@ const MAX_UNITS: f64 = 15.0;
 /// Why a board file was rejected.
 #[derive(Debug, Error)]
 pub enum BoardFileError {
-    /// The file cannot be read.
-    #[error("{file}: cannot read the board file: {source}; check the path and its permissions")]
-    Read {
-        /// The file as given.
-        file: String,
-        /// The error of the system.
-        source: std::io::Error,
-    },
-    /// The file is not text.
-    #[error("{file}: not UTF-8 text; save the file as UTF-8")]
-    NotText {
-        /// The file as given.
-        file: String,
-    },
+    /// It gives no text.
+    #[error(transparent)]
+    File(#[from] TextFileError),
     /// A key is unknown, missing or invalid.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -149,12 +138,7 @@ impl BoardSettings {
     /// # Errors
     /// It cannot be read, or what it says makes no sense.
     pub fn load(path: &Path) -> Result<Self, BoardFileError> {
-        let file = path.display().to_string();
-        let bytes = read_regular(path, MAX_FILE_BYTES).map_err(|source| BoardFileError::Read {
-            file: file.clone(),
-            source,
-        })?;
-        let text = String::from_utf8(bytes).map_err(|_| BoardFileError::NotText { file: file.clone() })?;
+        let (text, file) = read_text(path, MAX_FILE_BYTES, "board file")?;
         Ok(Self::parse(&text, &file)?)
     }
 

@@ -3,6 +3,7 @@
 use evolvent_runtime::{JobStart, Switched};
 use evolvent_trace::{EventKind, EventRecord};
 use serde_json::{Value, json};
+use time::OffsetDateTime;
 
 use crate::lines::LineTime;
 use crate::opened::Opened;
@@ -83,25 +84,19 @@ pub(crate) fn run_rows(opened: &Opened, g: &Gathered) -> String {
         .collect()
 }
 
-/// Unix time as a date, without a library: days by the civil calendar (H. Hinnant, "chrono-compatible
-/// low-level date algorithms").
+/// Unix time as a date.
 fn utc(time_ns: u64) -> String {
-    let seconds = time_ns / 1_000_000_000;
-    let (days, rest) = ((seconds / 86_400) as i64, seconds % 86_400);
-    let z = days + 719_468;
-    let era = z.div_euclid(146_097);
-    let day_of_era = z.rem_euclid(146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
-    let year = year_of_era + era * 400 + i64::from(month <= 2);
+    let Ok(at) = OffsetDateTime::from_unix_timestamp_nanos(i128::from(time_ns)) else {
+        return format!("{time_ns} ns after 1970");
+    };
     format!(
-        "{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02} UTC",
-        rest / 3600,
-        rest / 60 % 60,
-        rest % 60
+        "{:04}-{:02}-{:02} {:02}:{:02}:{:02} UTC",
+        at.year(),
+        u8::from(at.month()),
+        at.day(),
+        at.hour(),
+        at.minute(),
+        at.second()
     )
 }
 

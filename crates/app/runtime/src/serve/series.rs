@@ -4,7 +4,9 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicU64;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime};
+
+use crate::file_stamp::file_stamp;
 
 /// A trace goes on in a new file when it is this old and nothing moves.
 const FILE_AGE: Duration = Duration::from_secs(3600);
@@ -41,8 +43,8 @@ impl TraceSeries {
 
     /// The file that begins now.
     pub(crate) fn file_of_now(&self) -> PathBuf {
-        let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        self.folder.join(format!("{}-{}.mcap", self.name, stamp(since)))
+        let stamp = file_stamp(SystemTime::now());
+        self.folder.join(format!("{}-{stamp}.mcap", self.name))
     }
 
     /// Whether the present file should end: it is old and the machine idle, or it takes its share of the bound.
@@ -117,42 +119,9 @@ fn part_of(file: &Path) -> PathBuf {
     part.into()
 }
 
-/// `YYYYMMDDTHHMMSS.mmmZ`, from Unix time by the civil calendar (H. Hinnant, "chrono-compatible low-level date algorithms").
-fn stamp(since: Duration) -> String {
-    let (days, rest) = (since.as_secs() / 86_400, since.as_secs() % 86_400);
-    let z = days + 719_468;
-    let (era, day_of_era) = (z / 146_097, z % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
-    format!(
-        "{year:04}{month:02}{day:02}T{:02}{:02}{:02}.{:03}Z",
-        rest / 3600,
-        rest / 60 % 60,
-        rest % 60,
-        since.subsec_millis()
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn times_in_names_are_those_of_the_calendar() {
-        // `date -u -d @N +%Y%m%dT%H%M%S`
-        for (seconds, expected) in [
-            (0, "19700101T000000.000Z"),
-            (951_827_696, "20000229T123456.000Z"),
-            (1_795_219_200, "20261121T000000.000Z"),
-            (4_107_542_399, "21000228T235959.000Z"),
-        ] {
-            assert_eq!(stamp(Duration::from_secs(seconds)), expected);
-        }
-    }
 
     #[test]
     fn the_oldest_traces_go_until_the_bound_is_kept_and_nothing_else() {
