@@ -39,7 +39,7 @@ fuzz_target!(|data: &[u8]| {
             Ok(command) => {
                 let curve = match &command.action {
                     Action::Move(step) => {
-                        assert!(step.feed > 0.0, "a feed of {}", step.feed);
+                        assert!(step.feed_mm_s > 0.0, "a feed of {} mm/s", step.feed_mm_s);
                         &step.curve
                     }
                     Action::Thread { curve, .. } | Action::Probe { curve, .. } => curve,
