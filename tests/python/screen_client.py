@@ -13,6 +13,7 @@ import http.client
 import json
 import random
 import socket
+import struct
 import sys
 import threading
 import time
@@ -124,14 +125,17 @@ def refused_upgrade(url: str, **headers: str) -> int:
 
 
 def vertices_of(path):
-    """Number of vertices in the chunks of a path; each begins with its own, and has 21 bytes per vertex."""
-    at, count = 0, 0
+    """Number of vertices of the programmed and of the planned path. A chunk has a header of 12 bytes and 21 bytes per vertex."""
+    at, counts, replaced = 0, [0, 0], 0
     while at < len(path):
-        number = int.from_bytes(path[at : at + 4], "little")
-        assert number > 0, (at, count)
-        at, count = at + 4 + 21 * number, count + number
+        number, kind, now_replaced = struct.unpack_from("<III", path, at)
+        assert kind == 1 or counts[1] == 0, "the programmed path comes first"
+        assert now_replaced >= replaced, (now_replaced, replaced)
+        at, replaced = at + 12 + 21 * number, now_replaced
+        counts[kind] += number
     assert at == len(path), (at, len(path))
-    return count
+    assert replaced == 0xFFFFFFFF, "in the end all of the programmed path is replaced"
+    return counts
 
 
 def rules(url: str, watch_url: str) -> None:
@@ -213,8 +217,8 @@ def rules(url: str, watch_url: str) -> None:
     assert loaded["program"]["name"] == "a.ngc" and loaded["program"]["errors"] == [], loaded
     assert request(url, path="programs/a.ngc")[2] == program
     path = request(url, path="path/a.ngc")[2]
-    count = vertices_of(path)
-    assert count > 2, (count, len(path))
+    programmed, planned = vertices_of(path)
+    assert programmed == 2 and planned > 2, (programmed, planned)
     # How it would begin in the middle, and traces: nothing but what is in their folders.
     status, _, text = request(url, path="restart/a.ngc/2")
     assert status == 200 and json.loads(text)["line"] == 2 and "G1" in json.loads(text)["modes"], text

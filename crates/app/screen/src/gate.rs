@@ -113,6 +113,14 @@ fn is_same(given: &str, key: &str) -> bool {
     given.len() == key.len() && differing == 0
 }
 
+/// 128 random bits, for a key or the session of a page.
+pub(crate) fn random_hex() -> std::io::Result<String> {
+    use std::io::Read;
+    let mut bytes = [0; 16];
+    std::fs::File::open("/dev/urandom")?.read_exact(&mut bytes)?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
 pub(crate) async fn pass(State(gate): State<Gate>, mut request: Request, next: Next) -> Response {
     let mut response = match gate.role(request.uri().path(), request.headers()) {
         Err(status) => status.into_response(),

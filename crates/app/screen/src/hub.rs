@@ -1,20 +1,18 @@
 //! The pages, which of them has control, and the messages to all.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use axum::body::Bytes;
 use axum::extract::ws::Utf8Bytes;
 use evolvent_bus::Status;
 use tokio::sync::{mpsc, watch};
 
+use crate::event_log::EventLog;
 use crate::gate::Role;
-use crate::messages::{Lease, LogEntry, LogKind, ProgramInfo, ToPage};
+use crate::messages::{Lease, LogKind, ProgramInfo, ToPage};
 use crate::watcher::Frame;
 
-/// Maximum number of log entries.
-const LOG: usize = 500;
 /// Maximum number of pages at the same time.
 const MAX_PAGES: usize = 64;
 /// Maximum number of messages that wait for a slow page; beyond it the page is disconnected.
@@ -31,8 +29,7 @@ struct Inner {
     pages: BTreeMap<u64, Page>,
     next_page: u64,
     holder: Option<u64>,
-    log: VecDeque<LogEntry>,
-    next_entry: u64,
+    log: EventLog,
     program: Option<ProgramInfo>,
     kept: Option<ToPage>,
     macros: Option<ToPage>,
@@ -102,7 +99,7 @@ impl Hub {
         snapshot.extend(inner.macros.clone());
         snapshot.push(ToPage::Lease(inner.lease_of(number, role)));
         snapshot.push(ToPage::Log {
-            entries: inner.log.iter().cloned().collect(),
+            entries: inner.log.entries(),
         });
         for message in &snapshot {
             // The channel is new and empty.
@@ -291,22 +288,7 @@ impl Inner {
     }
 
     fn add(&mut self, kind: LogKind, number: Option<u32>, text: String, cure: Option<String>) {
-        self.next_entry += 1;
-        let at = SystemTime::now()
-            .duration_since(UNIX_EPOCH)
-            .map_or(0, |since| since.as_millis() as u64);
-        let entry = LogEntry {
-            id: self.next_entry,
-            at,
-            kind,
-            number,
-            text,
-            cure,
-        };
-        if self.log.len() == LOG {
-            self.log.pop_front();
-        }
-        self.log.push_back(entry.clone());
+        let entry = self.log.add(kind, number, text, cure);
         self.tell(&ToPage::Log { entries: vec![entry] });
     }
 }

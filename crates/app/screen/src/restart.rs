@@ -14,8 +14,9 @@ use evolvent_gcode::Code;
 use evolvent_runtime::{Commands, ProgramError, Setup};
 use tokio::sync::oneshot;
 
+use crate::kept::present_setup;
 use crate::messages::RestartInfo;
-use crate::programs::{background, present_setup};
+use crate::programs::background;
 use crate::server::Server;
 
 /// Bit of `switches` in the status: lines that begin with `/` are left out.

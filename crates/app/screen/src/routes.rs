@@ -1,7 +1,6 @@
 //! The response of each address.
 
 use std::borrow::Cow;
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use axum::Router;
@@ -19,10 +18,11 @@ use tokio::sync::mpsc;
 use crate::chatter::chatter;
 use crate::connection;
 use crate::documents::document;
-use crate::gate::{Gate, Role, pass};
-use crate::programs::{background, plan};
+use crate::gate::{Gate, Role, pass, random_hex};
+use crate::path_stream::path;
+use crate::programs::background;
 use crate::restart::restart;
-use crate::server::{Server, random_hex};
+use crate::server::Server;
 use crate::streaming::{channel, hand_over, streamed};
 use crate::traces;
 use crate::upload::upload;
@@ -149,34 +149,5 @@ fn read_chunks(mut file: std::fs::File, sender: &mpsc::Sender<Bytes>) {
         if !hand_over(sender, Bytes::copy_from_slice(&buffer[..count])) {
             return;
         }
-    }
-}
-
-async fn path(
-    State(server): State<Arc<Server>>,
-    UrlPath((_key, name)): UrlPath<(String, String)>,
-) -> Response {
-    let Some(file) = server.file_of(&name) else {
-        return StatusCode::NOT_FOUND.into_response();
-    };
-    let Ok(permit) = Arc::clone(&server.planners).acquire_owned().await else {
-        return StatusCode::SERVICE_UNAVAILABLE.into_response();
-    };
-    let (sender, receiver) = channel();
-    let planning = background("screen-path", move || {
-        plan_path(&server, &name, file, &sender);
-        drop(permit);
-    });
-    match planning {
-        Ok(()) => streamed("application/octet-stream", receiver),
-        Err(_) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
-    }
-}
-
-fn plan_path(server: &Server, name: &str, file: PathBuf, sender: &mpsc::Sender<Bytes>) {
-    let upload = server.hub.loaded_upload();
-    let planned_s = plan(file, &server.setup, server.state_folder.as_deref(), sender);
-    if planned_s.is_some() {
-        server.hub.tell_planned(name, upload, planned_s);
     }
 }

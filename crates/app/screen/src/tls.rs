@@ -12,10 +12,28 @@ use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 
-use crate::config::ScreenError;
+use crate::config::{ScreenConfig, ScreenError};
+
+/// The given certificate, or beyond loopback the generated one.
+pub(crate) fn encryption(
+    config: &ScreenConfig,
+    state_folder: Option<&Path>,
+    is_remote: bool,
+    names: &[String],
+) -> Result<Option<TlsAcceptor>, ScreenError> {
+    if let Some((certificate, key)) = &config.certificate {
+        return acceptor(certificate, key).map(Some);
+    }
+    if !is_remote {
+        return Ok(None);
+    }
+    let folder = state_folder.ok_or(ScreenError::NoCertificate)?.join("screen");
+    let (certificate, key) = own_certificate(&folder, names)?;
+    acceptor(&certificate, &key).map(Some)
+}
 
 /// Reads a certificate chain and its key.
-pub(crate) fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, ScreenError> {
+fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, ScreenError> {
     let fault = |file: &Path, cause: String| ScreenError::Certificate {
         file: file.display().to_string(),
         cause,
@@ -36,7 +54,7 @@ pub(crate) fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, Sc
 
 /// The generated certificate, created once, so that a browser has to accept it only once; created again for
 /// other names.
-pub(crate) fn own_certificate(folder: &Path, names: &[String]) -> Result<(PathBuf, PathBuf), ScreenError> {
+fn own_certificate(folder: &Path, names: &[String]) -> Result<(PathBuf, PathBuf), ScreenError> {
     let (certificate, key) = (folder.join("certificate.pem"), folder.join("key.pem"));
     let of_names = folder.join("names");
     let listed = names.join("\n");

@@ -1,7 +1,8 @@
 //! Messages as the page sends and reads them.
 
 use evolvent_screen::messages::{
-    FromPage, PathChunk, SAMPLE_BYTES, ScreenStatus, ToPage, VERTEX_BYTES, put_sample,
+    CHUNK_HEADER_BYTES, FromPage, PathChunk, PathKind, SAMPLE_BYTES, ScreenStatus, ToPage, VERTEX_BYTES,
+    put_sample,
 };
 use evolvent_wire::{Setpoint, Status};
 
@@ -81,12 +82,14 @@ fn binary_messages_have_their_layout() {
     let mut chunk = PathChunk::default();
     chunk.push([1.0, 2.0, 3.0], 50.0, 4, 0);
     chunk.push([5.0, 6.0, 7.0], -90.0, 8, 7);
-    let bytes = chunk.take_bytes();
+    let bytes = chunk.take_bytes(PathKind::Planned, 9);
     assert!(chunk.is_empty());
-    assert_eq!(bytes.len(), 4 + 2 * VERTEX_BYTES);
+    assert_eq!(bytes.len(), CHUNK_HEADER_BYTES + 2 * VERTEX_BYTES);
     assert_eq!(bytes[0..4], 2_u32.to_le_bytes());
-    assert_eq!(bytes[16..20], 5.0_f32.to_le_bytes(), "second vertex");
-    assert_eq!(bytes[32..36], (-90.0_f32).to_le_bytes(), "second feed");
-    assert_eq!(bytes[40..44], 8_u32.to_le_bytes(), "second line");
-    assert_eq!(bytes[44..], [0, 7], "what limits");
+    assert_eq!(bytes[4..8], 1_u32.to_le_bytes(), "planned");
+    assert_eq!(bytes[8..12], 9_u32.to_le_bytes(), "replaced");
+    assert_eq!(bytes[24..28], 5.0_f32.to_le_bytes(), "second vertex");
+    assert_eq!(bytes[40..44], (-90.0_f32).to_le_bytes(), "second feed");
+    assert_eq!(bytes[48..52], 8_u32.to_le_bytes(), "second line");
+    assert_eq!(bytes[52..], [0, 7], "what limits");
 }

@@ -1,5 +1,7 @@
 //! The machine as its file describes it.
 
+use evolvent_machine::MachineKind;
+use evolvent_runtime::Setup;
 use serde::Serialize;
 use ts_rs::TS;
 
@@ -49,4 +51,44 @@ pub struct MachineInfo {
     pub handwheel: Option<HandwheelInfo>,
     /// The service was given a chatter case.
     pub has_chatter: bool,
+}
+
+impl MachineInfo {
+    pub(crate) fn new(setup: &Setup, has_chatter: bool) -> Self {
+        let machine = &setup.machine;
+        let axes = machine.axes.iter().map(|axis| AxisInfo {
+            letter: axis.letter.letter().to_string(),
+            kind: if axis.letter.is_rotary() {
+                "rotary"
+            } else {
+                "linear"
+            },
+            // An unlimited axis is shown within a turn.
+            min: axis.unlimited.map_or(axis.travel_min, |_| 0.0),
+            max: axis.unlimited.map_or(axis.travel_max, |_| 360.0),
+            max_velocity: axis.max_velocity,
+            is_unlimited: axis.unlimited.is_some(),
+            has_home_switch: machine.homing.iter().any(|homing| homing.axis == axis.letter),
+        });
+        Self {
+            name: machine.name.clone(),
+            description: machine.description.clone(),
+            kind: match machine.kind {
+                MachineKind::Mill => "mill",
+                MachineKind::Lathe => "lathe",
+            },
+            axes: axes.collect(),
+            process: setup.process.as_deref().map(ProcessInfo::from),
+            inputs: machine.signals.inputs.iter().map(SignalInfo::from).collect(),
+            outputs: machine.signals.outputs.iter().map(SignalInfo::from).collect(),
+            spindles: machine
+                .signals
+                .spindles
+                .iter()
+                .map(|spindle| spindle.number)
+                .collect(),
+            handwheel: machine.handwheel.as_ref().map(HandwheelInfo::from),
+            has_chatter,
+        }
+    }
 }

@@ -26,7 +26,7 @@ pub use lease::Lease;
 pub use log_entry::{LogEntry, LogKind};
 pub use machine_info::{AxisInfo, MachineInfo};
 pub use macro_button::MacroButton;
-pub use path_chunk::{PathChunk, VERTEX_BYTES};
+pub use path_chunk::{CHUNK_HEADER_BYTES, PathChunk, PathKind, VERTEX_BYTES};
 pub use process_info::ProcessInfo;
 pub use program_info::ProgramInfo;
 pub use restart_info::RestartInfo;

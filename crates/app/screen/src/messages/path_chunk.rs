@@ -1,9 +1,21 @@
-//! The planned path, in binary.
+//! The path of a program, in binary.
 
+/// Bytes of a chunk before its vertices.
+pub const CHUNK_HEADER_BYTES: usize = 12;
 /// Bytes of a vertex.
 pub const VERTEX_BYTES: usize = 21;
 
-/// Vertices of the planned path. Little-endian: count (u32), x y z of all (f32, mm), feed of all (f32, mm/s, negative:
+/// What a chunk of the path shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum PathKind {
+    /// The curves of the moves, with the feed of the program that the axes reach.
+    Programmed = 0,
+    /// The planned motion.
+    Planned = 1,
+}
+
+/// Vertices of the path. Little-endian: count, kind and `replaced` (u32), x y z of all (f32, mm), feed of all (f32, mm/s, negative:
 /// rapid), line of all (u32), what limits the motion of all (u8: a number of `Limiting` of `evolvent-analysis`).
 #[derive(Clone, Debug, Default)]
 pub struct PathChunk {
@@ -34,11 +46,14 @@ impl PathChunk {
         self.feed.is_empty()
     }
 
-    /// The bytes; it is empty afterwards.
+    /// The bytes; it is empty afterwards. `replaced`: number of vertices, from the first, of the programmed path that the planned
+    /// path so far replaces; `u32::MAX` for all.
     #[must_use]
-    pub fn take_bytes(&mut self) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(4 + self.len() * VERTEX_BYTES);
-        bytes.extend((self.len() as u32).to_le_bytes());
+    pub fn take_bytes(&mut self, kind: PathKind, replaced: u32) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(CHUNK_HEADER_BYTES + self.len() * VERTEX_BYTES);
+        for value in [self.len() as u32, kind as u32, replaced] {
+            bytes.extend(value.to_le_bytes());
+        }
         for value in self.position.drain(..).flatten().chain(self.feed.drain(..)) {
             bytes.extend(value.to_le_bytes());
         }

@@ -79,6 +79,7 @@ export class MadeUp implements Source {
       }
       path.add(chunk, { min: [-100, -100, -40], max: [100, 100, 0] }, 100);
     }
+    path.isBoxWhole = true;
     path.progress = 1;
   }
 

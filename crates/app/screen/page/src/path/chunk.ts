@@ -1,5 +1,5 @@
-/** Vertices of a chunk at most, so that indices fit into 16 bits. */
-export const CHUNK_VERTICES = 65_536;
+/** Vertices of a chunk at most, so that indices fit into 16 bits; 65535 is no index of WebGL 2. */
+export const CHUNK_VERTICES = 65_535;
 
 /** What limits the motion, by classes of the numbers of `Limiting` in evolvent-analysis: feed word, chord error, joint, nothing; velocity, acceleration, jerk. */
 export const LIMITS = ['feed', 'chord', 'joint', 'none', 'velocity', 'acceleration', 'jerk'] as const;
@@ -18,4 +18,16 @@ export interface PathChunk {
   line: Uint32Array;
   /** a number of `LIMITS` */
   limit: Uint8Array;
+}
+
+/** A chunk of the programmed path; its first vertex is the `first`-th of the whole. */
+export interface ProgrammedChunk {
+  chunk: PathChunk;
+  first: number;
+}
+
+/** The vertex of a programmed chunk from which it is drawn, where the planned path replaces the first `replaced` vertices; one vertex is no line. */
+export function drawnFrom({ chunk, first }: ProgrammedChunk, replaced: number): number | null {
+  const from = Math.max(0, replaced - 1 - first);
+  return from < chunk.feed.length - 1 ? from : null;
 }

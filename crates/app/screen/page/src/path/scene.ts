@@ -1,5 +1,5 @@
-// The programmed path in WebGL. Vertices come in chunks and stay on the graphics side; while the view moves only as many of
-// them are drawn as a frame can take, and when it is at rest the rest is drawn in slices, so that no frame takes long.
+// The path in WebGL. Vertices come in chunks and stay on the graphics side, which takes one chunk a frame; while the view moves only
+// as many of them are drawn as a frame can take, and when it is at rest the rest is drawn in slices, so that no frame takes long.
 import {
   BufferAttribute,
   BufferGeometry,
@@ -15,13 +15,25 @@ import {
   Vector3,
   WebGLRenderer,
 } from 'three';
-import { LIMIT_COLOURS, type PathChunk } from './chunk';
-import type { Box, View } from './view';
+import { drawnFrom, LIMIT_COLOURS, type PathChunk, type ProgrammedChunk } from './chunk';
+import type { SceneView } from './scene-message';
+import type { Box } from './view';
 
-const STRIDES = [1, 4, 16, 64, 256];
-/** tuned: 20k to 500k; at 100k a software renderer on two cores takes 15 to 30 ms a frame */
-const START_BUDGET = 100_000;
-const FRAME_MS = 28;
+/** What is drawn while the view moves: one run of `RUN` segments in so many. Runs and not every so-manieth vertex, because short segments
+ * cost a software renderer 0.6 us each and the long chords between distant vertices 2 to 5 us, and because a run shows the true path. */
+const THINNINGS = [1, 2, 4, 8, 16, 32, 64, 128, 256, 512];
+const RUN = 64;
+/** In WebGL 2 this index begins another polyline. */
+const RESTART = 0xffff;
+/** tuned: 20k to 100k; a software renderer on two cores draws 30k short segments in 20 ms */
+const START_BUDGET = 30_000;
+/** A frame that takes longer draws less next time; the same graphics side draws the rest of the page. */
+const SLOW_MS = 30;
+const FAST_MS = 20;
+/** Time after a slow frame in which no more is drawn than in that frame. */
+const CALM_MS = 2000;
+/** Time without a change after which the view is at rest; the slices of a refinement take longer than a moving view's frames. */
+const REST_MS = 150;
 
 const vertexShader = `
 precision highp float;
@@ -59,20 +71,51 @@ void main() {
   result = vec4(colour, 1.0);
 }`;
 
-/** Every `stride`-th vertex and the last: indices are shared by all chunks of a length. */
+/** One run in `thinning`: indices are shared by all chunks of a length. */
 const indexCache = new Map<string, BufferAttribute>();
-function indices(count: number, stride: number): BufferAttribute {
-  const key = `${count}/${stride}`;
+function indices(count: number, thinning: number): BufferAttribute {
+  const key = `${count}/${thinning}`;
   let found = indexCache.get(key);
   if (found === undefined) {
-    const length = Math.floor((count - 1) / stride) + 1;
-    const list = new Uint16Array((count - 1) % stride === 0 ? length : length + 1);
-    for (let i = 0; i < length; i += 1) list[i] = i * stride;
-    list[list.length - 1] = count - 1;
-    found = new BufferAttribute(list, 1);
+    found = new BufferAttribute(thinning === 1 ? Uint16Array.from({ length: count }, (_, i) => i) : runs(count, thinning), 1);
     indexCache.set(key, found);
   }
   return found;
+}
+
+function runs(count: number, thinning: number): Uint16Array {
+  const list: number[] = [];
+  for (let begin = 0; begin < count - 1; begin += RUN * thinning) {
+    for (let i = begin; i <= Math.min(begin + RUN, count - 1); i += 1) list.push(i);
+    list.push(RESTART);
+  }
+  return Uint16Array.from(list);
+}
+
+/** The place of a vertex in such indices, or of the run that begins before it. */
+function indexOf(vertex: number, thinning: number): number {
+  return thinning === 1 ? vertex : Math.floor(vertex / (RUN * thinning)) * (RUN + 2);
+}
+
+function polyline(chunk: PathChunk, material: RawShaderMaterial): Line<BufferGeometry, RawShaderMaterial> {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute('position', new BufferAttribute(chunk.position, 3));
+  geometry.setAttribute('feed', new BufferAttribute(chunk.feed, 1));
+  geometry.setAttribute('limit', new BufferAttribute(chunk.limit, 1));
+  const line = new Line(geometry, material);
+  line.frustumCulled = false;
+  line.matrixAutoUpdate = false;
+  return line;
+}
+
+/** A chunk on the graphics side. */
+interface Polyline {
+  line: Line<BufferGeometry, RawShaderMaterial>;
+  count: number;
+  /** the vertex from which it is drawn */
+  from: number;
+  /** where it is of the programmed path, which the planned path replaces */
+  programmed: ProgrammedChunk | null;
 }
 
 export class PathScene {
@@ -82,22 +125,28 @@ export class PathScene {
   readonly #boxes = new Scene();
   readonly #material: RawShaderMaterial;
   readonly #boxMaterial = new LineBasicMaterial({ color: 0x888888 });
-  readonly #view: View;
-  #lines: Line<BufferGeometry, RawShaderMaterial>[] = [];
+  readonly #view: SceneView;
+  #lines: Polyline[] = [];
+  /** chunks that the graphics side has not got yet */
+  #coming: { chunk: PathChunk; programmed: ProgrammedChunk | null }[] = [];
+  #replaced = 0;
   #vertices = 0;
-  #fastest = 1e-3;
+  /** its shaders are compiled */
+  #isReady = false;
+  #isHidden = false;
   #budget = START_BUDGET;
-  /** how many vertices the newest slice drew, and when it began */
+  /** how many vertices the newest frame of a moving view drew, and when it began */
   #measured: { vertices: number; at: number } | null = null;
   /** chunks that the refinement at rest has drawn already; -1 while nothing is refined */
   #refined = -1;
   #dirty = true;
   #frame = 0;
-  readonly #drawn: () => void;
+  /** begins the refinement */
+  #rest: ReturnType<typeof setTimeout> | undefined;
+  #calmUntil = 0;
 
-  constructor(canvas: HTMLCanvasElement, view: View, drawn: () => void) {
+  constructor(canvas: HTMLCanvasElement | OffscreenCanvas, view: SceneView) {
     this.#view = view;
-    this.#drawn = drawn;
     this.#renderer = new WebGLRenderer({ canvas, antialias: false, alpha: true, preserveDrawingBuffer: true, powerPreference: 'low-power' });
     this.#renderer.autoClear = false;
     this.#renderer.setPixelRatio(1);
@@ -109,42 +158,80 @@ export class PathScene {
       uniforms: { fastest: { value: 1 }, rapid: { value: new Color(0.6, 0.6, 0.6) }, byLimit: { value: false }, limits: { value: LIMIT_COLOURS.map((colour) => new Color(colour).convertLinearToSRGB()) } },
     });
     this.#camera.matrixAutoUpdate = false;
+    void this.#compile();
   }
 
-  get fastest(): number {
-    return this.#fastest;
-  }
-
-  get vertices(): number {
-    return this.#vertices;
+  // While nobody waits for it: the shaders are compiled elsewhere, but the graphics side finishes a pipeline only when it first draws.
+  async #compile(): Promise<void> {
+    const sample = new Scene();
+    const lines = polyline({ position: new Float32Array(6), feed: new Float32Array(2), line: new Uint32Array(2), limit: new Uint8Array(2) }, this.#material);
+    lines.geometry.setIndex(indices(2, 1));
+    sample.add(lines, new LineSegments(lines.geometry, this.#boxMaterial));
+    await this.#renderer.compileAsync(sample, this.#camera);
+    this.#renderer.render(sample, this.#camera);
+    lines.geometry.dispose();
+    this.#isReady = true;
+    this.invalidate();
   }
 
   clear(): void {
-    for (const line of this.#lines) line.geometry.dispose();
+    for (const { line } of this.#lines) line.geometry.dispose();
     this.#path.clear();
-    this.#lines = [];
-    this.#vertices = 0;
-    this.#fastest = 1e-3;
+    [this.#lines, this.#coming] = [[], []];
+    [this.#vertices, this.#replaced] = [0, 0];
     this.invalidate();
   }
 
+  /** What nobody sees is not drawn. */
+  hide(isHidden: boolean): void {
+    this.#isHidden = isHidden;
+    if (!isHidden) this.invalidate();
+  }
+
   add(chunk: PathChunk): void {
-    const count = chunk.feed.length;
-    if (count < 2) return;
-    const geometry = new BufferGeometry();
-    geometry.setAttribute('position', new BufferAttribute(chunk.position, 3));
-    geometry.setAttribute('feed', new BufferAttribute(chunk.feed, 1));
-    geometry.setAttribute('limit', new BufferAttribute(chunk.limit, 1));
-    geometry.setIndex(indices(count, 1));
-    const line = new Line(geometry, this.#material);
-    line.frustumCulled = false;
-    line.matrixAutoUpdate = false;
-    for (const feed of chunk.feed) if (feed > this.#fastest) this.#fastest = feed;
-    this.#material.uniforms['fastest']!.value = this.#fastest;
-    this.#lines.push(line);
-    this.#path.add(line);
-    this.#vertices += count;
+    if (chunk.feed.length >= 2) this.#coming.push({ chunk, programmed: null });
     this.invalidate();
+  }
+
+  /** A chunk of the programmed path: under the planned path, until that replaces it. */
+  addProgrammed(programmed: ProgrammedChunk): void {
+    this.#coming.push({ chunk: programmed.chunk, programmed });
+    this.invalidate();
+  }
+
+  /** The planned path replaces that many vertices of the programmed one. */
+  replace(count: number): void {
+    if (count === this.#replaced) return;
+    this.#replaced = count;
+    this.#coming = this.#coming.filter(({ programmed }) => programmed === null || drawnFrom(programmed, count) !== null);
+    this.#lines = this.#lines.filter((polyline) => {
+      if (polyline.programmed === null) return true;
+      const from = drawnFrom(polyline.programmed, count);
+      this.#vertices -= (from ?? polyline.count) - polyline.from;
+      if (from !== null) {
+        polyline.from = from;
+        return true;
+      }
+      this.#path.remove(polyline.line);
+      polyline.line.geometry.dispose();
+      return false;
+    });
+    this.invalidate();
+  }
+
+  set fastest(mm_s: number) {
+    this.#material.uniforms['fastest']!.value = Math.max(1e-3, mm_s);
+  }
+
+  #upload({ chunk, programmed }: { chunk: PathChunk; programmed: ProgrammedChunk | null }): void {
+    const count = chunk.feed.length;
+    const line = polyline(chunk, this.#material);
+    // The planned path is drawn over the programmed one.
+    line.renderOrder = programmed === null ? 1 : 0;
+    const from = programmed === null ? 0 : (drawnFrom(programmed, this.#replaced) ?? 0);
+    this.#lines.push({ line, count, from, programmed });
+    this.#path.add(line);
+    this.#vertices += count - from;
   }
 
   setBox(box: Box | null): void {
@@ -164,13 +251,9 @@ export class PathScene {
     this.invalidate();
   }
 
-  /** Colours by what limits the motion, or by feed. */
-  colourByLimit(on: boolean): void {
-    this.#material.uniforms['byLimit']!.value = on;
-    this.invalidate();
-  }
-
-  setColours(rapid: string, box: string): void {
+  /** Colours by feed, or by what limits the motion. */
+  setColours(rapid: string, box: string, byLimit: boolean): void {
+    this.#material.uniforms['byLimit']!.value = byLimit;
     this.#material.uniforms['rapid']!.value = new Color(rapid).convertLinearToSRGB();
     this.#boxMaterial.color = new Color(box);
     this.invalidate();
@@ -185,10 +268,13 @@ export class PathScene {
   invalidate(): void {
     this.#dirty = true;
     this.#refined = -1;
-    if (this.#frame === 0) this.#frame = requestAnimationFrame(() => this.#draw());
+    clearTimeout(this.#rest);
+    if (this.#frame === 0 && this.#isReady && !this.#isHidden) this.#frame = requestAnimationFrame(() => this.#draw());
   }
 
   dispose(): void {
+    this.#isHidden = true;
+    clearTimeout(this.#rest);
     cancelAnimationFrame(this.#frame);
     this.clear();
     this.#material.dispose();
@@ -209,55 +295,63 @@ export class PathScene {
     camera.updateMatrixWorld(true);
   }
 
-  #stride(): number {
-    return STRIDES.find((stride) => this.#vertices / stride <= this.#budget) ?? STRIDES.at(-1)!;
+  #thinning(): number {
+    return THINNINGS.find((thinning) => this.#vertices / thinning <= this.#budget) ?? THINNINGS.at(-1)!;
   }
 
   #draw(): void {
     this.#frame = 0;
     const now = performance.now();
-    // What the last slice took tells how many vertices the next one may have.
+    // What the last frame of a moving view took tells how many vertices the next one may have.
     if (this.#measured !== null) {
       const took = now - this.#measured.at;
-      if (took < 200) {
-        if (took > FRAME_MS * 1.3) this.#budget = Math.max(10_000, this.#budget * 0.7);
-        else if (took < FRAME_MS && this.#measured.vertices > 0.5 * this.#budget) this.#budget = Math.min(2e6, this.#budget * 1.3);
-      }
+      if (took > SLOW_MS) [this.#budget, this.#calmUntil] = [Math.max(5_000, this.#budget * 0.7), now + CALM_MS];
+      else if (took < FAST_MS && now > this.#calmUntil && this.#measured.vertices > 0.5 * this.#budget) this.#budget = Math.min(2e6, this.#budget * 1.3);
       this.#measured = null;
     }
     const renderer = this.#renderer;
+    const next = this.#coming.shift();
+    if (next !== undefined) {
+      this.#upload(next);
+      this.#dirty = true;
+    }
     this.#place();
     if (this.#dirty) {
       this.#dirty = false;
       renderer.clear();
       renderer.render(this.#boxes, this.#camera);
-      const stride = this.#stride();
-      this.#show(0, this.#lines.length, stride);
-      this.#measured = { vertices: this.#vertices / stride, at: now };
-      this.#refined = stride === 1 ? -1 : 0;
-      this.#drawn();
+      const thinning = this.#thinning();
+      this.#show(0, this.#lines.length, thinning);
+      this.#measured = { vertices: this.#vertices / thinning, at: now };
+      clearTimeout(this.#rest);
+      if (thinning > 1) this.#rest = setTimeout(() => this.#refine(), REST_MS);
     } else if (this.#refined >= 0) {
       let count = 0;
       let end = this.#refined;
       while (end < this.#lines.length && count < this.#budget) {
-        count += this.#lines[end]!.geometry.getAttribute('position').count;
+        count += this.#lines[end]!.count;
         end += 1;
       }
       this.#show(this.#refined, end, 1);
-      this.#measured = { vertices: count, at: now };
       this.#refined = end < this.#lines.length ? end : -1;
     } else {
       return;
     }
-    if (this.#refined >= 0 || this.#measured !== null) this.#frame = requestAnimationFrame(() => this.#draw());
+    const isDone = this.#refined < 0 && this.#measured === null && this.#coming.length === 0;
+    if (!isDone && !this.#isHidden) this.#frame = requestAnimationFrame(() => this.#draw());
   }
 
-  #show(begin: number, end: number, stride: number): void {
-    this.#lines.forEach((line, at) => {
+  #refine(): void {
+    this.#refined = 0;
+    if (this.#frame === 0 && !this.#isHidden) this.#frame = requestAnimationFrame(() => this.#draw());
+  }
+
+  #show(begin: number, end: number, thinning: number): void {
+    this.#lines.forEach(({ line, count, from }, at) => {
       line.visible = at >= begin && at < end;
       if (!line.visible) return;
-      const count = line.geometry.getAttribute('position').count;
-      line.geometry.setIndex(indices(count, stride));
+      line.geometry.setIndex(indices(count, thinning));
+      line.geometry.setDrawRange(indexOf(from, thinning), Infinity);
     });
     this.#renderer.render(this.#path, this.#camera);
   }

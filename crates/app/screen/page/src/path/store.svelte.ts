@@ -2,7 +2,7 @@
 import { programText } from '../lib/program-text.svelte';
 import { session } from '../lib/session.svelte';
 import type { PathReply, PathRequest } from '../workers/path.worker';
-import type { PathChunk } from './chunk';
+import { drawnFrom, type PathChunk, type ProgrammedChunk } from './chunk';
 import { emptyBox, type Box } from './view';
 
 class PathStore {
@@ -10,8 +10,17 @@ class PathStore {
   #id = 0;
   #key = '';
 
+  /** the planned path */
   chunks: PathChunk[] = [];
+  /** the programmed path, without the chunks that the planned path has replaced */
+  programmed: ProgrammedChunk[] = [];
+  /** vertices of the programmed path, from the first, that the planned path has replaced */
+  replaced = 0;
+  /** another number is another path */
+  generation = 0;
   box: Box = emptyBox();
+  /** whether the box holds all of the path */
+  isBoxWhole = false;
   /** grows with every change, so that views notice */
   version = $state(0);
   /** 1 when all of it is here */
@@ -22,8 +31,10 @@ class PathStore {
   #profile = $state.raw<Float64Array>(new Float64Array(0));
 
   clear(): void {
-    this.chunks = [];
+    [this.chunks, this.programmed, this.replaced] = [[], [], 0];
+    this.generation += 1;
     this.box = emptyBox();
+    this.isBoxWhole = false;
     this.progress = 0;
     this.fastest = 0;
     this.note = '';
@@ -31,14 +42,28 @@ class PathStore {
     this.version += 1;
   }
 
+  /** Every chunk that is drawn, the replaced part of the programmed path included. */
+  get all(): PathChunk[] {
+    return [...this.chunks, ...this.programmed.map(({ chunk }) => chunk)];
+  }
+
   add(chunk: PathChunk, box: Box, fastest: number): void {
     this.chunks.push(chunk);
+    this.#grow(box, fastest);
+  }
+
+  #grow(box: Box, fastest: number): void {
     for (const i of [0, 1, 2] as const) {
       this.box.min[i] = Math.min(this.box.min[i], box.min[i]);
       this.box.max[i] = Math.max(this.box.max[i], box.max[i]);
     }
     this.fastest = Math.max(this.fastest, fastest);
     this.version += 1;
+  }
+
+  #replace(count: number): void {
+    this.replaced = count;
+    this.programmed = this.programmed.filter((programmed) => drawnFrom(programmed, count) !== null);
   }
 
   /** Reads the path from `url`, again whenever `key` (program and what it was planned with) is another; an empty one empties it. */
@@ -60,11 +85,23 @@ class PathStore {
     if (reply.id !== this.#id) return;
     switch (reply.kind) {
       case 'chunk':
+        if (!reply.planned) {
+          this.programmed.push({ chunk: reply.chunk, first: reply.first });
+          this.#grow(reply.box, reply.fastest);
+          break;
+        }
+        this.#replace(reply.replaced);
         this.add(reply.chunk, reply.box, reply.fastest);
         // By lines, because nobody knows the number of vertices before.
         if (programText.lines > 0) this.progress = Math.min(0.99, Math.max(this.progress, reply.chunk.line.at(-1)! / programText.lines));
         break;
+      case 'programmed':
+        this.isBoxWhole = true;
+        this.version += 1;
+        break;
       case 'complete':
+        this.#replace(reply.replaced);
+        this.isBoxWhole = true;
         this.progress = 1;
         this.version += 1;
         this.#profile = reply.profile;

@@ -1,0 +1,92 @@
+//! Offsets and tools as the service has stored them, and macros: read again and again, and told to pages.
+
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use evolvent_runtime::Setup;
+
+use crate::macro_file::MacroWatch;
+use crate::messages::{ToPage, ToolEntry, WorkOffset};
+use crate::server::Server;
+
+/// Poll interval of offsets, tools and macros.
+const KEPT: Duration = Duration::from_millis(500);
+
+/// The machine with the present offsets and tools.
+pub(crate) fn present_setup(setup: &Setup, state_folder: Option<&Path>) -> Setup {
+    let mut setup = setup.clone();
+    let Some(state_folder) = state_folder else {
+        return setup;
+    };
+    // The core reports unreadable files; the picture is made without them.
+    let kept = setup.memory.kept_file.clone();
+    let _unread = setup
+        .memory
+        .load_parameters(kept.unwrap_or_else(|| state_folder.join("parameters.var")));
+    let tools = setup.memory.tools_file.clone();
+    let _unread = setup
+        .memory
+        .load_tools(tools.unwrap_or_else(|| state_folder.join("tools.tbl")));
+    setup
+}
+
+/// The present offsets and tools.
+fn kept(setup: &Setup, state_folder: Option<&Path>) -> ToPage {
+    let memory = present_setup(setup, state_folder).memory;
+    let text = memory.kept.map(|kept| kept.to_text()).unwrap_or_default();
+    let parameter = |number: u32| {
+        text.lines().find_map(|line| {
+            let mut words = line.split_whitespace();
+            (words.next()?.parse() == Ok(number)).then(|| words.next()?.parse::<f64>().ok())?
+        })
+    };
+    let axes: Vec<usize> = setup
+        .machine
+        .axes
+        .iter()
+        .map(|axis| axis.letter.index())
+        .collect();
+    let offsets = (1..=9).map(|system| WorkOffset {
+        system,
+        values: axes
+            .iter()
+            .map(|&axis| parameter(5201 + 20 * system + axis as u32).unwrap_or(0.0))
+            .collect(),
+    });
+    let tools = memory
+        .tools
+        .iter()
+        .flat_map(|table| table.tools())
+        .map(|tool| ToolEntry {
+            number: tool.number,
+            offsets: axes.iter().map(|&axis| tool.offset[axis]).collect(),
+            diameter: tool.diameter_mm,
+            comment: String::new(),
+        });
+    ToPage::Kept {
+        offsets: offsets.collect(),
+        tools: tools.collect(),
+    }
+}
+
+/// Tells pages of new offsets, tools and macros for as long as the server runs.
+pub(crate) async fn watch_kept(server: Arc<Server>) {
+    let macros = Arc::new(Mutex::new(MacroWatch::default()));
+    loop {
+        let (of_thread, macros) = (Arc::clone(&server), Arc::clone(&macros));
+        let read = move || {
+            let kept = kept(&of_thread.setup, of_thread.state_folder.as_deref());
+            of_thread.hub.tell_kept(kept);
+            let mut macros = macros.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some((file, must_exist)) = &of_thread.macros
+                && let Some(told) = macros.look(file, *must_exist)
+            {
+                of_thread.hub.tell_macros(told);
+            }
+        };
+        // It is read again soon.
+        let _read = tokio::task::spawn_blocking(read).await;
+        tokio::time::sleep(KEPT).await;
+    }
+}

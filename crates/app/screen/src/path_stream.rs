@@ -1,0 +1,205 @@
+//! The path of a program for pages, in chunks: first as it is programmed, within a second or two of a million lines, then as it
+//! is planned, in as many minutes.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use axum::body::Bytes;
+use axum::extract::{Path as UrlPath, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use evolvent_analysis::{FeedWords, LimitClassifier, Limiting};
+use evolvent_bus::flags;
+use evolvent_runtime::{Clock, Controls, Job, Notice, RunObserver, Setup, run};
+use tokio::sync::mpsc;
+
+use crate::kept::present_setup;
+use crate::messages::{PathChunk, PathKind};
+use crate::programmed_path::ProgrammedPath;
+use crate::programs::{background, work_for_minutes};
+use crate::server::Server;
+use crate::streaming::{channel, hand_over, streamed};
+
+/// Vertices per chunk.
+const CHUNK: usize = 16_384;
+/// The first chunk is small, so that it is shown at once.
+const FIRST_CHUNK: usize = 64;
+/// A chunk that is not full is sent after this time: a slow plan is drawn as it grows.
+const CHUNK_TIME: Duration = Duration::from_millis(250);
+/// A planned path with more vertices is not shown to its end: a program may loop for ever.
+const MAX_PLANNED: usize = 8_000_000;
+/// The same for the programmed path, of which a page keeps what the planned path has not replaced.
+const MAX_PROGRAMMED: usize = 4_000_000;
+/// Commands between two looks at whether somebody still receives: they may draw nothing.
+const LOOK_COMMANDS: u32 = 4096;
+/// Time between two vertices of the planned path, ns.
+const VERTEX_NS: u64 = 8_000_000;
+
+pub(crate) async fn path(
+    State(server): State<Arc<Server>>,
+    UrlPath((_key, name)): UrlPath<(String, String)>,
+) -> Response {
+    let Some(file) = server.file_of(&name) else {
+        return StatusCode::NOT_FOUND.into_response();
+    };
+    let Ok(permit) = Arc::clone(&server.planners).acquire_owned().await else {
+        return StatusCode::SERVICE_UNAVAILABLE.into_response();
+    };
+    let (sender, receiver) = channel();
+    let planning = background("screen-path", move || {
+        send(&server, &name, file, &sender);
+        drop(permit);
+    });
+    match planning {
+        Ok(()) => streamed("application/octet-stream", receiver),
+        Err(_) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
+    }
+}
+
+fn send(server: &Server, name: &str, file: PathBuf, sender: &mpsc::Sender<Bytes>) {
+    let upload = server.hub.loaded_upload();
+    let setup = present_setup(&server.setup, server.state_folder.as_deref());
+    if !send_programmed(
+        &file,
+        &setup,
+        ChunkWriter::new(PathKind::Programmed, sender, FIRST_CHUNK),
+    ) {
+        return;
+    }
+    work_for_minutes();
+    let planned_s = send_planned(file, setup, ChunkWriter::new(PathKind::Planned, sender, CHUNK));
+    if planned_s.is_some() {
+        server.hub.tell_planned(name, upload, planned_s);
+    }
+}
+
+/// Collects vertices and sends them in chunks.
+struct ChunkWriter<'a> {
+    kind: PathKind,
+    chunks: &'a mpsc::Sender<Bytes>,
+    chunk: PathChunk,
+    /// Vertices of the present chunk, at most.
+    full: usize,
+    sent_at: Instant,
+    sent: usize,
+}
+
+impl<'a> ChunkWriter<'a> {
+    fn new(kind: PathKind, chunks: &'a mpsc::Sender<Bytes>, first: usize) -> Self {
+        Self {
+            kind,
+            chunks,
+            chunk: PathChunk::default(),
+            full: first,
+            sent_at: Instant::now(),
+            sent: 0,
+        }
+    }
+
+    /// Whether the chunk has to be sent: it is full, or its first vertex has waited.
+    fn is_due(&self) -> bool {
+        self.chunk.len() >= self.full || (self.full == CHUNK && self.sent_at.elapsed() >= CHUNK_TIME)
+    }
+
+    /// Sends what is here; `replaced`: see [`PathChunk::take_bytes`]. False where nobody receives.
+    fn send(&mut self, replaced: u32) -> bool {
+        self.sent += self.chunk.len();
+        self.full = CHUNK;
+        let is_received = hand_over(self.chunks, self.chunk.take_bytes(self.kind, replaced).into());
+        self.sent_at = Instant::now();
+        is_received
+    }
+}
+
+/// Sends the programmed path; false where nobody receives.
+fn send_programmed(file: &Path, setup: &Setup, mut writer: ChunkWriter<'_>) -> bool {
+    // A program that cannot be opened is the run's to complain of.
+    let Ok(mut path) = ProgrammedPath::open(file, setup) else {
+        return true;
+    };
+    let unplanned = Limiting::Nothing.index() as u8;
+    for commands in 1_u32.. {
+        let chunk = &mut writer.chunk;
+        let goes_on = path.advance(&mut |vertex| {
+            chunk.push(vertex.position, vertex.feed_mm_s, vertex.line, unplanned);
+        });
+        if !goes_on || writer.sent > MAX_PROGRAMMED {
+            break;
+        }
+        if writer.is_due() && !writer.send(0) {
+            return false;
+        }
+        if commands % LOOK_COMMANDS == 0 && writer.chunks.is_closed() {
+            return false;
+        }
+    }
+    writer.chunk.is_empty() || writer.send(0)
+}
+
+struct Quiet;
+
+impl RunObserver for Quiet {
+    fn progress(&mut self, _controls: &Controls) {}
+    fn notice(&mut self, _notice: &Notice) {}
+    fn note(&mut self, _text: &str) {}
+}
+
+/// Plans a program and sends its path until nobody receives. Returns the planned time, s, if it reached the end.
+fn send_planned(file: PathBuf, setup: Setup, mut writer: ChunkWriter<'_>) -> Option<f64> {
+    let every = (VERTEX_NS / setup.period_ns.max(1)).max(1);
+    let job = Job {
+        program: file,
+        setup,
+        clock: Clock::Virtual,
+        feed_override: 1.0,
+        trace: None,
+        bus: false,
+        bus_prefix: None,
+        wait_for_subscribers: 0,
+        inputs: None,
+        optional_stop: false,
+        stop_at_program_stops: false,
+    };
+    let controls = Arc::new(Controls::new(1.0));
+    let classifier = LimitClassifier::new(&job.setup.machine, job.setup.period_ns as f64 * 1e-9);
+    // A program that cannot be opened is the run's to complain of.
+    let mut feeds = FeedWords::open(&job.program, &job.setup).ok();
+    let mut programmed = ProgrammedPath::open(&job.program, &job.setup).ok();
+    let mut replaced = move |block| {
+        let path = programmed.as_mut();
+        path.map_or(0, |path| path.vertices_through(block))
+    };
+    let mut line = u32::MAX;
+    let mut block = 0;
+    let outcome = run(&job, &controls, &mut Quiet, |setpoint| {
+        if setpoint.sequence % every != 0 && setpoint.line == line {
+            return;
+        }
+        (line, block) = (setpoint.line, setpoint.block);
+        let [x, y, z] = [0, 1, 2].map(|axis| setpoint.position[axis] as f32);
+        let is_rapid = setpoint.flags & flags::RAPID != 0;
+        let feed = if is_rapid {
+            -setpoint.feed_mm_s
+        } else {
+            setpoint.feed_mm_s
+        };
+        let word = feeds.as_mut().and_then(|feeds| feeds.of_block(block));
+        let limit = classifier.classify(setpoint, word).index() as u8;
+        writer.chunk.push([x, y, z], feed as f32, line, limit);
+        if writer.is_due() && (writer.sent > MAX_PLANNED || !writer.send(replaced(block))) {
+            controls.stop();
+        }
+    });
+    let is_whole = outcome
+        .as_ref()
+        .is_ok_and(|outcome| outcome.program.is_ok() && outcome.fault.is_none() && !controls.is_stopping());
+    // What comes after the last move belongs to no block.
+    let at_end = if is_whole { u32::MAX } else { replaced(block) };
+    // The receiver may be gone.
+    let _gone = writer.send(at_end);
+    outcome
+        .ok()
+        .filter(|_| is_whole)
+        .map(|outcome| outcome.summary.duration_s)
+}

@@ -1,0 +1,220 @@
+//! A running screen: its start, its addresses, its end.
+
+use std::net::{SocketAddr, TcpListener};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use evolvent_bus::ClientConfig;
+use evolvent_runtime::TraceTo;
+use qrcode::QrCode;
+use qrcode::render::unicode::Dense1x2;
+use tokio::sync::Semaphore;
+use tokio_rustls::TlsAcceptor;
+
+use crate::chatter::ChatterCase;
+use crate::config::{ScreenConfig, ScreenError, ScreenScope};
+use crate::gate::{Gate, Role, random_hex};
+use crate::hub::Hub;
+use crate::kept::watch_kept;
+use crate::listener::listen;
+use crate::messages::{MachineInfo, ProgramInfo, ToPage};
+use crate::names::{public_host, server_names};
+use crate::orders::Orders;
+use crate::programs::programs_folder;
+use crate::routes::router;
+use crate::server::{MAX_TEXTS, Server, name_of};
+use crate::tls::encryption;
+use crate::traces::remove_copies;
+use crate::watcher;
+
+/// Poll interval of the end.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// A running screen. It ends when it is dropped.
+#[derive(Debug)]
+pub struct Screen {
+    address: String,
+    watch_address: Option<String>,
+    is_remote: bool,
+    stop: Arc<AtomicBool>,
+    threads: Vec<JoinHandle<()>>,
+}
+
+impl Screen {
+    /// Listens, and starts the threads, which wait for the core. They inherit the priority of the caller:
+    /// call it before the caller becomes a real-time thread.
+    ///
+    /// # Errors
+    /// The address is taken or not this computer's; a certificate that cannot be used; no folder for
+    /// programs, no threads.
+    pub fn start(config: ScreenConfig) -> Result<Self, ScreenError> {
+        let listening = |source| ScreenError::Listen {
+            address: config.address,
+            source,
+        };
+        let listener = TcpListener::bind(config.address).map_err(listening)?;
+        listener.set_nonblocking(true)?;
+        let local = listener.local_addr()?;
+        let is_remote = !local.ip().is_loopback();
+        let chatter = match &config.scope {
+            ScreenScope::Operate { chatter, .. } => chatter.clone(),
+            ScreenScope::Watch { .. } => None,
+        };
+        let (programs, state_folder, traces, macros, run) = match config.scope.clone() {
+            ScreenScope::Operate {
+                state_folder,
+                traces,
+                macros,
+                ..
+            } => {
+                remove_copies(&state_folder);
+                let is_named = macros.is_some();
+                let macros = macros.unwrap_or_else(|| state_folder.join("macros.toml"));
+                (
+                    Some(programs_folder(&state_folder)?),
+                    Some(state_folder),
+                    traces,
+                    Some((macros, is_named)),
+                    None,
+                )
+            }
+            ScreenScope::Watch { program } => (None, None, TraceTo::Nowhere, None, Some(program)),
+        };
+        let host = public_host(local);
+        let names = server_names(&config.hosts, host);
+        let encryption = encryption(&config, state_folder.as_deref(), is_remote, &names)?;
+        let is_encrypted = encryption.is_some();
+        let (operate, watch) = (random_hex()?, random_hex()?);
+        let of_operate = if run.is_some() { Role::Watch } else { Role::Operate };
+        let keys = vec![(operate.clone(), of_operate), (watch.clone(), Role::Watch)];
+        let gate = Gate::new(keys, local, &names, is_encrypted);
+        let scheme = if is_encrypted { "https" } else { "http" };
+        let url = |key: &str| format!("{scheme}://{}/{key}/", SocketAddr::new(host, local.port()));
+
+        let stop = Arc::new(AtomicBool::new(false));
+        let client = ClientConfig {
+            prefix: config.bus_prefix.clone(),
+            wait: Duration::from_secs(2),
+            ..ClientConfig::new(&config.setup.machine.name)
+        };
+        let hub = Arc::new(Hub::new(ToPage::Machine {
+            machine: Box::new(MachineInfo::new(&config.setup, chatter.is_some())),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+        }));
+        if let Some(file) = &run {
+            hub.tell_program(ProgramInfo {
+                name: name_of(file),
+                upload: 0,
+                bytes: std::fs::metadata(file).map_or(0, |data| data.len()),
+                errors: Vec::new(),
+                warnings: Vec::new(),
+                checked: true,
+                planned_s: None,
+            });
+        }
+        let orders = |name| Orders::spawn(name, client.clone(), Arc::clone(&stop));
+        let (stops, first) = orders("screen-stops")?;
+        let (jogs, second) = orders("screen-jogs")?;
+        let (commands, third) = orders("screen-orders")?;
+        let signals = config.setup.machine.signals.clone();
+        let bus = watcher::spawn(client.clone(), signals, Arc::clone(&hub), Arc::clone(&stop))?;
+        let server = Arc::new(Server {
+            hub,
+            stops,
+            jogs,
+            commands,
+            jogged: AtomicBool::new(false),
+            setup: config.setup,
+            programs,
+            state_folder,
+            traces,
+            run,
+            checkers: Arc::new(Semaphore::new(1)),
+            planners: Arc::new(Semaphore::new(1)),
+            restarts: Arc::new(Semaphore::new(1)),
+            macros,
+            texts: Arc::new(Semaphore::new(MAX_TEXTS)),
+            chatter: ChatterCase::new(chatter),
+            readers: Arc::new(Semaphore::new(1)),
+            receiving: Semaphore::new(1),
+            uploads: AtomicU64::new(0),
+            is_encrypted,
+        });
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .max_blocking_threads(8)
+            .thread_name("screen-files")
+            .build()?;
+        let ending = Arc::clone(&stop);
+        let web = std::thread::Builder::new()
+            .name("screen-web".into())
+            .spawn(move || {
+                runtime.block_on(serve(server, gate, listener, encryption, ending));
+                // A plan without a receiver ends by itself.
+                runtime.shutdown_background();
+            })?;
+        Ok(Self {
+            address: url(&operate),
+            watch_address: (of_operate == Role::Operate).then(|| url(&watch)),
+            is_remote,
+            stop,
+            threads: vec![first, second, third, bus, web],
+        })
+    }
+
+    /// The address to open in a browser. It permits operating the machine, except if a run is watched.
+    #[must_use]
+    pub fn address(&self) -> &str {
+        &self.address
+    }
+
+    /// The address that only permits watching; none if no page may operate.
+    #[must_use]
+    pub fn watch_address(&self) -> Option<&str> {
+        self.watch_address.as_deref()
+    }
+
+    /// The address as a QR code of block characters, if other computers can reach it.
+    #[must_use]
+    pub fn code(&self) -> Option<String> {
+        let code = QrCode::new(&self.address).ok().filter(|_| self.is_remote)?;
+        // Terminals are usually dark: the light parts of the code are drawn.
+        let mut image = code.render::<Dense1x2>();
+        let image = image.dark_color(Dense1x2::Light).light_color(Dense1x2::Dark);
+        Some(image.build())
+    }
+}
+
+impl Drop for Screen {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        for thread in self.threads.drain(..) {
+            // A thread that panicked has ended.
+            let _ended = thread.join();
+        }
+    }
+}
+
+async fn serve(
+    server: Arc<Server>,
+    gate: Gate,
+    listener: TcpListener,
+    encryption: Option<TlsAcceptor>,
+    stop: Arc<AtomicBool>,
+) {
+    let Ok(listener) = tokio::net::TcpListener::from_std(listener) else {
+        return;
+    };
+    tokio::spawn(watch_kept(Arc::clone(&server)));
+    let ended = async {
+        while !stop.load(Ordering::Relaxed) {
+            tokio::time::sleep(LOOK).await;
+        }
+    };
+    tokio::select! {
+        never = listen(listener, router(server, gate), encryption) => match never {},
+        () = ended => {}
+    }
+}
