@@ -153,3 +153,17 @@ fn a_lathe_shows_its_passes_and_the_limits_of_chatter() {
     let _said = measured(command.arg("lathe"));
     served.end().expect_code(&[0, 3]);
 }
+
+#[test]
+fn a_browser_operates_over_an_encrypted_connection() {
+    if !measured(Command::new(repository().join("tools/build-page")).arg("--check")) {
+        return;
+    }
+    let mut scene = Scene::with("screen-encrypted", &["--screen=0.0.0.0:0", "--trace-limit=1"]);
+    let [address, _] = scene.served.as_mut().expect("a core").screen();
+    let state = scene.workshop.path("state");
+    let mut command = against(&address, &state);
+    command.env("EVOLVENT_CERTIFICATE", state.join("screen/certificate.pem"));
+    let _said = measured(command.arg("an encrypted page"));
+    scene.end();
+}

@@ -1,12 +1,14 @@
 // The cases against a page that somebody serves: `node tests/against.mjs URL [CASE]`. With EVOLVENT_MACROS, the name of the service's file of
-// macros, those of macros are measured, too; with EVOLVENT_WHEEL, a file of the counts of its handwheel, that the wheel is followed.
+// macros, those of macros are measured, too; with EVOLVENT_WHEEL, a file of the counts of its handwheel, that the wheel is followed; with
+// EVOLVENT_CERTIFICATE, the server's own certificate, that an encrypted page is.
 import { readFileSync, writeFileSync } from 'node:fs';
 import { launch } from './browser.mjs';
 import { runCases } from './run.mjs';
 
 const [url, only = ''] = process.argv.slice(2);
 if (url === undefined) throw new Error('node tests/against.mjs URL [CASE]');
-const browser = await launch();
+const certificate = process.env.EVOLVENT_CERTIFICATE;
+const browser = await launch(certificate);
 if (browser === null) {
   console.log('not measured: no Chromium (Debian: apt-get install chromium)');
   process.exit(0);
@@ -15,6 +17,6 @@ const file = process.env.EVOLVENT_MACROS;
 const macros = file ? (text) => writeFileSync(file, text) : undefined;
 const wheel = process.env.EVOLVENT_WHEEL;
 const turn = wheel ? async (counts) => writeFileSync(wheel, String(Number(readFileSync(wheel, 'utf8')) + counts)) : undefined;
-const failed = await runCases(browser, url, only, { real: true, macros, turn });
+const failed = await runCases(browser, url, only, { real: true, macros, turn, certificate });
 await browser.close();
 process.exit(failed === 0 ? 0 : 1);

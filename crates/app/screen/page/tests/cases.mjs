@@ -2,6 +2,7 @@
 import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
+import { launch } from './browser.mjs';
 
 const axeSource = readFileSync(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8');
 /** The views of this machine. */
@@ -91,6 +92,31 @@ export const cases = {
     await ready(page);
     await page.locator(at('estop')).click();
     await until('stopped', async () => (await text(page, 'state')) === 'E-STOP' || text(page, 'state'));
+  },
+
+  async 'an encrypted page operates the machine where its certificate is trusted, and nowhere else'(page, context) {
+    if (!context.certificate) return 'not measured';
+    const url = page.url();
+    assert.match(url, /^https:/);
+    const sockets = [];
+    page.on('websocket', (socket) => sockets.push(socket.url()));
+    await page.reload();
+    await ready(page);
+    assert.deepEqual(sockets, [`${url.replace(/^https:/, 'wss:')}ws`]);
+    const [cookie] = await page.context().cookies();
+    assert.deepEqual([cookie.name, cookie.secure, cookie.httpOnly, cookie.sameSite], ['evolvent_page', true, true, 'Strict']);
+    await upload(page, 'encrypted.ngc', square(10, 1000));
+    // The key in the address is the credential.
+    const wrong = await page.context().request.get(url.replace(/[0-9a-f]{32}/, '0'.repeat(32)), { ignoreHTTPSErrors: true });
+    assert.equal(wrong.status(), 404);
+    // Without encryption there is no answer, and so no key that anybody reads on its way is of use.
+    await assert.rejects(page.goto(url.replace(/^https:/, 'http:')), /net::ERR_(EMPTY_RESPONSE|CONNECTION_RESET|INVALID_HTTP_RESPONSE)/);
+    const stranger = await launch();
+    try {
+      await assert.rejects((await stranger.newPage()).goto(url), /net::ERR_CERT_AUTHORITY_INVALID/);
+    } finally {
+      await stranger.close();
+    }
   },
 
   async 'a jog ends when the button is released, left, or the page loses its eyes'(page) {

@@ -3,7 +3,7 @@ import assert from 'node:assert/strict';
 import { spawn } from 'node:child_process';
 import { mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
-import { join } from 'node:path';
+import { join, resolve } from 'node:path';
 import { until } from './cases.mjs';
 
 export const root = new URL('../../../../../', import.meta.url).pathname;
@@ -24,7 +24,7 @@ export async function serve(binary, { machine = 'mill-3axis', changes = [], file
   writeFileSync(file, text);
   for (const [named, body] of Object.entries(files)) writeFileSync(join(folder, named), body);
   const start = (words) => {
-    const child = spawn(binary, words, { cwd: root });
+    const child = spawn(resolve(binary), words, { cwd: root });
     const said = { text: '' };
     for (const stream of [child.stdout, child.stderr]) stream.on('data', (data) => (said.text += data));
     // Where what uses it fails, it does not stay.
