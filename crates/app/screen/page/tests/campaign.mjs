@@ -319,7 +319,7 @@ async function large(size) {
     requestAnimationFrame(tick);
   });
   const coloured = () =>
-    page.locator('.holder canvas').first().evaluate((element) => {
+    page.locator(at('path-picture')).evaluate((element) => {
       const copy = document.createElement('canvas');
       [copy.width, copy.height] = [element.width >> 2, element.height >> 2];
       const drawing = copy.getContext('2d');

@@ -432,7 +432,7 @@ export const cases = {
     await page.locator(at('path-plan')).click();
     /** Width of what is coloured. */
     const extent = () =>
-      page.locator('.holder canvas').first().evaluate((element) => {
+      page.locator(at('path-picture')).evaluate((element) => {
         const copy = document.createElement('canvas');
         [copy.width, copy.height] = [element.width, element.height];
         const context = copy.getContext('2d');
@@ -795,7 +795,7 @@ export const cases = {
     await upload(page, 'path.ngc', square(100, 3000));
     await view(page, 'path');
     await page.locator(at('path-plan')).click();
-    const canvas = page.locator('.holder canvas').first();
+    const canvas = page.locator(at('path-picture'));
     await until(
       'coloured pixels',
       () =>

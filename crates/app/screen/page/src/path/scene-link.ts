@@ -11,6 +11,7 @@ export async function openScene(): Promise<{ link: SceneLink; canvas: HTMLCanvas
   for (const open of ways) {
     const canvas = document.createElement('canvas');
     canvas.setAttribute('aria-hidden', 'true');
+    canvas.dataset['test'] = 'path-picture';
     const { link, begun } = await open(canvas);
     if ((await begun).webgl) return { link, canvas };
     link({ kind: 'end' });
