@@ -45,6 +45,7 @@ mod tool_changes;
 mod top;
 mod travel_ends;
 mod turning;
+mod two_spindles;
 mod unlimited;
 mod unreadable_files;
 mod user_codes;

@@ -70,7 +70,11 @@ const KEYS: &[(&str, &str, &str)] = &[
         "locking indexers are not supported",
     ),
     ("AXIS_", "OFFSET_AV_RATIO", "external offsets are not supported"),
-    ("TRAJ", "SPINDLES", "one spindle"),
+    (
+        "TRAJ",
+        "SPINDLES",
+        "write a [[spindle]] for each of them into the machine file",
+    ),
     ("TRAJ", "NO_FORCE_HOMING", "programs need homed axes"),
     (
         "TRAJ",

@@ -10,7 +10,7 @@ use evolvent_trace::Histogram;
 use rtrb::Producer;
 
 use crate::cycle_sample::CycleSample;
-use crate::due_setpoint::{DriveRequest, DueSetpoint};
+use crate::due_setpoint::{DriveRequest, DueSetpoint, SpindleOverrides};
 use crate::job::Clock;
 use crate::pacing::{LatenessCounter, Pacing, RealTimer};
 use crate::rt::MonotonicClock;
@@ -56,8 +56,8 @@ pub(crate) struct Computed {
     pub job: u64,
     /// Whether it belongs to a program, and not to a jog, to homing or to rest.
     pub is_of_program: bool,
-    /// By what the commanded speed of the spindle is multiplied.
-    pub spindle_override: f64,
+    /// By what the commanded speed of each spindle is multiplied.
+    pub spindle_overrides: SpindleOverrides,
     /// What it depended on, as bits of the trace.
     pub input_bits: u32,
 }
@@ -152,7 +152,7 @@ impl CoreLoop {
                     due_time_ns: cycle.map_or(path_time_ns, |cycle| cycle.due_ns),
                     drive: computed.drive,
                     job: computed.job,
-                    spindle_override: computed.spindle_override,
+                    spindle_overrides: computed.spindle_overrides,
                     is_of_program: computed.is_of_program,
                 };
                 counts.dropped_setpoints += u64::from(!hand_over(bus, due, is_realtime));

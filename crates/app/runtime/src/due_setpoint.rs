@@ -1,8 +1,12 @@
 //! Setpoints on their way from the cycle to the bus.
 
 use evolvent_drive::{IndexRequest, PowerRequest};
+use evolvent_gcode::SPINDLES;
 use evolvent_motion::Setpoint;
 use evolvent_path::{Axes, Jet};
+
+/// A factor for the commanded speed of each spindle.
+pub(crate) type SpindleOverrides = [f64; SPINDLES];
 
 /// A setpoint on its way to the bus.
 #[derive(Clone, Copy, Debug)]
@@ -16,8 +20,8 @@ pub(crate) struct DueSetpoint {
     pub drive: DriveRequest,
     /// The job to whose program it belongs, or to whose program the last one did.
     pub job: u64,
-    /// By what the commanded speed of the spindle is multiplied: the override of the operator, where it counts.
-    pub spindle_override: f64,
+    /// By what the commanded speed of each spindle is multiplied: the override of the operator, where it counts.
+    pub spindle_overrides: SpindleOverrides,
     /// Whether it belongs to a program, and not to a jog, to homing or to rest.
     pub is_of_program: bool,
 }

@@ -13,7 +13,7 @@ use std::path::Path;
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
-use evolvent_gcode::{Action, Command, Diagnostic, MoveKind};
+use evolvent_gcode::{Action, Command, Diagnostic, MoveKind, SPINDLES};
 use evolvent_motion::{ProbingSender, ProcessSender, QueueClosed};
 use evolvent_planner::{PlanError, PlanSink};
 use evolvent_signals::Scheduler;
@@ -134,7 +134,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 rapid_override: setup.rapid_override,
             },
             switching: Switching::Fixed,
-            next: NextBlock::new(setup.outputs.direction),
+            next: NextBlock::new(&setup.outputs),
             periphery: Periphery {
                 outputs: setup.outputs,
                 tool: setup.tool,
@@ -316,9 +316,17 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             _ => false,
         };
         let line = command.line;
-        if is_feed && std::mem::take(&mut self.next.has_left_radius) && self.knows_speed() {
+        let left = if is_feed {
+            std::mem::take(&mut self.next.has_left_radius)
+        } else {
+            [false; SPINDLES]
+        };
+        for number in 0..SPINDLES as u32 {
+            if !left[number as usize] || !self.knows_speed(number) {
+                continue;
+            }
             // A command of its own, so that the wait is for the speed of this radius.
-            let action = self.surface_action();
+            let action = self.periphery.outputs.spindle(number).action(number);
             match self.switch(&action, line) {
                 Ok(()) => {}
                 Err(PlanError::Sink(_gone)) => return Ok(Waited::Gone),
@@ -329,8 +337,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 }
             }
         }
-        if is_feed && std::mem::take(&mut self.next.awaits_speed) {
-            match self.await_speed(line) {
+        if is_feed {
+            match self.await_speeds(line) {
                 Ok(None) => {}
                 Ok(Some((message, help))) => return Err(self.refused(command, program, message, help)),
                 Err(_gone) => return Ok(Waited::Gone),
@@ -459,6 +467,7 @@ mod tests {
                 origin: None,
                 calls: evolvent_gcode::CallChain::default(),
                 feed_mm_rev: None,
+                feed_spindle: 0,
             };
             assert!(feeder.execute(&command).unwrap());
         }

@@ -193,9 +193,22 @@ impl Setup {
                 TurningWords::Mode => gcode::TurningWords::Mode,
             },
             load_channel: program.load_channel,
-            spindle_max_rpm: crate::spindle_command::max_rpm(&self.machine.signals),
-            rigid_tapping: (self.machine.signals.spindle(0)).is_some_and(|spindle| spindle.has_feedback()),
+            spindles: self.spindles(),
+            spindle_max_rpm: self.machine.signals.max_rpm(),
+            rigid_tapping: std::array::from_fn(|number| {
+                let spindle = self.machine.signals.spindle(number as u32);
+                spindle.is_some_and(|spindle| spindle.has_feedback())
+            }),
         }
+    }
+
+    /// The spindles that a program can name: those of the machine file, or spindle 0 of a file without any.
+    fn spindles(&self) -> [bool; gcode::SPINDLES] {
+        let signals = &self.machine.signals;
+        std::array::from_fn(|number| match signals.spindles.is_empty() {
+            true => number == 0,
+            false => signals.spindle(number as u32).is_some(),
+        })
     }
 
     /// What the interpreter needs to know before the first line.

@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use evolvent_gcode::{Outputs, SpindleDirection};
+use evolvent_gcode::{Outputs, SpindleDirection, SpindleOutput};
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, SurfaceSpeed};
 use evolvent_transfer::AxesState;
@@ -115,23 +115,12 @@ impl fmt::Display for JobStart {
                     write!(out, "; selected={tool}")?;
                 }
                 if let Some(outputs) = &start.outputs {
-                    let direction = match outputs.direction {
-                        SpindleDirection::Stopped => 5,
-                        SpindleDirection::Clockwise => 3,
-                        SpindleDirection::CounterClockwise => 4,
-                    };
-                    write!(
-                        out,
-                        "; spindle=M{direction}; speed_rpm={}; mist={}; flood={}",
-                        outputs.speed_rpm, outputs.mist, outputs.flood
-                    )?;
-                    if let Some(surface) = &outputs.surface {
-                        write!(
-                            out,
-                            "; surface_m_min={}; surface_max_rpm={}; surface_centre={}",
-                            surface.speed_m_min, surface.max_rpm, surface.centre_mm
-                        )?;
+                    for (number, spindle) in outputs.spindles.iter().enumerate() {
+                        if number == 0 || *spindle != SpindleOutput::default() {
+                            write_spindle(out, spindle, &suffix(number))?;
+                        }
                     }
+                    write!(out, "; mist={}; flood={}", outputs.mist, outputs.flood)?;
                 }
                 Ok(())
             }
@@ -202,25 +191,20 @@ impl JobStart {
                 selected_tool: whole("selected"),
                 outputs: match get("spindle") {
                     None => None,
-                    Some(code) => Some(Outputs {
-                        direction: match code {
-                            "M3" => SpindleDirection::Clockwise,
-                            "M4" => SpindleDirection::CounterClockwise,
-                            "M5" => SpindleDirection::Stopped,
-                            _ => return None,
-                        },
-                        speed_rpm: number("speed_rpm")?,
-                        surface: match get("surface_m_min") {
-                            None => None,
-                            Some(_) => Some(SurfaceSpeed {
-                                speed_m_min: number("surface_m_min")?,
-                                max_rpm: number("surface_max_rpm")?,
-                                centre_mm: number("surface_centre")?,
-                            }),
-                        },
-                        mist: get("mist")?.parse().ok()?,
-                        flood: get("flood")?.parse().ok()?,
-                    }),
+                    Some(_) => {
+                        let mut outputs = Outputs {
+                            mist: get("mist")?.parse().ok()?,
+                            flood: get("flood")?.parse().ok()?,
+                            ..Outputs::default()
+                        };
+                        for (number, spindle) in outputs.spindles.iter_mut().enumerate() {
+                            let suffix = suffix(number);
+                            if get(&format!("spindle{suffix}")).is_some() {
+                                *spindle = read_spindle(&get, &suffix)?;
+                            }
+                        }
+                        Some(outputs)
+                    }
                 },
                 start_line: whole("line")?,
                 switches: SwitchState::of(&pairs)?,
@@ -256,6 +240,56 @@ pub(crate) fn plain_name(name: &str) -> String {
         .collect()
 }
 
+/// What follows the keys of a spindle: nothing of spindle 0.
+fn suffix(number: usize) -> String {
+    match number {
+        0 => String::new(),
+        _ => number.to_string(),
+    }
+}
+
+fn write_spindle(out: &mut fmt::Formatter<'_>, spindle: &SpindleOutput, suffix: &str) -> fmt::Result {
+    let direction = match spindle.direction {
+        SpindleDirection::Stopped => 5,
+        SpindleDirection::Clockwise => 3,
+        SpindleDirection::CounterClockwise => 4,
+    };
+    write!(
+        out,
+        "; spindle{suffix}=M{direction}; speed_rpm{suffix}={}",
+        spindle.speed_rpm
+    )?;
+    let Some(surface) = &spindle.surface else {
+        return Ok(());
+    };
+    write!(
+        out,
+        "; surface_m_min{suffix}={}; surface_max_rpm{suffix}={}; surface_centre{suffix}={}",
+        surface.speed_m_min, surface.max_rpm, surface.centre_mm
+    )
+}
+
+fn read_spindle<'a>(get: &impl Fn(&str) -> Option<&'a str>, suffix: &str) -> Option<SpindleOutput> {
+    let number = |key: &str| get(&format!("{key}{suffix}"))?.parse::<f64>().ok();
+    Some(SpindleOutput {
+        direction: match get(&format!("spindle{suffix}"))? {
+            "M3" => SpindleDirection::Clockwise,
+            "M4" => SpindleDirection::CounterClockwise,
+            "M5" => SpindleDirection::Stopped,
+            _ => return None,
+        },
+        speed_rpm: number("speed_rpm")?,
+        surface: match get(&format!("surface_m_min{suffix}")) {
+            None => None,
+            Some(_) => Some(SurfaceSpeed {
+                speed_m_min: number("surface_m_min")?,
+                max_rpm: number("surface_max_rpm")?,
+                centre_mm: number("surface_centre")?,
+            }),
+        },
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -280,13 +314,24 @@ mod tests {
             tool: 12,
             selected_tool: Some(5),
             outputs: Some(Outputs {
-                direction: SpindleDirection::CounterClockwise,
-                speed_rpm: 0.1 + 0.2,
-                surface: Some(SurfaceSpeed {
-                    speed_m_min: 0.7 + 0.1,
-                    max_rpm: f64::INFINITY,
-                    centre_mm: -1.0 / 3.0,
-                }),
+                spindles: [
+                    SpindleOutput {
+                        direction: SpindleDirection::CounterClockwise,
+                        speed_rpm: 0.1 + 0.2,
+                        surface: Some(SurfaceSpeed {
+                            speed_m_min: 0.7 + 0.1,
+                            max_rpm: f64::INFINITY,
+                            centre_mm: -1.0 / 3.0,
+                        }),
+                    },
+                    SpindleOutput::default(),
+                    SpindleOutput {
+                        direction: SpindleDirection::Clockwise,
+                        speed_rpm: 1.0 / 7.0,
+                        surface: None,
+                    },
+                    SpindleOutput::default(),
+                ],
                 mist: true,
                 flood: false,
             }),

@@ -169,33 +169,58 @@ pub(crate) struct QueuedBlock {
     pub path_mm: f64,
 }
 
+/// How texts name a spindle.
+pub(crate) fn spindle_name(number: u32) -> String {
+    match number {
+        0 => "spindle".to_owned(),
+        _ => format!("spindle {number}"),
+    }
+}
+
+/// The same at the start of a sentence about it: the only spindle of most machines has an article.
+pub(crate) fn with_article(number: u32) -> String {
+    match number {
+        0 => "the spindle".to_owned(),
+        _ => spindle_name(number),
+    }
+}
+
+fn turning_text(number: u32, direction: SpindleDirection, speed: &str) -> String {
+    let name = spindle_name(number);
+    match direction {
+        SpindleDirection::Stopped => format!("{name} stop"),
+        SpindleDirection::Clockwise => format!("{name} clockwise {speed}"),
+        SpindleDirection::CounterClockwise => format!("{name} counter-clockwise {speed}"),
+    }
+}
+
 /// What an action does, as text; none where it is none of the periphery's.
 pub(crate) fn describe(action: &Action) -> Option<String> {
     Some(match action {
         Action::SelectTool(tool) => format!("select tool {tool}"),
         Action::BeginToolChange(tool) => format!("the change to tool {tool} begins"),
         Action::ChangeTool(tool) => format!("change to tool {tool}"),
-        Action::Spindle { direction, speed_rpm } => match direction {
-            SpindleDirection::Stopped => "spindle stop".to_owned(),
-            SpindleDirection::Clockwise => format!("spindle clockwise {speed_rpm} rpm"),
-            SpindleDirection::CounterClockwise => format!("spindle counter-clockwise {speed_rpm} rpm"),
-        },
-        Action::SurfaceSpeed { direction, surface } => {
+        Action::Spindle {
+            spindle,
+            direction,
+            speed_rpm,
+        } => turning_text(*spindle, *direction, &format!("{speed_rpm} rpm")),
+        Action::SurfaceSpeed {
+            spindle,
+            direction,
+            surface,
+        } => {
             let speed = surface.speed_m_min;
             let most = if surface.max_rpm.is_finite() {
                 format!(", {} rpm at most", surface.max_rpm)
             } else {
                 String::new()
             };
-            match direction {
-                SpindleDirection::Stopped => "spindle stop".to_owned(),
-                SpindleDirection::Clockwise => format!("spindle clockwise {speed} m/min{most}"),
-                SpindleDirection::CounterClockwise => {
-                    format!("spindle counter-clockwise {speed} m/min{most}")
-                }
-            }
+            turning_text(*spindle, *direction, &format!("{speed} m/min{most}"))
         }
-        Action::OrientSpindle { degrees, .. } => format!("spindle to {degrees} degrees (M19)"),
+        Action::OrientSpindle { spindle, degrees, .. } => {
+            format!("{} to {degrees} degrees (M19)", spindle_name(*spindle))
+        }
         Action::Coolant { mist, flood } => {
             let word = |on: bool| if on { "on" } else { "off" };
             format!("mist {}, flood {}", word(*mist), word(*flood))

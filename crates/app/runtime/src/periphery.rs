@@ -1,6 +1,6 @@
 //! Spindle, coolant and tool: what a program switches at rest, and the tool changes it waits for.
 
-use evolvent_gcode::{Action, Outputs, SpindleDirection};
+use evolvent_gcode::{Action, Outputs, SPINDLES, SpindleDirection};
 use evolvent_machine::ToolChange;
 
 use crate::news::UserCall;
@@ -32,12 +32,12 @@ pub(crate) struct Orientation {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Periphery {
     pub outputs: Outputs,
-    /// The stopped spindle turns to an angle (M19), until another command.
-    pub orientation: Option<Orientation>,
-    /// Number of the last command to the spindle. Numbers grow, from job to job as well.
-    pub spindle_command: u64,
-    /// The program follows the spindle's angle: the cycle needs each sample of it.
-    pub follows_angle: bool,
+    /// A stopped spindle turns to an angle (M19), until another command.
+    pub orientations: [Option<Orientation>; SPINDLES],
+    /// Number of the last command to each spindle. Numbers grow, from job to job as well.
+    pub spindle_commands: [u64; SPINDLES],
+    /// The spindle whose angle the program follows: the cycle needs each sample of it.
+    pub follows_angle: Option<u32>,
     /// Tool in the spindle; 0 for none.
     pub tool: u32,
     /// The tool change that the program waits for: by whom, and the tool; 0 empties the spindle.
@@ -61,34 +61,42 @@ impl Periphery {
                 true
             }
             Action::OrientSpindle {
-                degrees, direction, ..
+                spindle,
+                degrees,
+                direction,
+                ..
             } => {
-                self.outputs.direction = SpindleDirection::Stopped;
-                self.orientation = Some(Orientation { degrees, direction });
+                let index = spindle as usize;
+                let (Some(output), Some(orientation)) = (
+                    self.outputs.spindles.get_mut(index),
+                    self.orientations.get_mut(index),
+                ) else {
+                    return false;
+                };
+                output.direction = SpindleDirection::Stopped;
+                *orientation = Some(Orientation { degrees, direction });
                 true
             }
-            Action::Spindle { .. } | Action::SurfaceSpeed { .. } => {
-                self.orientation = None;
+            Action::Spindle { spindle, .. } | Action::SurfaceSpeed { spindle, .. } => {
+                if let Some(orientation) = self.orientations.get_mut(spindle as usize) {
+                    *orientation = None;
+                }
                 self.outputs.apply(action)
             }
             _ => self.outputs.apply(action),
         }
     }
 
-    /// Whether the spindle is to turn, or to hold an angle.
-    pub(crate) fn drives_spindle(&self) -> bool {
-        self.outputs.direction != SpindleDirection::Stopped || self.orientation.is_some()
+    /// Whether a spindle is to turn, or to hold an angle.
+    pub(crate) fn drives_spindle(&self, number: usize) -> bool {
+        self.outputs.spindles[number].turns() || self.orientations[number].is_some()
     }
 
-    /// Spindle and coolant off, no tool change pending: after a stop, a fault or an emergency stop.
+    /// Spindles and coolant off, no tool change pending: after a stop, a fault or an emergency stop.
     pub(crate) fn switch_off(&mut self) {
-        self.outputs = Outputs {
-            direction: SpindleDirection::Stopped,
-            mist: false,
-            flood: false,
-            ..self.outputs
-        };
-        self.orientation = None;
+        self.outputs.stop_spindles();
+        (self.outputs.mist, self.outputs.flood) = (false, false);
+        self.orientations = [None; SPINDLES];
         self.change = None;
     }
 

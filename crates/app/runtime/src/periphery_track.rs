@@ -141,17 +141,15 @@ mod tests {
             due_time_ns: 0,
             drive: DriveRequest::ON,
             job,
-            spindle_override: 1.0,
+            spindle_overrides: [1.0; 4],
             is_of_program: state != State::Idle,
         }
     }
 
     fn spindle(speed_rpm: f64) -> Periphery {
-        let outputs = Outputs {
-            direction: SpindleDirection::Clockwise,
-            speed_rpm,
-            ..Outputs::default()
-        };
+        let mut outputs = Outputs::default();
+        outputs.spindles[0].direction = SpindleDirection::Clockwise;
+        outputs.spindles[0].speed_rpm = speed_rpm;
         Periphery {
             outputs,
             ..Periphery::default()
@@ -180,7 +178,7 @@ mod tests {
         let (second, planned) = mpsc::channel();
         orders.send(PeripheryOrder::Program { job: 2, planned }).unwrap();
         second.send((31, spindle(3100.0))).unwrap();
-        let speed = |track: &PeripheryTrack| track.now().outputs.constant_rpm();
+        let speed = |track: &PeripheryTrack| track.now().outputs.spindle(0).constant_rpm();
         assert!(!track.follow(&due(10, 1, 0, State::Running)), "the tool is known");
         assert!(track.follow(&due(11, 1, 1, State::Running)));
         assert_eq!(speed(&track), 100.0);

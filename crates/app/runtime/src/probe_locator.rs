@@ -265,7 +265,7 @@ mod tests {
                 due_time_ns: time_ns,
                 drive: DriveRequest::ON,
                 job: 0,
-                spindle_override: 1.0,
+                spindle_overrides: [1.0; 4],
                 is_of_program: true,
             });
             locator.observe_feedback(&feedback(time_ns, x + shift));

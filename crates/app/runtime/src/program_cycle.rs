@@ -137,7 +137,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
         self.adapt(&mut inputs, switches.adaptive.unwrap_or(true));
         let last = self.now.last.as_ref();
         let signals = self.signals.as_mut();
-        inputs.feed_override *= signals.map_or(1.0, |signals| signals.feed_ratio(last, 1.0));
+        inputs.feed_override *= signals.map_or(1.0, |signals| signals.feed_ratio(last, &[1.0; 4]));
         let before = self.motion.plan_step();
         let mut setpoint = self.motion.step(&inputs, &mut self.queue);
         let has_left = at_wait && inputs.resume && self.motion.plan_step() != before;
@@ -158,7 +158,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             job: 0,
             is_of_program: true,
             // The spindle of a run has no override.
-            spindle_override: 1.0,
+            spindle_overrides: [1.0; 4],
             input_bits: input_bits(&inputs, &self.motion),
         }
     }

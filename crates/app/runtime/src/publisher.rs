@@ -16,7 +16,7 @@ use crate::publish_report::PublishReport;
 use crate::publishing::Publishing;
 use crate::rt::{MonotonicClock, RealtimeRequest, apply_to_this_thread};
 use crate::signal_port::SignalPort;
-use crate::spindle_command::SpindleCommand;
+use crate::spindle_command::SpindleCommands;
 use crate::start_error::{BUS_TIMEOUT, StartError};
 use crate::status_source::{StatusPort, StatusSource};
 use crate::stop_watch::StopWatch;
@@ -48,7 +48,7 @@ pub(crate) struct Publisher<S> {
     pub publishing: Publishing,
     pub setpoints: Consumer<DueSetpoint>,
     pub periphery: PeripheryTrack,
-    pub spindle: SpindleCommand,
+    pub spindles: SpindleCommands,
     /// Outputs and inputs of the machine, where it has any.
     pub signals: Option<SignalPort>,
     pub stops: Option<StopWatch>,
@@ -122,11 +122,11 @@ impl<S: StatusSource> Publisher<S> {
         let is_switched = self.periphery.follow(due);
         let outputs = &self.periphery.now().outputs;
         let x_mm = due.setpoint.position[0];
-        self.spindle
-            .follow(outputs, x_mm, due.spindle_override, is_switched);
+        self.spindles
+            .follow(outputs, x_mm, &due.spindle_overrides, is_switched);
         if let Some(signals) = &mut self.signals {
             let periphery = is_switched.then(|| self.periphery.now());
-            signals.follow(bus, due, periphery, self.spindle.rpm());
+            signals.follow(bus, due, periphery, &self.spindles.rpm());
         }
         let message = self.publishing.message(due);
         let is_realtime = self.publishing.clock == Clock::Realtime;

@@ -16,6 +16,7 @@ use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 use crate::spindle_command::shown_rpm;
 use crate::status_source::{StatusPort, StatusSource, event_of};
+use evolvent_gcode::SPINDLES;
 
 /// Numbers of [`evolvent_bus::MACHINE_STATES`], [`evolvent_bus::ACTIVITIES`] and power of a machine that runs a program.
 const READY: u32 = 2;
@@ -68,7 +69,7 @@ impl RunStatus {
     /// The commanded speed of the spindle, where the axes are.
     fn show_speed(&mut self, periphery: &Periphery) {
         let x_mm = self.last.position[0];
-        self.status.spindle_rpm = shown_rpm(&periphery.outputs, x_mm, 1.0, &self.signals);
+        self.status.spindle_rpm = shown_rpm(&periphery.outputs, x_mm, &[1.0; SPINDLES], &self.signals);
     }
 
     fn show(&mut self, periphery: &Periphery) {

@@ -38,7 +38,7 @@ use crate::shared::Controls;
 use crate::signal_loop::SignalLoop;
 use crate::signal_port::SignalPort;
 use crate::signal_recorder::SignalRecorder;
-use crate::spindle_command::SpindleCommand;
+use crate::spindle_command::SpindleCommands;
 use crate::stages::Stages;
 use crate::standby::Standby;
 use crate::start_error::{CHAIN_TIMEOUT, StartError};
@@ -131,7 +131,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
             publishing,
             setpoints,
             periphery: PeripheryTrack::new(setup.tool, periphery_orders),
-            spindle: SpindleCommand::new(&setup.machine.signals),
+            spindles: SpindleCommands::new(&setup.machine.signals),
             signals,
             stops: StopWatch::start(setup, job.clock)?,
             status,

@@ -3,6 +3,8 @@
 use evolvent_gcode::{Action, SpindleDirection};
 use evolvent_machine::{SignalKind, SignalSettings, SpindleSettings};
 
+use crate::news::with_article;
+
 /// Why the machine cannot carry out an action, and what to do; none where it can, or where the action is none of a signal's.
 pub(crate) fn signal_objection(signals: &SignalSettings, action: &Action) -> Option<(String, String)> {
     match *action {
@@ -54,39 +56,58 @@ pub(crate) fn signal_objection(signals: &SignalSettings, action: &Action) -> Opt
                 advice("[[input]]", kind, index, &there.collect::<Vec<_>>()),
             ))
         }
-        Action::Spindle { direction, speed_rpm } if !signals.spindles.is_empty() => {
-            // Programs name no other spindle yet.
-            let Some(spindle) = signals.spindle(0) else {
-                let help = "number one of [[spindle]] 0 in the machine file".to_owned();
-                return Some(("the machine has no spindle 0".to_owned(), help));
-            };
-            if direction == SpindleDirection::CounterClockwise && !spindle.reverse {
-                let help = "write M3, or reverse = true at its [[spindle]] in the machine file".to_owned();
-                return Some(("M4: this spindle turns clockwise only".to_owned(), help));
-            }
-            let max = spindle.max_rpm;
-            (direction != SpindleDirection::Stopped && speed_rpm > max).then(|| {
-                (
-                    format!("S{speed_rpm}: the spindle turns at {max} rpm at most"),
-                    format!(
-                        "write S{max} or less, or correct max_rpm at its [[spindle]] in the machine file"
-                    ),
-                )
-            })
-        }
-        Action::OrientSpindle { .. } => {
-            let has_feedback = signals.spindle(0).is_some_and(SpindleSettings::has_feedback);
-            (!has_feedback).then(|| {
-                let help = "add feedback = true to a [[spindle]] of number 0 in the machine file, and a bridge that turns it to an \
-                            angle";
-                (
-                    "M19: the machine file has no spindle 0 with feedback".to_owned(),
-                    help.to_owned(),
-                )
+        Action::Spindle {
+            spindle,
+            direction,
+            speed_rpm,
+        } => spindle_objection(signals, spindle, direction, speed_rpm),
+        // Its speed is limited to what the spindle can do.
+        Action::SurfaceSpeed {
+            spindle, direction, ..
+        } => spindle_objection(signals, spindle, direction, 0.0),
+        Action::OrientSpindle { spindle, .. } => {
+            let settings = signals.spindle(spindle);
+            (!settings.is_some_and(SpindleSettings::has_feedback)).then(|| {
+                let help = format!(
+                    "add feedback = true to a [[spindle]] of number {spindle} in the machine file, and a bridge that turns it to \
+                     an angle"
+                );
+                let message = format!("M19: the machine file has no spindle {spindle} with feedback");
+                (message, help)
             })
         }
         _ => None,
     }
+}
+
+/// What the machine has against a direction and speed of a spindle.
+fn spindle_objection(
+    signals: &SignalSettings,
+    number: u32,
+    direction: SpindleDirection,
+    speed_rpm: f64,
+) -> Option<(String, String)> {
+    if signals.spindles.is_empty() {
+        return None;
+    }
+    let Some(spindle) = signals.spindle(number) else {
+        let help = format!(
+            "write $ and the number of another spindle, or number = {number} at one of [[spindle]] in the machine file"
+        );
+        return Some((format!("the machine has no spindle {number}"), help));
+    };
+    let name = with_article(number);
+    if direction == SpindleDirection::CounterClockwise && !spindle.reverse {
+        let help = "write M3, or reverse = true at its [[spindle]] in the machine file".to_owned();
+        return Some((format!("M4: {name} turns clockwise only"), help));
+    }
+    let max = spindle.max_rpm;
+    (direction != SpindleDirection::Stopped && speed_rpm > max).then(|| {
+        (
+            format!("S{speed_rpm}: {name} turns at {max} rpm at most"),
+            format!("write S{max} or less, or correct max_rpm at its [[spindle]] in the machine file"),
+        )
+    })
 }
 
 fn missing_output(signals: &SignalSettings, what: &str, kind: SignalKind, index: u32) -> (String, String) {
@@ -150,7 +171,11 @@ mod tests {
             value,
             synchronised: false,
         };
-        let spindle = |direction, speed_rpm| Action::Spindle { direction, speed_rpm };
+        let spindle = |direction, speed_rpm| Action::Spindle {
+            spindle: 0,
+            direction,
+            speed_rpm,
+        };
         let wait = Action::WaitInput {
             index: 1,
             analog: false,

@@ -9,6 +9,7 @@ use evolvent_signals::{
 };
 use rtrb::{Consumer, Producer};
 
+use crate::due_setpoint::SpindleOverrides;
 use crate::handwheel_view::HandwheelView;
 use crate::input_script::InputScript;
 
@@ -26,8 +27,10 @@ const RAPID_RATIO: f64 = 0.01;
 const ANGLE: u32 = 96;
 /// Number in the trace of its time.
 const ANGLE_CYCLE: u32 = ANGLE + 1;
-/// Number in the trace of the speed of the spindle that feed goes by.
+/// Number in the trace of the speed of spindle 0; those of the others follow.
 const SPEED: u32 = ANGLE + 2;
+/// Number in the trace of which spindle the angle is.
+const ANGLE_SPINDLE: u32 = SPEED + MAX_SPINDLES;
 
 /// An input or output that has changed with a setpoint: what is recorded.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,8 +56,10 @@ pub enum SignalName {
     Probe(u32),
     /// A value of the newest sample of the angle of the spindle that motion follows: an input.
     Angle(AngleValue),
-    /// How fast the spindle turns that feed goes by, rpm: an input.
-    Speed,
+    /// How fast a spindle turns, rpm: an input.
+    Speed(u32),
+    /// Which spindle the angle is: an input.
+    AngleSpindle,
 }
 
 /// One of the two numbers of a sample of a spindle's angle. In the trace the turns come first: the sample is complete with its time.
@@ -75,7 +80,12 @@ impl SignalName {
                 image.set_spindle(number, value.and_then(SpindleState::from_number));
             }
             Self::Probe(number) => image.probe.set(number, value),
-            Self::Speed => image.speed_rpm = value,
+            Self::Speed(number) => {
+                if let Some(speed) = image.speeds_rpm.get_mut(number as usize) {
+                    *speed = value;
+                }
+            }
+            Self::AngleSpindle => image.angle_spindle = value.unwrap_or(0.0) as u32,
             Self::Angle(number) => {
                 // A sample without its time yet is none.
                 let mut angle = image.angle.unwrap_or(SpindleAngle {
@@ -97,7 +107,7 @@ impl SignalName {
 
 impl SignalChange {
     /// The number in the trace: 64 more of an analog signal, 80 more of a spindle, 84 more of a value of the probe;
-    /// 96 and 97 are the angle of a spindle and its time, 98 its speed.
+    /// 96 and 97 are the angle of a spindle and its time, 98 to 101 the speeds of the spindles, 102 the spindle of the angle.
     #[must_use]
     pub const fn code(&self) -> u32 {
         match self.name {
@@ -107,7 +117,8 @@ impl SignalChange {
             SignalName::Probe(number) => MAX_DIGITAL + MAX_ANALOG + MAX_SPINDLES + number,
             SignalName::Angle(AngleValue::Turns) => ANGLE,
             SignalName::Angle(AngleValue::Cycle) => ANGLE_CYCLE,
-            SignalName::Speed => SPEED,
+            SignalName::Speed(number) => SPEED + number,
+            SignalName::AngleSpindle => ANGLE_SPINDLE,
         }
     }
 
@@ -123,7 +134,8 @@ impl SignalChange {
             PROBE..ANGLE => SignalName::Probe(code - PROBE),
             ANGLE => SignalName::Angle(AngleValue::Turns),
             ANGLE_CYCLE => SignalName::Angle(AngleValue::Cycle),
-            _ => SignalName::Speed,
+            SPEED..ANGLE_SPINDLE => SignalName::Speed(code - SPEED),
+            _ => SignalName::AngleSpindle,
         }
     }
 
@@ -141,11 +153,14 @@ impl SignalChange {
             }
             SignalName::Probe(number) => return probe_text(number, self.value),
             SignalName::Angle(value) => return angle_text(value, self.value),
-            SignalName::Speed => {
+            SignalName::Speed(number) => {
                 return match self.value {
-                    Some(rpm) => format!("spindle 0: {rpm:.1} rpm"),
-                    None => "spindle 0: speed unknown".to_owned(),
+                    Some(rpm) => format!("spindle {number}: {rpm:.1} rpm"),
+                    None => format!("spindle {number}: speed unknown"),
                 };
+            }
+            SignalName::AngleSpindle => {
+                return format!("angle of spindle {}", self.value.unwrap_or(0.0));
             }
         };
         let name = if self.is_output {
@@ -168,9 +183,9 @@ impl SignalChange {
 /// For people: a number of a sample of the angle.
 fn angle_text(name: AngleValue, value: Option<f64>) -> String {
     match (name, value) {
-        (_, None) => "spindle 0: angle unknown".to_owned(),
-        (AngleValue::Turns, Some(turns)) => format!("spindle 0: turned by {turns}"),
-        (AngleValue::Cycle, Some(cycle)) => format!("spindle 0: at setpoint {cycle}"),
+        (_, None) => "spindle: angle unknown".to_owned(),
+        (AngleValue::Turns, Some(turns)) => format!("spindle: turned by {turns}"),
+        (AngleValue::Cycle, Some(cycle)) => format!("spindle: at setpoint {cycle}"),
     }
 }
 
@@ -321,9 +336,13 @@ impl SignalLoop {
     }
 
     /// By what the feed of the plan is multiplied for the next setpoint. `last`: the one before.
-    pub(crate) fn feed_ratio(&mut self, last: Option<&Setpoint>, spindle_override: f64) -> f64 {
+    pub(crate) fn feed_ratio(
+        &mut self,
+        last: Option<&Setpoint>,
+        spindle_overrides: &SpindleOverrides,
+    ) -> f64 {
         let Some(last) = last else { return 1.0 };
-        let ratio = self.signals.feed_ratio(last.position[0], spindle_override);
+        let ratio = self.signals.feed_ratio(last.position[0], spindle_overrides);
         if last.flags & flags::RAPID == 0 {
             return ratio;
         }
@@ -420,6 +439,14 @@ impl SignalLoop {
                 });
             }
         }
+        if sample.angle_spindle != before.angle_spindle {
+            self.record(SignalChange {
+                sequence,
+                is_output: false,
+                name: SignalName::AngleSpindle,
+                value: Some(f64::from(sample.angle_spindle)),
+            });
+        }
         // Turns first: with its time a sample is complete.
         for (name, value, value_before) in [
             (
@@ -442,13 +469,16 @@ impl SignalLoop {
                 });
             }
         }
-        if sample.speed_rpm != before.speed_rpm {
-            self.record(SignalChange {
-                sequence,
-                is_output: false,
-                name: SignalName::Speed,
-                value: sample.speed_rpm,
-            });
+        for number in 0..MAX_SPINDLES {
+            let speed_rpm = sample.speeds_rpm[number as usize];
+            if speed_rpm != before.speeds_rpm[number as usize] {
+                self.record(SignalChange {
+                    sequence,
+                    is_output: false,
+                    name: SignalName::Speed(number),
+                    value: speed_rpm,
+                });
+            }
         }
         for number in 0..MAX_SPINDLES {
             let state = sample.spindle(number);

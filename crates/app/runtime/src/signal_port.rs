@@ -2,7 +2,7 @@
 
 use evolvent_bus::{CoreBus, Feedback, MachineOutputs, spindle_flags};
 use evolvent_drive::{InputEntry, InputFault, KnownInputs, KnownProbe, SpindleEntry, SpindleFault};
-use evolvent_gcode::SpindleDirection;
+use evolvent_gcode::{SPINDLES, SpindleDirection};
 use evolvent_machine::{SignalKind, SignalSettings};
 use evolvent_signals::{InputImage, OutputImage, ProbeImage, ProbeState, SpindleAngle, SpindleState};
 use rtrb::{Consumer, Producer};
@@ -18,7 +18,7 @@ pub(crate) const SAMPLES: usize = 1024;
 /// Changes of outputs on the way to the bus.
 pub(crate) const CHANGES: usize = 4096;
 
-/// What programs have commanded of spindle 0. They name no other yet.
+/// What programs have commanded of a spindle.
 #[derive(Clone, Copy, Debug, Default)]
 struct Commanded {
     /// Number of the command.
@@ -34,13 +34,13 @@ struct Commanded {
 pub(crate) struct SignalPort {
     entry: InputEntry,
     spindles: SpindleEntry,
-    commanded: Commanded,
-    speedometer: Speedometer,
+    commanded: [Commanded; SPINDLES],
+    speedometers: [Speedometer; SPINDLES],
     period_ns: u64,
     /// The last setpoint: its number, and when it is due.
     last_due: (u64, u64),
-    /// The program follows the spindle's angle.
-    follows_angle: bool,
+    /// The spindle whose angle the program follows.
+    follows_angle: Option<u32>,
     settings: SignalSettings,
     samples: Producer<InputImage>,
     changes: Consumer<DueOutputs>,
@@ -103,11 +103,11 @@ impl SignalPort {
         Self {
             entry,
             spindles,
-            commanded: Commanded::default(),
-            speedometer: Speedometer::default(),
+            commanded: [Commanded::default(); SPINDLES],
+            speedometers: [Speedometer::default(); SPINDLES],
             period_ns,
             last_due: (0, 0),
-            follows_angle: false,
+            follows_angle: None,
             settings: settings.clone(),
             samples,
             changes,
@@ -138,12 +138,7 @@ impl SignalPort {
 
     /// How a spindle is with respect to what it was commanded last.
     fn spindle_state(&self, number: u32, now_ns: u64) -> Option<SpindleState> {
-        // Of another spindle nothing was commanded.
-        let command = if number == 0 {
-            self.commanded
-        } else {
-            Commanded::default()
-        };
+        let command = self.commanded.get(number as usize).copied().unwrap_or_default();
         let timeout_ns = (self.settings.input_timeout_s * 1e9) as u64;
         let Some(known) = self.spindles.known(now_ns, number) else {
             let since_ns = command.turns_since_ns?;
@@ -169,10 +164,8 @@ impl SignalPort {
     /// The newest sample of the angle of the spindle that motion follows, where a program follows it.
     fn spindle_angle(&self, now_ns: u64) -> Option<SpindleAngle> {
         let (sequence, due_ns) = self.last_due;
-        if !self.follows_angle || due_ns == 0 {
-            return None;
-        }
-        let known = self.spindles.known(now_ns, 0)?;
+        let spindle = self.follows_angle.filter(|_| due_ns != 0)?;
+        let known = self.spindles.known(now_ns, spindle)?;
         let since_due_ns = known.time_ns as i64 - due_ns as i64;
         Some(SpindleAngle {
             cycle: sequence as f64 + since_due_ns as f64 / self.period_ns as f64,
@@ -206,7 +199,10 @@ impl SignalPort {
             image.set_spindle(spindle.number, self.spindle_state(spindle.number, now_ns));
         }
         image.angle = self.spindle_angle(now_ns);
-        image.speed_rpm = self.speedometer.rpm(self.spindles.known(now_ns, 0).as_ref());
+        image.angle_spindle = self.follows_angle.unwrap_or(0);
+        for (number, meter) in self.speedometers.iter_mut().enumerate() {
+            image.speeds_rpm[number] = meter.rpm(self.spindles.known(now_ns, number as u32).as_ref());
+        }
         if bounces {
             // Open again already: the contact counts all the same.
             image.probe = ProbeImage {
@@ -267,13 +263,13 @@ impl SignalPort {
     }
 
     /// Sends what has changed with a setpoint, before the setpoint itself. `periphery`: where it has changed; `rpm`: what the
-    /// spindle of number 0 is commanded.
+    /// spindles are commanded.
     pub(crate) fn follow(
         &mut self,
         bus: &mut CoreBus,
         due: &DueSetpoint,
         periphery: Option<&Periphery>,
-        rpm: f64,
+        rpm: &[f64; SPINDLES],
     ) {
         if self.settings.probe.is_some() {
             self.locator.observe_setpoint(due);
@@ -290,16 +286,21 @@ impl SignalPort {
             (self.message.digital, self.message.analog) = (outputs.digital, outputs.analog);
         }
         if let Some(periphery) = periphery {
-            self.command_spindle(periphery, rpm, due.due_time_ns);
+            for (number, rpm) in rpm.iter().enumerate() {
+                self.command_spindle(number, periphery, *rpm, due.due_time_ns);
+            }
             self.follows_angle = periphery.follows_angle;
             self.message.coolant = periphery.coolant_bits();
             self.message.tool = periphery.tool;
             (self.message.tool_change, self.message.tool_wanted) = periphery.change_numbers();
         }
-        let is_other_speed = periphery.is_none() && rpm != self.message.spindle_rpm[0];
-        if is_other_speed {
-            self.message.spindle_rpm[0] = rpm;
-            self.commanded.sequence = self.message.sequence + 1;
+        let mut is_other_speed = false;
+        for (number, rpm) in rpm.iter().enumerate() {
+            if *rpm != self.message.spindle_rpm[number] {
+                is_other_speed = true;
+                self.message.spindle_rpm[number] = *rpm;
+                self.commanded[number].sequence = self.message.sequence + 1;
+            }
         }
         if outputs.is_some() || periphery.is_some() || is_other_speed {
             self.message.cycle = due.setpoint.sequence;
@@ -308,34 +309,38 @@ impl SignalPort {
         }
     }
 
-    fn command_spindle(&mut self, periphery: &Periphery, rpm: f64, due_time_ns: u64) {
+    fn command_spindle(&mut self, number: usize, periphery: &Periphery, rpm: f64, due_time_ns: u64) {
+        let orientation = periphery.orientations[number];
         let before = (
-            self.message.spindle_direction[0],
-            self.message.spindle_rpm[0],
-            self.message.spindle_angle[0],
-            self.message.spindle_way[0],
+            self.message.spindle_direction[number],
+            self.message.spindle_rpm[number],
+            self.message.spindle_angle[number],
+            self.message.spindle_way[number],
         );
         let now = (
-            match periphery.orientation {
+            match orientation {
                 Some(_) => ORIENT,
-                None => direction_number(periphery.outputs.direction),
+                None => direction_number(periphery.outputs.spindles[number].direction),
             },
             rpm,
             // 360 degrees are the same as none.
-            periphery.orientation.map_or(0.0, |orient| orient.degrees % 360.0),
-            (periphery.orientation.and_then(|orient| orient.direction)).map_or(0, direction_number),
+            orientation.map_or(0.0, |orient| orient.degrees % 360.0),
+            orientation
+                .and_then(|orient| orient.direction)
+                .map_or(0, direction_number),
         );
         (
-            self.message.spindle_direction[0],
-            self.message.spindle_rpm[0],
-            self.message.spindle_angle[0],
-            self.message.spindle_way[0],
+            self.message.spindle_direction[number],
+            self.message.spindle_rpm[number],
+            self.message.spindle_angle[number],
+            self.message.spindle_way[number],
         ) = now;
-        self.commanded.number = periphery.spindle_command;
-        self.commanded.turns_since_ns = periphery.drives_spindle().then_some(due_time_ns);
-        if now != before || self.commanded.sequence == 0 {
+        let commanded = &mut self.commanded[number];
+        commanded.number = periphery.spindle_commands[number];
+        commanded.turns_since_ns = periphery.drives_spindle(number).then_some(due_time_ns);
+        if now != before || commanded.sequence == 0 {
             // The number of the message that leaves next.
-            self.commanded.sequence = self.message.sequence + 1;
+            commanded.sequence = self.message.sequence + 1;
         }
     }
 

@@ -305,7 +305,7 @@ mod tests {
                 due_time_ns: 0,
                 drive: crate::due_setpoint::DriveRequest::ON,
                 job: 4,
-                spindle_override: 1.0,
+                spindle_overrides: [1.0; 4],
                 is_of_program: true,
             });
         }

@@ -10,6 +10,7 @@ use evolvent_path::{Axes, AxisLetter, Curve};
 use evolvent_planner::{MoveValidator, PlanError};
 
 use crate::job::Setup;
+use crate::news::with_article;
 use crate::refusal::{about_line_with, explain};
 
 /// What the program says of the next pass: its straight pieces, one after the other.
@@ -18,6 +19,8 @@ pub(crate) struct ThreadChain {
     start: Axes,
     legs: Vec<ThreadLeg>,
     curves: Vec<(Curve, f64)>,
+    /// Number of the spindle that it follows.
+    spindle: u32,
     start_degrees: f64,
     clear_x: Option<f64>,
     /// The command of the first piece.
@@ -30,6 +33,11 @@ impl ThreadChain {
     /// Whether there is nothing to cut.
     pub(crate) fn is_empty(&self) -> bool {
         self.legs.is_empty()
+    }
+
+    /// Number of the spindle that it follows.
+    pub(crate) fn spindle(&self) -> u32 {
+        self.spindle
     }
 
     /// The command that it begins with.
@@ -51,20 +59,24 @@ impl ThreadChain {
     pub(crate) fn take(&mut self, command: &Command) -> bool {
         let (curve, pitch_mm) = match &command.action {
             Action::Thread {
+                spindle,
                 curve,
                 pitch_mm,
                 start_degrees,
                 clear_x,
                 ..
             } => {
-                if self.is_tap() || !self.is_empty() && *start_degrees != self.start_degrees {
+                let is_other = (*spindle, *start_degrees) != (self.spindle, self.start_degrees);
+                if self.is_tap() || !self.is_empty() && is_other {
                     return false;
                 }
+                self.spindle = *spindle;
                 self.start_degrees = *start_degrees;
                 self.clear_x = *clear_x;
                 (*curve, *pitch_mm)
             }
             Action::RigidTap {
+                spindle,
                 curve,
                 pitch_mm,
                 return_factor,
@@ -72,6 +84,7 @@ impl ThreadChain {
                 if !self.is_empty() {
                     return false;
                 }
+                self.spindle = *spindle;
                 self.return_factor = Some(*return_factor);
                 (*curve, *pitch_mm)
             }
@@ -112,14 +125,32 @@ impl ThreadChain {
         let spindle = setup
             .machine
             .signals
-            .spindle(0)
+            .spindle(self.spindle)
             .filter(|spindle| spindle.has_feedback());
         let Some(spindle) = spindle else {
-            return Err(words(
-                "threads follow the angle of the spindle, and the machine file has no spindle 0 with feedback",
-                "add [[spindle]] with feedback = true to the machine file; a bridge tells the angle on the bus",
-            ));
+            let number = self.spindle;
+            let message = format!(
+                "threads follow the angle of the spindle, and the machine file has no spindle {number} with feedback"
+            );
+            let place = if number == 0 {
+                String::new()
+            } else {
+                format!("number = {number} and ")
+            };
+            let help = format!(
+                "add [[spindle]] with {place}feedback = true to the machine file; a bridge tells the angle on the bus"
+            );
+            return Err(ThreadRefusal::Words(message, help));
         };
+        if self.is_tap() && !spindle.reverse {
+            let message = format!(
+                "a rigid tap turns the spindle back, and {} turns clockwise only",
+                with_article(self.spindle)
+            );
+            let help =
+                "tap with a floating holder, or write reverse = true at its [[spindle]] in the machine file";
+            return Err(words(&message, help));
+        }
         if rpm == 0.0 {
             return Err(words(
                 "a thread needs a spindle that turns, and its speed is 0 or not known",
@@ -169,7 +200,7 @@ impl ThreadCheck {
         }
         let whole = std::mem::take(&mut self.chain);
         let _begun = self.chain.take(command);
-        let rpm = self.outputs.constant_rpm();
+        let rpm = self.outputs.spindle(whole.spindle).constant_rpm();
         self.outputs.apply(&command.action);
         let first = whole.first()?.clone();
         Some((first, whole.pass_on(rpm, setup).err()?))

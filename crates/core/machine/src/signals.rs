@@ -301,6 +301,15 @@ impl SignalSettings {
         self.spindles.iter().find(|spindle| spindle.number == number)
     }
 
+    /// Maximum speed of each spindle, rpm; infinite where it is unknown.
+    #[must_use]
+    pub fn max_rpm(&self) -> [f64; MAX_SPINDLES as usize] {
+        std::array::from_fn(|number| {
+            self.spindle(number as u32)
+                .map_or(f64::INFINITY, |spindle| spindle.max_rpm)
+        })
+    }
+
     /// Whether there is nothing besides the axes.
     #[must_use]
     pub fn is_empty(&self) -> bool {

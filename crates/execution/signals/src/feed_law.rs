@@ -8,17 +8,33 @@ pub enum FeedLaw {
     /// Time alone.
     #[default]
     Time,
-    /// The spindle of number 0: the plan is for this speed of it, and the feed is driven in the proportion that it turns.
-    Revolution(SpindleSpeed),
+    /// A spindle: the plan is for this speed of it, and the feed is driven in the proportion that it turns.
+    Revolution {
+        /// Its number.
+        spindle: u32,
+        /// The speed for which the plan is.
+        speed: SpindleSpeed,
+    },
 }
 
 impl FeedLaw {
+    /// The spindle that the feed goes by, if any. Real-time safe.
+    #[must_use]
+    pub const fn spindle(&self) -> Option<u32> {
+        match self {
+            Self::Time => None,
+            Self::Revolution { spindle, .. } => Some(*spindle),
+        }
+    }
+
     /// By what the feed of the plan is multiplied where the tool is at X in machine coordinates, mm. `measured_rpm`: how fast the
     /// spindle turns, where that is known; otherwise it turns as commanded, with the spindle override and up to its highest
     /// speed. Real-time safe.
     #[must_use]
     pub fn ratio(&self, x_mm: f64, measured_rpm: Option<f64>, spindle_override: f64, max_rpm: f64) -> f64 {
-        let Self::Revolution(speed) = self else { return 1.0 };
+        let Self::Revolution { speed, .. } = self else {
+            return 1.0;
+        };
         let planned = speed.rpm_at(x_mm);
         if planned <= 0.0 {
             return 1.0;
@@ -34,10 +50,14 @@ mod tests {
 
     use super::*;
 
+    fn of_first(speed: SpindleSpeed) -> FeedLaw {
+        FeedLaw::Revolution { spindle: 0, speed }
+    }
+
     #[test]
     fn the_feed_is_in_proportion_to_the_speed_of_the_spindle() {
         assert_eq!(FeedLaw::Time.ratio(3.0, Some(0.0), 0.5, 100.0), 1.0);
-        let constant = FeedLaw::Revolution(SpindleSpeed::Constant { rpm: 800.0 });
+        let constant = of_first(SpindleSpeed::Constant { rpm: 800.0 });
         assert_eq!(constant.ratio(3.0, Some(600.0), 2.0, 1000.0), 0.75);
         assert_eq!(
             constant.ratio(3.0, Some(0.0), 1.0, 1000.0),
@@ -50,14 +70,14 @@ mod tests {
             1.25,
             "up to its highest speed"
         );
-        let surface = FeedLaw::Revolution(SpindleSpeed::Surface(SurfaceSpeed {
+        let surface = of_first(SpindleSpeed::Surface(SurfaceSpeed {
             speed_m_min: std::f64::consts::TAU * 10.0,
             max_rpm: 2000.0,
             centre_mm: 1.0,
         }));
         // 10 000 mm/min of circumference over 10 mm of radius: 1000 rpm.
         assert!((surface.ratio(11.0, Some(900.0), 1.0, 5000.0) - 0.9).abs() < 1e-12);
-        let still = FeedLaw::Revolution(SpindleSpeed::Constant { rpm: 0.0 });
+        let still = of_first(SpindleSpeed::Constant { rpm: 0.0 });
         assert_eq!(still.ratio(3.0, Some(0.0), 1.0, 1000.0), 1.0, "no speed to go by");
     }
 }

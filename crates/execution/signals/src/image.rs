@@ -66,8 +66,10 @@ pub struct InputImage {
     pub spindles: [Option<SpindleState>; MAX_SPINDLES as usize],
     /// The newest sample of the angle of the spindle that motion follows; none where it is not reported.
     pub angle: Option<SpindleAngle>,
-    /// How fast the spindle of number 0 turns, rpm, never negative; none where it is not reported.
-    pub speed_rpm: Option<f64>,
+    /// The spindle of that sample.
+    pub angle_spindle: u32,
+    /// How fast each spindle turns, rpm, never negative; none where it is not reported.
+    pub speeds_rpm: [Option<f64>; MAX_SPINDLES as usize],
     /// What the probe says.
     pub probe: ProbeImage,
 }

@@ -39,6 +39,8 @@ pub struct Change {
     pub overrides: Option<OverrideSwitches>,
     /// What the feed goes by from then on; none where that stays as it is.
     pub feed_law: Option<FeedLaw>,
+    /// The spindle whose angle motion follows from then on; none where that stays as it is.
+    pub follows: Option<u32>,
 }
 
 impl Change {
@@ -53,6 +55,7 @@ impl Change {
             analog: [0.0; MAX_ANALOG as usize],
             overrides: None,
             feed_law: None,
+            follows: None,
         }
     }
 
@@ -78,7 +81,7 @@ impl Change {
     /// Whether nothing changes.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        !self.sets_outputs() && self.overrides.is_none() && self.feed_law.is_none()
+        !self.sets_outputs() && self.overrides.is_none() && self.feed_law.is_none() && self.follows.is_none()
     }
 
     /// Whether an output changes.

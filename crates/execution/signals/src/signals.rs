@@ -1,6 +1,6 @@
 //! The cycle's end: outputs with every setpoint, and the wait in force.
 
-use evolvent_machine::{EstopSettings, OutputRule, OutputSettings, SignalKind, SignalSettings};
+use evolvent_machine::{EstopSettings, MAX_SPINDLES, OutputRule, OutputSettings, SignalKind, SignalSettings};
 
 use crate::feed_law::FeedLaw;
 use crate::image::{InputImage, OutputImage};
@@ -88,8 +88,10 @@ pub struct Signals {
     feed_law: FeedLaw,
     /// By what the feed of the plan was multiplied last.
     feed_ratio: f64,
-    /// Highest speed of the spindle of number 0, rpm; infinite where it is not known.
-    max_rpm: f64,
+    /// Highest speed of each spindle, rpm; infinite where it is not known.
+    max_rpm: [f64; MAX_SPINDLES as usize],
+    /// The spindle whose angle motion follows.
+    follows: u32,
     inputs: InputImage,
     probe: ProbeInput,
     tracker: SpindleTracker,
@@ -126,9 +128,8 @@ impl Signals {
             overrides: OverrideSwitches::default(),
             feed_law: FeedLaw::default(),
             feed_ratio: 1.0,
-            max_rpm: settings
-                .spindle(0)
-                .map_or(f64::INFINITY, |spindle| spindle.max_rpm),
+            max_rpm: settings.max_rpm(),
+            follows: 0,
             inputs: InputImage::default(),
             probe: ProbeInput::default(),
             tracker: SpindleTracker::new(period_s),
@@ -150,6 +151,7 @@ impl Signals {
     pub fn end_program(&mut self) -> Option<ScheduleConsumer> {
         (self.wait, self.go_on) = (None, false);
         (self.overrides, self.feed_law) = (OverrideSwitches::default(), FeedLaw::default());
+        self.follows = 0;
         self.schedule.take()
     }
 
@@ -172,7 +174,12 @@ impl Signals {
 
     /// Takes newer inputs: each sample in order, before the step of the setpoint that goes by them.
     pub fn observe(&mut self, inputs: &InputImage) {
-        let before = self.inputs.angle;
+        let is_of_other = self.inputs.angle_spindle != inputs.angle_spindle;
+        if is_of_other {
+            // What was learned of one spindle is not that of another.
+            self.tracker.forget();
+        }
+        let before = self.inputs.angle.filter(|_| !is_of_other);
         self.inputs = *inputs;
         self.probe.observe(&inputs.probe);
         match (&inputs.angle, before) {
@@ -203,7 +210,10 @@ impl Signals {
     #[must_use]
     pub fn spindle_at(&self, sequence: u64) -> SpindleInput {
         let cycle = sequence as f64;
-        let knowledge = match (self.inputs.spindle(0), self.tracker.newest_cycle()) {
+        let state = self.inputs.spindle(self.follows);
+        // Samples of the spindle before may still come.
+        let is_of_other = self.inputs.angle.is_some() && self.inputs.angle_spindle != self.follows;
+        let knowledge = match (state.filter(|_| !is_of_other), self.tracker.newest_cycle()) {
             (Some(SpindleState::OBEDIENT), None) => SpindleKnowledge::Imagined,
             (Some(state), Some(newest)) if cycle - newest <= self.stale_cycles => {
                 if state.indexed && self.tracker.is_settled() {
@@ -268,11 +278,12 @@ impl Signals {
 
     /// By what the feed of the plan is multiplied for the next setpoint, with the tool at X in machine coordinates, mm.
     /// It stays as it is within 1 %, so that the plan is not asked for a feed of its own with each setpoint.
-    pub fn feed_ratio(&mut self, x_mm: f64, spindle_override: f64) -> f64 {
-        let measured_rpm = self.inputs.speed_rpm;
-        let ratio = self
-            .feed_law
-            .ratio(x_mm, measured_rpm, spindle_override, self.max_rpm);
+    pub fn feed_ratio(&mut self, x_mm: f64, spindle_overrides: &[f64; MAX_SPINDLES as usize]) -> f64 {
+        let spindle = self.feed_law.spindle().unwrap_or(0) as usize;
+        let of_spindle = |values: &[f64]| values.get(spindle).copied().unwrap_or(f64::INFINITY);
+        let measured_rpm = self.inputs.speeds_rpm.get(spindle).copied().flatten();
+        let (spindle_override, max_rpm) = (of_spindle(spindle_overrides), of_spindle(&self.max_rpm));
+        let ratio = self.feed_law.ratio(x_mm, measured_rpm, spindle_override, max_rpm);
         let is_exact = ratio == 0.0 || measured_rpm.is_none() || self.feed_law == FeedLaw::Time;
         if is_exact || (ratio - self.feed_ratio).abs() > FEED_HYSTERESIS * self.feed_ratio {
             self.feed_ratio = ratio;
@@ -336,6 +347,7 @@ impl Signals {
                     self.programmed.apply(&change);
                     self.overrides = change.overrides.unwrap_or(self.overrides);
                     self.feed_law = change.feed_law.unwrap_or(self.feed_law);
+                    self.follows = change.follows.unwrap_or(self.follows);
                 }
                 Scheduled::Wait(wait) => {
                     let mut wait = ActiveWait::new(wait, self.lead_cycles);
@@ -364,7 +376,10 @@ mod tests {
         let (mut scheduler, consumer) = schedule();
         signals.begin_program(consumer);
         let change = Change {
-            feed_law: Some(FeedLaw::Revolution(SpindleSpeed::Constant { rpm: 1000.0 })),
+            feed_law: Some(FeedLaw::Revolution {
+                spindle: 0,
+                speed: SpindleSpeed::Constant { rpm: 1000.0 },
+            }),
             ..Change::at(Moment::Block(3))
         };
         assert!(!change.is_empty() && !change.sets_outputs());
@@ -376,10 +391,10 @@ mod tests {
         };
         let measured = |signals: &mut Signals, rpm: Option<f64>| {
             signals.observe(&InputImage {
-                speed_rpm: rpm,
+                speeds_rpm: [rpm, Some(7.0), None, None],
                 ..InputImage::default()
             });
-            signals.feed_ratio(0.0, 1.0)
+            signals.feed_ratio(0.0, &[1.0; 4])
         };
         signals.step(&at(3));
         assert_eq!(
@@ -395,9 +410,9 @@ mod tests {
         assert_eq!(measured(&mut signals, Some(1.0)), 0.001, "it turns again");
         // It is not measured: as commanded, whatever was driven before.
         assert_eq!(measured(&mut signals, None), 1.0);
-        assert_eq!(signals.feed_ratio(0.0, 0.9), 0.9);
+        assert_eq!(signals.feed_ratio(0.0, &[0.9, 3.0, 3.0, 3.0]), 0.9);
         assert_eq!(measured(&mut signals, Some(995.0)), 0.995);
         drop(signals.end_program());
-        assert_eq!(signals.feed_ratio(0.0, 0.5), 1.0, "the program is over");
+        assert_eq!(signals.feed_ratio(0.0, &[0.5; 4]), 1.0, "the program is over");
     }
 }

@@ -6,7 +6,7 @@ mod canon;
 
 use std::io::Write as _;
 
-use evolvent_gcode::{MachineFeatures, Settings, ToolTable};
+use evolvent_gcode::{MachineFeatures, SPINDLES, Settings, ToolTable};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args_os().skip(1);
@@ -25,6 +25,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         block_delete: false,
         features: MachineFeatures {
             user_codes: (100..200).collect(),
+            spindles: [true; SPINDLES],
             ..MachineFeatures::default()
         },
         ..Settings::default()

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use evolvent_path::{Curve, Move, PathMode, SurfaceSpeed};
 
-use crate::{Call, TurningCycle};
+use crate::{Call, SPINDLES, TurningCycle};
 
 /// One canonical command, with the program line it comes from.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,6 +20,8 @@ pub struct Command {
     /// For a feed move in G95: mm per spindle revolution, or degrees if only rotary axes move. The `feed` of the move is that at
     /// the commanded spindle speed.
     pub feed_mm_rev: Option<f64>,
+    /// The spindle whose revolutions `feed_mm_rev` refers to (`$` of G95).
+    pub feed_spindle: u32,
 }
 
 /// The subroutine calls that led to a line, in shared memory. Empty in the program itself.
@@ -87,8 +89,10 @@ pub enum Action {
     BeginToolChange(u32),
     /// Puts this tool into the spindle (M6); 0 empties the spindle. After [`Action::BeginToolChange`] the change is complete.
     ChangeTool(u32),
-    /// State of the spindle after M3, M4, M5 or a new S word.
+    /// State of a spindle after M3, M4, M5 or a new S word.
     Spindle {
+        /// Its number (`$`).
+        spindle: u32,
         /// Direction of rotation, or stopped.
         direction: SpindleDirection,
         /// Commanded speed in revolutions per minute, not negative. Kept while the spindle is stopped.
@@ -103,8 +107,10 @@ pub enum Action {
     },
     /// Declares the tool in the spindle, without a change (M61).
     ToolNumber(u32),
-    /// Orients the stopped spindle (M19).
+    /// Orients a stopped spindle (M19).
     OrientSpindle {
+        /// Its number (`$`).
+        spindle: u32,
         /// Angle in degrees, 0 to 360.
         degrees: f64,
         /// Direction; `None` for the shorter way.
@@ -114,6 +120,8 @@ pub enum Action {
     },
     /// Constant surface speed (G96): the spindle speed follows the radius, X of the tool. Repeated when offsets move the centre.
     SurfaceSpeed {
+        /// Number of the spindle (`$`).
+        spindle: u32,
         /// Direction of rotation, or stopped.
         direction: SpindleDirection,
         /// Surface speed, and the centre of the radius.
@@ -121,6 +129,8 @@ pub enum Action {
     },
     /// A move synchronised with the spindle angle (G33, G76).
     Thread {
+        /// Number of the spindle (`$`).
+        spindle: u32,
         /// The path.
         curve: Curve,
         /// Path length per revolution, mm.
@@ -137,6 +147,8 @@ pub enum Action {
     Turning(TurningCycle),
     /// Rigid tapping: in with the spindle, out with the spindle reversed (G33.1). Ends where it started.
     RigidTap {
+        /// Number of the spindle (`$`).
+        spindle: u32,
         /// The path inwards.
         curve: Curve,
         /// Path length per revolution, mm.
@@ -190,8 +202,8 @@ pub enum Action {
     Overrides {
         /// The feed override is enabled.
         feed: bool,
-        /// The spindle override is enabled.
-        spindle: bool,
+        /// The spindle override is enabled, by spindle.
+        spindles: [bool; SPINDLES],
         /// Adaptive feed is enabled (M52); `None` if the program has not set it.
         adaptive: Option<bool>,
         /// Feed hold is enabled.

@@ -76,7 +76,7 @@ pub use execution::cycles::turning::{TurningCycle, TurningKind};
 pub use interpreter::Interpreter;
 pub use interpreter::modal::Modal;
 pub use interpreter::restart::{Approach, Restart};
-pub use state::outputs::Outputs;
+pub use state::outputs::{Outputs, SPINDLES, SpindleOutput};
 pub use state::settings::{
     ArcTolerance, MachineFeatures, ProgramLimits, RotaryWay, Settings, StartOffsets, ToolChanger,
     TurningWords, WORK_OFFSETS,

@@ -403,7 +403,7 @@ fn a_tapping_cycle_restores_overrides_and_hold() {
             .collect();
         let overrides = |spindle, feed_stop, cycle| Action::Overrides {
             feed: false,
-            spindle,
+            spindles: [spindle, true, true, true],
             adaptive: None,
             feed_stop,
             cycle,
@@ -421,7 +421,7 @@ fn a_tapping_cycle_restores_overrides_and_hold() {
 fn a_measured_spindle_taps_rigidly() {
     let settings = Settings {
         features: MachineFeatures {
-            rigid_tapping: true,
+            rigid_tapping: [true, false, false, false],
             ..MachineFeatures::default()
         },
         ..Settings::default()
@@ -448,6 +448,7 @@ fn a_measured_spindle_taps_rigidly() {
                     curve,
                     pitch_mm,
                     return_factor,
+                    ..
                 } => Some((curve.start(), curve.end(), *pitch_mm, *return_factor)),
                 _ => None,
             })
@@ -487,15 +488,14 @@ fn an_mdi_block_keeps_spindle_and_coolant() {
         for command in &commands {
             after.apply(&command.action);
         }
-        (after.signed_rpm_at(0.0), after.mist, after.flood)
+        (after.spindle(0).signed_rpm_at(0.0), after.mist, after.flood)
     };
-    let on = Outputs {
-        direction: SpindleDirection::Clockwise,
-        speed_rpm: 600.0,
-        surface: None,
-        mist: false,
+    let mut on = Outputs {
         flood: true,
+        ..Outputs::default()
     };
+    on.spindles[0].direction = SpindleDirection::Clockwise;
+    on.spindles[0].speed_rpm = 600.0;
     let off = Outputs::default();
     assert_eq!(outputs("M3 S500 M7\n", off, true), (500.0, true, false));
     assert_eq!(outputs("G0 X1\n", on, true), (600.0, false, true));

@@ -245,6 +245,7 @@ fn a_restart_leaves_the_state_of_all_lines_before() {
         [
             Action::ChangeTool(2),
             Action::Spindle {
+                spindle: 0,
                 direction: SpindleDirection::Clockwise,
                 speed_rpm: 800.0
             },

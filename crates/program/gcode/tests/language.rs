@@ -448,6 +448,7 @@ fn lines_execute_in_the_order_of_table_8() {
     assert_eq!(
         found[4],
         Action::Spindle {
+            spindle: 0,
             direction: Turn::Clockwise,
             speed_rpm: 100.0
         }
@@ -478,18 +479,22 @@ fn spindle_and_coolant_keep_their_state() {
         actions("S500\nM4\nS600\nM5\nM7\nM8\nM9"),
         [
             Action::Spindle {
+                spindle: 0,
                 direction: Turn::Stopped,
                 speed_rpm: 500.0
             },
             Action::Spindle {
+                spindle: 0,
                 direction: Turn::CounterClockwise,
                 speed_rpm: 500.0
             },
             Action::Spindle {
+                spindle: 0,
                 direction: Turn::CounterClockwise,
                 speed_rpm: 600.0
             },
             Action::Spindle {
+                spindle: 0,
                 direction: Turn::Stopped,
                 speed_rpm: 600.0
             },
@@ -514,6 +519,7 @@ fn a_tool_change_stops_the_spindle() {
         [
             Action::SelectTool(2),
             Action::Spindle {
+                spindle: 0,
                 direction: Turn::Stopped,
                 speed_rpm: 500.0
             },
@@ -526,6 +532,7 @@ fn a_tool_change_stops_the_spindle() {
 fn m2_switches_everything_off_and_ends_reading() {
     let end = [
         Action::Spindle {
+            spindle: 0,
             direction: Turn::Stopped,
             speed_rpm: 9.0,
         },

@@ -14,6 +14,7 @@ mod probing_cycles;
 mod programs;
 mod random;
 mod reference;
+mod spindles;
 mod surface_speed;
 mod tool_change;
 mod turning;

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 
 use evolvent_gcode::{
     Action, Command, Interpreter, MachineFeatures, MoveKind, Outputs, PathMode, Settings, SpindleDirection,
+    SpindleOutput,
 };
 use evolvent_path::SurfaceSpeed;
 
@@ -12,7 +13,7 @@ fn run(program: &str) -> Vec<Command> {
     let settings = Settings {
         features: MachineFeatures {
             lathe: true,
-            spindle_max_rpm: 4000.0,
+            spindle_max_rpm: [4000.0; 4],
             ..MachineFeatures::default()
         },
         ..Settings::default()
@@ -28,8 +29,16 @@ fn spindles(commands: &[Command]) -> Vec<Action> {
         .collect()
 }
 
+/// A machine whose spindle 0 stands so.
+fn of_first(spindle: SpindleOutput) -> Outputs {
+    let mut outputs = Outputs::default();
+    outputs.spindles[0] = spindle;
+    outputs
+}
+
 fn surface(speed_m_min: f64, max_rpm: f64, centre_mm: f64) -> Action {
     Action::SurfaceSpeed {
+        spindle: 0,
         direction: SpindleDirection::Clockwise,
         surface: SurfaceSpeed {
             speed_m_min,
@@ -195,7 +204,10 @@ fn the_centre_follows_offsets() {
 #[test]
 fn g97_alone_keeps_the_speed_of_the_place() {
     let told = spindles(&run("G21 G18 G8\nG0 X25\nG96 S100 M4\nG97\nM2\n"));
-    let Action::Spindle { direction, speed_rpm } = told[1] else {
+    let Action::Spindle {
+        direction, speed_rpm, ..
+    } = told[1]
+    else {
         panic!("{told:?}")
     };
     assert_eq!(direction, SpindleDirection::CounterClockwise);
@@ -248,15 +260,15 @@ fn a_program_begins_in_g97_and_a_block_of_mdi_goes_on() {
     let begins = |is_block: bool, text: &str| {
         let settings = Settings {
             is_block,
-            outputs: Outputs {
+            outputs: of_first(SpindleOutput {
                 surface: Some(SurfaceSpeed {
                     speed_m_min: 180.0,
                     max_rpm: 900.0,
                     centre_mm: 0.0,
                 }),
                 speed_rpm: 700.0,
-                ..Outputs::default()
-            },
+                direction: SpindleDirection::Stopped,
+            }),
             ..Settings::default()
         };
         let commands = Interpreter::new(text.as_bytes(), settings);
@@ -268,6 +280,7 @@ fn a_program_begins_in_g97_and_a_block_of_mdi_goes_on() {
     };
     assert_eq!(begins(true, "M3\n"), [surface(180.0, 900.0, 0.0)]);
     let constant = |speed_rpm| Action::Spindle {
+        spindle: 0,
         direction: SpindleDirection::Clockwise,
         speed_rpm,
     };
@@ -275,7 +288,7 @@ fn a_program_begins_in_g97_and_a_block_of_mdi_goes_on() {
     // After M2 as well.
     let told = begins(true, "M3\nM2\n");
     assert!(
-        matches!(told[1], Action::Spindle { direction: SpindleDirection::Stopped, speed_rpm } if speed_rpm == 0.0),
+        matches!(told[1], Action::Spindle { direction: SpindleDirection::Stopped, speed_rpm, .. } if speed_rpm == 0.0),
         "{told:?}"
     );
 }
@@ -319,15 +332,15 @@ fn indivisible_moves_use_the_slowest_feed() {
 fn an_mdi_block_divides_its_moves() {
     let settings = Settings {
         is_block: true,
-        outputs: Outputs {
+        outputs: of_first(SpindleOutput {
             direction: SpindleDirection::Clockwise,
             surface: Some(SurfaceSpeed {
                 speed_m_min: 100.0,
                 max_rpm: 3000.0,
                 centre_mm: 0.0,
             }),
-            ..Outputs::default()
-        },
+            speed_rpm: 0.0,
+        }),
         ..Settings::default()
     };
     let block = Interpreter::new("G95\nG0 X50\nG1 X10 F0.1\n".as_bytes(), settings);
@@ -361,14 +374,26 @@ fn outputs_have_the_way_and_the_speed_of_the_place() {
         centre_mm: -5.0,
     };
     let direction = SpindleDirection::CounterClockwise;
-    assert!(outputs.apply(&Action::SurfaceSpeed { direction, surface }));
-    assert_eq!(outputs.direction, direction);
-    assert!((outputs.signed_rpm_at(20.0) + rpm(100.0, 3000.0, 25.0)).abs() < 1e-9);
-    assert_eq!(outputs.constant_rpm(), 0.0);
+    assert!(outputs.apply(&Action::SurfaceSpeed {
+        spindle: 2,
+        direction,
+        surface
+    }));
+    assert_eq!(outputs.spindle(2).direction, direction);
+    assert_eq!(outputs.spindle(0), SpindleOutput::default(), "another spindle");
+    assert!((outputs.spindle(2).signed_rpm_at(20.0) + rpm(100.0, 3000.0, 25.0)).abs() < 1e-9);
+    assert_eq!(outputs.spindle(2).constant_rpm(), 0.0);
     let speed_rpm = 700.0;
-    assert!(outputs.apply(&Action::Spindle { direction, speed_rpm }));
+    assert!(outputs.apply(&Action::Spindle {
+        spindle: 2,
+        direction,
+        speed_rpm
+    }));
     assert_eq!(
-        (outputs.signed_rpm_at(20.0), outputs.constant_rpm()),
+        (
+            outputs.spindle(2).signed_rpm_at(20.0),
+            outputs.spindle(2).constant_rpm()
+        ),
         (-700.0, -700.0)
     );
 }

@@ -153,6 +153,7 @@ fn the_line_is_divided_at_the_change() {
         .position(|(_, action)| *action == Action::ChangeTool(2));
     assert_eq!(run.actions[at.unwrap() - 1].1, coolant);
     let stops = Action::Spindle {
+        spindle: 0,
         direction: SpindleDirection::Stopped,
         speed_rpm: 500.0,
     };

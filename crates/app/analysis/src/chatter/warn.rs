@@ -143,13 +143,21 @@ pub fn chatter_warnings(
     for command in commands.map_while(Result::ok) {
         let Command { line, action, .. } = command;
         match action {
-            Action::Spindle { direction, speed_rpm } => {
+            Action::Spindle {
+                spindle: 0,
+                direction,
+                speed_rpm,
+            } => {
                 spindle = match direction {
                     SpindleDirection::Stopped => Spindle::Still,
                     _ => Spindle::Turns(speed_rpm),
                 };
             }
-            Action::SurfaceSpeed { direction, surface } => {
+            Action::SurfaceSpeed {
+                spindle: 0,
+                direction,
+                surface,
+            } => {
                 spindle = match direction {
                     SpindleDirection::Stopped => Spindle::Still,
                     _ => Spindle::Surface(surface),

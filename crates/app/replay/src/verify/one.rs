@@ -179,8 +179,8 @@ fn compare_outputs(again: &Again<'_>, recomputed: &[SignalChange], verified: &mu
             .map_or_else(|| number.to_string(), |output| output.name.clone()),
         SignalName::Spindle(number) => format!("of spindle {number}"),
         SignalName::Probe(number) => format!("of probe {number}"),
-        SignalName::Angle(_) => "of the angle of a spindle".to_owned(),
-        SignalName::Speed => "of the speed of a spindle".to_owned(),
+        SignalName::Angle(_) | SignalName::AngleSpindle => "of the angle of a spindle".to_owned(),
+        SignalName::Speed(_) => "of the speed of a spindle".to_owned(),
     };
     let difference = Difference {
         sequence: first.sequence,

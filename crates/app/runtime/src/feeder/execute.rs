@@ -17,7 +17,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         let line = command.line;
         match &command.action {
             Action::Move(motion) => {
-                self.go_by(command.feed_mm_rev, motion);
+                self.go_by(command, motion);
                 self.push_move(motion, line)?;
             }
             Action::Dwell { seconds } => {
@@ -72,14 +72,14 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             }
             Action::Overrides {
                 feed,
-                spindle,
+                spindles,
                 adaptive,
                 feed_stop,
                 cycle,
             } => {
                 let switches = OverrideSwitches {
                     feed: *feed,
-                    spindle: *spindle,
+                    spindles: *spindles,
                     adaptive: *adaptive,
                     feed_stop: *feed_stop,
                 };

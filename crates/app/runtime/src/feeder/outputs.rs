@@ -1,6 +1,6 @@
 //! Outputs, spindle, coolant and the feed law: what changes with a block or at rest.
 
-use evolvent_gcode::{Action, Move, MoveKind, SpindleDirection};
+use evolvent_gcode::{Action, Command, Move, MoveKind, Outputs, SPINDLES};
 use evolvent_motion::QueueClosed;
 use evolvent_planner::{PlanError, PlanSink, Step};
 use evolvent_signals::{Change, FeedLaw, Moment as SignalMoment, OverrideSwitches, Scheduler};
@@ -17,21 +17,24 @@ pub(super) struct NextBlock {
     pub(super) feed_law: FeedLaw,
     /// The feed override counts for what is read, and so does the rapid override.
     pub(super) override_counts: bool,
-    /// The spindle was given a speed, and no feed has waited for it.
-    pub(super) awaits_speed: bool,
-    /// A rapid has moved the tool along X since the spindle had the speed of its radius.
-    pub(super) has_left_radius: bool,
+    /// By spindle: it was given a speed, and no feed has waited for it.
+    pub(super) awaits_speed: [bool; SPINDLES],
+    /// By spindle: a rapid has moved the tool along X since it had the speed of its radius.
+    pub(super) has_left_radius: [bool; SPINDLES],
+    /// The spindle whose angle motion follows, as scheduled last.
+    pub(super) follows: u32,
 }
 
 impl NextBlock {
-    pub(super) fn new(direction: SpindleDirection) -> Self {
+    pub(super) fn new(outputs: &Outputs) -> Self {
         Self {
             change: Change::at(SignalMoment::Block(0)),
             line: 0,
             feed_law: FeedLaw::default(),
             override_counts: true,
-            awaits_speed: direction != SpindleDirection::Stopped,
-            has_left_radius: false,
+            awaits_speed: outputs.spindles.map(|spindle| spindle.turns()),
+            has_left_radius: [false; SPINDLES],
+            follows: 0,
         }
     }
 }
@@ -119,16 +122,21 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     }
 
     /// The feed of a move goes by time or by the spindle, from its block on.
-    pub(super) fn go_by(&mut self, feed_per_revolution: Option<f64>, motion: &Move) {
+    pub(super) fn go_by(&mut self, command: &Command, motion: &Move) {
         let outputs = &self.periphery.outputs;
-        let turns = outputs.direction != SpindleDirection::Stopped;
         if motion.kind == MoveKind::Rapid {
             let moves_x = motion.curve.start()[0] != motion.curve.end()[0];
-            self.next.has_left_radius |= turns && outputs.surface.is_some() && moves_x;
+            for (has_left, spindle) in self.next.has_left_radius.iter_mut().zip(&outputs.spindles) {
+                *has_left |= spindle.turns() && spindle.surface.is_some() && moves_x;
+            }
             return;
         }
-        let law = match feed_per_revolution {
-            Some(_) if turns => FeedLaw::Revolution(outputs.speed()),
+        let spindle = outputs.spindle(command.feed_spindle);
+        let law = match command.feed_mm_rev {
+            Some(_) if spindle.turns() => FeedLaw::Revolution {
+                spindle: command.feed_spindle,
+                speed: spindle.speed(),
+            },
             _ => FeedLaw::Time,
         };
         self.set_feed_law(law);
@@ -141,30 +149,26 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
     }
 
-    /// The surface speed in force, once more.
-    pub(super) fn surface_action(&self) -> Action {
-        let outputs = &self.periphery.outputs;
-        match outputs.surface {
-            Some(surface) => Action::SurfaceSpeed {
-                direction: outputs.direction,
-                surface,
-            },
-            None => Action::Spindle {
-                direction: outputs.direction,
-                speed_rpm: outputs.speed_rpm,
-            },
+    /// The next action is a command to a spindle, for whose speed feed will wait.
+    pub(super) fn command_spindle(&mut self, spindle: u32) {
+        let index = spindle as usize;
+        if let (Some(command), Some(awaits)) = (
+            self.periphery.spindle_commands.get_mut(index),
+            self.next.awaits_speed.get_mut(index),
+        ) {
+            *command = u64::from(self.actions) + 1;
+            *awaits = true;
         }
     }
 
     /// Something of the periphery takes effect at rest.
     pub(super) fn switch(&mut self, action: &Action, line: u32) -> Result<(), PlanError<QueueClosed>> {
         self.periphery.apply(action);
-        if matches!(
-            action,
-            Action::Spindle { .. } | Action::SurfaceSpeed { .. } | Action::OrientSpindle { .. }
-        ) {
-            self.periphery.spindle_command = u64::from(self.actions) + 1;
-            self.next.awaits_speed = true;
+        if let Action::Spindle { spindle, .. }
+        | Action::SurfaceSpeed { spindle, .. }
+        | Action::OrientSpindle { spindle, .. } = action
+        {
+            self.command_spindle(*spindle);
         }
         self.report_periphery(self.actions);
         match describe(action) {

@@ -59,7 +59,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             return Ok(());
         };
         let line = first.line;
-        let rpm = self.periphery.outputs.constant_rpm();
+        let rpm = self.periphery.outputs.spindle(chain.spindle()).constant_rpm();
         let (pass, run_in_mm) = match chain.pass_on(rpm, self.setup) {
             Ok(pass) => pass,
             Err(refusal) => {
@@ -67,9 +67,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 return Err(ThreadTrouble::Program(self.wrong(diagnostic)));
             }
         };
-        if std::mem::take(&mut self.next.awaits_speed)
-            && let Some((message, help)) = self.await_speed(line)?
-        {
+        if let Some((message, help)) = self.await_speeds(line)? {
             return Err(ThreadTrouble::Program(
                 self.refused(first, program, message, help),
             ));
@@ -127,18 +125,25 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         let mut change = std::mem::replace(&mut self.next.change, Change::at(SignalMoment::Block(0)));
         let action = self.actions;
         self.actions += 1;
+        if chain.spindle() != self.next.follows {
+            self.next.follows = chain.spindle();
+            change.follows = Some(chain.spindle());
+        }
         if !change.is_empty() {
             // The pass is no block: what is to change with it changes where it begins, at rest.
             change.moment = SignalMoment::Rest(action);
             self.schedule(|signals| signals.change(change))?;
         }
-        self.periphery.follows_angle = true;
+        self.periphery.follows_angle = Some(chain.spindle());
         self.report_periphery(action);
         let what = if chain.is_tap() { "tap" } else { "thread" };
         let text = format!("{what} in step with the spindle: in phase {run_in_mm:.3} mm behind its start");
         self.reporter.announce(Moment::Rest(action), line, false, &text);
         if chain.is_tap() {
-            self.report_reversal(pass.tap.map_or(0.0, |tap| 60.0 * tap.turns_per_s));
+            self.report_reversal(
+                chain.spindle(),
+                pass.tap.map_or(0.0, |tap| 60.0 * tap.turns_per_s),
+            );
         }
         (self.last_line, self.end_line) = (0, line);
         self.planner.rest(&Step::Action { action, line })?;
@@ -161,22 +166,23 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     }
 
     /// The next two actions, which the pass itself carries out: the spindle turns back at this speed, and then as before.
-    fn report_reversal(&mut self, back_rpm: f64) {
+    fn report_reversal(&mut self, spindle: u32, back_rpm: f64) {
         use evolvent_gcode::SpindleDirection::{Clockwise, CounterClockwise, Stopped};
-        let before = self.periphery;
-        let back = match before.outputs.direction {
+        let before = self.periphery.outputs;
+        let back = match before.spindle(spindle).direction {
             Clockwise => CounterClockwise,
             CounterClockwise => Clockwise,
             Stopped => Stopped,
         };
-        self.periphery.outputs.direction = back;
-        self.periphery.outputs.speed_rpm = back_rpm;
-        for outputs in [self.periphery.outputs, before.outputs] {
+        let mut reversed = before;
+        if let Some(output) = reversed.spindles.get_mut(spindle as usize) {
+            (output.direction, output.speed_rpm) = (back, back_rpm);
+        }
+        for outputs in [reversed, before] {
             self.periphery.outputs = outputs;
-            self.periphery.spindle_command = u64::from(self.actions) + 1;
+            self.command_spindle(spindle);
             self.report_periphery(self.actions);
             self.actions += 1;
         }
-        self.next.awaits_speed = true;
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use evolvent_gcode::{Action, Command, SpindleDirection};
+use evolvent_gcode::{Action, Command};
 use evolvent_machine::{AtSpeed, SignalKind};
 use evolvent_motion::{ProbeMove, ProbeResult, ProbeVerdict, ProcessCycle, QueueClosed};
 use evolvent_path::{Axes, AxisLetter};
@@ -11,7 +11,7 @@ use evolvent_signals::{Awaited, Change, FeedLaw, InputWait, Moment as SignalMome
 
 use super::links::{CycleLinks, hand_over};
 use super::{Feeder, INPUT_NAP};
-use crate::news::{Moment, StopKind};
+use crate::news::{Moment, StopKind, spindle_name, with_article};
 use crate::probing::{complaint, objection, probing};
 use crate::refusal::{ProgramError, about_line_with, at_origin, cannot_turn};
 use crate::source::Commands;
@@ -38,10 +38,13 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     ) -> Result<Waited, ProgramError> {
         let line = command.line;
         if let Action::OrientSpindle {
-            degrees, timeout_s, ..
+            spindle,
+            degrees,
+            timeout_s,
+            ..
         } = command.action
         {
-            match self.orient(&command.action, degrees, timeout_s, line) {
+            match self.orient(&command.action, spindle, degrees, timeout_s, line) {
                 Ok(None) => {}
                 Ok(Some((message, help))) => {
                     return Err(self.refused(command, program, message, help));
@@ -141,23 +144,40 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.planner.rest(&Step::Turning { line })
     }
 
-    /// Waits until the spindle has the speed that it was given, where something tells that; why it has not, after the time for it.
-    pub(super) fn await_speed(&mut self, line: u32) -> Result<Option<(String, String)>, QueueClosed> {
-        let outputs = &self.periphery.outputs;
-        let turns = outputs.direction != SpindleDirection::Stopped && outputs.speed().rpm_at(0.0) > 0.0;
-        let Some(spindle) = self.setup.machine.signals.spindle(0).filter(|_| turns) else {
+    /// Waits until every spindle has the speed that it was given last; why one has not, after the time for it.
+    pub(super) fn await_speeds(&mut self, line: u32) -> Result<Option<(String, String)>, QueueClosed> {
+        for (number, awaits) in std::mem::take(&mut self.next.awaits_speed)
+            .into_iter()
+            .enumerate()
+        {
+            if !awaits {
+                continue;
+            }
+            let late = self.await_speed(number as u32, line)?;
+            if late.is_some() {
+                return Ok(late);
+            }
+        }
+        Ok(None)
+    }
+
+    /// Waits for the speed of one spindle, where something tells that.
+    fn await_speed(&mut self, number: u32, line: u32) -> Result<Option<(String, String)>, QueueClosed> {
+        let output = self.periphery.outputs.spindle(number);
+        let turns = output.turns() && output.speed().rpm_at(0.0) > 0.0;
+        let Some(spindle) = self.setup.machine.signals.spindle(number).filter(|_| turns) else {
             return Ok(None);
         };
-        let speed = match outputs.surface {
+        let speed = match output.surface {
             Some(surface) => format!("{} m/min", surface.speed_m_min),
-            None => format!("{} rpm", outputs.constant_rpm()),
+            None => format!("{} rpm", output.constant_rpm()),
         };
         let timeout_s = spindle.at_speed_timeout_s;
         let awaited = match spindle.at_speed {
             AtSpeed::Unknown => return Ok(None),
             AtSpeed::Feedback => Awaited::AtSpeed {
                 spindle: spindle.number,
-                command: self.periphery.spindle_command,
+                command: self.periphery.spindle_commands[number as usize],
             },
             AtSpeed::Input(number) => Awaited::Input {
                 kind: SignalKind::Digital,
@@ -165,10 +185,11 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 mode: WaitMode::High,
             },
         };
-        let text = format!("wait for spindle: {speed}, {timeout_s} s at most");
+        let name = spindle_name(number);
+        let text = format!("wait for {name}: {speed}, {timeout_s} s at most");
         let reached = self.wait_for(awaited, timeout_s, line, true, &text)?.is_some();
         Ok((!reached && !self.is_abandoned()).then(|| {
-            let message = format!("the spindle did not reach {speed} within {timeout_s} s, and feed waits for it");
+            let message = format!("{} did not reach {speed} within {timeout_s} s, and feed waits for it", with_article(number));
             let help = "see its drive and its speed; at_speed_timeout_s at its [[spindle]] in the machine file gives it more time";
             (message, help.to_owned())
         }))
@@ -178,6 +199,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     pub(super) fn orient(
         &mut self,
         action: &Action,
+        spindle: u32,
         degrees: f64,
         timeout_s: f64,
         line: u32,
@@ -188,21 +210,25 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             // Nothing else can go wrong at rest.
             Err(_) => return Ok(None),
         }
-        self.next.awaits_speed = false;
-        let default_s = self.setup.machine.signals.spindle(0);
+        self.next.awaits_speed[spindle as usize] = false;
+        let default_s = self.setup.machine.signals.spindle(spindle);
         let timeout_s = if timeout_s > 0.0 {
             timeout_s
         } else {
             default_s.map_or(10.0, |spindle| spindle.at_speed_timeout_s)
         };
         let awaited = Awaited::Oriented {
-            spindle: 0,
-            command: self.periphery.spindle_command,
+            spindle,
+            command: self.periphery.spindle_commands[spindle as usize],
         };
-        let text = format!("wait for spindle: at {degrees} degrees, {timeout_s} s at most");
+        let text = format!(
+            "wait for {}: at {degrees} degrees, {timeout_s} s at most",
+            spindle_name(spindle)
+        );
         let reached = self.wait_for(awaited, timeout_s, line, true, &text)?.is_some();
         Ok((!reached && !self.is_abandoned()).then(|| {
-            let message = format!("M19: the spindle does not stand at {degrees} degrees after {timeout_s} s");
+            let name = with_article(spindle);
+            let message = format!("M19: {name} does not stand at {degrees} degrees after {timeout_s} s");
             let help = "see its drive; Q of M19 gives it more time, in seconds";
             (message, help.to_owned())
         }))
@@ -348,9 +374,9 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
     }
 
-    /// Whether something tells that the spindle has its speed.
-    pub(super) fn knows_speed(&self) -> bool {
-        let spindle = self.setup.machine.signals.spindle(0);
+    /// Whether something tells that a spindle has its speed.
+    pub(super) fn knows_speed(&self, number: u32) -> bool {
+        let spindle = self.setup.machine.signals.spindle(number);
         spindle.is_some_and(|spindle| spindle.at_speed != AtSpeed::Unknown)
     }
 }

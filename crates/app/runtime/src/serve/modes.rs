@@ -174,7 +174,7 @@ mod tests {
         let kept = KeptParameters::default();
         let after = simulate_modes("G96 D900 S180 M3\n", &settings, &kept).unwrap();
         assert!(after.modes.modal.codes.contains(&960));
-        settings.outputs.surface = Some(evolvent_path::SurfaceSpeed {
+        settings.outputs.spindles[0].surface = Some(evolvent_path::SurfaceSpeed {
             speed_m_min: 180.0,
             max_rpm: 900.0,
             centre_mm: 0.0,

@@ -11,6 +11,7 @@ use evolvent_path::{Axes, AxisMask};
 use evolvent_signals::{Change, ProbeState, ScheduleConsumer};
 use evolvent_turning::Reason;
 
+use crate::due_setpoint::SpindleOverrides;
 use crate::handwheel_view::HandwheelView;
 
 /// A job along a plan, from the control thread to the cycle and back to be dropped.
@@ -199,8 +200,8 @@ pub(crate) struct CycleView {
     pub is_chain_open: bool,
     /// Unknown where there is none.
     pub probe: ProbeState,
-    /// By what the commanded speed of the spindle is multiplied.
-    pub spindle_override: f64,
+    /// By what the commanded speed of each spindle is multiplied.
+    pub spindle_overrides: SpindleOverrides,
     pub handwheel: HandwheelView,
     pub leaving: LeavingView,
 }

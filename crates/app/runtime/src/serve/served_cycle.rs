@@ -212,7 +212,7 @@ impl SetpointSource for ServedCycle {
             drive: now.drive,
             job: now.program.job,
             is_of_program: now.notes.input_bits & recorded::FOLLOWS != 0,
-            spindle_override: parts.counted_override(now),
+            spindle_overrides: parts.counted_overrides(now),
             input_bits: now.notes.input_bits,
         }
     }
@@ -246,7 +246,7 @@ impl SetpointSource for ServedCycle {
             at_wait: parts.signals.as_ref().is_some_and(SignalLoop::is_waiting),
             is_chain_open: parts.signals.as_ref().is_some_and(SignalLoop::is_estop_open),
             probe: parts.signals.as_ref().map(SignalLoop::probe).unwrap_or_default(),
-            spindle_override: parts.counted_override(now),
+            spindle_overrides: parts.counted_overrides(now),
             handwheel: parts.handwheel(),
             leaving: parts.leaving(now),
         });

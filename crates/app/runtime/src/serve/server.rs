@@ -39,7 +39,7 @@ use crate::rt::{apply_to_this_thread, raise_priority, separate_large_blocks};
 use crate::shared::Controls;
 use crate::signal_ends::SignalEnds;
 use crate::signal_port::SignalPort;
-use crate::spindle_command::SpindleCommand;
+use crate::spindle_command::SpindleCommands;
 use crate::start_error::{CYCLE_TIMEOUT, StartError};
 use crate::stop_watch::StopWatch;
 
@@ -258,7 +258,7 @@ fn start_publisher(
         publishing,
         setpoints: queues.setpoints,
         periphery: PeripheryTrack::new(setup.tool, queues.periphery),
-        spindle: SpindleCommand::new(&setup.machine.signals),
+        spindles: SpindleCommands::new(&setup.machine.signals),
         signals: queues.signals,
         stops: StopWatch::start(setup, Clock::Realtime)?,
         status: queues.status,

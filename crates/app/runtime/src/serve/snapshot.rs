@@ -156,7 +156,7 @@ pub(crate) fn snapshot(
         spindle_rpm: shown_rpm(
             &periphery.outputs,
             setpoint.position[0],
-            view.spindle_override,
+            &view.spindle_overrides,
             &operator.setup.machine.signals,
         ),
         late_cycles: view.late_cycles.max(published.0.late),

@@ -99,7 +99,30 @@ pub(crate) enum Cycle {
     BoreDwell,
 }
 
+impl Cycle {
+    /// Whether it needs a rotating spindle, and stops or reverses it.
+    pub(crate) fn turns_spindle(self) -> bool {
+        matches!(
+            self,
+            Self::Tap | Self::TapLeft | Self::BoreStop | Self::BackBore | Self::BoreManual
+        )
+    }
+}
+
 impl Motion {
+    /// Whether it is about a spindle, which `$` can name.
+    pub(crate) fn turns_spindle(self) -> bool {
+        match self {
+            Self::Thread
+            | Self::FanucThread
+            | Self::FanucThreadCycle
+            | Self::RigidTap
+            | Self::ThreadCycle => true,
+            Self::Cycle(cycle) => cycle.turns_spindle(),
+            _ => false,
+        }
+    }
+
     /// Its name for messages.
     pub(crate) fn name(self) -> &'static str {
         match self {

@@ -368,6 +368,7 @@ impl ClosedContour {
             origin: None,
             calls: CallChain::default(),
             feed_mm_rev: None,
+            feed_spindle: 0,
         }
     }
 }

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use evolvent_path::AxisLetter;
 
 pub(crate) use self::tools::ToolCall;
-use crate::codes::modal_groups::{Cycle, FeedMode, GCode, Group, MCode, Motion, NonModal, PathControl};
+use crate::codes::modal_groups::{FeedMode, GCode, Group, MCode, Motion, NonModal, PathControl};
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::execution::compensation::Changed;
 use crate::execution::contour_watch::ContourWatch;
@@ -16,7 +16,9 @@ use crate::execution::cycles::roughing::RoughCall;
 use crate::parameters::values::{Parameters, WORK_OFFSET};
 use crate::state::machine_state::{ProgrammedFeed, ProgrammedSpeed, State};
 use crate::syntax::statement::Statement;
-use crate::{Action, CallChain, Code, Command, Origin, PathMode, Settings, SpindleDirection, ToolTable};
+use crate::{
+    Action, CallChain, Code, Command, Origin, PathMode, SPINDLES, Settings, SpindleDirection, ToolTable,
+};
 
 /// Maximum number of commands that wait for cutter compensation or that one line gives: some hundred megabytes.
 pub(crate) const MAX_HELD_COMMANDS: usize = 1_000_000;
@@ -71,18 +73,26 @@ impl Executor<'_> {
             origin: self.origin.clone(),
             calls: self.calls.clone(),
             feed_mm_rev: None,
+            feed_spindle: 0,
         });
     }
 
     /// Executes the line.
     pub(crate) fn run(&mut self) -> Result<Option<Request>, Fault> {
         let line = self.line;
-        if let Some(GCode::FeedMode(mode)) = line.g(Group::FeedMode)
-            && mode != self.state.modes.feed_mode
-        {
-            // The meaning of F changes.
-            self.state.modes.feed_mode = mode;
-            self.state.modes.feed = None;
+        if let Some(GCode::FeedMode(mode)) = line.g(Group::FeedMode) {
+            let modes = &mut self.state.modes;
+            let spindle = if mode == FeedMode::PerRevolution {
+                modes.active_spindle = line.spindle();
+                line.spindle()
+            } else {
+                0
+            };
+            if (mode, spindle) != (modes.feed_mode, modes.feed_spindle) {
+                // The meaning of F changes.
+                (modes.feed_mode, modes.feed_spindle) = (mode, spindle);
+                modes.feed = None;
+            }
         }
         if let Some(feed) = line.word(b'F') {
             self.set_feed(feed)?;
@@ -182,16 +192,19 @@ impl Executor<'_> {
     pub(crate) fn end(&mut self) {
         self.leave_compensation();
         let modes = &mut self.state.modes;
-        let turning = modes.spindle != SpindleDirection::Stopped;
         let cooling = modes.mist || modes.flood;
-        modes.spindle = SpindleDirection::Stopped;
         (modes.mist, modes.flood) = (false, false);
-        if modes.speed.is_surface() {
-            // The next program starts in G97, where metres per minute are not a speed.
-            modes.speed = ProgrammedSpeed::Rpm(0.0);
-        }
-        if turning {
-            self.spindle();
+        for number in 0..SPINDLES {
+            let spindle = &mut self.state.modes.spindles[number];
+            let turning = spindle.turns();
+            spindle.direction = SpindleDirection::Stopped;
+            if spindle.speed.is_surface() {
+                // The next program starts in G97, where metres per minute are not a speed.
+                spindle.speed = ProgrammedSpeed::Rpm(0.0);
+            }
+            if turning {
+                self.spindle(number);
+            }
         }
         if cooling {
             self.out(Action::Coolant {
@@ -240,9 +253,10 @@ impl Executor<'_> {
         let on = line.word(b'P').is_none_or(|p| p != 0.0);
         let modes = &mut self.state.modes;
         match code {
-            MCode::Overrides(on) => (modes.feed_override, modes.spindle_override) = (on, on),
+            MCode::Overrides(on) => (modes.feed_override, modes.spindle_override) = (on, [on; SPINDLES]),
             MCode::FeedOverride => modes.feed_override = on,
-            MCode::SpindleOverride => modes.spindle_override = on,
+            MCode::SpindleOverride if line.has(b'$') => modes.spindle_override[line.spindle()] = on,
+            MCode::SpindleOverride => modes.spindle_override = [on; SPINDLES],
             MCode::AdaptiveFeed => modes.adaptive = Some(on),
             _ => modes.feed_stop = on,
         }
@@ -254,7 +268,7 @@ impl Executor<'_> {
         let modes = self.state.modes;
         self.out(Action::Overrides {
             feed: modes.feed_override,
-            spindle: modes.spindle_override,
+            spindles: modes.spindle_override,
             adaptive: modes.adaptive,
             feed_stop: modes.feed_stop,
             cycle,
@@ -327,16 +341,20 @@ impl Executor<'_> {
     }
 
     /// Restores saved modes, and outputs what has changed.
-    pub(crate) fn restore(&mut self, saved: crate::state::machine_state::Modes) {
+    pub(crate) fn restore(&mut self, mut saved: crate::state::machine_state::Modes) {
         let before = self.state.modes;
+        // As in LinuxCNC only spindle 0 is saved.
+        saved.spindles[1..].copy_from_slice(&before.spindles[1..]);
+        saved.active_spindle = before.active_spindle;
         self.state.modes = saved;
         if saved.work_index != before.work_index {
             self.parameters
                 .set_numbered(WORK_OFFSET, (saved.work_index + 1) as f64);
             self.state.load_work(self.parameters);
         }
-        if (saved.spindle, saved.speed) != (before.spindle, before.speed) {
-            self.spindle();
+        let (now, was) = (&saved.spindles[0], &before.spindles[0]);
+        if (now.direction, now.speed) != (was.direction, was.speed) {
+            self.spindle(0);
         }
         if (saved.mist, saved.flood) != (before.mist, before.flood) {
             self.coolant();
@@ -356,6 +374,9 @@ impl Executor<'_> {
 
     /// Executes the motion of the line.
     fn motion(&mut self, motion: Motion) -> Result<(), Fault> {
+        if self.line.has(b'$') && motion.turns_spindle() {
+            self.state.modes.active_spindle = self.line.spindle();
+        }
         if motion != Motion::CubicSpline {
             self.state.spline_end = None;
         }
@@ -422,12 +443,4 @@ impl Executor<'_> {
         }
         Ok(())
     }
-}
-
-/// Whether a cycle needs a rotating spindle.
-pub(crate) fn needs_spindle(cycle: Cycle) -> bool {
-    matches!(
-        cycle,
-        Cycle::Tap | Cycle::TapLeft | Cycle::BoreStop | Cycle::BackBore | Cycle::BoreManual
-    )
 }

@@ -7,7 +7,7 @@ use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
 use crate::execution::execute::MAX_HELD_COMMANDS;
 use crate::execution::offsets::check_coordinate;
-use crate::{Action, Code, Command, Move, MoveKind, PathMode, SpindleDirection};
+use crate::{Action, Code, Command, Move, MoveKind, PathMode};
 
 impl Executor<'_> {
     /// The target of the axis words, in machine coordinates.
@@ -188,6 +188,7 @@ impl Executor<'_> {
             origin: self.origin.clone(),
             calls: self.calls.clone(),
             feed_mm_rev: self.feed_per_revolution(kind, rotary),
+            feed_spindle: self.state.modes.feed_spindle as u32,
         });
         Ok(())
     }
@@ -231,6 +232,7 @@ impl Executor<'_> {
             origin: self.origin.clone(),
             calls: self.calls.clone(),
             feed_mm_rev: self.feed_per_revolution(kind, false),
+            feed_spindle: self.state.modes.feed_spindle as u32,
         });
         Ok(())
     }
@@ -287,7 +289,9 @@ impl Executor<'_> {
             let message = format!("{name} with feed F0");
             return Err(Fault::new(Code::FeedZero, span, message).help("write an F above 0"));
         }
-        if modes.feed_mode == FeedMode::PerRevolution && modes.speed.word() <= 0.0 {
+        if modes.feed_mode == FeedMode::PerRevolution
+            && modes.spindles[modes.feed_spindle].speed.word() <= 0.0
+        {
             let message = format!("{name} in G95, but the spindle speed is 0");
             return Err(Fault::new(Code::SpindleSpeedMissing, span, message)
                 .help("feed per revolution needs a spindle speed: write S and M3 first"));
@@ -304,7 +308,7 @@ impl Executor<'_> {
         // Updated along the move if the spindle speed follows the radius.
         modes
             .feed
-            .map_or(0.0, |feed| feed.per_second(rotary, || self.state.rpm()))
+            .map_or(0.0, |feed| feed.per_second(rotary, || self.state.feed_rpm()))
     }
 
     /// G28, G30: via the point of the axis words to the stored position. Without axis words all axes move there, else only those
@@ -345,7 +349,7 @@ impl Executor<'_> {
             let message = format!("{}{pitch}: a pitch must be above 0", char::from(letter));
             return Err(Fault::new(Code::OutOfRange, line.span(letter), message));
         }
-        if self.state.modes.spindle == SpindleDirection::Stopped {
+        if !self.state.modes.spindles[self.state.modes.active_spindle].turns() {
             let message = format!("{name}, but the spindle does not turn");
             return Err(Fault::new(Code::SpindleSpeedMissing, line.motion_span(), message)
                 .help("write S and M3 or M4 first"));
@@ -382,6 +386,7 @@ impl Executor<'_> {
         let path_mode = self.state.modes.path_mode;
         self.state.position = target;
         self.out(Action::Thread {
+            spindle: self.state.modes.active_spindle as u32,
             curve,
             pitch_mm,
             path_mode,
@@ -408,6 +413,7 @@ impl Executor<'_> {
         }
         let curve = self.line_to(target)?;
         self.out(Action::RigidTap {
+            spindle: self.state.modes.active_spindle as u32,
             curve,
             pitch_mm,
             return_factor,

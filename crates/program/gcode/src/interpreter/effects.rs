@@ -133,6 +133,7 @@ impl<R: BufRead> Interpreter<R> {
                 origin,
                 calls,
                 feed_mm_rev: None,
+                feed_spindle: 0,
             });
         }
         Ok(())

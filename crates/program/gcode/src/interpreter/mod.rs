@@ -103,7 +103,9 @@ impl<R: BufRead> Interpreter<R> {
         state.load_work(&parameters);
         parameters.commit();
         let mut surface_feed = SurfaceFeed::default();
-        surface_feed.set_speed(&state.spindle_action());
+        for spindle in 0..crate::SPINDLES {
+            surface_feed.set_speed(&state.spindle_action(spindle));
+        }
         Self {
             reader: LineReader::new(input, settings.limits.max_line_bytes),
             before: state,

@@ -25,7 +25,7 @@ pub struct Modal {
     pub tool: u32,
     /// Tool selected by T for the next M6.
     pub selected_tool: Option<u32>,
-    /// Spindle speed in revolutions per minute, negative counter-clockwise; 0 if it is stopped or follows a surface speed.
+    /// Speed of spindle 0 in revolutions per minute, negative counter-clockwise; 0 if it is stopped or follows a surface speed.
     pub spindle_rpm: f64,
     /// Mist coolant is on.
     pub mist: bool,
@@ -76,11 +76,11 @@ impl State {
             either(modes.diameter, 70, 80),
             either(self.cutter.code == Compensation::Off, 400, 410),
             either(self.tool_offset == Axes::zeros(), 490, 430),
-            either(modes.speed.is_surface(), 960, 970),
+            either(modes.spindles[0].speed.is_surface(), 960, 970),
         ];
         let mut codes = [0; 16];
         codes[..list.len()].copy_from_slice(&list);
-        let turning = match (modes.spindle, modes.speed) {
+        let turning = match (modes.spindles[0].direction, modes.spindles[0].speed) {
             (SpindleDirection::Clockwise, ProgrammedSpeed::Rpm(rpm)) => rpm,
             (SpindleDirection::CounterClockwise, ProgrammedSpeed::Rpm(rpm)) => -rpm,
             _ => 0.0,

@@ -9,7 +9,9 @@ use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
 use crate::state::machine_state::ProgrammedSpeed;
 use crate::state::machine_state::{INCH_MM, State};
-use crate::{Action, CallChain, Code, Command, Diagnostic, Move, MoveKind, PathMode, SpindleDirection};
+use crate::{
+    Action, CallChain, Code, Command, Diagnostic, Move, MoveKind, PathMode, SPINDLES, SpindleDirection,
+};
 
 /// The state that the lines before a restart have left. The user has to see it before anything moves: the machine is first
 /// brought to `position` and into this state.
@@ -63,6 +65,7 @@ impl Restart {
                 origin: None,
                 calls: CallChain::default(),
                 feed_mm_rev: None,
+                feed_spindle: 0,
             });
         }
         let mut out = *from;
@@ -116,6 +119,7 @@ impl Restart {
                 origin: None,
                 calls: CallChain::default(),
                 feed_mm_rev: None,
+                feed_spindle: 0,
             });
             at = to;
         }
@@ -157,16 +161,19 @@ impl<R: BufRead> Interpreter<R> {
         if state.nurbs_order.is_some() {
             return Err(Box::new(self.reject(format!("line {line} is inside a NURBS"))));
         }
-        self.output.surface_feed.set_speed(&state.spindle_action());
+        for spindle in 0..SPINDLES {
+            self.output.surface_feed.set_speed(&state.spindle_action(spindle));
+        }
         let mut actions = Vec::new();
         if state.tool != tool {
             actions.push(Action::ChangeTool(state.tool));
         }
         // What was on before the program and is off now is switched off.
         let before = self.settings.outputs;
-        let is_off = |direction| direction == SpindleDirection::Stopped;
-        if !is_off(state.modes.spindle) || !is_off(before.direction) {
-            actions.push(state.spindle_action());
+        for (number, spindle) in state.modes.spindles.iter().enumerate() {
+            if spindle.turns() || before.spindles[number].turns() {
+                actions.push(state.spindle_action(number));
+            }
         }
         if state.modes.mist || state.modes.flood || before.mist || before.flood {
             actions.push(Action::Coolant {
@@ -207,11 +214,12 @@ impl State {
     /// The overrides set by M48 to M53, if they differ from those at the start.
     fn overrides_left(&self) -> Option<Action> {
         let modes = &self.modes;
-        let (feed, spindle) = (modes.feed_override, modes.spindle_override);
-        let is_as_at_start = feed && spindle && modes.adaptive.is_none() && modes.feed_stop;
+        let (feed, spindles) = (modes.feed_override, modes.spindle_override);
+        let is_as_at_start =
+            feed && spindles == [true; SPINDLES] && modes.adaptive.is_none() && modes.feed_stop;
         (!is_as_at_start).then_some(Action::Overrides {
             feed,
-            spindle,
+            spindles,
             adaptive: modes.adaptive,
             feed_stop: modes.feed_stop,
             cycle: None,
@@ -220,7 +228,7 @@ impl State {
 
     /// The feed of a move along XYZ.
     fn feed_mm_s(&self) -> Option<f64> {
-        let feed = self.modes.feed?.per_second(false, || self.rpm());
+        let feed = self.modes.feed?.per_second(false, || self.feed_rpm());
         (feed > 0.0 && feed.is_finite()).then_some(feed)
     }
 
@@ -228,6 +236,35 @@ impl State {
     fn feed_word(&self) -> Option<(f64, bool)> {
         let feed = self.modes.feed?;
         Some((feed.word(), !feed.is_metric()))
+    }
+
+    /// The spindles as codes: that of number 0, and others that turn.
+    fn shown_spindles(&self) -> Vec<String> {
+        let mut words = Vec::new();
+        for (number, spindle) in self.modes.spindles.iter().enumerate() {
+            if number > 0 && !spindle.turns() {
+                continue;
+            }
+            words.push(format!("S{}", spindle.speed.word()));
+            if let ProgrammedSpeed::Surface { max_rpm, .. } = spindle.speed {
+                words.push("G96".to_owned());
+                if max_rpm.is_finite() {
+                    words.push(format!("D{max_rpm}"));
+                }
+            }
+            words.push(
+                match spindle.direction {
+                    SpindleDirection::Stopped => "M5",
+                    SpindleDirection::Clockwise => "M3",
+                    SpindleDirection::CounterClockwise => "M4",
+                }
+                .to_owned(),
+            );
+            if number > 0 {
+                words.push(format!("${number}"));
+            }
+        }
+        words
     }
 
     /// The modes as a line of codes.
@@ -257,6 +294,9 @@ impl State {
             }
             .to_owned(),
         );
+        if modes.feed_spindle != 0 {
+            words.push(format!("${}", modes.feed_spindle));
+        }
         words.push(match modes.work_index {
             index @ 0..=5 => format!("G{}", 54 + index),
             index => format!("G59.{}", index - 5),
@@ -291,20 +331,8 @@ impl State {
                 _ => format!("F{word}"),
             });
         }
-        let turning = match modes.spindle {
-            SpindleDirection::Stopped => "M5",
-            SpindleDirection::Clockwise => "M3",
-            SpindleDirection::CounterClockwise => "M4",
-        };
         // From S on the state of the periphery.
-        words.push(format!("S{}", modes.speed.word()));
-        if let ProgrammedSpeed::Surface { max_rpm, .. } = modes.speed {
-            words.push("G96".to_owned());
-            if max_rpm.is_finite() {
-                words.push(format!("D{max_rpm}"));
-            }
-        }
-        words.push(turning.to_owned());
+        words.extend(self.shown_spindles());
         words.push(format!("T{}", self.tool));
         for (on, code) in [(modes.mist, "M7"), (modes.flood, "M8")] {
             if on {
@@ -313,7 +341,7 @@ impl State {
         }
         for (counts, code) in [
             (modes.feed_override, "M50 P0"),
-            (modes.spindle_override, "M51 P0"),
+            (modes.spindle_override == [true; SPINDLES], "M51 P0"),
             (modes.adaptive != Some(true), "M52 P1"),
             (modes.adaptive != Some(false), "M52 P0"),
             (modes.feed_stop, "M53 P0"),

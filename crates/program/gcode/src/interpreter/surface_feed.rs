@@ -3,7 +3,7 @@
 
 use evolvent_path::{Axes, Curve, MoveKind, PathMode, SpindleSpeed};
 
-use crate::{Action, Command};
+use crate::{Action, Command, SPINDLES};
 
 /// Maximum ratio of spindle speeds along a piece, so that the feed per revolution is accurate to half of the excess over 1.
 const MAX_SPEED_RATIO: f64 = 1.02;
@@ -13,20 +13,28 @@ const MIN_PIECE_MM: f64 = 0.005;
 /// Divides moves on output, after cutter compensation and cycles.
 #[derive(Debug, Default)]
 pub(crate) struct SurfaceFeed {
-    /// The spindle speed, if it follows the radius.
-    speed: Option<SpindleSpeed>,
+    /// The speed of each spindle, if it follows the radius.
+    speeds: [Option<SpindleSpeed>; SPINDLES],
     /// A partly output move, and the length output so far, mm.
     rest: Option<(Command, f64)>,
 }
 
 impl SurfaceFeed {
-    /// Sets the spindle speed from here on.
+    /// Sets the speed of a spindle from here on.
     pub(crate) fn set_speed(&mut self, action: &Action) {
-        match action {
-            Action::SurfaceSpeed { surface, .. } => self.speed = Some(SpindleSpeed::Surface(*surface)),
-            Action::Spindle { .. } => self.speed = None,
-            _ => {}
+        let (spindle, speed) = match action {
+            Action::SurfaceSpeed { spindle, surface, .. } => (spindle, Some(SpindleSpeed::Surface(*surface))),
+            Action::Spindle { spindle, .. } => (spindle, None),
+            _ => return,
+        };
+        if let Some(slot) = self.speeds.get_mut(*spindle as usize) {
+            *slot = speed;
         }
+    }
+
+    /// The speed of the spindle that the feed of a command goes by, if it follows the radius.
+    fn speed_of(&self, command: &Command) -> Option<SpindleSpeed> {
+        self.speeds.get(command.feed_spindle as usize).copied().flatten()
     }
 
     /// The next piece of the present move.
@@ -39,7 +47,7 @@ impl SurfaceFeed {
     pub(crate) fn divide(&mut self, command: Command) -> Command {
         self.set_speed(&command.action);
         let is_fed = matches!(&command.action, Action::Move(motion) if motion.kind == MoveKind::Feed);
-        if !is_fed || self.speed.is_none() || command.feed_mm_rev.is_none() {
+        if !is_fed || self.speed_of(&command).is_none() || command.feed_mm_rev.is_none() {
             return command;
         }
         self.piece(command, 0.0)
@@ -48,7 +56,7 @@ impl SurfaceFeed {
     /// The next piece of a move of which `done_mm` has been output.
     fn piece(&mut self, mut command: Command, done_mm: f64) -> Command {
         let (Some(speed), Some(feed), Action::Move(motion)) =
-            (self.speed, command.feed_mm_rev, &mut command.action)
+            (self.speed_of(&command), command.feed_mm_rev, &mut command.action)
         else {
             return command;
         };

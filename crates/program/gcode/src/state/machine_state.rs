@@ -7,7 +7,7 @@ use crate::execution::compensation::CutterState;
 use crate::execution::cycles::fanuc_threads::FanucThread;
 use crate::parameters::system::System;
 use crate::parameters::values::{G92, G92_ACTIVE, Parameters, WORK_OFFSET, WORK_OFFSET_1};
-use crate::{Action, Outputs, PathMode, Settings, SpindleDirection};
+use crate::{Action, PathMode, SPINDLES, Settings, SpindleDirection, SpindleOutput};
 
 /// Millimetres per inch.
 pub(crate) const INCH_MM: f64 = 25.4;
@@ -109,6 +109,59 @@ impl ProgrammedSpeed {
     }
 }
 
+/// What a program has set of one spindle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SpindleModes {
+    pub(crate) direction: SpindleDirection,
+    pub(crate) speed: ProgrammedSpeed,
+    /// X of the spindle centre that was output last, machine coordinates.
+    pub(crate) output_centre_mm: f64,
+}
+
+impl SpindleModes {
+    /// At the start of a program, or of an MDI block.
+    fn new(output: &SpindleOutput, is_block: bool) -> Self {
+        // A program starts in G97, where metres per minute are not a speed; an MDI block continues in the active mode.
+        let surface = output.surface.filter(|_| is_block);
+        Self {
+            direction: output.direction,
+            speed: match (surface, output.surface) {
+                (Some(surface), _) => ProgrammedSpeed::Surface {
+                    speed_m_min: surface.speed_m_min,
+                    max_rpm: surface.max_rpm,
+                },
+                (None, Some(_)) => ProgrammedSpeed::Rpm(0.0),
+                (None, None) => ProgrammedSpeed::Rpm(output.speed_rpm),
+            },
+            output_centre_mm: surface.map_or(0.0, |surface| surface.centre_mm),
+        }
+    }
+
+    pub(crate) fn turns(&self) -> bool {
+        self.direction != SpindleDirection::Stopped
+    }
+
+    /// As an output, with the centre of the radius of G96 at this X in machine coordinates, mm.
+    fn output(&self, centre_mm: f64) -> SpindleOutput {
+        let (speed_rpm, surface) = match self.speed {
+            ProgrammedSpeed::Rpm(speed_rpm) => (speed_rpm, None),
+            ProgrammedSpeed::Surface { speed_m_min, max_rpm } => {
+                let surface = SurfaceSpeed {
+                    speed_m_min,
+                    max_rpm,
+                    centre_mm,
+                };
+                (0.0, Some(surface))
+            }
+        };
+        SpindleOutput {
+            direction: self.direction,
+            speed_rpm,
+            surface,
+        }
+    }
+}
+
 /// The modes saved by M70 and restored by M72.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Modes {
@@ -122,14 +175,15 @@ pub(crate) struct Modes {
     pub(crate) work_index: usize,
     pub(crate) retract_to_old: bool,
     pub(crate) diameter: bool,
-    pub(crate) spindle: SpindleDirection,
-    pub(crate) speed: ProgrammedSpeed,
-    /// X of the spindle centre that was output last, machine coordinates.
-    pub(crate) output_centre_mm: f64,
+    pub(crate) spindles: [SpindleModes; SPINDLES],
+    /// The spindle that G95 refers to.
+    pub(crate) feed_spindle: usize,
+    /// The spindle of threads and cycles: of the last `$` with one of them, and of the last G95, G96 or G97.
+    pub(crate) active_spindle: usize,
     pub(crate) mist: bool,
     pub(crate) flood: bool,
     pub(crate) feed_override: bool,
-    pub(crate) spindle_override: bool,
+    pub(crate) spindle_override: [bool; SPINDLES],
     pub(crate) adaptive: Option<bool>,
     pub(crate) feed_stop: bool,
 }
@@ -192,8 +246,7 @@ pub(crate) struct PlainMoveState {
 
 impl State {
     pub(crate) fn new(settings: &Settings) -> Self {
-        // A program starts in G97, where metres per minute are not a speed; an MDI block continues in the active mode.
-        let surface = settings.outputs.surface.filter(|_| settings.is_block);
+        let outputs = &settings.outputs;
         let mut state = Self {
             position: settings.start,
             motion: Motion::None,
@@ -208,20 +261,15 @@ impl State {
                 work_index: settings.offsets.active.min(settings.offsets.work.len() - 1),
                 retract_to_old: false,
                 diameter: false,
-                spindle: settings.outputs.direction,
-                speed: match (surface, settings.outputs.surface) {
-                    (Some(surface), _) => ProgrammedSpeed::Surface {
-                        speed_m_min: surface.speed_m_min,
-                        max_rpm: surface.max_rpm,
-                    },
-                    (None, Some(_)) => ProgrammedSpeed::Rpm(0.0),
-                    (None, None) => ProgrammedSpeed::Rpm(settings.outputs.speed_rpm),
-                },
-                output_centre_mm: surface.map_or(0.0, |surface| surface.centre_mm),
-                mist: settings.outputs.mist,
-                flood: settings.outputs.flood,
+                spindles: outputs
+                    .spindles
+                    .map(|output| SpindleModes::new(&output, settings.is_block)),
+                feed_spindle: 0,
+                active_spindle: 0,
+                mist: outputs.mist,
+                flood: outputs.flood,
                 feed_override: true,
-                spindle_override: true,
+                spindle_override: [true; SPINDLES],
                 adaptive: None,
                 feed_stop: true,
             },
@@ -368,21 +416,13 @@ impl State {
         self.work + self.g92 + self.tool_offset + program
     }
 
-    /// The command for the spindle.
-    pub(crate) fn spindle_action(&self) -> Action {
-        let modes = &self.modes;
-        let direction = modes.spindle;
-        match modes.speed {
-            ProgrammedSpeed::Surface { speed_m_min, max_rpm } => Action::SurfaceSpeed {
-                direction,
-                surface: SurfaceSpeed {
-                    speed_m_min,
-                    max_rpm,
-                    centre_mm: self.centre_mm(),
-                },
-            },
-            ProgrammedSpeed::Rpm(speed_rpm) => Action::Spindle { direction, speed_rpm },
-        }
+    /// The command for a spindle.
+    pub(crate) fn spindle_action(&self, spindle: usize) -> Action {
+        self.spindle_output(spindle).action(spindle as u32)
+    }
+
+    fn spindle_output(&self, spindle: usize) -> SpindleOutput {
+        self.modes.spindles[spindle].output(self.centre_mm())
     }
 
     /// X of the program zero in machine coordinates: the centre of the spindle.
@@ -390,11 +430,14 @@ impl State {
         self.machine_of(Axes::zeros())[0]
     }
 
-    /// Spindle speed while it rotates, at the position of the tool.
-    pub(crate) fn rpm(&self) -> f64 {
-        let mut outputs = Outputs::default();
-        outputs.apply(&self.spindle_action());
-        outputs.speed().rpm_at(self.position[0])
+    /// Speed of a spindle while it rotates, at the position of the tool.
+    pub(crate) fn rpm(&self, spindle: usize) -> f64 {
+        self.spindle_output(spindle).speed().rpm_at(self.position[0])
+    }
+
+    /// Speed of the spindle that G95 refers to.
+    pub(crate) fn feed_rpm(&self) -> f64 {
+        self.rpm(self.modes.feed_spindle)
     }
 
     /// Converts a point from machine coordinates to program coordinates (mm, degrees).
@@ -434,6 +477,8 @@ impl State {
     pub(crate) fn system(&self, system: System) -> f64 {
         let truth = |yes: bool| f64::from(u8::from(yes));
         let modes = &self.modes;
+        // As in LinuxCNC these parameters are of spindle 0, whatever `$` the program has written.
+        let spindle = &modes.spindles[0];
         match system {
             System::Absolute => truth(!modes.incremental),
             System::Incremental => truth(modes.incremental),
@@ -454,7 +499,7 @@ impl State {
             System::Feed => modes.feed.map_or(0.0, |feed| feed.word()),
             System::FeedHold => truth(modes.feed_stop),
             System::FeedOverride => truth(modes.feed_override),
-            System::SpeedOverride => truth(modes.spindle_override),
+            System::SpeedOverride => truth(modes.spindle_override[0]),
             System::Flood => truth(modes.flood),
             System::Mist => truth(modes.mist),
             System::CentreAbsolute => truth(modes.arc_centre_absolute),
@@ -475,11 +520,11 @@ impl State {
             },
             System::RetractOldZ => truth(modes.retract_to_old),
             System::RetractRPlane => truth(!modes.retract_to_old),
-            System::Rpm => modes.speed.word(),
-            System::SpindleConstantSurface => truth(modes.speed.is_surface()),
-            System::SpindleRpmMode => truth(!modes.speed.is_surface()),
-            System::SpindleClockwise => truth(modes.spindle == SpindleDirection::Clockwise),
-            System::SpindleOn => truth(modes.spindle != SpindleDirection::Stopped),
+            System::Rpm => spindle.speed.word(),
+            System::SpindleConstantSurface => truth(spindle.speed.is_surface()),
+            System::SpindleRpmMode => truth(!spindle.speed.is_surface()),
+            System::SpindleClockwise => truth(spindle.direction == SpindleDirection::Clockwise),
+            System::SpindleOn => truth(spindle.turns()),
             System::ToolOffset => truth(self.tool_offset != Axes::zeros()),
             // The version of LinuxCNC whose language this is.
             System::VersionMajor => 2.9,

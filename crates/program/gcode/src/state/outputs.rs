@@ -1,18 +1,28 @@
-//! Spindle and coolant as commanded by a program.
+//! Spindles and coolant as commanded by a program.
 
 use evolvent_path::{SpindleSpeed, SurfaceSpeed};
 
 use crate::{Action, SpindleDirection};
 
-/// State of spindle and coolant, as commanded by the program.
+/// Maximum number of spindles: `$0` to `$3`.
+pub const SPINDLES: usize = 4;
+
+/// State of one spindle, as commanded by the program.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Outputs {
+pub struct SpindleOutput {
     /// Direction of rotation, or stopped.
     pub direction: SpindleDirection,
     /// Speed of the last S word in revolutions per minute, not negative; kept while the spindle is stopped.
     pub speed_rpm: f64,
     /// Constant surface speed (G96); `speed_rpm` is then ignored.
     pub surface: Option<SurfaceSpeed>,
+}
+
+/// State of spindles and coolant, as commanded by the program.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Outputs {
+    /// The spindles, by number.
+    pub spindles: [SpindleOutput; SPINDLES],
     /// Mist coolant (M7) is on.
     pub mist: bool,
     /// Flood coolant (M8) is on.
@@ -20,14 +30,32 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    /// Applies an action. Returns whether it concerns spindle or coolant.
+    /// Applies an action. Returns whether it concerns spindles or coolant.
     pub fn apply(&mut self, action: &Action) -> bool {
         match *action {
-            Action::Spindle { direction, speed_rpm } => {
-                (self.direction, self.speed_rpm, self.surface) = (direction, speed_rpm, None);
+            Action::Spindle {
+                spindle,
+                direction,
+                speed_rpm,
+            } => {
+                let Some(output) = self.spindles.get_mut(spindle as usize) else {
+                    return false;
+                };
+                *output = SpindleOutput {
+                    direction,
+                    speed_rpm,
+                    surface: None,
+                };
             }
-            Action::SurfaceSpeed { direction, surface } => {
-                (self.direction, self.surface) = (direction, Some(surface));
+            Action::SurfaceSpeed {
+                spindle,
+                direction,
+                surface,
+            } => {
+                let Some(output) = self.spindles.get_mut(spindle as usize) else {
+                    return false;
+                };
+                (output.direction, output.surface) = (direction, Some(surface));
             }
             Action::Coolant { mist, flood } => (self.mist, self.flood) = (mist, flood),
             _ => return false,
@@ -35,12 +63,51 @@ impl Outputs {
         true
     }
 
-    /// Spindle speed while it rotates.
+    /// The spindle of a number; a stopped one of a number that does not exist.
+    #[must_use]
+    pub fn spindle(&self, number: u32) -> SpindleOutput {
+        self.spindles.get(number as usize).copied().unwrap_or_default()
+    }
+
+    /// Stops every spindle; the speeds are kept.
+    pub fn stop_spindles(&mut self) {
+        for spindle in &mut self.spindles {
+            spindle.direction = SpindleDirection::Stopped;
+        }
+    }
+}
+
+impl SpindleOutput {
+    /// Speed while the spindle rotates.
     #[must_use]
     pub fn speed(&self) -> SpindleSpeed {
         match self.surface {
             Some(surface) => SpindleSpeed::Surface(surface),
             None => SpindleSpeed::Constant { rpm: self.speed_rpm },
+        }
+    }
+
+    /// Whether it is not stopped.
+    #[must_use]
+    pub fn turns(&self) -> bool {
+        self.direction != SpindleDirection::Stopped
+    }
+
+    /// The action that commands this of the spindle of a number.
+    #[must_use]
+    pub fn action(&self, spindle: u32) -> Action {
+        let direction = self.direction;
+        match self.surface {
+            Some(surface) => Action::SurfaceSpeed {
+                spindle,
+                direction,
+                surface,
+            },
+            None => Action::Spindle {
+                spindle,
+                direction,
+                speed_rpm: self.speed_rpm,
+            },
         }
     }
 

@@ -2,7 +2,7 @@
 
 use evolvent_path::{AXES, Axes};
 
-use crate::{Outputs, PathMode, ToolTable};
+use crate::{Outputs, PathMode, SPINDLES, ToolTable};
 
 /// Set-up at the start of a program. [`Settings::default`] is a machine of nine axes at zero.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,14 +69,16 @@ pub struct MachineFeatures {
     pub fanuc_threads: bool,
     /// Whether a cutting load is measured, which the load-adaptive passes of G82 Q1 and G75 Q1 need.
     pub load_channel: bool,
-    /// Whether axes can follow the spindle angle, so that G84 and G74 tap rigidly ([`crate::Action::RigidTap`]).
-    pub rigid_tapping: bool,
+    /// The spindles that `$` can name, by number.
+    pub spindles: [bool; SPINDLES],
+    /// By spindle: whether axes can follow its angle, so that G84 and G74 tap rigidly ([`crate::Action::RigidTap`]).
+    pub rigid_tapping: [bool; SPINDLES],
     /// The direction of G90 on each unlimited rotary axis; their coordinates count modulo 360 degrees.
     pub unlimited: [Option<RotaryWay>; AXES],
     /// The user-defined M codes from M100 to M199, which are output with their words P and Q.
     pub user_codes: Vec<u32>,
-    /// Maximum spindle speed (G96 at small radii), rpm; infinite if unknown.
-    pub spindle_max_rpm: f64,
+    /// Maximum speed of each spindle (G96 at small radii), rpm; infinite if unknown.
+    pub spindle_max_rpm: [f64; SPINDLES],
     /// The subroutine that executes M6; without one, M6 is output as [`crate::Action::ChangeTool`].
     pub tool_change: Option<ToolChanger>,
 }
@@ -204,10 +206,11 @@ impl Default for MachineFeatures {
             turning_words: TurningWords::default(),
             fanuc_threads: false,
             load_channel: false,
-            rigid_tapping: false,
+            spindles: [true, false, false, false],
+            rigid_tapping: [false; SPINDLES],
             unlimited: [None; AXES],
             user_codes: Vec::new(),
-            spindle_max_rpm: f64::INFINITY,
+            spindle_max_rpm: [f64::INFINITY; SPINDLES],
             tool_change: None,
         }
     }

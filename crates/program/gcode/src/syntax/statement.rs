@@ -6,13 +6,13 @@
 use evolvent_path::{AXES, AxisLetter};
 
 use crate::codes::modal_groups::{
-    Compensation, Cycle, GCode, GROUPS, Group, LengthOffset, MCode, Motion, NonModal, PathControl, Turning,
-    fanuc_code, lathe_code,
+    Compensation, Cycle, FeedMode, GCode, GROUPS, Group, LengthOffset, MCode, Motion, NonModal, PathControl,
+    Turning, fanuc_code, lathe_code,
 };
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::syntax::block::Block;
 use crate::syntax::word_faults::{negative, no_such_axis, two_of_group, whole};
-use crate::{Code, Settings};
+use crate::{Code, SPINDLES, Settings};
 
 /// The letters, and `@` `^` `$`.
 pub(crate) const WORDS: usize = 29;
@@ -67,10 +67,34 @@ const fn bits(letters: &[u8]) -> u32 {
     sum
 }
 
+/// Checks the number of a spindle.
+fn spindle_exists(value: f64, span: Span, exists: &[bool; SPINDLES]) -> Result<(), Fault> {
+    if value == -1.0 {
+        return Ok(());
+    }
+    if value.fract() != 0.0 || !(0.0..SPINDLES as f64).contains(&value) {
+        let message = format!("${value}: spindles have the numbers 0 to {}", SPINDLES - 1);
+        return Err(Fault::new(Code::SpindleSelection, span, message).help("$-1 names all spindles"));
+    }
+    if exists[value as usize] {
+        return Ok(());
+    }
+    let names: Vec<String> = (0..SPINDLES)
+        .filter(|&number| exists[number])
+        .map(|number| format!("${number}"))
+        .collect();
+    let message = format!("${value}: the machine has no spindle {value}");
+    let help = format!(
+        "it has {}; to add one, write [[spindle]] with number = {value} in the machine file",
+        names.join(", ")
+    );
+    Err(Fault::new(Code::SpindleSelection, span, message).help(help))
+}
+
 const POLAR_BITS: u32 = bits(b"@^");
 const AXIS_BITS: u32 = bits(b"XYZABCUVW@^");
 const CENTRE_BITS: u32 = bits(b"IJK");
-const ALWAYS_USED: u32 = bits(b"FST$");
+const ALWAYS_USED: u32 = bits(b"FST");
 
 impl Default for Statement {
     fn default() -> Self {
@@ -210,6 +234,40 @@ impl Statement {
     #[inline]
     pub(crate) fn axis(&self, index: usize) -> Option<f64> {
         self.word(b"XYZABCUVW"[index])
+    }
+
+    /// The number of the spindle that `$` names; 0 without it.
+    pub(crate) fn spindle(&self) -> usize {
+        // A cast of -1 is 0: what is about all spindles asks first.
+        self.word(b'$').map_or(0, |number| number as usize)
+    }
+
+    /// Whether the line has `$-1`.
+    pub(crate) fn names_all_spindles(&self) -> bool {
+        self.word(b'$') == Some(-1.0)
+    }
+
+    /// Checks that a code of the line uses `$`, and that none of them needs one spindle if all are named.
+    fn check_spindle(&self) -> Result<(), Fault> {
+        let span = self.span(b'$');
+        let of_one = self.motion.is_some_and(Motion::turns_spindle)
+            || self.m(Group::Spindle) == Some(MCode::SpindleOrient)
+            || self.m(Group::Override) == Some(MCode::SpindleOverride)
+            || self.g(Group::SpindleMode).is_some()
+            || self.g(Group::FeedMode) == Some(GCode::FeedMode(FeedMode::PerRevolution));
+        if of_one && self.names_all_spindles() {
+            let message = "$-1 names all spindles, and this line is about a single one";
+            return Err(Fault::new(Code::SpindleSelection, span, message)
+                .help("write the number of the spindle; $-1 is for S, M3, M4 and M5"));
+        }
+        if !of_one && self.m(Group::Spindle).is_none() && !self.has(b'S') {
+            let message = "no code on this line uses $, the spindle";
+            return Err(Fault::new(Code::UnusedWord, span, message).help(
+                "it selects the spindle of S, M3, M4, M5, M19, M51, G33, G33.1, G76, G95, G96, G97 and of cycles that turn the \
+                 spindle",
+            ));
+        }
+        Ok(())
     }
 
     pub(crate) fn has_axes(&self) -> bool {
@@ -376,10 +434,7 @@ impl Statement {
             b'T' => {
                 whole(value, 'T', span)?;
             }
-            b'$' if value != 0.0 => {
-                let message = format!("${value}: there is only one spindle, $0");
-                return Err(Fault::new(Code::SpindleSelection, span, message).help("leave $ out"));
-            }
+            b'$' => spindle_exists(value, span, &settings.features.spindles)?,
             _ => {}
         }
         self.values[place(letter)] = value;
@@ -460,6 +515,10 @@ impl Statement {
             return Ok(());
         }
         let mut used = plain;
+        if self.has(b'$') {
+            self.check_spindle()?;
+            used |= bit(b'$');
+        }
         let mut twice = 0;
         let mut claim = |letters: u32| {
             twice |= used & letters & !plain;

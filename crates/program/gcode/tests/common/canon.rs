@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::io::BufRead;
 
 use evolvent_gcode::{
-    Action, Command, Interpreter, LogAction, MoveKind, PathMode, Settings, SpindleDirection,
+    Action, Command, Interpreter, LogAction, MoveKind, PathMode, SPINDLES, Settings, SpindleDirection,
 };
 use evolvent_path::{Axes, Curve};
 
@@ -31,8 +31,9 @@ pub(crate) fn canon(program: impl BufRead, settings: Settings) -> Vec<String> {
 #[derive(Debug, Default)]
 struct Printer {
     lines: Vec<String>,
-    spindle: (String, f64),
-    told_spindle: (String, f64),
+    /// Direction and speed, by spindle.
+    spindles: [(String, f64); SPINDLES],
+    told_spindles: [(String, f64); SPINDLES],
     coolant: (bool, bool),
     told_coolant: (bool, bool),
     spline_line: u32,
@@ -55,6 +56,14 @@ fn direction(direction: SpindleDirection) -> &'static str {
     }
 }
 
+/// An event of a spindle: that of number 0 has no number.
+fn numbered(event: &str, spindle: u32) -> String {
+    match spindle {
+        0 => event.to_owned(),
+        _ => format!("{event}{spindle}"),
+    }
+}
+
 /// As rs274 has it: no tolerance is 0, and lines are merged within the tolerance where Q does not say.
 fn path(mode: PathMode) -> String {
     match mode {
@@ -73,15 +82,20 @@ fn path(mode: PathMode) -> String {
 impl Printer {
     /// States of spindle and coolant, once for several commands in a row.
     fn flush(&mut self) {
-        if self.spindle != self.told_spindle && !self.spindle.0.is_empty() {
-            // A stopped spindle's speed is nobody's business.
-            let stopped = self.spindle.0 == "stop";
-            let was_stopped = matches!(self.told_spindle.0.as_str(), "" | "stop");
-            if !(stopped && was_stopped) {
-                let speed = if stopped { 0.0 } else { self.spindle.1 };
-                self.lines.push(format!("spindle {} {speed:.4}", self.spindle.0));
+        for (number, spindle) in self.spindles.iter().enumerate() {
+            let told = &mut self.told_spindles[number];
+            if *spindle == *told || spindle.0.is_empty() {
+                continue;
             }
-            self.told_spindle = self.spindle.clone();
+            // A stopped spindle's speed is nobody's business.
+            let stopped = spindle.0 == "stop";
+            let was_stopped = matches!(told.0.as_str(), "" | "stop");
+            if !(stopped && was_stopped) {
+                let speed = if stopped { 0.0 } else { spindle.1 };
+                let name = numbered("spindle", number as u32);
+                self.lines.push(format!("{name} {} {speed:.4}", spindle.0));
+            }
+            told.clone_from(spindle);
         }
         if self.coolant != self.told_coolant {
             let (mist, flood) = self.coolant;
@@ -134,16 +148,18 @@ impl Printer {
             Action::ChangeTool(tool) => self.put(format!("change {tool}")),
             Action::ToolNumber(tool) => self.put(format!("number {tool}")),
             Action::Spindle {
+                spindle,
                 direction: way,
                 speed_rpm,
-            } => self.turn(direction(*way), *speed_rpm),
+            } => self.turn(*spindle, direction(*way), *speed_rpm),
             Action::SurfaceSpeed {
+                spindle,
                 direction: way,
                 surface,
-            } => self.turn(direction(*way), surface.speed_m_min),
-            Action::OrientSpindle { degrees, .. } => {
-                self.spindle.0 = "stop".to_owned();
-                self.put(format!("orient {degrees:.4}"));
+            } => self.turn(*spindle, direction(*way), surface.speed_m_min),
+            Action::OrientSpindle { spindle, degrees, .. } => {
+                self.spindles[*spindle as usize].0 = "stop".to_owned();
+                self.put(format!("{} {degrees:.4}", numbered("orient", *spindle)));
             }
             Action::Coolant { mist, flood } => self.coolant = (*mist, *flood),
             Action::ProgramStop { optional, pallet } => {
@@ -190,7 +206,7 @@ impl Printer {
         }
     }
 
-    fn turn(&mut self, way: &str, speed: f64) {
-        self.spindle = (way.to_owned(), speed);
+    fn turn(&mut self, spindle: u32, way: &str, speed: f64) {
+        self.spindles[spindle as usize] = (way.to_owned(), speed);
     }
 }

@@ -51,9 +51,9 @@ impl ServedParts {
         // The program receives a stop when the axes are at rest, which ends the job.
         inputs.stop &= !excursion.is_moving();
         inputs.resume = false;
-        let spindle_override = self.counted_override(now);
+        let spindle_overrides = self.counted_overrides(now);
         if let Some(signals) = &mut self.signals {
-            inputs.feed_override *= signals.feed_ratio(now.last.as_ref(), spindle_override);
+            inputs.feed_override *= signals.feed_ratio(now.last.as_ref(), &spindle_overrides);
         }
         now.notes.input_bits |= recorded::FOLLOWS | recorded::STEERS;
         if excursion.is_stopping() {

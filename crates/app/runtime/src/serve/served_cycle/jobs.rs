@@ -96,9 +96,9 @@ impl ServedParts {
         }
         let switches = self.signals.as_ref().map(SignalLoop::overrides);
         let mut inputs = now.inputs.switched_by(&switches.unwrap_or_default());
-        let spindle_override = self.counted_override(now);
+        let spindle_overrides = self.counted_overrides(now);
         if let Some(signals) = &mut self.signals {
-            inputs.feed_override *= signals.feed_ratio(now.last.as_ref(), spindle_override);
+            inputs.feed_override *= signals.feed_ratio(now.last.as_ref(), &spindle_overrides);
         }
         let mut setpoint = job.motion.step(&inputs, &mut job.queue);
         now.stops.has_left_wait = at_wait && now.inputs.resume && job.motion.plan_step() != before;

@@ -6,6 +6,7 @@ use evolvent_signals::Phase;
 use evolvent_trace::inputs as recorded;
 
 use super::{CycleState, ServedParts};
+use crate::due_setpoint::SpindleOverrides;
 use crate::handwheel_view::HandwheelView;
 use crate::serve::orders::{CycleEvent, Following};
 use crate::signal_loop::{SignalLoop, phase_of};
@@ -19,14 +20,11 @@ impl ServedParts {
         }
     }
 
-    /// The spindle override where the program lets it count.
-    pub(super) fn counted_override(&self, now: &CycleState) -> f64 {
+    /// The spindle override of each spindle, where the program lets it count.
+    pub(super) fn counted_overrides(&self, now: &CycleState) -> SpindleOverrides {
         let switches = self.signals.as_ref().map(SignalLoop::overrides);
-        if switches.unwrap_or_default().spindle {
-            now.spindle_override
-        } else {
-            1.0
-        }
+        let counts = switches.unwrap_or_default().spindles;
+        counts.map(|counts| if counts { now.spindle_override } else { 1.0 })
     }
 
     /// Inputs that have come count for the next setpoint.

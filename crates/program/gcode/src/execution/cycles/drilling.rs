@@ -6,7 +6,7 @@ use evolvent_path::{Axes, AxisLetter, Plane};
 
 use crate::codes::modal_groups::{Cycle, FeedMode, Motion, PlaneCode};
 use crate::diagnostics::diagnostic::Fault;
-use crate::execution::execute::{Executor, needs_spindle};
+use crate::execution::execute::Executor;
 use crate::execution::offsets::check_coordinate;
 use crate::state::machine_state::{ProgrammedFeed, ProgrammedSpeed};
 use crate::{Action, Code, MoveKind, PathMode, SpindleDirection};
@@ -80,7 +80,7 @@ impl Executor<'_> {
         if dwells && line.has(b'P') {
             self.warn_of_dwell(name, hole.p);
         }
-        if needs_spindle(cycle) {
+        if cycle.turns_spindle() {
             self.check_spindle(cycle, name)?;
         }
         let repeats = line.whole(b'L')?.unwrap_or(1);
@@ -214,7 +214,7 @@ impl Executor<'_> {
     }
 
     fn check_spindle(&self, cycle: Cycle, name: &str) -> Result<(), Fault> {
-        let turning = self.state.modes.spindle;
+        let turning = self.state.modes.spindles[self.state.modes.active_spindle].direction;
         let message = match (cycle, turning) {
             (_, SpindleDirection::Stopped) => format!("{name}, but the spindle does not turn"),
             (Cycle::Tap, SpindleDirection::CounterClockwise) => {
@@ -255,7 +255,9 @@ impl Executor<'_> {
     fn tap_rigidly(&mut self, cycle: Cycle, at: Axes, hole: &Hole) -> Result<(), Fault> {
         let name = Motion::Cycle(cycle).name();
         let modes = self.state.modes;
-        let pitch_mm = match (modes.feed, modes.speed) {
+        let number = modes.active_spindle;
+        let speed = modes.spindles[number].speed;
+        let pitch_mm = match (modes.feed, speed) {
             (_, ProgrammedSpeed::Surface { .. }) => f64::NAN,
             (Some(ProgrammedFeed::PerRevolution { linear_mm_rev, .. }), _) => linear_mm_rev,
             (Some(ProgrammedFeed::PerMinute { linear_mm_s, .. }), ProgrammedSpeed::Rpm(rpm)) => {
@@ -263,7 +265,7 @@ impl Executor<'_> {
             }
             (None, _) => 0.0,
         };
-        if modes.speed.word() <= 0.0 || !pitch_mm.is_finite() {
+        if speed.word() <= 0.0 || !pitch_mm.is_finite() {
             let message = format!("{name} needs a spindle speed, which determines the pitch together with F");
             return Err(
                 Fault::new(Code::SpindleSpeedMissing, self.line.motion_span(), message).help(
@@ -281,6 +283,7 @@ impl Executor<'_> {
         }
         let curve = self.line_to(target)?;
         self.out(Action::RigidTap {
+            spindle: number as u32,
             curve,
             pitch_mm,
             return_factor: 1.0,
@@ -296,7 +299,7 @@ impl Executor<'_> {
             this.go(at, kind, mode)
         };
         let (feed, rapid) = (MoveKind::Feed, MoveKind::Rapid);
-        let turning = self.state.modes.spindle;
+        let turning = self.state.modes.spindles[self.state.modes.active_spindle].direction;
         match cycle {
             Cycle::Drill => {
                 to(self, hole.bottom, feed)?;
@@ -346,7 +349,9 @@ impl Executor<'_> {
                 // The operator has retracted the tool.
                 return Ok(());
             }
-            Cycle::Tap | Cycle::TapLeft if self.settings.features.rigid_tapping => {
+            Cycle::Tap | Cycle::TapLeft
+                if self.settings.features.rigid_tapping[self.state.modes.active_spindle] =>
+            {
                 self.tap_rigidly(cycle, at, hole)?;
                 return if hole.clear == hole.r {
                     Ok(())
@@ -356,7 +361,8 @@ impl Executor<'_> {
             }
             Cycle::Tap | Cycle::TapLeft => {
                 let modes = self.state.modes;
-                (self.state.modes.feed_override, self.state.modes.spindle_override) = (false, false);
+                self.state.modes.feed_override = false;
+                self.state.modes.spindle_override[modes.active_spindle] = false;
                 // A feed hold inside would stop the feed but not the spindle.
                 self.state.modes.feed_stop = false;
                 self.put_overrides(Some(Motion::Cycle(cycle).name()));
@@ -382,8 +388,9 @@ impl Executor<'_> {
     }
 
     fn turn_spindle(&mut self, direction: SpindleDirection) {
-        self.state.modes.spindle = direction;
-        self.spindle();
+        let number = self.state.modes.active_spindle;
+        self.state.modes.spindles[number].direction = direction;
+        self.spindle(number);
     }
 
     /// G87: through the hole beside its axis, then boring upwards.
@@ -422,6 +429,7 @@ impl Executor<'_> {
         self.go(aside, MoveKind::Rapid, hole.path_mode)?;
         self.turn_spindle(SpindleDirection::Stopped);
         self.out(Action::OrientSpindle {
+            spindle: self.state.modes.active_spindle as u32,
             degrees: 0.0,
             direction: None,
             timeout_s: 0.0,
@@ -435,6 +443,7 @@ impl Executor<'_> {
         self.go(inside, MoveKind::Feed, hole.path_mode)?;
         self.turn_spindle(SpindleDirection::Stopped);
         self.out(Action::OrientSpindle {
+            spindle: self.state.modes.active_spindle as u32,
             degrees: 0.0,
             direction: None,
             timeout_s: 0.0,

@@ -229,7 +229,7 @@ impl Executor<'_> {
         let cross_feed = match line.word(b'E') {
             Some(e) if e <= 0.0 => return refuse(b'E', format!("E{e}: the feed along X must be above 0")),
             Some(e) if feed.mm_rev.is_some() => CutFeed {
-                mm_s: e * unit * self.state.rpm() / 60.0,
+                mm_s: e * unit * self.state.feed_rpm() / 60.0,
                 mm_rev: Some(e * unit),
             },
             Some(e) => CutFeed {
@@ -283,7 +283,7 @@ impl Executor<'_> {
         let [x_mm, z_mm] = machine(step.x, step.z)?;
         let cone_mm = step.cone.map(|[x, z]| machine(x, z)).transpose()?;
         let modes = &self.state.modes;
-        let spindle_rpm = match modes.speed {
+        let spindle_rpm = match modes.spindles[0].speed {
             ProgrammedSpeed::Rpm(rpm) => rpm,
             ProgrammedSpeed::Surface { .. } => 0.0,
         };
@@ -421,6 +421,7 @@ impl Executor<'_> {
         {
             step.feed_mm_s = feed.mm_s;
             last.feed_mm_rev = feed.mm_rev;
+            last.feed_spindle = self.state.modes.feed_spindle as u32;
         }
         Ok(())
     }

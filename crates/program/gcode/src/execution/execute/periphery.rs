@@ -5,7 +5,7 @@ use crate::codes::modal_groups::{GCode, Group, MCode};
 use crate::diagnostics::diagnostic::Fault;
 use crate::parameters::values::INPUT_RESULT;
 use crate::state::machine_state::ProgrammedSpeed;
-use crate::{Action, Code, SpindleDirection};
+use crate::{Action, Code, SPINDLES, SpindleDirection};
 
 impl Executor<'_> {
     #[inline]
@@ -17,39 +17,16 @@ impl Executor<'_> {
     /// Spindle, tools, coolant, outputs.
     pub(super) fn periphery(&mut self) -> Result<Option<Request>, Fault> {
         let line = self.line;
-        let was_surface = self.state.modes.speed.is_surface();
-        if let Some(GCode::ConstantSurfaceSpeed(on)) = line.g(Group::SpindleMode) {
-            if on && !line.has(b'S') {
-                let span = line.group_span(Group::SpindleMode);
-                return Err(
-                    Fault::new(Code::WordMissing, span, "G96 needs S, the surface speed")
-                        .help("in metres per minute, or feet per minute in G20"),
-                );
-            }
-            if let Some(limit) = line.word(b'D')
-                && on
-                && limit < 0.0
-            {
-                return Err(crate::syntax::word_faults::negative('D', limit, line.span(b'D')));
-            }
-            if on {
-                let limit = line.word(b'D').unwrap_or(f64::INFINITY);
-                self.state.modes.speed = ProgrammedSpeed::Surface {
-                    speed_m_min: 0.0,
-                    max_rpm: limit.min(self.settings.features.spindle_max_rpm),
-                };
-            } else if was_surface {
-                // Without S the spindle keeps its present speed.
-                self.state.modes.speed = ProgrammedSpeed::Rpm(self.state.rpm());
-            }
-        }
+        let number = line.spindle();
+        let was_surface = self.state.modes.spindles[number].speed.is_surface();
+        self.spindle_mode(number)?;
         if let Some(speed) = line.word(b'S') {
-            let modes = &mut self.state.modes;
-            match &mut modes.speed {
-                ProgrammedSpeed::Rpm(rpm) => *rpm = speed,
-                // Feet per minute in G20.
-                ProgrammedSpeed::Surface { speed_m_min, .. } => {
-                    *speed_m_min = if modes.inches { 0.3048 * speed } else { speed };
+            // Feet per minute in G20.
+            let unit_m = if self.state.modes.inches { 0.3048 } else { 1.0 };
+            for number in self.named_spindles() {
+                match &mut self.state.modes.spindles[number].speed {
+                    ProgrammedSpeed::Rpm(rpm) => *rpm = speed,
+                    ProgrammedSpeed::Surface { speed_m_min, .. } => *speed_m_min = unit_m * speed,
                 }
             }
         }
@@ -65,20 +42,24 @@ impl Executor<'_> {
         self.outputs()?;
         let changer = self.tool_change()?;
         let turned = line.m(Group::Spindle);
-        match turned {
-            Some(MCode::SpindleClockwise) => self.state.modes.spindle = SpindleDirection::Clockwise,
-            Some(MCode::SpindleCounterClockwise) => {
-                self.state.modes.spindle = SpindleDirection::CounterClockwise;
-            }
-            Some(MCode::SpindleStop) => self.state.modes.spindle = SpindleDirection::Stopped,
+        let direction = match turned {
+            Some(MCode::SpindleClockwise) => Some(SpindleDirection::Clockwise),
+            Some(MCode::SpindleCounterClockwise) => Some(SpindleDirection::CounterClockwise),
+            Some(MCode::SpindleStop) => Some(SpindleDirection::Stopped),
             Some(MCode::SpindleOrient) => return self.orient().map(|()| None),
-            _ => {}
-        }
+            _ => None,
+        };
+        let is_surface = self.state.modes.spindles[number].speed.is_surface();
         if turned.is_some()
             || line.has(b'S')
-            || line.g(Group::SpindleMode).is_some() && (was_surface || self.state.modes.speed.is_surface())
+            || line.g(Group::SpindleMode).is_some() && (was_surface || is_surface)
         {
-            self.spindle();
+            for number in self.named_spindles() {
+                if let Some(direction) = direction {
+                    self.state.modes.spindles[number].direction = direction;
+                }
+                self.spindle(number);
+            }
         }
         let request = line.m(Group::Modes).map(Request::Modes).or(changer);
         if let Some(coolant) = line.m(Group::Coolant) {
@@ -98,19 +79,61 @@ impl Executor<'_> {
         Ok(request)
     }
 
-    pub(crate) fn spindle(&mut self) {
-        self.state.modes.output_centre_mm = self.state.centre_mm();
-        self.out(self.state.spindle_action());
+    /// G96 and G97.
+    fn spindle_mode(&mut self, number: usize) -> Result<(), Fault> {
+        let line = self.line;
+        let Some(GCode::ConstantSurfaceSpeed(on)) = line.g(Group::SpindleMode) else {
+            return Ok(());
+        };
+        self.state.modes.active_spindle = number;
+        if on && !line.has(b'S') {
+            let span = line.group_span(Group::SpindleMode);
+            return Err(
+                Fault::new(Code::WordMissing, span, "G96 needs S, the surface speed")
+                    .help("in metres per minute, or feet per minute in G20"),
+            );
+        }
+        if let Some(limit) = line.word(b'D')
+            && on
+            && limit < 0.0
+        {
+            return Err(crate::syntax::word_faults::negative('D', limit, line.span(b'D')));
+        }
+        if on {
+            let limit = line.word(b'D').unwrap_or(f64::INFINITY);
+            self.state.modes.spindles[number].speed = ProgrammedSpeed::Surface {
+                speed_m_min: 0.0,
+                max_rpm: limit.min(self.settings.features.spindle_max_rpm[number]),
+            };
+        } else if self.state.modes.spindles[number].speed.is_surface() {
+            // Without S the spindle keeps its present speed.
+            self.state.modes.spindles[number].speed = ProgrammedSpeed::Rpm(self.state.rpm(number));
+        }
+        Ok(())
+    }
+
+    /// The spindles that the line is about: the one of `$`, 0 without it; with `$-1` all that the machine has.
+    fn named_spindles(&self) -> impl Iterator<Item = usize> + use<> {
+        let (all, one) = (self.line.names_all_spindles(), self.line.spindle());
+        let exists = self.settings.features.spindles;
+        (0..SPINDLES).filter(move |&number| if all { exists[number] } else { number == one })
+    }
+
+    pub(crate) fn spindle(&mut self, number: usize) {
+        self.state.modes.spindles[number].output_centre_mm = self.state.centre_mm();
+        self.out(self.state.spindle_action(number));
     }
 
     /// Offsets may have moved the centre of the radius of G96.
     pub(super) fn follow_centre(&mut self) {
-        let modes = &self.state.modes;
-        if modes.speed.is_surface()
-            && modes.spindle != SpindleDirection::Stopped
-            && modes.output_centre_mm != self.state.centre_mm()
-        {
-            self.spindle();
+        for number in 0..SPINDLES {
+            let spindle = &self.state.modes.spindles[number];
+            if spindle.speed.is_surface()
+                && spindle.turns()
+                && spindle.output_centre_mm != self.state.centre_mm()
+            {
+                self.spindle(number);
+            }
         }
     }
 
@@ -147,8 +170,10 @@ impl Executor<'_> {
                 line.span(b'Q'),
             ));
         }
-        self.state.modes.spindle = SpindleDirection::Stopped;
+        let number = line.spindle();
+        self.state.modes.spindles[number].direction = SpindleDirection::Stopped;
         self.out(Action::OrientSpindle {
+            spindle: number as u32,
             degrees,
             direction,
             timeout_s,

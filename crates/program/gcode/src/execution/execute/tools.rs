@@ -4,7 +4,7 @@ use super::{Executor, Request};
 use crate::codes::modal_groups::{Group, MCode};
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::parameters::values::{TOOL, TOOL_DIAMETER};
-use crate::{Action, Code, SpindleDirection, Tool};
+use crate::{Action, Code, SPINDLES, SpindleDirection, Tool};
 
 /// The arguments of a tool-change subroutine.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,9 +54,12 @@ impl Executor<'_> {
                     )
                     .help("write G40 first"));
                 }
-                if self.state.modes.spindle != SpindleDirection::Stopped {
-                    self.state.modes.spindle = SpindleDirection::Stopped;
-                    self.spindle();
+                for number in 0..SPINDLES {
+                    let spindle = &mut self.state.modes.spindles[number];
+                    if spindle.turns() {
+                        spindle.direction = SpindleDirection::Stopped;
+                        self.spindle(number);
+                    }
                 }
                 // The present position counts, wherever the program was when compensation ended.
                 self.state.cutter.programmed = None;

@@ -1,0 +1,327 @@
+//! Several spindles: which one a line is about (`$`), and what LinuxCNC makes of the same programs.
+//!
+//! The expected commands are what `rs274` of LinuxCNC 2.9 prints with four spindles; SPECNOTES names the differences.
+#![expect(clippy::expect_used, reason = "tests fail as tests do")]
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command as Process;
+
+use evolvent_gcode::{
+    Action, Code, Diagnostic, Interpreter, MachineFeatures, SPINDLES, Settings, SpindleDirection,
+};
+use evolvent_random::{Random, cases, seed, seed_of_time};
+
+fn settings(spindles: [bool; SPINDLES]) -> Settings {
+    Settings {
+        features: MachineFeatures {
+            lathe: false,
+            spindles,
+            ..MachineFeatures::default()
+        },
+        ..Settings::default()
+    }
+}
+
+/// The actions up to the first error, and that.
+fn run_on(program: &str, spindles: [bool; SPINDLES]) -> (Vec<Action>, Option<Diagnostic>) {
+    let mut actions = Vec::new();
+    for item in Interpreter::new(program.as_bytes(), settings(spindles)) {
+        match item {
+            Ok(command) => actions.push(command.action),
+            Err(error) => return (actions, Some(error)),
+        }
+    }
+    (actions, None)
+}
+
+fn run(program: &str) -> Vec<Action> {
+    let (actions, error) = run_on(program, [true; SPINDLES]);
+    assert!(error.is_none(), "{program}: {error:?}");
+    actions
+}
+
+/// Commands to spindles as text: `1 cw 200`.
+fn spindles(actions: &[Action]) -> Vec<String> {
+    let mut lines = Vec::new();
+    for action in actions {
+        match action {
+            Action::Spindle {
+                spindle,
+                direction,
+                speed_rpm,
+            } => lines.push(format!("{spindle} {} {speed_rpm}", way(*direction))),
+            Action::SurfaceSpeed {
+                spindle,
+                direction,
+                surface,
+            } => lines.push(format!(
+                "{spindle} {} {} m/min to {}",
+                way(*direction),
+                surface.speed_m_min,
+                surface.max_rpm
+            )),
+            Action::OrientSpindle { spindle, degrees, .. } => lines.push(format!("{spindle} at {degrees}")),
+            Action::Thread { spindle, .. } => lines.push(format!("{spindle} thread")),
+            Action::RigidTap { spindle, .. } => lines.push(format!("{spindle} tap")),
+            _ => {}
+        }
+    }
+    lines
+}
+
+fn way(direction: SpindleDirection) -> &'static str {
+    match direction {
+        SpindleDirection::Stopped => "stop",
+        SpindleDirection::Clockwise => "cw",
+        SpindleDirection::CounterClockwise => "ccw",
+    }
+}
+
+#[test]
+fn speed_and_direction_are_those_of_the_named_spindle() {
+    let told = spindles(&run("S100 M3\nS200 $1\nM4 $1\nM5 $-1\nM2\n"));
+    let expected = [
+        "0 cw 100",
+        "1 stop 200",
+        "1 ccw 200",
+        "0 stop 100",
+        "1 stop 200",
+        "2 stop 0",
+        "3 stop 0",
+    ];
+    assert_eq!(told, expected);
+    // Without $ it is spindle 0, whatever was named before.
+    let told = spindles(&run("S100 M3 $1\nM4\nM2\n"));
+    assert_eq!(told, ["1 cw 100", "0 ccw 0", "0 stop 0", "1 stop 100"]);
+}
+
+#[test]
+fn all_spindles_are_those_of_the_machine() {
+    let (actions, error) = run_on("S7 M3 $-1\nM2\n", [true, false, true, false]);
+    assert!(error.is_none(), "{error:?}");
+    assert_eq!(spindles(&actions), ["0 cw 7", "2 cw 7", "0 stop 7", "2 stop 7"]);
+}
+
+#[test]
+fn modes_of_speed_are_of_each_spindle() {
+    let told = spindles(&run("G96 S100 D2000 $1\nM3 $1\nG97 S200 $1\nG96 S50 D500\nM2\n"));
+    let expected = [
+        "1 stop 100 m/min to 2000",
+        "1 cw 100 m/min to 2000",
+        "1 cw 200",
+        "0 stop 50 m/min to 500",
+        "1 stop 200",
+    ];
+    assert_eq!(told, expected);
+    // A tool change stops all.
+    let told = spindles(&run("M61 Q1\nM3 S300 $1\nM4 S7\nT0 M6\nM2\n"));
+    assert_eq!(told, ["1 cw 300", "0 ccw 7", "0 stop 7", "1 stop 300"]);
+    // M72 restores spindle 0.
+    let told = spindles(&run("S4 M3\nM70\nS10 M3 $1\nM4 S30\nM72\nM2\n"));
+    let expected = ["0 cw 4", "1 cw 10", "0 ccw 30", "0 cw 4", "0 stop 4", "1 stop 10"];
+    assert_eq!(told, expected);
+}
+
+#[test]
+fn threads_follow_the_spindle_that_was_named_last() {
+    let text = "S300 M3 $1\nG33 Z-5 K1 $1\nG33 Z-8 K1\nG33.1 Z-10 K1\nM3 S5\nG33 Z-11 K1 $0\nG33 Z-12 K1\n";
+    let told = spindles(&run(&format!("{text}G97 S300 $1\nG33 Z-13 K1\nM2\n")));
+    let threads: Vec<_> = told
+        .iter()
+        .filter(|line| line.contains("thread") || line.contains("tap"))
+        .collect();
+    let expected = [
+        "1 thread", "1 thread", "1 tap", "0 thread", "0 thread", "1 thread",
+    ];
+    assert_eq!(threads, expected.iter().collect::<Vec<_>>());
+    // M3 and S name no spindle for them.
+    let (_, error) = run_on("S300 M3 $1\nG33 Z-5 K1\nM2\n", [true; SPINDLES]);
+    assert_eq!(error.expect("an error").code, Code::SpindleSpeedMissing);
+}
+
+#[test]
+fn feed_per_revolution_is_of_the_spindle_of_g95() {
+    let mut feeds = Vec::new();
+    let program = "S300 M3 $1\nS60 M3\nG95 F1 S300 $1\nG1 X1\nG33 Z1 K1 $0\nG1 X2\nG95 F2\nG1 X3\nM2\n";
+    for item in Interpreter::new(program.as_bytes(), settings([true; SPINDLES])) {
+        let command = item.expect("no error");
+        if let Action::Move(motion) = &command.action {
+            feeds.push((command.feed_spindle, command.feed_mm_rev, motion.feed_mm_s));
+        }
+    }
+    // 1 mm at 300 rpm, and 2 mm at 60 rpm.
+    let expected = [(1, Some(1.0), 5.0), (1, Some(1.0), 5.0), (0, Some(2.0), 2.0)];
+    assert_eq!(feeds, expected);
+}
+
+#[test]
+fn overrides_are_of_one_spindle_or_of_all() {
+    let told: Vec<[bool; SPINDLES]> = run("M51 P0 $1\nM51 P0\nM51 P1 $2\nM48\nM49\nM2\n")
+        .iter()
+        .filter_map(|action| match action {
+            Action::Overrides { spindles, .. } => Some(*spindles),
+            _ => None,
+        })
+        .collect();
+    let expected = [
+        [true, false, true, true],
+        [false; 4],
+        [false, false, true, false],
+        [true; 4],
+        [false; 4],
+    ];
+    assert_eq!(told, expected);
+}
+
+#[test]
+fn cycles_turn_the_named_spindle() {
+    let told = spindles(&run("S10 M3 $1\nG84 X1 Z-1 R1 F10 $1\nG80\nM2\n"));
+    let expected = [
+        "1 cw 10",
+        "1 stop 10",
+        "1 ccw 10",
+        "1 stop 10",
+        "1 cw 10",
+        "1 stop 10",
+    ];
+    assert_eq!(told, expected);
+    let (_, error) = run_on("S10 M3 $1\nG86 X1 Z-1 R1 F10 P1 $2\n", [true; SPINDLES]);
+    assert_eq!(error.expect("an error").code, Code::SpindleSpeedMissing);
+}
+
+#[test]
+fn a_spindle_that_cannot_be_meant_is_an_error() {
+    let cases = [
+        ("M3 $4\n", Code::SpindleSelection, "numbers 0 to 3"),
+        ("M3 $1.5\n", Code::SpindleSelection, "numbers 0 to 3"),
+        ("M3 $-2\n", Code::SpindleSelection, "numbers 0 to 3"),
+        ("M3 $2\n", Code::SpindleSelection, "the machine has no spindle 2"),
+        ("M19 R5 $-1\n", Code::SpindleSelection, "all spindles"),
+        ("M51 P0 $-1\n", Code::SpindleSelection, "all spindles"),
+        ("G96 S5 $-1\n", Code::SpindleSelection, "all spindles"),
+        ("M3\nG33 Z1 K1 $-1\n", Code::SpindleSelection, "all spindles"),
+        ("G95 S3 $-1\n", Code::SpindleSelection, "all spindles"),
+        ("G0 X1 $1\n", Code::UnusedWord, "uses $"),
+        ("M49 $1\n", Code::UnusedWord, "uses $"),
+    ];
+    for (program, code, text) in cases {
+        let (_, error) = run_on(program, [true, true, false, true]);
+        let error = error.expect(program);
+        assert!(
+            error.code == code && error.to_string().contains(text),
+            "{program}: {error}"
+        );
+    }
+    let (_, error) = run_on("M3 $2\n", [true, true, false, true]);
+    let help = error.expect("an error").help.expect("a cure");
+    assert!(
+        help.contains("$0, $1, $3") && help.contains("number = 2"),
+        "{help}"
+    );
+}
+
+#[test]
+fn a_restart_commands_every_spindle() {
+    let program = "S100 M3\nS200 M4 $1\nS300 $2\nG95 F0.1 S300 $2\nG96 S30 D900 M3 $3\nG4 P0.1\nM2\n";
+    let mut interpreter = Interpreter::new(program.as_bytes(), settings([true; SPINDLES]));
+    let restart = interpreter.start_at(6).expect("a restart");
+    let expected = ["0 cw 100", "1 ccw 200", "3 cw 30 m/min to 900"];
+    assert_eq!(spindles(&restart.actions), expected);
+    for text in ["G95 $2", "S100 M3", "S200 M4 $1", "S30 G96 D900 M3 $3"] {
+        assert!(restart.modes.contains(text), "{text}: {}", restart.modes);
+    }
+}
+
+/// A program of lines with `$`, but for those that SPECNOTES names.
+fn random_program(random: &mut Random) -> String {
+    let per_revolution = random.below(5) < 2;
+    let mut text = "G21 G90\n".to_owned();
+    for x in 1..=5 + random.below(21) {
+        let speed = *random.one_of(&[0, 50, 120, 333, 900]);
+        let named = named_spindle(random);
+        let or_all = if random.below(7) == 0 {
+            " $-1".to_owned()
+        } else {
+            named.clone()
+        };
+        let line = match random.below(16) {
+            0..5 => format!("S{speed} M{}{or_all}", random.one_of(&[3, 3, 4, 5])),
+            5 => format!("M{}{or_all}", random.one_of(&[3, 4, 5])),
+            6 => format!("S{speed}{or_all}"),
+            // rs274 takes every spindle for stopped after it.
+            7 => format!("M19 R{}{named}\nM3 $-1", random.one_of(&[0, 90, 270])),
+            8 => format!("G33 Z-{x} K{}{named}", random.one_of(&[1.0, 0.5])),
+            9 => format!("G33.1 Z-{x} K1{named}"),
+            10 if per_revolution => {
+                format!("G95 F0.{} S{speed}{named}\nG1 X{x}", 1 + random.below(9))
+            }
+            10 => format!("G96 S{} D{}{named}", speed + 1, random.one_of(&[500, 2000])),
+            11 if !per_revolution => format!("G97 S{speed}{named}"),
+            // rs274 refuses $0 here.
+            12 if named != " $0" => format!("M51 P{}{named}", random.below(2)),
+            13 => format!("T{} M6", 1 + random.below(9)),
+            14 if !per_revolution => {
+                let speed = speed + 1;
+                format!("G94 F100\nS{speed} M3{named}\nG84 X{x} Z-2 R1 S{speed}{named}\nG80")
+            }
+            15 => match random.below(4) {
+                0 => format!("G4 P0.1{named}"),
+                1 => format!("G94 F100\nG1 X{x}"),
+                2 => format!("G76 P1 Z-40 I-1 J0.5 K1 R1 Q29 H0 E0 L0{named}"),
+                _ if !per_revolution => "M70\nS7 M3\nM72".to_owned(),
+                _ => "M9".to_owned(),
+            },
+            _ => continue,
+        };
+        let _ = writeln!(text, "{line}");
+    }
+    text + "M2\n"
+}
+
+fn named_spindle(random: &mut Random) -> String {
+    if random.below(5) == 0 {
+        return String::new();
+    }
+    if random.below(40) == 0 {
+        return format!(" ${}", random.one_of(&[-1, 4, -2]));
+    }
+    format!(" ${}", random.below(4))
+}
+
+#[test]
+fn random_programs_do_here_what_they_do_in_linuxcnc() {
+    let Some(folder) = std::env::var_os("EVOLVENT_LINUXCNC").map(PathBuf::from) else {
+        println!("not measured: no EVOLVENT_LINUXCNC (run tools/test on Debian)");
+        return;
+    };
+    let mut random = Random::from_state(seed(seed_of_time()));
+    let place = tempfile::tempdir().expect("a folder");
+    let mut programs = Vec::new();
+    for number in 0..cases(300) {
+        let file = place.path().join(format!("{number}.ngc"));
+        std::fs::write(&file, random_program(&mut random)).expect("a file");
+        programs.push(file);
+    }
+    let tools = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../tools");
+    let canon = std::env::current_exe()
+        .expect("a path")
+        .with_file_name("../examples/canon");
+    let output = Process::new("python3")
+        .arg(tools.join("compare-rs274"))
+        .arg("--quiet")
+        .arg("--canon")
+        .arg(canon)
+        .arg("--rs274")
+        .arg(folder.join("rs274"))
+        .args(&programs)
+        .output()
+        .expect("python3");
+    let text = String::from_utf8_lossy(&output.stdout);
+    println!("{text}");
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
