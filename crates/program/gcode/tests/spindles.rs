@@ -127,6 +127,9 @@ fn modes_of_speed_are_of_each_spindle() {
 fn threads_follow_the_spindle_that_was_named_last() {
     let text = "S300 M3 $1\nG33 Z-5 K1 $1\nG33 Z-8 K1\nG33.1 Z-10 K1\nM3 S5\nG33 Z-11 K1 $0\nG33 Z-12 K1\n";
     let told = spindles(&run(&format!("{text}G97 S300 $1\nG33 Z-13 K1\nM2\n")));
+    // G94 without $ names spindle 0.
+    let after = spindles(&run("S3 M3 $-1\nG33 Z-5 K1 $1\nG94\nG33 Z-8 K1\nM2\n"));
+    assert!(after.iter().filter(|line| line.contains("thread")).eq(["1 thread", "0 thread"].iter()));
     let threads: Vec<_> = told
         .iter()
         .filter(|line| line.contains("thread") || line.contains("tap"))
@@ -268,7 +271,7 @@ fn random_program(random: &mut Random) -> String {
             15 => match random.below(4) {
                 0 => format!("G4 P0.1{named}"),
                 1 => format!("G94 F100\nG1 X{x}"),
-                2 => format!("G76 P1 Z-40 I-1 J0.5 K1 R1 Q29 H0 E0 L0{named}"),
+                2 => format!("G76 P1 Z-{} I-1 J0.5 K1 R1 Q29 H0 E0 L0{named}", 40 + x),
                 _ if !per_revolution => "M70\nS7 M3\nM72".to_owned(),
                 _ => "M9".to_owned(),
             },

@@ -82,8 +82,8 @@ impl Executor<'_> {
         let line = self.line;
         if let Some(GCode::FeedMode(mode)) = line.g(Group::FeedMode) {
             let modes = &mut self.state.modes;
+            modes.active_spindle = line.spindle();
             let spindle = if mode == FeedMode::PerRevolution {
-                modes.active_spindle = line.spindle();
                 line.spindle()
             } else {
                 0

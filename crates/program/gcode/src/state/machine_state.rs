@@ -178,7 +178,7 @@ pub(crate) struct Modes {
     pub(crate) spindles: [SpindleModes; SPINDLES],
     /// The spindle that G95 refers to.
     pub(crate) feed_spindle: usize,
-    /// The spindle of threads and cycles: of the last `$` with one of them, and of the last G95, G96 or G97.
+    /// The spindle of threads and cycles: of the last `$` with one of them, and of the last G93 to G97.
     pub(crate) active_spindle: usize,
     pub(crate) mist: bool,
     pub(crate) flood: bool,
