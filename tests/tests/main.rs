@@ -36,6 +36,7 @@ mod served_recording;
 mod served_signals;
 mod served_traces;
 mod signals_in_c;
+mod spindle_ramps;
 mod spindles;
 mod surface_speed;
 mod systemd_units;

@@ -3,15 +3,11 @@
 
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
-use std::thread::JoinHandle;
-use std::time::Duration;
 
 use evolvent_bus::{ControlRequest, MachineOutputs};
 use evolvent_tests::{
-    Cycle, Domain, Drives, Finished, Launch, Operator, Served, Workshop, command, cycles, evolvent,
-    unless_disturbed,
+    Cycle, Domain, Drives, Finished, Launch, Operator, OutputListener, Served, Workshop, command, cycles,
+    evolvent, unless_disturbed,
 };
 use evolvent_trace::{EventKind, TraceFile};
 
@@ -31,53 +27,6 @@ fn machine(workshop: &Workshop, name: &str) -> PathBuf {
         "\n[signals]\ninput_timeout_ms = 500\n[[spindle]]\nmax_rpm = {MAX_RPM}\nfeedback = true\nat_speed_timeout_s = 20\n"
     );
     workshop.write("machine.toml", text + &spindle)
-}
-
-/// Every message of outputs on the bus, from somebody who is no bridge.
-struct Listener {
-    heard: Arc<Mutex<Vec<MachineOutputs>>>,
-    over: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Listener {
-    fn of(domain: &Domain, name: &str) -> Self {
-        let config = evolvent_bus::ClientConfig {
-            prefix: Some(domain.prefix.clone()),
-            wait: Duration::from_secs(60),
-            ..evolvent_bus::ClientConfig::new(name)
-        };
-        let (heard, over) = (Arc::new(Mutex::new(Vec::new())), Arc::new(AtomicBool::new(false)));
-        let (its_ears, its_end) = (Arc::clone(&heard), Arc::clone(&over));
-        let thread = std::thread::spawn(move || {
-            let bus = evolvent_bus::ClientBus::open(&config).expect("the bus");
-            let mut outputs = bus.outputs().expect("outputs");
-            while !its_end.load(Ordering::Acquire) {
-                while let Ok(Some(message)) = outputs.receive() {
-                    its_ears.lock().expect("nobody panicked").push(message);
-                }
-                std::thread::sleep(Duration::from_millis(1));
-            }
-        });
-        Self {
-            heard,
-            over,
-            thread: Some(thread),
-        }
-    }
-
-    fn messages(&self) -> Vec<MachineOutputs> {
-        self.heard.lock().expect("nobody panicked").clone()
-    }
-}
-
-impl Drop for Listener {
-    fn drop(&mut self) {
-        self.over.store(true, Ordering::Release);
-        if let Some(thread) = self.thread.take() {
-            let _panicked = thread.join();
-        }
-    }
 }
 
 /// The inputs of a number in a trace: the setpoint from which each counts, and its text.
@@ -110,7 +59,7 @@ fn the_spindle_is_commanded_by_the_radius_of_each_setpoint_and_feed_waits_behind
         let program = workshop.write("program.ngc", program);
         let trace = workshop.path("run.mcap");
         let _drives = Drives::start(&machine, &domain, &["--spindle-acceleration", "1500"]);
-        let listener = Listener::of(&domain, "surface");
+        let listener = OutputListener::of(&domain, "surface");
         let launch = Launch::in_real_time(&program, &machine, &domain).trace(&trace);
         launch.finish().expect_code(&[0, 3]);
         let cycles = cycles(&trace);
@@ -228,7 +177,7 @@ fn the_override_of_the_spindle_reaches_the_bridge_where_it_counts_and_feed_per_r
         let _drives = Drives::start(&machine, &domain, &["--spindle-acceleration", "3000"]);
         let served = Served::start(&machine, "overridden", &domain, &workshop.path("state"), &[]);
         let mut operator = Operator::join("overridden", &domain);
-        let listener = Listener::of(&domain, "overridden");
+        let listener = OutputListener::of(&domain, "overridden");
         operator.brings_up();
         operator.says_number("MODE", 0);
         operator.says_text("LOAD", &program.display().to_string());

@@ -6,6 +6,8 @@
 use std::sync::mpsc::{self, Receiver, Sender};
 
 use evolvent_bus::{BusError, CoreBus};
+use evolvent_drive::PowerRequest;
+use evolvent_motion::State;
 use rtrb::Consumer;
 
 use crate::due_setpoint::DueSetpoint;
@@ -124,9 +126,12 @@ impl<S: StatusSource> Publisher<S> {
         let x_mm = due.setpoint.position[0];
         self.spindles
             .follow(outputs, x_mm, &due.spindle_overrides, is_switched);
+        if due.setpoint.state == State::Fault || due.drive.power != PowerRequest::On {
+            self.spindles.end_ramps();
+        }
         if let Some(signals) = &mut self.signals {
             let periphery = is_switched.then(|| self.periphery.now());
-            signals.follow(bus, due, periphery, &self.spindles.rpm());
+            signals.follow(bus, due, periphery, &self.spindles.now());
         }
         let message = self.publishing.message(due);
         let is_realtime = self.publishing.clock == Clock::Realtime;

@@ -131,7 +131,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
             publishing,
             setpoints,
             periphery: PeripheryTrack::new(setup.tool, periphery_orders),
-            spindles: SpindleCommands::new(&setup.machine.signals),
+            spindles: SpindleCommands::new(&setup.machine.signals, setup.period_ns),
             signals,
             stops: StopWatch::start(setup, job.clock)?,
             status,

@@ -158,6 +158,7 @@ mod tests {
             at_speed: AtSpeed::Unknown,
             at_speed_timeout_s: 10.0,
             acceleration_rpm_s: None,
+            ramp_rpm_s: None,
             max_rpm: 8000.0,
             reverse: false,
         }];

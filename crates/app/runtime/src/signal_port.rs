@@ -11,6 +11,7 @@ use crate::due_setpoint::DueSetpoint;
 use crate::periphery::Periphery;
 use crate::probe_locator::ProbeLocator;
 use crate::signal_loop::DueOutputs;
+use crate::spindle_command::SpindleCommand;
 use crate::spindle_speedometer::Speedometer;
 
 /// Samples of the inputs on the way to the cycle.
@@ -27,6 +28,10 @@ struct Commanded {
     sequence: u64,
     /// When that is due, where the spindle is to turn.
     turns_since_ns: Option<u64>,
+    /// A ramp has not reached it.
+    is_passing: bool,
+    /// The speed with the last setpoint, rpm.
+    rpm: f64,
 }
 
 /// Outputs of the cycle out, inputs of the bridges in.
@@ -37,6 +42,8 @@ pub(crate) struct SignalPort {
     commanded: [Commanded; SPINDLES],
     speedometers: [Speedometer; SPINDLES],
     period_ns: u64,
+    /// What programs have switched last.
+    periphery: Periphery,
     /// The last setpoint: its number, and when it is due.
     last_due: (u64, u64),
     /// The spindle whose angle the program follows.
@@ -106,6 +113,7 @@ impl SignalPort {
             commanded: [Commanded::default(); SPINDLES],
             speedometers: [Speedometer::default(); SPINDLES],
             period_ns,
+            periphery: Periphery::default(),
             last_due: (0, 0),
             follows_angle: None,
             settings: settings.clone(),
@@ -139,6 +147,14 @@ impl SignalPort {
     /// How a spindle is with respect to what it was commanded last.
     fn spindle_state(&self, number: u32, now_ns: u64) -> Option<SpindleState> {
         let command = self.commanded.get(number as usize).copied().unwrap_or_default();
+        if !self.settings.spindle(number)?.has_feedback() {
+            // It follows the ramp of its command.
+            return Some(SpindleState {
+                command: command.number,
+                at_speed: command.sequence > 0 && !command.is_passing,
+                ..SpindleState::default()
+            });
+        }
         let timeout_ns = (self.settings.input_timeout_s * 1e9) as u64;
         let Some(known) = self.spindles.known(now_ns, number) else {
             let since_ns = command.turns_since_ns?;
@@ -150,7 +166,7 @@ impl SignalPort {
             });
         };
         let has = |flag: u32| known.flags & flag != 0;
-        let obeys = command.sequence > 0 && known.outputs_sequence >= command.sequence;
+        let obeys = command.sequence > 0 && !command.is_passing && known.outputs_sequence >= command.sequence;
         Some(SpindleState {
             command: command.number,
             at_speed: obeys && has(spindle_flags::AT_SPEED),
@@ -190,18 +206,24 @@ impl SignalPort {
         let known = self.entry.known(now_ns);
         let probe = known.probe.filter(|_| self.settings.probe.is_some());
         let (mut image, bounces) = (image_of(&known), self.follow_probe(probe, now_ns));
-        let measured = self
+        let known_spindles = self
             .settings
             .spindles
             .iter()
-            .filter(|spindle| spindle.has_feedback());
-        for spindle in measured {
+            .filter(|spindle| spindle.has_feedback() || spindle.ramp_rpm_s.is_some());
+        for spindle in known_spindles {
             image.set_spindle(spindle.number, self.spindle_state(spindle.number, now_ns));
         }
         image.angle = self.spindle_angle(now_ns);
         image.angle_spindle = self.follows_angle.unwrap_or(0);
         for (number, meter) in self.speedometers.iter_mut().enumerate() {
-            image.speeds_rpm[number] = meter.rpm(self.spindles.known(now_ns, number as u32).as_ref());
+            image.speeds_rpm[number] = match self.settings.spindle(number as u32) {
+                Some(spindle) if !spindle.has_feedback() && spindle.ramp_rpm_s.is_some() => {
+                    let commanded = &self.commanded[number];
+                    Some(meter.commanded_rpm(commanded.rpm, commanded.is_passing))
+                }
+                _ => meter.rpm(self.spindles.known(now_ns, number as u32).as_ref()),
+            };
         }
         if bounces {
             // Open again already: the contact counts all the same.
@@ -262,14 +284,14 @@ impl SignalPort {
         fault.map(|fault| (count, fault))
     }
 
-    /// Sends what has changed with a setpoint, before the setpoint itself. `periphery`: where it has changed; `rpm`: what the
-    /// spindles are commanded.
+    /// Sends what has changed with a setpoint, before the setpoint itself. `periphery`: where it has changed; `commands`:
+    /// what the spindles are commanded.
     pub(crate) fn follow(
         &mut self,
         bus: &mut CoreBus,
         due: &DueSetpoint,
         periphery: Option<&Periphery>,
-        rpm: &[f64; SPINDLES],
+        commands: &[SpindleCommand; SPINDLES],
     ) {
         if self.settings.probe.is_some() {
             self.locator.observe_setpoint(due);
@@ -286,43 +308,44 @@ impl SignalPort {
             (self.message.digital, self.message.analog) = (outputs.digital, outputs.analog);
         }
         if let Some(periphery) = periphery {
-            for (number, rpm) in rpm.iter().enumerate() {
-                self.command_spindle(number, periphery, *rpm, due.due_time_ns);
-            }
+            self.periphery = *periphery;
             self.follows_angle = periphery.follows_angle;
             self.message.coolant = periphery.coolant_bits();
             self.message.tool = periphery.tool;
             (self.message.tool_change, self.message.tool_wanted) = periphery.change_numbers();
         }
-        let mut is_other_speed = false;
-        for (number, rpm) in rpm.iter().enumerate() {
-            if *rpm != self.message.spindle_rpm[number] {
-                is_other_speed = true;
-                self.message.spindle_rpm[number] = *rpm;
-                self.commanded[number].sequence = self.message.sequence + 1;
+        let mut is_commanded = false;
+        for (number, command) in commands.iter().enumerate() {
+            is_commanded |= self.command_spindle(number, command);
+            if periphery.is_some() {
+                self.note_command(number, due.due_time_ns);
             }
         }
-        if outputs.is_some() || periphery.is_some() || is_other_speed {
+        if outputs.is_some() || periphery.is_some() || is_commanded {
             self.message.cycle = due.setpoint.sequence;
             self.message.due_time_ns = due.due_time_ns;
             self.send(bus);
         }
     }
 
-    fn command_spindle(&mut self, number: usize, periphery: &Periphery, rpm: f64, due_time_ns: u64) {
-        let orientation = periphery.orientations[number];
+    /// Writes the command to a spindle into the message that leaves next; whether it is another.
+    fn command_spindle(&mut self, number: usize, command: &SpindleCommand) -> bool {
+        let message = &mut self.message;
         let before = (
-            self.message.spindle_direction[number],
-            self.message.spindle_rpm[number],
-            self.message.spindle_angle[number],
-            self.message.spindle_way[number],
+            message.spindle_direction[number],
+            message.spindle_rpm[number],
+            message.spindle_angle[number],
+            message.spindle_way[number],
         );
+        // It turns to an angle when its ramp has ended.
+        let orientation = self.periphery.orientations[number].filter(|_| command.passing.is_none());
+        let programmed = self.periphery.outputs.spindles[number].direction;
         let now = (
             match orientation {
                 Some(_) => ORIENT,
-                None => direction_number(periphery.outputs.spindles[number].direction),
+                None => direction_number(command.passing.unwrap_or(programmed)),
             },
-            rpm,
+            command.rpm,
             // 360 degrees are the same as none.
             orientation.map_or(0.0, |orient| orient.degrees % 360.0),
             orientation
@@ -330,16 +353,31 @@ impl SignalPort {
                 .map_or(0, direction_number),
         );
         (
-            self.message.spindle_direction[number],
-            self.message.spindle_rpm[number],
-            self.message.spindle_angle[number],
-            self.message.spindle_way[number],
+            message.spindle_direction[number],
+            message.spindle_rpm[number],
+            message.spindle_angle[number],
+            message.spindle_way[number],
         ) = now;
         let commanded = &mut self.commanded[number];
-        commanded.number = periphery.spindle_commands[number];
-        commanded.turns_since_ns = periphery.drives_spindle(number).then_some(due_time_ns);
-        if now != before || commanded.sequence == 0 {
+        commanded.is_passing = command.passing.is_some();
+        commanded.rpm = if now.0 == ORIENT || now.0 == 0 {
+            0.0
+        } else {
+            command.rpm
+        };
+        if now != before {
             // The number of the message that leaves next.
+            commanded.sequence = self.message.sequence + 1;
+        }
+        now != before
+    }
+
+    /// The program has commanded something.
+    fn note_command(&mut self, number: usize, due_time_ns: u64) {
+        let commanded = &mut self.commanded[number];
+        commanded.number = self.periphery.spindle_commands[number];
+        commanded.turns_since_ns = self.periphery.drives_spindle(number).then_some(due_time_ns);
+        if commanded.sequence == 0 {
             commanded.sequence = self.message.sequence + 1;
         }
     }

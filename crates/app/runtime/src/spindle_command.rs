@@ -1,6 +1,6 @@
 //! The speeds that the spindles are commanded, setpoint by setpoint.
 
-use evolvent_gcode::{Outputs, SPINDLES};
+use evolvent_gcode::{Outputs, SPINDLES, SpindleDirection};
 use evolvent_machine::{MAX_SPINDLES, SignalSettings};
 
 use crate::due_setpoint::SpindleOverrides;
@@ -11,24 +11,97 @@ const _: () = assert!(SPINDLES == MAX_SPINDLES as usize);
 /// A speed that follows the radius is sent again where it has changed by more than this part of itself.
 const LEAST_CHANGE: f64 = 0.001;
 
-/// The speeds of the spindles with the setpoint that has left last.
+/// Time between two steps of a ramp, ns: drives read their commands no faster.
+const RAMP_STEP_NS: u64 = 1_000_000;
+
+/// The command to a spindle with one setpoint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SpindleCommand {
+    /// With the override of the operator, rpm, not negative; that of a stopped spindle is kept for its next start.
+    pub rpm: f64,
+    /// The direction while a ramp goes on; none where it is the one of the program.
+    pub passing: Option<SpindleDirection>,
+}
+
+/// A speed that changes at a limited rate.
+#[derive(Clone, Copy, Debug)]
+struct Ramp {
+    /// Change of a step, rpm.
+    step_rpm: f64,
+    /// Setpoints from step to step, and since the last one.
+    every: u64,
+    passed: u64,
+    /// Negative counter-clockwise.
+    rpm: f64,
+    target_rpm: f64,
+}
+
+impl Ramp {
+    fn new(rate_rpm_s: f64, period_ns: u64) -> Self {
+        let every = (RAMP_STEP_NS / period_ns.max(1)).max(1);
+        Self {
+            step_rpm: rate_rpm_s * (every * period_ns) as f64 * 1e-9,
+            every,
+            passed: 0,
+            rpm: 0.0,
+            target_rpm: 0.0,
+        }
+    }
+
+    /// One setpoint on.
+    fn follow(&mut self, target_rpm: f64, is_at_once: bool) {
+        self.target_rpm = target_rpm;
+        self.passed += 1;
+        if is_at_once {
+            self.rpm = target_rpm;
+        } else if self.passed >= self.every {
+            self.passed = 0;
+            self.rpm += (target_rpm - self.rpm).clamp(-self.step_rpm, self.step_rpm);
+        }
+    }
+
+    fn command(&self) -> SpindleCommand {
+        let direction = match self.rpm {
+            rpm if rpm > 0.0 => SpindleDirection::Clockwise,
+            rpm if rpm < 0.0 => SpindleDirection::CounterClockwise,
+            _ => SpindleDirection::Stopped,
+        };
+        SpindleCommand {
+            rpm: self.rpm.abs(),
+            passing: (self.rpm != self.target_rpm).then_some(direction),
+        }
+    }
+}
+
+/// The commands to the spindles with the setpoint that has left last.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SpindleCommands {
     max_rpm: [f64; SPINDLES],
     rpm: [f64; SPINDLES],
+    ramps: [Option<Ramp>; SPINDLES],
 }
 
 impl SpindleCommands {
-    pub(crate) fn new(settings: &SignalSettings) -> Self {
+    /// `period_ns`: from one setpoint to the next.
+    pub(crate) fn new(settings: &SignalSettings, period_ns: u64) -> Self {
         Self {
             max_rpm: settings.max_rpm(),
             rpm: [0.0; SPINDLES],
+            ramps: std::array::from_fn(|number| {
+                let rate_rpm_s = settings.spindle(number as u32)?.ramp_rpm_s?;
+                Some(Ramp::new(rate_rpm_s, period_ns))
+            }),
         }
     }
 
-    /// With the override of the operator, rpm, not negative; that of a stopped spindle is kept for its next start.
-    pub(crate) fn rpm(&self) -> [f64; SPINDLES] {
-        self.rpm
+    pub(crate) fn now(&self) -> [SpindleCommand; SPINDLES] {
+        std::array::from_fn(|number| match &self.ramps[number] {
+            Some(ramp) => ramp.command(),
+            None => SpindleCommand {
+                rpm: self.rpm[number],
+                passing: None,
+            },
+        })
     }
 
     /// Goes on to a setpoint with its X in machine coordinates, mm. `is_new`: the program has commanded something.
@@ -44,6 +117,21 @@ impl SpindleCommands {
             if is_new || (rpm - self.rpm[number]).abs() > LEAST_CHANGE * self.rpm[number] {
                 self.rpm[number] = rpm;
             }
+            let target_rpm = match spindle.direction {
+                SpindleDirection::Stopped => 0.0,
+                SpindleDirection::Clockwise => self.rpm[number],
+                SpindleDirection::CounterClockwise => -self.rpm[number],
+            };
+            if let Some(ramp) = &mut self.ramps[number] {
+                ramp.follow(target_rpm, false);
+            }
+        }
+    }
+
+    /// Ends every ramp at its target: the drives lose their power, and what a ramp would do for them is theirs to do.
+    pub(crate) fn end_ramps(&mut self) {
+        for ramp in self.ramps.iter_mut().flatten() {
+            ramp.follow(ramp.target_rpm, true);
         }
     }
 }
@@ -62,7 +150,7 @@ pub(crate) fn shown_rpm(
 
 #[cfg(test)]
 mod tests {
-    use evolvent_gcode::{SpindleDirection, SpindleOutput};
+    use evolvent_gcode::SpindleOutput;
     use evolvent_path::SurfaceSpeed;
 
     use super::*;
@@ -83,6 +171,7 @@ mod tests {
         let mut command = SpindleCommands {
             max_rpm: [3000.0; SPINDLES],
             rpm: [0.0; SPINDLES],
+            ramps: [None; SPINDLES],
         };
         let (mut told, mut before) = (0, 0.0);
         for k in 0..=50_000 {
@@ -90,17 +179,82 @@ mod tests {
             command.follow(&outputs, x_mm, &[1.0; SPINDLES], false);
             let exact = (1e5 / (std::f64::consts::TAU * x_mm)).min(3000.0);
             assert!(
-                (command.rpm()[1] / exact - 1.0).abs() <= 0.0011,
+                (command.now()[1].rpm / exact - 1.0).abs() <= 0.0011,
                 "{} at {x_mm}",
-                command.rpm()[1]
+                command.now()[1].rpm
             );
-            told += u32::from(command.rpm()[1] != before);
-            before = command.rpm()[1];
+            told += u32::from(command.now()[1].rpm != before);
+            before = command.now()[1].rpm;
         }
         // ln(3000 / 318.3) / 0.001, and no more near the centre.
         assert!((1800..2400).contains(&told), "{told}");
-        assert!((command.rpm()[1] / 3000.0 - 1.0).abs() < 0.0011);
+        assert!((command.now()[1].rpm / 3000.0 - 1.0).abs() < 0.0011);
         command.follow(&outputs, 50.0, &[1.0, 0.5, 1.0, 1.0], true);
-        assert!((command.rpm()[1] - 159.155).abs() < 0.001);
+        assert!((command.now()[1].rpm - 159.155).abs() < 0.001);
+    }
+
+    /// 500 rpm/s by the definition: each millisecond half a revolution per minute, through zero too.
+    #[test]
+    fn a_ramp_changes_by_its_rate_through_zero_and_ends_at_once_without_power() {
+        let mut commands = SpindleCommands {
+            max_rpm: [3000.0; SPINDLES],
+            rpm: [0.0; SPINDLES],
+            ramps: [Some(Ramp::new(500.0, 250_000)), None, None, None],
+        };
+        let outputs = |direction, speed_rpm| {
+            let mut outputs = Outputs::default();
+            outputs.spindles[0].direction = direction;
+            outputs.spindles[0].speed_rpm = speed_rpm;
+            outputs
+        };
+        let signed = |commands: &SpindleCommands, end: SpindleDirection| {
+            let command = commands.now()[0];
+            match command.passing.unwrap_or(end) {
+                SpindleDirection::CounterClockwise => -command.rpm,
+                _ => command.rpm,
+            }
+        };
+        let mut at = 0.0_f64;
+        for (direction, target) in [
+            (SpindleDirection::Clockwise, 100.0_f64),
+            (SpindleDirection::CounterClockwise, -60.0),
+            (SpindleDirection::Stopped, 0.0),
+        ] {
+            let cycles = ((target - at).abs() / 500.0 * 4000.0) as u32;
+            for cycle in 1..=cycles {
+                commands.follow(
+                    &outputs(direction, target.abs()),
+                    0.0,
+                    &[1.0; SPINDLES],
+                    cycle == 1,
+                );
+                let due = f64::from(cycle / 4) * 0.5 * (target - at).signum();
+                assert!(
+                    (signed(&commands, direction) - at - due).abs() < 1e-9,
+                    "{cycle} to {target}"
+                );
+                assert_eq!(
+                    commands.now()[0].passing.is_none(),
+                    cycle == cycles,
+                    "{cycle} to {target}"
+                );
+            }
+            at = target;
+        }
+        commands.follow(
+            &outputs(SpindleDirection::Clockwise, 900.0),
+            0.0,
+            &[1.0; SPINDLES],
+            true,
+        );
+        assert!(commands.now()[0].passing.is_some());
+        commands.end_ramps();
+        assert_eq!(
+            commands.now()[0],
+            SpindleCommand {
+                rpm: 900.0,
+                passing: None
+            }
+        );
     }
 }

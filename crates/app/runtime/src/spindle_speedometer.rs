@@ -16,6 +16,16 @@ pub(crate) struct Speedometer {
 }
 
 impl Speedometer {
+    /// The speed that a ramp commands, rpm, not negative, in the same steps; exact at its end. `is_passing`: it has not ended.
+    pub(crate) fn commanded_rpm(&mut self, rpm: f64, is_passing: bool) -> f64 {
+        let told = self
+            .told_rpm
+            .filter(|told| is_passing && rpm > 0.0 && (rpm - told).abs() <= (LEAST_CHANGE * told).max(1.0));
+        let told = told.unwrap_or(rpm);
+        self.told_rpm = Some(told);
+        told
+    }
+
     /// The speed that is reported, rpm, never negative; none where it is not measured. `known`: the newest sample, where it is not
     /// too old.
     pub(crate) fn rpm(&mut self, known: Option<&SpindleFeedback>) -> Option<f64> {

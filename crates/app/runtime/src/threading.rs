@@ -114,7 +114,7 @@ impl ThreadChain {
             clear_at: self.clear_x.map(|x| (AxisLetter::X.index(), x)),
             tap: self.return_factor.map(|factor| TapReturn {
                 turns_per_s: factor * turns_per_s.abs(),
-                braking: spindle.acceleration_rpm_s.map(|rate| rate / 60.0),
+                braking: spindle.braking_rpm_s().map(|rate| rate / 60.0),
             }),
         }
     }

@@ -130,6 +130,10 @@ pub(crate) struct SpindleFile {
     /// that the tap stops at the depth. Default: none, the reversal starts at the depth and the tap overshoots.
     #[schemars(range(min = 1, max = 1e7))]
     pub(crate) acceleration_rpm_s: Option<f64>,
+    /// Maximum rate of change of the commanded speed, rpm per second, for a drive without a ramp of its own. Default: none, the
+    /// command changes at once.
+    #[schemars(range(min = 1, max = 1e7))]
+    pub(crate) ramp_rpm_s: Option<f64>,
 }
 
 /// The probe as written.
@@ -210,6 +214,8 @@ pub struct SpindleSettings {
     pub at_speed_timeout_s: f64,
     /// Rate of change of the speed, rpm per second, if known.
     pub acceleration_rpm_s: Option<f64>,
+    /// Maximum rate of change of the commanded speed, rpm per second; none where it changes at once.
+    pub ramp_rpm_s: Option<f64>,
 }
 
 /// How the core detects that a spindle has reached its speed.
@@ -229,6 +235,13 @@ impl SpindleSettings {
     #[must_use]
     pub fn has_feedback(&self) -> bool {
         self.at_speed == AtSpeed::Feedback
+    }
+
+    /// Rate at which it brakes and reverses, rpm per second, if known: the smaller of the spindle's own and that of its command.
+    #[must_use]
+    pub fn braking_rpm_s(&self) -> Option<f64> {
+        let rates = [self.acceleration_rpm_s, self.ramp_rpm_s].into_iter().flatten();
+        rates.reduce(f64::min)
     }
 }
 

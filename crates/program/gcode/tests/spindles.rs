@@ -129,7 +129,12 @@ fn threads_follow_the_spindle_that_was_named_last() {
     let told = spindles(&run(&format!("{text}G97 S300 $1\nG33 Z-13 K1\nM2\n")));
     // G94 without $ names spindle 0.
     let after = spindles(&run("S3 M3 $-1\nG33 Z-5 K1 $1\nG94\nG33 Z-8 K1\nM2\n"));
-    assert!(after.iter().filter(|line| line.contains("thread")).eq(["1 thread", "0 thread"].iter()));
+    assert!(
+        after
+            .iter()
+            .filter(|line| line.contains("thread"))
+            .eq(["1 thread", "0 thread"].iter())
+    );
     let threads: Vec<_> = told
         .iter()
         .filter(|line| line.contains("thread") || line.contains("tap"))
@@ -204,6 +209,7 @@ fn a_spindle_that_cannot_be_meant_is_an_error() {
         ("M51 P0 $-1\n", Code::SpindleSelection, "all spindles"),
         ("G96 S5 $-1\n", Code::SpindleSelection, "all spindles"),
         ("M3\nG33 Z1 K1 $-1\n", Code::SpindleSelection, "all spindles"),
+        ("G94 S3 $-1\n", Code::SpindleSelection, "all spindles"),
         ("G95 S3 $-1\n", Code::SpindleSelection, "all spindles"),
         ("G0 X1 $1\n", Code::UnusedWord, "uses $"),
         ("M49 $1\n", Code::UnusedWord, "uses $"),

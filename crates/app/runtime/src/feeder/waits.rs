@@ -173,21 +173,29 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             None => format!("{} rpm", output.constant_rpm()),
         };
         let timeout_s = spindle.at_speed_timeout_s;
+        let has_ramp = spindle.ramp_rpm_s.is_some();
+        let by_command = Awaited::AtSpeed {
+            spindle: spindle.number,
+            command: self.periphery.spindle_commands[number as usize],
+        };
+        let by_input = |number| Awaited::Input {
+            kind: SignalKind::Digital,
+            number,
+            mode: WaitMode::High,
+        };
+        // The input speaks of the command of the moment: the ramp has to end first.
         let awaited = match spindle.at_speed {
-            AtSpeed::Unknown => return Ok(None),
-            AtSpeed::Feedback => Awaited::AtSpeed {
-                spindle: spindle.number,
-                command: self.periphery.spindle_commands[number as usize],
-            },
-            AtSpeed::Input(number) => Awaited::Input {
-                kind: SignalKind::Digital,
-                number,
-                mode: WaitMode::High,
-            },
+            AtSpeed::Unknown if !has_ramp => return Ok(None),
+            AtSpeed::Unknown | AtSpeed::Feedback => [Some(by_command), None],
+            AtSpeed::Input(input) if has_ramp => [Some(by_command), Some(by_input(input))],
+            AtSpeed::Input(input) => [Some(by_input(input)), None],
         };
         let name = spindle_name(number);
         let text = format!("wait for {name}: {speed}, {timeout_s} s at most");
-        let reached = self.wait_for(awaited, timeout_s, line, true, &text)?.is_some();
+        let mut reached = true;
+        for awaited in awaited.into_iter().flatten() {
+            reached = reached && self.wait_for(awaited, timeout_s, line, true, &text)?.is_some();
+        }
         Ok((!reached && !self.is_abandoned()).then(|| {
             let message = format!("{} did not reach {speed} within {timeout_s} s, and feed waits for it", with_article(number));
             let help = "see its drive and its speed; at_speed_timeout_s at its [[spindle]] in the machine file gives it more time";
@@ -377,6 +385,6 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     /// Whether something tells that a spindle has its speed.
     pub(super) fn knows_speed(&self, number: u32) -> bool {
         let spindle = self.setup.machine.signals.spindle(number);
-        spindle.is_some_and(|spindle| spindle.at_speed != AtSpeed::Unknown)
+        spindle.is_some_and(|spindle| spindle.at_speed != AtSpeed::Unknown || spindle.ramp_rpm_s.is_some())
     }
 }

@@ -258,7 +258,7 @@ fn start_publisher(
         publishing,
         setpoints: queues.setpoints,
         periphery: PeripheryTrack::new(setup.tool, queues.periphery),
-        spindles: SpindleCommands::new(&setup.machine.signals),
+        spindles: SpindleCommands::new(&setup.machine.signals, setup.period_ns),
         signals: queues.signals,
         stops: StopWatch::start(setup, Clock::Realtime)?,
         status: queues.status,

@@ -167,6 +167,9 @@ impl Check<'_> {
             if let Some(rate) = spindle.acceleration_rpm_s {
                 self.number(&format!("spindle[{index}].acceleration_rpm_s"), rate, 1.0, 1e7)?;
             }
+            if let Some(rate) = spindle.ramp_rpm_s {
+                self.number(&format!("spindle[{index}].ramp_rpm_s"), rate, 1.0, 1e7)?;
+            }
             spindles.push(SpindleSettings {
                 number,
                 max_rpm: spindle.max_rpm,
@@ -179,6 +182,7 @@ impl Check<'_> {
                     [0.1, 600.0],
                 )?,
                 acceleration_rpm_s: spindle.acceleration_rpm_s,
+                ramp_rpm_s: spindle.ramp_rpm_s,
             });
         }
         Ok(spindles)

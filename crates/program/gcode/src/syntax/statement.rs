@@ -255,7 +255,8 @@ impl Statement {
             || self.m(Group::Override) == Some(MCode::SpindleOverride)
             || self.g(Group::SpindleMode).is_some()
             || self.g(Group::FeedMode) == Some(GCode::FeedMode(FeedMode::PerRevolution));
-        if of_one && self.names_all_spindles() {
+        let of_feed = self.g(Group::FeedMode).is_some();
+        if (of_one || of_feed) && self.names_all_spindles() {
             let message = "$-1 names all spindles, and this line is about a single one";
             return Err(Fault::new(Code::SpindleSelection, span, message)
                 .help("write the number of the spindle; $-1 is for S, M3, M4 and M5"));
