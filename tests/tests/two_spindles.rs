@@ -197,7 +197,7 @@ fn what_a_spindle_cannot_do_is_refused_with_its_name() {
         ("G96 S10 M4 $1", "M4: spindle 1 turns clockwise only"),
         ("M19 R3 $2", "the machine has no spindle 2"),
     ] {
-        let program = workshop.write("program.ngc", &format!("G21\n{line}\nM2\n"));
+        let program = workshop.write("program.ngc", format!("G21\n{line}\nM2\n"));
         for command in ["check", "plan"] {
             let output = evolvent()
                 .arg(command)

@@ -13,7 +13,10 @@ use crate::periphery::Periphery;
 #[derive(Debug)]
 pub(crate) enum PeripheryOrder {
     /// It is so after this setpoint, whatever a program has planned.
-    Behind { sequence: u64, periphery: Periphery },
+    Behind {
+        sequence: u64,
+        periphery: Box<Periphery>,
+    },
     /// A program has been begun: what it makes of the periphery, from the action of a number on, as it is planned.
     Program {
         job: u64,
@@ -66,7 +69,7 @@ impl PeripheryTrack {
         for order in self.orders.try_iter() {
             match order {
                 PeripheryOrder::Behind { sequence, periphery } => {
-                    self.behind.push_back((sequence, periphery));
+                    self.behind.push_back((sequence, *periphery));
                 }
                 PeripheryOrder::Program { job, planned } => {
                     // One of the same number was never begun.
@@ -172,7 +175,7 @@ mod tests {
         };
         let behind = PeripheryOrder::Behind {
             sequence: 12,
-            periphery: off,
+            periphery: Box::new(off),
         };
         orders.send(behind).unwrap();
         let (second, planned) = mpsc::channel();

@@ -1,7 +1,6 @@
 //! Several spindles: which one a line is about (`$`), and what LinuxCNC makes of the same programs.
 //!
 //! The expected commands are what `rs274` of LinuxCNC 2.9 prints with four spindles; SPECNOTES names the differences.
-#![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

@@ -51,7 +51,7 @@ impl PeripheryDesk {
     fn tell(&self, sequence: u64) {
         let _gone = self.publisher.send(PeripheryOrder::Behind {
             sequence,
-            periphery: self.now,
+            periphery: Box::new(self.now),
         });
     }
 }
