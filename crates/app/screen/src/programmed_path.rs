@@ -143,7 +143,7 @@ impl ProgrammedPath {
 fn chords(curve: &Curve) -> u32 {
     let curvature = curve.curvature_bound(0.0, curve.domain());
     let count = curve.length() * (curvature / (8.0 * CHORD_MM)).sqrt();
-    count.ceil().min(MAX_CHORDS).max(1.0) as u32
+    (count.ceil().min(MAX_CHORDS) as u32).max(1)
 }
 
 /// The feed that the axes reach on a chord, at most the feed word.
