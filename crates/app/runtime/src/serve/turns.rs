@@ -116,7 +116,7 @@ mod tests {
             at_wait: false,
             is_chain_open: false,
             probe: ProbeState::default(),
-            spindle_override: 1.0,
+            spindle_overrides: [1.0; 4],
             handwheel: HandwheelView::default(),
             leaving: LeavingView::default(),
         }
