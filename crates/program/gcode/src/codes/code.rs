@@ -76,7 +76,7 @@ codes! {
     OWord = "G0203",
     /// `@` or `^` where they have no meaning.
     PolarCoordinates = "G0204",
-    /// `$` with a spindle that does not exist.
+    /// `$` with a spindle that does not exist, or `$-1` with a code of a single spindle.
     SpindleSelection = "G0205",
     /// A comment that aborts the program: `(ABORT, text)`.
     ActiveComment = "G0206",

@@ -65,7 +65,10 @@ const HINTS: &[(Code, &str)] = &[
         Code::PolarCoordinates,
         "@ is the distance from the program zero and ^ the angle; they cannot be combined with X and Y",
     ),
-    (Code::SpindleSelection, "remove $: there is one spindle"),
+    (
+        Code::SpindleSelection,
+        "write the number of a [[spindle]] of the machine file",
+    ),
     (
         Code::ActiveComment,
         "the program aborts itself here: read its text",
