@@ -45,9 +45,10 @@ impl Screen {
 
     fn say(&self, text: &str) {
         match &self.bar {
-            Some(bar) => bar.println(text),
+            // Hidden where the terminal cannot move its cursor (TERM is dumb or not set): it prints nothing then.
+            Some(bar) if !bar.is_hidden() => bar.println(text),
             // If standard error is closed, nobody is left to inform.
-            None => drop(writeln!(io::stderr(), "{text}")),
+            _ => drop(writeln!(io::stderr(), "{text}")),
         }
     }
 }
