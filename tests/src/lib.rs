@@ -11,7 +11,7 @@
 //! - [`hold_to_the_suite`]: the conformance suite over a bridge; [`c_example`]: the examples in C;
 //! - [`unless_disturbed`]: a trial of real time, played again where the host kept its processes from running;
 //! - [`Workshop`]: a folder of one's own with machine files and programs made for one test;
-//! - [`cycles`]: what a trace recorded;
+//! - [`cycles`]: what a trace recorded, [`verifies`] that it computes again, [`phases`] whether threads are in phase;
 //! - [`Hole`]: exact involutes and circles of a program, by formulas of their own and not the crates under test;
 //! - [`Random`]: random numbers that tell their seed.
 //!
@@ -29,6 +29,7 @@ mod bridges;
 mod domain;
 mod drives;
 mod hole;
+mod lathe;
 mod launch;
 mod output_listener;
 mod python;
@@ -44,10 +45,11 @@ pub use drives::Drives;
 pub use evolvent_disturbance::unless_disturbed;
 pub use evolvent_random::Random;
 pub use hole::{Hole, Piece};
+pub use lathe::{angles, phases};
 pub use launch::Launch;
 pub use output_listener::OutputListener;
 pub use python::python;
 pub use scene::Scene;
 pub use served::{Operator, Served, command, is_behind, speed};
-pub use trace::{Cycle, cycles};
+pub use trace::{Cycle, cycles, verifies};
 pub use workshop::{HOMING, Workshop, repository};

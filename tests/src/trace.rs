@@ -6,6 +6,8 @@ use evolvent_trace::TraceFile;
 
 use evolvent_disturbance::tell_pause;
 
+use crate::{Finished, evolvent};
+
 /// One cycle of a trace.
 pub type Cycle = evolvent_trace::CycleRecord;
 
@@ -36,4 +38,14 @@ pub fn cycles(trace: &Path) -> Vec<Cycle> {
         );
     }
     found
+}
+
+/// `trace verify` computes the same setpoints.
+///
+/// # Panics
+/// It does not.
+#[track_caller]
+pub fn verifies(trace: &Path) {
+    let output = evolvent().args(["trace", "verify"]).arg(trace).output();
+    Finished::from(output.expect("the binary to start")).expect_code(&[0]);
 }

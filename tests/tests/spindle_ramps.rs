@@ -1,12 +1,10 @@
 //! A spindle whose command has a ramp: what the bridge is commanded, what waits for it, and what the feed goes by.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use evolvent_bus::MachineOutputs;
-use evolvent_tests::{
-    Domain, Drives, Finished, Launch, OutputListener, Workshop, cycles, evolvent, unless_disturbed,
-};
+use evolvent_tests::{Domain, Drives, Launch, OutputListener, Workshop, cycles, unless_disturbed, verifies};
 
 const RAMP_RPM_S: f64 = 1500.0;
 
@@ -45,11 +43,6 @@ fn run(workshop: &Workshop, name: &str, ramp: &str, program: &str) -> (Vec<Machi
     let mut messages = listener.messages();
     messages.dedup_by_key(|message| message.sequence);
     (messages, trace)
-}
-
-fn verifies(trace: &Path) {
-    let output = evolvent().args(["trace", "verify"]).arg(trace).output();
-    Finished::from(output.expect("the binary to start")).expect_code(&[0]);
 }
 
 #[test]

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use evolvent_tests::{
-    Cycle, Domain, Drives, Finished, Launch, Operator, Served, Workshop, cycles, evolvent, unless_disturbed,
+    Cycle, Domain, Drives, Finished, Launch, Operator, Served, Workshop, cycles, unless_disturbed, verifies,
 };
 use evolvent_trace::{EventKind, TraceFile};
 
@@ -53,11 +53,6 @@ fn spindle(trace: &Path) -> Vec<(u64, String)> {
 fn first(cycles: &[Cycle], when: impl Fn(&Cycle) -> bool) -> u64 {
     let found = cycles.iter().find(|cycle| when(cycle));
     found.expect("such a cycle").sequence
-}
-
-fn verifies(trace: &Path) {
-    let output = evolvent().args(["trace", "verify"]).arg(trace).output();
-    Finished::from(output.expect("the binary to start")).expect_code(&[0]);
 }
 
 #[test]

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use evolvent_bus::{ControlRequest, MachineOutputs};
 use evolvent_tests::{
-    Cycle, Domain, Drives, Finished, Launch, Operator, OutputListener, Served, Workshop, command, cycles,
-    evolvent, unless_disturbed,
+    Cycle, Domain, Drives, Launch, Operator, OutputListener, Served, Workshop, command, cycles,
+    unless_disturbed, verifies,
 };
 use evolvent_trace::{EventKind, TraceFile};
 
@@ -37,11 +37,6 @@ fn inputs(trace: &Path, code: u32) -> Vec<(u64, String)> {
         .filter(|event| event.kind == EventKind::Input && event.code == code)
         .map(|event| (event.sequence, event.text))
         .collect()
-}
-
-fn verifies(trace: &Path) {
-    let output = evolvent().args(["trace", "verify"]).arg(trace).output();
-    Finished::from(output.expect("the binary to start")).expect_code(&[0]);
 }
 
 fn surface_rpm(metres_per_minute: f64, max_rpm: f64, radius_mm: f64) -> f64 {

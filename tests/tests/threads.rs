@@ -1,117 +1,24 @@
 //! Threads beside a simulated spindle: phase by what its encoder said, holds, faults, taps, and what is refused.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use evolvent_tests::{
-    Cycle, Domain, Drives, Finished, Launch, Operator, Served, Workshop, cycles, evolvent, unless_disturbed,
+    Cycle, Domain, Drives, Finished, Launch, Operator, Served, Workshop, angles, cycles, evolvent, phases,
+    unless_disturbed, verifies,
 };
-use evolvent_trace::{EventKind, TraceFile};
 
-/// Numbers in a trace of a sample of the spindle's angle, and of the setpoint that is due then.
-const TURNS: u32 = 96;
-const CYCLE: u32 = 97;
 const Z: usize = 2;
 
-const LATHE: &str = r#"
-name = "threader"
-description = "Two-axis lathe with a measured spindle"
-kind = "lathe"
-increments_per_mm = 10000
-rate = 1000
-[[axis]]
-letter = "X"
-kind = "linear"
-travel_min_mm = -10
-travel_max_mm = 200
-max_velocity_mm_min = 12000
-max_acceleration_m_s2 = 3
-max_jerk_m_s3 = 100
-home_mm = 20
-[[axis]]
-letter = "Z"
-kind = "linear"
-travel_min_mm = -100
-travel_max_mm = 600
-max_velocity_mm_min = 20000
-max_acceleration_m_s2 = 4
-max_jerk_m_s3 = 100
-home_mm = 10
-[drives]
-feedback_timeout_ms = 1000
-[signals]
-input_timeout_ms = 500
-[[spindle]]
-max_rpm = 4000
-feedback = true
-acceleration_rpm_s = 2000
-"#;
+const SPINDLE: &str = "[[spindle]]\nmax_rpm = 4000\nfeedback = true\nacceleration_rpm_s = 2000\n";
 
 fn lathe(workshop: &Workshop) -> PathBuf {
-    workshop.write("lathe.toml", LATHE)
+    workshop.lathe("threader", SPINDLE)
 }
 
 /// Runs a program beside a simulated spindle, and gives what came of it and its trace.
 fn drive(workshop: &Workshop, program: &str, options: &[&str]) -> (Finished, PathBuf) {
-    let domain = Domain::new();
-    let machine = lathe(workshop);
-    let program = workshop.write("program.ngc", program);
-    let trace = workshop.path("run.mcap");
-    let _drives = Drives::start(&machine, &domain, options);
-    let finished = Launch::in_real_time(&program, &machine, &domain)
-        .with(&["--wait-for-clients", "1"])
-        .trace(&trace)
-        .finish();
-    (finished, trace)
-}
-
-/// Samples of the encoder: the setpoint that was due then, with its fraction, and the turns.
-fn angles(trace: &Path) -> Vec<(f64, f64)> {
-    let mut file = TraceFile::open(trace).expect("a trace");
-    let (mut turns, mut samples) = (0.0, Vec::new());
-    for event in file.events().map(|event| event.expect("a readable event")) {
-        match (event.kind, event.code, event.value) {
-            (EventKind::Input, TURNS, Some(value)) => turns = value,
-            (EventKind::Input, CYCLE, Some(value)) => samples.push((value, turns)),
-            _ => {}
-        }
-    }
-    samples
-}
-
-/// For each pass the largest error, mm, of a thread that begins at `start` and a whole turn, between these places.
-fn phases(trace: &Path, pitch: f64, start: f64, places: std::ops::Range<f64>, rev_s: f64) -> Vec<f64> {
-    let all = cycles(trace);
-    let first = all.first().expect("cycles").sequence;
-    let mut passes: Vec<f64> = Vec::new();
-    let mut last_cycle = f64::NEG_INFINITY;
-    for (cycle, turns) in angles(trace) {
-        let at = cycle - first as f64;
-        let (Some(here), Some(next)) = (all.get(at.floor() as usize), all.get(at.floor() as usize + 1))
-        else {
-            continue;
-        };
-        let z = here.position[Z] + at.fract() * (next.position[Z] - here.position[Z]);
-        let is_cutting = (here.velocity[Z] + pitch * rev_s).abs() < 0.05 * pitch * rev_s;
-        if !is_cutting || !places.contains(&z) {
-            continue;
-        }
-        if cycle > last_cycle + 50.0 {
-            passes.push(0.0);
-        }
-        last_cycle = cycle;
-        let turned = turns - (start - z) / pitch;
-        let error = (turned - turned.round()).abs() * pitch;
-        if let Some(worst) = passes.last_mut() {
-            *worst = worst.max(error);
-        }
-    }
-    passes
-}
-
-fn verifies(trace: &Path) {
-    let output = evolvent().args(["trace", "verify"]).arg(trace).output();
-    Finished::from(output.expect("the binary to start")).expect_code(&[0]);
+    workshop.turn(&lathe(workshop), program, options)
 }
 
 #[test]
@@ -321,7 +228,7 @@ fn what_cannot_be_cut_is_refused_before_anything_moves() {
         &["program.ngc:4", "Z", "-100"],
     );
     let program = workshop.write("program.ngc", "G21 G18 G90\nS300 M3\nG33 Z-2 K1\nM2\n");
-    let plain = workshop.write("plain.toml", LATHE.replace("feedback = true\n", ""));
+    let plain = workshop.lathe("plain", &SPINDLE.replace("feedback = true\n", ""));
     let run = Launch::in_virtual_time(&program, &plain).finish();
     let said = run.out.clone() + &run.err;
     run.expect_code(&[1]);

@@ -3,44 +3,15 @@
 
 use std::path::{Path, PathBuf};
 
-use evolvent_tests::{Domain, Drives, Finished, Launch, Workshop, cycles, evolvent, unless_disturbed};
+use evolvent_tests::{Finished, Workshop, cycles, evolvent, phases, unless_disturbed, verifies};
 use evolvent_trace::{EventKind, TraceFile};
 
-/// Numbers in a trace: how spindle 1 is, the angle of a spindle and its time, and which spindle that is.
+/// Numbers in a trace: how spindle 1 is, and which spindle the angle is of.
 const SPINDLE_1: u32 = 81;
-const TURNS: u32 = 96;
-const CYCLE: u32 = 97;
 const ANGLE_SPINDLE: u32 = 102;
 const Z: usize = 2;
 
-const LATHE: &str = r#"
-name = "two-spindles"
-description = "Two-axis lathe with a main and a sub spindle"
-kind = "lathe"
-increments_per_mm = 10000
-rate = 1000
-[[axis]]
-letter = "X"
-kind = "linear"
-travel_min_mm = -10
-travel_max_mm = 200
-max_velocity_mm_min = 12000
-max_acceleration_m_s2 = 3
-max_jerk_m_s3 = 100
-home_mm = 20
-[[axis]]
-letter = "Z"
-kind = "linear"
-travel_min_mm = -100
-travel_max_mm = 600
-max_velocity_mm_min = 20000
-max_acceleration_m_s2 = 4
-max_jerk_m_s3 = 100
-home_mm = 10
-[drives]
-feedback_timeout_ms = 1000
-[signals]
-input_timeout_ms = 500
+const SPINDLES: &str = "
 [[spindle]]
 max_rpm = 4000
 feedback = true
@@ -50,19 +21,14 @@ max_rpm = 2000
 reverse = false
 feedback = true
 acceleration_rpm_s = 2000
-"#;
+";
+
+fn lathe(workshop: &Workshop) -> PathBuf {
+    workshop.lathe("two-spindles", SPINDLES)
+}
 
 fn drive(workshop: &Workshop, program: &str, options: &[&str]) -> (Finished, PathBuf) {
-    let domain = Domain::new();
-    let machine = workshop.write("lathe.toml", LATHE);
-    let program = workshop.write("program.ngc", program);
-    let trace = workshop.path("run.mcap");
-    let _drives = Drives::start(&machine, &domain, options);
-    let finished = Launch::in_real_time(&program, &machine, &domain)
-        .with(&["--wait-for-clients", "1"])
-        .trace(&trace)
-        .finish();
-    (finished, trace)
+    workshop.turn(&lathe(workshop), program, options)
 }
 
 /// The events of inputs of a trace: setpoint, number, value, text.
@@ -82,39 +48,6 @@ fn notices(trace: &Path) -> Vec<String> {
     events.map(|event| event.text).collect()
 }
 
-fn verifies(trace: &Path) {
-    let output = evolvent().args(["trace", "verify"]).arg(trace).output();
-    Finished::from(output.expect("the binary to start")).expect_code(&[0]);
-}
-
-/// Largest distance in mm between Z and a thread of this pitch that begins at `start` and a whole turn.
-fn worst_phase_mm(trace: &Path, pitch: f64, start: f64, places: std::ops::Range<f64>) -> (f64, usize) {
-    let all = cycles(trace);
-    let first = all.first().expect("cycles").sequence as f64;
-    let (mut turns, mut worst, mut count) = (0.0, 0.0_f64, 0);
-    for (_, code, value, _) in inputs(trace) {
-        match (code, value) {
-            (TURNS, Some(value)) => turns = value,
-            (CYCLE, Some(cycle)) => {
-                let at = cycle - first;
-                let (Some(here), Some(next)) =
-                    (all.get(at.floor() as usize), all.get(at.floor() as usize + 1))
-                else {
-                    continue;
-                };
-                let z = here.position[Z] + at.fract() * (next.position[Z] - here.position[Z]);
-                if places.contains(&z) && here.velocity[Z] < -1.0 {
-                    let turned = turns - (start - z) / pitch;
-                    worst = worst.max((turned - turned.round()).abs() * pitch);
-                    count += 1;
-                }
-            }
-            _ => {}
-        }
-    }
-    (worst, count)
-}
-
 #[test]
 fn both_turn_and_the_named_one_threads_and_stops_at_its_angle() {
     unless_disturbed(|| {
@@ -124,11 +57,11 @@ fn both_turn_and_the_named_one_threads_and_stops_at_its_angle() {
         let (finished, trace) = drive(&workshop, program, &["--spindle-ripple", "2"]);
         finished.expect_code(&[0, 3]);
         // Spindle 1 gives the angle: at its speed, and not at that of spindle 0, the thread is in phase.
-        let (worst_mm, samples) = worst_phase_mm(&trace, 2.0, 5.0, -13.0..0.0);
-        println!("{worst_mm} mm in {samples} samples");
-        assert!(samples > 100, "{samples}");
+        let passes = phases(&trace, 2.0, 5.0, -13.0..0.0, 900.0 / 60.0);
+        println!("{passes:?} mm");
+        assert_eq!(passes.len(), 1, "{passes:?}");
         // 2 um, a step of the encoder, and one more of that for the sample compared with.
-        assert!(worst_mm <= 0.002 + 2.0 * 2.0 / 4096.0, "{worst_mm} mm");
+        assert!(passes[0] <= 0.002 + 2.0 * 2.0 / 4096.0, "{passes:?} mm");
         let told = inputs(&trace);
         let named: Vec<_> = told
             .iter()
@@ -189,7 +122,7 @@ fn trouble_of_either_spindle_stops_the_machine() {
 #[test]
 fn what_a_spindle_cannot_do_is_refused_with_its_name() {
     let workshop = Workshop::new();
-    let machine = workshop.write("lathe.toml", LATHE);
+    let machine = lathe(&workshop);
     for (line, message) in [
         ("M3 S10 $2", "the machine has no spindle 2"),
         ("M3 S3000 $1", "S3000: spindle 1 turns at 2000 rpm at most"),

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use evolvent_control::Alarm;
+use evolvent_gcode::SPINDLES;
 use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, Setpoint, State, flags};
 use evolvent_path::Jet;
 use evolvent_trace::inputs as recorded;
@@ -137,7 +138,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
         self.adapt(&mut inputs, switches.adaptive.unwrap_or(true));
         let last = self.now.last.as_ref();
         let signals = self.signals.as_mut();
-        inputs.feed_override *= signals.map_or(1.0, |signals| signals.feed_ratio(last, &[1.0; 4]));
+        inputs.feed_override *= signals.map_or(1.0, |signals| signals.feed_ratio(last, &[1.0; SPINDLES]));
         let before = self.motion.plan_step();
         let mut setpoint = self.motion.step(&inputs, &mut self.queue);
         let has_left = at_wait && inputs.resume && self.motion.plan_step() != before;
@@ -158,7 +159,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             job: 0,
             is_of_program: true,
             // The spindle of a run has no override.
-            spindle_overrides: [1.0; 4],
+            spindle_overrides: [1.0; SPINDLES],
             input_bits: input_bits(&inputs, &self.motion),
         }
     }

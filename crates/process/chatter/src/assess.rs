@@ -257,7 +257,7 @@ impl Assessor {
     ) -> Vec<Fate> {
         let mut follower = Follower::new(*model, rest).hasty();
         for cycle in stable {
-            follower.expect(cycle);
+            follower.add_stable_cycle(cycle);
         }
         let first = if rest.growth_per_s() > 0.0 { SMALL } else { LARGE };
         let mut fates = Vec::new();
@@ -356,7 +356,7 @@ fn disturb(model: &Model<'_>, assessment: &mut Assessment) -> Option<Between> {
     let mut open = None;
     let mut follower = Follower::new(*model, &assessment.equilibrium);
     for known in assessment.cycles.iter().filter(|known| known.verified.stable()) {
-        follower.expect(&known.verified);
+        follower.add_stable_cycle(&known.verified);
     }
     let rest = follower.rest();
     let grows = assessment.equilibrium.growth_per_s() > 0.0;
@@ -379,7 +379,7 @@ fn disturb(model: &Model<'_>, assessment: &mut Assessment) -> Option<Between> {
             if let Fate::Settles(found) = &fate
                 && assessment.add(model, (**found).clone(), None, FoundBy::Disturbance)
             {
-                follower.expect(found);
+                follower.add_stable_cycle(found);
             }
             let start = rest + direction * part;
             let ended = !grows && fate == Fate::DiesOut;

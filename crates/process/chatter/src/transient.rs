@@ -116,7 +116,7 @@ impl<'a> Follower<'a> {
     }
 
     /// Tells of a stable cycle, so that a motion that reaches it need not be followed to the end.
-    pub(crate) fn expect(&mut self, cycle: &Verified) {
+    pub(crate) fn add_stable_cycle(&mut self, cycle: &Verified) {
         let (mut state, mut sizes) = (cycle.state, [f64::INFINITY, 0.0_f64]);
         let count = (1.0 / (cycle.frequency_hz * self.step_s)).ceil() as usize;
         for _ in 0..=count {

@@ -206,8 +206,8 @@ impl Section<'_> {
     pub fn tangential_n(&self, speed_m_min: f64, depth_mm: f64) -> Result<f64, ForceError> {
         positive(speed_m_min, depth_mm)?;
         let force = match &self.kind {
-            SectionKind::Power(law, powers, at_feed) => {
-                law.tangential_n(*at_feed, powers, speed_m_min, depth_mm)
+            SectionKind::Power(_, powers, at_feed) => {
+                PowerLaw::tangential_n(*at_feed, powers, speed_m_min, depth_mm)
             }
             SectionKind::Rational(section) => section.tangential_n(speed_m_min, depth_mm),
             SectionKind::Table(table, weights) => table.force(weights, speed_m_min, depth_mm)?.tangential_n,

@@ -65,7 +65,7 @@ impl PowerLaw {
         speed: f64,
         depth: f64,
     ) -> SectionForce {
-        let force = self.tangential_n(at_feed, powers, speed, depth);
+        let force = Self::tangential_n(at_feed, powers, speed, depth);
         SectionForce {
             tangential_n: force,
             per_speed: force * self.speed_exponent / speed,
@@ -73,8 +73,7 @@ impl PowerLaw {
         }
     }
 
-    #[expect(clippy::unused_self, reason = "the powers are this law's")]
-    pub(crate) fn tangential_n(&self, at_feed: f64, powers: &[FixedPower; 2], speed: f64, depth: f64) -> f64 {
+    pub(crate) fn tangential_n(at_feed: f64, powers: &[FixedPower; 2], speed: f64, depth: f64) -> f64 {
         at_feed * powers[0].of(speed) * powers[1].of(depth)
     }
 }

@@ -78,7 +78,7 @@ impl TurningController {
             let shoulder = here + by / settings.tool.slope();
             let depth = self.felt.shoulder_mm - self.plan.out_mm;
             self.lose_contact();
-            self.expect(shoulder, depth);
+            self.require_stock(shoulder, depth);
             // A cut that was not felt for a whole revolution, or had slots, does not tell how high the shoulder is. What was
             // felt stands all the same, and is felt again before the job ends.
             self.felt.unproven_mm.get_or_insert(here.max(0.0));

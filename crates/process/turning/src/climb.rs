@@ -86,7 +86,7 @@ impl TurningController {
         let feed = self.settings.regime.feed_max_mm_rev;
         let sure = depth - feed * (self.settings.tool.slope() + cone.slope);
         self.lose_contact();
-        self.expect(from.0, sure);
+        self.require_stock(from.0, sure);
         self.felt.shoulder_mm = from.1 + depth;
         self.climb = Some(Climb::new(&cone, &self.settings, from, self.plan.end_mm));
         self.feed = 0.0;

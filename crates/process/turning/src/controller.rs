@@ -357,14 +357,14 @@ impl TurningController {
                     TurningState::Engage | TurningState::Cut => {
                         let depth = self.felt.engagement.depth_mm();
                         self.lose_contact();
-                        self.expect(self.along.point().position, depth);
+                        self.require_stock(self.along.point().position, depth);
                         self.places.cautious_to_mm = Some(self.along.point().position + CAUTION_MM);
                         TurningState::Approach
                     }
                     TurningState::Climb => {
                         let depth = self.felt.engagement.depth_mm();
                         self.lose_contact();
-                        self.expect(self.along.point().position, depth);
+                        self.require_stock(self.along.point().position, depth);
                         self.felt.shoulder_mm = self.out.point().position + depth;
                         self.feed = 0.0;
                         TurningState::Climb

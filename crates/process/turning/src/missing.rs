@@ -99,7 +99,7 @@ impl TurningController {
     }
 
     /// Stock of a depth must be met at a place, or before.
-    pub(crate) fn expect(&mut self, place_mm: f64, depth_mm: f64) {
+    pub(crate) fn require_stock(&mut self, place_mm: f64, depth_mm: f64) {
         self.felt.expected_mm = (depth_mm > SURE_MM).then_some((place_mm, depth_mm));
     }
 

@@ -236,7 +236,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         let reached = self.wait_for(awaited, timeout_s, line, true, &text)?.is_some();
         Ok((!reached && !self.is_abandoned()).then(|| {
             let name = with_article(spindle);
-            let message = format!("M19: {name} does not stand at {degrees} degrees after {timeout_s} s");
+            let message = format!("M19: {name} is not at {degrees} degrees after {timeout_s} s");
             let help = "see its drive; Q of M19 gives it more time, in seconds";
             (message, help.to_owned())
         }))
