@@ -1,5 +1,4 @@
 //! Threads beside a simulated spindle: phase by what its encoder said, holds, faults, taps, and what is refused.
-#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::PathBuf;
 
