@@ -80,15 +80,24 @@ pub fn angles(trace: &Path) -> Vec<(f64, f64)> {
     samples
 }
 
-/// For each pass the largest error, mm, of a thread that begins at `start` and a whole turn, between these places.
+/// A pass of a thread, as the samples of the encoder show it.
+#[derive(Clone, Copy, Debug)]
+pub struct ThreadPass {
+    /// Largest distance between Z and the thread, mm.
+    pub worst_mm: f64,
+    /// Samples that were compared.
+    pub samples: usize,
+}
+
+/// The passes towards negative Z of a thread that begins at `start` and a whole turn, between these places, mm.
 ///
 /// # Panics
 /// The trace cannot be read, or has no cycles.
 #[must_use]
-pub fn phases(trace: &Path, pitch: f64, start: f64, places: std::ops::Range<f64>, rev_s: f64) -> Vec<f64> {
+pub fn phases(trace: &Path, pitch: f64, start: f64, places: std::ops::Range<f64>) -> Vec<ThreadPass> {
     let all = cycles(trace);
     let first = all.first().expect("cycles").sequence;
-    let mut passes: Vec<f64> = Vec::new();
+    let mut passes: Vec<ThreadPass> = Vec::new();
     let mut last_cycle = f64::NEG_INFINITY;
     for (cycle, turns) in angles(trace) {
         let at = cycle - first as f64;
@@ -97,18 +106,21 @@ pub fn phases(trace: &Path, pitch: f64, start: f64, places: std::ops::Range<f64>
             continue;
         };
         let z = here.position[Z] + at.fract() * (next.position[Z] - here.position[Z]);
-        let is_cutting = (here.velocity[Z] + pitch * rev_s).abs() < 0.05 * pitch * rev_s;
-        if !is_cutting || !places.contains(&z) {
+        if here.velocity[Z] >= -1.0 || !places.contains(&z) {
             continue;
         }
         if cycle > last_cycle + 50.0 {
-            passes.push(0.0);
+            passes.push(ThreadPass {
+                worst_mm: 0.0,
+                samples: 0,
+            });
         }
         last_cycle = cycle;
         let turned = turns - (start - z) / pitch;
         let error = (turned - turned.round()).abs() * pitch;
-        if let Some(worst) = passes.last_mut() {
-            *worst = worst.max(error);
+        if let Some(pass) = passes.last_mut() {
+            pass.worst_mm = pass.worst_mm.max(error);
+            pass.samples += 1;
         }
     }
     passes

@@ -45,7 +45,7 @@ pub use drives::Drives;
 pub use evolvent_disturbance::unless_disturbed;
 pub use evolvent_random::Random;
 pub use hole::{Hole, Piece};
-pub use lathe::{angles, phases};
+pub use lathe::{ThreadPass, angles, phases};
 pub use launch::Launch;
 pub use output_listener::OutputListener;
 pub use python::python;

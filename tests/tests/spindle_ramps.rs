@@ -96,7 +96,7 @@ fn feed_per_revolution_goes_by_the_ramp() {
         // From 318 to 3183 rpm within 45 mm: at 0.3 mm per revolution faster than 200 rpm/s permits.
         let program = "G21 G90 G95\nG0 X50\nG96 S100 D4000 M3\nG1 X5 F0.3\nM5\nG4 P0.1\nM2\n";
         let (messages, trace) = run(&workshop, "ramped-feed", "ramp_rpm_s = 200\n", program);
-        let (mut compared, mut behind, mut exact) = (0, 0, 0);
+        let (mut compared, mut behind) = (0, 0);
         for cycle in cycles(&trace)
             .iter()
             .filter(|cycle| (6.0..49.0).contains(&cycle.position[0]) && cycle.velocity[0] < 0.0)
@@ -107,19 +107,12 @@ fn feed_per_revolution_goes_by_the_ramp() {
             let rpm = signed_rpm(message);
             let fed_mm_rev = -cycle.velocity[0] * 60.0 / rpm;
             // 1 % of hysteresis, 0.5 % of the report, and what the ramp goes on meanwhile.
-            let error = fed_mm_rev / 0.3 - 1.0;
-            // A planner that the host keeps waiting answers a rising speed late: the chip is thinner then, never thicker.
-            assert!((-0.25..0.04).contains(&error), "{fed_mm_rev} at {rpm} rpm");
-            exact += i32::from(error.abs() < 0.04);
+            assert!((fed_mm_rev / 0.3 - 1.0).abs() < 0.04, "{fed_mm_rev} at {rpm} rpm");
             compared += 1;
             let wanted = 1e5 / (std::f64::consts::TAU * cycle.position[0]);
             behind += i32::from(rpm < 0.9 * wanted);
         }
         assert!(compared > 500 && behind > 100, "{compared}, {behind}");
-        assert!(
-            f64::from(exact) > 0.9 * f64::from(compared),
-            "{exact} of {compared}"
-        );
         verifies(&trace);
     });
 }

@@ -57,11 +57,11 @@ fn both_turn_and_the_named_one_threads_and_stops_at_its_angle() {
         let (finished, trace) = drive(&workshop, program, &["--spindle-ripple", "2"]);
         finished.expect_code(&[0, 3]);
         // Spindle 1 gives the angle: at its speed, and not at that of spindle 0, the thread is in phase.
-        let passes = phases(&trace, 2.0, 5.0, -13.0..0.0, 900.0 / 60.0);
+        let passes = phases(&trace, 2.0, 5.0, -13.0..0.0);
         println!("{passes:?} mm");
-        assert_eq!(passes.len(), 1, "{passes:?}");
+        assert!(passes.len() == 1 && passes[0].samples > 100, "{passes:?}");
         // 2 um, a step of the encoder, and one more of that for the sample compared with.
-        assert!(passes[0] <= 0.002 + 2.0 * 2.0 / 4096.0, "{passes:?} mm");
+        assert!(passes[0].worst_mm <= 0.002 + 2.0 * 2.0 / 4096.0, "{passes:?} mm");
         let told = inputs(&trace);
         let named: Vec<_> = told
             .iter()
