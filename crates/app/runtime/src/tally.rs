@@ -92,6 +92,10 @@ impl<S: PlanSink> PlanSink for Tally<S> {
         self.sink.mark(mark)
     }
 
+    fn leave_open(&mut self, from: u64) {
+        self.sink.leave_open(from);
+    }
+
     fn link(&mut self, from: u64, to: u64) -> bool {
         self.sink.link(from, to)
     }
@@ -123,6 +127,10 @@ impl<S: PlanSink> PlanSink for Tally<S> {
 
     fn acknowledged(&self) -> u64 {
         self.sink.acknowledged()
+    }
+
+    fn withdrawn(&self) -> u64 {
+        self.sink.withdrawn()
     }
 
     fn reached(&self) -> u64 {

@@ -326,7 +326,7 @@ impl PathExecutor {
                     self.preview.begin(cursor.step, flow, time);
                 }
                 match slowdown.steady_rate() {
-                    None => self.asking.withdraw(self.sequence),
+                    None => self.asking.withdraw(self.sequence, queue),
                     // Back at the plan's own speed.
                     Some(rate) if rate >= 1.0 => cursor.slowdown = None,
                     Some(_) => {}
@@ -339,7 +339,7 @@ impl PathExecutor {
                 if !brake && (rapid || self.asking.is_waiting_for(self.feed_override)) {
                     return;
                 }
-                self.asking.withdraw(self.sequence);
+                self.asking.withdraw(self.sequence, queue);
                 self.preview.begin(cursor.step, flow, time);
                 cursor.slowdown = Some(Slowdown::new(target));
             }

@@ -7,10 +7,11 @@
 //! at whatever moment, can be brought to rest on the path.
 //!
 //! A near-optimal plan is a chain of pieces of a time law. After the committed pieces lies a *tail* that ends at
-//! rest. When more has been planned, it is appended after the tail, and the last committed step is *linked* to it:
-//! the tail is skipped. A cycle that comes to the end of what is committed before that claims the link, drives the
-//! tail, and the planner's late link fails. Overrides come as a [`Request`] for a new plan from a place a
-//! few cycles ahead; the [`Reply`] names the step to go on with there.
+//! rest; the last committed step is *open*. When more has been planned, it is appended after the tail, and the open step is
+//! *linked* to it: the tail is skipped. A cycle that comes to the end of what is committed before that claims the link, drives
+//! the tail, and the planner's late link fails. Overrides come as a [`Request`] for a new plan from a place a few cycles ahead;
+//! the [`Reply`] names the step to go on with there. A cycle that cannot take a reply over says that it has withdrawn the
+//! request: then the planner drops that plan and goes on with the one that is driven.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -38,6 +39,8 @@ const REQUESTS: usize = 8;
 pub const STEPS_AHEAD: u64 = 64;
 /// A link that the cycle has claimed: it goes on with the step after.
 const CLAIMED: u64 = u64::MAX;
+/// A link that the planner has left open: the step after begins a tail.
+const OPEN: u64 = u64::MAX - 1;
 
 #[derive(Debug)]
 struct Table {
@@ -50,6 +53,7 @@ struct Table {
     waits_at: AtomicU64,
     reached: AtomicU64,
     acknowledged: AtomicU64,
+    withdrawn: AtomicU64,
 }
 
 impl Table {
@@ -84,6 +88,7 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         waits_at: AtomicU64::new(0),
         reached: AtomicU64::new(0),
         acknowledged: AtomicU64::new(0),
+        withdrawn: AtomicU64::new(0),
     });
     let producer = PlanProducer {
         steps: step_producer,
@@ -202,10 +207,14 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
         self.marks.push(*mark).map_err(|_| QueueClosed)
     }
 
+    fn leave_open(&mut self, from: u64) {
+        self.table.link(from).store(OPEN, Ordering::Release);
+    }
+
     fn link(&mut self, from: u64, to: u64) -> bool {
         self.table
             .link(from)
-            .compare_exchange(0, to + 1, Ordering::AcqRel, Ordering::Acquire)
+            .compare_exchange(OPEN, to + 1, Ordering::AcqRel, Ordering::Acquire)
             .is_ok()
     }
 
@@ -236,6 +245,10 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
 
     fn acknowledged(&self) -> u64 {
         self.table.acknowledged.load(Ordering::Acquire)
+    }
+
+    fn withdrawn(&self) -> u64 {
+        self.table.withdrawn.load(Ordering::Acquire)
     }
 
     fn reached(&self) -> u64 {
@@ -304,11 +317,11 @@ impl PlanConsumer {
     /// The step after step `index`, and whether it is final. Does not settle which way is taken.
     #[must_use]
     pub fn successor(&self, index: u64) -> (u64, bool) {
-        // In this order: what is final was linked before it was declared final.
+        // In this order: what is final was left open or linked before it was declared final.
         let committed = self.table.committed.load(Ordering::Acquire);
         match self.table.link(index).load(Ordering::Acquire) {
             0 => (index + 1, index + 1 < committed),
-            CLAIMED => (index + 1, false),
+            OPEN | CLAIMED => (index + 1, false),
             // Only what is committed is linked, also where that has not been declared final yet.
             link => (link - 1, true),
         }
@@ -317,37 +330,27 @@ impl PlanConsumer {
     /// The same, and settles it: after this the planner cannot link step `index` elsewhere.
     pub fn claim_successor(&mut self, index: u64) -> (u64, bool) {
         let (next, is_final) = self.successor(index);
-        if is_final || next != index + 1 {
-            return (next, is_final);
+        if is_final {
+            return (next, true);
         }
-        self.settle(index, CLAIMED)
+        let link = self.table.link(index);
+        for from in [0, OPEN] {
+            match link.compare_exchange(from, CLAIMED, Ordering::AcqRel, Ordering::Acquire) {
+                Ok(_) | Err(CLAIMED) => return (index + 1, false),
+                Err(0 | OPEN) => {}
+                Err(link) => return (link - 1, true),
+            }
+        }
+        (index + 1, false)
     }
 
-    /// Sets the link of a step that goes on with the next one, unless the planner has linked it by now.
-    fn settle(&mut self, index: u64, to: u64) -> (u64, bool) {
-        match self
-            .table
-            .link(index)
-            .compare_exchange(0, to, Ordering::AcqRel, Ordering::Acquire)
-        {
-            Ok(_) => (index + 1, to != CLAIMED),
-            Err(CLAIMED) => (index + 1, false),
-            Err(link) => (link - 1, true),
-        }
-    }
-
-    /// The step after step `index`, settled, and whether that is the tail because the planner had not linked another. With
-    /// `tail` it is the tail all the same: a recorded run that met one is computed again.
+    /// As [`claim_successor`](Self::claim_successor), and whether that is the tail because the planner had not linked another step.
+    /// With `tail` it is the tail all the same: a recorded run that met one is computed again.
     pub(crate) fn settle_successor(&mut self, index: u64, tail: bool) -> (u64, bool) {
         if tail && self.successor(index).0 != index + 1 {
             self.table.link(index).store(CLAIMED, Ordering::Release);
         }
-        let (next, is_final) = match self.successor(index) {
-            // A plan that had been cut short may be taken up again, and its last committed step linked elsewhere: what was looked
-            // at is what will be driven.
-            (next, true) if next == index + 1 => self.settle(index, index + 2),
-            _ => self.claim_successor(index),
-        };
+        let (next, is_final) = self.claim_successor(index);
         (next, !is_final)
     }
 
@@ -403,6 +406,11 @@ impl PlanConsumer {
             let _old = self.replies.pop();
         }
         None
+    }
+
+    /// Says that no reply to request `id` will be taken over, nor to an earlier one.
+    pub fn withdraw_request(&self, id: u64) {
+        self.table.withdrawn.store(id, Ordering::Release);
     }
 
     /// Says that the reply to request `id` has been taken over.
@@ -465,12 +473,13 @@ mod tests {
         }
     }
 
-    /// Four steps, the first two of them final.
+    /// Four steps, the first two of them final, the others a tail.
     fn four() -> (PlanProducer<fn() -> bool>, PlanConsumer) {
         let (mut producer, consumer) = plan_queue((|| false) as fn() -> bool);
         for line in 0..4 {
             producer.step(&dwell(line)).expect("room");
         }
+        producer.leave_open(1);
         producer.commit(2);
         (producer, consumer)
     }
@@ -498,13 +507,34 @@ mod tests {
     }
 
     #[test]
-    fn what_a_look_ahead_has_passed_is_not_linked_elsewhere() {
+    fn a_tail_stays_a_tail_when_what_was_appended_after_it_is_declared_final() {
+        let (mut producer, consumer) = four();
+        producer.step(&dwell(4)).expect("room");
+        producer.commit(5);
+        assert_eq!(consumer.successor(1), (2, false));
+        assert_eq!(consumer.successor(2), (3, true), "within the tail");
+        assert!(producer.link(1, 4), "taken up again");
+        assert_eq!(consumer.successor(1), (4, true));
         let (mut producer, mut consumer) = four();
-        assert_eq!(consumer.settle_successor(0, false), (1, false), "final");
-        assert!(!producer.link(0, 2), "what was looked at is what is driven");
-        assert_eq!(consumer.successor(0), (1, true));
+        producer.commit(4);
         assert_eq!(consumer.settle_successor(1, false), (2, true), "a tail");
         assert!(!producer.link(1, 3));
+        assert_eq!(consumer.settle_successor(0, false), (1, false), "final");
+    }
+
+    #[test]
+    fn a_step_that_was_not_left_open_is_not_linked() {
+        let (mut producer, consumer) = four();
+        assert!(!producer.link(0, 2));
+        assert_eq!(consumer.successor(0), (1, true));
+    }
+
+    #[test]
+    fn the_planner_hears_which_request_was_withdrawn() {
+        let (producer, consumer) = four();
+        assert_eq!(producer.withdrawn(), 0);
+        consumer.withdraw_request(3);
+        assert_eq!(producer.withdrawn(), 3);
     }
 
     #[test]
@@ -529,13 +559,9 @@ mod tests {
 
     #[test]
     fn a_claim_of_a_step_whose_successor_is_final_settles_nothing() {
-        let (mut producer, mut consumer) = four();
+        let (_producer, mut consumer) = four();
         assert_eq!(consumer.claim_successor(0), (1, true));
         assert!(!consumer.is_claimed(0));
-        assert!(
-            producer.link(0, 2),
-            "a plan for a request may still take over there"
-        );
     }
 
     #[test]
@@ -551,6 +577,7 @@ mod tests {
             },
         );
         assert_eq!((consumer.exit(0).nominal, consumer.exit(0).doubled), (1.0, 2.0));
+        producer.leave_open(0);
         assert!(producer.link(0, 5));
         for k in 1..size {
             producer.step(&dwell(k as u32)).expect("room");

@@ -48,12 +48,10 @@ pub(crate) struct ReplanState {
     unanswered: u32,
     /// No further request before this setpoint: the last one could not be met.
     not_before: u64,
-    /// Requests in motion in a row that came to nothing, and the setpoint before which there is no other. Each has the planner
+    /// Requests in motion in a row that came to nothing, and the setpoint before which there is no other. Each may have the planner
     /// append a window that is never driven, so an input that does not rest must not make one every few cycles.
     wasted: u32,
     waste_until: u64,
-    /// One of them may have been answered by now: then the planner goes on from there, and not on the plan that is driven.
-    may_have_left: bool,
     pub(crate) lead: u64,
 }
 
@@ -67,7 +65,6 @@ impl ReplanState {
             not_before: 0,
             wasted: 0,
             waste_until: 0,
-            may_have_left: false,
             lead: ((LEAD_S / period).ceil() as u64).max(MIN_LEAD),
         }
     }
@@ -82,15 +79,20 @@ impl ReplanState {
         self.unanswered == 0 && self.open.is_some_and(|open| open.factor == factor)
     }
 
-    /// What was asked for is met no more; the next setpoint is number `sequence`.
-    pub(crate) fn withdraw(&mut self, sequence: u64) {
-        if let Some(PendingReplan { after: Some(_), .. }) = self.open.take() {
-            self.waste(sequence);
+    /// What was asked for in motion is met no more; the next setpoint is number `sequence`.
+    pub(crate) fn withdraw(&mut self, sequence: u64, queue: &PlanConsumer) {
+        if let Some(PendingReplan {
+            id, after: Some(_), ..
+        }) = self.open
+        {
+            self.open = None;
+            self.waste(id, sequence, queue);
         }
     }
 
-    fn waste(&mut self, sequence: u64) {
-        self.may_have_left = true;
+    /// Request `id` came to nothing: the planner goes on with the plan that is driven.
+    fn waste(&mut self, id: u64, sequence: u64, queue: &PlanConsumer) {
+        queue.withdraw_request(id);
         self.wasted = (self.wasted + 1).min(MAX_DOUBLINGS);
         self.waste_until = sequence + (self.lead << self.wasted) / 2;
     }
@@ -102,7 +104,7 @@ impl ReplanState {
 
     /// A plan has been taken over.
     fn is_met(&mut self) {
-        (self.unanswered, self.wasted, self.may_have_left) = (0, 0, false);
+        (self.unanswered, self.wasted) = (0, 0);
     }
 
     fn miss(&mut self) {
@@ -114,7 +116,7 @@ impl PathExecutor {
     /// Whether a plan ahead may be driven as it is.
     pub(crate) fn plan_fits(&self, brake: bool) -> bool {
         let asking = &self.asking;
-        asking.open.is_none() && !brake && asking.factor == self.feed_override && !asking.may_have_left
+        asking.open.is_none() && !brake && asking.factor == self.feed_override
     }
 
     /// Takes over a reply that is due.
@@ -128,7 +130,7 @@ impl PathExecutor {
         match reply {
             // The plan is being slowed down by now: the place that the reply was made for is not met.
             Some(_) if open.after.is_some() && (cursor.state == State::Fault || cursor.is_still()) => {
-                self.asking.withdraw(self.sequence);
+                self.asking.withdraw(self.sequence, queue);
             }
             Some(reply) => {
                 self.asking.open = None;
@@ -160,7 +162,7 @@ impl PathExecutor {
                         self.asking.not_before = self.sequence + self.asking.lead;
                         self.asking.miss();
                         if open.after.is_some() {
-                            self.asking.waste(self.sequence);
+                            self.asking.waste(open.id, self.sequence, queue);
                         }
                     }
                 }
@@ -171,7 +173,7 @@ impl PathExecutor {
                 self.waited = true;
                 self.asking.open = None;
                 self.asking.miss();
-                self.asking.waste(self.sequence);
+                self.asking.waste(open.id, self.sequence, queue);
             }
         }
     }
@@ -188,7 +190,7 @@ impl PathExecutor {
         if self.stop_requested(&cursor, inputs) || self.feed_override == 0.0 {
             return;
         }
-        let needs_other = self.feed_override != self.asking.factor || self.asking.may_have_left;
+        let needs_other = self.feed_override != self.asking.factor;
         if self.sequence < self.asking.not_before {
             return;
         }

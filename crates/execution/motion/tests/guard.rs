@@ -125,6 +125,10 @@ impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
         self.sink.mark(mark)
     }
 
+    fn leave_open(&mut self, from: u64) {
+        self.sink.leave_open(from);
+    }
+
     fn link(&mut self, from: u64, to: u64) -> bool {
         self.sink.link(from, to)
     }
@@ -147,6 +151,10 @@ impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
 
     fn acknowledged(&self) -> u64 {
         self.sink.acknowledged()
+    }
+
+    fn withdrawn(&self) -> u64 {
+        self.sink.withdrawn()
     }
 
     fn reached(&self) -> u64 {

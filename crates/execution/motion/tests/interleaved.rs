@@ -138,6 +138,10 @@ impl PlanSink for Interrupted {
         self.sink.mark(mark)
     }
 
+    fn leave_open(&mut self, from: u64) {
+        self.sink.leave_open(from);
+    }
+
     fn link(&mut self, from: u64, to: u64) -> bool {
         let linked = self.sink.link(from, to);
         self.interrupt(WITHIN_PLAN);
@@ -163,6 +167,10 @@ impl PlanSink for Interrupted {
 
     fn acknowledged(&self) -> u64 {
         self.sink.acknowledged()
+    }
+
+    fn withdrawn(&self) -> u64 {
+        self.sink.withdrawn()
     }
 
     fn reached(&self) -> u64 {

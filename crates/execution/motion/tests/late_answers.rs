@@ -43,6 +43,10 @@ impl<S: PlanSink<Error = QueueClosed>> PlanSink for Losing<S> {
         self.sink.mark(mark)
     }
 
+    fn leave_open(&mut self, from: u64) {
+        self.sink.leave_open(from);
+    }
+
     fn link(&mut self, from: u64, to: u64) -> bool {
         self.sink.link(from, to)
     }
@@ -68,6 +72,10 @@ impl<S: PlanSink<Error = QueueClosed>> PlanSink for Losing<S> {
 
     fn acknowledged(&self) -> u64 {
         self.sink.acknowledged()
+    }
+
+    fn withdrawn(&self) -> u64 {
+        self.sink.withdrawn()
     }
 
     fn reached(&self) -> u64 {

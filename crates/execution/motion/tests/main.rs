@@ -17,6 +17,7 @@ mod planner_allocation;
 mod probing;
 mod regressions;
 mod requests;
+mod slow_planner;
 mod station;
 mod synchronised;
 

@@ -457,6 +457,7 @@ impl<S: PlanSink> Horizon<S> {
             Some(piece) => {
                 self.sink.step(&Step::Wait)?;
                 self.appended += 1;
+                self.sink.leave_open(first + committed as u64 - 1);
                 let (state, _) = piece.law.at(0.0);
                 PlanFrontier {
                     place: PathPosition {
@@ -491,9 +492,7 @@ impl<S: PlanSink> Horizon<S> {
             if let Some(pending_branch) = &mut self.windows.pending_branch {
                 pending_branch.windows = pending_branch.windows.saturating_sub(1);
             }
-            if let Some(planned) = self.windows.planned.back() {
-                self.optimizer.restore(&planned.snapshot);
-            }
+            self.restore_optimizer();
             return self.fall_back_to_tail();
         }
         self.add_planned_time(committed);
@@ -589,10 +588,16 @@ impl<S: PlanSink> Horizon<S> {
 
     /// No plan was found, or it came too late: the cycle stops at the end of the tail and sends a request from there.
     fn fall_back_to_tail(&mut self) -> Result<(), S::Error> {
-        if self.frontier.link.is_none() {
-            // At rest with nothing to follow: the cycle waits and sends a request.
-            self.append_wait()?;
-            self.failures += 1;
+        match self.frontier.link {
+            // No other step will be linked. Where the cycle executes the tail already it stays as it is.
+            Some(link) => {
+                let _is_in_time = self.sink.link(link, link + 1);
+            }
+            None => {
+                // At rest with nothing to follow: the cycle waits and sends a request.
+                self.append_wait()?;
+                self.failures += 1;
+            }
         }
         self.sink.commit(self.appended);
         self.frontier.is_waiting = true;

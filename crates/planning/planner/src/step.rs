@@ -246,7 +246,12 @@ pub trait PlanSink {
         Ok(())
     }
 
-    /// Makes step `to` the successor of step `from`. False if the consumer has already continued from `from`.
+    /// What follows step `from` is a tail, whatever is declared final, until a step is linked to `from`.
+    fn leave_open(&mut self, from: u64) {
+        let _ = from;
+    }
+
+    /// Makes step `to` the successor of step `from`, which was left open. False if the consumer has already continued from `from`.
     fn link(&mut self, from: u64, to: u64) -> bool {
         let _ = (from, to);
         true
@@ -292,6 +297,12 @@ pub trait PlanSink {
     /// Serial number of the last request whose reply the consumer has taken over; 0 for none. Settled before its next request.
     fn acknowledged(&self) -> u64 {
         u64::MAX
+    }
+
+    /// Serial number of the last request that the consumer has withdrawn: it takes over no reply to it or to an earlier one, and
+    /// drives the plan that it had. 0 for none.
+    fn withdrawn(&self) -> u64 {
+        0
     }
 
     /// Grid interval that the consumer has reached; everything before it may be dropped.

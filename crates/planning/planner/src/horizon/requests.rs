@@ -14,8 +14,13 @@ impl<S: PlanSink> Horizon<S> {
             gone = self.settle();
             self.request = Some(request);
         }
-        let Some(request) = self.request else {
-            return Ok(false);
+        let pending = self.windows.pending_branch;
+        if pending.is_some_and(|pending| self.is_withdrawn(pending.id)) {
+            gone |= self.settle();
+        }
+        let Some(request) = self.request.filter(|request| !self.is_withdrawn(request.id)) else {
+            self.request = None;
+            return Ok(gone);
         };
         let frontier = self.frontier_at(&request);
         if matches!(frontier.entry, Entry::Rest) {
@@ -46,24 +51,24 @@ impl<S: PlanSink> Horizon<S> {
         let solved = self.solve_shorter(&frontier, until, exit);
         let (until, exit) = solved.unwrap_or((until, exit));
         if solved.is_err() || self.pieces.is_empty() {
-            if let Some(planned) = self.windows.planned.back() {
-                self.optimizer.restore(&planned.snapshot);
-            }
+            self.restore_optimizer();
             self.reply(&request, None);
             return Ok(true);
         }
         self.windows.cut.extend(self.windows.planned.drain(known..));
         let (steps, segments, marks) = (self.pieces.len() + 3, self.segments_needed(), self.marks_needed());
-        while !self.sink.has_capacity(steps, segments, marks) {
+        loop {
             // The cycle may have stopped and sent a request from there; then it accepts nothing before that is answered.
-            if let Some(newer) = self.sink.request() {
+            let newer = self.sink.request();
+            if newer.is_some() || self.is_withdrawn(request.id) {
                 self.windows.planned.append(&mut self.windows.cut);
-                if let Some(planned) = self.windows.planned.back() {
-                    self.optimizer.restore(&planned.snapshot);
-                }
+                self.restore_optimizer();
                 self.pieces.clear();
-                self.request = Some(newer);
+                self.request = newer;
                 return Ok(true);
+            }
+            if self.sink.has_capacity(steps, segments, marks) {
+                break;
             }
             self.sink.wait()?;
         }
@@ -84,7 +89,8 @@ impl<S: PlanSink> Horizon<S> {
         Ok(true)
     }
 
-    /// Determines which plan is in force. True if the last reply came too late, so that the previous plan remains.
+    /// Determines which plan is in force. True if the last reply came too late or its request was withdrawn, so that the previous
+    /// plan remains.
     pub(super) fn settle(&mut self) -> bool {
         let Some(pending_branch) = self.windows.pending_branch.take() else {
             return false;
@@ -97,10 +103,20 @@ impl<S: PlanSink> Horizon<S> {
         self.windows.spare.extend(self.windows.planned.drain(left..));
         self.windows.planned.append(&mut self.windows.cut);
         self.frontier = pending_branch.frontier;
+        self.restore_optimizer();
+        true
+    }
+
+    /// Whether the cycle takes over no reply to request `id` any more.
+    fn is_withdrawn(&self, id: u64) -> bool {
+        self.sink.withdrawn() >= id
+    }
+
+    /// Goes on after the last window of the plan in force.
+    pub(super) fn restore_optimizer(&mut self) {
         if let Some(planned) = self.windows.planned.back() {
             self.optimizer.restore(&planned.snapshot);
         }
-        true
     }
 
     fn reply(&mut self, request: &Request, step: Option<u64>) {

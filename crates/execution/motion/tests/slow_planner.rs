@@ -1,0 +1,296 @@
+//! A planner that takes as long as a busy host lets it: cycles run while it solves a window.
+
+#![allow(clippy::expect_used, reason = "a test may fail")]
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use evolvent_machine::PlannerKind;
+use evolvent_motion::{
+    Inputs, PathExecutor, PlanConsumer, PlanProducer, PlannerLag, QueueClosed, Setpoint, State, flags,
+    plan_queue,
+};
+use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
+use evolvent_planner::{
+    BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Reply, Request, Segment, Step,
+};
+
+use crate::common::{BLEND, Random, Scenario, check, equal_axes};
+
+/// The cycle at which the override begins to change.
+const BEGINS: u64 = 500;
+const FEED_MM_S: f64 = 20.0;
+/// Least share of the feed: the plan itself has less than 0.9 of it at one place, also with a planner that is never late.
+const LEAST: f64 = 0.88;
+
+/// What a cycle met, and what it gave.
+#[derive(Clone, Debug)]
+struct Recorded {
+    inputs: Inputs,
+    lag: PlannerLag,
+    setpoint: Setpoint,
+}
+
+/// The cycle, run by the planner's calls.
+struct Cycles {
+    motion: PathExecutor,
+    queue: PlanConsumer,
+    feed_override: fn(u64) -> f64,
+    done: Vec<Recorded>,
+    /// What to repeat, if this is a replay.
+    replayed: Option<Vec<Recorded>>,
+}
+
+impl Cycles {
+    fn step(&mut self) {
+        if self.motion.is_over() {
+            return;
+        }
+        let sequence = self.done.len();
+        let (inputs, lag) = match &self.replayed {
+            Some(recorded) => (recorded[sequence].inputs.clone(), recorded[sequence].lag),
+            None => {
+                let inputs = Inputs {
+                    feed_override: (self.feed_override)(sequence as u64),
+                    ..Inputs::default()
+                };
+                (inputs, PlannerLag::default())
+            }
+        };
+        let setpoint = self.motion.replay_step(&inputs, &mut self.queue, lag);
+        if let Some(recorded) = &self.replayed {
+            assert_eq!(setpoint, recorded[sequence].setpoint, "replayed cycle {sequence}");
+        }
+        let lag = PlannerLag {
+            waited: self.motion.has_waited(),
+            refused: self.motion.was_refused(),
+        };
+        self.done.push(Recorded {
+            inputs,
+            lag,
+            setpoint,
+        });
+        assert!(self.done.len() < 100_000, "does not end");
+    }
+}
+
+/// Lets cycles run while a window is solved.
+struct Slow {
+    sink: PlanProducer<fn() -> bool>,
+    cycles: Rc<RefCell<Cycles>>,
+    /// Draws how many cycles run meanwhile; none in a replay, where the clock is virtual.
+    random: Option<Random>,
+    /// The host has other things to do.
+    is_busy: bool,
+}
+
+impl PlanSink for Slow {
+    type Error = QueueClosed;
+
+    fn segment(&mut self, segment: &Segment) -> Result<(), QueueClosed> {
+        self.sink.segment(segment)
+    }
+
+    fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
+        self.sink.step(step)
+    }
+
+    fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
+        self.sink.exit(index, speeds);
+    }
+
+    fn commit(&mut self, count: u64) {
+        self.sink.commit(count);
+    }
+
+    fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
+        self.sink.mark(mark)
+    }
+
+    fn leave_open(&mut self, from: u64) {
+        self.sink.leave_open(from);
+    }
+
+    fn link(&mut self, from: u64, to: u64) -> bool {
+        self.sink.link(from, to)
+    }
+
+    fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
+        self.sink.has_capacity(steps, segments, marks)
+    }
+
+    /// On a quiet host a window takes most of the lead of a request, on a busy one several times that.
+    fn solved(&mut self, _steps: u32) {
+        let Some(random) = &mut self.random else { return };
+        let mut cycles = self.cycles.borrow_mut();
+        if random.pick(10) == 0 {
+            self.is_busy = !self.is_busy;
+        }
+        let count = if cycles.done.is_empty() {
+            0
+        } else if self.is_busy {
+            20 + random.pick(30)
+        } else {
+            6
+        };
+        for _ in 0..count {
+            cycles.step();
+        }
+    }
+
+    fn wait(&mut self) -> Result<(), QueueClosed> {
+        self.sink.wait()
+    }
+
+    fn request(&mut self) -> Option<Request> {
+        self.sink.request()
+    }
+
+    fn reply(&mut self, reply: Reply) {
+        self.sink.reply(reply);
+    }
+
+    fn acknowledged(&self) -> u64 {
+        self.sink.acknowledged()
+    }
+
+    fn withdrawn(&self) -> u64 {
+        self.sink.withdrawn()
+    }
+
+    fn reached(&self) -> u64 {
+        self.sink.reached()
+    }
+}
+
+/// A wave in chords of 0.1 mm: a window of the planner lasts 0.4 s at its feed.
+fn wave() -> Scenario {
+    let at = |k: usize| {
+        let s = 0.1 * k as f64;
+        let mut point = Axes::zeros();
+        (point[0], point[1]) = (s, 4.0 * (0.2 * s).sin() + (0.9 * s).cos());
+        point
+    };
+    let moves = (0..500)
+        .map(|k| Move {
+            curve: Curve::Line(Line::new(at(k), at(k + 1)).expect("line")),
+            kind: MoveKind::Feed,
+            feed_mm_s: FEED_MM_S,
+            path_mode: BLEND,
+        })
+        .collect();
+    Scenario {
+        limits: equal_axes(250.0, 2000.0, 50_000.0),
+        period_ns: 1_000_000,
+        moves,
+        chord_error_mm: 1e-3,
+        planner: PlannerKind::Optimal,
+    }
+}
+
+/// Drives the wave with a slow planner, or replays that.
+fn drive(
+    feed_override: fn(u64) -> f64,
+    random: Option<Random>,
+    replayed: Option<Vec<Recorded>>,
+) -> Vec<Recorded> {
+    let scenario = wave();
+    let is_replay = replayed.is_some();
+    let (sink, queue): (PlanProducer<fn() -> bool>, _) = plan_queue(|| false);
+    let cycles = Rc::new(RefCell::new(Cycles {
+        motion: scenario.motion(),
+        queue,
+        feed_override,
+        done: Vec::new(),
+        replayed,
+    }));
+    let rules = PathRules {
+        blend_tolerance_mm: 0.01,
+        joint_time_s: 0.001,
+        planner: PlannerKind::Optimal,
+        feed_override: 1.0,
+    };
+    let limits = PathLimits::new(
+        scenario.limits,
+        1e9 / scenario.period_ns as f64,
+        scenario.chord_error_mm,
+    );
+    let sink = Slow {
+        sink,
+        cycles: Rc::clone(&cycles),
+        random,
+        is_busy: false,
+    };
+    let mut planner = Planner::new(limits, rules, sink);
+    for (number, one) in scenario.moves.iter().enumerate() {
+        planner.push(one, number as u32 + 1, number as u32).expect("plan");
+    }
+    planner.finish(9999).expect("plan");
+    while !cycles.borrow().motion.is_over() {
+        planner.poll().expect("plan");
+        let mut cycles = cycles.borrow_mut();
+        let Cycles { motion, queue, .. } = &mut *cycles;
+        if !is_replay || motion.is_ready(queue) {
+            cycles.step();
+        }
+    }
+    let done = std::mem::take(&mut cycles.borrow_mut().done);
+    let setpoints: Vec<Setpoint> = done.iter().map(|one| one.setpoint).collect();
+    check(&scenario, &setpoints, &cycles.borrow().motion, 0.02, "the wave");
+    assert_eq!(cycles.borrow().motion.state(), State::Done);
+    done
+}
+
+/// Changes by this factor every so many cycles, down to 0.2.
+fn falling(cycle: u64, factor: f64, every: u64) -> f64 {
+    factor
+        .powi((cycle.saturating_sub(BEGINS) / every) as i32)
+        .max(0.2)
+}
+
+/// Overrides that fall all the time, as the ramp of a spindle makes them.
+const FALLING: [fn(u64) -> f64; 5] = [
+    |cycle| falling(cycle, 0.995, 3),
+    |cycle| falling(cycle, 0.988, 9),
+    |cycle| falling(cycle, 0.988, 14),
+    |cycle| falling(cycle, 0.97, 30),
+    |cycle| falling(cycle, 0.9, 70),
+];
+
+/// A lower override needs no planner: the plan is driven more slowly, and planned on whatever becomes of the requests meanwhile.
+#[test]
+fn a_falling_override_is_followed_however_late_the_planner_is() {
+    let mut late = 0;
+    for (number, feed_override) in FALLING.into_iter().enumerate() {
+        for seed in 1..20 {
+            let recorded = drive(feed_override, Some(Random::from_state(seed)), None);
+            late += recorded.iter().filter(|one| one.lag.waited).count();
+            let ends = recorded.len() - 200;
+            for (cycle, one) in recorded.iter().enumerate().take(ends).skip(BEGINS as usize) {
+                let least = FEED_MM_S * one.inputs.feed_override;
+                assert!(
+                    one.setpoint.feed_mm_s > LEAST * least && one.setpoint.flags & flags::STARVED == 0,
+                    "override {number}, seed {seed}: {} of {least} mm/s at {cycle}",
+                    one.setpoint.feed_mm_s
+                );
+            }
+        }
+    }
+    assert!(late > 100, "{late} answers were late");
+}
+
+/// What a recorded run met of the planner is all that a replay needs.
+#[test]
+fn late_answers_in_motion_are_replayed_bit_for_bit() {
+    let overrides: [fn(u64) -> f64; 3] = [
+        FALLING[1],
+        |cycle| if cycle % 50 < 25 { 0.7 } else { 1.3 },
+        |cycle| 1.0 + 0.4 * (0.002 * cycle as f64).sin(),
+    ];
+    for feed_override in overrides {
+        for seed in 1..10 {
+            let recorded = drive(feed_override, Some(Random::from_state(seed)), None);
+            drive(feed_override, None, Some(recorded));
+        }
+    }
+}
