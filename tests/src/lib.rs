@@ -51,5 +51,5 @@ pub use output_listener::OutputListener;
 pub use python::python;
 pub use scene::Scene;
 pub use served::{Operator, Served, command, is_behind, speed};
-pub use trace::{Cycle, cycles, tell_late_planner, verifies};
+pub use trace::{Cycle, cycles, verifies};
 pub use workshop::{HOMING, Workshop, repository};

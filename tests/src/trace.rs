@@ -2,14 +2,11 @@
 
 use std::path::Path;
 
-use evolvent_trace::{TraceFile, inputs};
+use evolvent_trace::TraceFile;
 
 use evolvent_disturbance::tell_pause;
 
 use crate::{Finished, evolvent};
-
-/// A missed answer does not say by how much it was late: as much as explains a failure.
-const LATE_PLANNER_NS: u64 = 50_000_000;
 
 /// One cycle of a trace.
 pub type Cycle = evolvent_trace::CycleRecord;
@@ -41,15 +38,6 @@ pub fn cycles(trace: &Path) -> Vec<Cycle> {
         );
     }
     found
-}
-
-/// Tells a trial that the host kept the planner from answering in motion, as the core recorded it: from there on neither the feed
-/// nor what `trace verify` computes is what an idle host gives, where it always answers in time.
-pub fn tell_late_planner(cycles: &[Cycle]) {
-    let is_late = |cycle: &Cycle| cycle.inputs & inputs::WAITED != 0 && cycle.feed_mm_s > 0.0;
-    if cycles.iter().any(is_late) {
-        tell_pause(LATE_PLANNER_NS);
-    }
 }
 
 /// `trace verify` computes the same setpoints.

@@ -4,9 +4,7 @@
 use std::path::PathBuf;
 
 use evolvent_bus::MachineOutputs;
-use evolvent_tests::{
-    Domain, Drives, Launch, OutputListener, Workshop, cycles, tell_late_planner, unless_disturbed, verifies,
-};
+use evolvent_tests::{Domain, Drives, Launch, OutputListener, Workshop, cycles, unless_disturbed, verifies};
 
 const RAMP_RPM_S: f64 = 1500.0;
 
@@ -99,9 +97,7 @@ fn feed_per_revolution_goes_by_the_ramp() {
         let program = "G21 G90 G95\nG0 X50\nG96 S100 D4000 M3\nG1 X5 F0.3\nM5\nG4 P0.1\nM2\n";
         let (messages, trace) = run(&workshop, "ramped-feed", "ramp_rpm_s = 200\n", program);
         let (mut compared, mut behind) = (0, 0);
-        let all = cycles(&trace);
-        tell_late_planner(&all);
-        for cycle in all
+        for cycle in cycles(&trace)
             .iter()
             .filter(|cycle| (6.0..49.0).contains(&cycle.position[0]) && cycle.velocity[0] < 0.0)
         {

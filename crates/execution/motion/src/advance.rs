@@ -66,7 +66,9 @@ impl PathExecutor {
                         true
                     }
                 },
-                ActiveMotion::TimedSegment { .. } => cursor.advance_segment(&mut left, queue),
+                ActiveMotion::TimedSegment { .. } => {
+                    cursor.advance_segment(&mut left, queue, lag.waited, &mut self.waited)
+                }
                 ActiveMotion::Still => match cursor.wait_at_rest(left, standing, rests) {
                     None => false,
                     Some(from) => self.enter(cursor, from, brake, inputs, queue, lag),
@@ -218,7 +220,7 @@ impl PathExecutor {
             return false;
         }
         // A stop within a piece, or a plan for another override: both are replaced before anything moves.
-        if cursor.slowdown.is_some() || !self.plan_fits(brake) {
+        if cursor.slowdown.is_some() || !self.plan_fits(cursor.step, brake) {
             self.rest_step = Some(step);
             return false;
         }
@@ -353,8 +355,15 @@ impl Cursor {
         })
     }
 
-    /// Drives a piece of a time law for the time that is left of the period; whether another one follows in it.
-    fn advance_segment(&mut self, left: &mut f64, queue: &mut PlanConsumer) -> bool {
+    /// Drives a piece of a time law for the time that is left of the period; whether another one follows in it. `waited`: the planner
+    /// had not finished what follows; `tail`: it is taken to be so.
+    fn advance_segment(
+        &mut self,
+        left: &mut f64,
+        queue: &mut PlanConsumer,
+        tail: bool,
+        waited: &mut bool,
+    ) -> bool {
         let ActiveMotion::TimedSegment { flow, time } = &mut self.drive else {
             return false;
         };
@@ -366,14 +375,17 @@ impl Cursor {
         *left -= rest.max(0.0);
         let flow = *flow;
         self.leave(&flow);
-        let (next, is_final) = queue.claim_successor(self.step);
+        let rests = flow.rests_at_end();
+        let (next, mut is_unfinished) = queue.settle_successor(self.step, tail);
+        is_unfinished |= tail && rests;
+        *waited |= is_unfinished;
         self.step = next;
         // A rest of the plan ends a slowdown, and what has not been final is entered from rest like any other.
-        let stays = (self.slowdown.is_some() || !is_final) && flow.rests_at_end();
+        let stays = (self.slowdown.is_some() || is_unfinished) && rests;
         if let Some(Step::TimedSegment(flow)) = queue.step(next)
             && !stays
         {
-            self.starved |= !is_final;
+            self.starved |= is_unfinished;
             self.start(flow);
             return true;
         }

@@ -179,8 +179,8 @@ impl PathExecutor {
         self.sequence
     }
 
-    /// Whether the last step looked for something that the planner had not finished: the axes stood, or drove on as
-    /// planned before. In real time this depends on how fast the planner was, so it is recorded like an input.
+    /// Whether the last step looked for something that the planner had not finished: the axes stood, or took
+    /// a tail. In real time this depends on how fast the planner was, so it is recorded like an input.
     #[must_use]
     pub fn has_waited(&self) -> bool {
         self.waited
@@ -257,7 +257,7 @@ impl PathExecutor {
             }
             if self.quick_stop.is_none() {
                 let setpoint = self.publish(cursor, jet, segment.as_ref(), queue);
-                self.ask(inputs, queue);
+                self.ask(inputs, queue, lag);
                 if let Some(takeover) = cursor.rest.takeover {
                     self.begin(takeover, queue);
                 }

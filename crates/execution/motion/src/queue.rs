@@ -344,11 +344,13 @@ impl PlanConsumer {
         (index + 1, false)
     }
 
-    /// As [`claim_successor`](Self::claim_successor), and whether that is the tail because the planner had not linked another step.
-    /// With `tail` it is the tail all the same: a recorded run that met one is computed again.
+    /// The step after step `index`, settled, and whether the planner had not linked one or not declared it final. With `tail` a
+    /// step that was left open is followed by its tail all the same: a recorded run that drove it is computed again.
     pub(crate) fn settle_successor(&mut self, index: u64, tail: bool) -> (u64, bool) {
-        if tail && self.successor(index).0 != index + 1 {
-            self.table.link(index).store(CLAIMED, Ordering::Release);
+        let link = self.table.link(index);
+        if tail && link.load(Ordering::Acquire) != 0 {
+            link.store(CLAIMED, Ordering::Release);
+            return (index + 1, true);
         }
         let (next, is_final) = self.claim_successor(index);
         (next, !is_final)

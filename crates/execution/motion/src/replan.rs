@@ -44,6 +44,8 @@ pub(crate) struct ReplanState {
     pub(crate) factor: f64,
     open: Option<PendingReplan>,
     asked: u64,
+    /// The plan step at which the last reply at rest goes on.
+    answered_at: Option<u64>,
     /// Requests in a row that were not met.
     unanswered: u32,
     /// No further request before this setpoint: the last one could not be met.
@@ -61,6 +63,7 @@ impl ReplanState {
             factor: 1.0,
             open: None,
             asked: 0,
+            answered_at: None,
             unanswered: 0,
             not_before: 0,
             wasted: 0,
@@ -113,10 +116,12 @@ impl ReplanState {
 }
 
 impl PathExecutor {
-    /// Whether a plan ahead may be driven as it is.
-    pub(crate) fn plan_fits(&self, brake: bool) -> bool {
+    /// Whether the plan from plan step `step` on may be driven as it is. One that has been made for a start from there may, also
+    /// where the override has changed meanwhile: an override that changes in every cycle would never let the axes start.
+    pub(crate) fn plan_fits(&self, step: u64, brake: bool) -> bool {
         let asking = &self.asking;
-        asking.open.is_none() && !brake && asking.factor == self.feed_override
+        let is_wanted = asking.factor == self.feed_override || asking.answered_at == Some(step);
+        asking.open.is_none() && !brake && is_wanted
     }
 
     /// Takes over a reply that is due.
@@ -124,7 +129,7 @@ impl PathExecutor {
         let Some(open) = self.asking.open else { return };
         let reply = match open.after {
             Some(after) if self.sequence <= after => return,
-            _ if lag.waited => None,
+            None if lag.waited => None,
             _ => queue.reply(open.id),
         };
         match reply {
@@ -150,6 +155,7 @@ impl PathExecutor {
                     // that is entered in a later cycle, whether it has come already or not.
                     Some((step, _)) if open.after.is_none() => {
                         cursor.step = step;
+                        self.asking.answered_at = Some(step);
                         cursor.rest.stays = true;
                         cursor.starved = false;
                         cursor.slowdown = None;
@@ -157,29 +163,31 @@ impl PathExecutor {
                         self.asking.is_met();
                         queue.acknowledge_replan(open.id);
                     }
-                    _ => {
-                        self.refused = true;
-                        self.asking.not_before = self.sequence + self.asking.lead;
-                        self.asking.miss();
-                        if open.after.is_some() {
-                            self.asking.waste(open.id, self.sequence, queue);
-                        }
-                    }
+                    _ => self.refuse(open, queue),
                 }
             }
             // At rest there is time.
             None if open.after.is_none() => self.waited = true,
+            // Recorded as a refusal: that the cycle waited tells of a tail that it has met.
             None => {
-                self.waited = true;
                 self.asking.open = None;
-                self.asking.miss();
-                self.asking.waste(open.id, self.sequence, queue);
+                self.refuse(open, queue);
             }
         }
     }
 
+    /// A request has come to nothing.
+    fn refuse(&mut self, request: PendingReplan, queue: &PlanConsumer) {
+        self.refused = true;
+        self.asking.not_before = self.sequence + self.asking.lead;
+        self.asking.miss();
+        if request.after.is_some() {
+            self.asking.waste(request.id, self.sequence, queue);
+        }
+    }
+
     /// Asks where something else is wanted than the pieces ahead were planned for.
-    pub(crate) fn ask(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) {
+    pub(crate) fn ask(&mut self, inputs: &Inputs, queue: &mut PlanConsumer, lag: PlannerLag) {
         let cursor = self.cursor;
         if self.asking.open.is_some()
             || self.quick_stop.is_some()
@@ -207,7 +215,8 @@ impl PathExecutor {
                     return;
                 };
                 let seconds = self.period * self.asking.lead as f64;
-                if let Some((flow, time)) = foresee(cursor.step, flow, time + rate * seconds, queue) {
+                let from = (cursor.step, flow, time + rate * seconds);
+                if let Some((flow, time)) = self.foresee(from, queue, lag) {
                     let (state, jerk) = flow.piece.law.at(time);
                     let steady = Scale {
                         rate,
@@ -245,6 +254,34 @@ impl PathExecutor {
                 _ => {}
             },
         }
+    }
+
+    /// The piece, and the time in it, so many seconds after the start of the piece that is plan step `step`; none if the axes stop
+    /// before. Settles the way to there.
+    fn foresee(
+        &mut self,
+        (mut step, mut flow, mut time): (u64, TimedSegment, f64),
+        queue: &mut PlanConsumer,
+        lag: PlannerLag,
+    ) -> Option<(TimedSegment, f64)> {
+        for _ in 0..MAX_AHEAD {
+            if time < flow.piece.duration_s {
+                return Some((flow, time));
+            }
+            time -= flow.piece.duration_s;
+            // What happens at a rest is not foreseen: the next request is made from there, or after it.
+            if flow.rests_at_end() {
+                return None;
+            }
+            let met_tail;
+            (step, met_tail) = queue.settle_successor(step, lag.waited);
+            self.waited |= met_tail;
+            flow = match queue.step(step) {
+                Some(Step::TimedSegment(next)) => next,
+                _ => return None,
+            };
+        }
+        None
     }
 
     fn send(&mut self, after: Option<u64>, place: Request, queue: &mut PlanConsumer) {
@@ -321,8 +358,14 @@ impl PathExecutor {
             return false;
         }
         let mut step = from;
+        let mut answered = None;
         if let Some(open) = self.asking.open {
             let due = open.after.is_none_or(|after| self.sequence > after);
+            let is_moving = matches!(cursor.drive, ActiveMotion::TimedSegment { .. });
+            if !due && is_moving {
+                // When it was sent the plan in force was final beyond where the reply takes over, and may have been left since.
+                return true;
+            }
             let reply = if due { queue.reply(open.id) } else { None };
             if due && reply.is_none() && !queue.has_no_planner() {
                 return false;
@@ -331,15 +374,21 @@ impl PathExecutor {
             if due && open.after.is_none() {
                 return true;
             }
-            if let Some(next) = reply.and_then(|reply| reply.step)
-                && queue.step(next).is_none()
-            {
-                return queue.has_no_planner();
+            if let Some(next) = reply.and_then(|reply| reply.step) {
+                match queue.step(next) {
+                    Some(Step::TimedSegment(flow)) if is_moving => {
+                        step = next;
+                        answered = Some(flow);
+                    }
+                    Some(_) => {}
+                    None => return queue.has_no_planner(),
+                }
             }
         }
         let first = step;
         let (flow, time) = match cursor.drive {
-            ActiveMotion::TimedSegment { flow, time } => (flow, time),
+            // Where a reply has come it takes over now.
+            ActiveMotion::TimedSegment { flow, time } => answered.map_or((flow, time), |flow| (flow, 0.0)),
             ActiveMotion::Run(_) => return queue.has_final_ahead(step),
             // Steps at rest that take no time are passed in one cycle: what follows them must be known, if it gets there.
             ActiveMotion::Still => loop {
@@ -363,11 +412,11 @@ impl PathExecutor {
         };
         // Everything that the step, or a request that it makes, can see.
         let mut left = time + self.period * (2 * self.asking.lead + 4) as f64 - flow.piece.duration_s;
-        if cursor.slowdown.is_some() {
+        if cursor.slowdown.is_some() && answered.is_none() {
             left += LONGEST_PREVIEW_S;
         }
         // A tail that was claimed is driven to its end.
-        let mut tail = cursor.starved;
+        let mut tail = cursor.starved && answered.is_none();
         for _ in 0..MAX_AHEAD {
             if left < 0.0 {
                 return true;
@@ -406,31 +455,4 @@ fn place(flow: &TimedSegment, x: f64, v: f64, a: f64) -> Request {
         a,
         ..EMPTY
     }
-}
-
-/// The piece, and the time in it, `time` seconds after the start of `flow`; none if the axes stop before.
-/// Settles the way to there.
-fn foresee(
-    step: u64,
-    flow: TimedSegment,
-    time: f64,
-    queue: &mut PlanConsumer,
-) -> Option<(TimedSegment, f64)> {
-    let (mut step, mut flow, mut time) = (step, flow, time);
-    for _ in 0..MAX_AHEAD {
-        if time < flow.piece.duration_s {
-            return Some((flow, time));
-        }
-        time -= flow.piece.duration_s;
-        // What happens at a rest is not foreseen: the next request is made from there, or after it.
-        if flow.rests_at_end() {
-            return None;
-        }
-        (step, _) = queue.claim_successor(step);
-        flow = match queue.step(step) {
-            Some(Step::TimedSegment(next)) => next,
-            _ => return None,
-        };
-    }
-    None
 }

@@ -22,6 +22,11 @@ const BEGINS: u64 = 500;
 const FEED_MM_S: f64 = 20.0;
 /// Least share of the feed: the plan itself has less than 0.9 of it at one place, also with a planner that is never late.
 const LEAST: f64 = 0.88;
+/// Cycles for a window on a busy host at most: too late for every request, and so late that the cycle drives tails.
+const LATE: usize = 50;
+const STARVING: usize = 1000;
+/// Cycles of the virtual clock between two things that the planner does at most: one request may follow another's reply at once.
+const MEANWHILE: usize = 40;
 
 /// What a cycle met, and what it gave.
 #[derive(Clone, Debug)]
@@ -42,13 +47,28 @@ struct Cycles {
 }
 
 impl Cycles {
+    /// As the virtual clock does.
+    fn step_if_ready(&mut self) -> bool {
+        let is_ready = self.motion.is_ready(&mut self.queue);
+        if is_ready {
+            self.step();
+        }
+        is_ready
+    }
+
+    fn run_while_ready(&mut self) {
+        for _ in 0..MEANWHILE {
+            self.step_if_ready();
+        }
+    }
+
     fn step(&mut self) {
         if self.motion.is_over() {
             return;
         }
         let sequence = self.done.len();
         let (inputs, lag) = match &self.replayed {
-            Some(recorded) => (recorded[sequence].inputs.clone(), recorded[sequence].lag),
+            Some(recorded) => (recorded[sequence].inputs, recorded[sequence].lag),
             None => {
                 let inputs = Inputs {
                     feed_override: (self.feed_override)(sequence as u64),
@@ -78,8 +98,10 @@ impl Cycles {
 struct Slow {
     sink: PlanProducer<fn() -> bool>,
     cycles: Rc<RefCell<Cycles>>,
-    /// Draws how many cycles run meanwhile; none in a replay, where the clock is virtual.
+    /// Draws how many cycles run meanwhile; none in a replay, where the clock is virtual: it waits for the planner.
     random: Option<Random>,
+    /// How many at most on a busy host.
+    longest: usize,
     /// The host has other things to do.
     is_busy: bool,
 }
@@ -121,15 +143,18 @@ impl PlanSink for Slow {
 
     /// On a quiet host a window takes most of the lead of a request, on a busy one several times that.
     fn solved(&mut self, _steps: u32) {
-        let Some(random) = &mut self.random else { return };
         let mut cycles = self.cycles.borrow_mut();
+        let Some(random) = &mut self.random else {
+            cycles.run_while_ready();
+            return;
+        };
         if random.pick(10) == 0 {
             self.is_busy = !self.is_busy;
         }
         let count = if cycles.done.is_empty() {
             0
         } else if self.is_busy {
-            20 + random.pick(30)
+            20 + random.pick(self.longest - 20)
         } else {
             6
         };
@@ -148,6 +173,9 @@ impl PlanSink for Slow {
 
     fn reply(&mut self, reply: Reply) {
         self.sink.reply(reply);
+        if self.random.is_none() {
+            self.cycles.borrow_mut().run_while_ready();
+        }
     }
 
     fn acknowledged(&self) -> u64 {
@@ -192,6 +220,7 @@ fn wave() -> Scenario {
 fn drive(
     feed_override: fn(u64) -> f64,
     random: Option<Random>,
+    longest: usize,
     replayed: Option<Vec<Recorded>>,
 ) -> Vec<Recorded> {
     let scenario = wave();
@@ -219,6 +248,7 @@ fn drive(
         sink,
         cycles: Rc::clone(&cycles),
         random,
+        longest,
         is_busy: false,
     };
     let mut planner = Planner::new(limits, rules, sink);
@@ -226,12 +256,21 @@ fn drive(
         planner.push(one, number as u32 + 1, number as u32).expect("plan");
     }
     planner.finish(9999).expect("plan");
+    let mut waits = 0;
     while !cycles.borrow().motion.is_over() {
         planner.poll().expect("plan");
         let mut cycles = cycles.borrow_mut();
-        let Cycles { motion, queue, .. } = &mut *cycles;
-        if !is_replay || motion.is_ready(queue) {
+        if !is_replay {
             cycles.step();
+        } else if cycles.step_if_ready() {
+            waits = 0;
+        } else {
+            waits += 1;
+            assert!(
+                waits < 1000,
+                "cycle {} and the planner wait for each other",
+                cycles.done.len()
+            );
         }
     }
     let done = std::mem::take(&mut cycles.borrow_mut().done);
@@ -263,8 +302,8 @@ fn a_falling_override_is_followed_however_late_the_planner_is() {
     let mut late = 0;
     for (number, feed_override) in FALLING.into_iter().enumerate() {
         for seed in 1..20 {
-            let recorded = drive(feed_override, Some(Random::from_state(seed)), None);
-            late += recorded.iter().filter(|one| one.lag.waited).count();
+            let recorded = drive(feed_override, Some(Random::from_state(seed)), LATE, None);
+            late += recorded.iter().filter(|one| one.lag.refused).count();
             let ends = recorded.len() - 200;
             for (cycle, one) in recorded.iter().enumerate().take(ends).skip(BEGINS as usize) {
                 let least = FEED_MM_S * one.inputs.feed_override;
@@ -279,18 +318,28 @@ fn a_falling_override_is_followed_however_late_the_planner_is() {
     assert!(late > 100, "{late} answers were late");
 }
 
-/// What a recorded run met of the planner is all that a replay needs.
+/// What a recorded run met of the planner is all that a replay needs, however late it was.
 #[test]
-fn late_answers_in_motion_are_replayed_bit_for_bit() {
-    let overrides: [fn(u64) -> f64; 3] = [
+fn a_run_with_a_slow_planner_is_replayed_bit_for_bit() {
+    let overrides: [fn(u64) -> f64; 4] = [
         FALLING[1],
-        |cycle| if cycle % 50 < 25 { 0.7 } else { 1.3 },
+        |cycle| if cycle % 300 < 120 { 0.7 } else { 1.3 },
         |cycle| 1.0 + 0.4 * (0.002 * cycle as f64).sin(),
+        |_| 1.0,
     ];
-    for feed_override in overrides {
-        for seed in 1..10 {
-            let recorded = drive(feed_override, Some(Random::from_state(seed)), None);
-            drive(feed_override, None, Some(recorded));
+    let (mut late, mut starved) = (0, 0);
+    for (number, feed_override) in overrides.into_iter().enumerate() {
+        for (seed, longest) in (1..8).flat_map(|seed| [(seed, LATE), (seed, STARVING)]) {
+            println!("override {number}, seed {seed}, windows of up to {longest} cycles");
+            let recorded = drive(feed_override, Some(Random::from_state(seed)), longest, None);
+            late += recorded.iter().filter(|one| one.lag.refused).count();
+            let is_starved = |one: &&Recorded| one.setpoint.flags & flags::STARVED != 0;
+            starved += recorded.iter().filter(is_starved).count();
+            drive(feed_override, None, longest, Some(recorded));
         }
     }
+    assert!(
+        late > 100 && starved > 100,
+        "{late} answers were late, {starved} cycles starved"
+    );
 }

@@ -55,9 +55,9 @@ pub mod inputs {
     pub const STOP: u32 = 2;
     /// A resume after a program stop was requested.
     pub const RESUME: u32 = 4;
-    /// The planner had not finished what the cycle needed: it stood still, or continued the previous plan.
+    /// The planner had not finished what the cycle needed: it stood still, or took the tail.
     pub const WAITED: u32 = 8;
-    /// The planner's answer to a hold or another override was discarded.
+    /// The planner had no answer to another override, or none in time, or one that was discarded.
     pub const REFUSED: u32 = 16;
     /// A new reading of the cutting load had arrived: [`load`](super::CycleRecord::load).
     pub const LOAD: u32 = 32;

@@ -98,16 +98,14 @@ impl<'a> Watch<'a> {
         };
         if let Some(starved) = self.first_starved.filter(|starved| first >= *starved) {
             verified.explanations.push(format!(
-                "the planner of the recorded run had not finished in time at cycle {starved} (flag \
-                 STARVED): its progress is not recorded, so the run can be recomputed only up to there"
+                "the planner of the recorded run had not finished in time at cycle {starved} (flag STARVED): not all \
+                 of its progress is recorded, so the run may be recomputed only up to there"
             ));
         }
         if let Some(missed) = self.first_missed.filter(|missed| first >= *missed) {
             verified.explanations.push(format!(
-                "at cycle {missed} the planner of the recorded run had no answer, or none in time, to a \
-                 hold or another \
-                 override: its plan at that time is not recorded, so the run can be recomputed only up to \
-                 there"
+                "at cycle {missed} the planner of the recorded run had no answer, or none in time, to another \
+                 override: not all of its progress is recorded, so the run may be recomputed only up to there"
             ));
         }
     }
