@@ -34,6 +34,7 @@ mod screen_server;
 mod served_drives;
 mod served_recording;
 mod served_signals;
+mod served_spindles;
 mod served_traces;
 mod signals_in_c;
 mod spindle_ramps;

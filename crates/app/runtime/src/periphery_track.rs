@@ -115,7 +115,7 @@ impl PeripheryTrack {
 mod tests {
     use std::sync::mpsc;
 
-    use evolvent_gcode::{Outputs, SpindleDirection};
+    use evolvent_gcode::{Outputs, SPINDLES, SpindleDirection};
     use evolvent_motion::Setpoint;
     use evolvent_path::Axes;
 
@@ -144,7 +144,7 @@ mod tests {
             due_time_ns: 0,
             drive: DriveRequest::ON,
             job,
-            spindle_overrides: [1.0; 4],
+            spindle_overrides: [1.0; SPINDLES],
             is_of_program: state != State::Idle,
         }
     }

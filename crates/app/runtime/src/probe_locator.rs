@@ -175,6 +175,7 @@ fn interpolate(samples: &VecDeque<Sample>, time_ns: u64) -> Option<[f64; AXES]> 
 
 #[cfg(test)]
 mod tests {
+    use evolvent_gcode::SPINDLES;
     use evolvent_motion::{Setpoint, State};
     use evolvent_path::{Axes, Jet};
 
@@ -265,7 +266,7 @@ mod tests {
                 due_time_ns: time_ns,
                 drive: DriveRequest::ON,
                 job: 0,
-                spindle_overrides: [1.0; 4],
+                spindle_overrides: [1.0; SPINDLES],
                 is_of_program: true,
             });
             locator.observe_feedback(&feedback(time_ns, x + shift));

@@ -158,6 +158,7 @@ mod tests {
     use std::time::Instant;
 
     use super::*;
+    use evolvent_gcode::SPINDLES;
     use evolvent_motion::State;
     use evolvent_path::AXES;
 
@@ -305,7 +306,7 @@ mod tests {
                 due_time_ns: 0,
                 drive: crate::due_setpoint::DriveRequest::ON,
                 job: 4,
-                spindle_overrides: [1.0; 4],
+                spindle_overrides: [1.0; SPINDLES],
                 is_of_program: true,
             });
         }

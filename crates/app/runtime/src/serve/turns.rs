@@ -55,6 +55,7 @@ mod tests {
     use std::sync::mpsc;
 
     use evolvent_drive::PowerRequest;
+    use evolvent_gcode::SPINDLES;
     use evolvent_machine::Machine;
     use evolvent_motion::{Setpoint, State};
     use evolvent_path::Axes;
@@ -116,7 +117,7 @@ mod tests {
             at_wait: false,
             is_chain_open: false,
             probe: ProbeState::default(),
-            spindle_overrides: [1.0; 4],
+            spindle_overrides: [1.0; SPINDLES],
             handwheel: HandwheelView::default(),
             leaving: LeavingView::default(),
         }
