@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use evolvent_bridge_test::BridgeUnderTest;
 use evolvent_bridge_trial::failed_cases;
-use evolvent_bus::{BusConfig, CoreBus};
+use evolvent_bus::{BusConfig, CoreBus, remove_private_domain};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_machine::Machine;
 use evolvent_mesa::{BoardSettings, InputPin, InputSource, OutputTarget};
@@ -112,5 +112,6 @@ fn an_analog_input_counts_what_a_hand_turns_at_an_encoder() {
             }
             bridge.end();
         }
+        remove_private_domain(&prefix).expect("the domain to be swept");
     });
 }
