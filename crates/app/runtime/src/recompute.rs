@@ -39,9 +39,9 @@ pub fn platform() -> String {
 pub struct RecordedInputs {
     /// The cycle's inputs.
     pub inputs: Inputs,
-    /// Whether the cycle waited for the planner, or drove on as planned before, for want of an answer.
+    /// Whether the cycle waited for the planner, or took a tail.
     pub waited: bool,
-    /// Whether an answer of the planner came to nothing.
+    /// Whether an answer of the planner came to nothing, or did not come in time.
     pub refused: bool,
 }
 

@@ -45,7 +45,7 @@ const OPEN: u64 = u64::MAX - 1;
 #[derive(Debug)]
 struct Table {
     exits: Box<[[AtomicU64; 2]]>,
-    /// Successor + 1 where it is not simply the next step; 0 where it is.
+    /// Successor + 1 where it is not simply the next step; 0 where it is; [`OPEN`] or [`CLAIMED`] before a tail.
     links: Box<[AtomicU64]>,
     committed: AtomicU64,
     complete: AtomicU64,

@@ -116,8 +116,8 @@ impl ReplanState {
 }
 
 impl PathExecutor {
-    /// Whether the plan from plan step `step` on may be driven as it is. One that has been made for a start from there may, also
-    /// where the override has changed meanwhile: an override that changes in every cycle would never let the axes start.
+    /// Whether the plan from plan step `step` on may be driven as it is. A plan that was made for a start from there may be driven even
+    /// if the override has changed meanwhile: an override that changes in every cycle would never let the axes start.
     pub(crate) fn plan_fits(&self, step: u64, brake: bool) -> bool {
         let asking = &self.asking;
         let is_wanted = asking.factor == self.feed_override || asking.answered_at == Some(step);
@@ -363,7 +363,7 @@ impl PathExecutor {
             let due = open.after.is_none_or(|after| self.sequence > after);
             let is_moving = matches!(cursor.drive, ActiveMotion::TimedSegment { .. });
             if !due && is_moving {
-                // When it was sent the plan in force was final beyond where the reply takes over, and may have been left since.
+                // When it was sent, the plan in force was final beyond where the reply takes over; the planner may have left it since.
                 return true;
             }
             let reply = if due { queue.reply(open.id) } else { None };

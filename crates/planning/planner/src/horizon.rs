@@ -482,6 +482,8 @@ impl<S: PlanSink> Horizon<S> {
                 ..self.frontier
             },
         };
+        // Before it is linked: a cycle that has come to it must not take its second piece for a tail.
+        self.sink.commit(first + committed as u64);
         let follows = match self.frontier.link {
             Some(link) => self.sink.link(link, first),
             None => true,
@@ -496,7 +498,6 @@ impl<S: PlanSink> Horizon<S> {
             return self.fall_back_to_tail();
         }
         self.add_planned_time(committed);
-        self.sink.commit(first + committed as u64);
         self.frontier = PlanFrontier { feed_factor, ..next };
         Ok(())
     }
@@ -588,6 +589,7 @@ impl<S: PlanSink> Horizon<S> {
 
     /// No plan was found, or it came too late: the cycle stops at the end of the tail and sends a request from there.
     fn fall_back_to_tail(&mut self) -> Result<(), S::Error> {
+        self.sink.commit(self.appended);
         match self.frontier.link {
             // No other step will be linked. Where the cycle executes the tail already it stays as it is.
             Some(link) => {
@@ -599,7 +601,6 @@ impl<S: PlanSink> Horizon<S> {
                 self.failures += 1;
             }
         }
-        self.sink.commit(self.appended);
         self.frontier.is_waiting = true;
         Ok(())
     }

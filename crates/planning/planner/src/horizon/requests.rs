@@ -104,6 +104,7 @@ impl<S: PlanSink> Horizon<S> {
         self.windows.planned.append(&mut self.windows.cut);
         self.frontier = pending_branch.frontier;
         self.restore_optimizer();
+        self.pieces.clear();
         true
     }
 
