@@ -256,8 +256,8 @@ impl PathExecutor {
         }
     }
 
-    /// The piece, and the time in it, so many seconds after the start of the piece that is plan step `step`; none if the axes stop
-    /// before. Settles the way to there.
+    /// The piece in which the plan is `time` seconds after the start of `flow`, which is plan step `step`, and the time since that
+    /// piece's start; none if the axes stop before. Settles the successors up to there.
     fn foresee(
         &mut self,
         (mut step, mut flow, mut time): (u64, TimedSegment, f64),

@@ -6,12 +6,12 @@ use evolvent_machine::PlannerKind;
 use evolvent_motion::{
     Inputs, PathExecutor, PlanConsumer, PlanProducer, PlannerLag, QueueClosed, Setpoint, flags, plan_queue,
 };
-use evolvent_planner::{
-    BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Reply, Request, Segment, Step,
-};
+use evolvent_planner::{PathLimits, PathRules, PlanSink, Planner, Step};
 use evolvent_timing::TimeLaw;
 
-use crate::common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, program, ratios, run};
+use crate::common::{
+    BLEND, Pair, Random, Scenario, campaign, check, equal_axes, forward_to_sink, program, ratios, run,
+};
 
 const RATES: [f64; 3] = [1000.0, 4000.0, 35_000.0];
 
@@ -95,9 +95,7 @@ struct Falsifier<W> {
 impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
     type Error = QueueClosed;
 
-    fn segment(&mut self, segment: &Segment) -> Result<(), QueueClosed> {
-        self.sink.segment(segment)
-    }
+    forward_to_sink!(segment exit commit mark leave_open link has_capacity wait request reply acknowledged withdrawn reached);
 
     fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
         let mut step = *step;
@@ -111,54 +109,6 @@ impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
             }
         }
         self.sink.step(&step)
-    }
-
-    fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
-        self.sink.exit(index, speeds);
-    }
-
-    fn commit(&mut self, count: u64) {
-        self.sink.commit(count);
-    }
-
-    fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
-        self.sink.mark(mark)
-    }
-
-    fn leave_open(&mut self, from: u64) {
-        self.sink.leave_open(from);
-    }
-
-    fn link(&mut self, from: u64, to: u64) -> bool {
-        self.sink.link(from, to)
-    }
-
-    fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
-        self.sink.has_capacity(steps, segments, marks)
-    }
-
-    fn wait(&mut self) -> Result<(), QueueClosed> {
-        self.sink.wait()
-    }
-
-    fn request(&mut self) -> Option<Request> {
-        self.sink.request()
-    }
-
-    fn reply(&mut self, reply: Reply) {
-        self.sink.reply(reply);
-    }
-
-    fn acknowledged(&self) -> u64 {
-        self.sink.acknowledged()
-    }
-
-    fn withdrawn(&self) -> u64 {
-        self.sink.withdrawn()
-    }
-
-    fn reached(&self) -> u64 {
-        self.sink.reached()
     }
 }
 

@@ -10,11 +10,9 @@ use evolvent_motion::{
     Inputs, PathExecutor, PlanConsumer, PlanProducer, PlannerLag, QueueClosed, Setpoint, plan_queue,
 };
 use evolvent_path::PathMode;
-use evolvent_planner::{
-    BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Reply, Request, Segment, Step,
-};
+use evolvent_planner::{PlanSink, Reply, Segment, Step};
 
-use crate::common::{Random, Scenario, campaign, scenario};
+use crate::common::{Random, Scenario, campaign, forward_to_sink, scenario};
 
 /// Changes of the override at one rest: then it stays as it is, so that the axes move again.
 const MAX_CHANGES: u32 = 12;
@@ -72,7 +70,7 @@ impl Cycles {
         assert!(self.done.len() < 1_000_000, "does not end");
     }
 
-    /// The override changes at rest only: in motion a plan that is not answered in time cannot be replayed.
+    /// The override changes at rest only; `slow_planner.rs` changes it in motion.
     fn live_inputs(&mut self) -> Inputs {
         if !self.motion.is_at_rest() {
             self.changes_left = MAX_CHANGES;
@@ -86,7 +84,7 @@ impl Cycles {
         }
     }
 
-    /// A cycle in the middle of the planner's work. In real time at rest only: a starved plan cannot be replayed.
+    /// A cycle in the middle of the planner's work. In real time at rest only; `slow_planner.rs` has cycles in motion.
     fn interrupt(&mut self, probability: f64) {
         let may_step = match self.replayed {
             None => self.motion.is_at_rest(),
@@ -113,6 +111,8 @@ impl Interrupted {
 impl PlanSink for Interrupted {
     type Error = QueueClosed;
 
+    forward_to_sink!(exit mark leave_open has_capacity wait request acknowledged withdrawn reached);
+
     fn segment(&mut self, segment: &Segment) -> Result<(), QueueClosed> {
         self.sink.segment(segment)?;
         self.interrupt(WITHIN_PLAN);
@@ -125,21 +125,9 @@ impl PlanSink for Interrupted {
         Ok(())
     }
 
-    fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
-        self.sink.exit(index, speeds);
-    }
-
     fn commit(&mut self, count: u64) {
         self.sink.commit(count);
         self.interrupt(WITHIN_PLAN);
-    }
-
-    fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
-        self.sink.mark(mark)
-    }
-
-    fn leave_open(&mut self, from: u64) {
-        self.sink.leave_open(from);
     }
 
     fn link(&mut self, from: u64, to: u64) -> bool {
@@ -148,33 +136,9 @@ impl PlanSink for Interrupted {
         linked
     }
 
-    fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
-        self.sink.has_capacity(steps, segments, marks)
-    }
-
-    fn wait(&mut self) -> Result<(), QueueClosed> {
-        self.sink.wait()
-    }
-
-    fn request(&mut self) -> Option<Request> {
-        self.sink.request()
-    }
-
     fn reply(&mut self, reply: Reply) {
         self.sink.reply(reply);
         self.interrupt(AFTER_ANSWER);
-    }
-
-    fn acknowledged(&self) -> u64 {
-        self.sink.acknowledged()
-    }
-
-    fn withdrawn(&self) -> u64 {
-        self.sink.withdrawn()
-    }
-
-    fn reached(&self) -> u64 {
-        self.sink.reached()
     }
 }
 
@@ -191,19 +155,12 @@ fn drive(scenario: &Scenario, random: Random, replayed: Option<Vec<Recorded>>) -
         done: Vec::new(),
         replayed,
     }));
-    let rules = PathRules {
-        blend_tolerance_mm: 0.01,
-        joint_time_s: 0.001,
-        planner: PlannerKind::Optimal,
-        feed_override: 1.0,
-    };
     let period_s = scenario.period_ns as f64 * 1e-9;
-    let limits = PathLimits::new(scenario.limits, 1.0 / period_s, scenario.chord_error_mm);
     let sink = Interrupted {
         sink,
         cycles: Rc::clone(&cycles),
     };
-    let mut planner = Planner::new(limits, rules, sink);
+    let mut planner = scenario.planner(1.0, sink);
     for (number, one) in scenario.moves.iter().enumerate() {
         planner.push(one, number as u32 + 1, number as u32).expect("plan");
         let dwell = Step::Dwell {

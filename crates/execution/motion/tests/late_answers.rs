@@ -7,12 +7,10 @@ use std::rc::Rc;
 
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, PlanConsumer, PlanProducer, QueueClosed, Setpoint, State, plan_queue};
-use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
-use evolvent_planner::{
-    BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Reply, Request, Segment, Step,
-};
+use evolvent_path::{Axes, Curve, Line, Move};
+use evolvent_planner::{PlanSink, Planner, Reply, Step};
 
-use crate::common::{BLEND, Scenario, campaign, check, equal_axes, scenario};
+use crate::common::{BLEND, Scenario, campaign, check, forward_to_sink, scenario, wave};
 
 /// Loses so many answers: the same to the cycle as if they came too late.
 struct Losing<S> {
@@ -23,88 +21,13 @@ struct Losing<S> {
 impl<S: PlanSink<Error = QueueClosed>> PlanSink for Losing<S> {
     type Error = QueueClosed;
 
-    fn segment(&mut self, segment: &Segment) -> Result<(), QueueClosed> {
-        self.sink.segment(segment)
-    }
-
-    fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
-        self.sink.step(step)
-    }
-
-    fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
-        self.sink.exit(index, speeds);
-    }
-
-    fn commit(&mut self, count: u64) {
-        self.sink.commit(count);
-    }
-
-    fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
-        self.sink.mark(mark)
-    }
-
-    fn leave_open(&mut self, from: u64) {
-        self.sink.leave_open(from);
-    }
-
-    fn link(&mut self, from: u64, to: u64) -> bool {
-        self.sink.link(from, to)
-    }
-
-    fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
-        self.sink.has_capacity(steps, segments, marks)
-    }
-
-    fn wait(&mut self) -> Result<(), QueueClosed> {
-        self.sink.wait()
-    }
-
-    fn request(&mut self) -> Option<Request> {
-        self.sink.request()
-    }
+    forward_to_sink!(segment step exit commit mark leave_open link has_capacity wait request acknowledged withdrawn reached);
 
     fn reply(&mut self, reply: Reply) {
         match self.left.get().checked_sub(1) {
             Some(left) => self.left.set(left),
             None => self.sink.reply(reply),
         }
-    }
-
-    fn acknowledged(&self) -> u64 {
-        self.sink.acknowledged()
-    }
-
-    fn withdrawn(&self) -> u64 {
-        self.sink.withdrawn()
-    }
-
-    fn reached(&self) -> u64 {
-        self.sink.reached()
-    }
-}
-
-/// A wave in chords of 0.1 mm.
-fn wave(blocks: usize) -> Scenario {
-    let at = |k: usize| {
-        let s = 0.1 * k as f64;
-        let mut point = Axes::zeros();
-        (point[0], point[1]) = (s, 4.0 * (0.2 * s).sin() + (0.9 * s).cos());
-        point
-    };
-    let moves = (0..blocks)
-        .map(|k| Move {
-            curve: Curve::Line(Line::new(at(k), at(k + 1)).expect("line")),
-            kind: MoveKind::Feed,
-            feed_mm_s: 20.0,
-            path_mode: BLEND,
-        })
-        .collect();
-    Scenario {
-        limits: equal_axes(250.0, 2000.0, 50_000.0),
-        period_ns: 1_000_000,
-        moves,
-        chord_error_mm: 1e-3,
-        planner: PlannerKind::Optimal,
     }
 }
 
@@ -118,20 +41,12 @@ type LosingPlanner = Planner<Losing<PlanProducer<fn() -> bool>>>;
 /// A planner whose first `lost` answers get lost, its queue, and how many more will.
 fn planner_and_queue(scenario: &Scenario, lost: u32) -> (LosingPlanner, PlanConsumer, Rc<Cell<u32>>) {
     let (producer, queue): (PlanProducer<fn() -> bool>, _) = plan_queue(|| false);
-    let rules = PathRules {
-        blend_tolerance_mm: 0.01,
-        joint_time_s: 0.001,
-        planner: PlannerKind::Optimal,
-        feed_override: 1.0,
-    };
     let left = Rc::new(Cell::new(lost));
     let sink = Losing {
         sink: producer,
         left: Rc::clone(&left),
     };
-    let rate = 1e9 / scenario.period_ns as f64;
-    let limits = PathLimits::new(scenario.limits, rate, scenario.chord_error_mm);
-    (Planner::new(limits, rules, sink), queue, left)
+    (scenario.planner(1.0, sink), queue, left)
 }
 
 fn drive_along(

@@ -5,21 +5,16 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use evolvent_machine::PlannerKind;
 use evolvent_motion::{
     Inputs, PathExecutor, PlanConsumer, PlanProducer, PlannerLag, QueueClosed, Setpoint, State, flags,
     plan_queue,
 };
-use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
-use evolvent_planner::{
-    BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Reply, Request, Segment, Step,
-};
+use evolvent_planner::{PlanSink, Reply};
 
-use crate::common::{BLEND, Random, Scenario, check, equal_axes};
+use crate::common::{Random, WAVE_FEED_MM_S, check, forward_to_sink, wave};
 
 /// The cycle at which the override begins to change.
 const BEGINS: u64 = 500;
-const FEED_MM_S: f64 = 20.0;
 /// Least share of the feed: the plan itself has less than 0.9 of it at one place, also with a planner that is never late.
 const LEAST: f64 = 0.88;
 /// Cycles for a window on a busy host at most: too late for every request, and so late that the cycle drives tails.
@@ -109,37 +104,7 @@ struct Slow {
 impl PlanSink for Slow {
     type Error = QueueClosed;
 
-    fn segment(&mut self, segment: &Segment) -> Result<(), QueueClosed> {
-        self.sink.segment(segment)
-    }
-
-    fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
-        self.sink.step(step)
-    }
-
-    fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
-        self.sink.exit(index, speeds);
-    }
-
-    fn commit(&mut self, count: u64) {
-        self.sink.commit(count);
-    }
-
-    fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
-        self.sink.mark(mark)
-    }
-
-    fn leave_open(&mut self, from: u64) {
-        self.sink.leave_open(from);
-    }
-
-    fn link(&mut self, from: u64, to: u64) -> bool {
-        self.sink.link(from, to)
-    }
-
-    fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
-        self.sink.has_capacity(steps, segments, marks)
-    }
+    forward_to_sink!(segment step exit commit mark leave_open link has_capacity wait request acknowledged withdrawn reached);
 
     /// On a quiet host a window takes most of the lead of a request, on a busy one several times that.
     fn solved(&mut self, _steps: u32) {
@@ -163,56 +128,11 @@ impl PlanSink for Slow {
         }
     }
 
-    fn wait(&mut self) -> Result<(), QueueClosed> {
-        self.sink.wait()
-    }
-
-    fn request(&mut self) -> Option<Request> {
-        self.sink.request()
-    }
-
     fn reply(&mut self, reply: Reply) {
         self.sink.reply(reply);
         if self.random.is_none() {
             self.cycles.borrow_mut().run_while_ready();
         }
-    }
-
-    fn acknowledged(&self) -> u64 {
-        self.sink.acknowledged()
-    }
-
-    fn withdrawn(&self) -> u64 {
-        self.sink.withdrawn()
-    }
-
-    fn reached(&self) -> u64 {
-        self.sink.reached()
-    }
-}
-
-/// A wave in chords of 0.1 mm: a window of the planner lasts 0.4 s at its feed.
-fn wave() -> Scenario {
-    let at = |k: usize| {
-        let s = 0.1 * k as f64;
-        let mut point = Axes::zeros();
-        (point[0], point[1]) = (s, 4.0 * (0.2 * s).sin() + (0.9 * s).cos());
-        point
-    };
-    let moves = (0..500)
-        .map(|k| Move {
-            curve: Curve::Line(Line::new(at(k), at(k + 1)).expect("line")),
-            kind: MoveKind::Feed,
-            feed_mm_s: FEED_MM_S,
-            path_mode: BLEND,
-        })
-        .collect();
-    Scenario {
-        limits: equal_axes(250.0, 2000.0, 50_000.0),
-        period_ns: 1_000_000,
-        moves,
-        chord_error_mm: 1e-3,
-        planner: PlannerKind::Optimal,
     }
 }
 
@@ -223,7 +143,7 @@ fn drive(
     longest: usize,
     replayed: Option<Vec<Recorded>>,
 ) -> Vec<Recorded> {
-    let scenario = wave();
+    let scenario = wave(500);
     let is_replay = replayed.is_some();
     let (sink, queue): (PlanProducer<fn() -> bool>, _) = plan_queue(|| false);
     let cycles = Rc::new(RefCell::new(Cycles {
@@ -233,17 +153,6 @@ fn drive(
         done: Vec::new(),
         replayed,
     }));
-    let rules = PathRules {
-        blend_tolerance_mm: 0.01,
-        joint_time_s: 0.001,
-        planner: PlannerKind::Optimal,
-        feed_override: 1.0,
-    };
-    let limits = PathLimits::new(
-        scenario.limits,
-        1e9 / scenario.period_ns as f64,
-        scenario.chord_error_mm,
-    );
     let sink = Slow {
         sink,
         cycles: Rc::clone(&cycles),
@@ -251,7 +160,7 @@ fn drive(
         longest,
         is_busy: false,
     };
-    let mut planner = Planner::new(limits, rules, sink);
+    let mut planner = scenario.planner(1.0, sink);
     for (number, one) in scenario.moves.iter().enumerate() {
         planner.push(one, number as u32 + 1, number as u32).expect("plan");
     }
@@ -280,7 +189,7 @@ fn drive(
     done
 }
 
-/// Changes by this factor every so many cycles, down to 0.2.
+/// An override that is multiplied by `factor` every `every` cycles, down to 0.2.
 fn falling(cycle: u64, factor: f64, every: u64) -> f64 {
     factor
         .powi((cycle.saturating_sub(BEGINS) / every) as i32)
@@ -306,7 +215,7 @@ fn a_falling_override_is_followed_however_late_the_planner_is() {
             late += recorded.iter().filter(|one| one.lag.refused).count();
             let ends = recorded.len() - 200;
             for (cycle, one) in recorded.iter().enumerate().take(ends).skip(BEGINS as usize) {
-                let least = FEED_MM_S * one.inputs.feed_override;
+                let least = WAVE_FEED_MM_S * one.inputs.feed_override;
                 assert!(
                     one.setpoint.feed_mm_s > LEAST * least && one.setpoint.flags & flags::STARVED == 0,
                     "override {number}, seed {seed}: {} of {least} mm/s at {cycle}",

@@ -11,8 +11,84 @@
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, PlanProducer, Setpoint, flags, plan_queue};
 use evolvent_path::{AXES, Arc, Axes, Curve, Involute, Line, Move, MoveKind, PathMode, Plane, Sense};
-use evolvent_planner::{PathLimits, PathRules, Planner};
+use evolvent_planner::{PathLimits, PathRules, PlanSink, Planner};
 pub use evolvent_random::Random;
+
+/// Passes methods of a [`evolvent_planner::PlanSink`] on to `self.sink`: a sink of a test has only what it changes.
+macro_rules! forward_to_sink {
+    ($($method:ident)*) => { $(crate::common::forward_to_sink!(@ $method);)* };
+    (@ segment) => {
+        fn segment(&mut self, segment: &evolvent_planner::Segment) -> Result<(), evolvent_motion::QueueClosed> {
+            self.sink.segment(segment)
+        }
+    };
+    (@ step) => {
+        fn step(&mut self, step: &evolvent_planner::Step) -> Result<(), evolvent_motion::QueueClosed> {
+            self.sink.step(step)
+        }
+    };
+    (@ exit) => {
+        fn exit(&mut self, index: u64, speeds: evolvent_planner::ExitSpeeds) {
+            self.sink.exit(index, speeds);
+        }
+    };
+    (@ commit) => {
+        fn commit(&mut self, count: u64) {
+            self.sink.commit(count);
+        }
+    };
+    (@ mark) => {
+        fn mark(&mut self, mark: &evolvent_planner::BlockMark) -> Result<(), evolvent_motion::QueueClosed> {
+            self.sink.mark(mark)
+        }
+    };
+    (@ leave_open) => {
+        fn leave_open(&mut self, from: u64) {
+            self.sink.leave_open(from);
+        }
+    };
+    (@ link) => {
+        fn link(&mut self, from: u64, to: u64) -> bool {
+            self.sink.link(from, to)
+        }
+    };
+    (@ has_capacity) => {
+        fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
+            self.sink.has_capacity(steps, segments, marks)
+        }
+    };
+    (@ wait) => {
+        fn wait(&mut self) -> Result<(), evolvent_motion::QueueClosed> {
+            self.sink.wait()
+        }
+    };
+    (@ request) => {
+        fn request(&mut self) -> Option<evolvent_planner::Request> {
+            self.sink.request()
+        }
+    };
+    (@ reply) => {
+        fn reply(&mut self, reply: evolvent_planner::Reply) {
+            self.sink.reply(reply);
+        }
+    };
+    (@ acknowledged) => {
+        fn acknowledged(&self) -> u64 {
+            self.sink.acknowledged()
+        }
+    };
+    (@ withdrawn) => {
+        fn withdrawn(&self) -> u64 {
+            self.sink.withdrawn()
+        }
+    };
+    (@ reached) => {
+        fn reached(&self) -> u64 {
+            self.sink.reached()
+        }
+    };
+}
+pub(crate) use forward_to_sink;
 
 /// The same limits on every axis, and travel that nothing leaves.
 pub fn equal_axes(velocity: f64, acceleration: f64, jerk: f64) -> Limits {
@@ -177,11 +253,7 @@ pub struct Scenario {
 }
 
 impl Scenario {
-    pub fn planner<W: FnMut() -> bool>(
-        &self,
-        feed_override: f64,
-        sink: PlanProducer<W>,
-    ) -> Planner<PlanProducer<W>> {
+    pub fn planner<S: PlanSink>(&self, feed_override: f64, sink: S) -> Planner<S> {
         let rate = 1e9 / self.period_ns as f64;
         let rules = PathRules {
             blend_tolerance_mm: 0.01,
@@ -195,6 +267,34 @@ impl Scenario {
 
     pub fn motion(&self) -> PathExecutor {
         PathExecutor::new(self.limits, self.period_ns, self.moves[0].curve.start())
+    }
+}
+
+/// Feed of [`wave`].
+pub const WAVE_FEED_MM_S: f64 = 20.0;
+
+/// A wave in chords of 0.1 mm: a window of the planner lasts 0.4 s at its feed.
+pub fn wave(blocks: usize) -> Scenario {
+    let at = |k: usize| {
+        let s = 0.1 * k as f64;
+        let mut point = Axes::zeros();
+        (point[0], point[1]) = (s, 4.0 * (0.2 * s).sin() + (0.9 * s).cos());
+        point
+    };
+    let moves = (0..blocks)
+        .map(|k| Move {
+            curve: Curve::Line(Line::new(at(k), at(k + 1)).expect("line")),
+            kind: MoveKind::Feed,
+            feed_mm_s: WAVE_FEED_MM_S,
+            path_mode: BLEND,
+        })
+        .collect();
+    Scenario {
+        limits: equal_axes(250.0, 2000.0, 50_000.0),
+        period_ns: 1_000_000,
+        moves,
+        chord_error_mm: 1e-3,
+        planner: PlannerKind::Optimal,
     }
 }
 
