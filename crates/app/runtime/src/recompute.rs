@@ -80,7 +80,8 @@ pub(crate) fn wait_for_planner(mut ready: impl FnMut() -> bool) {
 /// where that is something else, and says whether to go on.
 ///
 /// The setpoints are those of the recorded run, bit for bit, if this program is the same version for the same kind of
-/// processor, unless the recorded run was starved: how much of a plan a real-time planner had ready is not recorded.
+/// processor, unless its planner was late in motion in one of the rare ways that cannot be repeated (ADR 71), or a classic planner
+/// was starved, whose progress is not recorded.
 ///
 /// # Errors
 /// The operating system gives no thread.

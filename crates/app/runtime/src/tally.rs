@@ -96,6 +96,10 @@ impl<S: PlanSink> PlanSink for Tally<S> {
         self.sink.leave_open(from);
     }
 
+    fn keep_place(&mut self, wait: u64) {
+        self.sink.keep_place(wait);
+    }
+
     fn link(&mut self, from: u64, to: u64) -> bool {
         self.sink.link(from, to)
     }

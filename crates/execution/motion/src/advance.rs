@@ -100,6 +100,7 @@ impl PathExecutor {
         queue: &mut PlanConsumer,
         lag: PlannerLag,
     ) -> bool {
+        cursor.step = queue.occupant(cursor.step);
         if !cursor.rest.awaits_plan {
             return self.enter_step(cursor, from, brake, inputs, queue, lag);
         }
@@ -157,6 +158,11 @@ impl PathExecutor {
                 }
                 cursor.starved = false;
                 cursor.start(flow);
+            }
+            // As if the step that will stand in its place had not come yet.
+            Step::Wait if queue.keeps_place(cursor.step) => {
+                self.waited = true;
+                return false;
             }
             Step::Wait => {
                 // Whether the step itself was there yet is what a replay has to repeat.

@@ -41,11 +41,16 @@ pub const STEPS_AHEAD: u64 = 64;
 const CLAIMED: u64 = u64::MAX;
 /// A link that the planner has left open: the step after begins a tail.
 const OPEN: u64 = u64::MAX - 1;
+/// The link of a step that keeps the place of what follows a stop, until that has been appended.
+const PLACE: u64 = u64::MAX - 2;
+/// Bit of the link of such a step once it has: the others are the successor + 1.
+const TAKEN: u64 = 1 << 63;
 
 #[derive(Debug)]
 struct Table {
     exits: Box<[[AtomicU64; 2]]>,
-    /// Successor + 1 where it is not simply the next step; 0 where it is; [`OPEN`] or [`CLAIMED`] before a tail.
+    /// Successor + 1 where it is not simply the next step; 0 where it is; [`OPEN`] or [`CLAIMED`] before a tail; [`PLACE`], or the
+    /// successor + 1 with [`TAKEN`], of a step that keeps a place.
     links: Box<[AtomicU64]>,
     committed: AtomicU64,
     complete: AtomicU64,
@@ -63,6 +68,21 @@ impl Table {
 
     fn link(&self, index: u64) -> &AtomicU64 {
         &self.links[(index % self.links.len() as u64) as usize]
+    }
+
+    /// What stands in the place of step `index`, and whether it is final: the step itself unless it keeps the place of another.
+    /// `committed` was read before.
+    fn occupant(&self, index: u64, committed: u64) -> (u64, bool) {
+        // The link of a step that is not final yet may be that of an older one.
+        if committed <= index {
+            return (index, false);
+        }
+        match self.link(index).load(Ordering::Acquire) {
+            OPEN | CLAIMED => (index, true),
+            PLACE => (index, false),
+            link if link & TAKEN != 0 => ((link & !TAKEN) - 1, true),
+            _ => (index, true),
+        }
     }
 }
 
@@ -211,11 +231,14 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
         self.table.link(from).store(OPEN, Ordering::Release);
     }
 
+    fn keep_place(&mut self, wait: u64) {
+        self.table.link(wait).store(PLACE, Ordering::Release);
+    }
+
     fn link(&mut self, from: u64, to: u64) -> bool {
-        self.table
-            .link(from)
-            .compare_exchange(OPEN, to + 1, Ordering::AcqRel, Ordering::Acquire)
-            .is_ok()
+        let link = self.table.link(from);
+        let exchange = |from, to| link.compare_exchange(from, to, Ordering::AcqRel, Ordering::Acquire);
+        exchange(OPEN, to + 1).is_ok() || exchange(PLACE, (to + 1) | TAKEN).is_ok()
     }
 
     fn has_capacity(&self, steps: usize, segments: usize, marks: usize) -> bool {
@@ -308,6 +331,19 @@ impl PlanConsumer {
         self.table.committed.load(Ordering::Acquire) > index
     }
 
+    /// What stands in the place of step `index`: another one if step `index` only keeps its place.
+    #[must_use]
+    pub fn occupant(&self, index: u64) -> u64 {
+        let committed = self.table.committed.load(Ordering::Acquire);
+        self.table.occupant(index, committed).0
+    }
+
+    /// Whether step `index` keeps the place of one that has not been appended.
+    #[must_use]
+    pub fn keeps_place(&self, index: u64) -> bool {
+        self.is_final(index) && self.table.link(index).load(Ordering::Acquire) == PLACE
+    }
+
     /// Whether it is settled that the tail after step `index` is driven.
     #[must_use]
     pub fn is_claimed(&self, index: u64) -> bool {
@@ -320,7 +356,7 @@ impl PlanConsumer {
         // In this order: what is final was left open or linked before it was declared final.
         let committed = self.table.committed.load(Ordering::Acquire);
         match self.table.link(index).load(Ordering::Acquire) {
-            0 => (index + 1, index + 1 < committed),
+            0 => self.table.occupant(index + 1, committed),
             OPEN | CLAIMED => (index + 1, false),
             // Only what is committed is linked, also where that has not been declared final yet.
             link => (link - 1, true),
@@ -529,6 +565,31 @@ mod tests {
         let (mut producer, consumer) = four();
         assert!(!producer.link(0, 2));
         assert_eq!(consumer.successor(0), (1, true));
+    }
+
+    #[test]
+    fn a_place_that_is_kept_after_a_stop_is_that_of_the_step_that_is_linked_to_it() {
+        let (mut producer, mut consumer) = plan_queue(|| false);
+        for step in [dwell(0), Step::Wait] {
+            producer.step(&step).expect("room");
+        }
+        producer.keep_place(1);
+        assert!(!consumer.keeps_place(1), "not final yet");
+        producer.commit(2);
+        assert!(consumer.keeps_place(1) && !consumer.keeps_place(0));
+        assert_eq!(consumer.successor(0), (1, false));
+        // The plan of a reply that is not taken over, and what follows the stop.
+        for line in 2..4 {
+            producer.step(&dwell(line)).expect("room");
+        }
+        producer.commit(4);
+        assert_eq!((consumer.successor(0), consumer.occupant(1)), ((1, false), 1));
+        assert!(producer.link(1, 3));
+        assert!(!producer.link(1, 2), "there is one");
+        assert_eq!((consumer.successor(0), consumer.occupant(1)), ((3, true), 3));
+        assert_eq!(consumer.claim_successor(0), (3, true));
+        assert!(!consumer.keeps_place(1));
+        assert_eq!(consumer.occupant(3), 3, "any other step stands for itself");
     }
 
     #[test]

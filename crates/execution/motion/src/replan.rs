@@ -313,7 +313,7 @@ impl PathExecutor {
         {
             return false;
         }
-        let step = self.cursor.step;
+        let step = queue.occupant(self.cursor.step);
         let goes_on = match queue.step(step) {
             None | Some(Step::Wait) => false,
             Some(_) => queue.is_final(step),
@@ -386,20 +386,24 @@ impl PathExecutor {
             }
         }
         let first = step;
+        let mut rests = 0;
         let (flow, time) = match cursor.drive {
             // Where a reply has come it takes over now.
             ActiveMotion::TimedSegment { flow, time } => answered.map_or((flow, time), |flow| (flow, 0.0)),
             ActiveMotion::Run(_) => return queue.has_final_ahead(step),
             // Steps at rest that take no time are passed in one cycle: what follows them must be known, if it gets there.
             ActiveMotion::Still => loop {
-                if step >= first + MAX_RESTS_PER_CYCLE {
+                step = queue.occupant(step);
+                if rests >= MAX_RESTS_PER_CYCLE {
                     return true;
                 }
+                rests += 1;
                 match queue.step(step) {
                     None => return false,
                     Some(Step::Run(_)) => return queue.has_final_ahead(first),
                     Some(Step::TimedSegment(flow)) if queue.is_final(step) => break (flow, 0.0),
                     Some(Step::TimedSegment(_)) => return false,
+                    Some(Step::Wait) if queue.keeps_place(step) => return queue.has_no_planner(),
                     // The machine stands at a wait for one step at least before it goes on.
                     Some(Step::Wait | Step::InputWait { .. } | Step::End { .. }) => return true,
                     Some(Step::Turning { .. } | Step::Probe { .. } | Step::Thread { .. }) => {
@@ -426,6 +430,7 @@ impl PathExecutor {
             match queue.step(next) {
                 Some(Step::TimedSegment(flow)) if is_final || tail => left -= flow.piece.duration_s,
                 Some(Step::TimedSegment(_)) | None => return false,
+                Some(Step::Wait) if queue.keeps_place(next) => return queue.has_no_planner(),
                 Some(_) => return true,
             }
             step = next;

@@ -95,7 +95,7 @@ struct Falsifier<W> {
 impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
     type Error = QueueClosed;
 
-    forward_to_sink!(segment exit commit mark leave_open link has_capacity wait request reply acknowledged withdrawn reached);
+    forward_to_sink!(segment exit commit mark leave_open keep_place link has_capacity wait request reply acknowledged withdrawn reached);
 
     fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
         let mut step = *step;

@@ -59,7 +59,8 @@ struct PlannedWindow {
 struct PlanFrontier {
     place: PathPosition,
     entry: Entry,
-    /// The committed step that the next window follows, if a tail follows it now.
+    /// The step that the next one is linked to: the last committed one, if a tail follows it now, or the Wait that keeps the place after
+    /// a stop.
     link: Option<u64>,
     /// Index in `rests` of the next stop.
     rest: usize,
@@ -310,6 +311,7 @@ impl<S: PlanSink> Horizon<S> {
                 self.sink.step(&step)?;
                 self.appended += 1;
                 self.sink.commit(self.appended);
+                self.take_place(self.appended - 1);
             }
             self.frontier.rest += 1;
         }
@@ -592,17 +594,25 @@ impl<S: PlanSink> Horizon<S> {
         self.sink.commit(self.appended);
         match self.frontier.link {
             // No other step will be linked. Where the cycle executes the tail already it stays as it is.
-            Some(link) => {
+            Some(link) if matches!(self.frontier.entry, Entry::Moving { .. }) => {
                 let _is_in_time = self.sink.link(link, link + 1);
             }
-            None => {
+            _ => {
                 // At rest with nothing to follow: the cycle waits and sends a request.
                 self.append_wait()?;
+                self.take_place(self.appended - 1);
                 self.failures += 1;
             }
         }
         self.frontier.is_waiting = true;
         Ok(())
+    }
+
+    /// Step `step` is what follows the stop at the frontier, where a Wait keeps its place.
+    fn take_place(&mut self, step: u64) {
+        if let Some(wait) = self.frontier.link.take() {
+            let _is_free = self.sink.link(wait, step);
+        }
     }
 
     fn append_wait(&mut self) -> Result<(), S::Error> {

@@ -251,7 +251,14 @@ pub trait PlanSink {
         let _ = from;
     }
 
-    /// Makes step `to` the successor of step `from`, which was left open. False if the consumer has already continued from `from`.
+    /// Step `wait`, a [`Step::Wait`] after a stop, only keeps the place of what follows the stop: when that is appended, it is linked to
+    /// `wait`. The consumer rests there until then.
+    fn keep_place(&mut self, wait: u64) {
+        let _ = wait;
+    }
+
+    /// Makes step `to` the successor of step `from`, which was left open or keeps a place. False if the consumer has already continued
+    /// from `from`.
     fn link(&mut self, from: u64, to: u64) -> bool {
         let _ = (from, to);
         true

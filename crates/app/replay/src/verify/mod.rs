@@ -52,7 +52,7 @@ pub struct Verified {
     pub first_difference: Option<Difference>,
     /// Maximum difference of a position, mm or degrees.
     pub greatest_difference: f64,
-    /// Possible reasons for a difference: another version, another kind of processor, a starved planner.
+    /// Possible reasons for a difference: another version, another kind of processor, a planner that was late.
     pub explanations: Vec<String>,
     /// Samples that exceed a limit, by differences of the recorded positions alone.
     pub limit_violations: u64,

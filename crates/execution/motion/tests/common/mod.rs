@@ -47,6 +47,11 @@ macro_rules! forward_to_sink {
             self.sink.leave_open(from);
         }
     };
+    (@ keep_place) => {
+        fn keep_place(&mut self, wait: u64) {
+            self.sink.keep_place(wait);
+        }
+    };
     (@ link) => {
         fn link(&mut self, from: u64, to: u64) -> bool {
             self.sink.link(from, to)

@@ -3,7 +3,7 @@
 use evolvent_timing::{Entry, PathPosition};
 
 use super::{Horizon, PendingBranch, PlanFrontier, RestPoint};
-use crate::step::{PlanSink, Reply, Request};
+use crate::step::{PlanSink, Reply, Request, Step};
 
 impl<S: PlanSink> Horizon<S> {
     /// Answers the open request as soon as enough path is known. That amount must not depend on how the program text arrives.
@@ -74,8 +74,11 @@ impl<S: PlanSink> Horizon<S> {
         }
         if self.frontier.link.is_none() && !self.frontier.is_waiting {
             // A stop's successor follows its step: a cycle that continues as planned must not find the reply there.
-            self.append_wait()?;
-            self.frontier.is_waiting = true;
+            self.sink.step(&Step::Wait)?;
+            self.sink.keep_place(self.appended);
+            self.frontier.link = Some(self.appended);
+            self.appended += 1;
+            self.sink.commit(self.appended);
         }
         self.windows.pending_branch = Some(PendingBranch {
             id: request.id,
