@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use evolvent_machine::PlannerKind;
-use evolvent_motion::{Inputs, Setpoint, State, plan_queue};
+use evolvent_motion::{Inputs, PlannerLag, Setpoint, State, plan_queue};
 use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
 use evolvent_planner::Step;
 
@@ -85,21 +85,91 @@ fn line(from: Axes, to: Axes, feed: f64) -> Move {
     }
 }
 
-#[test]
-fn overrides_are_answered_when_the_queue_is_full_of_steps() {
+fn zigzag(count: usize) -> Vec<Move> {
     let at = |k: usize| {
         let mut point = Axes::zeros();
         (point[0], point[1]) = (k as f64, f64::from(u8::from(k % 2 == 1)));
         point
     };
-    let moves = (0..6000).map(|k| line(at(k), at(k + 1), 50.0)).collect();
+    (0..count).map(|k| line(at(k), at(k + 1), 50.0)).collect()
+}
+
+#[test]
+fn overrides_are_answered_when_the_queue_is_full_of_steps() {
     let wishes: Vec<_> = (0..5)
         .map(|k| Inputs {
             feed_override: [1.0, 0.5][k % 2],
             ..Inputs::default()
         })
         .collect();
-    drive(moves, &wishes);
+    drive(zigzag(6000), &wishes);
+}
+
+/// Each answer that is not taken over stays in the queue until the cycle has passed it. When no more fits, the cycle must not wait for
+/// the planner, which waits for the cycle.
+#[test]
+fn answers_that_came_to_nothing_do_not_stop_the_next() {
+    let moves = zigzag(6000);
+    let scenario = scenario(moves, PlannerKind::Optimal);
+    let (waits, over) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
+    let (counted, ended) = (Arc::clone(&waits), Arc::clone(&over));
+    let (producer, mut queue) = plan_queue(move || {
+        counted.fetch_add(1, Ordering::Relaxed);
+        std::thread::sleep(Duration::from_micros(200));
+        !ended.load(Ordering::Relaxed)
+    });
+    let mut motion = scenario.motion();
+    std::thread::scope(|scope| {
+        let planner = scope.spawn(|| {
+            let mut planner = scenario.planner(1.0, producer);
+            for (i, one) in scenario.moves.iter().enumerate() {
+                if planner.push(one, i as u32 + 1, i as u32).is_err() {
+                    return;
+                }
+            }
+        });
+        let start = Instant::now();
+        while waits.load(Ordering::Relaxed) < 50 && start.elapsed() < PATIENCE {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let (mut setpoints, mut refusals, mut is_stuck) = (Vec::<Setpoint>::new(), 0, false);
+        for cycle in 0..20_000 {
+            let since = Instant::now();
+            while !motion.is_ready(&mut queue) && !is_stuck {
+                std::thread::yield_now();
+                is_stuck = since.elapsed() > PATIENCE;
+            }
+            if is_stuck {
+                break;
+            }
+            let wish = Inputs {
+                feed_override: 0.995_f64.powi(cycle / 40),
+                ..Inputs::default()
+            };
+            // As a recorded run whose planner was late every time.
+            let lag = PlannerLag {
+                refused: true,
+                ..PlannerLag::default()
+            };
+            setpoints.push(motion.replay_step(&wish, &mut queue, lag));
+            refusals += u32::from(motion.was_refused());
+        }
+        over.store(true, Ordering::Relaxed);
+        planner.join().expect("planner");
+        assert!(
+            !is_stuck,
+            "cycle and planner wait for each other at cycle {}, after {refusals} refusals",
+            setpoints.len()
+        );
+        assert!(refusals > 8, "{refusals} answers came to nothing");
+        check(
+            &scenario,
+            &setpoints,
+            &motion,
+            0.02,
+            "answers that came to nothing",
+        );
+    });
 }
 
 #[test]

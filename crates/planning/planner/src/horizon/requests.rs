@@ -57,20 +57,21 @@ impl<S: PlanSink> Horizon<S> {
         }
         self.windows.cut.extend(self.windows.planned.drain(known..));
         let (steps, segments, marks) = (self.pieces.len() + 3, self.segments_needed(), self.marks_needed());
-        loop {
-            // The cycle may have stopped and sent a request from there; then it accepts nothing before that is answered.
-            let newer = self.sink.request();
-            if newer.is_some() || self.is_withdrawn(request.id) {
-                self.windows.planned.append(&mut self.windows.cut);
-                self.restore_optimizer();
+        // The cycle may have stopped and sent a request from there; then it accepts nothing before that is answered.
+        let newer = self.sink.request();
+        let is_overtaken = newer.is_some() || self.is_withdrawn(request.id);
+        // Answers that nobody drove may have taken the room that is kept for some. Only the cycle frees it again, and it may be
+        // waiting for this one.
+        if is_overtaken || !self.sink.has_capacity(steps, segments, marks) {
+            self.windows.planned.append(&mut self.windows.cut);
+            self.restore_optimizer();
+            if is_overtaken {
                 self.pieces.clear();
                 self.request = newer;
-                return Ok(true);
+            } else {
+                self.reply(&request, None);
             }
-            if self.sink.has_capacity(steps, segments, marks) {
-                break;
-            }
-            self.sink.wait()?;
+            return Ok(true);
         }
         if self.frontier.link.is_none() && !self.frontier.is_waiting {
             // A stop's successor follows its step: a cycle that continues as planned must not find the reply there.
