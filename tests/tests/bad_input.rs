@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use evolvent_gcode::Diagnostic;
 use evolvent_machine::Machine;
-use evolvent_runtime::{CheckBounds, Clock, Controls, Job, Notice, RunObserver, Setup, check};
+use evolvent_runtime::{CheckBounds, Controls, Job, Notice, RunObserver, Setup, check};
 use evolvent_tests::{Random, Workshop, repository, run};
 
 const PROGRAMS: [&str; 6] = [
@@ -164,19 +164,7 @@ impl RunObserver for Silent {
 
 /// Runs a program in virtual time; whatever it is, the guard has nothing to refuse and the axes keep their limits.
 fn assert_runs_within_limits(file: &Path, setup: &Setup) -> &'static str {
-    let job = Job {
-        program: file.to_owned(),
-        setup: setup.clone(),
-        clock: Clock::Virtual,
-        feed_override: 1.0,
-        trace: None,
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
-        inputs: None,
-        optional_stop: false,
-        stop_at_program_stops: false,
-    };
+    let job = Job::new(file.to_owned(), setup.clone());
     let controls = Arc::new(Controls::new(1.0));
     let stop = Arc::clone(&controls);
     let outcome = evolvent_runtime::run(&job, &controls, &mut Silent, |setpoint| {

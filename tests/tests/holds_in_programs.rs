@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use evolvent_machine::{ControlRate, Machine};
 use evolvent_motion::{Setpoint, State};
-use evolvent_runtime::{Clock, Controls, Job, Notice, RunObserver, RunOutcome, Setup, run};
+use evolvent_runtime::{Controls, Job, Notice, RunObserver, RunOutcome, Setup, run};
 use evolvent_tests::{Random, Workshop, repository};
 
 struct Silent;
@@ -28,19 +28,7 @@ fn job(workshop: &Workshop, program: &Path, machine: &str, rate_hz: f64) -> Job 
     let table: String = (1..100).map(|tool| format!("T{tool} P{tool} D3 Z0\n")).collect();
     std::fs::write(&tools, table).unwrap();
     setup.memory.load_tools(tools).unwrap();
-    Job {
-        program: program.to_owned(),
-        setup,
-        clock: Clock::Virtual,
-        feed_override: 1.0,
-        trace: None,
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
-        optional_stop: false,
-        stop_at_program_stops: false,
-        inputs: None,
-    }
+    Job::new(program.to_owned(), setup)
 }
 
 fn drive(job: &Job, controls: &Arc<Controls>, see: impl FnMut(&Setpoint) + Send) -> RunOutcome {

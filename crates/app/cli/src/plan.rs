@@ -65,17 +65,9 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         crate::chatter::write_warnings(chatter, err, &args.program.program.display().to_string());
     }
     let job = Job {
-        program: args.program.program.clone(),
-        setup,
-        clock: Clock::Virtual,
         feed_override: args.feed_override,
-        trace: None,
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
         inputs: crate::program::inputs(args.inputs.as_deref(), &machine)?,
-        optional_stop: false,
-        stop_at_program_stops: false,
+        ..Job::new(args.program.program.clone(), setup)
     };
     let mut table = match &args.setpoints {
         Some(path) => Some(Table::create(path, &machine)?),

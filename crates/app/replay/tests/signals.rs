@@ -54,17 +54,11 @@ fn record(folder: &Path, name: &str, clock: Clock) -> PathBuf {
     std::fs::write(&program, PROGRAM).expect("a program");
     let trace = folder.join(format!("{name}.mcap"));
     let job = Job {
-        program,
-        setup: setup.expect("a rate"),
         clock,
         feed_override: 0.9,
         trace: Some(trace.clone()),
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
         inputs: Some(inputs),
-        optional_stop: false,
-        stop_at_program_stops: false,
+        ..Job::new(program, setup.expect("a rate"))
     };
     let controls = Arc::new(Controls::new(0.9));
     let operated = Arc::clone(&controls);

@@ -121,17 +121,9 @@ impl RunObserver for Silent {
 
 fn job(program: PathBuf, setup: Setup, clock: Clock, trace: Option<PathBuf>) -> Job {
     Job {
-        program,
-        setup,
         clock,
-        feed_override: 1.0,
         trace,
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
-        inputs: None,
-        optional_stop: false,
-        stop_at_program_stops: false,
+        ..Job::new(program, setup)
     }
 }
 

@@ -283,6 +283,24 @@ pub struct Job {
 }
 
 impl Job {
+    /// As fast as it computes, without a trace, a bus or a stop, at 100 %.
+    #[must_use]
+    pub fn new(program: PathBuf, setup: Setup) -> Self {
+        Self {
+            program,
+            setup,
+            clock: Clock::Virtual,
+            feed_override: 1.0,
+            trace: None,
+            bus: false,
+            bus_prefix: None,
+            wait_for_subscribers: 0,
+            inputs: None,
+            optional_stop: false,
+            stop_at_program_stops: false,
+        }
+    }
+
     /// Whether it runs against the clock, and not as fast as it computes.
     pub(crate) fn is_realtime(&self) -> bool {
         self.clock == Clock::Realtime

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use evolvent_machine::{Machine, PlannerKind};
-use evolvent_runtime::{Clock, Controls, Job, Notice, RunObserver, RunOutcome, Setup, run};
+use evolvent_runtime::{Controls, Job, Notice, RunObserver, RunOutcome, Setup, run};
 use evolvent_turning::AdaptiveSettings;
 
 const SET: f64 = 1000.0;
@@ -37,19 +37,7 @@ fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
         lag_s: 0.0,
         ..AdaptiveSettings::usual(SET, TURN_S, period_s)
     };
-    let job = Job {
-        program,
-        setup,
-        clock: Clock::Virtual,
-        feed_override: 1.0,
-        trace: None,
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
-        inputs: None,
-        optional_stop: false,
-        stop_at_program_stops: false,
-    };
+    let job = Job::new(program, setup);
     let controls = Arc::new(Controls::new(1.0).with_adaptive_feed(settings));
     let sensor = Arc::clone(&controls);
     let seen: Mutex<Vec<[f64; 4]>> = Mutex::new(Vec::new());

@@ -15,7 +15,7 @@ use std::time::Duration;
 use evolvent_machine::{ControlRate, Machine, PlannerKind};
 use evolvent_motion::{Setpoint, State};
 use evolvent_runtime::{
-    Clock, Controls, InputScript, Job, Notice, Outcome, RunObserver, RunOutcome, Setup, SignalChange, run,
+    Controls, InputScript, Job, Notice, Outcome, RunObserver, RunOutcome, Setup, SignalChange, run,
 };
 use evolvent_trace::{EventKind, TraceFile};
 
@@ -120,17 +120,9 @@ fn drive(
     let script = (!inputs.is_empty())
         .then(|| InputScript::parse(inputs, "inputs.toml", &setup.machine.signals).unwrap());
     let job = Job {
-        program: file,
-        setup,
-        clock: Clock::Virtual,
-        feed_override: 1.0,
         trace: Some(trace.clone()),
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
         inputs: script,
-        optional_stop: false,
-        stop_at_program_stops: false,
+        ..Job::new(file, setup)
     };
     let setpoints = Arc::new(Mutex::new(Vec::new()));
     let seen = Arc::clone(&setpoints);

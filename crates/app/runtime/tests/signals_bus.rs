@@ -132,17 +132,11 @@ fn drive(
     std::fs::write(&part, program).unwrap();
     let prefix = Prefix::new();
     let job = Job {
-        program: part,
-        setup: setup.unwrap(),
         clock: Clock::Realtime,
-        feed_override: 1.0,
-        trace: None,
         bus: true,
         bus_prefix: Some(prefix.0.clone()),
         wait_for_subscribers: 1,
-        inputs: None,
-        optional_stop: false,
-        stop_at_program_stops: false,
+        ..Job::new(part, setup.unwrap())
     };
     let over = AtomicBool::new(false);
     let controls = Arc::new(Controls::new(1.0));

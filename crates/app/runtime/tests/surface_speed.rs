@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex};
 use evolvent_machine::{Machine, PlannerKind};
 use evolvent_motion::{Setpoint, State};
 use evolvent_replay::verify;
-use evolvent_runtime::{Clock, Controls, Job, Notice, Outcome, RunObserver, Setup, run};
+use evolvent_runtime::{Controls, Job, Notice, Outcome, RunObserver, Setup, run};
 
 struct Silent;
 
@@ -30,17 +30,8 @@ fn turn(program: &str, planner: PlannerKind) -> Vec<Setpoint> {
     std::fs::write(&part, program).unwrap();
     let trace = folder.path().join("run.mcap");
     let job = Job {
-        program: part,
-        setup: Setup::new(machine, file, text, None).unwrap(),
-        clock: Clock::Virtual,
-        feed_override: 1.0,
         trace: Some(trace.clone()),
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
-        inputs: None,
-        optional_stop: false,
-        stop_at_program_stops: false,
+        ..Job::new(part, Setup::new(machine, file, text, None).unwrap())
     };
     let controls = Arc::new(Controls::new(1.0));
     let seen = Mutex::new(Vec::new());

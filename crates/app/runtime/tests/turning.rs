@@ -7,8 +7,7 @@ use std::sync::{Arc, Mutex};
 use evolvent_machine::{Machine, PlannerKind};
 use evolvent_motion::State;
 use evolvent_runtime::{
-    CheckBounds, Clock, Controls, Job, Notice, ProgramError, RunObserver, RunOutcome, Seen, Setup, check,
-    run_seen,
+    CheckBounds, Controls, Job, Notice, ProgramError, RunObserver, RunOutcome, Seen, Setup, check, run_seen,
 };
 use evolvent_turning::{Job as TurningJob, TurningState};
 
@@ -58,19 +57,7 @@ fn drive(
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("turn.ngc");
     std::fs::write(&file, program).unwrap();
-    let job = Job {
-        program: file,
-        setup,
-        clock: Clock::Virtual,
-        feed_override: 1.0,
-        trace: None,
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
-        inputs: None,
-        optional_stop: false,
-        stop_at_program_stops: false,
-    };
+    let job = Job::new(file, setup);
     let controls = Arc::new(Controls::new(1.0));
     let seen = Mutex::new(Vec::new());
     let outcome = run_seen(&job, &controls, &mut Silent, |cycle| {

@@ -11,7 +11,7 @@ use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use evolvent_analysis::{FeedWords, LimitClassifier, Limiting};
 use evolvent_bus::flags;
-use evolvent_runtime::{Clock, Controls, Job, Notice, RunObserver, Setup, run};
+use evolvent_runtime::{Controls, Job, Notice, RunObserver, Setup, run};
 use tokio::sync::mpsc;
 
 use crate::kept::present_setup;
@@ -148,19 +148,7 @@ impl RunObserver for Quiet {
 /// Plans a program and sends its path until nobody receives. Returns the planned time, s, if it reached the end.
 fn send_planned(file: PathBuf, setup: Setup, mut writer: ChunkWriter<'_>) -> Option<f64> {
     let every = (VERTEX_NS / setup.period_ns.max(1)).max(1);
-    let job = Job {
-        program: file,
-        setup,
-        clock: Clock::Virtual,
-        feed_override: 1.0,
-        trace: None,
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
-        inputs: None,
-        optional_stop: false,
-        stop_at_program_stops: false,
-    };
+    let job = Job::new(file, setup);
     let controls = Arc::new(Controls::new(1.0));
     let classifier = LimitClassifier::new(&job.setup.machine, job.setup.period_ns as f64 * 1e-9);
     // A program that cannot be opened is the run's to complain of.

@@ -8,7 +8,7 @@ use evolvent_path::{
     Archimedean, Curve, HoleBlock, HolePass, Role, half_circle_radii_mm, half_circles_length_mm,
     helix_length_mm,
 };
-use evolvent_runtime::{Clock, Controls, Job, Setup};
+use evolvent_runtime::{Controls, Job, Setup};
 use serde_json::{Value, json};
 
 use crate::error::AnalysisError;
@@ -261,19 +261,7 @@ fn planned_s(setup: &Setup, name: &str, text: &str) -> Result<f64, AnalysisError
     let folder = Folder::new("evolvent-bore").map_err(|error| failed(&error))?;
     let program = folder.path().join("path.ngc");
     std::fs::write(&program, text).map_err(|error| failed(&error))?;
-    let job = Job {
-        program,
-        setup: setup.clone(),
-        clock: Clock::Virtual,
-        feed_override: 1.0,
-        trace: None,
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
-        inputs: None,
-        optional_stop: false,
-        stop_at_program_stops: false,
-    };
+    let job = Job::new(program, setup.clone());
     // The path begins after the dwell, in line 4.
     let mut cycles = 0_u64;
     let outcome = evolvent_runtime::run(&job, &Arc::new(Controls::new(1.0)), &mut Unobserved, |setpoint| {

@@ -88,18 +88,12 @@ pub fn record(
     std::fs::write(&file, program).expect("a program");
     let trace = folder.join(format!("{name}.mcap"));
     let job = Job {
-        program: file,
-        // Whatever reads traces reads both kinds: every other run is recorded in columns.
-        setup: setup(name.len().is_multiple_of(2)),
         clock,
         feed_override,
         trace: Some(trace.clone()),
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
-        inputs: None,
         optional_stop: true,
-        stop_at_program_stops: false,
+        // Whatever reads traces reads both kinds: every other run is recorded in columns.
+        ..Job::new(file, setup(name.len().is_multiple_of(2)))
     };
     let controls = Arc::new(Controls::new(feed_override));
     let outcome = std::thread::scope(|scope| {

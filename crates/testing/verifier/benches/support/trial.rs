@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use evolvent_machine::{ControlRate, Machine, PlannerKind};
-use evolvent_runtime::{Clock, Controls, Job, Notice, RunObserver, Setup, Summary, run};
+use evolvent_runtime::{Controls, Job, Notice, RunObserver, Setup, Summary, run};
 use evolvent_verifier::{Judge, Route, Verdict};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
@@ -95,19 +95,7 @@ pub(crate) fn trial(program: &Path, setup: &Setup) -> Result<Trial, String> {
         .map_err(|error| format!("{name}: {error}"))?;
     let reading_s = cpu(ClockId::ThreadCPUTime) - start;
 
-    let job = Job {
-        program: program.to_owned(),
-        setup: setup.clone(),
-        clock: Clock::Virtual,
-        feed_override: 1.0,
-        trace: None,
-        bus: false,
-        bus_prefix: None,
-        wait_for_subscribers: 0,
-        inputs: None,
-        optional_stop: false,
-        stop_at_program_stops: false,
-    };
+    let job = Job::new(program.to_owned(), setup.clone());
     let controls = Arc::new(Controls::new(1.0));
     let mut judge = Judge::new(&setup.machine, setup.period_ns, &route);
     // The cycle's thread judges as well; what it used in all is known at its last setpoint.
