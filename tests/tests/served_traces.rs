@@ -109,7 +109,8 @@ fn session(workshop: &Workshop, cycles: &str) -> PathBuf {
     operator.says("HOLD");
     std::thread::sleep(Duration::from_millis(400));
     operator.says("RESUME");
-    assert_eq!(operator.sees_end(job).job_result, DONE);
+    let ended = operator.sees_end(job);
+    assert_eq!(ended.job_result, DONE, "{}", ended.alarm_sentence());
     let job = operator.says("START").job;
     operator.waits("motion", |status| status.feed_mm_s > 30.0);
     operator.says("ESTOP");

@@ -46,6 +46,8 @@ export class MadeUp implements Source {
     parts: 0, programTimeS: 0, programHeldS: 0, handwheelAxis: null, handwheelStep: 0, handwheelEnabled: true,
   };
   #outputs = [0, 1, 2.5];
+  /** ms of ticks. Timers of a page that has no time are late together, so a jog whose page stood still goes on. */
+  #time = 0;
   #jogUntil = 0;
   /** where the program is held, while the axes are away from it */
   #heldAt: number[] | null = null;
@@ -87,7 +89,8 @@ export class MadeUp implements Source {
     const s = this.#status;
     const now = performance.now();
     const dt = 0.016;
-    if (s.activity === 'jog' && now > this.#jogUntil) this.#end();
+    this.#time += 16;
+    if (s.activity === 'jog' && this.#time > this.#jogUntil) this.#end();
     if (s.activity === 'program') {
       s.programTimeS += dt;
       if (s.hold) s.programHeldS += dt;
@@ -99,7 +102,7 @@ export class MadeUp implements Source {
       s.feed = 50;
       s.feedProgrammed = 50;
     }
-    if (s.activity === 'program' && s.hold && now > this.#jogUntil) s.velocity = [0, 0, 0];
+    if (s.activity === 'program' && s.hold && this.#time > this.#jogUntil) s.velocity = [0, 0, 0];
     s.machine = s.machine.map((value, axis) => value + (s.velocity[axis] ?? 0) * dt);
     s.work = s.machine.map((value, axis) => value - (s.workOffset[axis] ?? 0));
     s.time = now / 1000;
@@ -142,7 +145,7 @@ export class MadeUp implements Source {
         }
         s.velocity = [0, 0, 0];
         for (const { axis, value } of command.values) s.velocity[axis] = value * command.speed;
-        this.#jogUntil = performance.now() + 90;
+        this.#jogUntil = this.#time + 90;
         break;
       case 'jog_distance':
         if (s.hold) this.#leave(command.values[0]!.axis);
@@ -205,7 +208,7 @@ export class MadeUp implements Source {
   }
 
   keep(): void {
-    this.#jogUntil = performance.now() + 90;
+    this.#jogUntil = this.#time + 90;
   }
 
   takeLease(): void {
