@@ -100,7 +100,12 @@ impl PathExecutor {
         queue: &mut PlanConsumer,
         lag: PlannerLag,
     ) -> bool {
-        cursor.step = queue.occupant(cursor.step);
+        // As if the step that will take a place that is kept had not come yet.
+        let Some(step) = queue.occupant(cursor.step) else {
+            self.waited = true;
+            return false;
+        };
+        cursor.step = step;
         if !cursor.rest.awaits_plan {
             return self.enter_step(cursor, from, brake, inputs, queue, lag);
         }
@@ -158,11 +163,6 @@ impl PathExecutor {
                 }
                 cursor.starved = false;
                 cursor.start(flow);
-            }
-            // As if the step that will stand in its place had not come yet.
-            Step::Wait if queue.keeps_place(cursor.step) => {
-                self.waited = true;
-                return false;
             }
             Step::Wait => {
                 // Whether the step itself was there yet is what a replay has to repeat.
@@ -383,7 +383,9 @@ impl Cursor {
         self.leave(&flow);
         let rests = flow.rests_at_end();
         let (next, mut is_unfinished) = queue.settle_successor(self.step, tail);
-        is_unfinished |= tail && rests;
+        let occupant = queue.occupant(next);
+        is_unfinished |= occupant.is_none() || tail && rests;
+        let next = occupant.unwrap_or(next);
         *waited |= is_unfinished;
         self.step = next;
         // A rest of the plan ends a slowdown, and what has not been final is entered from rest like any other.

@@ -69,21 +69,6 @@ impl Table {
     fn link(&self, index: u64) -> &AtomicU64 {
         &self.links[(index % self.links.len() as u64) as usize]
     }
-
-    /// What stands in the place of step `index`, and whether it is final: the step itself unless it keeps the place of another.
-    /// `committed` was read before.
-    fn occupant(&self, index: u64, committed: u64) -> (u64, bool) {
-        // The link of a step that is not final yet may be that of an older one.
-        if committed <= index {
-            return (index, false);
-        }
-        match self.link(index).load(Ordering::Acquire) {
-            OPEN | CLAIMED => (index, true),
-            PLACE => (index, false),
-            link if link & TAKEN != 0 => ((link & !TAKEN) - 1, true),
-            _ => (index, true),
-        }
-    }
 }
 
 /// Makes a queue. `wait` is called while the queue is full; it returns `false` to give up.
@@ -178,24 +163,15 @@ impl<W> PlanProducer<W> {
     }
 }
 
-impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
-    type Error = QueueClosed;
-
-    fn segment(&mut self, segment: &Segment) -> Result<(), QueueClosed> {
-        while self.segments.is_full() {
-            self.wait()?;
-        }
-        self.segments.push(*segment).map_err(|_| QueueClosed)
-    }
-
-    fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
+impl<W: FnMut() -> bool> PlanProducer<W> {
+    fn append(&mut self, step: &Step, link: u64) -> Result<(), QueueClosed> {
         while self.steps.is_full() {
             self.wait()?;
         }
         for speed in self.table.exit(self.appended) {
             speed.store(0, Ordering::Release);
         }
-        self.table.link(self.appended).store(0, Ordering::Release);
+        self.table.link(self.appended).store(link, Ordering::Release);
         if matches!(step, Step::End { .. }) {
             self.table.complete.store(self.appended + 1, Ordering::Release);
         }
@@ -207,6 +183,21 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
         }
         self.appended += 1;
         self.steps.push(*step).map_err(|_| QueueClosed)
+    }
+}
+
+impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
+    type Error = QueueClosed;
+
+    fn segment(&mut self, segment: &Segment) -> Result<(), QueueClosed> {
+        while self.segments.is_full() {
+            self.wait()?;
+        }
+        self.segments.push(*segment).map_err(|_| QueueClosed)
+    }
+
+    fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
+        self.append(step, 0)
     }
 
     fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
@@ -231,8 +222,8 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
         self.table.link(from).store(OPEN, Ordering::Release);
     }
 
-    fn keep_place(&mut self, wait: u64) {
-        self.table.link(wait).store(PLACE, Ordering::Release);
+    fn keep_place(&mut self) -> Result<(), QueueClosed> {
+        self.append(&Step::Wait, PLACE)
     }
 
     fn link(&mut self, from: u64, to: u64) -> bool {
@@ -331,17 +322,18 @@ impl PlanConsumer {
         self.table.committed.load(Ordering::Acquire) > index
     }
 
-    /// What stands in the place of step `index`: another one if step `index` only keeps its place.
-    #[must_use]
-    pub fn occupant(&self, index: u64) -> u64 {
-        let committed = self.table.committed.load(Ordering::Acquire);
-        self.table.occupant(index, committed).0
-    }
-
-    /// Whether step `index` keeps the place of one that has not been appended.
-    #[must_use]
-    pub fn keeps_place(&self, index: u64) -> bool {
-        self.is_final(index) && self.table.link(index).load(Ordering::Acquire) == PLACE
+    /// The step that stands in the place of step `index`, which is another one if that only keeps a place; none while nothing has taken it.
+    pub fn occupant(&mut self, index: u64) -> Option<u64> {
+        // One look, after the step has been seen: before it is there its link may be that of an older step.
+        if !matches!(self.step(index), Some(Step::Wait)) {
+            return Some(index);
+        }
+        match self.table.link(index).load(Ordering::Acquire) {
+            PLACE => None,
+            OPEN | CLAIMED => Some(index),
+            link if link & TAKEN != 0 => Some((link & !TAKEN) - 1),
+            _ => Some(index),
+        }
     }
 
     /// Whether it is settled that the tail after step `index` is driven.
@@ -356,7 +348,7 @@ impl PlanConsumer {
         // In this order: what is final was left open or linked before it was declared final.
         let committed = self.table.committed.load(Ordering::Acquire);
         match self.table.link(index).load(Ordering::Acquire) {
-            0 => self.table.occupant(index + 1, committed),
+            0 => (index + 1, index + 1 < committed),
             OPEN | CLAIMED => (index + 1, false),
             // Only what is committed is linked, also where that has not been declared final yet.
             link => (link - 1, true),
@@ -570,26 +562,37 @@ mod tests {
     #[test]
     fn a_place_that_is_kept_after_a_stop_is_that_of_the_step_that_is_linked_to_it() {
         let (mut producer, mut consumer) = plan_queue(|| false);
-        for step in [dwell(0), Step::Wait] {
-            producer.step(&step).expect("room");
-        }
-        producer.keep_place(1);
-        assert!(!consumer.keeps_place(1), "not final yet");
+        producer.step(&dwell(0)).expect("room");
+        producer.keep_place().expect("room");
         producer.commit(2);
-        assert!(consumer.keeps_place(1) && !consumer.keeps_place(0));
-        assert_eq!(consumer.successor(0), (1, false));
+        assert_eq!((consumer.occupant(0), consumer.occupant(1)), (Some(0), None));
         // The plan of a reply that is not taken over, and what follows the stop.
         for line in 2..4 {
             producer.step(&dwell(line)).expect("room");
         }
         producer.commit(4);
-        assert_eq!((consumer.successor(0), consumer.occupant(1)), ((1, false), 1));
+        assert_eq!((consumer.successor(0), consumer.occupant(1)), ((1, true), None));
         assert!(producer.link(1, 3));
         assert!(!producer.link(1, 2), "there is one");
-        assert_eq!((consumer.successor(0), consumer.occupant(1)), ((3, true), 3));
-        assert_eq!(consumer.claim_successor(0), (3, true));
-        assert!(!consumer.keeps_place(1));
-        assert_eq!(consumer.occupant(3), 3, "any other step stands for itself");
+        assert_eq!(consumer.occupant(1), Some(3));
+        assert_eq!(consumer.occupant(3), Some(3), "any other step stands for itself");
+        assert_eq!(consumer.occupant(4), Some(4), "also one that has not come");
+        producer.step(&Step::Wait).expect("room");
+        assert_eq!(consumer.occupant(4), Some(4), "an ordinary wait");
+    }
+
+    #[test]
+    fn a_step_that_has_not_come_has_no_link_of_an_old_one() {
+        let (mut producer, mut consumer) = plan_queue(|| false);
+        let size = (PENDING_STEPS + READY_STEPS) as u64;
+        producer.keep_place().expect("room");
+        for k in 1..size {
+            producer.step(&dwell(k as u32)).expect("room");
+        }
+        consumer.take(1, 0, 0, 0);
+        assert_eq!(consumer.occupant(size), Some(size));
+        producer.step(&Step::Wait).expect("room");
+        assert_eq!(consumer.occupant(size), Some(size));
     }
 
     #[test]

@@ -313,7 +313,7 @@ impl PathExecutor {
         {
             return false;
         }
-        let step = queue.occupant(self.cursor.step);
+        let step = queue.occupant(self.cursor.step).unwrap_or(self.cursor.step);
         let goes_on = match queue.step(step) {
             None | Some(Step::Wait) => false,
             Some(_) => queue.is_final(step),
@@ -393,7 +393,10 @@ impl PathExecutor {
             ActiveMotion::Run(_) => return queue.has_final_ahead(step),
             // Steps at rest that take no time are passed in one cycle: what follows them must be known, if it gets there.
             ActiveMotion::Still => loop {
-                step = queue.occupant(step);
+                let Some(occupant) = queue.occupant(step) else {
+                    return queue.has_no_planner();
+                };
+                step = occupant;
                 if rests >= MAX_RESTS_PER_CYCLE {
                     return true;
                 }
@@ -403,7 +406,6 @@ impl PathExecutor {
                     Some(Step::Run(_)) => return queue.has_final_ahead(first),
                     Some(Step::TimedSegment(flow)) if queue.is_final(step) => break (flow, 0.0),
                     Some(Step::TimedSegment(_)) => return false,
-                    Some(Step::Wait) if queue.keeps_place(step) => return queue.has_no_planner(),
                     // The machine stands at a wait for one step at least before it goes on.
                     Some(Step::Wait | Step::InputWait { .. } | Step::End { .. }) => return true,
                     Some(Step::Turning { .. } | Step::Probe { .. } | Step::Thread { .. }) => {
@@ -427,10 +429,12 @@ impl PathExecutor {
             }
             let (next, is_final) = queue.successor(step);
             tail |= queue.is_claimed(step);
+            let Some(next) = queue.occupant(next) else {
+                return queue.has_no_planner();
+            };
             match queue.step(next) {
                 Some(Step::TimedSegment(flow)) if is_final || tail => left -= flow.piece.duration_s,
                 Some(Step::TimedSegment(_)) | None => return false,
-                Some(Step::Wait) if queue.keeps_place(next) => return queue.has_no_planner(),
                 Some(_) => return true,
             }
             step = next;

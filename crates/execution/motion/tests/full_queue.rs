@@ -116,9 +116,9 @@ fn overrides_are_answered_when_the_queue_is_full_of_steps() {
 #[test]
 fn answers_that_came_to_nothing_do_not_stop_the_next() {
     let mut refusals = 0;
-    drive(zigzag(6000), (1, 20_000), |cycle, motion, queue| {
+    drive(zigzag(6000), (1, 60_000), |cycle, motion, queue| {
         let wish = Inputs {
-            feed_override: 0.995_f64.powi(cycle as i32 / 40),
+            feed_override: 0.998_f64.powi(cycle as i32 / 40).max(0.3),
             ..Inputs::default()
         };
         // As a recorded run whose planner was late every time.
@@ -131,6 +131,90 @@ fn answers_that_came_to_nothing_do_not_stop_the_next() {
         setpoint
     });
     assert!(refusals > 8, "{refusals} answers came to nothing");
+}
+
+/// A plan that is dropped fills the queue behind the place that is kept for what follows a stop, and answers that come to nothing take
+/// what was left: what follows the stop finds room all the same.
+#[test]
+fn what_follows_a_stop_finds_room_beside_a_dropped_plan() {
+    let mut moves = vec![line(
+        Axes::from_fn(|i, _| if i == 0 { -40.0 } else { 0.0 }),
+        Axes::zeros(),
+        20.0,
+    )];
+    moves.extend(zigzag(6000));
+    let scenario = scenario(moves, PlannerKind::Optimal);
+    for every in [14, 18, 22] {
+        let [waits, polls] = [(); 2].map(|()| AtomicU64::new(0));
+        let [more, over] = [(); 2].map(|()| AtomicBool::new(false));
+        let counts_beyond = |counter: &AtomicU64, by: u64| {
+            let (start, from) = (Instant::now(), counter.load(Ordering::Relaxed));
+            while counter.load(Ordering::Relaxed) < from + by {
+                assert!(start.elapsed() < PATIENCE, "the planner stands");
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        };
+        let (producer, mut queue) = plan_queue(|| {
+            waits.fetch_add(1, Ordering::Relaxed);
+            std::thread::sleep(Duration::from_micros(200));
+            !over.load(Ordering::Relaxed)
+        });
+        let mut motion = scenario.motion();
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let mut planner = scenario.planner(1.0, producer);
+                planner.push(&scenario.moves[0], 1, 0).ok()?;
+                let (seconds, line) = (0.005, 1);
+                planner.rest(&Step::Dwell { seconds, line }).ok()?;
+                while !more.load(Ordering::Relaxed) {
+                    planner.poll().ok()?;
+                    polls.fetch_add(1, Ordering::Relaxed);
+                    std::thread::sleep(Duration::from_micros(200));
+                }
+                for (i, one) in scenario.moves.iter().enumerate().skip(1) {
+                    planner.push(one, i as u32 + 1, i as u32).ok()?;
+                }
+                planner.finish(9999).ok()
+            });
+            let mut feed_override = 1.0;
+            let mut asked_at = None;
+            let mut last = scenario.moves[0].curve.start()[0];
+            let mut is_stuck = false;
+            for cycle in 0..6000 {
+                let since = Instant::now();
+                while !motion.is_ready(&mut queue) && !is_stuck {
+                    std::thread::yield_now();
+                    is_stuck = since.elapsed() > PATIENCE;
+                }
+                if is_stuck {
+                    break;
+                }
+                // The request for it is answered, and then withdrawn for a lower one.
+                if asked_at.is_none() && last > -4.0 {
+                    (feed_override, asked_at) = (1.3, Some(cycle));
+                }
+                let since_asked = asked_at.map_or(0, |at| cycle - at);
+                if since_asked == 2 {
+                    counts_beyond(&polls, 20);
+                    more.store(true, Ordering::Relaxed);
+                    counts_beyond(&waits, 50);
+                    feed_override = 0.9;
+                } else if since_asked > 2 && (since_asked - 2) % every == 0 {
+                    feed_override *= 0.96;
+                }
+                let wish = Inputs {
+                    feed_override,
+                    ..Inputs::default()
+                };
+                last = motion.step(&wish, &mut queue).position[0];
+            }
+            // Wakes the planner from whatever it waits for.
+            more.store(true, Ordering::Relaxed);
+            over.store(true, Ordering::Relaxed);
+            assert!(!is_stuck, "cycle and planner wait for each other at X {last}");
+            assert!(last > 0.0, "the stop has been passed, at X {last}");
+        });
+    }
 }
 
 #[test]

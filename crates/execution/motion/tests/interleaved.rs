@@ -125,6 +125,12 @@ impl PlanSink for Interrupted {
         Ok(())
     }
 
+    fn keep_place(&mut self) -> Result<(), QueueClosed> {
+        self.sink.keep_place()?;
+        self.interrupt(WITHIN_PLAN);
+        Ok(())
+    }
+
     fn commit(&mut self, count: u64) {
         self.sink.commit(count);
         self.interrupt(WITHIN_PLAN);

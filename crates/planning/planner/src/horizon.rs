@@ -27,9 +27,16 @@ const COMMITTED_FRACTION: (f64, f64) = (0.5, 0.9);
 const MAX_FAILURES: u32 = 3;
 /// Minimum number of intervals to which a window is shortened for lack of stations.
 const MIN_WINDOW: u64 = 32;
-/// Steps that windows leave free for the replies to two requests: the cycle may be waiting for one, and then nothing else
-/// frees capacity.
-const ANSWER_STEPS: usize = 2 * (2 * MAX_INTERVALS + 3);
+/// Maximum number of steps of a window.
+const WINDOW_STEPS: usize = 2 * MAX_INTERVALS + 3;
+/// Steps that only windows take that the cycle will need soon. Steps of plans that nobody drives stay in the queue until the cycle has
+/// passed them, and it may be waiting for such a window.
+const RESERVED_STEPS: usize = 4 * WINDOW_STEPS;
+/// Steps that other windows leave free: for the replies to two requests, too, because the cycle may be waiting for one, and then
+/// nothing else frees capacity.
+const LEFT_STEPS: usize = RESERVED_STEPS + 2 * WINDOW_STEPS;
+/// Maximum distance of the cycle from the end of the committed plan, in intervals, at which it needs the next window soon.
+const SOON: u64 = 4 * MAX_INTERVALS as u64;
 /// Maximum number of marks of one segment. A segment has at least four intervals, so a window has at most 80 segments.
 const MAX_MARKS: usize = 1024;
 /// Minimum duration of the tail, as a multiple of the stopping time.
@@ -415,7 +422,9 @@ impl<S: PlanSink> Horizon<S> {
             if self.serve()? {
                 return Ok(true);
             }
-            let steps = self.pieces.len() + 2 + ANSWER_STEPS;
+            let ahead = self.frontier.place.interval.saturating_sub(self.sink.reached());
+            let left = if ahead < SOON { 0 } else { LEFT_STEPS };
+            let steps = self.pieces.len() + 2 + left;
             if self
                 .sink
                 .has_capacity(steps, self.segments_needed(), self.marks_needed())

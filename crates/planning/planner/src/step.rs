@@ -251,10 +251,13 @@ pub trait PlanSink {
         let _ = from;
     }
 
-    /// Step `wait`, a [`Step::Wait`] after a stop, only keeps the place of what follows the stop: when that is appended, it is linked to
-    /// `wait`. The consumer rests there until then.
-    fn keep_place(&mut self, wait: u64) {
-        let _ = wait;
+    /// Appends a [`Step::Wait`] that keeps the place of what follows a stop: when that is appended, it is linked to the Wait. The
+    /// consumer rests there until then, and requests nothing.
+    ///
+    /// # Errors
+    /// The consumer has gone.
+    fn keep_place(&mut self) -> Result<(), Self::Error> {
+        self.step(&Step::Wait)
     }
 
     /// Makes step `to` the successor of step `from`, which was left open or keeps a place. False if the consumer has already continued

@@ -48,8 +48,8 @@ macro_rules! forward_to_sink {
         }
     };
     (@ keep_place) => {
-        fn keep_place(&mut self, wait: u64) {
-            self.sink.keep_place(wait);
+        fn keep_place(&mut self) -> Result<(), evolvent_motion::QueueClosed> {
+            self.sink.keep_place()
         }
     };
     (@ link) => {

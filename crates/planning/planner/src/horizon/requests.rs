@@ -2,8 +2,8 @@
 
 use evolvent_timing::{Entry, PathPosition};
 
-use super::{Horizon, PendingBranch, PlanFrontier, RestPoint};
-use crate::step::{PlanSink, Reply, Request, Step};
+use super::{Horizon, PendingBranch, PlanFrontier, RESERVED_STEPS, RestPoint};
+use crate::step::{PlanSink, Reply, Request};
 
 impl<S: PlanSink> Horizon<S> {
     /// Answers the open request as soon as enough path is known. That amount must not depend on how the program text arrives.
@@ -61,8 +61,9 @@ impl<S: PlanSink> Horizon<S> {
         let newer = self.sink.request();
         let is_overtaken = newer.is_some() || self.is_withdrawn(request.id);
         // Answers that nobody drove may have taken the room that is kept for some. Only the cycle frees it again, and it may be
-        // waiting for this one.
-        if is_overtaken || !self.sink.has_capacity(steps, segments, marks) {
+        // waiting for this one, or for windows of the plan that it drives.
+        let room = steps + RESERVED_STEPS;
+        if is_overtaken || !self.sink.has_capacity(room, segments, marks) {
             self.windows.planned.append(&mut self.windows.cut);
             self.restore_optimizer();
             if is_overtaken {
@@ -75,8 +76,7 @@ impl<S: PlanSink> Horizon<S> {
         }
         if self.frontier.link.is_none() && !self.frontier.is_waiting {
             // A stop's successor follows its step: a cycle that continues as planned must not find the reply there.
-            self.sink.step(&Step::Wait)?;
-            self.sink.keep_place(self.appended);
+            self.sink.keep_place()?;
             self.frontier.link = Some(self.appended);
             self.appended += 1;
             self.sink.commit(self.appended);
