@@ -35,6 +35,7 @@ mod served_drives;
 mod served_recording;
 mod served_signals;
 mod served_spindles;
+mod served_threads;
 mod served_traces;
 mod signals_in_c;
 mod spindle_ramps;

@@ -113,7 +113,9 @@ impl SpindleCommands {
         is_new: bool,
     ) {
         for (number, spindle) in outputs.spindles.iter().enumerate() {
-            let rpm = (spindle.speed().rpm_at(x_mm) * overrides[number]).min(self.max_rpm[number]);
+            let rpm = spindle
+                .speed()
+                .overridden_rpm_at(x_mm, overrides[number], self.max_rpm[number]);
             if is_new || (rpm - self.rpm[number]).abs() > LEAST_CHANGE * self.rpm[number] {
                 self.rpm[number] = rpm;
             }
@@ -145,7 +147,9 @@ pub(crate) fn shown_rpm(
 ) -> f64 {
     let first = settings.spindles.iter().min_by_key(|spindle| spindle.number);
     let (number, most) = first.map_or((0, f64::INFINITY), |spindle| (spindle.number, spindle.max_rpm));
-    (outputs.spindle(number).signed_rpm_at(x_mm) * overrides[number as usize]).clamp(-most, most)
+    outputs
+        .spindle(number)
+        .signed_rpm_at(x_mm, overrides[number as usize], most)
 }
 
 #[cfg(test)]

@@ -43,11 +43,18 @@ impl SpindleSpeed {
     /// The speed in rpm with the tool at X in machine coordinates, mm. Finite, not negative. Real-time safe.
     #[must_use]
     pub fn rpm_at(&self, x_mm: f64) -> f64 {
+        self.overridden_rpm_at(x_mm, 1.0, MAX_RPM)
+    }
+
+    /// The same with an override (`ratio`, 1 at 100 %) and at most `max_rpm` of the spindle. The maximum of a surface speed is kept
+    /// whatever the override is: it is what the chuck can bear. Real-time safe.
+    #[must_use]
+    pub fn overridden_rpm_at(&self, x_mm: f64, ratio: f64, max_rpm: f64) -> f64 {
         let rpm = match self {
-            Self::Constant { rpm } => *rpm,
-            Self::Surface(surface) => surface.rpm_at(x_mm),
+            Self::Constant { rpm } => ratio * rpm,
+            Self::Surface(surface) => surface.rpm_at(x_mm, ratio),
         };
-        rpm.clamp(0.0, MAX_RPM)
+        rpm.min(max_rpm).clamp(0.0, MAX_RPM)
     }
 
     /// Minimum and maximum speed in rpm between two X in machine coordinates, mm, the smaller X first. Real-time safe.
@@ -65,13 +72,14 @@ impl SpindleSpeed {
 }
 
 impl SurfaceSpeed {
-    fn rpm_at(&self, x_mm: f64) -> f64 {
+    fn rpm_at(&self, x_mm: f64, ratio: f64) -> f64 {
         let radius_mm = (x_mm - self.centre_mm).abs();
-        if self.speed_m_min == 0.0 {
+        let speed_m_min = ratio * self.speed_m_min;
+        if speed_m_min <= 0.0 {
             // Also at the centre.
             return 0.0;
         }
-        (1000.0 * self.speed_m_min / (TAU * radius_mm)).min(self.max_rpm)
+        (1000.0 * speed_m_min / (TAU * radius_mm)).min(self.max_rpm)
     }
 }
 
@@ -104,6 +112,24 @@ mod tests {
             centre_mm: 2.0,
         };
         assert_eq!(SpindleSpeed::Surface(still).rpm_at(2.0), 0.0);
+    }
+
+    #[test]
+    fn an_override_scales_the_surface_speed_and_never_passes_a_maximum() {
+        let free = surface(f64::INFINITY).rpm_at(30.0);
+        let limited = surface(500.0);
+        for ratio in [0.0, 0.3, 0.8, 1.0, 1.5, 2.0] {
+            let rpm = limited.overridden_rpm_at(30.0, ratio, 3000.0);
+            assert_eq!(rpm, (ratio * free).min(500.0), "{ratio}");
+            assert_eq!(
+                limited.overridden_rpm_at(2.0, ratio, 400.0),
+                if ratio > 0.0 { 400.0 } else { 0.0 },
+                "{ratio} at the centre"
+            );
+        }
+        let constant = SpindleSpeed::Constant { rpm: 300.0 };
+        assert_eq!(constant.overridden_rpm_at(0.0, 1.5, 3000.0), 450.0);
+        assert_eq!(constant.overridden_rpm_at(0.0, 1.5, 400.0), 400.0);
     }
 
     #[test]

@@ -39,7 +39,7 @@ impl FeedLaw {
         if planned <= 0.0 {
             return 1.0;
         }
-        let turns = measured_rpm.unwrap_or_else(|| (planned * spindle_override).min(max_rpm));
+        let turns = measured_rpm.unwrap_or_else(|| speed.overridden_rpm_at(x_mm, spindle_override, max_rpm));
         turns / planned
     }
 }

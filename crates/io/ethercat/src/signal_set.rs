@@ -171,13 +171,15 @@ impl SignalSet {
             Source::Function(..) if self.ending => 0.0,
             Source::Function(function, spindle) => {
                 let direction = now.spindle_direction.get(spindle as usize).copied().unwrap_or(0);
+                // Stopped, or turned to an angle, which an on/off contact and a speed cannot do.
+                let turns = matches!(direction, 1 | 2);
                 match function {
                     OutputFunction::Flood => f64::from(u8::from(now.coolant & FLOOD != 0)),
                     OutputFunction::Mist => f64::from(u8::from(now.coolant & MIST != 0)),
-                    OutputFunction::SpindleOn => f64::from(u8::from(direction != 0)),
+                    OutputFunction::SpindleOn => f64::from(u8::from(turns)),
                     OutputFunction::SpindleClockwise => f64::from(u8::from(direction == 1)),
                     OutputFunction::SpindleCounterclockwise => f64::from(u8::from(direction == 2)),
-                    OutputFunction::SpindleSpeed if direction == 0 => 0.0,
+                    OutputFunction::SpindleSpeed if !turns => 0.0,
                     OutputFunction::SpindleSpeed => {
                         now.spindle_rpm.get(spindle as usize).copied().unwrap_or(0.0)
                     }

@@ -488,7 +488,11 @@ fn an_mdi_block_keeps_spindle_and_coolant() {
         for command in &commands {
             after.apply(&command.action);
         }
-        (after.spindle(0).signed_rpm_at(0.0), after.mist, after.flood)
+        (
+            after.spindle(0).signed_rpm_at(0.0, 1.0, f64::INFINITY),
+            after.mist,
+            after.flood,
+        )
     };
     let mut on = Outputs {
         flood: true,

@@ -381,7 +381,9 @@ fn outputs_have_the_way_and_the_speed_of_the_place() {
     }));
     assert_eq!(outputs.spindle(2).direction, direction);
     assert_eq!(outputs.spindle(0), SpindleOutput::default(), "another spindle");
-    assert!((outputs.spindle(2).signed_rpm_at(20.0) + rpm(100.0, 3000.0, 25.0)).abs() < 1e-9);
+    assert!(
+        (outputs.spindle(2).signed_rpm_at(20.0, 1.0, f64::INFINITY) + rpm(100.0, 3000.0, 25.0)).abs() < 1e-9
+    );
     assert_eq!(outputs.spindle(2).constant_rpm(), 0.0);
     let speed_rpm = 700.0;
     assert!(outputs.apply(&Action::Spindle {
@@ -391,7 +393,7 @@ fn outputs_have_the_way_and_the_speed_of_the_place() {
     }));
     assert_eq!(
         (
-            outputs.spindle(2).signed_rpm_at(20.0),
+            outputs.spindle(2).signed_rpm_at(20.0, 1.0, f64::INFINITY),
             outputs.spindle(2).constant_rpm()
         ),
         (-700.0, -700.0)

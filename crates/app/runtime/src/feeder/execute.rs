@@ -171,6 +171,9 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         if let (MoveKind::Feed, Some(most)) = (motion.kind, self.setup.machine.max_feed_mm_s) {
             motion.feed_mm_s = motion.feed_mm_s.min(most);
         }
+        if motion.kind == MoveKind::Feed {
+            self.restore_override();
+        }
         let block = self.next_block;
         if !self.next.change.is_empty() {
             let nothing = Change::at(SignalMoment::Block(block));

@@ -17,6 +17,10 @@ pub(super) struct NextBlock {
     pub(super) feed_law: FeedLaw,
     /// The feed override counts for what is read, and so does the rapid override.
     pub(super) override_counts: bool,
+    /// Which overrides count, as the program has said last.
+    pub(super) switches: OverrideSwitches,
+    /// The spindle that turns without its override, since a pass followed it.
+    pub(super) without_override: Option<u32>,
     /// By spindle: it was given a speed, and no feed has waited for it.
     pub(super) awaits_speed: [bool; SPINDLES],
     /// By spindle: a rapid has moved the tool along X since it had the speed of its radius.
@@ -32,6 +36,8 @@ impl NextBlock {
             line: 0,
             feed_law: FeedLaw::default(),
             override_counts: true,
+            switches: OverrideSwitches::default(),
+            without_override: None,
             awaits_speed: outputs.spindles.map(|spindle| spindle.turns()),
             has_left_radius: [false; SPINDLES],
             follows: 0,
@@ -98,6 +104,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         line: u32,
     ) -> Result<(), PlanError<QueueClosed>> {
         self.next.override_counts = switches.feed;
+        (self.next.switches, self.next.without_override) = (switches, None);
         let Some(cycle) = cycle else {
             self.next.change.overrides = Some(switches);
             return Ok(());
@@ -109,6 +116,31 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             format!("{cycle}: overrides off")
         };
         self.set_at_rest(line, &text, |change| change.overrides = Some(switches))
+    }
+
+    /// The spindle that a pass follows turns as programmed, up to the next feed move: its override would change the speed that the pass
+    /// has begun at, and that at which a tap comes out.
+    pub(super) fn suspend_override(&mut self, spindle: u32, line: u32) -> Result<(), PlanError<QueueClosed>> {
+        let mut switches = self.next.switches;
+        let counts = switches.spindles.get_mut(spindle as usize);
+        let Some(counts) = counts.filter(|counts| **counts && self.next.without_override != Some(spindle))
+        else {
+            return Ok(());
+        };
+        *counts = false;
+        self.next.without_override = Some(spindle);
+        self.next.change.overrides = None;
+        self.command_spindle(spindle);
+        self.report_periphery(self.actions);
+        let text = format!("spindle {spindle}: override off while motion follows it");
+        self.set_at_rest(line, &text, |change| change.overrides = Some(switches))
+    }
+
+    /// The override of a spindle that a pass has followed counts again, from the next block on.
+    pub(super) fn restore_override(&mut self) {
+        if self.next.without_override.take().is_some() {
+            self.next.change.overrides = Some(self.next.switches);
+        }
     }
 
     /// Outputs that wait for a move that never comes, as in LinuxCNC.

@@ -67,6 +67,14 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 return Err(ThreadTrouble::Program(self.wrong(diagnostic)));
             }
         };
+        if self.links.threadings.is_some() {
+            match self.suspend_override(chain.spindle(), line) {
+                Ok(()) => {}
+                Err(PlanError::Sink(gone)) => return Err(gone.into()),
+                // A rest is within every limit.
+                Err(_) => return Err(ThreadTrouble::Gone),
+            }
+        }
         if let Some((message, help)) = self.await_speeds(line)? {
             return Err(ThreadTrouble::Program(
                 self.refused(first, program, message, help),

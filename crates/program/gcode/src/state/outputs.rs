@@ -117,18 +117,19 @@ impl SpindleOutput {
     pub fn constant_rpm(&self) -> f64 {
         match self.surface {
             Some(_) => 0.0,
-            None => self.signed_rpm_at(0.0),
+            None => self.signed_rpm_at(0.0, 1.0, f64::INFINITY),
         }
     }
 
-    /// Commanded speed in revolutions per minute with the tool at X in machine coordinates, mm: negative counter-clockwise, 0 if the
-    /// spindle is stopped.
+    /// Commanded speed in revolutions per minute with the tool at X in machine coordinates, mm, an override (`ratio`, 1 at 100 %) and
+    /// the maximum of the spindle: negative counter-clockwise, 0 if the spindle is stopped.
     #[must_use]
-    pub fn signed_rpm_at(&self, x_mm: f64) -> f64 {
+    pub fn signed_rpm_at(&self, x_mm: f64, ratio: f64, max_rpm: f64) -> f64 {
+        let rpm = self.speed().overridden_rpm_at(x_mm, ratio, max_rpm);
         match self.direction {
             SpindleDirection::Stopped => 0.0,
-            SpindleDirection::Clockwise => self.speed().rpm_at(x_mm),
-            SpindleDirection::CounterClockwise => -self.speed().rpm_at(x_mm),
+            SpindleDirection::Clockwise => rpm,
+            SpindleDirection::CounterClockwise => -rpm,
         }
     }
 }

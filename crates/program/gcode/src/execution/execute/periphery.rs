@@ -46,11 +46,12 @@ impl Executor<'_> {
             Some(MCode::SpindleClockwise) => Some(SpindleDirection::Clockwise),
             Some(MCode::SpindleCounterClockwise) => Some(SpindleDirection::CounterClockwise),
             Some(MCode::SpindleStop) => Some(SpindleDirection::Stopped),
-            Some(MCode::SpindleOrient) => return self.orient().map(|()| None),
             _ => None,
         };
         let is_surface = self.state.modes.spindles[number].speed.is_surface();
-        if turned.is_some()
+        if turned == Some(MCode::SpindleOrient) {
+            self.orient()?;
+        } else if turned.is_some()
             || line.has(b'S')
             || line.g(Group::SpindleMode).is_some() && (was_surface || is_surface)
         {
