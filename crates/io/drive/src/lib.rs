@@ -34,7 +34,8 @@
 //!
 //! In a bridge, [`Follower`] converts setpoints that arrive early, late or not at all to a target for every
 //! period of the drives: it bridges a few missing ones, then brakes within the limits ([`Brake`]) and holds;
-//! it rejects jumps. [`IndexLatch`] keeps the request for an index pulse. [`Cia402`] brings a drive to the requested power state. [`DriveMachine`] is the drive's
+//! it rejects jumps. [`IndexLatch`] keeps the request for an index pulse. [`Gantry`] squares the beam of two
+//! motors of one axis. [`Cia402`] brings a drive to the requested power state. [`DriveMachine`] is the drive's
 //! own state machine, for simulated drives and tests.
 //!
 //! Time is an argument. Everything except the constructors may be called from a real-time cycle.
@@ -46,6 +47,7 @@ mod command;
 mod drive_machine;
 mod entry;
 mod follower;
+mod gantry;
 mod index_latch;
 mod input_entry;
 mod interpolation;
@@ -63,6 +65,7 @@ pub use command::Command;
 pub use drive_machine::{DriveEvents, DriveMachine, QuickStopOption};
 pub use entry::FeedbackBounds;
 pub use follower::{Follower, FollowerSettings, Rejection, SettingsError, Target};
+pub use gantry::{Gantry, GantryFault, GantryInputs, GantrySettings, is_homed, worse_status};
 pub use index_latch::{IndexLatch, IndexRequest};
 pub use input_entry::{InputEntry, InputFault, KnownInputs, KnownProbe};
 pub use interpolation::{InterpolationError, InterpolationTime};

@@ -2,8 +2,8 @@
 
 use evolvent_counting::calls;
 use evolvent_drive::{
-    Cia402, Command, DriveEvents, DriveMachine, FeedbackWatch, Follower, FollowerSettings, PhaseLock,
-    PhaseSettings, PowerRequest, QuickStopOption, WatchSettings,
+    Cia402, Command, DriveEvents, DriveMachine, FeedbackWatch, Follower, FollowerSettings, Gantry,
+    GantryInputs, GantrySettings, PhaseLock, PhaseSettings, PowerRequest, QuickStopOption, WatchSettings,
 };
 use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Feedback, Setpoint};
@@ -29,6 +29,12 @@ fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
     let mut follower = Follower::new(settings).expect("limits");
     let mut controller = Cia402::new(0);
     let mut drive = DriveMachine::new(QuickStopOption::ThenDisabled);
+    let mut gantry = Gantry::new(GantrySettings {
+        squaring_offset: 0.1,
+        max_difference: 0.5,
+        square_velocity: 1.0,
+    });
+    let (mut squared, mut apart) = (0, 0);
     let events = DriveEvents {
         ready: true,
         at_rest: true,
@@ -54,6 +60,22 @@ fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
         let target = follower.step(now_ns, cycle > 50, &[0.0; AXES]);
         let order = controller.step(drive.status_word(), target.power, 0, target.position[0], 0.0);
         drive.step(order.control_word, events);
+        // The beam passes both switches, is homed, and comes apart in the end.
+        let height = 1.0 - (cycle % 4000) as f64 * 1e-3;
+        gantry.step(&GantryInputs {
+            is_enabled: cycle > 50,
+            power: target.power,
+            position: [height, height + if cycle > 15_000 { 2.0 } else { 0.2 }],
+            velocity: -1.0,
+            switches: Some([height < 0.0, height < -0.1]),
+            strain: None,
+            period_s: 1e-3,
+        });
+        if cycle % 4000 == 3000 {
+            std::hint::black_box(gantry.rename(0.5, true));
+        }
+        squared += u32::from(gantry.take_squared().is_some());
+        apart += u32::from(gantry.fault().is_some());
         let feedback = Feedback {
             sequence: target.sequence,
             time_ns: now_ns,
@@ -72,4 +94,8 @@ fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
     }
     assert_eq!(calls(), before);
     assert!(alarms > 0, "the paths of alarms were taken");
+    assert!(
+        squared > 0 && apart > 0,
+        "{squared} times squared, {apart} periods apart"
+    );
 }

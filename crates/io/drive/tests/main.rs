@@ -5,6 +5,7 @@ mod brake;
 mod cia402;
 mod entry;
 mod follower;
+mod gantry;
 mod input_entry;
 mod phase;
 mod watch;
