@@ -1,8 +1,7 @@
 //! One drive and its axis: conversion between increments of the drive and machine coordinates.
 
-use evolvent_drive::{Cia402, DriveState, PowerRequest, Target, bits, control};
+use evolvent_drive::{Cia402, DriveState, GantrySettings, PowerRequest, Target, bits, control};
 
-use crate::gantry::GantrySettings;
 use crate::homing::{HOMING_MODE, HomingProgress};
 use crate::network::NetworkAxis;
 use crate::pdo::{DriveInputs, DriveOutputs};
@@ -33,8 +32,8 @@ pub(crate) struct DriveAxis {
     probe: TouchProbe,
     /// Distance since power came on, for the drive of a gantry.
     moved: f64,
-    /// Added to the setpoint, for the second drive of a gantry.
-    apart: f64,
+    /// What is added to the setpoint, and its velocity, for a drive of a gantry.
+    apart: (f64, f64),
     /// It is too far from the other drive of its gantry.
     is_apart: bool,
 }
@@ -74,7 +73,7 @@ impl DriveAxis {
                 latched: 0,
             },
             moved: 0.0,
-            apart: 0.0,
+            apart: (0.0, 0.0),
             is_apart: false,
         }
     }
@@ -91,8 +90,9 @@ impl DriveAxis {
         self.moved = 0.0;
     }
 
-    pub(crate) const fn set_apart(&mut self, apart: f64) {
-        self.apart = apart;
+    /// What is added to setpoints from now on, and its velocity.
+    pub(crate) const fn set_apart(&mut self, distance: f64, velocity: f64) {
+        self.apart = (distance, velocity);
     }
 
     pub(crate) const fn set_too_far_apart(&mut self, is_apart: bool) {
@@ -159,11 +159,6 @@ impl DriveAxis {
     /// The machine coordinate.
     pub(crate) fn position(&self) -> f64 {
         self.sign() * self.settings.scale.position(self.increments) + self.offset
-    }
-
-    /// The coordinate of the other drive of a gantry when the beam is square.
-    pub(crate) fn squared_position(&self) -> f64 {
-        self.position() - self.settings.gantry.map_or(0.0, |gantry| gantry.squaring_offset)
     }
 
     pub(crate) const fn velocity(&self) -> f64 {
@@ -259,10 +254,7 @@ impl DriveAxis {
         let homes = self.home(power != PowerRequest::Off, is_its_turn, period_s);
         let axis = self.settings.axis;
         let fault_reset = target.map_or(0, |target| target.fault_reset);
-        let squaring_offset = self.settings.gantry.map_or(0.0, |gantry| gantry.squaring_offset);
-        let setpoint = target.map_or(f64::NAN, |target| {
-            target.position[axis] + squaring_offset + self.apart
-        });
+        let setpoint = target.map_or(f64::NAN, |target| target.position[axis] + self.apart.0);
         // Resets requested before this drive was present count as done.
         let controller = self.controller.get_or_insert(Cia402::new(fault_reset));
         let order = controller.step(self.inputs.status_word, power, fault_reset, setpoint, 0.0);
@@ -303,7 +295,8 @@ impl DriveAxis {
             let scale = self.settings.scale;
             outputs.target = scale.increments(sign * (setpoint - self.offset)) as i32;
             if self.settings.velocity_offset {
-                outputs.velocity_offset = scale.increments(sign * target.velocity[axis]) as i32;
+                let velocity = target.velocity[axis] + self.apart.1;
+                outputs.velocity_offset = scale.increments(sign * velocity) as i32;
             }
             outputs.torque_offset =
                 (sign * target.acceleration[axis] * self.settings.torque_per_acceleration) as i16;
@@ -344,6 +337,11 @@ impl DriveAxis {
 
     pub(crate) fn resets_done(&self) -> u32 {
         self.controller.map_or(0, |controller| controller.resets_done())
+    }
+
+    /// Whether its beam can be squared by home switches: it has one, and nothing else tells where it is.
+    pub(crate) const fn is_squared_by_switch(&self) -> bool {
+        self.settings.home_switch_bit.is_some() && !self.settings.absolute && self.settings.homing.is_none()
     }
 
     /// Home switch, limit switch at the negative end, and at the positive end.

@@ -2,12 +2,14 @@
 
 use evolvent_bridge::follower_settings;
 use evolvent_bus::{AXES, Feedback, Setpoint};
-use evolvent_drive::{DriveState, Follower, PowerRequest, SettingsError, Target};
+use evolvent_drive::{
+    DriveState, Follower, Gantry, GantryFault, GantryInputs, PowerRequest, SettingsError, Target, is_homed,
+    worse_status,
+};
 use evolvent_machine::Machine;
 use evolvent_path::AxisMask;
 
 use crate::axis::DriveAxis;
-use crate::gantry::Squaring;
 use crate::homing::HomingProgress;
 use crate::network::Network;
 use crate::pdo::{DriveInputs, DriveOutputs};
@@ -20,6 +22,16 @@ pub(crate) struct ProbeReading {
     pub(crate) trips: u64,
     pub(crate) position: [f64; AXES],
     pub(crate) latched_mask: u32,
+}
+
+/// Two drives of one axis.
+#[derive(Debug)]
+struct Pair {
+    first: usize,
+    second: usize,
+    gantry: Gantry,
+    /// The beam is squared by home switches.
+    has_switches: bool,
 }
 
 /// Drives of one session. Only the constructor allocates.
@@ -37,10 +49,7 @@ pub(crate) struct DriveSet {
     ending: bool,
     /// Order of the axes that home now; none where all have.
     homing: Option<u32>,
-    /// Second drives of gantries: the two drives, and the squaring motion.
-    gantries: Vec<(usize, usize, Squaring)>,
-    /// A gantry whose drives differed too much, until power is off.
-    apart: Option<(usize, f64)>,
+    gantries: Vec<Pair>,
     /// Twice the maximum velocity of each axis.
     max_velocity: [f64; AXES],
     aligned: bool,
@@ -63,16 +72,23 @@ impl DriveSet {
             .map(DriveAxis::new)
             .collect();
         let gantries = (0..axes.len())
-            .filter(|&second| axes[second].gantry().is_some())
             .filter_map(|second| {
+                let settings = axes[second].gantry()?;
                 let is_first =
                     |axis: &DriveAxis| axis.index() == axes[second].index() && axis.gantry().is_none();
-                Some((axes.iter().position(is_first)?, second, Squaring::default()))
+                let first = axes.iter().position(is_first)?;
+                Some(Pair {
+                    first,
+                    second,
+                    gantry: Gantry::new(settings),
+                    has_switches: [first, second]
+                        .iter()
+                        .all(|drive| axes[*drive].is_squared_by_switch()),
+                })
             })
             .collect();
         Ok(Self {
             gantries,
-            apart: None,
             max_velocity: settings.max_velocity.map(|velocity| 2.0 * velocity),
             aligned: false,
             follower: Follower::new(settings)?,
@@ -148,13 +164,15 @@ impl DriveSet {
         for axis in self.axes.iter().filter(|axis| axis.gantry().is_none()) {
             actual[axis.index()] = axis.position();
         }
+        for pair in &self.gantries {
+            let first = &self.axes[pair.first];
+            actual[first.index()] = pair.gantry.position(first.position());
+        }
         let target = self.follower.step(now_ns, enabled, &actual);
         if let Some(shift) = target.datum_shift {
-            for axis in &mut self.axes {
-                axis.rename(shift[axis.index()]);
-            }
+            self.rename(&shift);
         }
-        self.watch_gantries(enabled, target.power);
+        self.step_gantries(enabled, &target);
         // Axes that cannot follow together do not follow at all.
         let fails = |axis: &DriveAxis| {
             axis.homing() == HomingProgress::Failed || axis.state().is_none_or(DriveState::is_fault)
@@ -167,7 +185,7 @@ impl DriveSet {
         } else if self.was_enabled && !enabled
             || self.homing.is_some() && self.axes.iter().any(fails)
             || homed.is_some() && self.homing.is_none()
-            || self.apart.is_some()
+            || self.gantries.iter().any(|pair| pair.gantry.fault().is_some())
         {
             // After drives have found their zero, the core has to see it without power before it follows.
             self.group_stop = true;
@@ -181,53 +199,69 @@ impl DriveSet {
         self.target = Some(target);
     }
 
-    /// Encoders without an absolute position: the beam is assumed square until both drives have homed.
+    /// Encoders without an absolute position: the beam is assumed square until both drives have homed, or have passed their switches.
     fn align(&mut self) {
         if core::mem::replace(&mut self.aligned, true) {
             return;
         }
-        for &(first, second, _) in &self.gantries {
-            if !self.axes[second].is_absolute() {
-                let by = self.axes[first].position() - self.axes[second].squared_position();
-                self.axes[second].rename(by);
+        for pair in &self.gantries {
+            let [first, second] = [pair.first, pair.second].map(|drive| self.axes[drive].position());
+            if !self.axes[pair.second].is_absolute() {
+                self.axes[pair.second].rename(pair.gantry.alignment([first, second]));
             }
         }
     }
 
-    /// Moves second drives until the beam is square, and stops all if that is not possible.
-    fn watch_gantries(&mut self, enabled: bool, power: PowerRequest) {
-        if power == PowerRequest::Off {
-            self.apart = None;
-            for axis in &mut self.axes {
-                axis.set_too_far_apart(false);
-                if self.homing.is_some() {
-                    axis.forget_way();
-                }
-            }
+    /// Positions refer to another datum.
+    fn rename(&mut self, shift: &[f64; AXES]) {
+        for axis in &mut self.axes {
+            axis.rename(shift[axis.index()]);
         }
-        for (first, second, squaring) in &mut self.gantries {
-            let (one, other) = (self.axes[*first], self.axes[*second]);
-            let Some(settings) = other.gantry() else { continue };
-            let difference = other.squared_position() - one.position();
-            let most = settings.square_velocity * self.period_s;
-            self.axes[*second].set_apart(squaring.step(enabled, difference, most));
-            // Before both drives know their positions the difference is measured from their start.
-            let strain = if self.homing.is_some() {
-                other.moved() - one.moved()
-            } else {
-                difference
-            };
-            if strain.abs() > settings.max_difference && power != PowerRequest::Off {
-                self.apart.get_or_insert((other.index(), strain));
-                self.axes[*first].set_too_far_apart(true);
-                self.axes[*second].set_too_far_apart(true);
+        for pair in &mut self.gantries {
+            let shift_here = shift[self.axes[pair.first].index()];
+            let by = pair.gantry.rename(shift_here, is_homed(shift, shift_here));
+            for (drive, by) in [pair.first, pair.second].into_iter().zip(by) {
+                self.axes[drive].rename(by - shift_here);
             }
         }
     }
 
-    /// The axis of a gantry whose drives differ too much, and their difference.
-    pub(crate) const fn apart(&self) -> Option<(usize, f64)> {
-        self.apart
+    /// Moves drives until their beams are square, and stops both of a gantry if that is not possible.
+    fn step_gantries(&mut self, is_enabled: bool, target: &Target) {
+        if target.power == PowerRequest::Off && self.homing.is_some() {
+            self.axes.iter_mut().for_each(DriveAxis::forget_way);
+        }
+        for pair in &mut self.gantries {
+            let drives = [pair.first, pair.second];
+            let [one, other] = drives.map(|drive| self.axes[drive]);
+            let switches = [one, other].map(|drive| drive.switches()[0]);
+            pair.gantry.step(&GantryInputs {
+                is_enabled,
+                power: target.power,
+                position: [one, other].map(|drive| drive.position()),
+                velocity: target.velocity[one.index()],
+                switches: pair.has_switches.then_some(switches),
+                // Before both drives know their positions the difference is measured from their start.
+                strain: self.homing.is_some().then(|| other.moved() - one.moved()),
+                period_s: self.period_s,
+            });
+            for (side, drive) in drives.into_iter().enumerate() {
+                let axis = &mut self.axes[drive];
+                axis.set_apart(pair.gantry.offset(side), pair.gantry.velocity(side));
+                axis.set_too_far_apart(pair.gantry.fault().is_some());
+            }
+        }
+    }
+
+    /// Axis and fault of each gantry, and how far the beam was from square if it has just been homed by switches.
+    pub(crate) fn take_gantry_events(
+        &mut self,
+    ) -> impl Iterator<Item = (usize, Option<GantryFault>, Option<f64>)> + '_ {
+        let axes = &self.axes;
+        self.gantries.iter_mut().map(|pair| {
+            let axis = axes[pair.first].index();
+            (axis, pair.gantry.fault(), pair.gantry.take_squared())
+        })
     }
 
     pub(crate) fn outputs(&mut self, axis: usize) -> DriveOutputs {
@@ -288,17 +322,19 @@ impl DriveSet {
                 feedback.torque_ratio[axis] = drive.torque_ratio();
             }
             let homes = self.homing.is_some() && drive.state() == Some(DriveState::OperationEnabled);
-            let word = u32::from(if homes {
+            let word = if homes {
                 // The core may not move it yet.
                 DriveState::SwitchedOn.code()
             } else {
                 drive.status_word()
-            });
+            };
             // Of two drives the one that is farther from operation.
-            let shown = DriveState::decode(feedback.status_word[axis] as u16);
-            if !has_word[axis] || shown == Some(DriveState::OperationEnabled) || drive.error_code() != 0 {
-                feedback.status_word[axis] = word;
-            }
+            let worst = if has_word[axis] {
+                worse_status(feedback.status_word[axis] as u16, word)
+            } else {
+                word
+            };
+            feedback.status_word[axis] = u32::from(worst);
             has_word[axis] = true;
             feedback.absolute_mask |= AxisMask::one_if(axis, drive.is_absolute()).bits();
             let [home, negative, positive] = drive.switches();
@@ -309,6 +345,20 @@ impl DriveSet {
                 feedback.error_code = u32::from(drive.error_code());
             }
             feedback.fault_reset_done = feedback.fault_reset_done.min(drive.resets_done());
+        }
+        for pair in &self.gantries {
+            let first = &self.axes[pair.first];
+            let axis = first.index();
+            let position = pair.gantry.position(first.position());
+            feedback.position[axis] = position;
+            feedback.velocity[axis] = first.velocity() - pair.gantry.velocity(0);
+            if first.following_error().is_none() {
+                feedback.following_error[axis] = target.position[axis] - position;
+            }
+            if pair.has_switches {
+                feedback.home_switch_mask &= !AxisMask::one(axis).bits();
+                feedback.home_switch_mask |= AxisMask::one_if(axis, pair.gantry.home_switch()).bits();
+            }
         }
         Some(feedback)
     }

@@ -7,13 +7,13 @@ mod homing;
 use std::path::Path;
 
 use evolvent_config::{ConfigDocument, ConfigError, TextFileError, read_text};
+use evolvent_drive::GantrySettings;
 use evolvent_path::AxisMask;
 use thiserror::Error;
 
 pub use file::network_schema;
 use file::{NetworkFile, check_signals};
 
-use crate::gantry::GantrySettings;
 use crate::homing::HomingOnDrive;
 use crate::pdo::Extras;
 use crate::scale::Scale;
@@ -219,6 +219,18 @@ impl Network {
                     &key,
                     "the drives of a gantry find their zero in different ways".to_owned(),
                     "give both `absolute`, or both homing with the same `order`, or neither",
+                ));
+            }
+            if first.home_switch_bit.is_some() != axis.home_switch_bit.is_some() {
+                let key = if axis.home_switch_bit.is_some() {
+                    format!("device[{i}].axis.home_switch_bit")
+                } else {
+                    key
+                };
+                return Err(sheet.error(
+                    &key,
+                    "one drive of a gantry has a home switch, the other has none".to_owned(),
+                    "give each its own home_switch_bit, or remove it: then the beam is assumed to be square",
                 ));
             }
         }

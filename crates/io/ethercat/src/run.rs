@@ -197,9 +197,10 @@ impl Hardware for RunSettings {
                     fault_text_of(vendor, code)
                 )
             }
-            Notice::Apart { axis, by } => format!(
-                "gantry of {}: the second drive is {by:.3} from the first, more than max_difference: all \
-                 drives stop; find what holds it, then make the beam square by hand or home again",
+            Notice::Gantry { axis, fault } => format!("gantry of {}: {fault}", letter(axis)),
+            Notice::Squared { axis, by } => format!(
+                "gantry of {}: homed by both switches; the second drive was {by:.3} from where it is on a square \
+                 beam, and is moved there",
                 letter(axis)
             ),
             Notice::Homed { axis, found: true } => {

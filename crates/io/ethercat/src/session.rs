@@ -14,6 +14,7 @@ use ethercrab::{
     SubDeviceGroup, SubDeviceState, Timeouts,
 };
 use evolvent_bridge::{BusEnds, monotonic_ns};
+use evolvent_bus::AXES;
 use evolvent_machine::Machine;
 
 use self::cycle::{Cycle, Exchanged};
@@ -184,7 +185,7 @@ pub(crate) fn run_session(
         operational: false,
         homing: [HomingProgress::Needed; MAX_DEVICES],
         reported: [0; MAX_DEVICES],
-        was_apart: false,
+        was_apart: [false; AXES],
     };
     match cycle.run(&mut pump, ends) {
         Err(SessionError::Broken { .. }) => Err(SessionError::Broken {

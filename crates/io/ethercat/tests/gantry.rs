@@ -6,11 +6,12 @@
 
 use std::time::{Duration, Instant};
 
-use evolvent_bridge_trial::states;
+use evolvent_bridge_trial::{HomingTrial, Messages, TrialCore, states};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_ethercat::{GantrySettings, HomingOnDrive, Network, NetworkAxis};
 use evolvent_ethercat_ring::{DriveSettings, FaultKind, SharedRing, SubDevice, TerminalKind, on_bench};
+use evolvent_random::{Random, cases};
 
 mod support;
 
@@ -191,6 +192,176 @@ fn a_beam_is_made_square_after_homing() {
     });
 }
 
+/// Where the home switches of X and its second drive close, in mm of their motors: 10 mm below, and not quite square.
+const SWITCHES: [f64; 2] = [-10.0, -10.15];
+/// Coordinate of the first switch.
+const SWITCH_MM: f64 = -3.0;
+const HOMING: HomingTrial = HomingTrial {
+    search_mm_s: 20.0,
+    latch_mm_s: 4.0,
+    acceleration_mm_s2: 400.0,
+    switch_mm: SWITCH_MM,
+    home_mm: 2.0,
+    travel_mm: 60.0,
+};
+
+/// A bench whose beam is racked by so many mm when power comes; the core homes it by switches at bit 0. `switches` in mm.
+fn on_switch_bench(
+    rack: f64,
+    switches: [f64; 2],
+    test: impl Fn(&mut TrialCore, &SharedRing, &Messages) + Send + Clone + 'static,
+) {
+    unless_disturbed(move || {
+        let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1)];
+        for (serial, lower) in [(2, switches[0] / 5.0), (3, -200.0), (4, -200.0)] {
+            devices.push(drive(serial, lower, 0));
+        }
+        devices.push(SubDevice::terminal(TerminalKind::DigitalInput, 5));
+        let second = DriveSettings {
+            limits_turns: [switches[1] / 5.0, 200.0],
+            start_turns: rack / 5.0,
+            start_increments: 77_000_000,
+            ..DriveSettings::default()
+        };
+        devices.push(SubDevice::drive(second, 6, 60.0));
+        let test = test.clone();
+        on_bench(devices, move |ring| {
+            with_bridge(
+                |network| {
+                    add_second(network, |axis| {
+                        axis.home_switch_bit = Some(0);
+                        set_gantry(axis, |gantry| {
+                            gantry.squaring_offset = SWITCHES[0] - SWITCHES[1];
+                            gantry.max_difference = 1.0;
+                        });
+                    });
+                },
+                ring,
+                |core, ring, messages| test(core, ring, messages),
+            );
+        });
+    });
+}
+
+/// How far the beam is from square, and the first drive from what the core calls it, mm.
+fn errors(core: &TrialCore, ring: &SharedRing) -> (f64, f64) {
+    let [one, other] = turns(ring).map(|turns| 5.0 * turns);
+    let (_, feedback) = core.heard.expect("feedback");
+    (
+        other - one,
+        feedback.position[0] - (one - SWITCHES[0] + SWITCH_MM),
+    )
+}
+
+/// Two edges, each seen a period of 2 ms late at most, at 4 mm/s, and what a drive's load twists behind its motor.
+const SQUARE_MM: f64 = 0.02;
+
+#[test]
+fn a_racked_beam_is_square_after_the_core_has_homed_it() {
+    let mut random = Random::seeded(72);
+    for _ in 0..cases(2) {
+        let rack = random.between(-0.8, 0.8);
+        on_switch_bench(rack, SWITCHES, move |core, ring, messages| {
+            core.bring_up();
+            assert!(
+                (errors(core, ring).0 - rack).abs() < 0.02,
+                "power on moves nothing"
+            );
+            core.home_x(&HOMING, |_| {}).expect("machine zero");
+            assert!(
+                messages.contain("gantry of X: homed by both switches"),
+                "{messages:?}"
+            );
+            core.rest(1.5);
+            let (square, zero) = errors(core, ring);
+            assert!(square.abs() < SQUARE_MM, "{square} mm from square after {rack}");
+            assert!(zero.abs() < SQUARE_MM, "zero is {zero} mm off after {rack}");
+            // In motion too, and homed again it stays.
+            core.velocity_x = 20.0;
+            for _ in 0..100 {
+                core.cycle();
+                let (square, _) = errors(core, ring);
+                assert!(square.abs() < 0.06, "{square} mm from square in motion");
+            }
+            core.velocity_x = 0.0;
+            core.rest(0.3);
+            core.home_x(&HOMING, |_| {}).expect("machine zero");
+            core.rest(0.5);
+            let (square, zero) = errors(core, ring);
+            assert!(
+                square.abs() < SQUARE_MM && zero.abs() < SQUARE_MM,
+                "{square} {zero}"
+            );
+        });
+    }
+}
+
+#[test]
+fn a_home_switch_that_never_closes_stops_both_drives() {
+    for side in 0..2 {
+        let mut switches = SWITCHES;
+        switches[side] = -500.0;
+        on_switch_bench(0.2, switches, move |core, ring, messages| {
+            core.bring_up();
+            let mut deepest = 0.0_f64;
+            let failed = core.home_x(&HOMING, |_| {
+                let lowest = turns(ring).map(|turns| 5.0 * turns)[1 - side];
+                deepest = deepest.max(SWITCHES[1 - side] - lowest);
+            });
+            assert!(failed.expect_err("no switch").contains("8611h"));
+            core.power = PowerRequest::Off;
+            core.rest(0.5);
+            assert!(speeds(ring).iter().all(|speed| *speed < 0.02));
+            let lowest = turns(ring).map(|turns| 5.0 * turns)[1 - side];
+            deepest = deepest.max(SWITCHES[1 - side] - lowest);
+            // max_difference and squaring_offset, three periods at 20 mm/s and the way of the quick stop.
+            assert!((0.7..2.0).contains(&deepest), "{deepest} mm beyond its switch");
+            let missing = ["first", "second"][side];
+            let text = format!("the home switch of the {missing} drive has not closed");
+            assert!(messages.contain(&text), "{messages:?}");
+        });
+    }
+}
+
+/// The second drive has a fault, or loses its torque, while the beam is homed; afterwards it is homed as if nothing had been.
+#[test]
+fn a_second_drive_that_fails_in_the_middle_of_homing_stops_the_first() {
+    for (kind, seed) in [(FaultKind::Drive, 1), (FaultKind::TorqueOff, 2)] {
+        on_switch_bench(0.4, SWITCHES, move |core, ring, _| {
+            let mut random = Random::seeded(seed);
+            core.bring_up();
+            let at = 50 + random.below(1200);
+            let mut cycles = 0;
+            let result = core.home_x(&HOMING, |_| {
+                cycles += 1;
+                if cycles == at {
+                    begin(ring, kind, 5, Some(100_000_000));
+                }
+            });
+            if cycles < at {
+                begin(ring, kind, 5, Some(100_000_000));
+            } else {
+                assert!(result.is_err(), "{kind:?} after {at} cycles");
+            }
+            core.rest(0.5);
+            assert!(speeds(ring).iter().all(|speed| *speed < 0.02), "{kind:?}");
+            let (square, _) = errors(core, ring);
+            assert!(square.abs() < 1.5, "{square} mm from square");
+            (core.power, core.velocity_x) = (PowerRequest::Off, 0.0);
+            core.rest(0.3);
+            core.fault_reset += 1;
+            core.bring_up();
+            core.home_x(&HOMING, |_| {}).expect("machine zero");
+            core.rest(1.5);
+            let (square, zero) = errors(core, ring);
+            assert!(
+                square.abs() < SQUARE_MM && zero.abs() < SQUARE_MM,
+                "{square} {zero}"
+            );
+        });
+    }
+}
+
 #[test]
 fn a_second_drive_needs_a_first_that_finds_its_zero_alike() {
     let text = evolvent_file_tests::shipped("networks/sim-mill.toml");
@@ -214,6 +385,15 @@ fn a_second_drive_needs_a_first_that_finds_its_zero_alike() {
         (
             second("X", "").replace("max_difference = 0.5", ""),
             "max_difference",
+        ),
+        (second("X", "home_switch_bit = 2"), "the other has none"),
+        (
+            second("X", "").replace("letter = \"X\"", "letter = \"X\"\nhome_switch_bit = 2").replacen(
+                "[device.axis]\nletter = \"X\"\nhome_switch_bit = 2\nincrements_per_turn = 1048576\nturn_mm = 5\n\n[device.axis.gantry]",
+                "[device.axis]\nletter = \"X\"\nincrements_per_turn = 1048576\nturn_mm = 5\n\n[device.axis.gantry]",
+                1,
+            ),
+            "the other has none",
         ),
         (
             second("X", "").replace("\n[device.axis.gantry]\nmax_difference = 0.5", ""),

@@ -34,7 +34,8 @@
 //! );
 //! ```
 //!
-//! [`with_bridge`] runs one trial with any core; [`TrialCore`] is one that moves X at a constant velocity.
+//! [`with_bridge`] runs one trial with any core; [`TrialCore`] is one that moves X at a constant velocity, or homes it
+//! ([`TrialCore::home_x`]).
 //! [`failed_cases`] plays the suite of `evolvent-bridge-test` and says which cases the bridge fails.
 //!
 //! Everything here panics where a trial fails, as tests do.
@@ -44,11 +45,13 @@
     reason = "helpers of tests fail and print as tests do"
 )]
 
+mod homing;
 mod messages;
 mod suite;
 mod trial;
 mod trial_core;
 
+pub use homing::HomingTrial;
 pub use messages::Messages;
 pub use suite::failed_cases;
 pub use trial::with_bridge;

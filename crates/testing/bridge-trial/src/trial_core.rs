@@ -14,7 +14,7 @@ pub const LEAD: u64 = 50;
 /// Feedback that is older is not judged by.
 const FRESH: Duration = Duration::from_millis(100);
 /// How long something may take that is waited for: a busy host may need that.
-const LATEST: Duration = Duration::from_secs(30);
+pub(crate) const LATEST: Duration = Duration::from_secs(30);
 
 /// The core of a machine with the axes X, Y and Z, run by hand, cycle by cycle.
 #[derive(Debug)]
@@ -31,6 +31,8 @@ pub struct TrialCore {
     pub power: PowerRequest,
     /// The number of the newest reset of the drives' faults.
     pub fault_reset: u32,
+    /// The datum of the positions.
+    pub datum: u64,
     /// The newest feedback, and when it came.
     pub heard: Option<(Instant, Feedback)>,
     /// The newest inputs of the machine.
@@ -54,6 +56,7 @@ impl TrialCore {
             velocity_x: 0.0,
             power: PowerRequest::Off,
             fault_reset: 0,
+            datum: 0,
             heard: None,
             inputs: None,
         }
@@ -72,6 +75,7 @@ impl TrialCore {
             override_ratio: 1.0,
             power_request: self.power.number(),
             fault_reset: self.fault_reset,
+            datum: self.datum,
             ..Setpoint::default()
         };
         setpoint.velocity[0] = self.velocity_x;

@@ -1,5 +1,6 @@
 //! The axis of a device in the network file: what its motor turns, and the second drive of a gantry.
 
+use evolvent_bridge::GantryFile;
 use evolvent_config::{ConfigDocument, ConfigError};
 use evolvent_path::AxisLetter;
 use schemars::JsonSchema;
@@ -7,7 +8,6 @@ use serde::Deserialize;
 
 use super::NetworkAxis;
 use super::homing::HomingFile;
-use crate::gantry::GantrySettings;
 use crate::scale::Scale;
 
 /// What a drive turns.
@@ -64,24 +64,6 @@ pub(super) struct AxisFile {
     pub(super) homing: Option<HomingFile>,
     /// This is the second drive of a gantry: another device without it drives the same axis.
     pub(super) gantry: Option<GantryFile>,
-}
-
-/// The second drive of an axis. One unit each: mm for a linear axis, degrees for a rotary one.
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub(super) struct GantryFile {
-    /// By how much this drive's coordinate exceeds that of the first where the beam is square, mm or degrees.
-    #[serde(default)]
-    pub(super) squaring_offset: f64,
-    /// By how much the drives may be apart beyond that before all drives stop, mm or degrees.
-    pub(super) max_difference: f64,
-    /// Speed at which this drive is moved until the beam is square, when power comes, mm/s or degrees/s.
-    #[serde(default = "slow")]
-    pub(super) square_speed: f64,
-}
-
-pub(super) const fn slow() -> f64 {
-    1.0
 }
 
 pub(super) const fn yes() -> bool {
@@ -183,19 +165,6 @@ impl AxisFile {
                 Some(gantry) => Some(gantry.check(sheet, &at("gantry"))?),
                 None => None,
             },
-        })
-    }
-}
-
-impl GantryFile {
-    pub(super) fn check(self, sheet: &ConfigDocument<'_>, key: &str) -> Result<GantrySettings, ConfigError> {
-        sheet.number(&format!("{key}.squaring_offset"), self.squaring_offset, -1e3, 1e3)?;
-        sheet.number(&format!("{key}.max_difference"), self.max_difference, 1e-4, 1e3)?;
-        sheet.number(&format!("{key}.square_speed"), self.square_speed, 1e-3, 1e3)?;
-        Ok(GantrySettings {
-            squaring_offset: self.squaring_offset,
-            max_difference: self.max_difference,
-            square_velocity: self.square_speed,
         })
     }
 }

@@ -5,6 +5,7 @@ use core::sync::atomic::Ordering;
 use ethercrab::MainDevice;
 use ethercrab::error::Error;
 use evolvent_bridge::{Incoming, monotonic_ns};
+use evolvent_bus::AXES;
 use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec};
 
@@ -46,7 +47,7 @@ pub(super) struct Cycle<'a, 'm> {
     pub(super) homing: [HomingProgress; MAX_DEVICES],
     /// Fault codes that were reported.
     pub(super) reported: [u16; MAX_DEVICES],
-    pub(super) was_apart: bool,
+    pub(super) was_apart: [bool; AXES],
 }
 
 impl<'m> Cycle<'_, 'm> {
@@ -325,11 +326,15 @@ impl<'m> Cycle<'_, 'm> {
     }
 
     fn tell_faults(&mut self, ends: &mut Ends<'_, '_>) {
-        let apart = self.drives.apart();
-        if let (Some((axis, by)), false) = (apart, self.was_apart) {
-            let _full = ends.bus.notices.push(Notice::Apart { axis, by });
+        for (axis, fault, squared) in self.drives.take_gantry_events() {
+            if let Some(fault) = fault.filter(|_| !self.was_apart[axis]) {
+                let _full = ends.bus.notices.push(Notice::Gantry { axis, fault });
+            }
+            self.was_apart[axis] = fault.is_some();
+            if let Some(by) = squared {
+                let _full = ends.bus.notices.push(Notice::Squared { axis, by });
+            }
         }
-        self.was_apart = apart.is_some();
         for (place, axis) in self.drives.axes().iter().enumerate() {
             let (index, code) = (axis.index(), axis.error_code());
             if code != 0 && self.reported[place] != code {

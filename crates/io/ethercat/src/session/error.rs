@@ -1,6 +1,6 @@
 //! Why a session ended, and what it has to say meanwhile.
 
-use evolvent_drive::{InterpolationError, SettingsError};
+use evolvent_drive::{GantryFault, InterpolationError, SettingsError};
 use thiserror::Error;
 
 use crate::pdo::PdoError;
@@ -125,8 +125,10 @@ pub enum Notice {
     Operational { clocks: bool },
     /// A drive is in fault.
     DriveFault { axis: usize, code: u16 },
-    /// The drives of a gantry differ too much.
-    Apart { axis: usize, by: f64 },
+    /// The drives of a gantry have to stop.
+    Gantry { axis: usize, fault: GantryFault },
+    /// A gantry was homed by its switches, and its second drive was so far from square.
+    Squared { axis: usize, by: f64 },
     /// A drive has found its machine zero, or has not.
     Homed { axis: usize, found: bool },
     /// A device does not reply, or has left OP.
