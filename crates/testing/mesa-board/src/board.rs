@@ -2,6 +2,7 @@
 
 mod registers;
 
+use crate::beam::{Beam, BeamMotor};
 use crate::encoder::Encoder;
 use crate::fault::{Fault, FaultKind};
 use crate::field_pins::{FieldOutputs, InputFilter};
@@ -94,6 +95,7 @@ pub struct Board {
     pwm_rate: u32,
     pdm_rate: u32,
     pwm_enable: u32,
+    beam: Option<Beam>,
     filter: Option<InputFilter>,
     field: FieldOutputs,
     serial: Option<SmartSerial>,
@@ -137,6 +139,7 @@ impl Board {
             pwm_rate: 0,
             pdm_rate: 0,
             pwm_enable: 0,
+            beam: None,
             filter: (model.filtered_inputs() > 0).then(|| InputFilter::new(model.filtered_inputs())),
             field: FieldOutputs::default(),
             serial: model.has_smart_serial().then(SmartSerial::new),
@@ -244,6 +247,38 @@ impl Board {
         if let Some(encoder) = self.encoders.get_mut(unit) {
             encoder.turn(counts);
         }
+    }
+
+    /// A beam between two of its motors.
+    pub fn set_beam(&mut self, beam: Beam) {
+        self.beam = Some(beam);
+        self.move_beam();
+    }
+
+    /// That beam.
+    pub const fn beam(&mut self) -> Option<&mut Beam> {
+        self.beam.as_mut()
+    }
+
+    /// The beam goes where its motors have turned, and its switches change.
+    fn move_beam(&mut self) {
+        let Some(mut beam) = self.beam else { return };
+        let motors = beam.sides().map(|side| match side.motor {
+            BeamMotor::Steps(unit) => self.motor_steps(unit),
+            BeamMotor::Shaft(unit) => self.shaft(unit),
+        });
+        for (pin, level) in beam.follow(motors) {
+            self.set_level(pin, level);
+        }
+        for (side, of_beam) in beam.sides().iter().enumerate() {
+            // The shaft of a motor that steps turns on: it has no encoder.
+            if let BeamMotor::Shaft(unit) = of_beam.motor
+                && let Some(encoder) = self.encoders.get_mut(unit)
+            {
+                encoder.hold(beam.is_held(side));
+            }
+        }
+        self.beam = Some(beam);
     }
 
     /// Counts a turn of a shaft, and counts/s at full PWM of its number.
@@ -441,14 +476,6 @@ impl Board {
             serial.set_off(is_off);
             serial.advance(self.now_ns);
         }
-        if let Some(mut filter) = self.filter.take() {
-            let inputs = 0..filter.width();
-            let levels = inputs.fold(0, |levels, pin| {
-                levels | u32::from(self.level(pin as usize)) << pin
-            });
-            filter.advance(clocks, levels);
-            self.filter = Some(filter);
-        }
         let timestamp = (self.now_ns / 1000) as u16;
         for unit in 0..self.encoders.len() {
             let duty = if unit < self.pwms.len() {
@@ -457,6 +484,15 @@ impl Board {
                 0.0
             };
             self.encoders[unit].advance(time_s, duty, timestamp);
+        }
+        self.move_beam();
+        if let Some(mut filter) = self.filter.take() {
+            let inputs = 0..filter.width();
+            let levels = inputs.fold(0, |levels, pin| {
+                levels | u32::from(self.level(pin as usize)) << pin
+            });
+            filter.advance(clocks, levels);
+            self.filter = Some(filter);
         }
     }
 

@@ -22,6 +22,8 @@ pub(crate) struct Encoder {
     /// Counts/s at full PWM.
     full_speed: f64,
     speed: f64,
+    /// Something holds the shaft.
+    is_held: bool,
 }
 
 impl Default for Encoder {
@@ -36,6 +38,7 @@ impl Default for Encoder {
             counts_per_turn: 4000,
             full_speed: 200_000.0,
             speed: 0.0,
+            is_held: false,
         }
     }
 }
@@ -80,6 +83,11 @@ impl Encoder {
         self.shaft += counts;
     }
 
+    /// Something holds the shaft, whatever its drive does.
+    pub(crate) const fn hold(&mut self, is_held: bool) {
+        self.is_held = is_held;
+    }
+
     /// Counts a turn, and counts/s at full duty.
     pub(crate) const fn set_drive(&mut self, counts_per_turn: i64, full_speed: f64) {
         self.counts_per_turn = counts_per_turn;
@@ -100,7 +108,7 @@ impl Encoder {
             rest -= step;
             let wanted = duty * self.full_speed;
             self.speed += (wanted - self.speed) * (1.0 - (-step / LAG_S).exp());
-            if wanted == 0.0 && self.speed.abs() < 1.0 {
+            if self.is_held || wanted == 0.0 && self.speed.abs() < 1.0 {
                 self.speed = 0.0;
             }
             self.shaft += self.speed * step;

@@ -14,9 +14,12 @@
 //! HostMot2 has them; step generators count as theirs do, and the motors at them follow their pulses only while the pins are outputs
 //! of the generator. [`Fault`]s come on demand.
 //!
+//! A [`Beam`] is a gantry: two motors, each with its home switch.
+//!
 //! It leaves out smart serial, the debouncing inputs and solid-state outputs of the 7I96S (InM, SSR), the DPLL, flash and
 //! configuration.
 
+mod beam;
 mod board;
 mod encoder;
 mod fault;
@@ -27,6 +30,7 @@ mod server;
 mod smart_serial;
 mod step_generator;
 
+pub use beam::{Beam, BeamMotor, BeamSide};
 pub use board::{Board, Traffic};
 pub use fault::{Fault, FaultError, FaultKind};
 pub use layout::BoardModel;
