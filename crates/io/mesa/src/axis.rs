@@ -19,6 +19,8 @@ const INTEGRAL: f64 = 0.2;
 
 /// Object 603Fh: external error, by the drive's fault output.
 pub(crate) const EXTERNAL: u16 = 0x9000;
+/// Object 603Fh: following error, of the motors of a gantry that differ too much.
+pub(crate) const APART: u16 = 0x8611;
 /// Object 603Fh: communication.
 pub(crate) const COMMUNICATION: u16 = 0x7500;
 
@@ -61,6 +63,10 @@ pub(crate) struct MesaAxis {
     last_error: f64,
     has_fault: bool,
     is_lost: bool,
+    /// It has to stop with the other motor of its gantry.
+    is_apart: bool,
+    /// What is added to the setpoint, and its velocity, for a motor of a gantry.
+    apart: (f64, f64),
     switches: [bool; 3],
 }
 
@@ -82,6 +88,8 @@ impl MesaAxis {
             last_error: 0.0,
             has_fault: false,
             is_lost: false,
+            is_apart: false,
+            apart: (0.0, 0.0),
             switches: [false; 3],
         }
     }
@@ -125,6 +133,15 @@ impl MesaAxis {
     /// Its board no longer replies.
     pub(crate) const fn set_lost(&mut self) {
         self.is_lost = true;
+    }
+
+    pub(crate) const fn set_too_far_apart(&mut self, is_apart: bool) {
+        self.is_apart = is_apart;
+    }
+
+    /// What is added to setpoints from now on, and its velocity.
+    pub(crate) const fn set_apart(&mut self, distance: f64, velocity: f64) {
+        self.apart = (distance, velocity);
     }
 
     pub(crate) fn rename(&mut self, shift: f64) {
@@ -188,7 +205,7 @@ impl MesaAxis {
         period_s: f64,
     ) -> AxisOrder {
         let axis = self.settings.axis;
-        let setpoint = target.position[axis];
+        let setpoint = target.position[axis] + self.apart.0;
         // Resets requested before this session count as done.
         let controller = self.controller.get_or_insert(Cia402::new(target.fault_reset));
         let order = controller.step(
@@ -201,10 +218,11 @@ impl MesaAxis {
         let ramp_ends = self
             .ramp
             .is_none_or(|(brake, time_s)| time_s >= brake.duration_s());
-        let fault = match (self.is_lost, self.has_fault) {
-            (true, _) => Some(COMMUNICATION),
-            (false, true) => Some(EXTERNAL),
-            (false, false) => None,
+        let fault = match (self.is_lost, self.has_fault, self.is_apart) {
+            (true, ..) => Some(COMMUNICATION),
+            (_, true, _) => Some(EXTERNAL),
+            (.., true) => Some(APART),
+            (false, false, false) => None,
         };
         let before = self.machine.state();
         let state = self.machine.step(
@@ -219,7 +237,8 @@ impl MesaAxis {
             DriveState::OperationEnabled => {
                 self.ramp = None;
                 if order.follows && before == DriveState::OperationEnabled {
-                    let (velocity, acceleration) = (target.velocity[axis], target.acceleration[axis]);
+                    let velocity = target.velocity[axis] + self.apart.1;
+                    let acceleration = target.acceleration[axis];
                     self.follow(setpoint, velocity, acceleration, now_ns, period_s)
                 } else {
                     0.0

@@ -2,21 +2,36 @@
 
 use evolvent_bridge::follower_settings;
 use evolvent_bus::{AXES, Feedback, Setpoint};
-use evolvent_drive::{DriveState, Follower, PowerRequest, SettingsError, Target};
+use evolvent_drive::{
+    DriveState, Follower, Gantry, GantryFault, GantryInputs, PowerRequest, SettingsError, Target, is_homed,
+    worse_status,
+};
 use evolvent_machine::Machine;
 use evolvent_path::AxisMask;
 
 use crate::axis::{AxisLimits, MesaAxis};
-use crate::board_settings::{Actuator, BoardSettings, Pin};
+use crate::board_settings::{Actuator, BoardAxis, BoardSettings, Pin};
 use crate::field_pins::{InputPlace, OutputPlace};
 use crate::plan::{Inputs, Outputs, Plan};
 use crate::smart_serial::{bit_of, set_bit};
+
+/// Two entries of one axis.
+#[derive(Debug)]
+struct Pair {
+    first: usize,
+    second: usize,
+    gantry: Gantry,
+    /// Each motor has a home switch.
+    has_switches: bool,
+}
 
 /// Axes of one session. Only the constructor allocates.
 #[derive(Debug)]
 pub(crate) struct AxisSet {
     follower: Follower,
     axes: Vec<MesaAxis>,
+    gantries: Vec<Pair>,
+    is_aligned: bool,
     period_s: f64,
     instance: u64,
     axes_mask: u32,
@@ -47,6 +62,8 @@ impl AxisSet {
         });
         Ok(Self {
             axes: axes.collect(),
+            gantries: pairs(board),
+            is_aligned: false,
             follower: Follower::new(settings)?,
             period_s: period_ns as f64 * 1e-9,
             instance,
@@ -103,6 +120,13 @@ impl AxisSet {
                 settings.switches.map(is_on),
             );
         }
+        if !core::mem::replace(&mut self.is_aligned, true) {
+            // Nothing tells where the motors are: the beam is assumed to be square until both have passed their switches.
+            for pair in &self.gantries {
+                let [first, second] = [pair.first, pair.second].map(|motor| self.axes[motor].position());
+                self.axes[pair.second].rename(pair.gantry.alignment([first, second]));
+            }
+        }
     }
 
     /// One period at a time of the bus's clock.
@@ -112,15 +136,18 @@ impl AxisSet {
             .iter()
             .all(|axis| axis.state() == DriveState::OperationEnabled);
         let mut actual = [0.0; AXES];
-        for axis in &self.axes {
+        for axis in self.axes.iter().filter(|axis| axis.settings().gantry.is_none()) {
             actual[axis.index()] = axis.position();
+        }
+        for pair in &self.gantries {
+            let first = &self.axes[pair.first];
+            actual[first.index()] = pair.gantry.position(first.position());
         }
         let target = self.follower.step(now_ns, enabled, &actual);
         if let Some(shift) = target.datum_shift {
-            for axis in &mut self.axes {
-                axis.rename(shift[axis.index()]);
-            }
+            self.rename(&shift);
         }
+        self.step_gantries(enabled, &target);
         // Axes that cannot follow together do not follow at all.
         if target.power == PowerRequest::Off {
             self.group_stop = false;
@@ -151,6 +178,52 @@ impl AxisSet {
         self.target = Some(target);
     }
 
+    /// Positions refer to another datum.
+    fn rename(&mut self, shift: &[f64; AXES]) {
+        for axis in &mut self.axes {
+            axis.rename(shift[axis.index()]);
+        }
+        for pair in &mut self.gantries {
+            let shift_here = shift[self.axes[pair.first].index()];
+            let by = pair.gantry.rename(shift_here, is_homed(shift, shift_here));
+            for (motor, by) in [pair.first, pair.second].into_iter().zip(by) {
+                self.axes[motor].rename(by - shift_here);
+            }
+        }
+    }
+
+    fn step_gantries(&mut self, is_enabled: bool, target: &Target) {
+        for pair in &mut self.gantries {
+            let motors = [pair.first, pair.second];
+            let switches = motors.map(|motor| self.axes[motor].switches()[0]);
+            pair.gantry.step(&GantryInputs {
+                is_enabled,
+                power: target.power,
+                position: motors.map(|motor| self.axes[motor].position()),
+                velocity: target.velocity[self.axes[pair.first].index()],
+                switches: pair.has_switches.then_some(switches),
+                strain: None,
+                period_s: self.period_s,
+            });
+            for (side, motor) in motors.into_iter().enumerate() {
+                let axis = &mut self.axes[motor];
+                axis.set_apart(pair.gantry.offset(side), pair.gantry.velocity(side));
+                axis.set_too_far_apart(pair.gantry.fault().is_some());
+            }
+        }
+    }
+
+    /// Axis and fault of each gantry, and how far the beam was from square if it has just been homed.
+    pub(crate) fn take_gantry_events(
+        &mut self,
+    ) -> impl Iterator<Item = (usize, Option<GantryFault>, Option<f64>)> + '_ {
+        let axes = &self.axes;
+        self.gantries.iter_mut().map(|pair| {
+            let axis = axes[pair.first].index();
+            (axis, pair.gantry.fault(), pair.gantry.take_squared())
+        })
+    }
+
     /// The last feedback of the axes.
     pub(crate) fn feedback(&self) -> Option<Feedback> {
         let target = self.target.as_ref()?;
@@ -169,10 +242,12 @@ impl AxisSet {
         };
         for axis in &self.axes {
             let index = axis.index();
-            feedback.position[index] = axis.position();
-            feedback.velocity[index] = axis.velocity();
-            feedback.following_error[index] = target.position[index] - axis.position();
-            feedback.status_word[index] = u32::from(axis.status_word());
+            if axis.settings().gantry.is_none() {
+                feedback.position[index] = axis.position();
+                feedback.velocity[index] = axis.velocity();
+                feedback.following_error[index] = target.position[index] - axis.position();
+                feedback.status_word[index] = u32::from(axis.status_word());
+            }
             let [home, negative, positive] = axis.switches();
             feedback.home_switch_mask |= AxisMask::one_if(index, home).bits();
             feedback.negative_limit_mask |= AxisMask::one_if(index, negative).bits();
@@ -181,6 +256,18 @@ impl AxisSet {
                 feedback.error_code = u32::from(axis.error_code());
             }
             feedback.fault_reset_done = feedback.fault_reset_done.min(axis.resets_done());
+        }
+        for pair in &self.gantries {
+            let [first, second] = [pair.first, pair.second].map(|motor| &self.axes[motor]);
+            let index = first.index();
+            let position = pair.gantry.position(first.position());
+            feedback.position[index] = position;
+            feedback.velocity[index] = first.velocity() - pair.gantry.velocity(0);
+            feedback.following_error[index] = target.position[index] - position;
+            feedback.status_word[index] = u32::from(worse_status(first.status_word(), second.status_word()));
+            let is_home = pair.has_switches && pair.gantry.home_switch();
+            feedback.home_switch_mask &= !AxisMask::one(index).bits();
+            feedback.home_switch_mask |= AxisMask::one_if(index, is_home).bits();
         }
         Some(feedback)
     }
@@ -193,6 +280,24 @@ impl AxisSet {
             ..feedback
         })
     }
+}
+
+/// The gantries of a board file.
+fn pairs(board: &BoardSettings) -> Vec<Pair> {
+    let seconds = board.axes.iter().enumerate();
+    let pair = |(second, axis): (usize, &BoardAxis)| {
+        let is_first = |other: &BoardAxis| other.axis == axis.axis && other.gantry.is_none();
+        let first = board.axes.iter().position(is_first)?;
+        Some(Pair {
+            first,
+            second,
+            gantry: Gantry::new(axis.gantry?),
+            has_switches: [first, second]
+                .iter()
+                .all(|motor| board.axes[*motor].switches[0].is_some()),
+        })
+    };
+    seconds.filter_map(pair).collect()
 }
 
 /// Whether a pin is on.

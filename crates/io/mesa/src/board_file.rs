@@ -13,7 +13,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use thiserror::Error;
 
-use axis::AxisFile;
+use axis::{AxisFile, check_gantries};
 use pins::{InputPinFile, OutputPinFile, PinFile};
 use spindle::SpindleFile;
 
@@ -163,15 +163,23 @@ impl BoardSettings {
         for (i, axis) in read.axis.iter().enumerate() {
             let key = format!("axis[{i}]");
             let checked = axis.check(&sheet, &key)?;
-            if axes.iter().any(|other| other.axis == checked.axis) {
+            let is_same = |other: &BoardAxis| {
+                other.axis == checked.axis && other.gantry.is_some() == checked.gantry.is_some()
+            };
+            if axes.iter().any(is_same) {
                 let what = "another entry moves this axis".to_owned();
-                return Err(sheet.error(&format!("{key}.letter"), what, "give each axis one entry"));
+                return Err(sheet.error(
+                    &format!("{key}.letter"),
+                    what,
+                    "give each axis one entry, or make this the second motor of a gantry: [axis.gantry]",
+                ));
             }
             axes.push(checked);
         }
         if axes.is_empty() {
             return Err(sheet.error("axis", "no axis is listed".to_owned(), "list each axis: [[axis]]"));
         }
+        check_gantries(&axes, &sheet)?;
         let mut inputs = Vec::new();
         for (i, input) in read.input.iter().enumerate() {
             inputs.push(InputPin {

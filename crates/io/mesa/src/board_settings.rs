@@ -2,6 +2,8 @@
 
 use std::net::IpAddr;
 
+use evolvent_drive::GantrySettings;
+
 /// A board file, checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardSettings {
@@ -193,4 +195,6 @@ pub struct BoardAxis {
     pub fault: Option<Pin>,
     /// Home switch, negative limit, positive limit.
     pub switches: [Option<Pin>; 3],
+    /// Set for the second motor of its axis.
+    pub gantry: Option<GantrySettings>,
 }

@@ -4,7 +4,10 @@ use evolvent_machine::{Machine, SignalKind};
 use evolvent_path::AxisLetter;
 use thiserror::Error;
 
-use crate::board_settings::{Actuator, BoardSettings, InputSource, OutputTarget};
+use crate::board_settings::{Actuator, BoardAxis, BoardSettings, InputSource, OutputTarget};
+
+/// Maximum speed of squaring, as a fraction of the maximum velocity: motors may exceed that velocity by as much.
+const SQUARE_FRACTION: f64 = 0.2;
 
 /// Why a board file does not fit a machine file.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -53,6 +56,19 @@ pub enum FitError {
         /// Value of the board file.
         possible: f64,
     },
+    /// A beam that is squared faster than the motors can move beside the motion of the axis.
+    #[error(
+        "{letter}: a square_speed of {speed:.3} per second is more than a fifth of max_velocity, {most:.3}: \
+         motors move with both at the same time; lower square_speed"
+    )]
+    SquareSpeed {
+        /// The axis.
+        letter: char,
+        /// Value of the board file.
+        speed: f64,
+        /// The maximum.
+        most: f64,
+    },
     /// A name that is not in the machine file.
     #[error(
         "`{name}` is not a {kind} {direction} of the machine file: correct the name, or add [[{direction}]] \
@@ -96,30 +112,17 @@ pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitErro
     }
     for listed in &machine.axes {
         let letter = listed.letter.letter();
-        let Some(axis) = board.axes.iter().find(|axis| axis.axis == listed.letter.index()) else {
+        let mut motors = board
+            .axes
+            .iter()
+            .filter(|axis| axis.axis == listed.letter.index())
+            .peekable();
+        if motors.peek().is_none() {
             return Err(FitError::NoEntry { letter });
-        };
-        match axis.actuator {
-            Actuator::Steps { timing, .. } => {
-                let needed = axis.per_unit * listed.max_velocity;
-                let possible = 1e9 / (timing.length_ns + timing.space_ns);
-                if needed > possible {
-                    return Err(FitError::StepRate {
-                        letter,
-                        needed,
-                        possible,
-                    });
-                }
-            }
-            Actuator::Servo { full_velocity, .. } => {
-                if listed.max_velocity > full_velocity {
-                    return Err(FitError::FullVelocity {
-                        letter,
-                        needed: listed.max_velocity,
-                        possible: full_velocity,
-                    });
-                }
-            }
+        }
+        let max_velocity = max_velocity(machine, board, listed.letter.index());
+        for motor in motors {
+            check_motor(motor, letter, listed.max_velocity, max_velocity)?;
         }
     }
     let signals = &machine.signals;
@@ -164,6 +167,50 @@ pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitErro
     {
         let number = spindle.number;
         return Err(FitError::NoSpindle { number });
+    }
+    Ok(())
+}
+
+/// Maximum velocity of the motors of an axis: that of the machine file, and of squaring where there are two.
+pub(crate) fn max_velocity(machine: &Machine, board: &BoardSettings, axis: usize) -> f64 {
+    let listed = machine.axes.iter().find(|listed| listed.letter.index() == axis);
+    let mut motors = board.axes.iter().filter(|motor| motor.axis == axis);
+    let squaring = motors.find_map(|motor| motor.gantry);
+    listed.map_or(0.0, |listed| listed.max_velocity) + squaring.map_or(0.0, |gantry| gantry.square_velocity)
+}
+
+/// Whether a motor of an axis reaches `needed`, which is `max_velocity` of the machine file and what squaring adds.
+fn check_motor(motor: &BoardAxis, letter: char, max_velocity: f64, needed: f64) -> Result<(), FitError> {
+    if let Some(gantry) = motor.gantry
+        && gantry.square_velocity > SQUARE_FRACTION * max_velocity
+    {
+        return Err(FitError::SquareSpeed {
+            letter,
+            speed: gantry.square_velocity,
+            most: SQUARE_FRACTION * max_velocity,
+        });
+    }
+    match motor.actuator {
+        Actuator::Steps { timing, .. } => {
+            let needed = motor.per_unit * needed;
+            let possible = 1e9 / (timing.length_ns + timing.space_ns);
+            if needed > possible {
+                return Err(FitError::StepRate {
+                    letter,
+                    needed,
+                    possible,
+                });
+            }
+        }
+        Actuator::Servo { full_velocity, .. } => {
+            if needed > full_velocity {
+                return Err(FitError::FullVelocity {
+                    letter,
+                    needed,
+                    possible: full_velocity,
+                });
+            }
+        }
     }
     Ok(())
 }

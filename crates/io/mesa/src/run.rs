@@ -7,7 +7,7 @@ use evolvent_bridge::{BridgeError, BridgeSettings, Hardware, run_bridge};
 use evolvent_machine::Machine;
 use evolvent_path::{AxisLetter, AxisMask};
 
-use crate::axis::{COMMUNICATION, EXTERNAL};
+use crate::axis::{APART, COMMUNICATION, EXTERNAL};
 use crate::board_settings::BoardSettings;
 use crate::link::Link;
 use crate::session::{Counters, Ends, Notice, SessionError, run_session};
@@ -111,17 +111,25 @@ impl Hardware for RunSettings {
     fn text(&self, notice: Notice) -> String {
         match notice {
             Notice::Operational => format!("board at {}: set up", self.board.address),
-            Notice::DriveFault { axis, code } => {
-                let letter = AxisLetter::ALL
-                    .iter()
-                    .find(|letter| letter.index() == axis)
-                    .map_or('?', |letter| letter.letter());
+            Notice::Gantry { axis, fault } => format!("gantry of {}: {fault}", letter(axis)),
+            Notice::Squared { axis, by } => format!(
+                "gantry of {}: homed by both switches; the second drive was {by:.3} from where it is on a square \
+                 beam, and is moved there",
+                letter(axis)
+            ),
+            Notice::DriveFault {
+                axis,
+                is_second,
+                code,
+            } => {
                 let what = match code {
+                    APART => "it stops with the other drive of its gantry",
                     EXTERNAL => "its drive reports a fault at the board's input",
                     COMMUNICATION => "the board does not reply, or its data are implausible",
                     _ => "fault",
                 };
-                format!("{letter}: {code:04X}h: {what}")
+                let second = if is_second { ", second drive" } else { "" };
+                format!("{}{second}: {code:04X}h: {what}", letter(axis))
             }
         }
     }
@@ -136,4 +144,11 @@ impl RunSettings {
             duration: self.duration,
         }
     }
+}
+
+fn letter(axis: usize) -> char {
+    AxisLetter::ALL
+        .iter()
+        .find(|letter| letter.index() == axis)
+        .map_or('?', |letter| letter.letter())
 }

@@ -5,7 +5,7 @@ use core::time::Duration;
 
 use evolvent_bridge::{BusEnds, Incoming, monotonic_ns};
 use evolvent_bus::AXES;
-use evolvent_drive::SettingsError;
+use evolvent_drive::{GantryFault, SettingsError};
 use evolvent_machine::Machine;
 use thiserror::Error;
 
@@ -13,6 +13,7 @@ use crate::axis_set::AxisSet;
 use crate::board_settings::BoardSettings;
 use crate::clock::sleep_until;
 use crate::description::Description;
+use crate::fit::max_velocity;
 use crate::link::{Link, LinkError};
 use crate::packet::{MAX_PACKET, Packet, PacketFull, Reply};
 use crate::plan::{Inputs, Outputs, Plan, PlanError};
@@ -84,12 +85,16 @@ pub enum SessionError {
 }
 
 /// Events of a session for the user.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Notice {
     /// The board is set up.
     Operational,
-    /// A drive is in fault.
-    DriveFault { axis: usize, code: u16 },
+    /// A drive is in fault; `is_second`: it is the second of a gantry.
+    DriveFault { axis: usize, is_second: bool, code: u16 },
+    /// The motors of a gantry have to stop.
+    Gantry { axis: usize, fault: GantryFault },
+    /// A gantry was homed by its switches, and its second motor was so far from square.
+    Squared { axis: usize, by: f64 },
 }
 
 /// Counters over all sessions.
@@ -124,13 +129,7 @@ pub(crate) fn run_session(
     let max_velocity: Vec<f64> = settings
         .axes
         .iter()
-        .map(|axis| {
-            let listed = machine
-                .axes
-                .iter()
-                .find(|listed| listed.letter.index() == axis.axis);
-            listed.map_or(0.0, |listed| listed.max_velocity)
-        })
+        .map(|axis| max_velocity(machine, settings, axis.axis))
         .collect();
     let serial = SmartSerial::discover(link, board, &settings.remotes)?;
     let plan = Plan::new(board, settings, serial, &max_velocity, period_ns as f64 * 1e-9)?;
@@ -153,7 +152,8 @@ pub(crate) fn run_session(
         lost: 0,
         unheard: 0,
         failed: [0; MAX_REMOTES],
-        reported: [0; AXES],
+        reported: [0; 2 * AXES],
+        was_apart: [false; AXES],
     };
     cycle.set_up()?;
     // Setpoints sent during setup are discarded.
@@ -183,8 +183,10 @@ struct Cycle<'a> {
     unheard: u32,
     /// Failed exchanges in a row, by smart-serial device.
     failed: [u32; MAX_REMOTES],
-    /// Fault codes already reported.
-    reported: [u16; AXES],
+    /// Fault codes already reported, in the order of the board file's axes.
+    reported: [u16; 2 * AXES],
+    /// Axes of which the fault of a gantry was reported.
+    was_apart: [bool; AXES],
 }
 
 impl Cycle<'_> {
@@ -421,12 +423,25 @@ impl Cycle<'_> {
     }
 
     fn tell_faults(&mut self, ends: &mut Ends<'_, '_>) {
-        for axis in self.axes.axes() {
-            let (index, code) = (axis.index(), axis.error_code());
-            if code != 0 && self.reported[index] != code {
-                let _full = ends.bus.notices.push(Notice::DriveFault { axis: index, code });
+        for (axis, fault, squared) in self.axes.take_gantry_events() {
+            if let Some(fault) = fault.filter(|_| !self.was_apart[axis]) {
+                let _full = ends.bus.notices.push(Notice::Gantry { axis, fault });
             }
-            self.reported[index] = code;
+            self.was_apart[axis] = fault.is_some();
+            if let Some(by) = squared {
+                let _full = ends.bus.notices.push(Notice::Squared { axis, by });
+            }
+        }
+        for (axis, reported) in self.axes.axes().iter().zip(&mut self.reported) {
+            let code = axis.error_code();
+            if code != 0 && *reported != code {
+                let _full = ends.bus.notices.push(Notice::DriveFault {
+                    axis: axis.index(),
+                    is_second: axis.settings().gantry.is_some(),
+                    code,
+                });
+            }
+            *reported = code;
         }
     }
 }

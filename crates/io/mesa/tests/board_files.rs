@@ -78,6 +78,132 @@ fn what_does_not_fit_is_named() {
     );
 }
 
+fn gantry_text() -> String {
+    evolvent_file_tests::shipped("boards/7i96s-gantry.toml")
+}
+
+/// The text with an edit of the second entry of Y.
+fn second(from: &str, to: &str) -> String {
+    let text = gantry_text();
+    let at = text.find("# the second motor of Y").expect("it");
+    let (before, after) = text.split_at(at);
+    assert!(after.contains(from), "{from}");
+    format!("{before}{}", after.replacen(from, to, 1))
+}
+
+#[test]
+fn the_shipped_gantry_fits_its_machine() {
+    let machine = machine("router-3axis");
+    let board = BoardSettings::parse(&gantry_text(), "b.toml").expect("a board file");
+    assert_eq!(board.axes.len(), 4);
+    assert_eq!(board.axes_mask().bits(), 0b111);
+    check_fit(&machine, &board).expect("a fit");
+}
+
+#[test]
+fn each_motor_of_a_gantry_has_to_be_fast_enough() {
+    let machine = machine("router-3axis");
+    let fit = |text: String| {
+        let board = BoardSettings::parse(&text, "b.toml").expect("a board file");
+        check_fit(&machine, &board).expect_err("no fit")
+    };
+    // 150 mm/s and 2 mm/s of squaring.
+    let error = fit(second("step_space_ns = 2500", "step_space_ns = 97500"));
+    assert_eq!(
+        error,
+        FitError::StepRate {
+            letter: 'Y',
+            needed: 152.0 * 320.0,
+            possible: 10_000.0
+        }
+    );
+    let error = fit(second("square_speed = 2", "square_speed = 31"));
+    assert_eq!(
+        error,
+        FitError::SquareSpeed {
+            letter: 'Y',
+            speed: 31.0,
+            most: 30.0
+        }
+    );
+}
+
+#[test]
+fn motors_of_a_gantry_that_do_not_belong_together_are_refused() {
+    let servo = "encoder = 0\ncounts_per_unit = 1000\npwm = 0\nfull_velocity = 200\np_gain = 60\n";
+    let steps = "stepgen = 3\nsteps_per_unit = 320\nstep_length_ns = 2500\nstep_space_ns = 2500\n\
+                 direction_setup_ns = 5000\ndirection_hold_ns = 5000\n";
+    let switch = "home_switch = { pin = 4, inverted = true }";
+    for (from, to, wanted) in [
+        (
+            "letter = \"Y\"",
+            "letter = \"A\"",
+            "no other entry moves this axis",
+        ),
+        (
+            "[axis.gantry]\nmax_difference = 1.5",
+            "#",
+            "another entry moves this axis",
+        ),
+        (
+            steps,
+            servo,
+            "one motor has a step generator, the other an encoder",
+        ),
+        (
+            "inverted = true\n",
+            "zero = 3\n",
+            "start at different coordinates",
+        ),
+        (
+            switch,
+            "",
+            "one motor of a gantry has a home switch, the other has none",
+        ),
+        (
+            switch,
+            "home_switch = { pin = 4, slow = true }",
+            "different filters",
+        ),
+        (
+            switch,
+            "home_switch = { pin = 1, inverted = true }",
+            "both motors of a gantry have this home switch",
+        ),
+        ("max_difference = 1.5", "max_difference = 0", "max_difference"),
+        ("max_difference = 1.5", "", "max_difference"),
+        ("square_speed = 2", "square_speed = -2", "square_speed"),
+        ("square_speed = 2", "square_velocity = 2", "square_velocity"),
+    ] {
+        let mut text = second(from, to);
+        if to == "#" {
+            // Its other keys go with the table.
+            text = text.replacen("squaring_offset", "# squaring_offset", 1).replacen(
+                "square_speed",
+                "# square_speed",
+                1,
+            );
+        }
+        let error = BoardSettings::parse(&text, "b.toml")
+            .expect_err(wanted)
+            .to_string();
+        assert!(
+            error.starts_with("b.toml:") && error.contains(wanted),
+            "{wanted}: {error}"
+        );
+    }
+    // The first has no switch: the error names the second, which has one.
+    let text = gantry_text().replacen("home_switch = { pin = 1, inverted = true }", "", 1);
+    let error = BoardSettings::parse(&text, "b.toml")
+        .expect_err("no switch")
+        .to_string();
+    let line = 1 + text
+        .lines()
+        .position(|line| line.contains("pin = 4"))
+        .expect("a line");
+    assert!(error.starts_with(&format!("b.toml:{line}:")), "{error}");
+}
+
 #[test]
 fn what_makes_no_sense_is_refused_with_its_place() {
     for (from, to, wanted) in [

@@ -10,3 +10,4 @@ mod campaign;
 mod discovery;
 mod faults;
 mod field_io;
+mod gantry;

@@ -1,4 +1,4 @@
-//! The cycle's own work for 4 axes, beside a bare loop on the same sockets, and its allocations: none once it runs.
+//! The cycle's own work for 4 axes, one of them a gantry, beside a bare loop on the same sockets, and its allocations: none once it runs.
 //!
 //! An executable of its own, because its allocator counts.
 
@@ -31,7 +31,10 @@ fn files(address: IpAddr) -> (Machine, BoardSettings) {
     let machine = machine.replacen("[[input]]", &format!("{u}[[input]]"), 1);
     let board = evolvent_file_tests::shipped("boards/7i96s-router.toml");
     let u = "[[axis]]\nletter = \"U\"\nstepgen = 3\nsteps_per_unit = 320\nstep_length_ns = 2500\nstep_space_ns = 2500\ndirection_setup_ns = 5000\ndirection_hold_ns = 5000\n\n";
-    let board = board.replacen("[[input]]", &format!("{u}[[input]]"), 1);
+    // The second motor of X.
+    let second = u.replace("\"U\"", "\"X\"").replace("stepgen = 3", "stepgen = 4")
+        + "home_switch = { pin = 4, inverted = true }\n[axis.gantry]\nmax_difference = 1\n\n";
+    let board = board.replacen("[[input]]", &format!("{u}{second}[[input]]"), 1);
     let mut board = BoardSettings::parse(&board, "board.toml").expect("a board file");
     // A host that is busy may keep the bridge from running for longer than a machine would let it.
     (board.address, board.max_lost_packets, board.watchdog_s) = (address, 50, 1.0);
@@ -183,7 +186,12 @@ fn a_cycle_allocates_nothing_and_its_work_is_told() {
     drop(core);
     let _swept = remove_private_domain(&prefix);
     println!("{:?} {:?}", report.expect("a bridge"), server.lock().traffic());
-    assert!(server.lock().motor_steps(0).abs() > 0.0, "it has moved");
+    for unit in [0, 4] {
+        assert!(
+            server.lock().motor_steps(unit).abs() > 0.0,
+            "motor {unit} has moved"
+        );
+    }
     say("bridge, 4 axes", &mut times);
     say("bare loop", &mut bare_loop(address));
     assert!(times.len() > 3000, "{} cycles", times.len());

@@ -1,5 +1,6 @@
 //! An axis of the board file: a step generator, or an encoder and a PWM generator.
 
+use evolvent_bridge::GantryFile;
 use evolvent_config::{ConfigDocument, ConfigError};
 use evolvent_path::AxisLetter;
 use schemars::JsonSchema;
@@ -67,6 +68,8 @@ pub(super) struct AxisFile {
     pub(super) negative_limit: Option<PinFile>,
     /// Limit switch at the positive end.
     pub(super) positive_limit: Option<PinFile>,
+    /// This is the second motor of a gantry: another entry without it moves the same axis.
+    pub(super) gantry: Option<GantryFile>,
 }
 
 impl AxisFile {
@@ -154,6 +157,74 @@ impl AxisFile {
                 pin(self.negative_limit, "negative_limit")?,
                 pin(self.positive_limit, "positive_limit")?,
             ],
+            gantry: match self.gantry {
+                Some(gantry) => Some(gantry.check(sheet, &at("gantry"))?),
+                None => None,
+            },
         })
     }
+}
+
+/// Checks that the two motors of each gantry belong together.
+pub(super) fn check_gantries(axes: &[BoardAxis], sheet: &ConfigDocument<'_>) -> Result<(), ConfigError> {
+    for (i, second) in axes.iter().enumerate().filter(|(_, axis)| axis.gantry.is_some()) {
+        let key = format!("axis[{i}].gantry");
+        let is_first = |axis: &&BoardAxis| axis.axis == second.axis && axis.gantry.is_none();
+        let Some(first) = axes.iter().find(is_first) else {
+            return Err(sheet.error(
+                &key,
+                "no other entry moves this axis".to_owned(),
+                "give the entry of the first motor the same letter, without [axis.gantry]",
+            ));
+        };
+        let of_steps = |axis: &BoardAxis| matches!(axis.actuator, Actuator::Steps { .. });
+        if of_steps(first) != of_steps(second) {
+            return Err(sheet.error(
+                &key,
+                "one motor has a step generator, the other an encoder".to_owned(),
+                "give both `stepgen`, or both `encoder` and `pwm`: motors that follow in different ways rack the beam",
+            ));
+        }
+        if first.zero != second.zero {
+            return Err(sheet.error(
+                &format!("axis[{i}].zero"),
+                "the motors of a gantry start at different coordinates".to_owned(),
+                "give `zero` to both or to neither; switches that are not square are what squaring_offset is for",
+            ));
+        }
+        let key = format!("axis[{i}].home_switch");
+        match (first.switches[0], second.switches[0]) {
+            (None, None) => {}
+            (Some(one), Some(other)) if one.slow == other.slow => {
+                if (one.pin, one.remote) == (other.pin, other.remote) {
+                    return Err(sheet.error(
+                        &key,
+                        "both motors of a gantry have this home switch".to_owned(),
+                        "give each its own, or remove both: then the beam is assumed to be square",
+                    ));
+                }
+            }
+            (Some(_), Some(_)) => {
+                return Err(sheet.error(
+                    &key,
+                    "the home switches of a gantry have different filters".to_owned(),
+                    "give both `slow` or neither: one edge would be seen later than the other",
+                ));
+            }
+            (None, Some(_)) | (Some(_), None) => {
+                // A key that is missing has no position; the table that it is missing from has one.
+                let key = if second.switches[0].is_some() {
+                    key
+                } else {
+                    format!("axis[{i}]")
+                };
+                return Err(sheet.error(
+                    &key,
+                    "one motor of a gantry has a home switch, the other has none".to_owned(),
+                    "give each its own, or remove it: then the beam is assumed to be square",
+                ));
+            }
+        }
+    }
+    Ok(())
 }
