@@ -121,7 +121,15 @@ impl Trial {
         if self.is_enabled && self.gantry.fault().is_none() {
             for side in 0..2 {
                 let target = setpoint + self.gantry.offset(side) - self.offset[side];
+                let before = self.beam.motor[side];
                 self.beam.motor[side] = (target / STEP).round() * STEP;
+                // Squaring is beside the motion of the axis, and neither jumps.
+                let fastest = velocity.abs() + self.settings.square_velocity + ACCELERATION * PERIOD_S;
+                let moved = (self.beam.motor[side] - before).abs();
+                assert!(
+                    moved < fastest * PERIOD_S + 1.01 * STEP,
+                    "motor {side} jumps by {moved} mm"
+                );
             }
         }
         shown
