@@ -4,9 +4,12 @@
 #![expect(clippy::panic, reason = "helpers of tests fail as tests do")]
 
 use evolvent_drive::{
-    DriveState, Gantry, GantryFault, GantryInputs, GantrySettings, PowerRequest, is_homed, worse_status,
+    BridgeState, Command, DriveState, FeedbackWatch, Gantry, GantryFault, GantryInputs, GantrySettings,
+    PowerRequest, WatchSettings, is_homed, worse_status,
 };
+use evolvent_path::AxisMask;
 use evolvent_random::{Random, cases};
+use evolvent_wire::{AXES, Feedback, Setpoint};
 
 const PERIOD_S: f64 = 1e-3;
 const STEP: f64 = 1.0 / 320.0;
@@ -64,6 +67,10 @@ struct Trial {
     queue: std::collections::VecDeque<(f64, f64)>,
     is_enabled: bool,
     power: PowerRequest,
+    /// The core's monitoring of the feedback.
+    watch: FeedbackWatch,
+    cycle: u64,
+    datum: u64,
 }
 
 impl Trial {
@@ -78,6 +85,9 @@ impl Trial {
             queue: std::collections::VecDeque::new(),
             is_enabled: false,
             power: PowerRequest::Off,
+            watch: FeedbackWatch::new(WatchSettings::new(1_000_000, AxisMask::one(0))),
+            cycle: 1000,
+            datum: 0,
         };
         trial.offset[1] += trial.gantry.alignment(trial.coordinates());
         trial.switch_on();
@@ -101,6 +111,8 @@ impl Trial {
         self.period(self.setpoint, 0.0);
         self.setpoint = self.gantry.position(self.coordinates()[0]);
         self.queue = [(self.setpoint, 0.0); LEAD].into();
+        self.watch = FeedbackWatch::new(WatchSettings::new(1_000_000, AxisMask::one(0)));
+        self.cycle += 100;
         self.is_enabled = true;
     }
 
@@ -147,7 +159,40 @@ impl Trial {
         self.setpoint += self.velocity * PERIOD_S;
         self.queue.push_back((self.setpoint, self.velocity));
         let due = self.queue.pop_front().unwrap_or((self.setpoint, self.velocity));
-        self.period(due.0, due.1)
+        let shown = self.period(due.0, due.1);
+        self.monitor(shown.0);
+        shown
+    }
+
+    /// The core has no reason for an alarm, whatever moves beside its commands.
+    fn monitor(&mut self, position: f64) {
+        self.cycle += 1;
+        let mut setpoint = Setpoint {
+            sequence: self.cycle,
+            power_request: PowerRequest::On.number(),
+            datum: self.datum,
+            axes_mask: 1,
+            ..Setpoint::default()
+        };
+        (setpoint.position[0], setpoint.velocity[0]) = (self.setpoint, self.velocity);
+        let now_ns = self.cycle * 1_000_000;
+        let feedback = Feedback {
+            sequence: self.cycle - LEAD as u64,
+            time_ns: now_ns,
+            position: core::array::from_fn::<f64, AXES, _>(|axis| if axis == 0 { position } else { 0.0 }),
+            status_word: [u32::from(DriveState::OperationEnabled.code()); AXES],
+            axes_mask: 1,
+            bridge_state: BridgeState::Following.number(),
+            datum: self.datum,
+            instance: 1,
+            ..Feedback::default()
+        };
+        if self.gantry.fault().is_none() {
+            let seen = self.watch.step(now_ns, &Command::of(&setpoint), Some(&feedback));
+            if let Err(alarm) = seen {
+                panic!("{alarm:?}");
+            }
+        }
     }
 
     fn stop(&mut self) -> Option<(f64, bool)> {
@@ -186,6 +231,7 @@ impl Trial {
             self.offset[side] += by[side];
         }
         self.setpoint += shift;
+        self.datum += 1;
         self.queue.iter_mut().for_each(|(position, _)| *position += shift);
         for _ in 0..5000 {
             self.core(Some(0.0), SEARCH);
