@@ -9,6 +9,9 @@ use evolvent_path::{Axes, AxisLetter, AxisMask};
 
 use crate::trial_core::{LATEST, PERIOD_NS, TrialCore, states};
 
+/// How often it begins because the host kept setpoints from arriving.
+const ATTEMPTS: u32 = 5;
+
 /// How X is homed, towards smaller coordinates.
 #[derive(Clone, Copy, Debug)]
 pub struct HomingTrial {
@@ -54,7 +57,7 @@ impl TrialCore {
         let mut homing = Homing::new(vec![trial.axis()], 1);
         // Where X goes, and how fast, until it is there.
         let mut goal: Option<(f64, f64)> = None;
-        let begin = Instant::now();
+        let (begin, mut attempts) = (Instant::now(), 0);
         self.velocity_x = 0.0;
         loop {
             self.move_x(goal, trial.acceleration_mm_s2);
@@ -69,15 +72,36 @@ impl TrialCore {
                 self.heard
             );
             let Some(feedback) = self.fresh() else { continue };
-            let is_operational = states(&feedback) == [Some(DriveState::OperationEnabled); 3]
-                && feedback.bridge_state == BridgeState::Following.number();
-            if !is_operational {
+            if states(&feedback) != [Some(DriveState::OperationEnabled); 3] {
                 self.velocity_x = 0.0;
                 return Err(format!(
                     "the drives are {:?}, error {:04X}h",
                     states(&feedback),
                     feedback.error_code
                 ));
+            }
+            let state = BridgeState::from_number(feedback.bridge_state);
+            if !matches!(state, Some(BridgeState::Following | BridgeState::Bridging)) {
+                // The host kept setpoints from arriving in time, and the bridge has stopped the axes: begin again from there.
+                attempts += 1;
+                println!(
+                    "homing, attempt {attempts}: {state:?}, {} setpoints missed",
+                    feedback.missed_setpoints
+                );
+                assert!(attempts < ATTEMPTS, "the bridge does not follow: {feedback:?}");
+                (goal, self.velocity_x) = (None, 0.0);
+                homing = Homing::new(vec![trial.axis()], 1);
+                self.until("axes at rest", |feedback| {
+                    feedback.velocity[0].abs() < 0.1
+                        && BridgeState::from_number(feedback.bridge_state) != Some(BridgeState::Braking)
+                });
+                self.position = self
+                    .heard
+                    .map_or(self.position, |(_, feedback)| feedback.position);
+                self.until("following again", |feedback| {
+                    feedback.bridge_state == BridgeState::Following.number()
+                });
+                continue;
             }
             if feedback.datum != self.datum {
                 continue;
