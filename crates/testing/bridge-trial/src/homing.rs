@@ -57,7 +57,7 @@ impl TrialCore {
         let mut homing = Homing::new(vec![trial.axis()], 1);
         // Where X goes, and how fast, until it is there.
         let mut goal: Option<(f64, f64)> = None;
-        let (begin, mut attempts) = (Instant::now(), 0);
+        let (begin, mut attempts, mut is_following) = (Instant::now(), 0, true);
         self.velocity_x = 0.0;
         loop {
             self.move_x(goal, trial.acceleration_mm_s2);
@@ -82,27 +82,24 @@ impl TrialCore {
             }
             let state = BridgeState::from_number(feedback.bridge_state);
             if !matches!(state, Some(BridgeState::Following | BridgeState::Bridging)) {
-                // The host kept setpoints from arriving in time, and the bridge has stopped the axes: begin again from there.
-                attempts += 1;
-                println!(
-                    "homing, attempt {attempts}: {state:?}, {} setpoints missed",
-                    feedback.missed_setpoints
-                );
-                assert!(attempts < ATTEMPTS, "the bridge does not follow: {feedback:?}");
-                (goal, self.velocity_x) = (None, 0.0);
-                homing = Homing::new(vec![trial.axis()], 1);
-                self.until("axes at rest", |feedback| {
-                    feedback.velocity[0].abs() < 0.1
-                        && BridgeState::from_number(feedback.bridge_state) != Some(BridgeState::Braking)
-                });
-                self.position = self
-                    .heard
-                    .map_or(self.position, |(_, feedback)| feedback.position);
-                self.until("following again", |feedback| {
-                    feedback.bridge_state == BridgeState::Following.number()
-                });
+                // The host kept setpoints from arriving in time, or the bridge from running, and it has stopped the axes: homing
+                // begins again from there.
+                if is_following {
+                    attempts += 1;
+                    println!(
+                        "homing, attempt {attempts}: {state:?}, {} setpoints missed",
+                        feedback.missed_setpoints
+                    );
+                    assert!(attempts < ATTEMPTS, "the bridge does not follow: {feedback:?}");
+                    homing = Homing::new(vec![trial.axis()], 1);
+                }
+                (goal, self.velocity_x, is_following) = (None, 0.0, false);
+                if state != Some(BridgeState::Braking) && feedback.velocity[0].abs() < 0.1 {
+                    self.position = feedback.position;
+                }
                 continue;
             }
+            is_following = true;
             if feedback.datum != self.datum {
                 continue;
             }
