@@ -7,7 +7,7 @@ use evolvent_drive::{DriveEvents, DriveMachine, DriveState, QuickStopOption, bit
 use crate::homing::{Homing, HomingState, Sight};
 use crate::motor::{Mechanics, TwoMass};
 use crate::object::Dictionary;
-use crate::probe::Probe;
+use crate::probe::{Probe, ProbeSources};
 
 /// The period of the drive's own control, ns.
 pub(crate) const STEP_NS: u64 = 125_000;
@@ -52,6 +52,10 @@ pub struct DriveSettings {
     pub limits_turns: [f64; 2],
     /// Where the touch probe closes.
     pub probe_turns: f64,
+    /// Where the encoder's zero impulse begins within each turn, 0 to below 1.
+    pub index_turns: f64,
+    /// The home switch (bit 2 of 60FDh) is on where the load is not beyond this.
+    pub home_switch_turns: f64,
 }
 
 impl Default for DriveSettings {
@@ -64,6 +68,8 @@ impl Default for DriveSettings {
             start_increments: 0,
             limits_turns: [-200.0, 200.0],
             probe_turns: 1000.0,
+            index_turns: 0.0,
+            home_switch_turns: f64::NEG_INFINITY,
         }
     }
 }
@@ -79,6 +85,8 @@ pub(crate) struct DriveTrouble {
     pub(crate) blocked: bool,
     /// Both limit switches are pressed.
     pub(crate) limit: bool,
+    /// The encoder gives no zero impulse.
+    pub(crate) no_index: bool,
 }
 
 /// Outputs as they were taken over last.
@@ -160,6 +168,8 @@ impl Drive {
                 ..masses
             },
             offset,
+            // The step from where it started is no edge.
+            probe: Probe::at(masses.motor / TAU),
             ..Self::new(settings)
         };
     }
@@ -286,7 +296,12 @@ impl Drive {
         if self.trouble.blocked {
             self.masses.block(load);
         }
-        self.probe.step(self.motor_turns(), self.settings.probe_turns);
+        let sources = ProbeSources {
+            input_turns: self.settings.probe_turns,
+            impulse_turns: (!self.trouble.no_index).then_some(self.settings.index_turns),
+            impulse_width_turns: 1.0 / f64::from(self.settings.resolution),
+        };
+        self.probe.step(self.motor_turns(), &sources);
     }
 
     fn advance_demand(&mut self, objects: &Dictionary, state: DriveState) {
@@ -335,21 +350,24 @@ impl Drive {
         let mut found = None;
         if self.homing.state == HomingState::Idle {
             let method = objects.integer(0x6098, 0) as i8;
-            self.homing.start(method, self.motor_turns());
+            self.homing
+                .start(method, self.motor_turns() - self.settings.index_turns);
             if self.homing.state == HomingState::Attained {
                 found = Some(self.motor_turns());
             }
         }
         let [negative_limit, positive_limit] = self.limits();
+        let index_turns = self.settings.index_turns;
         let sight = Sight {
             negative_limit,
             positive_limit,
-            turns: self.motor_turns(),
+            turns: self.motor_turns() - index_turns,
+            has_index: !self.trouble.no_index,
         };
         let fast = objects.integer(0x6099, 1) as f64 / resolution;
         let slow = objects.integer(0x6099, 2) as f64 / resolution;
         let (speed, home) = self.homing.step(sight, fast, slow);
-        if let Some(turns) = found.or(home) {
+        if let Some(turns) = found.or(home.map(|turns| turns + index_turns)) {
             let home_offset = objects.integer(0x607C, 0);
             self.offset = home_offset - (turns * resolution).floor() as i64;
         }
@@ -421,7 +439,11 @@ impl Drive {
         }
         let following = (self.demand.position - self.motor_turns()) * resolution;
         let probe_input = self.motor_turns() >= self.settings.probe_turns;
-        let inputs = i64::from(negative) | i64::from(positive) << 1 | i64::from(probe_input) << 16;
+        let home = self.load_turns() <= self.settings.home_switch_turns;
+        let inputs = i64::from(negative)
+            | i64::from(positive) << 1
+            | i64::from(home) << 2
+            | i64::from(probe_input) << 16;
         let torque = self.torque_n_m / self.settings.mechanics.rated_torque_n_m * 1000.0;
         let values = [
             (0x603F, i64::from(self.machine.error_code())),
@@ -437,7 +459,7 @@ impl Drive {
         for (index, value) in values {
             objects.set_integer(index, 0, value);
         }
-        for (index, caught) in [(0x60BA, self.probe.rising), (0x60BB, self.probe.falling)] {
+        for (index, caught) in (0x60BA..).zip(self.probe.caught) {
             if let Some(turns) = caught {
                 objects.set_integer(index, 0, i64::from(self.increments(turns)));
             }
@@ -573,6 +595,50 @@ mod tests {
         let expected = (0.7 * f64::from(axis.drive.settings.resolution)) as i64;
         assert!((axis.objects.integer(0x60BA, 0) - expected).abs() <= 1);
         assert_eq!(axis.objects.integer(0x60FD, 0) >> 16 & 1, 1);
+    }
+
+    /// Touch probe 2 at the zero impulse beside touch probe 1 at its input: each at its own place, in both directions, first edge
+    /// only; a new arming takes the next impulse. Where the encoder gives no impulse nothing is caught.
+    #[test]
+    fn the_zero_impulse_is_caught_once_per_arming_beside_the_input() {
+        for direction in [1.0, -1.0] {
+            let mut axis = Axis::new(DriveSettings {
+                probe_turns: 0.6 * direction,
+                index_turns: 0.25,
+                ..DriveSettings::default()
+            });
+            let resolution = f64::from(axis.drive.settings.resolution);
+            axis.switch_on();
+            axis.objects.set_integer(0x60B8, 0, 0x3031 | 0x0500);
+            axis.run(1);
+            assert_eq!(axis.objects.integer(0x60B9, 0), 0x0101);
+            axis.go(2.0 * direction, 1000, true);
+            let (first, second) = if direction > 0.0 {
+                (0.25, 2.25)
+            } else {
+                (-0.75, -2.75)
+            };
+            let input = if direction > 0.0 { 0x60BA } else { 0x60BB };
+            for (index, turns) in [(0x60BC, first), (0x60BD, first), (input, 0.6 * direction)] {
+                let caught = axis.objects.integer(index, 0) as f64;
+                assert!((caught - turns * resolution).abs() <= 1.0, "{index:X}h {caught}");
+            }
+            assert_eq!(axis.objects.integer(0x60B9, 0) >> 8, 0b111);
+            axis.objects.set_integer(0x60B8, 0, 0);
+            axis.run(1);
+            assert_eq!(axis.objects.integer(0x60B9, 0), 0);
+            axis.objects.set_integer(0x60B8, 0, 0x1500);
+            axis.run(1);
+            axis.go(2.0 * direction, 400, true);
+            let caught = axis.objects.integer(0x60BC, 0) as f64;
+            assert!((caught - second * resolution).abs() <= 1.0, "{caught}");
+            axis.objects.set_integer(0x60B8, 0, 0);
+            axis.run(1);
+            axis.objects.set_integer(0x60B8, 0, 0x1500);
+            axis.drive.trouble.no_index = true;
+            axis.go(2.0 * direction, 1500, true);
+            assert_eq!(axis.objects.integer(0x60B9, 0), 0x0100, "no impulse");
+        }
     }
 
     #[test]

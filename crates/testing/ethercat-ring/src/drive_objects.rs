@@ -112,8 +112,8 @@ fn homing_objects(resolution: i64) -> [(u16, Entry); 3] {
     ]
 }
 
-/// Digital inputs and the touch probe.
-fn input_objects() -> [(u16, Entry); 5] {
+/// Digital inputs and the touch probes.
+fn input_objects() -> [(u16, Entry); 7] {
     [
         (
             0x60B8,
@@ -130,6 +130,14 @@ fn input_objects() -> [(u16, Entry); 5] {
         (
             0x60BB,
             Entry::integer("Touch probe 1 negative edge", t::INTEGER32, 0).input(),
+        ),
+        (
+            0x60BC,
+            Entry::integer("Touch probe 2 positive edge", t::INTEGER32, 0).input(),
+        ),
+        (
+            0x60BD,
+            Entry::integer("Touch probe 2 negative edge", t::INTEGER32, 0).input(),
         ),
         (0x60FD, Entry::integer("Digital inputs", t::UNSIGNED32, 0).input()),
     ]

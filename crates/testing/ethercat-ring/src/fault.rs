@@ -30,6 +30,8 @@ pub enum FaultKind {
     Blocked,
     /// A drive's limit switches are both pressed.
     Limit,
+    /// A drive's encoder gives no zero impulse.
+    IndexMissing,
     /// SDO requests are aborted: 0800 0000h, general error.
     SdoAbort,
     /// SDO requests are answered for another object.
@@ -42,7 +44,7 @@ pub enum FaultKind {
 
 impl FaultKind {
     /// All kinds with their names.
-    pub const ALL: [(Self, &'static str); 15] = [
+    pub const ALL: [(Self, &'static str); 16] = [
         (Self::Loss, "loss"),
         (Self::Delay, "delay"),
         (Self::Reorder, "reorder"),
@@ -54,6 +56,7 @@ impl FaultKind {
         (Self::TorqueOff, "sto"),
         (Self::Blocked, "blocked"),
         (Self::Limit, "limit"),
+        (Self::IndexMissing, "index-missing"),
         (Self::SdoAbort, "sdo-abort"),
         (Self::SdoWrong, "sdo-wrong"),
         (Self::SlowMailbox, "slow-mailbox"),

@@ -5,8 +5,10 @@
 pub(crate) struct Sight {
     pub(crate) negative_limit: bool,
     pub(crate) positive_limit: bool,
-    /// Turns of the motor; the index pulse comes at whole ones.
+    /// Turns of the motor from an index pulse; it comes at whole ones.
     pub(crate) turns: f64,
+    /// The encoder gives index pulses.
+    pub(crate) has_index: bool,
 }
 
 /// Progress, as bits 10, 12 and 13 of the status word tell it.
@@ -92,7 +94,8 @@ impl Homing {
                 } else {
                     sight.turns.ceil()
                 };
-                if (last - index) * (sight.turns - index) <= 0.0 && last != sight.turns {
+                let passes = (last - index) * (sight.turns - index) <= 0.0 && last != sight.turns;
+                if passes && sight.has_index {
                     self.state = HomingState::Attained;
                     return (0.0, Some(index));
                 }

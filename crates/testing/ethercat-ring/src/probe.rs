@@ -1,12 +1,26 @@
-//! Touch probe 1 (objects 60B8h to 60BBh).
+//! Touch probes 1 and 2 (objects 60B8h to 60BDh), each at the probe input or at the encoder's zero impulse.
 
-/// The function (60B8h), its status (60B9h) and the positions that were caught (60BAh, 60BBh), in turns.
+/// What a function of the touch probe looks at. Positions are turns of the motor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ProbeSources {
+    /// The probe input is on from here upwards.
+    pub(crate) input_turns: f64,
+    /// The zero impulse comes here in each turn; none where the encoder gives none.
+    pub(crate) impulse_turns: Option<f64>,
+    /// How long the impulse is: one increment.
+    pub(crate) impulse_width_turns: f64,
+}
+
+/// An edge of a source: whether it rises, and where.
+type Edge = (bool, f64);
+
+/// The function (60B8h), its status (60B9h) and the positions that were caught (60BAh to 60BDh), in turns.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Probe {
     function: u16,
     pub(crate) status: u16,
-    pub(crate) rising: Option<f64>,
-    pub(crate) falling: Option<f64>,
+    /// At the rising and the falling edge of touch probe 1, then of touch probe 2.
+    pub(crate) caught: [Option<f64>; 4],
     last_turns: f64,
 }
 
@@ -18,45 +32,78 @@ impl Probe {
         }
     }
 
-    /// Takes over the function; a rising bit 0 arms anew.
-    pub(crate) const fn set_function(&mut self, function: u16) {
-        if function & 1 == 0 {
-            self.status = 0;
-        } else if self.function & 1 == 0 {
-            self.status = 1;
-        }
-        // An edge that is not looked for any more is forgotten, so that it can be looked for again.
-        if function >> 4 & 1 == 0 {
-            self.status &= !0b10;
-        }
-        if function >> 5 & 1 == 0 {
-            self.status &= !0b100;
+    /// Takes over the function; a rising bit 0 (8) arms touch probe 1 (2) anew.
+    pub(crate) fn set_function(&mut self, function: u16) {
+        for shift in [0, 8] {
+            let (old, new) = (self.function >> shift, function >> shift);
+            let mut status = self.status >> shift & 0xFF;
+            if new & 1 == 0 {
+                status = 0;
+            } else if old & 1 == 0 {
+                status = 1;
+            }
+            // An edge that is not looked for any more is forgotten, so that it can be looked for again.
+            if new >> 4 & 1 == 0 {
+                status &= !0b10;
+            }
+            if new >> 5 & 1 == 0 {
+                status &= !0b100;
+            }
+            self.status = self.status & !(0xFF << shift) | status << shift;
         }
         self.function = function;
     }
 
-    /// One step of the motor; the input is on beyond `at`. Where within the step it changes is known exactly.
-    pub(crate) fn step(&mut self, turns: f64, at: f64) {
-        let (was, is) = (self.last_turns >= at, turns >= at);
-        self.last_turns = turns;
-        // Bit 2 takes the index pulse instead of the input, which is not simulated.
-        if was == is || self.function & 0b101 != 1 {
-            return;
+    /// One step of the motor. Where within the step a source changes is known exactly.
+    pub(crate) fn step(&mut self, turns: f64, sources: &ProbeSources) {
+        let last = core::mem::replace(&mut self.last_turns, turns);
+        let input = (last >= sources.input_turns) != (turns >= sources.input_turns);
+        let input = input.then_some((turns >= sources.input_turns, sources.input_turns));
+        let impulse = impulse_edges(last, turns, sources);
+        for (number, shift) in [(0, 0), (1, 8)] {
+            // Bits 2 and 3 select the source; source 10b (60D0h) is not simulated.
+            match self.function >> shift & 0b1101 {
+                0b0001 => self.catch(number, input),
+                0b0101 => impulse.iter().for_each(|edge| self.catch(number, *edge)),
+                _ => {}
+            }
         }
-        let (enabled, stored) = if is {
-            (self.function >> 4 & 1, 0b10)
-        } else {
-            (self.function >> 5 & 1, 0b100)
-        };
-        let continuous = self.function >> 1 & 1 == 1;
-        if enabled == 0 || self.status & stored != 0 && !continuous {
+    }
+
+    fn catch(&mut self, number: usize, edge: Option<Edge>) {
+        let Some((rises, at)) = edge else { return };
+        let shift = 8 * number;
+        let (function, side) = (self.function >> shift, usize::from(!rises));
+        let stored = 0b10 << side << shift;
+        let continuous = function >> 1 & 1 == 1;
+        if function >> (4 + side) & 1 == 0 || self.status & stored != 0 && !continuous {
             return;
         }
         self.status |= stored;
-        if is {
-            self.rising = Some(at);
-        } else {
-            self.falling = Some(at);
-        }
+        self.caught[2 * number + side] = Some(at);
     }
+}
+
+/// The edges of the zero impulse that a step passes: the first impulse on the way.
+fn impulse_edges(last: f64, turns: f64, sources: &ProbeSources) -> [Option<Edge>; 2] {
+    let Some(phase) = sources.impulse_turns.filter(|_| turns != last) else {
+        return [None; 2];
+    };
+    let width = sources.impulse_width_turns;
+    // The lower and the upper side of the impulse: entered there, left here, by the direction.
+    let (lower, upper) = (phase, phase + width);
+    let (enter, leave) = if turns > last {
+        (lower, upper)
+    } else {
+        (upper, lower)
+    };
+    let passed = |side: f64| {
+        let (from, to) = ((last - side).floor(), (turns - side).floor());
+        let place = if turns > last { from + 1.0 } else { from } + side;
+        (from != to).then_some(place)
+    };
+    [
+        passed(enter).map(|at| (true, at)),
+        passed(leave).map(|at| (false, at)),
+    ]
 }

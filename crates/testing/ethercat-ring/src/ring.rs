@@ -160,10 +160,11 @@ impl Ring {
             } else {
                 is(FaultKind::Temperature).then_some(0x4310)
             };
-            let (torque_off, blocked, limit) = (
+            let (torque_off, blocked, limit, no_index) = (
                 is(FaultKind::TorqueOff),
                 is(FaultKind::Blocked),
                 is(FaultKind::Limit),
+                is(FaultKind::IndexMissing),
             );
             let device = &mut self.devices[position];
             device.trouble = trouble;
@@ -173,6 +174,7 @@ impl Ring {
                     torque_off,
                     blocked,
                     limit,
+                    no_index,
                 };
             }
             let supplied = core::mem::replace(&mut self.has_supply[position], !gone);
