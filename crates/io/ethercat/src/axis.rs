@@ -6,9 +6,21 @@ use crate::homing::{HOMING_MODE, HomingProgress};
 use crate::network::NetworkAxis;
 use crate::pdo::{DriveInputs, DriveOutputs};
 use crate::touch_probe::TouchProbe;
+use crate::zero_impulse::{Latched, ZeroImpulse};
 
 /// Number of periods for which the fault reset bit is held: a drive may miss a single one between two frames.
 const RESET_PERIODS: u32 = 5;
+
+/// What a period has shown of the zero impulse.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum IndexProgress {
+    /// Nothing new.
+    Nothing,
+    /// From now on the drive latches it.
+    Armed,
+    /// It came at this machine coordinate.
+    Latched(f64),
+}
 
 /// A drive as the bridge sees it. May be called by the cycle.
 #[derive(Clone, Copy, Debug)]
@@ -30,6 +42,7 @@ pub(crate) struct DriveAxis {
     hold: i32,
     holds: bool,
     probe: TouchProbe,
+    zero_impulse: ZeroImpulse,
     /// Distance since power came on, for the drive of a gantry.
     moved: f64,
     /// What is added to the setpoint, and its velocity, for a drive of a gantry.
@@ -53,6 +66,7 @@ impl DriveAxis {
                 following_error: None,
                 probe_status: 0,
                 probe_position: 0,
+                index_position: 0,
             },
             increments: 0,
             has_position: false,
@@ -72,6 +86,7 @@ impl DriveAxis {
                 trips: 0,
                 latched: 0,
             },
+            zero_impulse: ZeroImpulse::new(),
             moved: 0.0,
             apart: (0.0, 0.0),
             is_apart: false,
@@ -110,12 +125,30 @@ impl DriveAxis {
 
     /// Touch probe: edges, and the machine coordinate latched at the last one.
     pub(crate) fn latched(&self) -> Option<(u64, f64)> {
-        self.settings.touch_probe.then(|| {
-            // The latched position is close to the present one.
-            let away = i64::from(self.probe.latched.wrapping_sub(self.inputs.position));
-            let position = self.settings.scale.position(self.increments + away);
-            (self.probe.trips, self.sign() * position + self.offset)
-        })
+        self.settings
+            .touch_probe
+            .then(|| (self.probe.trips, self.position_of(self.probe.latched)))
+    }
+
+    /// The machine coordinate of a position of the drive close to the present one.
+    fn position_of(&self, increments: i32) -> f64 {
+        let away = i64::from(increments.wrapping_sub(self.inputs.position));
+        let position = self.settings.scale.position(self.increments + away);
+        self.sign() * position + self.offset
+    }
+
+    /// Whether it latches the zero impulse of its encoder.
+    pub(crate) const fn latches_index(&self) -> bool {
+        self.settings.index_probe.is_some()
+    }
+
+    /// The next zero impulse is to be latched (`true`), or none.
+    pub(crate) const fn set_index_awaited(&mut self, is_awaited: bool) {
+        if is_awaited {
+            self.zero_impulse.arm();
+        } else {
+            self.zero_impulse.disarm();
+        }
     }
 
     /// Whether the probe input is on, if one is configured.
@@ -152,6 +185,14 @@ impl DriveAxis {
         self.is_lost = true;
     }
 
+    /// The bits of 60B8h that latch the zero impulse.
+    const fn index_function(&self) -> u16 {
+        match self.settings.index_probe {
+            Some(probe) => self.zero_impulse.function(probe),
+            None => 0,
+        }
+    }
+
     fn sign(&self) -> f64 {
         if self.settings.inverted { -1.0 } else { 1.0 }
     }
@@ -170,8 +211,9 @@ impl DriveAxis {
         self.offset += shift;
     }
 
-    /// Reads the inputs, `period_s` after the last ones. The axis cannot move faster than `max_velocity`.
-    pub(crate) fn take(&mut self, inputs: DriveInputs, period_s: f64, max_velocity: f64) {
+    /// Reads the inputs, `period_s` after the last ones. The axis cannot move faster than `max_velocity`. Returns what has become
+    /// of the zero impulse.
+    pub(crate) fn take(&mut self, inputs: DriveInputs, period_s: f64, max_velocity: f64) -> IndexProgress {
         if self.has_position {
             // 32-bit counters wrap around.
             let step = inputs.position.wrapping_sub(self.inputs.position);
@@ -189,6 +231,14 @@ impl DriveAxis {
         self.inputs = inputs;
         if self.settings.touch_probe {
             let _edge = self.probe.step(inputs.probe_status, inputs.probe_position);
+        }
+        match self.settings.index_probe.map(|probe| {
+            self.zero_impulse
+                .step(probe, inputs.probe_status, inputs.index_position)
+        }) {
+            None | Some(Latched::Nothing) => IndexProgress::Nothing,
+            Some(Latched::Armed) => IndexProgress::Armed,
+            Some(Latched::At(increments)) => IndexProgress::Latched(self.position_of(increments)),
         }
     }
 
@@ -271,7 +321,7 @@ impl DriveAxis {
             },
             mode: order.mode_of_operation,
             target: self.inputs.position,
-            probe_function: self.probe.function(),
+            probe_function: self.probe.function() | self.index_function(),
             ..DriveOutputs::default()
         };
         let enables = order.control_word == control::ENABLE_OPERATION;
@@ -361,6 +411,7 @@ impl DriveAxis {
 mod tests {
     use super::*;
     use crate::scale::Scale;
+    use crate::zero_impulse::ProbeNumber;
 
     fn axis(inverted: bool) -> DriveAxis {
         DriveAxis::new(NetworkAxis {
@@ -377,6 +428,7 @@ mod tests {
             following_error: false,
             touch_probe: false,
             probe_input_bit: None,
+            index_probe: Some(ProbeNumber::Two),
             homing: None,
             gantry: None,
         })

@@ -3,13 +3,13 @@
 use evolvent_bridge::follower_settings;
 use evolvent_bus::{AXES, Feedback, Setpoint};
 use evolvent_drive::{
-    DriveState, Follower, Gantry, GantryFault, GantryInputs, PowerRequest, SettingsError, Target, is_homed,
-    worse_status,
+    DriveState, Follower, Gantry, GantryFault, GantryInputs, IndexLatch, IndexRequest, PowerRequest,
+    SettingsError, Target, is_homed, worse_status,
 };
 use evolvent_machine::Machine;
 use evolvent_path::AxisMask;
 
-use crate::axis::DriveAxis;
+use crate::axis::{DriveAxis, IndexProgress};
 use crate::homing::HomingProgress;
 use crate::network::Network;
 use crate::pdo::{DriveInputs, DriveOutputs};
@@ -53,6 +53,9 @@ pub(crate) struct DriveSet {
     /// Twice the maximum velocity of each axis.
     max_velocity: [f64; AXES],
     aligned: bool,
+    /// The newest request for an index pulse, which a drive may still have to take over.
+    index_request: IndexRequest,
+    index: IndexLatch,
     target: Option<Target>,
     power: PowerRequest,
 }
@@ -91,6 +94,8 @@ impl DriveSet {
             gantries,
             max_velocity: settings.max_velocity.map(|velocity| 2.0 * velocity),
             aligned: false,
+            index_request: IndexRequest::NONE,
+            index: IndexLatch::default(),
             follower: Follower::new(settings)?,
             axes,
             period_s: period_ns as f64 * 1e-9,
@@ -143,7 +148,31 @@ impl DriveSet {
 
     pub(crate) fn take(&mut self, axis: usize, inputs: DriveInputs) {
         let drive = &mut self.axes[axis];
-        drive.take(inputs, self.period_s, self.max_velocity[drive.index()]);
+        match drive.take(inputs, self.period_s, self.max_velocity[drive.index()]) {
+            IndexProgress::Nothing => {}
+            // Taken over, for the core, once the drive would latch the impulse.
+            IndexProgress::Armed => {
+                let _axis = self.index.take(self.index_request);
+            }
+            IndexProgress::Latched(position) => {
+                let _axis = self.index.take(self.index_request);
+                self.index.latch(position);
+            }
+        }
+    }
+
+    /// Arms the drive whose index pulse is requested. A request for an axis whose drive latches none is never taken over.
+    fn request_index(&mut self, request: IndexRequest) {
+        if request == self.index_request {
+            return;
+        }
+        self.index_request = request;
+        for drive in self.axes.iter_mut().filter(|drive| drive.latches_index()) {
+            drive.set_index_awaited(request.number != 0 && drive.index() == request.axis);
+        }
+        if request.number == 0 {
+            let _none = self.index.take(request);
+        }
     }
 
     /// One period at a time of the bus's clock; afterwards outputs and feedback are those of this period.
@@ -171,7 +200,9 @@ impl DriveSet {
         let target = self.follower.step(now_ns, enabled, &actual);
         if let Some(shift) = target.datum_shift {
             self.rename(&shift);
+            self.index.rename(&shift);
         }
+        self.request_index(target.index);
         self.step_gantries(enabled, &target);
         // Axes that cannot follow together do not follow at all.
         let fails = |axis: &DriveAxis| {
@@ -360,6 +391,7 @@ impl DriveSet {
                 feedback.home_switch_mask |= AxisMask::one_if(axis, pair.gantry.home_switch()).bits();
             }
         }
+        self.index.describe(&mut feedback);
         Some(feedback)
     }
 }

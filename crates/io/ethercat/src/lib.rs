@@ -52,6 +52,7 @@ mod sii;
 mod socket;
 mod time_driver;
 mod touch_probe;
+mod zero_impulse;
 
 pub use cycle_times::{CycleTime, CycleTimes};
 pub use dump::{DumpSettings, MIN_DUMP_BYTES};

@@ -18,6 +18,7 @@ use crate::homing::HomingOnDrive;
 use crate::pdo::Extras;
 use crate::scale::Scale;
 use crate::signal::{NetworkInput, NetworkOutput};
+use crate::zero_impulse::ProbeNumber;
 
 /// The largest file that is read, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 20;
@@ -113,6 +114,8 @@ pub struct NetworkAxis {
     pub touch_probe: bool,
     /// Bit of the probe in 60FDh.
     pub probe_input_bit: Option<u8>,
+    /// The touch probe that latches the zero impulse of the encoder when the core requests an index pulse.
+    pub index_probe: Option<ProbeNumber>,
     /// Homing by the drive, if configured.
     pub homing: Option<HomingOnDrive>,
     /// Set for the second drive of its axis.
@@ -126,6 +129,7 @@ impl NetworkAxis {
             torque_offset: self.torque_per_acceleration != 0.0,
             following_error: self.following_error,
             touch_probe: self.touch_probe,
+            index_probe: self.index_probe,
         }
     }
 }

@@ -2,6 +2,8 @@
 
 use thiserror::Error;
 
+use crate::zero_impulse::ProbeNumber;
+
 /// An object in the process data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Mapped {
@@ -54,6 +56,15 @@ const FOLLOWING_ERROR: Mapped = Mapped::new(0x60F4, 32);
 const PROBE_FUNCTION: Mapped = Mapped::new(0x60B8, 16);
 const PROBE_STATUS: Mapped = Mapped::new(0x60B9, 16);
 const PROBE_POSITION: Mapped = Mapped::new(0x60BA, 32);
+const PROBE_2_POSITION: Mapped = Mapped::new(0x60BC, 32);
+
+/// The object with the position of a touch probe at its rising edge.
+const fn position_object(probe: ProbeNumber) -> Mapped {
+    match probe {
+        ProbeNumber::One => PROBE_POSITION,
+        ProbeNumber::Two => PROBE_2_POSITION,
+    }
+}
 
 /// Objects that the network file requests in addition to those of every drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,6 +73,23 @@ pub(crate) struct Extras {
     pub(crate) torque_offset: bool,
     pub(crate) following_error: bool,
     pub(crate) touch_probe: bool,
+    /// The touch probe that latches the zero impulse.
+    pub(crate) index_probe: Option<ProbeNumber>,
+}
+
+impl Extras {
+    const fn has_probe(self) -> bool {
+        self.touch_probe || self.index_probe.is_some()
+    }
+
+    /// The objects with latched positions.
+    fn probe_positions(self) -> impl Iterator<Item = Mapped> {
+        let index = self.index_probe.map(position_object);
+        let probe = self.touch_probe.then_some(PROBE_POSITION);
+        probe
+            .into_iter()
+            .chain(index.filter(move |index| probe != Some(*index)))
+    }
 }
 
 /// The objects mapped as the drive's outputs.
@@ -69,7 +97,7 @@ pub(crate) fn wanted_outputs(extras: Extras) -> Vec<Mapped> {
     let mut wanted = NEEDED_OUTPUTS.to_vec();
     wanted.extend(extras.velocity_offset.then_some(VELOCITY_OFFSET));
     wanted.extend(extras.torque_offset.then_some(TORQUE_OFFSET));
-    wanted.extend(extras.touch_probe.then_some(PROBE_FUNCTION));
+    wanted.extend(extras.has_probe().then_some(PROBE_FUNCTION));
     wanted
 }
 
@@ -78,9 +106,8 @@ pub(crate) fn wanted_inputs(extras: Extras) -> Vec<Mapped> {
     let mut wanted = NEEDED_INPUTS.to_vec();
     wanted.extend([ERROR_CODE, DIGITAL_INPUTS, TORQUE]);
     wanted.extend(extras.following_error.then_some(FOLLOWING_ERROR));
-    if extras.touch_probe {
-        wanted.extend([PROBE_STATUS, PROBE_POSITION]);
-    }
+    wanted.extend(extras.has_probe().then_some(PROBE_STATUS));
+    wanted.extend(extras.probe_positions());
     wanted
 }
 
@@ -126,8 +153,12 @@ pub(crate) struct PdoLayout {
     digital_inputs: Option<usize>,
     torque: Option<usize>,
     following_error: Option<usize>,
-    /// Function, status and position of touch probe 1, if requested.
-    touch_probe: Option<[usize; 3]>,
+    /// Function and status of the touch probes, if one is requested.
+    touch_probes: Option<[usize; 2]>,
+    /// Position of touch probe 1, if requested.
+    probe_position: Option<usize>,
+    /// Position at the zero impulse, if requested.
+    index_position: Option<usize>,
 }
 
 /// The outputs of one period.
@@ -155,6 +186,8 @@ pub(crate) struct DriveInputs {
     pub(crate) following_error: Option<i32>,
     pub(crate) probe_status: u16,
     pub(crate) probe_position: i32,
+    /// Position at the zero impulse.
+    pub(crate) index_position: i32,
 }
 
 fn find(mapped: &[Mapped], wanted: Mapped) -> Result<Option<usize>, PdoError> {
@@ -222,14 +255,19 @@ impl PdoLayout {
             } else {
                 None
             },
-            touch_probe: if extras.touch_probe {
-                Some([
-                    need(outputs, PROBE_FUNCTION)?,
-                    need(inputs, PROBE_STATUS)?,
-                    need(inputs, PROBE_POSITION)?,
-                ])
+            touch_probes: if extras.has_probe() {
+                Some([need(outputs, PROBE_FUNCTION)?, need(inputs, PROBE_STATUS)?])
             } else {
                 None
+            },
+            probe_position: if extras.touch_probe {
+                Some(need(inputs, PROBE_POSITION)?)
+            } else {
+                None
+            },
+            index_position: match extras.index_probe {
+                Some(probe) => Some(need(inputs, position_object(probe))?),
+                None => None,
             },
         })
     }
@@ -255,7 +293,7 @@ impl PdoLayout {
         if let Some(at) = self.torque_offset {
             put(image, at, outputs.torque_offset.to_le_bytes());
         }
-        if let Some([at, ..]) = self.touch_probe {
+        if let Some([at, _]) = self.touch_probes {
             put(image, at, outputs.probe_function.to_le_bytes());
         }
     }
@@ -272,11 +310,14 @@ impl PdoLayout {
             torque: self.torque.map_or(0, |at| i16::from_le_bytes(get(image, at))),
             following_error: self.following_error.map(|at| i32::from_le_bytes(get(image, at))),
             probe_status: self
-                .touch_probe
-                .map_or(0, |[_, at, _]| u16::from_le_bytes(get(image, at))),
+                .touch_probes
+                .map_or(0, |[_, at]| u16::from_le_bytes(get(image, at))),
             probe_position: self
-                .touch_probe
-                .map_or(0, |[.., at]| i32::from_le_bytes(get(image, at))),
+                .probe_position
+                .map_or(0, |at| i32::from_le_bytes(get(image, at))),
+            index_position: self
+                .index_position
+                .map_or(0, |at| i32::from_le_bytes(get(image, at))),
         }
     }
 }
@@ -290,6 +331,7 @@ mod tests {
         torque_offset: false,
         following_error: false,
         touch_probe: false,
+        index_probe: None,
     };
 
     #[test]
@@ -315,6 +357,29 @@ mod tests {
         assert_eq!(
             (read.following_error, read.probe_status, read.probe_position),
             (Some(-3), 3, 0x1_0000)
+        );
+        // The latch of the zero impulse beside it: 60BCh comes after 60BAh, and must be there.
+        let both = Extras {
+            index_probe: Some(ProbeNumber::Two),
+            ..extras
+        };
+        assert_eq!(wanted_outputs(both), outputs);
+        let layout = PdoLayout::new(&outputs, &wanted_inputs(both), both).expect("complete");
+        let mut image = [0_u8; 29];
+        image[25..].copy_from_slice(&[7, 0, 0, 0x80]);
+        assert_eq!(layout.read(&image).index_position, i32::MIN + 7);
+        assert_eq!(
+            PdoLayout::new(&outputs, &inputs, both),
+            Err(PdoError::Missing { index: 0x60BC })
+        );
+        let alone = Extras {
+            index_probe: Some(ProbeNumber::One),
+            ..Extras::default()
+        };
+        assert_eq!(wanted_inputs(alone)[6..], [PROBE_STATUS, PROBE_POSITION]);
+        assert_eq!(
+            PdoLayout::new(&wanted_outputs(VELOCITY), &wanted_inputs(alone), alone),
+            Err(PdoError::Missing { index: 0x60B8 })
         );
         let without = PdoLayout::new(&outputs, &wanted_inputs(VELOCITY), extras);
         assert_eq!(without, Err(PdoError::Missing { index: 0x60F4 }));

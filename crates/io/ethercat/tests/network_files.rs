@@ -36,6 +36,18 @@ fn each_error_names_its_place() {
             ),
             edit("letter = \"Y\"", "letter = \"Q\"", "`Q` is not an axis"),
             edit("inertia_kg_m2 = 0.0003", "inertia_kg_m2 = 0", "inertia_kg_m2"),
+            edit("gear = [1, 1] ", "index_probe = 3 ", "3 is not a touch probe"),
+            edit(
+                "gear = [1, 1] ",
+                "index_probe = 1\ntouch_probe = true ",
+                "touch probe 1 already latches the probe input",
+            ),
+            edit(
+                "gear = [1, 1] ",
+                "index_probe = 2\nabsolute = true ",
+                "is not homed by its index pulse",
+            ),
+            edit("gear = [3, 2]", "index_probe = \"two\"", "index_probe"),
             Edit {
                 from: "bytes = 4",
                 to: "bytes = 3",

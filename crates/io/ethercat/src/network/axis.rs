@@ -9,6 +9,7 @@ use serde::Deserialize;
 use super::NetworkAxis;
 use super::homing::HomingFile;
 use crate::scale::Scale;
+use crate::zero_impulse::ProbeNumber;
 
 /// What a drive turns.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -60,6 +61,9 @@ pub(super) struct AxisFile {
     /// Bit of the digital inputs (60FDh) with the probe.
     #[schemars(range(max = 31))]
     pub(super) probe_input_bit: Option<u8>,
+    /// Touch probe (1: 60BAh, or 2: 60BCh) that latches the encoder's zero impulse for homing by index pulse.
+    #[schemars(range(min = 1, max = 2))]
+    pub(super) index_probe: Option<u8>,
     /// The drive finds its machine zero by itself when power is first requested: the axis moves then.
     pub(super) homing: Option<HomingFile>,
     /// This is the second drive of a gantry: another device without it drives the same axis.
@@ -135,6 +139,7 @@ impl AxisFile {
         if let Some(bit) = self.probe_input_bit {
             sheet.number(&at("probe_input_bit"), f64::from(bit), 0.0, 31.0)?;
         }
+        let index_probe = self.check_index_probe(sheet, &at("index_probe"))?;
         let homing = match &self.homing {
             Some(homing) => Some(homing.check(sheet, &at("homing"), scale, letter.is_rotary())?),
             None => None,
@@ -160,11 +165,54 @@ impl AxisFile {
             following_error: self.following_error,
             touch_probe: self.touch_probe,
             probe_input_bit: self.probe_input_bit,
+            index_probe,
             homing,
             gantry: match &self.gantry {
                 Some(gantry) => Some(gantry.check(sheet, &at("gantry"))?),
                 None => None,
             },
         })
+    }
+}
+
+impl AxisFile {
+    /// The touch probe for the zero impulse, which nothing else may use.
+    fn check_index_probe(
+        &self,
+        sheet: &ConfigDocument<'_>,
+        key: &str,
+    ) -> Result<Option<ProbeNumber>, ConfigError> {
+        let Some(number) = self.index_probe else {
+            return Ok(None);
+        };
+        if self.gantry.is_some() {
+            return Err(sheet.error(
+                key,
+                "the second drive of a gantry latches no index pulse: that of the first one counts"
+                    .to_owned(),
+                "remove index_probe here, and give it to the first drive of the axis",
+            ));
+        }
+        if self.absolute {
+            return Err(sheet.error(
+                key,
+                "an encoder that knows its position is not homed by its index pulse".to_owned(),
+                "remove `absolute` or `index_probe`",
+            ));
+        }
+        match number {
+            1 if self.touch_probe => Err(sheet.error(
+                key,
+                "touch probe 1 already latches the probe input (touch_probe)".to_owned(),
+                "give 2, or remove touch_probe",
+            )),
+            1 => Ok(Some(ProbeNumber::One)),
+            2 => Ok(Some(ProbeNumber::Two)),
+            other => Err(sheet.error(
+                key,
+                format!("{other} is not a touch probe: drives have the touch probes 1 and 2"),
+                "give 1 for 60BAh, or 2 for 60BCh",
+            )),
+        }
     }
 }
