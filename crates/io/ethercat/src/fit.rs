@@ -1,6 +1,6 @@
 //! Comparison of a network with a machine.
 
-use evolvent_machine::{Machine, SignalKind};
+use evolvent_machine::{HomingMethod, Machine, SignalKind};
 use evolvent_path::AxisLetter;
 use thiserror::Error;
 
@@ -74,6 +74,15 @@ pub enum FitError {
          drives.enable_timeout_ms there as long as homing takes"
     )]
     HomedTwice {
+        /// The axis.
+        letter: char,
+    },
+    /// The machine file homes an axis by the index pulse, which its drive does not latch.
+    #[error(
+        "{letter} is homed by the index pulse of its encoder in the machine file, but its drive latches \
+         none: give index_probe, the touch probe that latches the zero impulse"
+    )]
+    NoIndex {
         /// The axis.
         letter: char,
     },
@@ -159,6 +168,16 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
         for axis in drives {
             if axis.homing.is_some() && machine.homing.iter().any(|homing| homing.axis == listed.letter) {
                 return Err(FitError::HomedTwice { letter });
+            }
+            let by_index = machine.homing.iter().any(|homing| {
+                let is_index = matches!(
+                    homing.method,
+                    HomingMethod::Index { .. } | HomingMethod::SwitchThenIndex { .. }
+                );
+                homing.axis == listed.letter && is_index
+            });
+            if by_index && axis.gantry.is_none() && axis.index_probe.is_none() {
+                return Err(FitError::NoIndex { letter });
             }
             let per_unit = axis.scale.per_unit();
             let grid = increments[axis.axis];

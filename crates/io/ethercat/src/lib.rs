@@ -74,3 +74,4 @@ pub use signal::{
     AnalogChannel, Channel, ChannelForm, NetworkInput, NetworkOutput, OutputFunction, OutputSource,
 };
 pub use sii::{Pdo, PdoEntry, SiiContents};
+pub use zero_impulse::ProbeNumber;

@@ -33,6 +33,8 @@ pub struct TrialCore {
     pub fault_reset: u32,
     /// The datum of the positions.
     pub datum: u64,
+    /// The request for an index pulse: its number and its axis.
+    pub index: (u32, u32),
     /// The newest feedback, and when it came.
     pub heard: Option<(Instant, Feedback)>,
     /// The newest inputs of the machine.
@@ -57,6 +59,7 @@ impl TrialCore {
             power: PowerRequest::Off,
             fault_reset: 0,
             datum: 0,
+            index: (0, 0),
             heard: None,
             inputs: None,
         }
@@ -76,6 +79,8 @@ impl TrialCore {
             power_request: self.power.number(),
             fault_reset: self.fault_reset,
             datum: self.datum,
+            index_request: self.index.0,
+            index_axis: self.index.1,
             ..Setpoint::default()
         };
         setpoint.velocity[0] = self.velocity_x;
@@ -97,6 +102,16 @@ impl TrialCore {
         for _ in 0..(seconds * 1e9) as u64 / PERIOD_NS {
             self.cycle();
         }
+    }
+
+    /// Moves an axis evenly by a distance at a velocity, and lets it come to rest.
+    pub fn travel(&mut self, axis: usize, distance: f64, velocity: f64) {
+        let step = velocity * PERIOD_NS as f64 * 1e-9 * distance.signum();
+        for _ in 0..(distance / step).round() as u64 {
+            self.position[axis] += step;
+            self.cycle();
+        }
+        self.rest(0.5);
     }
 
     /// The newest feedback where it is fresh.
