@@ -9,7 +9,7 @@ use evolvent_bus::{BusConfig, CoreBus, MachineOutputs, Setpoint, remove_private_
 use evolvent_counting::{CountingAllocator, calls};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_drive::PowerRequest;
-use evolvent_ethercat::{CycleTimes, Network, RunSettings, run_measured};
+use evolvent_ethercat::{CycleTimes, Network, ProbeNumber, RunSettings, run_measured};
 use evolvent_ethercat_ring::{
     DriveSettings, FaultKind, MAIN_INTERFACE, SubDevice, TerminalKind, monotonic_ns, on_bench,
 };
@@ -50,6 +50,9 @@ fn cycles_neither_allocate_nor_free() {
                 dump: None,
             };
             settings.network.max_lost_cycles = 50;
+            if let Some(axis) = &mut settings.network.devices[2].axis {
+                axis.index_probe = Some(ProbeNumber::Two);
+            }
             let (stop, times) = (AtomicBool::new(false), CycleTimes::new(CYCLES, calls));
             let mut config = BusConfig::new("allocation", "XYZ", PERIOD_NS);
             config.prefix = Some(prefix.clone());
@@ -58,6 +61,7 @@ fn cycles_neither_allocate_nor_free() {
             std::thread::scope(|scope| {
                 let bridge =
                     scope.spawn(|| run_measured(&settings, &stop, |text| println!("{text}"), Some(&times)));
+                let mut pulses = 0;
                 let (mut sequence, mut next_ns, mut faulted) = (0_u64, monotonic_ns(), false);
                 while times.cycles().len() < CYCLES && begin.elapsed() < Duration::from_secs(30) {
                     while next_ns < monotonic_ns() {
@@ -71,7 +75,9 @@ fn cycles_neither_allocate_nor_free() {
                             power_request: PowerRequest::On.number(),
                             ..Setpoint::default()
                         };
-                        setpoint.position[1] = (sequence as f64 * 1e-3).sin() * 0.1;
+                        // Y passes its zero impulse, where it starts, and it is asked for again and again.
+                        setpoint.position[1] = (sequence as f64 * 1e-2).sin() * 0.1;
+                        (setpoint.index_request, setpoint.index_axis) = (sequence as u32 / 100, 1);
                         let _reached = bus.publish_setpoint(&setpoint);
                         let outputs = MachineOutputs {
                             sequence: sequence + 1,
@@ -84,7 +90,10 @@ fn cycles_neither_allocate_nor_free() {
                         (sequence, next_ns) = (sequence + 1, next_ns + PERIOD_NS);
                     }
                     bus.admit_readers();
-                    while let Ok(Some(_)) = bus.unchecked_feedback() {}
+                    while let Ok(Some(feedback)) = bus.unchecked_feedback() {
+                        let has_pulse = feedback.index_request > 0 && !feedback.index_position.is_nan();
+                        pulses = pulses.max(if has_pulse { feedback.index_request } else { 0 });
+                    }
                     while let Ok(Some(_)) = bus.unchecked_inputs() {}
                     if !faulted && times.cycles().len() > CYCLES / 2 {
                         faulted = true;
@@ -99,6 +108,7 @@ fn cycles_neither_allocate_nor_free() {
                 }
                 stop.store(true, Ordering::Relaxed);
                 println!("{:?}", bridge.join().expect("no panic"));
+                assert!(pulses > 1, "index pulses have been latched");
             });
             drop(bus);
             let _swept = remove_private_domain(&prefix);

@@ -360,3 +360,34 @@ fn homing_on_the_drive_is_checked_and_never_twice() {
         Err(FitError::HomedTwice { letter: 'X' })
     );
 }
+
+/// A machine file that homes by the index pulse needs a drive that latches it.
+#[test]
+fn homing_by_index_needs_a_latch() {
+    let text = shipped("machines/mill-3axis.toml")
+        + "\n[[homing]]\naxis = \"X\"\nmethod = \"index\"\ntowards = \"negative\"\nlatch_mm_s = 5\nindex_mm = 0\n\
+           index_within_mm = 6\n";
+    let machine = Machine::parse(&text, "machine.toml").expect("a machine");
+    let network = shipped("networks/sim-mill.toml");
+    let fit = |text: &str| {
+        check_fit(
+            &machine,
+            &Network::parse(text, "network.toml").expect("a network"),
+        )
+    };
+    assert_eq!(fit(&network), Err(FitError::NoIndex { letter: 'X' }));
+    let latching = network.replacen("gear = [1, 1]", "index_probe = 2 ", 1);
+    assert_eq!(fit(&latching), Ok(()));
+    // Of the two drives of an axis it is that of the first.
+    let second = "\n[[device]]\nname = \"x2\"\nvendor = 1\nproduct = 1\n[device.axis]\nletter = \"X\"\n\
+                  increments_per_turn = 1048576\nturn_mm = 5\n[device.axis.gantry]\nmax_difference = 1\n";
+    assert_eq!(fit(&(latching.clone() + second)), Ok(()));
+    let twice = latching + &second.replacen("turn_mm = 5", "turn_mm = 5\nindex_probe = 2", 1);
+    let error = Network::parse(&twice, "network.toml").map_err(|error| error.to_string());
+    assert!(
+        error
+            .as_ref()
+            .is_err_and(|error| error.contains("that of the first one counts")),
+        "{error:?}"
+    );
+}

@@ -177,6 +177,25 @@ impl MesaAxis {
         self.sign() * self.total as f64 / self.counts_per_unit() + self.offset
     }
 
+    /// The encoder of this axis, and whether the rising edge of its index input is the pulse.
+    pub(crate) const fn index_source(&self) -> Option<(usize, bool)> {
+        match self.settings.actuator {
+            Actuator::Servo {
+                encoder,
+                index_rising,
+                ..
+            } => Some((encoder, index_rising)),
+            Actuator::Steps { .. } => None,
+        }
+    }
+
+    /// The machine coordinate of a count close to the last reading.
+    pub(crate) fn position_of(&self, count: u16) -> f64 {
+        let away = count.wrapping_sub(self.raw.unwrap_or(0) as u16) as i16;
+        let counts = self.total + i64::from(away);
+        self.sign() * counts as f64 / self.counts_per_unit() + self.offset
+    }
+
     /// Evaluates a reading.
     pub(crate) fn take(&mut self, raw: u32, measured_ns: u64, has_fault: bool, switches: [bool; 3]) {
         let step = match (self.raw, self.settings.actuator) {

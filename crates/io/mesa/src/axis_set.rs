@@ -3,14 +3,15 @@
 use evolvent_bridge::follower_settings;
 use evolvent_bus::{AXES, Feedback, Setpoint};
 use evolvent_drive::{
-    DriveState, Follower, Gantry, GantryFault, GantryInputs, PowerRequest, SettingsError, Target, is_homed,
-    worse_status,
+    DriveState, Follower, Gantry, GantryFault, GantryInputs, IndexLatch, IndexRequest, PowerRequest,
+    SettingsError, Target, is_homed, worse_status,
 };
 use evolvent_machine::Machine;
 use evolvent_path::AxisMask;
 
 use crate::axis::{AxisLimits, MesaAxis};
 use crate::board_settings::{Actuator, BoardAxis, BoardSettings, Pin};
+use crate::encoder_index::{EncoderIndex, IndexReading};
 use crate::field_pins::{InputPlace, OutputPlace};
 use crate::plan::{Inputs, Outputs, Plan};
 use crate::smart_serial::{bit_of, set_bit};
@@ -40,6 +41,10 @@ pub(crate) struct AxisSet {
     group_stop: bool,
     /// The session ends: all axes stop.
     ending: bool,
+    /// The newest request for an index pulse, which the board may still have to take over.
+    index_request: IndexRequest,
+    index: IndexLatch,
+    encoder_index: EncoderIndex,
     target: Option<Target>,
     measured_ns: u64,
 }
@@ -71,6 +76,9 @@ impl AxisSet {
             was_enabled: false,
             group_stop: false,
             ending: false,
+            index_request: IndexRequest::NONE,
+            index: IndexLatch::default(),
+            encoder_index: EncoderIndex::default(),
             target: None,
             measured_ns: 0,
         })
@@ -127,6 +135,47 @@ impl AxisSet {
                 self.axes[pair.second].rename(pair.gantry.alignment([first, second]));
             }
         }
+        self.take_index(inputs);
+    }
+
+    /// What has become of the request for an index pulse. It is taken over, for the core, once the board would latch the pulse.
+    fn take_index(&mut self, inputs: &Inputs) {
+        let reading = self.encoder_index.take(inputs.index_number, inputs.index_control);
+        if reading == IndexReading::Nothing {
+            return;
+        }
+        let _axis = self.index.take(self.index_request);
+        let request = self.index_request;
+        if let (IndexReading::At(count), Some(axis)) = (
+            reading,
+            self.axes.iter().find(|axis| axis.index() == request.axis),
+        ) {
+            self.index.latch(axis.position_of(count));
+        }
+    }
+
+    /// Arms the encoder of the axis whose index pulse is requested. A request for an axis without one is never taken over.
+    fn request_index(&mut self, request: IndexRequest) {
+        if request == self.index_request {
+            return;
+        }
+        self.index_request = request;
+        if request.number == 0 {
+            let _none = self.index.take(request);
+        }
+        let axis = self.axes.iter().find(|axis| axis.index() == request.axis);
+        match axis
+            .and_then(MesaAxis::index_source)
+            .filter(|_| request.number != 0)
+        {
+            Some((unit, rising)) => self.encoder_index.arm(unit, rising),
+            None => self.encoder_index.disarm(),
+        }
+    }
+
+    /// The encoder whose index pulse is awaited.
+    pub(crate) const fn awaited_encoder(&self) -> Option<usize> {
+        self.encoder_index.watched()
     }
 
     /// One period at a time of the bus's clock.
@@ -146,7 +195,10 @@ impl AxisSet {
         let target = self.follower.step(now_ns, enabled, &actual);
         if let Some(shift) = target.datum_shift {
             self.rename(&shift);
+            self.index.rename(&shift);
         }
+        self.request_index(target.index);
+        outputs.index = self.encoder_index.command();
         self.step_gantries(enabled, &target);
         // Axes that cannot follow together do not follow at all.
         if target.power == PowerRequest::Off {
@@ -269,6 +321,7 @@ impl AxisSet {
             feedback.home_switch_mask &= !AxisMask::one(index).bits();
             feedback.home_switch_mask |= AxisMask::one_if(index, is_home).bits();
         }
+        self.index.describe(&mut feedback);
         Some(feedback)
     }
 

@@ -167,6 +167,8 @@ pub enum Actuator {
     Servo {
         /// Encoder.
         encoder: usize,
+        /// The rising edge of its index input is the index pulse; otherwise the falling one.
+        index_rising: bool,
         /// PWM generator.
         pwm: usize,
         /// Velocity at full output, per second.

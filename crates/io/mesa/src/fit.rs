@@ -1,6 +1,6 @@
 //! Checks that a board file fits a machine file.
 
-use evolvent_machine::{Machine, SignalKind};
+use evolvent_machine::{HomingMethod, Machine, SignalKind};
 use evolvent_path::AxisLetter;
 use thiserror::Error;
 
@@ -69,6 +69,15 @@ pub enum FitError {
         /// The maximum.
         most: f64,
     },
+    /// The machine file homes an axis by the index pulse, and the axis has no encoder.
+    #[error(
+        "{letter} is homed by the index pulse of its encoder in the machine file, but has a step generator \
+         without an encoder: home it by `switch`"
+    )]
+    NoIndex {
+        /// The axis.
+        letter: char,
+    },
     /// A name that is not in the machine file.
     #[error(
         "`{name}` is not a {kind} {direction} of the machine file: correct the name, or add [[{direction}]] \
@@ -121,7 +130,17 @@ pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitErro
             return Err(FitError::NoEntry { letter });
         }
         let max_velocity = max_velocity(machine, board, listed.letter.index());
+        let by_index = machine.homing.iter().any(|homing| {
+            let is_index = matches!(
+                homing.method,
+                HomingMethod::Index { .. } | HomingMethod::SwitchThenIndex { .. }
+            );
+            homing.axis == listed.letter && is_index
+        });
         for motor in motors {
+            if by_index && matches!(motor.actuator, Actuator::Steps { .. }) {
+                return Err(FitError::NoIndex { letter });
+            }
             check_motor(motor, letter, listed.max_velocity, max_velocity)?;
         }
     }

@@ -39,6 +39,7 @@ mod board_file;
 mod board_settings;
 mod clock;
 mod description;
+mod encoder_index;
 mod field_pins;
 mod fit;
 mod link;

@@ -5,6 +5,7 @@ mod error;
 pub use self::error::PlanError;
 use crate::board_settings::{Actuator, BoardAxis, BoardSettings, InputSource, OutputTarget, Pin};
 use crate::description::{Description, Module, PinFunction, tag};
+use crate::encoder_index::{INDEX_RISING, IndexCommand, QUADRATURE};
 use crate::field_pins::{
     FieldOutputs, FieldPins, InputPlace, MAX_FIELD_UNITS, OutputPlace, filter_place, output_place,
 };
@@ -17,7 +18,8 @@ pub(crate) const MAX_PORTS: usize = 8;
 const MAX_PINS: usize = 144;
 /// Maximum number of instances of one module.
 pub(crate) const MAX_UNITS: usize = 16;
-/// Scratch words of the timer space: number of the write packet, of the read packet, and of the session.
+/// Scratch words of the timer space: number of the write packet, of the read packet, of the session, and of the last arming of an
+/// index latch.
 pub(crate) const SCRATCH: u16 = 0x10;
 /// Feeds the watchdog.
 const FEED: u32 = 0x5A00_0000;
@@ -31,8 +33,6 @@ const PWM_ENABLE: u8 = 0x83;
 const MAX_CLOCKS: f64 = 16_383.0;
 /// 12 bits, sawtooth, sign and magnitude.
 const PWM_MODE: u32 = 3;
-/// Control of an encoder: quadrature, with the long filter.
-const QUADRATURE: u32 = 1 << 11;
 /// Maximum counts of an encoder between two readings.
 const MAX_COUNTS: f64 = 30_000.0;
 
@@ -51,6 +51,8 @@ pub(crate) struct Outputs {
     pub(crate) field: FieldOutputs,
     /// Process data of smart-serial devices.
     pub(crate) serial: SerialOutputs,
+    /// An index latch that is to be armed.
+    pub(crate) index: Option<IndexCommand>,
 }
 
 /// Values read every cycle.
@@ -59,6 +61,10 @@ pub(crate) struct Inputs {
     pub(crate) write_number: u16,
     pub(crate) read_number: u16,
     pub(crate) session: u16,
+    /// Number of the last arming of an index latch.
+    pub(crate) index_number: u16,
+    /// Control register of the encoder whose index pulse is awaited.
+    pub(crate) index_control: u32,
     pub(crate) has_bitten: bool,
     pub(crate) ports: [u32; MAX_PORTS],
     pub(crate) accumulators: [u32; MAX_UNITS],
@@ -483,8 +489,17 @@ impl Plan {
                     packet.write(step.address(register, unit), &[value])?;
                 }
             }
-            if let (Actuator::Servo { encoder, .. }, Some((module, _))) = (axis.actuator, self.encoder) {
-                packet.write(module.address(1, encoder), &[QUADRATURE])?;
+            if let (
+                Actuator::Servo {
+                    encoder,
+                    index_rising,
+                    ..
+                },
+                Some((module, _)),
+            ) = (axis.actuator, self.encoder)
+            {
+                let edge = if index_rising { INDEX_RISING } else { 0 };
+                packet.write(module.address(1, encoder), &[QUADRATURE | edge])?;
             }
         }
         for input in &settings.inputs {
@@ -518,16 +533,22 @@ impl Plan {
         packet.write(self.port.address(1, 0), &self.driven[..self.ports])?;
         self.field.start(&mut packet)?;
         packet.write_word(Space::Timer, SCRATCH, 0)?;
+        packet.write_word(Space::Timer, SCRATCH + 6, 0)?;
         packet.write_word(Space::Timer, SCRATCH + 4, session)?;
         packets.push(packet);
         Ok(packets)
     }
 
-    /// The packet that reads all values.
-    pub(crate) fn read(&self, packet: &mut Packet, number: u16) -> Result<(), PacketFull> {
+    /// The packet that reads all values, and the control register of the encoder whose index pulse is awaited.
+    pub(crate) fn read(
+        &self,
+        packet: &mut Packet,
+        number: u16,
+        awaited: Option<usize>,
+    ) -> Result<(), PacketFull> {
         packet.clear();
         packet.write_word(Space::Timer, SCRATCH + 2, number)?;
-        packet.read(Space::Timer, SCRATCH, 3)?;
+        packet.read(Space::Timer, SCRATCH, 4)?;
         packet.read(Space::HostMot2, self.watchdog.address(1, 0), 1)?;
         packet.read(Space::HostMot2, self.port.address(0, 0), self.ports)?;
         if let Some((step, count)) = self.step {
@@ -535,17 +556,21 @@ impl Plan {
         }
         if let Some((encoder, count)) = self.encoder {
             packet.read(Space::HostMot2, encoder.address(0, 0), count)?;
+            if let Some(unit) = awaited {
+                packet.read(Space::HostMot2, encoder.address(1, unit), 1)?;
+            }
         }
         self.field.read(packet)?;
         self.serial.as_ref().map_or(Ok(()), |serial| serial.read(packet))
     }
 
     /// Its reply.
-    pub(crate) fn take_reply(&self, mut reply: crate::packet::Reply<'_>) -> Inputs {
+    pub(crate) fn take_reply(&self, mut reply: crate::packet::Reply<'_>, awaited: Option<usize>) -> Inputs {
         let mut inputs = Inputs {
             write_number: reply.word(),
             read_number: reply.word(),
             session: reply.word(),
+            index_number: reply.word(),
             has_bitten: reply.value() & 1 == 1,
             ..Inputs::default()
         };
@@ -555,6 +580,9 @@ impl Plan {
         }
         if let Some((_, count)) = self.encoder {
             inputs.counts[..count].fill_with(|| reply.value());
+            if awaited.is_some() {
+                inputs.index_control = reply.value();
+            }
         }
         inputs.filtered[..self.field.filters()].fill_with(|| reply.value());
         if let Some(serial) = &self.serial {
@@ -583,6 +611,10 @@ impl Plan {
             });
             packet.write(pwm.address(0, 0), &values[..count])?;
             packet.write(pwm.address(4, 0), &[outputs.pwm_enable])?;
+        }
+        if let (Some(index), Some((encoder, _))) = (outputs.index, self.encoder) {
+            packet.write(encoder.address(1, index.unit), &[index.control])?;
+            packet.write_word(Space::Timer, SCRATCH + 6, index.number)?;
         }
         packet.write(self.port.address(0, 0), &outputs.ports[..self.ports])?;
         self.field.write(packet, &outputs.field)?;

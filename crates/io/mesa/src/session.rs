@@ -204,11 +204,12 @@ impl Cycle<'_> {
             self.link.send(packet);
         }
         // A reading with the session number shows that all writes have arrived; otherwise they are repeated.
-        self.plan.read(&mut check, 0)?;
+        self.plan.read(&mut check, 0, None)?;
         for attempt in 0..3 {
             let mut found = Inputs::default();
             let plan = &self.plan;
-            self.link.ask(&check, |reply| found = plan.take_reply(reply))?;
+            self.link
+                .ask(&check, |reply| found = plan.take_reply(reply, None))?;
             if found.session == self.session && !found.has_bitten {
                 return Ok(());
             }
@@ -286,7 +287,8 @@ impl Cycle<'_> {
     fn cycle(&mut self, now_ns: u64, ends: &mut Ends<'_, '_>, is_ending: bool) -> Result<(), SessionError> {
         let begin_ns = monotonic_ns();
         self.read_number = self.read_number.wrapping_add(1);
-        self.plan.read(&mut self.packet, self.read_number)?;
+        let awaited = self.axes.awaited_encoder();
+        self.plan.read(&mut self.packet, self.read_number, awaited)?;
         self.link.send(&self.packet);
         let sent_ns = monotonic_ns();
         let mut waited_ns = 0;
@@ -345,7 +347,9 @@ impl Cycle<'_> {
             let before_ns = monotonic_ns();
             if let Some(bytes) = self.link.receive(&mut self.buffer) {
                 if bytes.len() == self.packet.reply_bytes() {
-                    let inputs = self.plan.take_reply(Reply::new(bytes));
+                    let inputs = self
+                        .plan
+                        .take_reply(Reply::new(bytes), self.axes.awaited_encoder());
                     if inputs.read_number == self.read_number {
                         // Half of the round-trip time.
                         return Some((inputs, sent_ns + (before_ns - sent_ns) / 2));

@@ -226,6 +226,11 @@ fn what_makes_no_sense_is_refused_with_its_place() {
         ),
         ("letter = \"Y\"", "letter = \"Q\"", "is not an axis"),
         ("direction_hold_ns = 5000", "", "direction_hold_ns"),
+        (
+            "stepgen = 0",
+            "stepgen = 0\nindex_inverted = true",
+            "a step generator has no index pulse",
+        ),
         ("pin = 14", "pin = 14\npwm = 0", "an output needs"),
         ("pin = 3\n", "pin = 3\nencoder = 1\n", "either `pin` or `encoder`"),
         ("pin = 3\n", "encoder = 16\n", "encoder"),

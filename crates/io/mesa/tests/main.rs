@@ -11,3 +11,4 @@ mod discovery;
 mod faults;
 mod field_io;
 mod gantry;
+mod index;

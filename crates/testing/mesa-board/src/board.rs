@@ -288,6 +288,13 @@ impl Board {
         }
     }
 
+    /// The count within a turn at which the index input of an encoder is on.
+    pub fn set_index(&mut self, unit: usize, count: i64) {
+        if let Some(encoder) = self.encoders.get_mut(unit) {
+            encoder.set_index(count);
+        }
+    }
+
     /// -1 to 1, as the pin of a PWM generator has it.
     #[must_use]
     pub fn duty(&self, unit: usize) -> f64 {
@@ -477,12 +484,14 @@ impl Board {
             serial.advance(self.now_ns);
         }
         let timestamp = (self.now_ns / 1000) as u16;
+        let has_index = !self.is_active(FaultKind::IndexMissing);
         for unit in 0..self.encoders.len() {
             let duty = if unit < self.pwms.len() {
                 self.duty(unit)
             } else {
                 0.0
             };
+            self.encoders[unit].set_has_index(has_index);
             self.encoders[unit].advance(time_s, duty, timestamp);
         }
         self.move_beam();

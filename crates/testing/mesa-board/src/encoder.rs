@@ -5,6 +5,8 @@ const CONTROL: u32 = 0x7FF8;
 const CLEAR_ON_INDEX: u32 = 1 << 5;
 const LATCH_ON_INDEX: u32 = 1 << 4;
 const JUST_ONCE: u32 = 1 << 6;
+/// The rising edge of the index input is the pulse; otherwise the falling one.
+const RISING: u32 = 1 << 3;
 
 /// A counter with timestamp, and the shaft that it counts.
 #[derive(Clone, Debug)]
@@ -17,8 +19,10 @@ pub(crate) struct Encoder {
     control: u32,
     timestamp: u16,
     last: i64,
-    /// Counts a turn: the index is at every multiple.
+    /// Counts a turn. The index input is on at one count of each: at multiples of a turn beyond `index_count`.
     counts_per_turn: i64,
+    index_count: i64,
+    has_index: bool,
     /// Counts/s at full PWM.
     full_speed: f64,
     speed: f64,
@@ -36,6 +40,8 @@ impl Default for Encoder {
             timestamp: 0,
             last: 0,
             counts_per_turn: 4000,
+            index_count: 0,
+            has_index: true,
             full_speed: 200_000.0,
             speed: 0.0,
             is_held: false,
@@ -55,8 +61,8 @@ impl Encoder {
     }
 
     pub(crate) fn control(&self) -> u32 {
-        let index = self.shaft.floor() as i64;
-        let at_index = index.rem_euclid(self.counts_per_turn) == 0;
+        let count = self.shaft.floor() as i64;
+        let at_index = self.has_index && self.is_at(count, self.index_count);
         u32::from(self.latched) << 16 | self.control | u32::from(at_index) << 2
     }
 
@@ -72,10 +78,10 @@ impl Encoder {
         self.shaft
     }
 
-    pub(crate) const fn set_shaft(&mut self, shaft: f64) {
+    pub(crate) fn set_shaft(&mut self, shaft: f64) {
         self.shaft = shaft;
-        self.zero = shaft as i64;
-        self.last = shaft as i64;
+        self.zero = shaft.floor() as i64;
+        self.last = shaft.floor() as i64;
     }
 
     /// A hand turns the shaft, and the counter counts it.
@@ -92,6 +98,20 @@ impl Encoder {
     pub(crate) const fn set_drive(&mut self, counts_per_turn: i64, full_speed: f64) {
         self.counts_per_turn = counts_per_turn;
         self.full_speed = full_speed;
+    }
+
+    /// The count within a turn at which the index input is on.
+    pub(crate) const fn set_index(&mut self, count: i64) {
+        self.index_count = count;
+    }
+
+    /// Whether the index input is wired.
+    pub(crate) const fn set_has_index(&mut self, has_index: bool) {
+        self.has_index = has_index;
+    }
+
+    const fn is_at(&self, count: i64, place: i64) -> bool {
+        (count - place).rem_euclid(self.counts_per_turn) == 0
     }
 
     /// As after power-up; the shaft stays where it is.
@@ -112,30 +132,87 @@ impl Encoder {
                 self.speed = 0.0;
             }
             self.shaft += self.speed * step;
-            self.pass();
-        }
-        if self.last != self.shaft.floor() as i64 {
-            self.last = self.shaft.floor() as i64;
-            self.timestamp = timestamp;
+            self.pass(timestamp);
         }
     }
 
-    /// The index lies at every multiple of a turn.
-    fn pass(&mut self) {
+    /// The counter follows the shaft, past the edges of the index input on the way.
+    fn pass(&mut self, timestamp: u16) {
         let now = self.shaft.floor() as i64;
-        let (before, after) = (self.last.min(now), self.last.max(now));
-        let index = after.div_euclid(self.counts_per_turn) * self.counts_per_turn;
-        if index <= before || self.control & (CLEAR_ON_INDEX | LATCH_ON_INDEX) == 0 {
+        let (before, upwards) = (self.last, now > self.last);
+        if now == before {
             return;
         }
+        (self.last, self.timestamp) = (now, timestamp);
+        if !self.has_index || self.control & (CLEAR_ON_INDEX | LATCH_ON_INDEX) == 0 {
+            return;
+        }
+        // The input goes on where the count becomes the index's, and off where it leaves it: the count just behind the edge.
+        let behind = match (self.control & RISING != 0, upwards) {
+            (true, _) => self.index_count,
+            (false, true) => self.index_count + 1,
+            (false, false) => self.index_count - 1,
+        };
+        let turns = self.counts_per_turn;
+        let way = if upwards {
+            (behind - before - 1).rem_euclid(turns) + 1
+        } else {
+            -((before - behind - 1).rem_euclid(turns) + 1)
+        };
+        if way.abs() > (now - before).abs() {
+            return;
+        }
+        let count = before + way;
         if self.control & LATCH_ON_INDEX != 0 {
-            self.latched = (index - self.zero) as u16;
+            self.latched = (count - self.zero) as u16;
         }
         if self.control & CLEAR_ON_INDEX != 0 {
-            self.zero = index;
+            self.zero = count;
         }
         if self.control & JUST_ONCE != 0 {
             self.control &= !(CLEAR_ON_INDEX | LATCH_ON_INDEX);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An encoder at a count whose shaft is turned by a hand.
+    fn turned(control: u32, from: f64, by: f64) -> Encoder {
+        let mut encoder = Encoder::default();
+        encoder.set_index(7);
+        encoder.set_shaft(from);
+        encoder.zero = 0;
+        encoder.set_control(control);
+        encoder.turn(by);
+        encoder.advance(1e-6, 0.0, 1);
+        encoder
+    }
+
+    #[test]
+    fn the_edge_that_is_asked_for_is_latched_once_from_either_side() {
+        let once = LATCH_ON_INDEX | JUST_ONCE;
+        for (control, from, by, expected) in [
+            (once | RISING, 0.5, 20.0, Some(7)),
+            (once | RISING, 20.5, -20.0, Some(7)),
+            (once, 0.5, 20.0, Some(8)),
+            (once, 20.5, -20.0, Some(6)),
+            // From within the pulse only its end is met, and the beginning of the next one a turn further.
+            (once | RISING, 7.5, 20.0, None),
+            (once | RISING, 7.5, 4001.0, Some(4007)),
+            (once, 7.5, 1.0, Some(8)),
+            (once | RISING, 0.5, 6.0, None),
+            (once | RISING, 8.5, 3990.0, None),
+            (RISING, 0.5, 20.0, None),
+        ] {
+            let encoder = turned(control, from, by);
+            let latched = (encoder.control & LATCH_ON_INDEX == 0 && encoder.latched != 0)
+                .then_some(encoder.control() >> 16);
+            assert_eq!(latched, expected, "{control:X} {from} {by}");
+        }
+        let cleared = turned(CLEAR_ON_INDEX | JUST_ONCE | RISING, 0.5, 20.0);
+        assert_eq!(cleared.count() & 0xFFFF, 13, "counts from the pulse on");
     }
 }

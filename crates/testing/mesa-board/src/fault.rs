@@ -27,11 +27,13 @@ pub enum FaultKind {
     Short,
     /// The field supply of smart-serial devices is off.
     FieldOff,
+    /// The index inputs of encoders are not wired.
+    IndexMissing,
 }
 
 impl FaultKind {
     /// All kinds with their names.
-    pub const ALL: [(Self, &'static str); 10] = [
+    pub const ALL: [(Self, &'static str); 11] = [
         (Self::LossIn, "loss-in"),
         (Self::LossOut, "loss-out"),
         (Self::Half, "half"),
@@ -42,6 +44,7 @@ impl FaultKind {
         (Self::Cookie, "cookie"),
         (Self::Short, "short"),
         (Self::FieldOff, "field-off"),
+        (Self::IndexMissing, "index-missing"),
     ];
 }
 

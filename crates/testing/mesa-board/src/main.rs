@@ -22,8 +22,8 @@ struct Arguments {
     /// The board.
     #[arg(long, value_enum, default_value = "7i96s")]
     model: Model,
-    /// A fault, and its time in seconds after the watchdog was first fed: loss-in, loss-out, half, delay, reorder, bite, reset, cookie, short
-    /// or field-off. May be given several times.
+    /// A fault, and its time in seconds after the watchdog was first fed: loss-in, loss-out, half, delay, reorder, bite, reset, cookie, short,
+    /// index-missing or field-off. May be given several times.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION]")]
     faults: Vec<Fault>,
 }

@@ -39,6 +39,9 @@ pub(super) struct AxisFile {
     /// Counts a mm (four to a line); of a rotary axis counts a degree.
     #[serde(rename = "counts_per_unit")]
     pub(super) counts: Option<f64>,
+    /// The index pulse of the encoder is low: its falling edge is the pulse, not its rising one.
+    #[serde(default)]
+    pub(super) index_inverted: bool,
     /// Number of the PWM generator (or analog output) that gives the drive its velocity.
     #[schemars(range(max = 15))]
     pub(super) pwm: Option<u32>,
@@ -106,6 +109,13 @@ impl AxisFile {
                     setup_ns: time("direction_setup_ns", self.direction_setup_ns)?,
                     hold_ns: time("direction_hold_ns", self.direction_hold_ns)?,
                 };
+                if self.index_inverted {
+                    return Err(sheet.error(
+                        &at("index_inverted"),
+                        "a step generator has no index pulse".to_owned(),
+                        "remove index_inverted",
+                    ));
+                }
                 let unit = unit as usize;
                 (Actuator::Steps { unit, timing }, per_unit)
             }
@@ -124,6 +134,7 @@ impl AxisFile {
                 sheet.number(&at("d_gain"), self.d_gain, 0.0, 10.0)?;
                 let servo = Actuator::Servo {
                     encoder: encoder as usize,
+                    index_rising: !self.index_inverted,
                     pwm,
                     full_velocity,
                     gains: Gains {
