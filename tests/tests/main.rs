@@ -14,6 +14,7 @@ mod handwheel;
 mod holds_in_programs;
 mod homing;
 mod imports;
+mod index_on_bridges;
 mod killed_runs;
 mod killed_service;
 mod late_for_nobody;

@@ -158,7 +158,13 @@ fn the_latched_position_is_the_place_of_the_impulse() {
     unless_disturbed(|| {
         let mut random = Random::new();
         let starts = core::array::from_fn(|_| random.between(-3.0, 3.0));
-        let directions: [f64; 6] = core::array::from_fn(|_| if random.bits() % 2 == 0 { 1.0 } else { -1.0 });
+        let directions: [f64; 6] = core::array::from_fn(|_| {
+            if random.bits().is_multiple_of(2) {
+                1.0
+            } else {
+                -1.0
+            }
+        });
         with_latch(
             |_| {},
             starts,

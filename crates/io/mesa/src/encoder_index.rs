@@ -140,7 +140,7 @@ mod tests {
                         IndexReading::Nothing => {}
                     }
                 }
-                if period == 20 || period == 60 && random.bits() % 2 == 0 {
+                if period == 20 || period == 60 && random.bits().is_multiple_of(2) {
                     latch.arm(3, true);
                     (expected, reported, armed, asked) = (None, None, false, period);
                 }
@@ -150,7 +150,7 @@ mod tests {
                     (control, number) = (control & 0xFFFF_0000 | command.control, command.number);
                     assert_eq!(expected, None, "armed twice, with a pulse between");
                 }
-                if random.bits() % 30 == 0 && control & LATCH_ON_INDEX != 0 {
+                if random.bits().is_multiple_of(30) && control & LATCH_ON_INDEX != 0 {
                     control = u32::from(period) << 16 | control & 0xFFEF;
                     if number == latch.number {
                         expected = Some(period);

@@ -108,7 +108,13 @@ fn with_latch(starts: [f64; 3], test: impl Fn(&mut Latch<'_>)) {
 fn the_latched_position_is_the_place_of_the_pulse() {
     let mut random = Random::new();
     let starts = core::array::from_fn(|_| random.between(-20_000.0, 20_000.0));
-    let directions: [f64; 6] = core::array::from_fn(|_| if random.bits() % 2 == 0 { 1.0 } else { -1.0 });
+    let directions: [f64; 6] = core::array::from_fn(|_| {
+        if random.bits().is_multiple_of(2) {
+            1.0
+        } else {
+            -1.0
+        }
+    });
     with_latch(starts, |latch| {
         for (i, velocity) in [5.0, 40.0].into_iter().enumerate() {
             for axis in 0..3 {
