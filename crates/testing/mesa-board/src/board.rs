@@ -295,6 +295,12 @@ impl Board {
         }
     }
 
+    /// Whether the next index of an encoder is to be latched.
+    #[must_use]
+    pub fn index_is_armed(&self, unit: usize) -> bool {
+        self.encoders.get(unit).is_some_and(Encoder::index_is_armed)
+    }
+
     /// -1 to 1, as the pin of a PWM generator has it.
     #[must_use]
     pub fn duty(&self, unit: usize) -> f64 {

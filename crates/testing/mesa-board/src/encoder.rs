@@ -105,6 +105,11 @@ impl Encoder {
         self.index_count = count;
     }
 
+    /// Whether the next index is to be latched.
+    pub(crate) const fn index_is_armed(&self) -> bool {
+        self.control & (LATCH_ON_INDEX | CLEAR_ON_INDEX) != 0
+    }
+
     /// Whether the index input is wired.
     pub(crate) const fn set_has_index(&mut self, has_index: bool) {
         self.has_index = has_index;

@@ -392,3 +392,56 @@ loadusr -w sleep 1
         assert_eq!(server.lock().traffic().refused, 0);
     });
 }
+
+/// The index of an encoder, as `hm2_eth` arms it and reads what was latched: its count begins anew at the edge, once.
+#[test]
+fn hm2_eth_latches_the_index_of_an_encoder() {
+    for (rising, edge) in [(false, 1301), (true, 1300)] {
+        let hal = format!(
+            "setp hm2_7i97.0.encoder.00.scale 1\n\
+             setp hm2_7i97.0.encoder.00.index-invert {}\n\
+             start\n\
+             loadusr -w sleep 0.5\n\
+             setp hm2_7i97.0.encoder.00.index-enable 1\n\
+             loadusr -w sleep 4\n\
+             loadusr -w echo armed\n\
+             getp hm2_7i97.0.encoder.00.index-enable\n\
+             loadusr -w echo counted\n\
+             getp hm2_7i97.0.encoder.00.count\n",
+            u8::from(rising)
+        );
+        on_cable(BoardModel::B7i97, &["halrun", "iptables"], move |server| {
+            server.lock().set_index(0, 1300);
+            let stop = std::sync::atomic::AtomicBool::new(false);
+            let said = std::thread::scope(|scope| {
+                // One turn and a half from the moment on at which the driver has armed it.
+                scope.spawn(|| {
+                    let mut left = 0;
+                    while !stop.load(std::sync::atomic::Ordering::Relaxed) {
+                        let mut board = server.lock();
+                        if board.index_is_armed(0) && left == 0 {
+                            left = 200;
+                        }
+                        if left > 0 {
+                            board.turn_shaft(0, 30.0);
+                            left -= 1;
+                        }
+                        drop(board);
+                        std::thread::sleep(std::time::Duration::from_millis(5));
+                    }
+                });
+                let said = hal_in_time(&prepared("7i97", 500_000_000, &hal));
+                stop.store(true, std::sync::atomic::Ordering::Relaxed);
+                said
+            });
+            println!("{said}");
+            assert_eq!(printed(&said, "armed"), "FALSE", "{said}");
+            // The pulse is at 1300 counts of each turn of 4000, and the first one counts.
+            let shaft = server.lock().shaft(0);
+            let pulse = shaft - after(&said, "counted");
+            println!("rising {rising}: pulse at {pulse}");
+            assert_eq!((pulse as i64).rem_euclid(4000), edge, "{said}");
+            assert_eq!(server.lock().traffic().refused, 0);
+        });
+    }
+}
