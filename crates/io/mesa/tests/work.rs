@@ -30,12 +30,13 @@ fn files(address: IpAddr) -> (Machine, BoardSettings) {
     let u = "[[axis]]\nletter = \"U\"\ntravel_min_mm = 0\ntravel_max_mm = 600\nmax_velocity_mm_min = 9000\nmax_acceleration_m_s2 = 1.5\nmax_jerk_m_s3 = 40\n\n";
     let machine = machine.replacen("[[input]]", &format!("{u}[[input]]"), 1);
     let board = evolvent_file_tests::shipped("boards/7i96s-router.toml");
-    let u = "[[axis]]\nletter = \"U\"\nstepgen = 3\nsteps_per_unit = 320\nstep_length_ns = 2500\nstep_space_ns = 2500\ndirection_setup_ns = 5000\ndirection_hold_ns = 5000\n\n";
-    // The second motor of X.
-    let second = u.replace("\"U\"", "\"X\"").replace("stepgen = 3", "stepgen = 4")
-        + "home_switch = { pin = 4, inverted = true }\n[axis.gantry]\nmax_difference = 1\n\n";
+    // An analog servo, whose index is asked for.
+    let u = "[[axis]]\nletter = \"U\"\nencoder = 0\ncounts_per_unit = 4000\npwm = 0\nfull_velocity = 200\np_gain = 40\n\n";
+    let second = "[[axis]]\nletter = \"X\"\nstepgen = 4\nsteps_per_unit = 320\nstep_length_ns = 2500\nstep_space_ns = 2500\n\
+        direction_setup_ns = 5000\ndirection_hold_ns = 5000\nhome_switch = { pin = 4, inverted = true }\n[axis.gantry]\nmax_difference = 1\n\n";
     let board = board.replacen("[[input]]", &format!("{u}{second}[[input]]"), 1);
     let mut board = BoardSettings::parse(&board, "board.toml").expect("a board file");
+    board.spindle = None;
     // A host that is busy may keep the bridge from running for longer than a machine would let it.
     (board.address, board.max_lost_packets, board.watchdog_s) = (address, 50, 1.0);
     (
@@ -105,6 +106,8 @@ fn a_cycle_allocates_nothing_and_its_work_is_told() {
     let process = std::process::id();
     let address = IpAddr::from([127, 31, (process >> 8) as u8, process as u8]);
     let server = BoardServer::start(Board::new(BoardModel::B7i96s, now_ns()), address).expect("an address");
+    server.lock().set_drive(0, 4000, 800_000.0);
+    server.lock().set_index(0, 2000);
     let (machine, board) = files(address);
     let prefix = format!("mesaw{process}_");
     let settings = RunSettings {
@@ -142,6 +145,7 @@ fn a_cycle_allocates_nothing_and_its_work_is_told() {
         override_ratio: 1.0,
         ..Setpoint::default()
     };
+    let mut pulses = 0;
     let (mut next_ns, mut enabled, begin) = (monotonic_ns(), 0_u64, Instant::now());
     // Back and forth from the moment on at which all four are in operation.
     while enabled < SECONDS * 1_000_000_000 / PERIOD_NS {
@@ -167,6 +171,7 @@ fn a_cycle_allocates_nothing_and_its_work_is_told() {
         if enabled == 0 {
             (setpoint.velocity, setpoint.acceleration) = ([0.0; 9], [0.0; 9]);
         }
+        (setpoint.index_request, setpoint.index_axis) = (1 + enabled as u32 / 250, 6);
         let _reached = core.publish_setpoint(&setpoint);
         next_ns = (next_ns + PERIOD_NS).max(monotonic_ns().saturating_sub(LEAD * PERIOD_NS / 2));
         std::thread::sleep(Duration::from_nanos(next_ns.saturating_sub(monotonic_ns())));
@@ -175,6 +180,8 @@ fn a_cycle_allocates_nothing_and_its_work_is_told() {
             let on = [0, 1, 2, 6].iter().all(|axis: &usize| {
                 DriveState::decode(feedback.status_word[*axis] as u16) == Some(DriveState::OperationEnabled)
             });
+            let has_pulse = feedback.index_request > 0 && !feedback.index_position.is_nan();
+            pulses = pulses.max(if has_pulse { feedback.index_request } else { 0 });
             if on && feedback.bridge_state == 1 && enabled == 0 {
                 enabled = 1;
             }
@@ -192,6 +199,7 @@ fn a_cycle_allocates_nothing_and_its_work_is_told() {
             "motor {unit} has moved"
         );
     }
+    assert!(pulses > 1, "index pulses have been latched: {pulses}");
     say("bridge, 4 axes", &mut times);
     say("bare loop", &mut bare_loop(address));
     assert!(times.len() > 3000, "{} cycles", times.len());
