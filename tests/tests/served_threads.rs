@@ -1,5 +1,4 @@
 //! The spindle override of a served lathe: off while motion follows the spindle, and never above D of G96.
-#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::time::{Duration, Instant};
 
