@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use evolvent_bus::{ControlAnswer, ControlClient, ControlRequest, Status, StatusReader};
+use evolvent_bus::{ControlAnswer, ControlClient, ControlRequest, Status, StatusReader, switches};
 use evolvent_control::{Alarm, CommandCode, JogEnable, Mode};
 
 use crate::ctl_answer::tell;
@@ -419,8 +419,10 @@ impl Session {
                     ));
                 }
                 told = wanted;
+                // A wait for a speed, an angle or an input is over by itself, and `resume` does not end it.
                 let is_at_stop = status.job == job
                     && status.state == AT_PROGRAM_STOP
+                    && status.switches & switches::INPUT_WAIT == 0
                     && wanted.is_none()
                     && !status.operator_message().ends_with(AT_WORK);
                 if !is_at_stop {

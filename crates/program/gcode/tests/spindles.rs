@@ -144,7 +144,13 @@ fn threads_follow_the_spindle_that_was_named_last() {
     assert_eq!(threads, expected.iter().collect::<Vec<_>>());
     // M3 and S name no spindle for them.
     let (_, error) = run_on("S300 M3 $1\nG33 Z-5 K1\nM2\n", [true; SPINDLES]);
-    assert_eq!(error.expect("an error").code, Code::SpindleSpeedMissing);
+    let error = error.expect("an error");
+    assert_eq!(error.code, Code::SpindleSpeedMissing);
+    assert!(error.to_string().contains("spindle 0"), "{error}");
+    assert!(
+        error.help.as_ref().is_some_and(|help| help.contains("write $1")),
+        "{error}"
+    );
 }
 
 #[test]
@@ -160,6 +166,24 @@ fn feed_per_revolution_is_of_the_spindle_of_g95() {
     // 1 mm at 300 rpm, and 2 mm at 60 rpm.
     let expected = [(1, Some(1.0), 5.0), (1, Some(1.0), 5.0), (0, Some(2.0), 2.0)];
     assert_eq!(feeds, expected);
+}
+
+#[test]
+fn an_orientation_leaves_the_other_codes_of_its_line() {
+    let actions = run("M19 R90 M8\nM19 R0 $1 M49\nM19 R5 $2 M9 S700\nM2\n");
+    let told: Vec<&str> = actions
+        .iter()
+        .filter_map(|action| match action {
+            Action::OrientSpindle { .. } => Some("orient"),
+            Action::Coolant { flood: true, .. } => Some("flood"),
+            Action::Coolant { .. } => Some("dry"),
+            Action::Overrides { .. } => Some("overrides"),
+            Action::Spindle { .. } => Some("spindle"),
+            _ => None,
+        })
+        .take(6)
+        .collect();
+    assert_eq!(told, ["orient", "flood", "orient", "overrides", "orient", "dry"]);
 }
 
 #[test]

@@ -50,7 +50,13 @@ impl Modes {
             let unit = if inches { "G20" } else { "G21" };
             let modes = [930, 940, 950];
             let mode = self.modal.codes.iter().find(|code| modes.contains(code));
-            text.push_str(&format!("{unit}\nG{} F{word}\n", mode.unwrap_or(&940) / 10));
+            // Feed per revolution is of one spindle, and another one would forget the feed.
+            let spindle = self.text.split(' ').find(|word| word.starts_with('$'));
+            let spindle = spindle.filter(|_| mode == Some(&950)).unwrap_or_default();
+            text.push_str(&format!(
+                "{unit}\nG{} F{word} {spindle}\n",
+                mode.unwrap_or(&940) / 10
+            ));
         }
         // The first word is the motion; from S on the periphery is told of.
         let mut words = self.text.split(' ');
@@ -166,6 +172,24 @@ mod tests {
         assert!(simulate_modes("G1 X1\n", &settings, &kept).is_err(), "no feed");
         let after = simulate_modes("G10 L2 P2 X7\n", &settings, &kept).unwrap();
         assert_eq!(after.kept.work_offset(1)[0], 7.0);
+    }
+
+    #[test]
+    fn the_feed_of_another_spindle_goes_on_from_block_to_block() {
+        let mut settings = Settings::default();
+        settings.features.spindles = [true; evolvent_gcode::SPINDLES];
+        let kept = KeptParameters::default();
+        let mut text = "G95 F0.2 S300 $1\n".to_owned();
+        for block in ["M3 $1\n", "G0 X1\n", "G20\n"] {
+            let after = simulate_modes(&text, &settings, &kept).unwrap();
+            assert_eq!(
+                after.modes.feed.map(|(word, _)| word),
+                Some(0.2),
+                "before {block:?}"
+            );
+            assert!(after.modes.text.contains("$1"), "{:?}", after.modes.text);
+            text = after.modes.preamble() + block;
+        }
     }
 
     #[test]

@@ -349,10 +349,27 @@ impl Executor<'_> {
             let message = format!("{}{pitch}: a pitch must be above 0", char::from(letter));
             return Err(Fault::new(Code::OutOfRange, line.span(letter), message));
         }
-        if !self.state.modes.spindles[self.state.modes.active_spindle].turns() {
-            let message = format!("{name}, but the spindle does not turn");
-            return Err(Fault::new(Code::SpindleSpeedMissing, line.motion_span(), message)
-                .help("write S and M3 or M4 first"));
+        let spindles = &self.state.modes.spindles;
+        let number = self.state.modes.active_spindle;
+        if !spindles[number].turns() {
+            let message = if self
+                .settings
+                .features
+                .spindles
+                .iter()
+                .filter(|exists| **exists)
+                .count()
+                > 1
+            {
+                format!("{name}, but spindle {number}, which it follows, does not turn")
+            } else {
+                format!("{name}, but the spindle does not turn")
+            };
+            let help = match spindles.iter().position(|spindle| spindle.turns()) {
+                Some(other) => format!("spindle {other} turns: write ${other} to follow it"),
+                None => "write S and M3 or M4 first".to_owned(),
+            };
+            return Err(Fault::new(Code::SpindleSpeedMissing, line.motion_span(), message).help(help));
         }
         Ok(pitch * self.state.unit_mm())
     }
