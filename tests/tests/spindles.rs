@@ -108,8 +108,8 @@ fn a_spindle_that_stays_slow_ends_the_program_before_the_feed() {
 }
 
 #[test]
-fn a_spindle_that_fails_or_falls_silent_stops_the_run_on_its_path() {
-    for fault in ["spindle-fault", "spindle-silent"] {
+fn a_spindle_that_fails_stalls_or_falls_silent_stops_the_run() {
+    for fault in ["spindle-fault", "spindle-stall", "spindle-silent"] {
         unless_disturbed(|| {
             let workshop = Workshop::new();
             let program = "G21 G90 G94 F600\nM3 S1000\nG1 X200\nM2\n";

@@ -66,6 +66,7 @@ mod signal_replay;
 mod source;
 mod spindle_command;
 mod spindle_speedometer;
+mod spindle_stall;
 mod stages;
 mod standby;
 mod start_error;

@@ -13,6 +13,7 @@ use crate::probe_locator::ProbeLocator;
 use crate::signal_loop::DueOutputs;
 use crate::spindle_command::SpindleCommand;
 use crate::spindle_speedometer::Speedometer;
+use crate::spindle_stall::StallWatch;
 
 /// Samples of the inputs on the way to the cycle.
 pub(crate) const SAMPLES: usize = 1024;
@@ -41,6 +42,7 @@ pub(crate) struct SignalPort {
     spindles: SpindleEntry,
     commanded: [Commanded; SPINDLES],
     speedometers: [Speedometer; SPINDLES],
+    stalls: [StallWatch; SPINDLES],
     period_ns: u64,
     /// What programs have switched last.
     periphery: Periphery,
@@ -112,6 +114,7 @@ impl SignalPort {
             spindles,
             commanded: [Commanded::default(); SPINDLES],
             speedometers: [Speedometer::default(); SPINDLES],
+            stalls: [StallWatch::default(); SPINDLES],
             period_ns,
             periphery: Periphery::default(),
             last_due: (0, 0),
@@ -206,13 +209,18 @@ impl SignalPort {
         let known = self.entry.known(now_ns);
         let probe = known.probe.filter(|_| self.settings.probe.is_some());
         let (mut image, bounces) = (image_of(&known), self.follow_probe(probe, now_ns));
+        let is_stalled = self.watch_stalls(now_ns);
         let known_spindles = self
             .settings
             .spindles
             .iter()
             .filter(|spindle| spindle.has_feedback() || spindle.ramp_rpm_s.is_some());
         for spindle in known_spindles {
-            image.set_spindle(spindle.number, self.spindle_state(spindle.number, now_ns));
+            let mut state = self.spindle_state(spindle.number, now_ns);
+            if let Some(state) = &mut state {
+                state.fault |= is_stalled[spindle.number as usize];
+            }
+            image.set_spindle(spindle.number, state);
         }
         image.angle = self.spindle_angle(now_ns);
         image.angle_spindle = self.follows_angle.unwrap_or(0);
@@ -246,6 +254,28 @@ impl SignalPort {
             image.probe = self.probe_image;
             self.send_sample(&image);
         }
+    }
+
+    /// Which spindles stand although they had come to their speed. A pass looks itself after the spindle that it follows, and draws its
+    /// tool out.
+    fn watch_stalls(&mut self, now_ns: u64) -> [bool; SPINDLES] {
+        std::array::from_fn(|number| {
+            let is_followed = self.follows_angle == Some(number as u32);
+            let known = self
+                .spindles
+                .known(now_ns, number as u32)
+                .filter(|_| !is_followed);
+            let Some(known) = known else {
+                self.stalls[number] = StallWatch::default();
+                return false;
+            };
+            let commanded_rpm = match self.message.spindle_direction[number] {
+                1 => self.message.spindle_rpm[number],
+                2 => -self.message.spindle_rpm[number],
+                _ => 0.0,
+            };
+            self.stalls[number].is_stalled(commanded_rpm, known.speed_rpm, now_ns)
+        })
     }
 
     fn send_sample(&mut self, image: &InputImage) {
