@@ -149,7 +149,11 @@ const KEYS: &[(&str, &str, &str)] = &[
     ("RS274NGC", "ON_ABORT_COMMAND", "no program runs after an abort"),
     ("RS274NGC", "OWORD_NARGS", "subroutines are called as usual"),
     ("RS274NGC", "", "settings of LinuxCNC's interpreter"),
-    ("SPINDLE", "", "the spindle is not part of the machine file"),
+    (
+        "SPINDLE",
+        "",
+        "not carried over: write a [[spindle]] with its max_rpm in the machine file",
+    ),
     (
         "JOINT_",
         "",
