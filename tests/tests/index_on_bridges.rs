@@ -7,7 +7,7 @@
 use std::path::PathBuf;
 use std::process::{Child, Stdio};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::time::Duration;
 
 use evolvent_bus::{ControlRequest, Status};
@@ -135,13 +135,17 @@ const TURN: i64 = 4000;
 const COUNTS: f64 = 1000.0;
 const INDEX: [i64; 2] = [1700, 2300];
 const SWITCH_COUNTS: f64 = -48_000.0;
+/// The last number of the next board's address.
+static BOARDS: AtomicU8 = AtomicU8::new(1);
 /// A pin of the board that no module has.
 const SWITCH_PIN: usize = 50;
 
 impl BoardHardware {
     fn new(starts: [f64; 2]) -> Self {
+        // Of its own: tests of one process run side by side.
         let process = std::process::id();
-        let address = std::net::IpAddr::from([127, 40 + (process >> 8) as u8 % 80, process as u8, 7]);
+        let number = BOARDS.fetch_add(1, Ordering::Relaxed);
+        let address = std::net::IpAddr::from([127, 40 + (process >> 8) as u8 % 80, process as u8, number]);
         let server = Arc::new(
             BoardServer::start(Board::new(BoardModel::B7i97, now_ns()), address).expect("an address"),
         );
