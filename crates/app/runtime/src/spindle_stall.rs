@@ -4,9 +4,9 @@
 const REACHED: f64 = 0.8;
 /// Share below which a spindle that had reached it stands.
 const STALLED: f64 = 0.2;
-/// A command that is higher than the one that was reached by this factor has to be reached anew.
+/// A command above the reached speed times this is a new speed, which has to be reached first.
 const RAISED: f64 = 1.25;
-/// For how long it stands at least, s, and how much of a turn it would have made: a coarse encoder tells a slow spindle's speed in jumps.
+/// Minimum duration of a stall, s, and in turns at the commanded speed: a coarse encoder reports a slow spindle's speed in jumps.
 const LEAST_S: f64 = 0.2;
 const LEAST_TURNS: f64 = 0.5;
 

@@ -103,11 +103,11 @@ fn zigzag(count: usize) -> Vec<Move> {
 fn overrides_are_answered_when_the_queue_is_full_of_steps() {
     let cycles = 200;
     drive(zigzag(6000), (5, cycles), |cycle, motion, queue| {
-        let wish = Inputs {
+        let inputs = Inputs {
             feed_override: [1.0, 0.5][cycle / cycles % 2],
             ..Inputs::default()
         };
-        motion.step(&wish, queue)
+        motion.step(&inputs, queue)
     });
 }
 
@@ -117,7 +117,7 @@ fn overrides_are_answered_when_the_queue_is_full_of_steps() {
 fn answers_that_came_to_nothing_do_not_stop_the_next() {
     let mut refusals = 0;
     drive(zigzag(6000), (1, 60_000), |cycle, motion, queue| {
-        let wish = Inputs {
+        let inputs = Inputs {
             feed_override: 0.998_f64.powi(cycle as i32 / 40).max(0.3),
             ..Inputs::default()
         };
@@ -126,7 +126,7 @@ fn answers_that_came_to_nothing_do_not_stop_the_next() {
             refused: true,
             ..PlannerLag::default()
         };
-        let setpoint = motion.replay_step(&wish, queue, lag);
+        let setpoint = motion.replay_step(&inputs, queue, lag);
         refusals += u32::from(motion.was_refused());
         setpoint
     });
@@ -202,11 +202,11 @@ fn what_follows_a_stop_finds_room_beside_a_dropped_plan() {
                 } else if since_asked > 2 && (since_asked - 2) % every == 0 {
                     feed_override *= 0.96;
                 }
-                let wish = Inputs {
+                let inputs = Inputs {
                     feed_override,
                     ..Inputs::default()
                 };
-                last = motion.step(&wish, &mut queue).position[0];
+                last = motion.step(&inputs, &mut queue).position[0];
             }
             // Wakes the planner from whatever it waits for.
             more.store(true, Ordering::Relaxed);

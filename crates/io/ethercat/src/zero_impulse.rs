@@ -20,7 +20,7 @@ impl ProbeNumber {
 
 /// Bits of 60B8h: enabled, first event only, source 01b (zero impulse), rising edge.
 const ARM: u16 = 1 | 1 << 2 | 1 << 4;
-/// Periods for which the function is off before it is commanded anew: a drive may take some to see either.
+/// Periods for which the function is off before it is commanded again: a drive may take several to detect either change.
 const OFF_PERIODS: u8 = 4;
 /// Bits of 60B9h.
 const ENABLED: u16 = 1;

@@ -5,7 +5,6 @@
 #![expect(clippy::expect_used, clippy::print_stdout, reason = "a test")]
 
 use evolvent_bridge_trial::TrialCore;
-use evolvent_bus::Feedback;
 use evolvent_disturbance::unless_disturbed;
 use evolvent_ethercat::{GantrySettings, Network, NetworkAxis, ProbeNumber};
 use evolvent_ethercat_ring::{DriveSettings, FaultKind, SharedRing, SubDevice, TerminalKind, on_bench};
@@ -82,17 +81,6 @@ struct Latch<'a> {
 }
 
 impl Latch<'_> {
-    /// Asks for the next impulse of an axis and waits until that is taken over.
-    fn ask(&mut self, axis: u32) -> Feedback {
-        self.core.index = (self.core.index.0 + 1, axis);
-        let number = self.core.index.0;
-        let taken = self.core.until("the request is taken over", |feedback| {
-            feedback.index_request == number
-        });
-        assert!(taken.index_position.is_nan(), "no impulse yet: {taken:?}");
-        taken
-    }
-
     /// The machine coordinate of an impulse of an axis at rest: the one that the axis meets first in a direction.
     fn next(&mut self, axis: usize, direction: f64) -> f64 {
         let feedback = self.core.until("feedback", |_| true);
@@ -109,18 +97,9 @@ impl Latch<'_> {
         feedback.position[axis] + TURNS[axis] * (pulse - shown)
     }
 
-    /// The position latched for the newest request.
-    fn latched(&mut self) -> f64 {
-        let number = self.core.index.0;
-        let told = self.core.until("the impulse", |feedback| {
-            feedback.index_request == number && !feedback.index_position.is_nan()
-        });
-        told.index_position
-    }
-
     /// Whether the latched impulse is where it truly is.
     fn check(&mut self, axis: usize, expected: f64) {
-        let latched = self.latched();
+        let latched = self.core.latched_index();
         let increments = (latched - expected) / TURNS[axis] * RESOLUTION;
         println!("axis {axis}: {increments:.2} increments off");
         // Feedback and motor are read a moment apart: the motor may still creep by one.
@@ -172,7 +151,7 @@ fn the_latched_position_is_the_place_of_the_impulse() {
                 for (i, velocity) in [5.0, 30.0].into_iter().enumerate() {
                     for axis in 0..3 {
                         let direction = directions[3 * i + axis];
-                        latch.ask(axis as u32);
+                        latch.core.request_index(axis as u32);
                         let expected = latch.next(axis, direction);
                         latch
                             .core
@@ -194,18 +173,18 @@ fn requests_follow_each_other() {
             |network| axis(network, 3).index_probe = None,
             [0.0; 4],
             |latch| {
-                latch.ask(0);
+                latch.core.request_index(0);
                 let first = latch.next(0, 1.0);
                 latch.core.travel(0, 5.0, 20.0);
                 latch.check(0, first);
-                latch.ask(0);
+                latch.core.request_index(0);
                 let second = latch.next(0, 1.0);
                 assert!((second - first - 5.0).abs() < 1e-3, "a turn further");
                 latch.core.travel(0, 5.0, 20.0);
                 latch.check(0, second);
                 // X is open when Y is asked for: only that of Y counts.
-                latch.ask(0);
-                latch.ask(1);
+                latch.core.request_index(0);
+                latch.core.request_index(1);
                 let of_y = latch.next(1, -1.0);
                 latch.core.travel(0, 5.0, 20.0);
                 let told = latch.core.until("feedback", |_| true);
@@ -226,7 +205,7 @@ fn requests_follow_each_other() {
                 latch.core.cycle();
                 latch.core.index = (41, 0);
                 latch.core.cycle();
-                latch.ask(0);
+                latch.core.request_index(0);
                 let last = latch.next(0, -1.0);
                 latch.core.travel(0, -5.0, 20.0);
                 latch.check(0, last);
@@ -244,7 +223,7 @@ fn an_impulse_during_lost_frames_is_found_afterwards() {
             [0.0; 4],
             |latch| {
                 for _ in 0..3 {
-                    latch.ask(0);
+                    latch.core.request_index(0);
                     let expected = latch.next(0, 1.0);
                     let (step, mut has_lost) = (0.02, false);
                     for _ in 0..260 {
@@ -274,7 +253,7 @@ fn a_touch_probe_works_beside_it() {
             |network| axis(network, 1).touch_probe = true,
             [0.1, 0.0, 0.0, 0.0],
             |latch| {
-                latch.ask(0);
+                latch.core.request_index(0);
                 let (impulse, here) = (latch.next(0, 1.0), turns(latch.ring, 1));
                 let place = latch.core.until("feedback", |_| true).position[0];
                 let probe = place + TURNS[0] * (2.1 - here);
@@ -291,7 +270,7 @@ fn a_touch_probe_works_beside_it() {
     });
 }
 
-/// An axis that stands in the impulse: this one or the next is latched, never another place; and one that starts just beyond it in
+/// An axis at rest in the impulse: this one or the next is latched, never another place; and one that starts just beyond it in
 /// the direction of motion finds the next one.
 #[test]
 fn an_impulse_at_the_start_is_it_or_the_next() {
@@ -307,7 +286,7 @@ fn an_impulse_at_the_start_is_it_or_the_next() {
                     .until("taken over", |feedback| feedback.index_request == 7);
                 let here = latch.core.until("feedback", |_| true).position[0];
                 latch.core.travel(0, 6.0, 20.0);
-                let away = (latch.latched() - here) / TURNS[0];
+                let away = (latch.core.latched_index() - here) / TURNS[0];
                 let off = (away - away.round()) * RESOLUTION;
                 assert!(
                     (-0.5..1.5).contains(&away) && off.abs() < 2.01,
@@ -327,7 +306,7 @@ fn without_an_impulse_nothing_is_latched() {
             [0.0; 4],
             |latch| {
                 begin(latch.ring, FaultKind::IndexMissing, 1, None);
-                latch.ask(0);
+                latch.core.request_index(0);
                 latch.core.travel(0, 12.0, 20.0);
                 let told = latch.core.until("feedback", |_| true);
                 assert!(told.index_position.is_nan() && told.index_request == latch.core.index.0);
@@ -370,7 +349,7 @@ fn a_mapping_without_the_object_is_named() {
                     core.bring_up();
                     core.rest(0.3);
                     let mut latch = Latch { core, ring };
-                    latch.ask(0);
+                    latch.core.request_index(0);
                     let expected = latch.next(0, 1.0);
                     latch.core.travel(0, 6.0, 20.0);
                     latch.check(0, expected);

@@ -80,7 +80,15 @@ fn gantry() -> GantrySettings {
     }
 }
 
-/// A board with a beam, racked by so many mm.
+/// Neither motor of the beam turns.
+fn assert_stopped(server: &BoardServer) {
+    for unit in [0, 3] {
+        let rate = server.lock().step_rate(unit);
+        assert!(rate.abs() < 1.0, "motor {unit} turns at {rate} steps/s");
+    }
+}
+
+/// A board with a racked beam, mm.
 fn on_beam(model: BoardModel, rack: f64, test: impl Fn(&mut TrialCore, &BoardServer, &Messages)) {
     let is_servo = model == BoardModel::B7i97;
     let side = |side: usize, start_mm: f64| BeamSide {
@@ -196,12 +204,7 @@ fn a_home_switch_that_never_closes_stops_both_motors() {
             let (_, feedback) = core.heard.expect("feedback");
             assert!(states(&feedback)[0].is_some_and(DriveState::is_fault));
             core.rest(0.5);
-            for unit in [0, 3] {
-                assert!(
-                    server.lock().step_rate(unit).abs() < 1.0,
-                    "motor {unit} has stopped"
-                );
-            }
+            assert_stopped(server);
             let [first, second] = sides(server);
             let beyond = SWITCHES[1 - side] - [first, second][1 - side];
             // max_difference and squaring_offset, three periods at 20 mm/s, and the ramp of 0.27 mm at 1500 mm/s2 with its jerk.
@@ -309,12 +312,7 @@ fn a_second_drive_that_fails_in_the_middle_of_homing_stops_the_first() {
                 );
             }
             core.rest(0.4);
-            for unit in [0, 3] {
-                assert!(
-                    server.lock().step_rate(unit).abs() < 1.0,
-                    "motor {unit} has stopped"
-                );
-            }
+            assert_stopped(server);
             assert!(messages.contain("X, second drive: 9000h"), "{messages:?}");
             // Its steps count although it has no torque; the ramps of both are the same.
             switch_off(core);
@@ -330,7 +328,7 @@ fn a_second_drive_that_fails_in_the_middle_of_homing_stops_the_first() {
 
 /// The board restarts, or power is switched off, somewhere on the way: nothing of it is left in the next homing.
 #[test]
-fn homing_that_is_interrupted_begins_anew() {
+fn homing_that_is_interrupted_begins_again() {
     let mut random = Random::seeded(75);
     for restarts in [true, false] {
         let at = 50 + random.below(1400);

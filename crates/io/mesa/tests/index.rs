@@ -1,7 +1,6 @@
 //! The latch of encoder index pulses for the core, on the simulated board over real sockets.
 
 use evolvent_bridge_trial::TrialCore;
-use evolvent_bus::Feedback;
 use evolvent_machine::Machine;
 use evolvent_mesa::{BoardSettings, FitError, check_fit};
 use evolvent_mesa_board::{BoardModel, BoardServer, FaultKind};
@@ -44,17 +43,6 @@ struct Latch<'a> {
 }
 
 impl Latch<'_> {
-    /// Asks for the next pulse of an axis and waits until that is taken over.
-    fn ask(&mut self, axis: u32) -> Feedback {
-        self.core.index = (self.core.index.0 + 1, axis);
-        let number = self.core.index.0;
-        let taken = self.core.until("the request is taken over", |feedback| {
-            feedback.index_request == number
-        });
-        assert!(taken.index_position.is_nan(), "no pulse yet: {taken:?}");
-        taken
-    }
-
     /// The machine coordinate of the pulse that an axis at rest meets first in a direction: its edge, in whole counts.
     fn next(&mut self, axis: usize, direction: f64) -> f64 {
         let feedback = self.core.until("feedback", |_| true);
@@ -77,11 +65,7 @@ impl Latch<'_> {
 
     /// Whether the pulse that was latched for the newest request is where it truly is.
     fn check(&mut self, axis: usize, expected: f64) {
-        let number = self.core.index.0;
-        let told = self.core.until("the pulse", |feedback| {
-            feedback.index_request == number && !feedback.index_position.is_nan()
-        });
-        let counts = (told.index_position - expected) * COUNTS[axis];
+        let counts = (self.core.latched_index() - expected) * COUNTS[axis];
         println!("axis {axis}: {counts:.2} counts off");
         // Feedback and shaft are read a moment apart: at rest a servo may hunt by one.
         assert!(counts.abs() < 1.01, "axis {axis}: {counts} counts off");
@@ -119,7 +103,7 @@ fn the_latched_position_is_the_place_of_the_pulse() {
         for (i, velocity) in [5.0, 40.0].into_iter().enumerate() {
             for axis in 0..3 {
                 let direction = directions[3 * i + axis];
-                latch.ask(axis as u32);
+                latch.core.request_index(axis as u32);
                 let expected = latch.next(axis, direction);
                 latch.core.travel(axis, direction * 5.0, velocity);
                 latch.check(axis, expected);
@@ -131,18 +115,18 @@ fn the_latched_position_is_the_place_of_the_pulse() {
 #[test]
 fn requests_follow_each_other() {
     with_latch([0.0; 3], |latch| {
-        latch.ask(0);
+        latch.core.request_index(0);
         let first = latch.next(0, 1.0);
         latch.core.travel(0, 4.0, 20.0);
         latch.check(0, first);
-        latch.ask(0);
+        latch.core.request_index(0);
         let second = latch.next(0, 1.0);
         assert!((second - first - 4.0).abs() < 0.005, "a turn further");
         latch.core.travel(0, 4.0, 20.0);
         latch.check(0, second);
         // X is open when Y is asked for: only that of Y counts.
-        latch.ask(0);
-        latch.ask(1);
+        latch.core.request_index(0);
+        latch.core.request_index(1);
         let of_y = latch.next(1, -1.0);
         latch.core.travel(0, 5.0, 20.0);
         let told = latch.core.until("feedback", |_| true);
@@ -157,12 +141,12 @@ fn requests_follow_each_other() {
         latch.core.cycle();
         latch.core.index = (41, 0);
         latch.core.cycle();
-        latch.ask(0);
+        latch.core.request_index(0);
         let last = latch.next(0, -1.0);
         latch.core.travel(0, -5.0, 20.0);
         latch.check(0, last);
-        // An axis that stands in the pulse finds the next one: its edge is passed.
-        latch.ask(0);
+        // An axis at rest in the pulse latches the next one, because it has passed this edge.
+        latch.core.request_index(0);
         let further = latch.next(0, -1.0);
         latch.core.travel(0, -5.0, 20.0);
         latch.check(0, further);
@@ -205,7 +189,7 @@ fn lost_packets_lose_no_pulse() {
 fn without_a_wire_nothing_is_latched_and_steppers_have_none() {
     with_latch([0.0; 3], |latch| {
         latch.server.lock().fault_now(FaultKind::IndexMissing, None);
-        latch.ask(0);
+        latch.core.request_index(0);
         latch.core.travel(0, 9.0, 40.0);
         let told = latch.core.until("feedback", |_| true);
         assert!(told.index_position.is_nan() && told.index_request == latch.core.index.0);

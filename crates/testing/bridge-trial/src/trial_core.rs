@@ -104,7 +104,7 @@ impl TrialCore {
         }
     }
 
-    /// Moves an axis evenly by a distance at a velocity, and lets it come to rest.
+    /// Moves an axis by a distance at constant velocity and waits until it is at rest.
     pub fn travel(&mut self, axis: usize, distance: f64, velocity: f64) {
         let step = velocity * PERIOD_NS as f64 * 1e-9 * distance.signum();
         for _ in 0..(distance / step).round() as u64 {
@@ -139,6 +139,32 @@ impl TrialCore {
                 self.heard
             );
         }
+    }
+
+    /// Requests the next index pulse of an axis and waits until the request is taken over.
+    ///
+    /// # Panics
+    /// It is not taken over in time, or a pulse of an earlier request is reported for it.
+    pub fn request_index(&mut self, axis: u32) -> Feedback {
+        self.index = (self.index.0 + 1, axis);
+        let number = self.index.0;
+        let taken = self.until("the request is taken over", |feedback| {
+            feedback.index_request == number
+        });
+        assert!(taken.index_position.is_nan(), "no pulse yet: {taken:?}");
+        taken
+    }
+
+    /// The position latched for the newest request.
+    ///
+    /// # Panics
+    /// If none comes in time.
+    pub fn latched_index(&mut self) -> f64 {
+        let number = self.index.0;
+        let latched = self.until("the pulse", |feedback| {
+            feedback.index_request == number && !feedback.index_position.is_nan()
+        });
+        latched.index_position
     }
 
     /// Goes to where the axes stand, and switches the drives on.
