@@ -64,14 +64,16 @@ impl CycleSample {
 
 /// What a step along a plan depended on beside plan and override, as bits of the trace.
 pub(crate) fn input_bits(inputs: &Inputs, motion: &PathExecutor) -> u32 {
+    let lag = motion.planner_lag();
     let bits = [
         (inputs.hold, recorded::HOLD),
         (inputs.stop, recorded::STOP),
         (inputs.resume, recorded::RESUME),
-        (motion.has_waited(), recorded::WAITED),
-        (motion.was_refused(), recorded::REFUSED),
+        (lag.waited, recorded::WAITED),
+        (lag.refused, recorded::REFUSED),
     ];
+    let linked_ends = u32::from(lag.linked_ends) << recorded::LINKED_ENDS_SHIFT;
     bits.into_iter()
         .filter(|(set, _)| *set)
-        .fold(0, |sum, (_, bit)| sum | bit)
+        .fold(linked_ends, |sum, (_, bit)| sum | bit)
 }

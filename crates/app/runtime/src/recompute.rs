@@ -39,10 +39,8 @@ pub fn platform() -> String {
 pub struct RecordedInputs {
     /// The cycle's inputs.
     pub inputs: Inputs,
-    /// Whether the cycle waited for the planner, or took a tail.
-    pub waited: bool,
-    /// Whether an answer of the planner came to nothing, or did not come in time.
-    pub refused: bool,
+    /// How late the planner was.
+    pub lag: PlannerLag,
 }
 
 /// What computing a run again came to.
@@ -208,11 +206,7 @@ impl<'a> CycleReplay<'a> {
 
     /// The next setpoint, and the outputs that change with it. `failed`: the planner has met an error.
     fn step(&mut self, recorded: RecordedInputs, failed: &AtomicBool) -> Setpoint {
-        let RecordedInputs {
-            mut inputs,
-            waited,
-            refused,
-        } = recorded;
+        let RecordedInputs { mut inputs, lag } = recorded;
         let (motion, queue) = (&mut self.motion, &mut self.queue);
         wait_for_planner(|| motion.is_ready(queue) || (inputs.stop && motion.is_at_rest()));
         self.enter_signals(&mut inputs);
@@ -221,7 +215,6 @@ impl<'a> CycleReplay<'a> {
             inputs.resume = self.can_resume();
         }
         let before = self.motion.plan_step();
-        let lag = PlannerLag { waited, refused };
         let mut setpoint = self.motion.replay_step(&inputs, &mut self.queue, lag);
         if at_wait && inputs.resume && self.motion.plan_step() != before {
             let _was_over = self.signals.take_resume();

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use evolvent_machine::{Limits, Machine};
 use evolvent_motion::{
-    DrivenPath, Excursion, ExcursionEnd, Inputs, MachineState, PlannerLag, Setpoint, State, TransferExecutor,
+    DrivenPath, Excursion, ExcursionEnd, Inputs, MachineState, Setpoint, State, TransferExecutor,
 };
 use evolvent_path::{Axes, Jet};
 use evolvent_transfer::{AxesState, Sync, Transfer, TransferError};
@@ -450,11 +450,7 @@ fn follow(
         inputs.resume = signals.resumes(inputs.resume, motion, queue);
     }
     let before = motion.plan_step();
-    let lag = PlannerLag {
-        waited: recorded.waited,
-        refused: recorded.refused,
-    };
-    let setpoint = motion.replay_step(&inputs, queue, lag);
+    let setpoint = motion.replay_step(&inputs, queue, recorded.lag);
     if let Some(signals) = &mut signals
         && at_wait
         && inputs.resume

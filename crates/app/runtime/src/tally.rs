@@ -140,4 +140,8 @@ impl<S: PlanSink> PlanSink for Tally<S> {
     fn reached(&self) -> u64 {
         self.sink.reached()
     }
+
+    fn reached_step(&self) -> u64 {
+        self.sink.reached_step()
+    }
 }

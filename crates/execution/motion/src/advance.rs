@@ -6,7 +6,6 @@ use evolvent_planner::{Outcome, Profile, Run, ScalarLimits, ScalarState, Segment
 use crate::cursor::{ActiveMotion, Cursor, RunDrive};
 use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
-use crate::replay::PlannerLag;
 use crate::setpoint::Inputs;
 use crate::slowdown::Ahead;
 use crate::state::State;
@@ -32,7 +31,6 @@ impl PathExecutor {
         inputs: &Inputs,
         changed: bool,
         queue: &mut PlanConsumer,
-        lag: PlannerLag,
     ) {
         let standing = self.stop_requested(cursor, inputs);
         let brake = standing || self.feed_override == 0.0;
@@ -48,7 +46,6 @@ impl PathExecutor {
                 let mut ahead = Ahead {
                     preview: &mut self.preview,
                     queue,
-                    tail: lag.waited,
                 };
                 let left = slowdown.advance(self.period, &self.limits, &mut ahead);
                 self.waited |= self.preview.take_met_tail();
@@ -62,16 +59,16 @@ impl PathExecutor {
                 ActiveMotion::Run(_) => match cursor.advance_run(&mut left) {
                     None => false,
                     Some(carried) => {
-                        self.enter(cursor, carried, brake, inputs, queue, lag);
+                        self.enter(cursor, carried, brake, rests, inputs, queue);
                         true
                     }
                 },
                 ActiveMotion::TimedSegment { .. } => {
-                    cursor.advance_segment(&mut left, queue, lag.waited, &mut self.waited)
+                    cursor.advance_segment(&mut left, queue, &mut self.waited)
                 }
                 ActiveMotion::Still => match cursor.wait_at_rest(left, standing, rests) {
                     None => false,
-                    Some(from) => self.enter(cursor, from, brake, inputs, queue, lag),
+                    Some(from) => self.enter(cursor, from, brake, rests, inputs, queue),
                 },
             };
             if !goes_on {
@@ -90,15 +87,16 @@ impl PathExecutor {
         self.settle(cursor, standing, inputs);
     }
 
-    /// Enters the next step; `false` where it has to be waited for, and where nothing more is entered in this cycle.
+    /// Enters the next step; `false` where it has to be waited for, and where nothing more is entered in this cycle. `rests`: steps
+    /// at rest passed before this cycle.
     fn enter(
         &mut self,
         cursor: &mut Cursor,
         from: ScalarState,
         brake: bool,
+        rests: u64,
         inputs: &Inputs,
         queue: &mut PlanConsumer,
-        lag: PlannerLag,
     ) -> bool {
         // As if the step that will take a place that is kept had not come yet.
         let Some(step) = queue.occupant(cursor.step) else {
@@ -106,19 +104,35 @@ impl PathExecutor {
             return false;
         };
         cursor.step = step;
-        if !cursor.rest.awaits_plan {
-            return self.enter_step(cursor, from, brake, inputs, queue, lag);
-        }
-        // Nothing was planned before what ended here was known. That the cycle has waited is recorded once for each cycle, so it has to
-        // mean this step, of whatever kind it is, and no other one after it.
-        if lag.waited {
+        // That the cycle has waited is recorded, but not for which step: so at rest it enters either nothing, or all that it may pass.
+        let at_rest = from.v <= 0.0;
+        if at_rest
+            && (self.waited || queue.is_replayed_late() || !self.may_pass_rests(cursor, rests, inputs, queue))
+        {
             self.waited = true;
             return false;
         }
-        let step = cursor.step;
-        let goes_on = self.enter_step(cursor, from, brake, inputs, queue, lag);
-        cursor.rest.awaits_plan = cursor.step == step && cursor.is_still();
-        goes_on && !cursor.is_still()
+        self.enter_step(cursor, from, brake, inputs, queue)
+    }
+
+    /// Whether a cycle at rest that enters the next step will not have to wait for the planner at a later one. `rests`: steps at rest
+    /// passed before this cycle.
+    fn may_pass_rests(&self, cursor: &Cursor, rests: u64, inputs: &Inputs, queue: &mut PlanConsumer) -> bool {
+        let left = MAX_RESTS_PER_CYCLE - (cursor.rest.passed - rests);
+        match queue.step(cursor.step) {
+            None => false,
+            Some(step) if step.takes_no_time() => queue.rests_end(cursor.step, left).is_known(),
+            Some(Step::ProgramStop { .. } | Step::InputWait { .. }) if self.may_resume(cursor, inputs) => {
+                queue.rests_end(cursor.step + 1, left - 1).is_known()
+            }
+            Some(_) => true,
+        }
+    }
+
+    /// Whether the machine leaves the stop of the program that it is at. A request to go on from before it was here does not
+    /// count: it cannot have meant this stop.
+    fn may_resume(&self, cursor: &Cursor, inputs: &Inputs) -> bool {
+        inputs.resume && !self.resume_seen && cursor.state == State::ProgramStop
     }
 
     fn enter_step(
@@ -128,7 +142,6 @@ impl PathExecutor {
         brake: bool,
         inputs: &Inputs,
         queue: &mut PlanConsumer,
-        lag: PlannerLag,
     ) -> bool {
         let Some(step) = queue.step(cursor.step) else {
             self.waited = true;
@@ -141,7 +154,7 @@ impl PathExecutor {
         match step {
             Step::Run(run) => {
                 let is_final = queue.is_final(cursor.step);
-                if !moving && (!is_final || lag.waited) {
+                if !moving && !is_final {
                     self.waited = true;
                     return false;
                 }
@@ -157,17 +170,14 @@ impl PathExecutor {
                 ));
             }
             Step::TimedSegment(flow) => {
-                let is_known = queue.is_final(cursor.step) && !lag.waited;
-                if !self.may_start(cursor, brake, is_known, step) {
+                if !self.may_start(cursor, brake, queue.is_final(cursor.step), step) {
                     return false;
                 }
                 cursor.starved = false;
                 cursor.start(flow);
             }
             Step::Wait => {
-                // Whether the step itself was there yet is what a replay has to repeat.
-                self.waited |= lag.waited;
-                self.rest_step = Some(step).filter(|_| !lag.waited);
+                self.rest_step = Some(step);
                 return false;
             }
             Step::Dwell { seconds, line } => {
@@ -179,9 +189,7 @@ impl PathExecutor {
             }
             Step::ProgramStop { line } | Step::InputWait { line } => {
                 cursor.line = line;
-                // A request to go on from before the machine was here does not count: it cannot have meant this stop.
-                let stood_here = cursor.state == State::ProgramStop;
-                if !inputs.resume || self.resume_seen || !stood_here {
+                if !self.may_resume(cursor, inputs) {
                     cursor.state = State::ProgramStop;
                     return false;
                 }
@@ -196,7 +204,7 @@ impl PathExecutor {
             }
             Step::Turning { line } | Step::Probe { line } | Step::Thread { line } => {
                 cursor.line = line;
-                if queue.is_final(cursor.step) && !lag.waited {
+                if queue.is_final(cursor.step) {
                     cursor.state = State::Running;
                     cursor.rest.takeover = Some(match step {
                         Step::Probe { .. } => Takeover::Probing,
@@ -362,14 +370,8 @@ impl Cursor {
     }
 
     /// Drives a piece of a time law for the time that is left of the period; whether another one follows in it. `waited`: the planner
-    /// had not finished what follows; `tail`: it is taken to be so.
-    fn advance_segment(
-        &mut self,
-        left: &mut f64,
-        queue: &mut PlanConsumer,
-        tail: bool,
-        waited: &mut bool,
-    ) -> bool {
+    /// had not finished what follows.
+    fn advance_segment(&mut self, left: &mut f64, queue: &mut PlanConsumer, waited: &mut bool) -> bool {
         let ActiveMotion::TimedSegment { flow, time } = &mut self.drive else {
             return false;
         };
@@ -382,9 +384,9 @@ impl Cursor {
         let flow = *flow;
         self.leave(&flow);
         let rests = flow.rests_at_end();
-        let (next, mut is_unfinished) = queue.settle_successor(self.step, tail);
+        let (next, mut is_unfinished) = queue.settle_successor(self.step);
         let occupant = queue.occupant(next);
-        is_unfinished |= occupant.is_none() || tail && rests;
+        is_unfinished |= occupant.is_none() || queue.is_replayed_late() && rests;
         let next = occupant.unwrap_or(next);
         *waited |= is_unfinished;
         self.step = next;

@@ -44,8 +44,6 @@ pub(crate) struct RestState {
     pub(crate) stays: bool,
     /// At rest where another motion takes over.
     pub(crate) takeover: Option<Takeover>,
-    /// After a probing move or a pass of threading: the plan goes on when its result is known.
-    pub(crate) awaits_plan: bool,
     /// At rest here and not at the end of the path: a probing move or a pass of threading has ended here.
     pub(crate) position: Option<Axes>,
 }

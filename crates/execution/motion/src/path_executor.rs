@@ -46,6 +46,8 @@ pub struct PathExecutor {
     pub(crate) preview: PlanPreview,
     /// Whether the planner had not finished what the last step looked for.
     pub(crate) waited: bool,
+    /// Ends of windows that it found linked before.
+    linked_ends: u8,
     /// The plan step in front of which the axes rest and for which another plan may be requested, as the last step found it.
     pub(crate) rest_step: Option<Step>,
     /// Whether the last step met an answer that came to nothing.
@@ -78,6 +80,7 @@ impl PathExecutor {
             asking: ReplanState::new(period),
             preview: PlanPreview::new(),
             waited: false,
+            linked_ends: 0,
             rest_step: None,
             refused: false,
             process: ProcessSlot::default(),
@@ -179,17 +182,14 @@ impl PathExecutor {
         self.sequence
     }
 
-    /// Whether the last step looked for something that the planner had not finished: the axes stood, or took
-    /// a tail. In real time this depends on how fast the planner was, so it is recorded like an input.
+    /// What the last step met of the planner. In real time this depends on how fast the planner was, so it is recorded like an input.
     #[must_use]
-    pub fn has_waited(&self) -> bool {
-        self.waited
-    }
-
-    /// Whether the last step met an answer that came to nothing: the planner found no plan, or was too late with it.
-    #[must_use]
-    pub fn was_refused(&self) -> bool {
-        self.refused
+    pub fn planner_lag(&self) -> PlannerLag {
+        PlannerLag {
+            waited: self.waited,
+            linked_ends: if self.waited { self.linked_ends } else { 0 },
+            refused: self.refused,
+        }
     }
 
     /// Whether nothing will move any more.
@@ -219,7 +219,9 @@ impl PathExecutor {
     ) -> Setpoint {
         self.waited = false;
         self.refused = false;
+        self.linked_ends = 0;
         self.rest_step = None;
+        queue.begin_cycle(lag);
         let wanted = checked_override(inputs.feed_override);
         let changed = wanted != self.feed_override;
         self.feed_override = wanted;
@@ -239,7 +241,7 @@ impl PathExecutor {
             let mut cursor = self.cursor;
             self.slow_down(&mut cursor, inputs, queue);
             self.take_answer(&mut cursor, queue, lag);
-            self.advance(&mut cursor, inputs, changed, queue, lag);
+            self.advance(&mut cursor, inputs, changed, queue);
             let (mut jet, mut segment) = self.evaluate(&mut cursor, queue);
             if let Err(violation) = self
                 .guard
@@ -249,7 +251,7 @@ impl PathExecutor {
                 cursor = self.cursor;
                 cursor.state = State::Fault;
                 self.slow_down(&mut cursor, inputs, queue);
-                self.advance(&mut cursor, inputs, false, queue, lag);
+                self.advance(&mut cursor, inputs, false, queue);
                 (jet, segment) = self.evaluate(&mut cursor, queue);
                 if self.guard.check(&jet.position, cursor.joint, true).is_err() {
                     self.start_quick_stop();
@@ -257,7 +259,8 @@ impl PathExecutor {
             }
             if self.quick_stop.is_none() {
                 let setpoint = self.publish(cursor, jet, segment.as_ref(), queue);
-                self.ask(inputs, queue, lag);
+                self.ask(inputs, queue);
+                self.linked_ends = queue.linked_ends();
                 if let Some(takeover) = cursor.rest.takeover {
                     self.begin(takeover, queue);
                 }

@@ -111,17 +111,16 @@ impl PlanPreview {
         &self.samples[index % CAPACITY]
     }
 
-    /// Sample number `index`; none after the plan's end, and where that is farther ahead than is looked. `tail` has the look
-    /// ahead end at the tail of the window in force, whether there is more by now or not.
-    pub(crate) fn sample(&mut self, index: usize, tail: bool, queue: &mut PlanConsumer) -> Option<&Sample> {
+    /// Sample number `index`; none after the plan's end, and where that is farther ahead than is looked.
+    pub(crate) fn sample(&mut self, index: usize, queue: &mut PlanConsumer) -> Option<&Sample> {
         while index >= self.next {
-            self.extend(tail, queue)?;
+            self.extend(queue)?;
         }
         (index >= self.oldest).then(|| self.held(index))
     }
 
     /// Takes one more sample.
-    fn extend(&mut self, tail: bool, queue: &mut PlanConsumer) -> Option<()> {
+    fn extend(&mut self, queue: &mut PlanConsumer) -> Option<()> {
         let mut frontier = self.frontier?;
         let first = self.next == 0;
         if self.next - self.oldest >= CAPACITY {
@@ -136,7 +135,7 @@ impl PlanPreview {
                 self.frontier = None;
                 return None;
             }
-            let (step, met_tail) = queue.settle_successor(frontier.step, tail);
+            let (step, met_tail) = queue.settle_successor(frontier.step);
             self.met_tail |= met_tail;
             let Some(Step::TimedSegment(flow)) = queue.step(step) else {
                 self.rests_at = Some(ends);

@@ -23,6 +23,7 @@ use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::probing::Probing;
 use crate::process_cycle::ProcessCycle;
+use crate::replay::PlannerLag;
 use crate::takeover::{ProbingSender, ProcessSender, TakeoverReceiver, ThreadingSender, takeover_queue};
 use crate::threading::Threading;
 
@@ -46,6 +47,35 @@ const PLACE: u64 = u64::MAX - 2;
 /// Bit of the link of such a step once it has: the others are the successor + 1.
 const TAKEN: u64 = 1 << 63;
 
+/// The end of a chain of steps at rest that take no time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum RestsEnd {
+    /// The first step that takes time, or that is waited at.
+    At { step: Step, index: u64, is_final: bool },
+    /// It lies beyond what was looked at.
+    Beyond,
+    /// It has not come yet.
+    NotYet,
+    /// A place is kept for it.
+    PlaceKept,
+}
+
+impl RestsEnd {
+    /// Whether a cycle that passes the chain finds nothing that the planner may still change.
+    pub(crate) fn is_known(&self) -> bool {
+        match self {
+            // The machine stands at each of these for one cycle at least.
+            Self::At {
+                step: Step::Wait | Step::ProgramStop { .. } | Step::InputWait { .. } | Step::End { .. },
+                ..
+            }
+            | Self::Beyond => true,
+            Self::At { is_final, .. } => *is_final,
+            Self::NotYet | Self::PlaceKept => false,
+        }
+    }
+}
+
 #[derive(Debug)]
 struct Table {
     exits: Box<[[AtomicU64; 2]]>,
@@ -57,6 +87,7 @@ struct Table {
     /// The last wait for an input, probing move or thread + 1: nothing comes after it before it is over.
     waits_at: AtomicU64,
     reached: AtomicU64,
+    reached_step: AtomicU64,
     acknowledged: AtomicU64,
     withdrawn: AtomicU64,
 }
@@ -92,6 +123,7 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         complete: AtomicU64::new(0),
         waits_at: AtomicU64::new(0),
         reached: AtomicU64::new(0),
+        reached_step: AtomicU64::new(0),
         acknowledged: AtomicU64::new(0),
         withdrawn: AtomicU64::new(0),
     });
@@ -121,6 +153,9 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         taken_steps: 0,
         taken_segments: 0,
         taken_marks: 0,
+        linked_ends: 0,
+        has_met_tail: false,
+        replayed_ends: None,
     };
     (producer, consumer)
 }
@@ -268,6 +303,10 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
     fn reached(&self) -> u64 {
         self.table.reached.load(Ordering::Acquire)
     }
+
+    fn reached_step(&self) -> u64 {
+        self.table.reached_step.load(Ordering::Acquire)
+    }
 }
 
 /// The cycle's end. Nothing here allocates, locks or waits.
@@ -285,9 +324,31 @@ pub struct PlanConsumer {
     taken_steps: u64,
     taken_segments: u64,
     taken_marks: u64,
+    /// Ends of windows that this cycle has found linked, before the first one that was not.
+    linked_ends: u8,
+    has_met_tail: bool,
+    /// How many the recorded cycle had found linked that is computed again, if it has met a tail then.
+    replayed_ends: Option<u8>,
 }
 
 impl PlanConsumer {
+    /// Begins a cycle that is computed as late as the planner was then.
+    pub(crate) fn begin_cycle(&mut self, lag: PlannerLag) {
+        self.linked_ends = 0;
+        self.has_met_tail = false;
+        self.replayed_ends = lag.waited.then_some(lag.linked_ends);
+    }
+
+    /// Ends of windows that this cycle has found linked, before the first one that was not.
+    pub(crate) fn linked_ends(&self) -> u8 {
+        self.linked_ends
+    }
+
+    /// Whether what this cycle looks at next is taken as not planned, because it was not when the cycle was recorded.
+    pub(crate) fn is_replayed_late(&self) -> bool {
+        self.replayed_ends.is_some_and(|ends| self.linked_ends >= ends)
+    }
+
     /// Step number `index`, counted from the first ever; none if it has not come or was taken.
     pub fn step(&mut self, index: u64) -> Option<Step> {
         nth(&mut self.steps, index.checked_sub(self.taken_steps)? as usize)
@@ -337,6 +398,28 @@ impl PlanConsumer {
         }
     }
 
+    /// What the steps at rest from step `index` on lead to, which are passed in one cycle; `most` of them.
+    pub(crate) fn rests_end(&mut self, index: u64, most: u64) -> RestsEnd {
+        let mut index = index;
+        for _ in 0..most {
+            let Some(occupant) = self.occupant(index) else {
+                return RestsEnd::PlaceKept;
+            };
+            match self.step(occupant) {
+                None => return RestsEnd::NotYet,
+                Some(step) if step.takes_no_time() => index = occupant + 1,
+                Some(step) => {
+                    return RestsEnd::At {
+                        step,
+                        index: occupant,
+                        is_final: self.is_final(occupant),
+                    };
+                }
+            }
+        }
+        RestsEnd::Beyond
+    }
+
     /// Whether it is settled that the tail after step `index` is driven.
     #[must_use]
     pub fn is_claimed(&self, index: u64) -> bool {
@@ -373,15 +456,20 @@ impl PlanConsumer {
         (index + 1, false)
     }
 
-    /// The step after step `index`, settled, and whether the planner had not linked one or not declared it final. With `tail` a
-    /// step that was left open is followed by its tail all the same: a recorded run that drove it is computed again.
-    pub(crate) fn settle_successor(&mut self, index: u64, tail: bool) -> (u64, bool) {
+    /// The step after step `index`, settled, and whether the planner had not linked one or not declared it final.
+    pub(crate) fn settle_successor(&mut self, index: u64) -> (u64, bool) {
         let link = self.table.link(index);
-        if tail && link.load(Ordering::Acquire) != 0 {
+        let ends_window = link.load(Ordering::Acquire) != 0;
+        let (next, is_final) = if ends_window && self.is_replayed_late() {
             link.store(CLAIMED, Ordering::Release);
-            return (index + 1, true);
+            (index + 1, false)
+        } else {
+            self.claim_successor(index)
+        };
+        self.has_met_tail |= !is_final;
+        if ends_window && !self.has_met_tail {
+            self.linked_ends = self.linked_ends.saturating_add(1);
         }
-        let (next, is_final) = self.claim_successor(index);
         (next, !is_final)
     }
 
@@ -455,6 +543,7 @@ impl PlanConsumer {
         self.taken_segments += take(&mut self.segments, segment.saturating_sub(self.taken_segments));
         self.taken_marks += take(&mut self.marks, mark.saturating_sub(self.taken_marks));
         self.table.reached.store(interval, Ordering::Release);
+        self.table.reached_step.store(step, Ordering::Release);
     }
 }
 

@@ -13,7 +13,7 @@ use crate::advance::MAX_RESTS_PER_CYCLE;
 use crate::cursor::{ActiveMotion, Cursor};
 use crate::path_executor::PathExecutor;
 use crate::plan_preview::LONGEST_PREVIEW_S;
-use crate::queue::PlanConsumer;
+use crate::queue::{PlanConsumer, RestsEnd};
 use crate::replay::PlannerLag;
 use crate::scale::Scale;
 use crate::setpoint::Inputs;
@@ -187,7 +187,7 @@ impl PathExecutor {
     }
 
     /// Asks where something else is wanted than the pieces ahead were planned for.
-    pub(crate) fn ask(&mut self, inputs: &Inputs, queue: &mut PlanConsumer, lag: PlannerLag) {
+    pub(crate) fn ask(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) {
         let cursor = self.cursor;
         if self.asking.open.is_some()
             || self.quick_stop.is_some()
@@ -216,7 +216,7 @@ impl PathExecutor {
                 };
                 let seconds = self.period * self.asking.lead as f64;
                 let from = (cursor.step, flow, time + rate * seconds);
-                if let Some((flow, time)) = self.foresee(from, queue, lag) {
+                if let Some((step, flow, time)) = self.foresee(from, queue) {
                     let (state, jerk) = flow.piece.law.at(time);
                     let steady = Scale {
                         rate,
@@ -228,7 +228,7 @@ impl PathExecutor {
                     let after = self.sequence - 1 + self.asking.lead;
                     let request = Request {
                         rate,
-                        ..place(&flow, state.x, state.v, state.a)
+                        ..place(step, &flow, state.x, state.v, state.a)
                     };
                     self.send(Some(after), request, queue);
                 }
@@ -237,13 +237,14 @@ impl PathExecutor {
             ActiveMotion::Still => match self.rest_step {
                 // A stop has ended within a piece.
                 Some(Step::TimedSegment(flow)) if cursor.slowdown.is_some() => {
-                    self.send(None, place(&flow, cursor.rest.x, 0.0, 0.0), queue);
+                    self.send(None, place(cursor.step, &flow, cursor.rest.x, 0.0, 0.0), queue);
                 }
                 Some(Step::TimedSegment(flow)) if needs_other => {
-                    self.send(None, place(&flow, 0.0, 0.0, 0.0), queue);
+                    self.send(None, place(cursor.step, &flow, 0.0, 0.0, 0.0), queue);
                 }
                 Some(Step::Wait) => {
                     let rest = Request {
+                        step: cursor.step,
                         segment: cursor.segment,
                         offset: cursor.rest.x - cursor.segment_start,
                         interval: cursor.interval,
@@ -256,17 +257,16 @@ impl PathExecutor {
         }
     }
 
-    /// The piece in which the plan is `time` seconds after the start of `flow`, which is plan step `step`, and the time since that
+    /// The step and piece in which the plan is `time` seconds after the start of `flow`, which is plan step `step`, and the time since that
     /// piece's start; none if the axes stop before. Settles the successors up to there.
     fn foresee(
         &mut self,
         (mut step, mut flow, mut time): (u64, TimedSegment, f64),
         queue: &mut PlanConsumer,
-        lag: PlannerLag,
-    ) -> Option<(TimedSegment, f64)> {
+    ) -> Option<(u64, TimedSegment, f64)> {
         for _ in 0..MAX_AHEAD {
             if time < flow.piece.duration_s {
-                return Some((flow, time));
+                return Some((step, flow, time));
             }
             time -= flow.piece.duration_s;
             // What happens at a rest is not foreseen: the next request is made from there, or after it.
@@ -274,7 +274,7 @@ impl PathExecutor {
                 return None;
             }
             let met_tail;
-            (step, met_tail) = queue.settle_successor(step, lag.waited);
+            (step, met_tail) = queue.settle_successor(step);
             self.waited |= met_tail;
             flow = match queue.step(step) {
                 Some(Step::TimedSegment(next)) => next,
@@ -313,10 +313,11 @@ impl PathExecutor {
         {
             return false;
         }
-        let step = queue.occupant(self.cursor.step).unwrap_or(self.cursor.step);
-        let goes_on = match queue.step(step) {
-            None | Some(Step::Wait) => false,
-            Some(_) => queue.is_final(step),
+        let from = self.cursor.step + u64::from(self.cursor.state == State::ProgramStop);
+        let goes_on = match queue.rests_end(from, MAX_RESTS_PER_CYCLE) {
+            RestsEnd::At { step, is_final, .. } => !matches!(step, Step::Wait) && is_final,
+            RestsEnd::Beyond => true,
+            RestsEnd::NotYet | RestsEnd::PlaceKept => false,
         };
         self.asking.open.is_some() || !goes_on
     }
@@ -385,36 +386,32 @@ impl PathExecutor {
                 }
             }
         }
-        let first = step;
-        let mut rests = 0;
         let (flow, time) = match cursor.drive {
             // Where a reply has come it takes over now.
             ActiveMotion::TimedSegment { flow, time } => answered.map_or((flow, time), |flow| (flow, 0.0)),
             ActiveMotion::Run(_) => return queue.has_final_ahead(step),
-            // Steps at rest that take no time are passed in one cycle: what follows them must be known, if it gets there.
-            ActiveMotion::Still => loop {
-                let Some(occupant) = queue.occupant(step) else {
-                    return queue.has_no_planner();
-                };
-                step = occupant;
-                if rests >= MAX_RESTS_PER_CYCLE {
-                    return true;
-                }
-                rests += 1;
-                match queue.step(step) {
-                    None => return false,
-                    Some(Step::Run(_)) => return queue.has_final_ahead(first),
-                    Some(Step::TimedSegment(flow)) if queue.is_final(step) => break (flow, 0.0),
-                    Some(Step::TimedSegment(_)) => return false,
-                    // The machine stands at a wait for one step at least before it goes on.
-                    Some(Step::Wait | Step::InputWait { .. } | Step::End { .. }) => return true,
-                    Some(Step::Turning { .. } | Step::Probe { .. } | Step::Thread { .. }) => {
-                        return queue.is_final(step);
+            // What follows steps at rest that take no time must be known, if the cycle gets there; so must what follows a stop of
+            // the program that it may leave.
+            ActiveMotion::Still => {
+                let leaves = cursor.state == State::ProgramStop
+                    && matches!(queue.step(step), Some(Step::ProgramStop { .. }));
+                let end = queue.rests_end(step + u64::from(leaves), MAX_RESTS_PER_CYCLE);
+                match end {
+                    RestsEnd::At {
+                        step: Step::Run(_), ..
+                    } => return queue.has_final_ahead(step),
+                    RestsEnd::At {
+                        step: Step::TimedSegment(flow),
+                        index,
+                        is_final: true,
+                    } => {
+                        step = index;
+                        (flow, 0.0)
                     }
-                    Some(Step::Dwell { seconds, .. }) if seconds > 0.0 => return queue.is_final(step),
-                    Some(Step::Dwell { .. } | Step::Action { .. } | Step::ProgramStop { .. }) => step += 1,
+                    RestsEnd::PlaceKept => return queue.has_no_planner(),
+                    _ => return end.is_known(),
                 }
-            },
+            }
         };
         // Everything that the step, or a request that it makes, can see.
         let mut left = time + self.period * (2 * self.asking.lead + 4) as f64 - flow.piece.duration_s;
@@ -445,6 +442,7 @@ impl PathExecutor {
 
 const EMPTY: Request = Request {
     id: 0,
+    step: 0,
     segment: 0,
     offset: 0.0,
     interval: 0,
@@ -455,8 +453,10 @@ const EMPTY: Request = Request {
     feed_factor: 1.0,
 };
 
-fn place(flow: &TimedSegment, x: f64, v: f64, a: f64) -> Request {
+/// At parameter `x` of a piece, which is plan step `step`.
+fn place(step: u64, flow: &TimedSegment, x: f64, v: f64, a: f64) -> Request {
     Request {
+        step,
         segment: flow.piece.segment,
         offset: flow.piece.from + x,
         interval: flow.piece.interval,

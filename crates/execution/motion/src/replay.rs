@@ -7,9 +7,11 @@ use crate::setpoint::{Inputs, Setpoint};
 /// What a recorded step met of the planner. In real time that depends on how fast the planner was.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PlannerLag {
-    /// It looked for something that the planner had not finished ([`PathExecutor::has_waited`]).
+    /// It looked for something that the planner had not finished: the axes stood, or took a tail.
     pub waited: bool,
-    /// It met an answer that came to nothing ([`PathExecutor::was_refused`]).
+    /// Ends of windows in this step at which the planner was in time, before the one at which it was not; 0 if it never waited.
+    pub linked_ends: u8,
+    /// It met an answer that came to nothing: the planner found no plan, or was too late with it.
     pub refused: bool,
 }
 

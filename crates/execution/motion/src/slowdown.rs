@@ -127,8 +127,6 @@ pub(crate) trait Lookahead {
 pub(crate) struct Ahead<'a> {
     pub(crate) preview: &'a mut PlanPreview,
     pub(crate) queue: &'a mut PlanConsumer,
-    /// The look ahead ends at the tail in force, whether there is more by now or not.
-    pub(crate) tail: bool,
 }
 
 impl Lookahead for Ahead<'_> {
@@ -141,7 +139,7 @@ impl Lookahead for Ahead<'_> {
     }
 
     fn sample(&mut self, index: usize) -> Option<&Sample> {
-        self.preview.sample(index, self.tail, self.queue)
+        self.preview.sample(index, self.queue)
     }
 
     fn rests_at(&self) -> Option<f64> {
@@ -453,11 +451,7 @@ mod tests {
     ) -> (f64, f64) {
         let (limits, mut seconds, mut time) = (limits(), 0.0, 0.0);
         while !done(slowdown) {
-            let mut ahead = Ahead {
-                preview,
-                queue,
-                tail: false,
-            };
+            let mut ahead = Ahead { preview, queue };
             time += slowdown.advance(PERIOD_S, &limits, &mut ahead);
             seconds += PERIOD_S;
             let Scale { rate, first, second } = slowdown.scale();
@@ -522,11 +516,7 @@ mod tests {
                     let _led = slowdown.lead_to(0.0007);
                 }
                 let (queue, preview) = &mut plan;
-                let mut ahead = Ahead {
-                    preview,
-                    queue,
-                    tail: false,
-                };
+                let mut ahead = Ahead { preview, queue };
                 slowdown.advance(0.2 * PERIOD_S, &limits, &mut ahead);
                 // A rate that falls and is cut off at zero is a jump of the velocity.
                 let Scale { rate, first, .. } = slowdown.scale();
@@ -570,11 +560,7 @@ mod tests {
                 }
                 let _led = slowdown.lead_to(target);
                 let (queue, preview) = &mut plan;
-                let mut ahead = Ahead {
-                    preview,
-                    queue,
-                    tail: false,
-                };
+                let mut ahead = Ahead { preview, queue };
                 slowdown.advance(PERIOD_S, &limits, &mut ahead);
             }
             if slowdown.steady_rate().is_none() {

@@ -147,7 +147,6 @@ impl PathExecutor {
     pub(crate) fn resume_plan_at(&mut self, jet: &Jet) {
         self.cursor.rest.position = Some(jet.position);
         self.cursor.pass_rest();
-        self.cursor.rest.awaits_plan = true;
     }
 
     /// The setpoint of an accepted jet.

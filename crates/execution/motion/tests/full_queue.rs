@@ -127,7 +127,7 @@ fn answers_that_came_to_nothing_do_not_stop_the_next() {
             ..PlannerLag::default()
         };
         let setpoint = motion.replay_step(&inputs, queue, lag);
-        refusals += u32::from(motion.was_refused());
+        refusals += u32::from(motion.planner_lag().refused);
         setpoint
     });
     assert!(refusals > 8, "{refusals} answers came to nothing");

@@ -67,8 +67,8 @@ fn stops_keep_every_limit_however_the_planner_answers() {
                     ..Inputs::default()
                 };
                 let lag = PlannerLag {
-                    waited: false,
                     refused: refused && stopping,
+                    ..PlannerLag::default()
                 };
                 out.push(pair.motion.replay_step(&inputs, &mut pair.queue, lag));
                 assert!(out.len() < 2_000_000, "{what}: does not end");
@@ -95,7 +95,7 @@ struct Falsifier<W> {
 impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
     type Error = QueueClosed;
 
-    forward_to_sink!(segment exit commit mark leave_open keep_place link has_capacity wait request reply acknowledged withdrawn reached);
+    forward_to_sink!(segment exit commit mark leave_open keep_place link has_capacity wait request reply acknowledged withdrawn reached reached_step);
 
     fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
         let mut step = *step;

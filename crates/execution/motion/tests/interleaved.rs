@@ -24,8 +24,7 @@ const WITHIN_PLAN: f64 = 0.02;
 /// What a trace holds of one cycle.
 struct Recorded {
     inputs: Inputs,
-    waited: bool,
-    refused: bool,
+    lag: PlannerLag,
     setpoint: Setpoint,
 }
 
@@ -50,11 +49,7 @@ impl Cycles {
             None => (self.live_inputs(), PlannerLag::default()),
             Some(recorded) => {
                 let one = &recorded[self.done.len()];
-                let lag = PlannerLag {
-                    waited: one.waited,
-                    refused: one.refused,
-                };
-                (one.inputs, lag)
+                (one.inputs, one.lag)
             }
         };
         let setpoint = self.motion.replay_step(&inputs, &mut self.queue, lag);
@@ -63,8 +58,7 @@ impl Cycles {
         }
         self.done.push(Recorded {
             inputs,
-            waited: self.motion.has_waited(),
-            refused: self.motion.was_refused(),
+            lag: self.motion.planner_lag(),
             setpoint,
         });
         assert!(self.done.len() < 1_000_000, "does not end");
@@ -111,7 +105,7 @@ impl Interrupted {
 impl PlanSink for Interrupted {
     type Error = QueueClosed;
 
-    forward_to_sink!(exit mark leave_open has_capacity wait request acknowledged withdrawn reached);
+    forward_to_sink!(exit mark leave_open has_capacity wait request acknowledged withdrawn reached reached_step);
 
     fn segment(&mut self, segment: &Segment) -> Result<(), QueueClosed> {
         self.sink.segment(segment)?;
@@ -198,7 +192,7 @@ fn what_was_driven_while_the_planner_worked_is_replayed_bit_for_bit() {
         let mut seed = || Random::from_state(random.pick(1 << 30) as u64);
         let (driving, replaying) = (seed(), seed());
         let recorded = drive(&scenario, driving, None);
-        waits += recorded.iter().filter(|one| one.waited).count();
+        waits += recorded.iter().filter(|one| one.lag.waited).count();
         changes += recorded
             .windows(2)
             .filter(|pair| pair[0].inputs.feed_override != pair[1].inputs.feed_override)

@@ -21,7 +21,7 @@ struct Losing<S> {
 impl<S: PlanSink<Error = QueueClosed>> PlanSink for Losing<S> {
     type Error = QueueClosed;
 
-    forward_to_sink!(segment step exit commit mark leave_open keep_place link has_capacity wait request acknowledged withdrawn reached);
+    forward_to_sink!(segment step exit commit mark leave_open keep_place link has_capacity wait request acknowledged withdrawn reached reached_step);
 
     fn reply(&mut self, reply: Reply) {
         match self.left.get().checked_sub(1) {

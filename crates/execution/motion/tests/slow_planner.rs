@@ -9,7 +9,7 @@ use evolvent_motion::{
     Inputs, PathExecutor, PlanConsumer, PlanProducer, PlannerLag, QueueClosed, Setpoint, State, flags,
     plan_queue,
 };
-use evolvent_planner::{PlanSink, Reply};
+use evolvent_planner::{PlanSink, Reply, Step};
 
 use crate::common::{Random, WAVE_FEED_MM_S, check, forward_to_sink, wave};
 
@@ -22,6 +22,10 @@ const LATE: usize = 50;
 const STARVING: usize = 1000;
 /// Cycles of the virtual clock between two things that the planner does at most: one request may follow another's reply at once.
 const MEANWHILE: usize = 40;
+/// Blocks of the wave between two places with steps at rest.
+const BLOCKS_TO_REST: usize = 60;
+/// Steps at rest at one place.
+const RESTS: usize = 7;
 
 /// What a cycle met, and what it gave.
 #[derive(Clone, Debug)]
@@ -76,10 +80,7 @@ impl Cycles {
         if let Some(recorded) = &self.replayed {
             assert_eq!(setpoint, recorded[sequence].setpoint, "replayed cycle {sequence}");
         }
-        let lag = PlannerLag {
-            waited: self.motion.has_waited(),
-            refused: self.motion.was_refused(),
-        };
+        let lag = self.motion.planner_lag();
         self.done.push(Recorded {
             inputs,
             lag,
@@ -104,7 +105,24 @@ struct Slow {
 impl PlanSink for Slow {
     type Error = QueueClosed;
 
-    forward_to_sink!(segment step exit commit mark leave_open keep_place link has_capacity wait request acknowledged withdrawn reached);
+    forward_to_sink!(segment exit commit mark leave_open keep_place link has_capacity wait request acknowledged withdrawn reached reached_step);
+
+    /// The interpreter may take as long for the block after a step at rest as the planner for a window.
+    fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
+        self.sink.step(step)?;
+        let mut cycles = self.cycles.borrow_mut();
+        let Some(random) = &mut self.random else {
+            cycles.run_while_ready();
+            return Ok(());
+        };
+        let is_rest = !matches!(step, Step::TimedSegment(_));
+        if is_rest && !cycles.done.is_empty() && random.pick(3) == 0 {
+            for _ in 0..random.pick(self.longest) {
+                cycles.step();
+            }
+        }
+        Ok(())
+    }
 
     /// On a quiet host a window takes most of the lead of a request, on a busy one several times that.
     fn solved(&mut self, _steps: u32) {
@@ -143,6 +161,17 @@ fn drive(
     longest: usize,
     replayed: Option<Vec<Recorded>>,
 ) -> Vec<Recorded> {
+    drive_with_rests(feed_override, random, longest, replayed, &[])
+}
+
+/// As [`drive`], with one of these chains of steps at rest after each [`BLOCKS_TO_REST`] blocks.
+fn drive_with_rests(
+    feed_override: fn(u64) -> f64,
+    random: Option<Random>,
+    longest: usize,
+    replayed: Option<Vec<Recorded>>,
+    rests: &[Vec<Step>],
+) -> Vec<Recorded> {
     let scenario = wave(500);
     let is_replay = replayed.is_some();
     let (sink, queue): (PlanProducer<fn() -> bool>, _) = plan_queue(|| false);
@@ -163,6 +192,11 @@ fn drive(
     let mut planner = scenario.planner(1.0, sink);
     for (number, one) in scenario.moves.iter().enumerate() {
         planner.push(one, number as u32 + 1, number as u32).expect("plan");
+        if number % BLOCKS_TO_REST == BLOCKS_TO_REST - 1 && !rests.is_empty() {
+            for step in &rests[number / BLOCKS_TO_REST % rests.len()] {
+                planner.rest(step).expect("plan");
+            }
+        }
     }
     planner.finish(9999).expect("plan");
     let mut waits = 0;
@@ -255,4 +289,43 @@ fn a_run_with_a_slow_planner_is_replayed_bit_for_bit() {
         late > 100 && starved > 100,
         "{late} answers were late, {starved} cycles starved"
     );
+}
+
+/// A chain of steps at rest, most of which take no time.
+fn random_rests(random: &mut Random) -> Vec<Step> {
+    (0..1 + random.pick(RESTS))
+        .map(|number| {
+            let line = 10_000 + number as u32;
+            match random.pick(4) {
+                0 => Step::Dwell { seconds: 0.0, line },
+                1 => Step::Dwell {
+                    seconds: 0.0025,
+                    line,
+                },
+                _ => Step::Action {
+                    action: number as u32,
+                    line,
+                },
+            }
+        })
+        .collect()
+}
+
+/// That the cycle has waited is recorded, but not for which step: so it passes those at rest only if it will not wait for one of them.
+#[test]
+fn steps_at_rest_that_come_one_by_one_are_replayed_bit_for_bit() {
+    let mut waited = 0;
+    let cases = evolvent_random::cases(12) as u64;
+    let first = evolvent_random::seed(1);
+    for seed in first..first + cases {
+        for (number, feed_override) in [|_| 1.0, FALLING[1]].into_iter().enumerate() {
+            println!("override {number}, seed {seed}");
+            let mut random = Random::from_state(seed);
+            let rests: Vec<Vec<Step>> = (0..5).map(|_| random_rests(&mut random)).collect();
+            let recorded = drive_with_rests(feed_override, Some(random), STARVING, None, &rests);
+            waited += recorded.iter().filter(|one| one.lag.waited).count();
+            drive_with_rests(feed_override, None, STARVING, Some(recorded), &rests);
+        }
+    }
+    assert!(waited > 100, "waited in {waited} cycles");
 }

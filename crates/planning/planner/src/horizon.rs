@@ -56,8 +56,7 @@ struct RestPoint {
 /// A window that was handed over, for plans that start from a position in it.
 #[derive(Clone, Debug, Default)]
 struct PlannedWindow {
-    interval: u64,
-    x: f64,
+    first_step: u64,
     snapshot: PlanSnapshot,
 }
 
@@ -516,7 +515,7 @@ impl<S: PlanSink> Horizon<S> {
     /// Saves the solved window.
     fn remember(&mut self) {
         let mut planned = self.windows.spare.pop().unwrap_or_default();
-        (planned.interval, planned.x) = (self.frontier.place.interval, self.frontier.place.x);
+        planned.first_step = self.appended;
         self.optimizer.save(&mut planned.snapshot);
         self.windows.planned.push_back(planned);
         if let Some(pending_branch) = &mut self.windows.pending_branch {
@@ -524,11 +523,9 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// Number of windows handed over that start at or before a position.
-    fn windows_before(&self, place: PathPosition) -> usize {
-        self.windows
-            .planned
-            .partition_point(|one| (one.interval, one.x) <= (place.interval, place.x))
+    /// Number of windows handed over up to the one that a plan step is in.
+    fn windows_up_to(&self, step: u64) -> usize {
+        self.windows.planned.partition_point(|one| one.first_step <= step)
     }
 
     /// Hands over all pieces, with their segments and marks.
@@ -638,7 +635,7 @@ impl<S: PlanSink> Horizon<S> {
 
     /// Drops what the consumer has passed.
     fn forget(&mut self) {
-        let reached = self.sink.reached();
+        let (reached, reached_step) = (self.sink.reached(), self.sink.reached_step());
         self.grid.release(reached);
         if self
             .windows
@@ -649,7 +646,7 @@ impl<S: PlanSink> Horizon<S> {
         }
         while self.windows.pending_branch.is_none()
             && self.windows.planned.len() > 1
-            && self.windows.planned[1].interval < reached
+            && self.windows.planned[1].first_step < reached_step
         {
             self.windows.spare.extend(self.windows.planned.pop_front());
         }

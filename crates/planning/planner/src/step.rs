@@ -113,6 +113,18 @@ pub enum Step {
     },
 }
 
+impl Step {
+    /// Whether a cycle at rest passes the step at once and goes on to the next: a command, or a dwell of no time.
+    #[must_use]
+    pub fn takes_no_time(&self) -> bool {
+        match self {
+            Self::Action { .. } => true,
+            Self::Dwell { seconds, .. } => *seconds <= 0.0,
+            _ => false,
+        }
+    }
+}
+
 /// A timed segment: one piece of the time law and its position on the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TimedSegment {
@@ -149,6 +161,9 @@ pub struct BlockMark {
 pub struct Request {
     /// Serial number, repeated in the reply.
     pub id: u64,
+    /// Plan step of that position, or that follows the rest there: it tells which window the cycle is in, where it drives a tail
+    /// although the next window was there.
+    pub step: u64,
     /// Segment at which the new plan takes over.
     pub segment: u64,
     /// Parameter offset in the segment.
@@ -317,6 +332,11 @@ pub trait PlanSink {
 
     /// Grid interval that the consumer has reached; everything before it may be dropped.
     fn reached(&self) -> u64 {
+        0
+    }
+
+    /// Plan step that the consumer has reached.
+    fn reached_step(&self) -> u64 {
         0
     }
 }

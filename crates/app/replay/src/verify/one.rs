@@ -3,7 +3,7 @@
 use std::cell::{Cell, RefCell};
 use std::io::BufReader;
 
-use evolvent_motion::Inputs;
+use evolvent_motion::{Inputs, PlannerLag};
 use evolvent_runtime::{RecordedInputs, SignalChange, SignalName, recompute};
 use evolvent_trace::{CycleRecord, inputs as bits};
 use evolvent_turning::LoadSample;
@@ -129,8 +129,7 @@ fn compute(again: &Again<'_>, records: &mut Records, verified: &mut Verified) ->
                 // A cycle that was lost: nothing is known to have changed.
                 None => RecordedInputs {
                     inputs: last.get(),
-                    waited: false,
-                    refused: false,
+                    lag: PlannerLag::default(),
                 },
             })
         },
@@ -233,7 +232,10 @@ pub(super) fn recorded_inputs(record: &CycleRecord, load: Option<LoadSample>) ->
             }),
             ..Inputs::default()
         },
-        waited: record.inputs & bits::WAITED != 0,
-        refused: record.inputs & bits::REFUSED != 0,
+        lag: PlannerLag {
+            waited: record.inputs & bits::WAITED != 0,
+            linked_ends: (record.inputs >> bits::LINKED_ENDS_SHIFT) as u8,
+            refused: record.inputs & bits::REFUSED != 0,
+        },
     }
 }

@@ -14,6 +14,7 @@ fn dwell(line: u32) -> Step {
 fn request(id: u64) -> Request {
     Request {
         id,
+        step: 0,
         segment: 0,
         offset: 0.0,
         interval: 0,
@@ -69,9 +70,9 @@ fn a_tail_stays_a_tail_when_what_was_appended_after_it_is_declared_final() {
     assert_eq!(consumer.successor(1), (4, true));
     let (mut producer, mut consumer) = four();
     producer.commit(4);
-    assert_eq!(consumer.settle_successor(1, false), (2, true), "a tail");
+    assert_eq!(consumer.settle_successor(1), (2, true), "a tail");
     assert!(!producer.link(1, 3));
-    assert_eq!(consumer.settle_successor(0, false), (1, false), "final");
+    assert_eq!(consumer.settle_successor(0), (1, false), "final");
 }
 
 #[test]
@@ -129,8 +130,41 @@ fn the_planner_hears_which_request_was_withdrawn() {
 fn a_recorded_look_ahead_meets_its_tail_again() {
     let (mut producer, mut consumer) = four();
     assert!(producer.link(1, 3));
-    assert_eq!(consumer.settle_successor(1, true), (2, true));
+    consumer.begin_cycle(late_after(0));
+    assert_eq!(consumer.settle_successor(1), (2, true));
     assert_eq!(consumer.claim_successor(1), (2, false));
+}
+
+#[test]
+fn a_recorded_look_ahead_passes_the_ends_of_windows_that_were_linked() {
+    let (mut producer, mut consumer) = four();
+    producer.step(&dwell(4)).expect("room");
+    producer.leave_open(3);
+    producer.commit(4);
+    assert!(producer.link(1, 3));
+    assert_eq!(consumer.settle_successor(1), (3, false));
+    assert_eq!(consumer.settle_successor(3), (4, true), "a tail");
+    assert_eq!(consumer.linked_ends(), 1);
+
+    let (mut producer, mut consumer) = four();
+    producer.step(&dwell(4)).expect("room");
+    producer.step(&dwell(5)).expect("room");
+    producer.leave_open(3);
+    producer.commit(4);
+    assert!(producer.link(1, 3));
+    assert!(producer.link(3, 5), "in time now");
+    consumer.begin_cycle(late_after(1));
+    assert_eq!(consumer.settle_successor(1), (3, false));
+    assert_eq!(consumer.settle_successor(3), (4, true), "the tail that was taken");
+}
+
+/// A recorded cycle that found so many ends of windows linked, and then a tail.
+fn late_after(linked_ends: u8) -> PlannerLag {
+    PlannerLag {
+        waited: true,
+        linked_ends,
+        refused: false,
+    }
 }
 
 #[test]

@@ -87,6 +87,11 @@ macro_rules! forward_to_sink {
             self.sink.withdrawn()
         }
     };
+    (@ reached_step) => {
+        fn reached_step(&self) -> u64 {
+            self.sink.reached_step()
+        }
+    };
     (@ reached) => {
         fn reached(&self) -> u64 {
             self.sink.reached()

@@ -25,7 +25,7 @@ impl<S: PlanSink> Horizon<S> {
         let frontier = self.frontier_at(&request);
         if matches!(frontier.entry, Entry::Rest) {
             // No haste: the next windows start here.
-            let known = self.windows_before(frontier.place);
+            let known = self.windows_up_to(request.step);
             self.windows.spare.extend(self.windows.planned.drain(known..));
             self.frontier = frontier;
             self.reply(&request, Some(self.appended));
@@ -41,7 +41,7 @@ impl<S: PlanSink> Horizon<S> {
             return Ok(gone || at_rest);
         };
         // The cycle executes the window that contains the position.
-        let known = self.windows_before(frontier.place);
+        let known = self.windows_up_to(request.step);
         if let Some(planned) = known.checked_sub(1).and_then(|k| self.windows.planned.get(k)) {
             self.optimizer.restore(&planned.snapshot);
         }

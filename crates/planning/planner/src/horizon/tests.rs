@@ -103,6 +103,7 @@ fn a_request_just_before_a_stop_is_answered() {
     for rate in [1.0, 0.5] {
         horizon.sink.request = Some(Request {
             id: 1,
+            step: 0,
             segment: 0,
             offset: 10.0,
             interval: 9,
@@ -129,6 +130,7 @@ fn an_impossible_request_keeps_the_solved_window() {
         horizon.sink.looks = looks;
         horizon.sink.request = Some(Request {
             id: 1,
+            step: 0,
             segment: 0,
             offset: 5.0,
             interval: 4,
