@@ -69,11 +69,11 @@ pub(crate) fn input_bits(inputs: &Inputs, motion: &PathExecutor) -> u32 {
         (inputs.hold, recorded::HOLD),
         (inputs.stop, recorded::STOP),
         (inputs.resume, recorded::RESUME),
-        (lag.waited, recorded::WAITED),
+        (lag.failed_look.is_some(), recorded::WAITED),
         (lag.refused, recorded::REFUSED),
     ];
-    let linked_ends = u32::from(lag.linked_ends) << recorded::LINKED_ENDS_SHIFT;
+    let failed_look = u32::from(lag.failed_look.unwrap_or(0)) << recorded::FAILED_LOOK_SHIFT;
     bits.into_iter()
         .filter(|(set, _)| *set)
-        .fold(linked_ends, |sum, (_, bit)| sum | bit)
+        .fold(failed_look, |sum, (_, bit)| sum | bit)
 }

@@ -78,8 +78,7 @@ pub(crate) fn wait_for_planner(mut ready: impl FnMut() -> bool) {
 /// where that is something else, and says whether to go on.
 ///
 /// The setpoints are those of the recorded run, bit for bit, if this program is the same version for the same kind of
-/// processor, unless its planner was late in motion in one of the rare ways that cannot be repeated (ADR 71), or a classic planner
-/// was starved, whose progress is not recorded.
+/// processor, however late its planner was (ADR 71), unless a classic planner was starved, whose progress is not recorded.
 ///
 /// # Errors
 /// The operating system gives no thread.

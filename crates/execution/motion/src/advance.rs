@@ -47,9 +47,7 @@ impl PathExecutor {
                     preview: &mut self.preview,
                     queue,
                 };
-                let left = slowdown.advance(self.period, &self.limits, &mut ahead);
-                self.waited |= self.preview.take_met_tail();
-                left
+                slowdown.advance(self.period, &self.limits, &mut ahead)
             }
             None => self.period,
         };
@@ -59,16 +57,14 @@ impl PathExecutor {
                 ActiveMotion::Run(_) => match cursor.advance_run(&mut left) {
                     None => false,
                     Some(carried) => {
-                        self.enter(cursor, carried, brake, rests, inputs, queue);
+                        self.enter(cursor, carried, brake, inputs, queue);
                         true
                     }
                 },
-                ActiveMotion::TimedSegment { .. } => {
-                    cursor.advance_segment(&mut left, queue, &mut self.waited)
-                }
+                ActiveMotion::TimedSegment { .. } => cursor.advance_segment(&mut left, queue),
                 ActiveMotion::Still => match cursor.wait_at_rest(left, standing, rests) {
                     None => false,
-                    Some(from) => self.enter(cursor, from, brake, rests, inputs, queue),
+                    Some(from) => self.enter(cursor, from, brake, inputs, queue),
                 },
             };
             if !goes_on {
@@ -87,77 +83,50 @@ impl PathExecutor {
         self.settle(cursor, standing, inputs);
     }
 
-    /// Enters the next step; `false` where it has to be waited for, and where nothing more is entered in this cycle. `rests`: steps
-    /// at rest passed before this cycle.
+    /// Enters the next step; `false` where it has to be waited for, and where nothing more is entered in this cycle.
     fn enter(
         &mut self,
         cursor: &mut Cursor,
         from: ScalarState,
         brake: bool,
-        rests: u64,
         inputs: &Inputs,
         queue: &mut PlanConsumer,
     ) -> bool {
-        // As if the step that will take a place that is kept had not come yet.
-        let Some(step) = queue.occupant(cursor.step) else {
-            self.waited = true;
-            return false;
-        };
-        cursor.step = step;
-        // That the cycle has waited is recorded, but not for which step: so at rest it enters either nothing, or all that it may pass.
         let at_rest = from.v <= 0.0;
-        if at_rest
-            && (self.waited || queue.is_replayed_late() || !self.may_pass_rests(cursor, rests, inputs, queue))
-        {
-            self.waited = true;
+        if at_rest && brake {
             return false;
         }
-        self.enter_step(cursor, from, brake, inputs, queue)
-    }
-
-    /// Whether a cycle at rest that enters the next step will not have to wait for the planner at a later one. `rests`: steps at rest
-    /// passed before this cycle.
-    fn may_pass_rests(&self, cursor: &Cursor, rests: u64, inputs: &Inputs, queue: &mut PlanConsumer) -> bool {
-        let left = MAX_RESTS_PER_CYCLE - (cursor.rest.passed - rests);
-        match queue.step(cursor.step) {
-            None => false,
-            Some(step) if step.takes_no_time() => queue.rests_end(cursor.step, left).is_known(),
-            Some(Step::ProgramStop { .. } | Step::InputWait { .. }) if self.may_resume(cursor, inputs) => {
-                queue.rests_end(cursor.step + 1, left - 1).is_known()
-            }
-            Some(_) => true,
+        // Where a place is kept, it is as if the step that will take it had not come yet.
+        let found = queue.occupant(cursor.step).and_then(|index| {
+            let step = queue.step(index)?;
+            Some((index, step, queue.is_final(index)))
+        });
+        let is_known = found.is_some_and(|(_, step, is_final)| {
+            // A stop has ended within a piece: another plan will be made from there anyway.
+            is_final || !step.begins_motion() || cursor.slowdown.is_some()
+        });
+        if at_rest && !queue.look(is_known) {
+            return false;
         }
+        let Some((index, step, is_final)) = found else {
+            return queue.look(false);
+        };
+        cursor.step = index;
+        self.enter_step(cursor, step, (from, is_final), brake, inputs, queue)
     }
 
-    /// Whether the machine leaves the stop of the program that it is at. A request to go on from before it was here does not
-    /// count: it cannot have meant this stop.
-    fn may_resume(&self, cursor: &Cursor, inputs: &Inputs) -> bool {
-        inputs.resume && !self.resume_seen && cursor.state == State::ProgramStop
-    }
-
+    /// From state `from`, `is_final` if the step cannot change any more.
     fn enter_step(
         &mut self,
         cursor: &mut Cursor,
-        from: ScalarState,
+        step: Step,
+        (from, is_final): (ScalarState, bool),
         brake: bool,
         inputs: &Inputs,
-        queue: &mut PlanConsumer,
+        queue: &PlanConsumer,
     ) -> bool {
-        let Some(step) = queue.step(cursor.step) else {
-            self.waited = true;
-            return false;
-        };
-        let moving = from.v > 0.0;
-        if !moving && brake {
-            return false;
-        }
         match step {
             Step::Run(run) => {
-                let is_final = queue.is_final(cursor.step);
-                if !moving && !is_final {
-                    self.waited = true;
-                    return false;
-                }
                 cursor.starved = !is_final;
                 cursor.rest.position = None;
                 cursor.drive = ActiveMotion::Run(RunDrive::new(
@@ -170,7 +139,9 @@ impl PathExecutor {
                 ));
             }
             Step::TimedSegment(flow) => {
-                if !self.may_start(cursor, brake, queue.is_final(cursor.step), step) {
+                // A stop within a piece, or a plan for another override: both are replaced before anything moves.
+                if cursor.slowdown.is_some() || !self.plan_fits(cursor.step, brake) {
+                    self.rest_step = Some(step);
                     return false;
                 }
                 cursor.starved = false;
@@ -189,7 +160,9 @@ impl PathExecutor {
             }
             Step::ProgramStop { line } | Step::InputWait { line } => {
                 cursor.line = line;
-                if !self.may_resume(cursor, inputs) {
+                // A request to go on from before the machine was here does not count: it cannot have meant this stop.
+                let stood_here = cursor.state == State::ProgramStop;
+                if !inputs.resume || self.resume_seen || !stood_here {
                     cursor.state = State::ProgramStop;
                     return false;
                 }
@@ -204,16 +177,12 @@ impl PathExecutor {
             }
             Step::Turning { line } | Step::Probe { line } | Step::Thread { line } => {
                 cursor.line = line;
-                if queue.is_final(cursor.step) {
-                    cursor.state = State::Running;
-                    cursor.rest.takeover = Some(match step {
-                        Step::Probe { .. } => Takeover::Probing,
-                        Step::Thread { .. } => Takeover::Threading,
-                        _ => Takeover::Process,
-                    });
-                } else {
-                    self.waited = true;
-                }
+                cursor.state = State::Running;
+                cursor.rest.takeover = Some(match step {
+                    Step::Probe { .. } => Takeover::Probing,
+                    Step::Thread { .. } => Takeover::Threading,
+                    _ => Takeover::Process,
+                });
                 return false;
             }
             Step::End { line } => {
@@ -223,20 +192,6 @@ impl PathExecutor {
                 cursor.state = State::Done;
                 return false;
             }
-        }
-        true
-    }
-
-    /// Whether a timed segment can start from rest; `is_known` if no other plan can come for it.
-    fn may_start(&mut self, cursor: &Cursor, brake: bool, is_known: bool, step: Step) -> bool {
-        if cursor.slowdown.is_none() && !is_known {
-            self.waited = true;
-            return false;
-        }
-        // A stop within a piece, or a plan for another override: both are replaced before anything moves.
-        if cursor.slowdown.is_some() || !self.plan_fits(cursor.step, brake) {
-            self.rest_step = Some(step);
-            return false;
         }
         true
     }
@@ -369,9 +324,8 @@ impl Cursor {
         })
     }
 
-    /// Drives a piece of a time law for the time that is left of the period; whether another one follows in it. `waited`: the planner
-    /// had not finished what follows.
-    fn advance_segment(&mut self, left: &mut f64, queue: &mut PlanConsumer, waited: &mut bool) -> bool {
+    /// Drives a piece of a time law for the time that is left of the period; whether another one follows in it.
+    fn advance_segment(&mut self, left: &mut f64, queue: &mut PlanConsumer) -> bool {
         let ActiveMotion::TimedSegment { flow, time } = &mut self.drive else {
             return false;
         };
@@ -384,11 +338,7 @@ impl Cursor {
         let flow = *flow;
         self.leave(&flow);
         let rests = flow.rests_at_end();
-        let (next, mut is_unfinished) = queue.settle_successor(self.step);
-        let occupant = queue.occupant(next);
-        is_unfinished |= occupant.is_none() || queue.is_replayed_late() && rests;
-        let next = occupant.unwrap_or(next);
-        *waited |= is_unfinished;
+        let (next, is_unfinished) = queue.settle_successor(self.step, rests);
         self.step = next;
         // A rest of the plan ends a slowdown, and what has not been final is entered from rest like any other.
         let stays = (self.slowdown.is_some() || is_unfinished) && rests;

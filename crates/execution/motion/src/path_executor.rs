@@ -44,14 +44,10 @@ pub struct PathExecutor {
     pub(crate) asking: ReplanState,
     /// What a slowdown looks at.
     pub(crate) preview: PlanPreview,
-    /// Whether the planner had not finished what the last step looked for.
-    pub(crate) waited: bool,
-    /// Ends of windows that it found linked before.
-    linked_ends: u8,
     /// The plan step in front of which the axes rest and for which another plan may be requested, as the last step found it.
     pub(crate) rest_step: Option<Step>,
-    /// Whether the last step met an answer that came to nothing.
-    pub(crate) refused: bool,
+    /// What the last step met of the planner.
+    pub(crate) lag: PlannerLag,
     /// A process cycle that moves the axes, or that has ended the run.
     pub(crate) process: ProcessSlot,
     /// A probing move that moves the axes.
@@ -79,10 +75,8 @@ impl PathExecutor {
             last: Jet::at_rest(position),
             asking: ReplanState::new(period),
             preview: PlanPreview::new(),
-            waited: false,
-            linked_ends: 0,
             rest_step: None,
-            refused: false,
+            lag: PlannerLag::default(),
             process: ProcessSlot::default(),
             probing: None,
             threading: None,
@@ -185,11 +179,7 @@ impl PathExecutor {
     /// What the last step met of the planner. In real time this depends on how fast the planner was, so it is recorded like an input.
     #[must_use]
     pub fn planner_lag(&self) -> PlannerLag {
-        PlannerLag {
-            waited: self.waited,
-            linked_ends: if self.waited { self.linked_ends } else { 0 },
-            refused: self.refused,
-        }
+        self.lag
     }
 
     /// Whether nothing will move any more.
@@ -210,18 +200,22 @@ impl PathExecutor {
         self.step_with(inputs, queue, PlannerLag::default())
     }
 
-    /// The same where the planner is taken to be late, or to have refused, although it is not.
+    /// The same where the planner is taken to be as late as it was, or to have refused, although it is not.
     pub(crate) fn step_with(
         &mut self,
         inputs: &Inputs,
         queue: &mut PlanConsumer,
-        lag: PlannerLag,
+        recorded: PlannerLag,
     ) -> Setpoint {
-        self.waited = false;
-        self.refused = false;
-        self.linked_ends = 0;
+        self.lag = PlannerLag::default();
+        queue.begin_cycle(recorded.failed_look);
+        let setpoint = self.advance_cycle(inputs, queue, recorded.refused);
+        self.lag.failed_look = queue.failed_look();
+        setpoint
+    }
+
+    fn advance_cycle(&mut self, inputs: &Inputs, queue: &mut PlanConsumer, refused: bool) -> Setpoint {
         self.rest_step = None;
-        queue.begin_cycle(lag);
         let wanted = checked_override(inputs.feed_override);
         let changed = wanted != self.feed_override;
         self.feed_override = wanted;
@@ -240,7 +234,7 @@ impl PathExecutor {
         if self.quick_stop.is_none() {
             let mut cursor = self.cursor;
             self.slow_down(&mut cursor, inputs, queue);
-            self.take_answer(&mut cursor, queue, lag);
+            self.take_answer(&mut cursor, queue, refused);
             self.advance(&mut cursor, inputs, changed, queue);
             let (mut jet, mut segment) = self.evaluate(&mut cursor, queue);
             if let Err(violation) = self
@@ -260,7 +254,6 @@ impl PathExecutor {
             if self.quick_stop.is_none() {
                 let setpoint = self.publish(cursor, jet, segment.as_ref(), queue);
                 self.ask(inputs, queue);
-                self.linked_ends = queue.linked_ends();
                 if let Some(takeover) = cursor.rest.takeover {
                     self.begin(takeover, queue);
                 }

@@ -49,8 +49,6 @@ pub(crate) struct PlanPreview {
     frontier: Option<Frontier>,
     /// Plan time at which the plan rests, once that has been met.
     rests_at: Option<f64>,
-    /// Whether the planner had not finished what was looked at.
-    met_tail: bool,
 }
 
 impl PlanPreview {
@@ -67,7 +65,6 @@ impl PlanPreview {
             next: 0,
             frontier: None,
             rests_at: None,
-            met_tail: false,
         }
     }
 
@@ -88,11 +85,6 @@ impl PlanPreview {
     /// Plan time at which the plan rests, as far as that is known by now.
     pub(crate) fn rests_at(&self) -> Option<f64> {
         self.rests_at
-    }
-
-    /// Whether a look ahead has met the end of what the planner had finished since this was asked last.
-    pub(crate) fn take_met_tail(&mut self) -> bool {
-        std::mem::take(&mut self.met_tail)
     }
 
     /// Index of the oldest sample that is held.
@@ -135,8 +127,7 @@ impl PlanPreview {
                 self.frontier = None;
                 return None;
             }
-            let (step, met_tail) = queue.settle_successor(frontier.step);
-            self.met_tail |= met_tail;
+            let (step, _) = queue.settle_successor(frontier.step, false);
             let Some(Step::TimedSegment(flow)) = queue.step(step) else {
                 self.rests_at = Some(ends);
                 self.frontier = None;

@@ -23,7 +23,6 @@ use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::probing::Probing;
 use crate::process_cycle::ProcessCycle;
-use crate::replay::PlannerLag;
 use crate::takeover::{ProbingSender, ProcessSender, TakeoverReceiver, ThreadingSender, takeover_queue};
 use crate::threading::Threading;
 
@@ -46,35 +45,6 @@ const OPEN: u64 = u64::MAX - 1;
 const PLACE: u64 = u64::MAX - 2;
 /// Bit of the link of such a step once it has: the others are the successor + 1.
 const TAKEN: u64 = 1 << 63;
-
-/// The end of a chain of steps at rest that take no time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum RestsEnd {
-    /// The first step that takes time, or that is waited at.
-    At { step: Step, index: u64, is_final: bool },
-    /// It lies beyond what was looked at.
-    Beyond,
-    /// It has not come yet.
-    NotYet,
-    /// A place is kept for it.
-    PlaceKept,
-}
-
-impl RestsEnd {
-    /// Whether a cycle that passes the chain finds nothing that the planner may still change.
-    pub(crate) fn is_known(&self) -> bool {
-        match self {
-            // The machine stands at each of these for one cycle at least.
-            Self::At {
-                step: Step::Wait | Step::ProgramStop { .. } | Step::InputWait { .. } | Step::End { .. },
-                ..
-            }
-            | Self::Beyond => true,
-            Self::At { is_final, .. } => *is_final,
-            Self::NotYet | Self::PlaceKept => false,
-        }
-    }
-}
 
 #[derive(Debug)]
 struct Table {
@@ -153,9 +123,8 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         taken_steps: 0,
         taken_segments: 0,
         taken_marks: 0,
-        linked_ends: 0,
-        has_met_tail: false,
-        replayed_ends: None,
+        looks: Looks::default(),
+        settled_up_to: 0,
     };
     (producer, consumer)
 }
@@ -324,29 +293,50 @@ pub struct PlanConsumer {
     taken_steps: u64,
     taken_segments: u64,
     taken_marks: u64,
-    /// Ends of windows that this cycle has found linked, before the first one that was not.
-    linked_ends: u8,
-    has_met_tail: bool,
-    /// How many the recorded cycle had found linked that is computed again, if it has met a tail then.
-    replayed_ends: Option<u8>,
+    looks: Looks,
+    /// The step after the last end that was found continued: who looks at it again finds the same.
+    settled_up_to: u64,
+}
+
+/// What a cycle has looked for in the plan. In real time it may come too early for something; when it is computed again it meets the same.
+#[derive(Debug, Default)]
+struct Looks {
+    /// Looks that found what they looked for. More than a cycle ever makes are not told apart.
+    found: u8,
+    /// Number of the look that found nothing: nothing is found after it.
+    failed: Option<u8>,
+    /// The same in the cycle that is computed again.
+    recorded: Option<u8>,
 }
 
 impl PlanConsumer {
-    /// Begins a cycle that is computed as late as the planner was then.
-    pub(crate) fn begin_cycle(&mut self, lag: PlannerLag) {
-        self.linked_ends = 0;
-        self.has_met_tail = false;
-        self.replayed_ends = lag.waited.then_some(lag.linked_ends);
+    /// Begins a cycle in which the look of number `failed_look` fails, as it did when the cycle was recorded.
+    pub(crate) fn begin_cycle(&mut self, failed_look: Option<u8>) {
+        self.looks = Looks {
+            recorded: failed_look,
+            ..Looks::default()
+        };
     }
 
-    /// Ends of windows that this cycle has found linked, before the first one that was not.
-    pub(crate) fn linked_ends(&self) -> u8 {
-        self.linked_ends
+    /// Number of the look in this cycle that found nothing.
+    pub(crate) fn failed_look(&self) -> Option<u8> {
+        self.looks.failed
     }
 
-    /// Whether what this cycle looks at next is taken as not planned, because it was not when the cycle was recorded.
-    pub(crate) fn is_replayed_late(&self) -> bool {
-        self.replayed_ends.is_some_and(|ends| self.linked_ends >= ends)
+    /// Counts a look at something that is there or not; whether the cycle finds it.
+    pub(crate) fn look(&mut self, is_there: bool) -> bool {
+        if self.fails_again() || !is_there {
+            self.looks.failed.get_or_insert(self.looks.found);
+            return false;
+        }
+        self.looks.found = self.looks.found.saturating_add(1);
+        true
+    }
+
+    /// Whether the next look fails whatever is there.
+    fn fails_again(&self) -> bool {
+        let looks = &self.looks;
+        looks.failed.is_some() || looks.recorded.is_some_and(|number| looks.found >= number)
     }
 
     /// Step number `index`, counted from the first ever; none if it has not come or was taken.
@@ -398,28 +388,6 @@ impl PlanConsumer {
         }
     }
 
-    /// What the steps at rest from step `index` on lead to, which are passed in one cycle; `most` of them.
-    pub(crate) fn rests_end(&mut self, index: u64, most: u64) -> RestsEnd {
-        let mut index = index;
-        for _ in 0..most {
-            let Some(occupant) = self.occupant(index) else {
-                return RestsEnd::PlaceKept;
-            };
-            match self.step(occupant) {
-                None => return RestsEnd::NotYet,
-                Some(step) if step.takes_no_time() => index = occupant + 1,
-                Some(step) => {
-                    return RestsEnd::At {
-                        step,
-                        index: occupant,
-                        is_final: self.is_final(occupant),
-                    };
-                }
-            }
-        }
-        RestsEnd::Beyond
-    }
-
     /// Whether it is settled that the tail after step `index` is driven.
     #[must_use]
     pub fn is_claimed(&self, index: u64) -> bool {
@@ -456,21 +424,27 @@ impl PlanConsumer {
         (index + 1, false)
     }
 
-    /// The step after step `index`, settled, and whether the planner had not linked one or not declared it final.
-    pub(crate) fn settle_successor(&mut self, index: u64) -> (u64, bool) {
-        let link = self.table.link(index);
-        let ends_window = link.load(Ordering::Acquire) != 0;
-        let (next, is_final) = if ends_window && self.is_replayed_late() {
-            link.store(CLAIMED, Ordering::Release);
-            (index + 1, false)
-        } else {
-            self.claim_successor(index)
-        };
-        self.has_met_tail |= !is_final;
-        if ends_window && !self.has_met_tail {
-            self.linked_ends = self.linked_ends.saturating_add(1);
+    /// The step after step `index`, settled, and whether the planner had not come so far: then that step is a tail, or it has to be
+    /// waited for. `rests`: the axes rest between them.
+    pub(crate) fn settle_successor(&mut self, index: u64, rests: bool) -> (u64, bool) {
+        let is_left_open = self.table.link(index).load(Ordering::Acquire) != 0;
+        let is_end = (is_left_open || rests) && index >= self.settled_up_to;
+        if is_end && self.fails_again() {
+            if is_left_open {
+                self.table.link(index).store(CLAIMED, Ordering::Release);
+            }
+            self.look(false);
+            return (index + 1, true);
         }
-        (next, !is_final)
+        let (next, is_final) = self.claim_successor(index);
+        let occupant = self.occupant(next).filter(|_| is_final);
+        if !is_end && occupant.is_some() {
+            return (next, false);
+        }
+        if self.look(occupant.is_some()) {
+            self.settled_up_to = index + 1;
+        }
+        (occupant.unwrap_or(next), occupant.is_none())
     }
 
     /// Whether the runs ahead of step `index` cannot change any more: the next [`STEPS_AHEAD`] steps are final, or

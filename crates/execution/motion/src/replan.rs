@@ -13,8 +13,7 @@ use crate::advance::MAX_RESTS_PER_CYCLE;
 use crate::cursor::{ActiveMotion, Cursor};
 use crate::path_executor::PathExecutor;
 use crate::plan_preview::LONGEST_PREVIEW_S;
-use crate::queue::{PlanConsumer, RestsEnd};
-use crate::replay::PlannerLag;
+use crate::queue::PlanConsumer;
 use crate::scale::Scale;
 use crate::setpoint::Inputs;
 use crate::state::State;
@@ -124,14 +123,17 @@ impl PathExecutor {
         asking.open.is_none() && !brake && is_wanted
     }
 
-    /// Takes over a reply that is due.
-    pub(crate) fn take_answer(&mut self, cursor: &mut Cursor, queue: &mut PlanConsumer, lag: PlannerLag) {
+    /// Takes over a reply that is due; `refused`: in the recorded cycle it came to nothing.
+    pub(crate) fn take_answer(&mut self, cursor: &mut Cursor, queue: &mut PlanConsumer, refused: bool) {
         let Some(open) = self.asking.open else { return };
         let reply = match open.after {
             Some(after) if self.sequence <= after => return,
-            None if lag.waited => None,
             _ => queue.reply(open.id),
         };
+        // At rest there is time.
+        if open.after.is_none() && !queue.look(reply.is_some()) {
+            return;
+        }
         match reply {
             // The plan is being slowed down by now: the place that the reply was made for is not met.
             Some(_) if open.after.is_some() && (cursor.state == State::Fault || cursor.is_still()) => {
@@ -139,7 +141,7 @@ impl PathExecutor {
             }
             Some(reply) => {
                 self.asking.open = None;
-                let step = reply.step.filter(|_| !lag.refused);
+                let step = reply.step.filter(|_| !refused);
                 match step.map(|step| (step, queue.step(step))) {
                     // In motion the next piece must be there; at rest it may still come.
                     Some((step, Some(Step::TimedSegment(flow)))) if open.after.is_some() => {
@@ -166,8 +168,6 @@ impl PathExecutor {
                     _ => self.refuse(open, queue),
                 }
             }
-            // At rest there is time.
-            None if open.after.is_none() => self.waited = true,
             // Recorded as a refusal: that the cycle waited tells of a tail that it has met.
             None => {
                 self.asking.open = None;
@@ -178,7 +178,7 @@ impl PathExecutor {
 
     /// A request has come to nothing.
     fn refuse(&mut self, request: PendingReplan, queue: &PlanConsumer) {
-        self.refused = true;
+        self.lag.refused = true;
         self.asking.not_before = self.sequence + self.asking.lead;
         self.asking.miss();
         if request.after.is_some() {
@@ -273,9 +273,7 @@ impl PathExecutor {
             if flow.rests_at_end() {
                 return None;
             }
-            let met_tail;
-            (step, met_tail) = queue.settle_successor(step);
-            self.waited |= met_tail;
+            (step, _) = queue.settle_successor(step, false);
             flow = match queue.step(step) {
                 Some(Step::TimedSegment(next)) => next,
                 _ => return None,
@@ -313,11 +311,10 @@ impl PathExecutor {
         {
             return false;
         }
-        let from = self.cursor.step + u64::from(self.cursor.state == State::ProgramStop);
-        let goes_on = match queue.rests_end(from, MAX_RESTS_PER_CYCLE) {
-            RestsEnd::At { step, is_final, .. } => !matches!(step, Step::Wait) && is_final,
-            RestsEnd::Beyond => true,
-            RestsEnd::NotYet | RestsEnd::PlaceKept => false,
+        let step = queue.occupant(self.cursor.step).unwrap_or(self.cursor.step);
+        let goes_on = match queue.step(step) {
+            None | Some(Step::Wait) => false,
+            Some(_) => queue.is_final(step),
         };
         self.asking.open.is_some() || !goes_on
     }
@@ -386,32 +383,36 @@ impl PathExecutor {
                 }
             }
         }
+        let first = step;
+        let mut rests = 0;
         let (flow, time) = match cursor.drive {
             // Where a reply has come it takes over now.
             ActiveMotion::TimedSegment { flow, time } => answered.map_or((flow, time), |flow| (flow, 0.0)),
             ActiveMotion::Run(_) => return queue.has_final_ahead(step),
-            // What follows steps at rest that take no time must be known, if the cycle gets there; so must what follows a stop of
-            // the program that it may leave.
-            ActiveMotion::Still => {
-                let leaves = cursor.state == State::ProgramStop
-                    && matches!(queue.step(step), Some(Step::ProgramStop { .. }));
-                let end = queue.rests_end(step + u64::from(leaves), MAX_RESTS_PER_CYCLE);
-                match end {
-                    RestsEnd::At {
-                        step: Step::Run(_), ..
-                    } => return queue.has_final_ahead(step),
-                    RestsEnd::At {
-                        step: Step::TimedSegment(flow),
-                        index,
-                        is_final: true,
-                    } => {
-                        step = index;
-                        (flow, 0.0)
-                    }
-                    RestsEnd::PlaceKept => return queue.has_no_planner(),
-                    _ => return end.is_known(),
+            // Steps at rest that take no time are passed in one cycle: what follows them must be known, if it gets there.
+            ActiveMotion::Still => loop {
+                let Some(occupant) = queue.occupant(step) else {
+                    return queue.has_no_planner();
+                };
+                step = occupant;
+                if rests >= MAX_RESTS_PER_CYCLE {
+                    return true;
                 }
-            }
+                rests += 1;
+                match queue.step(step) {
+                    None => return false,
+                    Some(Step::Run(_)) => return queue.has_final_ahead(first),
+                    Some(Step::TimedSegment(flow)) if queue.is_final(step) => break (flow, 0.0),
+                    Some(Step::TimedSegment(_)) => return false,
+                    // The machine stands at a wait for one step at least before it goes on.
+                    Some(Step::Wait | Step::InputWait { .. } | Step::End { .. }) => return true,
+                    Some(Step::Turning { .. } | Step::Probe { .. } | Step::Thread { .. }) => {
+                        return queue.is_final(step);
+                    }
+                    Some(Step::Dwell { seconds, .. }) if seconds > 0.0 => return queue.is_final(step),
+                    Some(Step::Dwell { .. } | Step::Action { .. } | Step::ProgramStop { .. }) => step += 1,
+                }
+            },
         };
         // Everything that the step, or a request that it makes, can see.
         let mut left = time + self.period * (2 * self.asking.lead + 4) as f64 - flow.piece.duration_s;

@@ -7,10 +7,9 @@ use crate::setpoint::{Inputs, Setpoint};
 /// What a recorded step met of the planner. In real time that depends on how fast the planner was.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PlannerLag {
-    /// It looked for something that the planner had not finished: the axes stood, or took a tail.
-    pub waited: bool,
-    /// Ends of windows in this step at which the planner was in time, before the one at which it was not; 0 if it never waited.
-    pub linked_ends: u8,
+    /// Number, within the step, of the first look at the plan that found something not finished: the axes stood, or took a tail. 255 stands
+    /// for all from there on.
+    pub failed_look: Option<u8>,
     /// It met an answer that came to nothing: the planner found no plan, or was too late with it.
     pub refused: bool,
 }

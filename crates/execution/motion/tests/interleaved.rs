@@ -192,7 +192,10 @@ fn what_was_driven_while_the_planner_worked_is_replayed_bit_for_bit() {
         let mut seed = || Random::from_state(random.pick(1 << 30) as u64);
         let (driving, replaying) = (seed(), seed());
         let recorded = drive(&scenario, driving, None);
-        waits += recorded.iter().filter(|one| one.lag.waited).count();
+        waits += recorded
+            .iter()
+            .filter(|one| one.lag.failed_look.is_some())
+            .count();
         changes += recorded
             .windows(2)
             .filter(|pair| pair[0].inputs.feed_override != pair[1].inputs.feed_override)

@@ -11,7 +11,7 @@ use evolvent_motion::{
 };
 use evolvent_planner::{PlanSink, Reply, Step};
 
-use crate::common::{Random, WAVE_FEED_MM_S, check, forward_to_sink, wave};
+use crate::common::{Random, Scenario, WAVE_FEED_MM_S, check, forward_to_sink, wave};
 
 /// The cycle at which the override begins to change.
 const BEGINS: u64 = 500;
@@ -154,25 +154,30 @@ impl PlanSink for Slow {
     }
 }
 
-/// Drives the wave with a slow planner, or replays that.
-fn drive(
-    feed_override: fn(u64) -> f64,
-    random: Option<Random>,
-    longest: usize,
-    replayed: Option<Vec<Recorded>>,
-) -> Vec<Recorded> {
-    drive_with_rests(feed_override, random, longest, replayed, &[])
+/// What is planned: moves, with one of these chains of steps at rest after each [`BLOCKS_TO_REST`] blocks.
+struct Program {
+    scenario: Scenario,
+    rests: Vec<Vec<Step>>,
 }
 
-/// As [`drive`], with one of these chains of steps at rest after each [`BLOCKS_TO_REST`] blocks.
-fn drive_with_rests(
+impl Program {
+    fn of(scenario: Scenario) -> Self {
+        Self {
+            scenario,
+            rests: Vec::new(),
+        }
+    }
+}
+
+/// Drives a program with a slow planner, or replays that.
+fn drive(
+    program: &Program,
     feed_override: fn(u64) -> f64,
     random: Option<Random>,
     longest: usize,
     replayed: Option<Vec<Recorded>>,
-    rests: &[Vec<Step>],
 ) -> Vec<Recorded> {
-    let scenario = wave(500);
+    let Program { scenario, rests } = program;
     let is_replay = replayed.is_some();
     let (sink, queue): (PlanProducer<fn() -> bool>, _) = plan_queue(|| false);
     let cycles = Rc::new(RefCell::new(Cycles {
@@ -218,7 +223,7 @@ fn drive_with_rests(
     }
     let done = std::mem::take(&mut cycles.borrow_mut().done);
     let setpoints: Vec<Setpoint> = done.iter().map(|one| one.setpoint).collect();
-    check(&scenario, &setpoints, &cycles.borrow().motion, 0.02, "the wave");
+    check(scenario, &setpoints, &cycles.borrow().motion, 0.02, "the wave");
     assert_eq!(cycles.borrow().motion.state(), State::Done);
     done
 }
@@ -243,9 +248,16 @@ const FALLING: [fn(u64) -> f64; 5] = [
 #[test]
 fn a_falling_override_is_followed_however_late_the_planner_is() {
     let mut late = 0;
+    let program = Program::of(wave(500));
     for (number, feed_override) in FALLING.into_iter().enumerate() {
         for seed in 1..20 {
-            let recorded = drive(feed_override, Some(Random::from_state(seed)), LATE, None);
+            let recorded = drive(
+                &program,
+                feed_override,
+                Some(Random::from_state(seed)),
+                LATE,
+                None,
+            );
             late += recorded.iter().filter(|one| one.lag.refused).count();
             let ends = recorded.len() - 200;
             for (cycle, one) in recorded.iter().enumerate().take(ends).skip(BEGINS as usize) {
@@ -264,12 +276,14 @@ fn a_falling_override_is_followed_however_late_the_planner_is() {
 /// What a recorded run met of the planner is all that a replay needs, however late it was.
 #[test]
 fn a_run_with_a_slow_planner_is_replayed_bit_for_bit() {
-    let overrides: [fn(u64) -> f64; 4] = [
+    let overrides: [fn(u64) -> f64; 5] = [
         FALLING[1],
+        |cycle| if cycle % 400 < 150 { 0.0 } else { 1.0 },
         |cycle| if cycle % 300 < 120 { 0.7 } else { 1.3 },
         |cycle| 1.0 + 0.4 * (0.002 * cycle as f64).sin(),
         |_| 1.0,
     ];
+    let program = Program::of(wave(500));
     let (mut late, mut starved) = (0, 0);
     let cases = evolvent_random::cases(7) as u64;
     let first = evolvent_random::seed(1);
@@ -278,11 +292,17 @@ fn a_run_with_a_slow_planner_is_replayed_bit_for_bit() {
     for (number, feed_override) in overrides.into_iter().enumerate() {
         for (seed, longest) in seeds.clone().flat_map(|seed| [(seed, LATE), (seed, STARVING)]) {
             println!("override {number}, seed {seed}, windows of up to {longest} cycles");
-            let recorded = drive(feed_override, Some(Random::from_state(seed)), longest, None);
+            let recorded = drive(
+                &program,
+                feed_override,
+                Some(Random::from_state(seed)),
+                longest,
+                None,
+            );
             late += recorded.iter().filter(|one| one.lag.refused).count();
             let is_starved = |one: &&Recorded| one.setpoint.flags & flags::STARVED != 0;
             starved += recorded.iter().filter(is_starved).count();
-            drive(feed_override, None, longest, Some(recorded));
+            drive(&program, feed_override, None, longest, Some(recorded));
         }
     }
     assert!(
@@ -311,7 +331,7 @@ fn random_rests(random: &mut Random) -> Vec<Step> {
         .collect()
 }
 
-/// That the cycle has waited is recorded, but not for which step: so it passes those at rest only if it will not wait for one of them.
+/// The cycle passes as many as have come.
 #[test]
 fn steps_at_rest_that_come_one_by_one_are_replayed_bit_for_bit() {
     let mut waited = 0;
@@ -322,9 +342,16 @@ fn steps_at_rest_that_come_one_by_one_are_replayed_bit_for_bit() {
             println!("override {number}, seed {seed}");
             let mut random = Random::from_state(seed);
             let rests: Vec<Vec<Step>> = (0..5).map(|_| random_rests(&mut random)).collect();
-            let recorded = drive_with_rests(feed_override, Some(random), STARVING, None, &rests);
-            waited += recorded.iter().filter(|one| one.lag.waited).count();
-            drive_with_rests(feed_override, None, STARVING, Some(recorded), &rests);
+            let program = Program {
+                scenario: wave(500),
+                rests,
+            };
+            let recorded = drive(&program, feed_override, Some(random), STARVING, None);
+            waited += recorded
+                .iter()
+                .filter(|one| one.lag.failed_look.is_some())
+                .count();
+            drive(&program, feed_override, None, STARVING, Some(recorded));
         }
     }
     assert!(waited > 100, "waited in {waited} cycles");

@@ -72,9 +72,8 @@ pub mod inputs {
     /// Served machine: with [`FOLLOWS`] and [`STEERS`], which together mean an excursion from a held program, its motion was told to
     /// stop.
     pub const STEERING_STOPS: u32 = 1024;
-    /// With [`WAITED`], bits 16 to 23 are the number of ends of planned windows that the cycle found continued before the one at which
-    /// it waited.
-    pub const LINKED_ENDS_SHIFT: u32 = 16;
+    /// With [`WAITED`], bits 16 to 23 are the number, within the cycle, of the look at the plan that found nothing; from 0.
+    pub const FAILED_LOOK_SHIFT: u32 = 16;
 }
 
 impl Default for CycleRecord {

@@ -114,14 +114,17 @@ pub enum Step {
 }
 
 impl Step {
-    /// Whether a cycle at rest passes the step at once and goes on to the next: a command, or a dwell of no time.
+    /// Whether the axes move from this step on: by the plan, or by what takes over here.
     #[must_use]
-    pub fn takes_no_time(&self) -> bool {
-        match self {
-            Self::Action { .. } => true,
-            Self::Dwell { seconds, .. } => *seconds <= 0.0,
-            _ => false,
-        }
+    pub fn begins_motion(&self) -> bool {
+        matches!(
+            self,
+            Self::Run(_)
+                | Self::TimedSegment(_)
+                | Self::Turning { .. }
+                | Self::Probe { .. }
+                | Self::Thread { .. }
+        )
     }
 }
 
@@ -161,8 +164,8 @@ pub struct BlockMark {
 pub struct Request {
     /// Serial number, repeated in the reply.
     pub id: u64,
-    /// Plan step of that position, or that follows the rest there: it tells which window the cycle is in, where it drives a tail
-    /// although the next window was there.
+    /// Plan step at that position; at rest the next one. It tells which window the cycle drives: when a run is computed again, later
+    /// windows may have been planned although the cycle drives a tail.
     pub step: u64,
     /// Segment at which the new plan takes over.
     pub segment: u64,
@@ -335,7 +338,7 @@ pub trait PlanSink {
         0
     }
 
-    /// Plan step that the consumer has reached.
+    /// Plan step that the consumer has reached: windows that end before it may be dropped.
     fn reached_step(&self) -> u64 {
         0
     }

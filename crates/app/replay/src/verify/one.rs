@@ -233,8 +233,8 @@ pub(super) fn recorded_inputs(record: &CycleRecord, load: Option<LoadSample>) ->
             ..Inputs::default()
         },
         lag: PlannerLag {
-            waited: record.inputs & bits::WAITED != 0,
-            linked_ends: (record.inputs >> bits::LINKED_ENDS_SHIFT) as u8,
+            failed_look: (record.inputs & bits::WAITED != 0)
+                .then_some((record.inputs >> bits::FAILED_LOOK_SHIFT) as u8),
             refused: record.inputs & bits::REFUSED != 0,
         },
     }

@@ -70,9 +70,9 @@ fn a_tail_stays_a_tail_when_what_was_appended_after_it_is_declared_final() {
     assert_eq!(consumer.successor(1), (4, true));
     let (mut producer, mut consumer) = four();
     producer.commit(4);
-    assert_eq!(consumer.settle_successor(1), (2, true), "a tail");
+    assert_eq!(consumer.settle_successor(1, false), (2, true), "a tail");
     assert!(!producer.link(1, 3));
-    assert_eq!(consumer.settle_successor(0), (1, false), "final");
+    assert_eq!(consumer.settle_successor(0, false), (1, false), "final");
 }
 
 #[test]
@@ -127,44 +127,44 @@ fn the_planner_hears_which_request_was_withdrawn() {
 }
 
 #[test]
-fn a_recorded_look_ahead_meets_its_tail_again() {
+fn a_look_that_failed_fails_again_and_so_do_those_after_it() {
     let (mut producer, mut consumer) = four();
     assert!(producer.link(1, 3));
-    consumer.begin_cycle(late_after(0));
-    assert_eq!(consumer.settle_successor(1), (2, true));
+    consumer.begin_cycle(Some(1));
+    assert!(consumer.look(true));
+    assert_eq!(
+        consumer.settle_successor(1, false),
+        (2, true),
+        "the tail that was driven"
+    );
     assert_eq!(consumer.claim_successor(1), (2, false));
+    assert!(!consumer.look(true));
+    assert_eq!(consumer.failed_look(), Some(1));
 }
 
 #[test]
-fn a_recorded_look_ahead_passes_the_ends_of_windows_that_were_linked() {
+fn the_end_of_a_window_is_looked_at_once() {
     let (mut producer, mut consumer) = four();
     producer.step(&dwell(4)).expect("room");
     producer.leave_open(3);
     producer.commit(4);
     assert!(producer.link(1, 3));
-    assert_eq!(consumer.settle_successor(1), (3, false));
-    assert_eq!(consumer.settle_successor(3), (4, true), "a tail");
-    assert_eq!(consumer.linked_ends(), 1);
-
-    let (mut producer, mut consumer) = four();
-    producer.step(&dwell(4)).expect("room");
-    producer.step(&dwell(5)).expect("room");
-    producer.leave_open(3);
-    producer.commit(4);
-    assert!(producer.link(1, 3));
-    assert!(producer.link(3, 5), "in time now");
-    consumer.begin_cycle(late_after(1));
-    assert_eq!(consumer.settle_successor(1), (3, false));
-    assert_eq!(consumer.settle_successor(3), (4, true), "the tail that was taken");
+    assert_eq!(consumer.settle_successor(1, false), (3, false));
+    // In a later cycle, after a look that failed farther ahead.
+    consumer.begin_cycle(Some(0));
+    assert_eq!(consumer.settle_successor(3, false), (4, true), "a tail");
+    assert_eq!(consumer.settle_successor(1, false), (3, false), "known already");
+    assert_eq!(consumer.failed_look(), Some(0));
 }
 
-/// A recorded cycle that found so many ends of windows linked, and then a tail.
-fn late_after(linked_ends: u8) -> PlannerLag {
-    PlannerLag {
-        waited: true,
-        linked_ends,
-        refused: false,
-    }
+#[test]
+fn a_stop_of_the_path_is_looked_at() {
+    let (mut producer, mut consumer) = four();
+    producer.commit(4);
+    consumer.begin_cycle(Some(1));
+    assert_eq!(consumer.settle_successor(2, true), (3, false));
+    assert_eq!(consumer.settle_successor(3, true), (4, true));
+    assert_eq!(consumer.failed_look(), Some(1));
 }
 
 #[test]

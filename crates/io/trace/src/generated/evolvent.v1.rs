@@ -52,7 +52,8 @@ pub struct Cycle {
     #[prost(double, optional, tag = "16")]
     pub load: ::core::option::Option<f64>,
     /// What came in from outside at this cycle, as bits: 1 hold, 2 stop, 4 resume; 8: the axes stood, or drove on as
-    /// planned before, because the planner had not finished; 16: its answer came to nothing. With the override this is all that a run depends on.
+    /// planned before, because the planner had not finished what the cycle looked for, bits 16 to 23: at which look in the cycle, from 0;
+    /// 16: its answer came to nothing; the others as in docs/contract.md.
     #[prost(uint32, tag = "17")]
     pub inputs: u32,
     /// Commanded less actual position per axis, as a bridge measured it last: mm, degrees. Empty without feedback.
