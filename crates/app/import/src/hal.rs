@@ -23,6 +23,29 @@ const COMPONENTS: &[(&str, &str)] = &[
     ),
 ];
 
+/// Commands of HAL that connect pins.
+const CONNECTING: &[&str] = &["net", "linksp", "linkps", "linkpp"];
+
+/// Spindles whose turns a HAL file counts: their pin is connected.
+pub(crate) fn connected_spindles(file: &Path) -> Vec<u32> {
+    let Ok(bytes) = read_regular(file, MAX_BYTES) else {
+        return Vec::new();
+    };
+    let mut found = Vec::new();
+    for line in String::from_utf8_lossy(&bytes).lines() {
+        let line = line.split('#').next().unwrap_or_default();
+        let mut words = line.split_whitespace();
+        if !words.next().is_some_and(|word| CONNECTING.contains(&word)) {
+            continue;
+        }
+        found.extend(words.filter_map(|pin| {
+            let number = pin.strip_prefix("spindle.")?.strip_suffix(".revs")?;
+            number.parse::<u32>().ok()
+        }));
+    }
+    found
+}
+
 /// Components of a HAL file that show how the machine is wired, with a description.
 pub(crate) fn hardware(file: &Path) -> Vec<(&'static str, &'static str)> {
     let Ok(bytes) = read_regular(file, MAX_BYTES) else {

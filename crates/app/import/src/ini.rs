@@ -211,6 +211,13 @@ impl Ini {
         self.entries.iter_mut().filter(wanted).map(take).collect()
     }
 
+    /// All entries of this key, which are not marked as used.
+    pub(crate) fn peek(&self, section: &str, key: &str) -> impl Iterator<Item = &Entry> {
+        self.entries
+            .iter()
+            .filter(move |entry| entry.section == section && entry.key == key)
+    }
+
     /// The first number of this key.
     pub(crate) fn number(&mut self, section: &str, key: &str) -> Result<Option<f64>, ImportError> {
         self.first(section, key).map(|entry| entry.number()).transpose()

@@ -33,6 +33,7 @@ mod reasons;
 mod report;
 mod screws;
 mod settings;
+mod spindles;
 mod tables;
 mod text;
 

@@ -70,11 +70,6 @@ const KEYS: &[(&str, &str, &str)] = &[
         "locking indexers are not supported",
     ),
     ("AXIS_", "OFFSET_AV_RATIO", "external offsets are not supported"),
-    (
-        "TRAJ",
-        "SPINDLES",
-        "write a [[spindle]] for each of them into the machine file",
-    ),
     ("TRAJ", "NO_FORCE_HOMING", "programs need homed axes"),
     (
         "TRAJ",
@@ -150,9 +145,20 @@ const KEYS: &[(&str, &str, &str)] = &[
     ("RS274NGC", "OWORD_NARGS", "subroutines are called as usual"),
     ("RS274NGC", "", "settings of LinuxCNC's interpreter"),
     (
-        "SPINDLE",
-        "",
-        "not carried over: write a [[spindle]] with its max_rpm in the machine file",
+        "SPINDLE_",
+        "MIN_",
+        "a spindle has no minimum speed: a command below it is not raised",
+    ),
+    ("SPINDLE_", "INCREMENT", "a screen's settings"),
+    (
+        "SPINDLE_",
+        "HOME_",
+        "spindles are not homed: M19 turns them to an angle",
+    ),
+    (
+        "SPINDLE_",
+        "MAX_",
+        "[TRAJ] SPINDLES has no such spindle, or it is beyond the four of a machine file",
     ),
     (
         "JOINT_",
@@ -174,7 +180,6 @@ pub(crate) fn reason(entry: &Entry) -> Option<&'static str> {
         | "RANDOM_TOOLCHANGER"
         | "HOME_ABSOLUTE_ENCODER"
         | "WRAPPED_ROTARY" => !entry.is_true() && !entry.value.starts_with('2'),
-        "SPINDLES" => entry.number().is_ok_and(|value| value <= 1.0),
         "TYPE" => {
             let linear = entry.section.starts_with("JOINT_") || entry.section.starts_with("AXIS_");
             linear && ["LINEAR", "ANGULAR"].contains(&entry.value.to_ascii_uppercase().as_str())

@@ -8,6 +8,7 @@ use crate::axes::AxisValues;
 use crate::error::ImportError;
 use crate::ini::{Entry, Ini, resolve};
 use crate::report::{Dropped, Report};
+use crate::spindles::{SpindleValues, spindles};
 
 /// Everything in a machine file except its axes.
 #[derive(Debug)]
@@ -23,6 +24,7 @@ pub(crate) struct Settings {
     pub(crate) subroutines: Vec<PathBuf>,
     /// Folder of user-defined M codes, and the existing ones.
     pub(crate) user_codes: Option<(PathBuf, Vec<u32>)>,
+    pub(crate) spindles: Vec<SpindleValues>,
 }
 
 /// Meaning of G64 or G61 in the start-up code.
@@ -73,6 +75,7 @@ impl Settings {
             parameters: ini.first("RS274NGC", "PARAMETER_FILE"),
             subroutines: subroutines(ini, report),
             user_codes: user_codes(ini, report),
+            spindles: spindles(ini, report)?,
         })
     }
 }

@@ -58,6 +58,19 @@ pub(crate) fn machine(source: &str, settings: &Settings, axes: &[AxisValues], na
             table.into_iter().for_each(&mut line);
         }
     }
+    for spindle in &settings.spindles {
+        line(format!(
+            "\n[[spindle]]\nnumber = {}\nmax_rpm = {}",
+            spindle.number,
+            tidy(spindle.max_rpm)
+        ));
+        if !spindle.reverse {
+            line("reverse = false".to_owned());
+        }
+        if spindle.feedback {
+            line("feedback = true".to_owned());
+        }
+    }
     if let Some(feed) = settings.max_feed_mm_s {
         line("\n[limits]".to_owned());
         line(format!("max_feed_mm_s = {}", tidy(feed)));
