@@ -193,6 +193,7 @@ impl Opened {
             log_folder: None,
             outputs: Outputs::default(),
             is_mdi: false,
+            restored: evolvent_gcode::Restored::default(),
             block_delete: self
                 .run
                 .extra

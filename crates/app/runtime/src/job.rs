@@ -65,6 +65,8 @@ pub struct Setup {
     pub outputs: gcode::Outputs,
     /// The program is a block of MDI, which leaves spindle and coolant as they are at its end.
     pub is_mdi: bool,
+    /// What the block of MDI begins with.
+    pub restored: gcode::Restored,
     /// Whether lines that begin with `/` are left out.
     pub block_delete: bool,
     /// Share of the axes' speed that rapids may use, 0 to 1.
@@ -109,6 +111,7 @@ impl Setup {
             tool_unknown: None,
             outputs: gcode::Outputs::default(),
             is_mdi: false,
+            restored: gcode::Restored::default(),
             block_delete: false,
             rapid_override: 1.0,
             process: None,
@@ -228,6 +231,7 @@ impl Setup {
             selected_tool: self.selected_tool,
             outputs: self.outputs,
             is_block: self.is_mdi,
+            restored: self.restored,
             tools_without_table: program.without_tool_table == WithoutToolTable::Zero,
             block_delete: self.block_delete,
             axes,

@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use evolvent_gcode::{Outputs, SpindleDirection, SpindleOutput};
+use evolvent_gcode::{Outputs, Restored, SpindleDirection, SpindleOutput};
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, SurfaceSpeed};
 use evolvent_transfer::AxesState;
@@ -17,6 +17,8 @@ use crate::switches::{SwitchState, pairs};
 pub struct ProgramStart {
     /// Whether it is a block of MDI.
     pub is_mdi: bool,
+    /// What the block of MDI begins with; nothing in traces of versions that forgot the spindle.
+    pub restored: Restored,
     /// Name of the attachment with the text.
     pub program: String,
     /// Name of the attachment with the tool table, if there is one.
@@ -111,6 +113,13 @@ impl fmt::Display for JobStart {
                     start.switches,
                     start.feed_override,
                 )?;
+                if start.restored != Restored::default() {
+                    let Restored {
+                        lines,
+                        active_spindle,
+                    } = start.restored;
+                    write!(out, "; restored_lines={lines}; active_spindle={active_spindle}")?;
+                }
                 if let Some(tool) = start.selected_tool {
                     write!(out, "; selected={tool}")?;
                 }
@@ -182,6 +191,10 @@ impl JobStart {
         match what {
             "program" | "mdi" => Some(Self::Program(Box::new(ProgramStart {
                 is_mdi: what == "mdi",
+                restored: Restored {
+                    lines: whole("restored_lines").unwrap_or(0),
+                    active_spindle: whole("active_spindle").unwrap_or(0),
+                },
                 program: get("text")?.to_owned(),
                 tools: get("tools").map(str::to_owned),
                 parameters: get("parameters").map(str::to_owned),
@@ -306,6 +319,10 @@ mod tests {
         });
         let program = JobStart::Program(Box::new(ProgramStart {
             is_mdi: true,
+            restored: Restored {
+                lines: 5,
+                active_spindle: 2,
+            },
             program: format!("job-7/{}", plain_name("odd; name=1/2\n.ngc")),
             tools: None,
             parameters: Some("job-3/parameters.var".to_owned()),

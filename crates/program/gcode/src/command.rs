@@ -45,6 +45,11 @@ impl CallChain {
         })))
     }
 
+    /// Whether the line is of the program itself.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.0.is_none()
+    }
+
     /// All calls, innermost first.
     #[must_use]
     pub fn innermost_first(&self) -> Box<[Call]> {

@@ -78,7 +78,7 @@ pub use interpreter::modal::Modal;
 pub use interpreter::restart::{Approach, Restart};
 pub use state::outputs::{Outputs, SPINDLES, SpindleOutput};
 pub use state::settings::{
-    ArcTolerance, MachineFeatures, ProgramLimits, RotaryWay, Settings, StartOffsets, ToolChanger,
+    ArcTolerance, MachineFeatures, ProgramLimits, Restored, RotaryWay, Settings, StartOffsets, ToolChanger,
     TurningWords, WORK_OFFSETS,
 };
 pub use tables::parameter_file::{KeptParameters, ParameterFileError};

@@ -357,3 +357,92 @@ fn random_programs_do_here_what_they_do_in_linuxcnc() {
         String::from_utf8_lossy(&output.stderr)
     );
 }
+
+/// X of the last move.
+fn last_x(program: &str) -> f64 {
+    let end = run(program).into_iter().rev().find_map(|action| match action {
+        Action::Move(motion) => Some(motion.curve.end()[0]),
+        _ => None,
+    });
+    end.expect("a move")
+}
+
+#[test]
+fn parameters_of_the_spindle_are_of_the_one_that_a_thread_would_follow() {
+    let of = |lines: &str, name: &str| last_x(&format!("{lines}\nG0 X[#<{name}> + 1000]\nM2\n")) - 1000.0;
+    let begun = "G97 S300 M4\nG97 S500 $1\nM3 $1";
+    assert_eq!(of(begun, "_rpm"), 500.0);
+    assert_eq!(of(begun, "_spindle_cw"), 1.0);
+    // S and M3 do not name it.
+    assert_eq!(of(&format!("{begun}\nS700 $2"), "_rpm"), 500.0);
+    assert_eq!(of(&format!("{begun}\nG97"), "_rpm"), 300.0);
+    assert_eq!(of(&format!("{begun}\nG97"), "_spindle_cw"), 0.0);
+    assert_eq!(of("S400 M3", "_rpm"), 400.0);
+    assert_eq!(of("M51 P0 $1\nG97 $1", "_speed_override"), 0.0);
+    assert_eq!(of("M51 P0 $1", "_speed_override"), 1.0);
+}
+
+#[test]
+fn turning_cycles_are_of_the_spindle_of_their_line_or_of_the_last_one() {
+    let cycles = |program: &str| -> Vec<(u32, f64)> {
+        let mut settings = settings([true; SPINDLES]);
+        (settings.features.lathe, settings.features.load_channel) = (true, true);
+        let actions = Interpreter::new(program.as_bytes(), settings).map(|item| item.expect(program).action);
+        let found = actions.filter_map(|action| match action {
+            Action::Turning(cycle) => Some((cycle.spindle, cycle.spindle_rpm)),
+            _ => None,
+        });
+        found.collect()
+    };
+    let begin = "G7 G18 G21 F100 S300 M3\nS500 M3 $1\nG0 X60 Z2\n";
+    assert_eq!(cycles(&format!("{begin}G82 X50 Z-20 Q1 $1\nM2\n")), [(1, 500.0)]);
+    assert_eq!(cycles(&format!("{begin}G82 X50 Z-20 Q1\nM2\n")), [(0, 300.0)]);
+    assert_eq!(
+        cycles(&format!(
+            "{begin}G97 $1\nG82 X50 Z-20 Q1\nG82 X50 Z-20 Q1 $0\nM2\n"
+        )),
+        [(1, 500.0), (0, 300.0)]
+    );
+    let mut lathe = settings([true, false, false, false]);
+    lathe.features.lathe = true;
+    let wrong = format!("{begin}").replace("S500 M3 $1\n", "") + "G82 X50 Z-20 D1 $1\nM2\n";
+    let error = Interpreter::new(wrong.as_bytes(), lathe).find_map(Result::err);
+    assert_eq!(error.map(|error| error.code), Some(Code::SpindleSelection));
+}
+
+#[test]
+fn a_start_at_a_line_turns_spindles_to_their_angles_again() {
+    let after = |lines: &str| {
+        let text = format!("{lines}\nG0 X1\nM2\n");
+        let mut interpreter = Interpreter::new(text.as_bytes(), settings([true; SPINDLES]));
+        let line = lines.lines().count() as u32 + 1;
+        let restart = interpreter.start_at(line).expect(lines);
+        (spindles(&restart.actions), restart.modes)
+    };
+    let (actions, modes) = after("M3 S200\nM19 R90 P1\nM19 R30 Q5 $2");
+    assert_eq!(actions, ["0 at 90", "2 at 30"]);
+    assert!(
+        modes.contains("M19 R90 P1") && modes.contains("M19 R30 $2"),
+        "{modes}"
+    );
+    for lines in [
+        "M19 R90\nM5",
+        "M19 R90\nM3 S100\nM5",
+        "M19 R90 $1\nS50 $1",
+        "M19 R90\nS10 M4\nM5 $-1",
+    ] {
+        let (actions, modes) = after(lines);
+        assert!(
+            actions.iter().all(|action| !action.contains("at")),
+            "{lines}: {actions:?}"
+        );
+        assert!(!modes.contains("M19"), "{lines}: {modes}");
+    }
+    // A modal frame is left without turning the spindle again.
+    assert_eq!(after("M70\nM19 R45\nM72").0, ["0 at 45"]);
+}
+
+#[test]
+fn the_end_of_a_program_releases_a_spindle_from_its_angle() {
+    assert_eq!(spindles(&run("M19 R90 $1\nG0 X1\nM2\n")), ["1 at 90", "1 stop 0"]);
+}

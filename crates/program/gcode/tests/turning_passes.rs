@@ -212,6 +212,7 @@ fn q1_outputs_the_cycle_if_a_load_is_measured() {
         depth_mm: None,
         allowance_mm: 0.5,
         diameter_mm: 40.0,
+        spindle: 0,
         spindle_rpm: 800.0,
         feed_mm_s: 1.0,
         cross_feed_mm_s: 1.0,

@@ -397,6 +397,7 @@ impl Served<'_> {
         setup.place = Some(start.place);
         setup.tool = start.tool;
         setup.selected_tool = start.selected_tool;
+        setup.restored = start.restored;
         setup.outputs = start.outputs.unwrap_or_default();
         setup.is_mdi = start.is_mdi && start.outputs.is_some();
         if start.outputs.is_none() {

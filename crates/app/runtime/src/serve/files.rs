@@ -9,7 +9,7 @@ use std::time::{Duration, Instant, SystemTime};
 use evolvent_bus::ControlRequest;
 use evolvent_config::{no_reply, open_regular, read_regular};
 use evolvent_control::{Alarm, Command, Rejection};
-use evolvent_gcode::{KeptParameters, Settings, ToolTable};
+use evolvent_gcode::{KeptParameters, Restored, Settings, ToolTable};
 
 use super::checking::judge;
 use super::modes::{After, simulate_modes};
@@ -91,6 +91,7 @@ pub(super) enum Found {
     Mdi {
         after: Box<After>,
         file: ProgramFile,
+        restored: Restored,
     },
     /// No table where there is no file.
     Tools(Option<ToolTable>),
@@ -132,6 +133,7 @@ impl MdiBlock {
         Ok(Found::Mdi {
             after: Box::new(after),
             file,
+            restored: self.setup.restored,
         })
     }
 }

@@ -1,7 +1,7 @@
 //! The modes between jobs: what a block of MDI finds, and what it leaves.
 
 use evolvent_gcode::{
-    Diagnostic, Interpreter, KeptParameters, Modal, Outputs, Settings, StartOffsets, ToolTable,
+    Diagnostic, Interpreter, KeptParameters, Modal, Outputs, Restored, Settings, StartOffsets, ToolTable,
 };
 use evolvent_path::{Axes, AxisLetter};
 
@@ -21,12 +21,22 @@ pub(crate) struct Modes {
     text: String,
     /// The F word as it was written, and whether in inches.
     feed: Option<(f64, bool)>,
+    /// The spindle that threads and cycles without `$` are of.
+    active_spindle: u32,
 }
 
 impl Modes {
     /// Those of a program's beginning.
     pub(crate) fn at_start(settings: &Settings) -> Result<Self, Box<Diagnostic>> {
         simulate_modes("", settings, &KeptParameters::default()).map(|after| after.modes)
+    }
+
+    /// What an interpreter has to know of these lines and of the modes before it reads them.
+    pub(crate) fn restored(&self, preamble: &str) -> Restored {
+        Restored {
+            lines: preamble.lines().count() as u32,
+            active_spindle: self.active_spindle,
+        }
     }
 
     /// Lines that bring an interpreter into these modes, apart from spindle, coolant, the selected tool, and motions other than G0 and G1 (arcs
@@ -97,6 +107,7 @@ pub(crate) fn simulate_modes(
         let tools = interpreter.tools().cloned();
         let fresh = Settings {
             outputs: Outputs::default(),
+            restored: Restored::default(),
             offsets: StartOffsets {
                 work: std::array::from_fn(|index| kept.work_offset(index)),
                 ..settings.offsets
@@ -109,6 +120,7 @@ pub(crate) fn simulate_modes(
     let restart = restart?;
     Ok(After {
         modes: Modes {
+            active_spindle: interpreter.modal().active_spindle,
             modal: interpreter.modal(),
             text: restart.modes,
             feed: restart.feed_word,
@@ -189,6 +201,29 @@ mod tests {
             );
             assert!(after.modes.text.contains("$1"), "{:?}", after.modes.text);
             text = after.modes.preamble() + block;
+        }
+    }
+
+    #[test]
+    fn the_spindle_of_threads_goes_on_from_block_to_block_beside_that_of_the_feed() {
+        let mut settings = Settings::default();
+        settings.features.spindles = [true; evolvent_gcode::SPINDLES];
+        let kept = KeptParameters::default();
+        let mut text = "G95 F0.2 S300 $1\n".to_owned();
+        for (block, active) in [
+            ("G0 X1\n", 1),
+            ("G97 S100 $2\n", 2),
+            ("M3 S200 $3\n", 2),
+            ("G20\n", 2),
+            ("G94\n", 0),
+            ("G97 $3\n", 3),
+            ("M2\n", 0),
+        ] {
+            text.push_str(block);
+            let after = simulate_modes(&text, &settings, &kept).unwrap().modes;
+            assert_eq!(after.active_spindle, active, "after {block:?}");
+            text = after.preamble();
+            settings.restored = after.restored(&text);
         }
     }
 

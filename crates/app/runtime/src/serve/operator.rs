@@ -186,14 +186,22 @@ impl Operator {
         setup
     }
 
+    /// The same, where lines come first that bring the present modes.
+    pub(super) fn setup_after(&self, preamble: &str) -> Setup {
+        let mut setup = self.setup_here();
+        setup.restored = self.program.modes.restored(preamble);
+        setup
+    }
+
     pub(super) fn kept(&self) -> evolvent_gcode::KeptParameters {
         self.keep.memory.kept.clone().unwrap_or_default()
     }
 
     /// Works the modes out again: after offsets or tools were changed from outside.
     pub(super) fn refresh_modes(&mut self) {
-        let settings = self.setup_here().interpreter_settings();
-        if let Ok(after) = simulate_modes(&self.program.modes.preamble(), &settings, &self.kept()) {
+        let preamble = self.program.modes.preamble();
+        let settings = self.setup_after(&preamble).interpreter_settings();
+        if let Ok(after) = simulate_modes(&preamble, &settings, &self.kept()) {
             self.program.modes = after.modes;
         }
     }

@@ -191,9 +191,14 @@ impl Operator {
         }
     }
 
-    pub(super) fn mdi(&mut self, after: After, file: &ProgramFile) -> Result<u64, Rejection> {
+    pub(super) fn mdi(
+        &mut self,
+        after: After,
+        file: &ProgramFile,
+        restored: evolvent_gcode::Restored,
+    ) -> Result<u64, Rejection> {
         let mut setup = self.setup_here();
-        setup.is_mdi = true;
+        (setup.is_mdi, setup.restored) = (true, restored);
         self.switch_anew(false);
         self.plan(file, setup, Some(after), Activity::Mdi)
     }
@@ -222,6 +227,7 @@ impl Operator {
         if let Some(recorder) = &self.book.recorder {
             let start = ProgramStart {
                 is_mdi: activity == Activity::Mdi,
+                restored: setup.restored,
                 program: String::new(),
                 tools: None,
                 parameters: None,

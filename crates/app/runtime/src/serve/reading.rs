@@ -81,7 +81,14 @@ impl Operator {
                 self.program.switches.set_single_step(true);
                 job = self.start(0, &file)?;
             }
-            (Command::Mdi(_), Found::Mdi { after, file }) => job = self.mdi(*after, &file)?,
+            (
+                Command::Mdi(_),
+                Found::Mdi {
+                    after,
+                    file,
+                    restored,
+                },
+            ) => job = self.mdi(*after, &file, restored)?,
             (Command::ReloadTools, Found::Tools(tools)) => {
                 if let Some(tools) = tools {
                     self.keep.take_tools(tools);
@@ -153,10 +160,11 @@ impl Operator {
 
     /// A block of MDI as it is to be read.
     fn mdi_block(&self, text: &str) -> MdiBlock {
-        let mut setup = self.setup_here();
+        let preamble = format!("{}{}", self.program.parameters, self.program.modes.preamble());
+        let mut setup = self.setup_after(&preamble);
         setup.is_mdi = true;
         MdiBlock {
-            preamble: format!("{}{}", self.program.parameters, self.program.modes.preamble()),
+            preamble,
             text: text.to_owned(),
             settings: Settings {
                 limits: ProgramLimits {

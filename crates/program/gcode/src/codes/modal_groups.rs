@@ -117,7 +117,8 @@ impl Motion {
             | Self::FanucThread
             | Self::FanucThreadCycle
             | Self::RigidTap
-            | Self::ThreadCycle => true,
+            | Self::ThreadCycle
+            | Self::Turning(_) => true,
             Self::Cycle(cycle) => cycle.turns_spindle(),
             _ => false,
         }

@@ -81,8 +81,12 @@ impl Executor<'_> {
     pub(crate) fn run(&mut self) -> Result<Option<Request>, Fault> {
         let line = self.line;
         if let Some(GCode::FeedMode(mode)) = line.g(Group::FeedMode) {
+            // Lines that bring the modes of earlier blocks leave it as it is.
+            let is_restored = self.number <= self.settings.restored.lines && self.calls.is_empty();
             let modes = &mut self.state.modes;
-            modes.active_spindle = line.spindle();
+            if !is_restored {
+                modes.active_spindle = line.spindle();
+            }
             let spindle = if mode == FeedMode::PerRevolution {
                 line.spindle()
             } else {
@@ -196,7 +200,8 @@ impl Executor<'_> {
         (modes.mist, modes.flood) = (false, false);
         for number in 0..SPINDLES {
             let spindle = &mut self.state.modes.spindles[number];
-            let turning = spindle.turns();
+            // An angle is not held any longer either.
+            let turning = spindle.turns() || spindle.orientation.is_some();
             spindle.direction = SpindleDirection::Stopped;
             if spindle.speed.is_surface() {
                 // The next program starts in G97, where metres per minute are not a speed.
@@ -346,6 +351,8 @@ impl Executor<'_> {
         // As in LinuxCNC only spindle 0 is saved.
         saved.spindles[1..].copy_from_slice(&before.spindles[1..]);
         saved.active_spindle = before.active_spindle;
+        // No spindle is turned to an angle again.
+        saved.spindles[0].orientation = before.spindles[0].orientation;
         self.state.modes = saved;
         if saved.work_index != before.work_index {
             self.parameters

@@ -27,6 +27,8 @@ pub struct Modal {
     pub selected_tool: Option<u32>,
     /// Speed of spindle 0 in revolutions per minute, negative counter-clockwise; 0 if it is stopped or follows a surface speed.
     pub spindle_rpm: f64,
+    /// The spindle that threads and cycles without `$` are of.
+    pub active_spindle: u32,
     /// Mist coolant is on.
     pub mist: bool,
     /// Flood coolant is on.
@@ -93,6 +95,7 @@ impl State {
             tool: self.tool,
             selected_tool: self.selected_tool,
             spindle_rpm: turning,
+            active_spindle: modes.active_spindle as u32,
             mist: modes.mist,
             flood: modes.flood,
         }

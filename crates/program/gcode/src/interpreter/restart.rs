@@ -174,6 +174,9 @@ impl<R: BufRead> Interpreter<R> {
             if spindle.turns() || before.spindles[number].turns() {
                 actions.push(state.spindle_action(number));
             }
+            if let Some(angle) = spindle.orientation {
+                actions.push(angle.action(number));
+            }
         }
         if state.modes.mist || state.modes.flood || before.mist || before.flood {
             actions.push(Action::Coolant {
@@ -242,7 +245,7 @@ impl State {
     fn shown_spindles(&self) -> Vec<String> {
         let mut words = Vec::new();
         for (number, spindle) in self.modes.spindles.iter().enumerate() {
-            if number > 0 && !spindle.turns() {
+            if number > 0 && !spindle.turns() && spindle.orientation.is_none() {
                 continue;
             }
             words.push(format!("S{}", spindle.speed.word()));
@@ -252,14 +255,19 @@ impl State {
                     words.push(format!("D{max_rpm}"));
                 }
             }
-            words.push(
-                match spindle.direction {
-                    SpindleDirection::Stopped => "M5",
-                    SpindleDirection::Clockwise => "M3",
-                    SpindleDirection::CounterClockwise => "M4",
+            words.push(match (spindle.direction, spindle.orientation) {
+                (SpindleDirection::Stopped, Some(angle)) => {
+                    let way = match angle.direction {
+                        Some(SpindleDirection::Clockwise) => " P1",
+                        Some(SpindleDirection::CounterClockwise) => " P2",
+                        _ => "",
+                    };
+                    format!("M19 R{}{way}", angle.degrees)
                 }
-                .to_owned(),
-            );
+                (SpindleDirection::Stopped, None) => "M5".to_owned(),
+                (SpindleDirection::Clockwise, _) => "M3".to_owned(),
+                (SpindleDirection::CounterClockwise, _) => "M4".to_owned(),
+            });
             if number > 0 {
                 words.push(format!("${number}"));
             }

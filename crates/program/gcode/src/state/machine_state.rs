@@ -116,6 +116,29 @@ pub(crate) struct SpindleModes {
     pub(crate) speed: ProgrammedSpeed,
     /// X of the spindle centre that was output last, machine coordinates.
     pub(crate) output_centre_mm: f64,
+    /// M19 has turned it to an angle, which it holds until its next command.
+    pub(crate) orientation: Option<SpindleAngle>,
+}
+
+/// The words of M19.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SpindleAngle {
+    pub(crate) degrees: f64,
+    /// None for the shorter way.
+    pub(crate) direction: Option<SpindleDirection>,
+    /// 0 for none.
+    pub(crate) timeout_s: f64,
+}
+
+impl SpindleAngle {
+    pub(crate) fn action(self, spindle: usize) -> Action {
+        Action::OrientSpindle {
+            spindle: spindle as u32,
+            degrees: self.degrees,
+            direction: self.direction,
+            timeout_s: self.timeout_s,
+        }
+    }
 }
 
 impl SpindleModes {
@@ -134,6 +157,7 @@ impl SpindleModes {
                 (None, None) => ProgrammedSpeed::Rpm(output.speed_rpm),
             },
             output_centre_mm: surface.map_or(0.0, |surface| surface.centre_mm),
+            orientation: None,
         }
     }
 
@@ -265,7 +289,7 @@ impl State {
                     .spindles
                     .map(|output| SpindleModes::new(&output, settings.is_block)),
                 feed_spindle: 0,
-                active_spindle: 0,
+                active_spindle: (settings.restored.active_spindle as usize).min(SPINDLES - 1),
                 mist: outputs.mist,
                 flood: outputs.flood,
                 feed_override: true,
@@ -477,8 +501,8 @@ impl State {
     pub(crate) fn system(&self, system: System) -> f64 {
         let truth = |yes: bool| f64::from(u8::from(yes));
         let modes = &self.modes;
-        // As in LinuxCNC these parameters are of spindle 0, whatever `$` the program has written.
-        let spindle = &modes.spindles[0];
+        // Of the spindle that a thread without `$` follows. LinuxCNC has them of spindle 0.
+        let spindle = &modes.spindles[modes.active_spindle];
         match system {
             System::Absolute => truth(!modes.incremental),
             System::Incremental => truth(modes.incremental),
@@ -499,7 +523,7 @@ impl State {
             System::Feed => modes.feed.map_or(0.0, |feed| feed.word()),
             System::FeedHold => truth(modes.feed_stop),
             System::FeedOverride => truth(modes.feed_override),
-            System::SpeedOverride => truth(modes.spindle_override[0]),
+            System::SpeedOverride => truth(modes.spindle_override[modes.active_spindle]),
             System::Flood => truth(modes.flood),
             System::Mist => truth(modes.mist),
             System::CentreAbsolute => truth(modes.arc_centre_absolute),

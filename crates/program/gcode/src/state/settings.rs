@@ -35,6 +35,8 @@ pub struct Settings {
     pub outputs: Outputs,
     /// Whether the text is an MDI block: without M2 or M30 spindle and coolant keep their state at its end.
     pub is_block: bool,
+    /// What an MDI block begins with.
+    pub restored: Restored,
     /// What the machine has.
     pub features: MachineFeatures,
     /// The tool table. Without one, an offset or diameter of any tool but 0 is an error ([`crate::Code::UnknownTool`]).
@@ -45,6 +47,15 @@ pub struct Settings {
     pub parameters: Vec<(u32, f64)>,
     /// Folders in which subroutine files are searched, in this order: `NAME.ngc` for `O<NAME> call`.
     pub subroutine_folders: Vec<std::path::PathBuf>,
+}
+
+/// The first lines of an MDI block, which bring the modes of the blocks before, and what no line can bring.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Restored {
+    /// How many lines. They leave `active_spindle` as it is.
+    pub lines: u32,
+    /// The spindle that threads and cycles without `$` are of.
+    pub active_spindle: u32,
 }
 
 /// Offsets at the start of a program.
@@ -179,6 +190,7 @@ impl Default for Settings {
             selected_tool: None,
             outputs: Outputs::default(),
             is_block: false,
+            restored: Restored::default(),
             tools: None,
             tools_without_table: false,
             parameters: Vec::new(),

@@ -8,7 +8,7 @@ use crate::codes::modal_groups::{Cycle, FeedMode, Motion, PlaneCode};
 use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
 use crate::execution::offsets::check_coordinate;
-use crate::state::machine_state::{ProgrammedFeed, ProgrammedSpeed};
+use crate::state::machine_state::{ProgrammedFeed, ProgrammedSpeed, SpindleAngle};
 use crate::{Action, Code, MoveKind, PathMode, SpindleDirection};
 
 /// Retract for breaking chips, and the distance above the last depth at which the rapid ends: 0.01 inch.
@@ -19,6 +19,13 @@ pub(super) const MAX_REPEATS: u32 = 100_000;
 
 /// Maximum number of pecks of one hole.
 const MAX_PECKS: f64 = 100_000.0;
+
+/// Where G87 stops the spindle.
+const AT_ZERO: SpindleAngle = SpindleAngle {
+    degrees: 0.0,
+    direction: None,
+    timeout_s: 0.0,
+};
 
 /// A hole in program coordinates, mm, along the axis of the cycle.
 #[derive(Clone, Copy, Debug)]
@@ -428,12 +435,7 @@ impl Executor<'_> {
         inside[along] = hole.bottom;
         self.go(aside, MoveKind::Rapid, hole.path_mode)?;
         self.turn_spindle(SpindleDirection::Stopped);
-        self.out(Action::OrientSpindle {
-            spindle: self.state.modes.active_spindle as u32,
-            degrees: 0.0,
-            direction: None,
-            timeout_s: 0.0,
-        });
+        self.orient_spindle(self.state.modes.active_spindle, AT_ZERO);
         self.go(below, MoveKind::Rapid, hole.path_mode)?;
         self.go(inside, MoveKind::Rapid, hole.path_mode)?;
         self.turn_spindle(turning);
@@ -442,12 +444,7 @@ impl Executor<'_> {
         self.go(end, MoveKind::Feed, hole.path_mode)?;
         self.go(inside, MoveKind::Feed, hole.path_mode)?;
         self.turn_spindle(SpindleDirection::Stopped);
-        self.out(Action::OrientSpindle {
-            spindle: self.state.modes.active_spindle as u32,
-            degrees: 0.0,
-            direction: None,
-            timeout_s: 0.0,
-        });
+        self.orient_spindle(self.state.modes.active_spindle, AT_ZERO);
         self.go(below, MoveKind::Rapid, hole.path_mode)?;
         let mut out = below;
         out[along] = hole.clear;

@@ -59,7 +59,9 @@ pub struct TurningCycle {
     pub allowance_mm: f64,
     /// The programmed final diameter, mm, for the cutting speed. X of the machine includes offsets.
     pub diameter_mm: f64,
-    /// Spindle speed, rev/min; 0 if the program has not set it, or in G96.
+    /// Number of the spindle: that of `$`, otherwise that of the last `$`.
+    pub spindle: u32,
+    /// Its speed, rev/min; 0 if the program has not set it, or in G96.
     pub spindle_rpm: f64,
     /// Programmed speed along Z in mm/s, before override.
     pub feed_mm_s: f64,
@@ -283,7 +285,8 @@ impl Executor<'_> {
         let [x_mm, z_mm] = machine(step.x, step.z)?;
         let cone_mm = step.cone.map(|[x, z]| machine(x, z)).transpose()?;
         let modes = &self.state.modes;
-        let spindle_rpm = match modes.spindles[0].speed {
+        let spindle = modes.active_spindle;
+        let spindle_rpm = match modes.spindles[spindle].speed {
             ProgrammedSpeed::Rpm(rpm) => rpm,
             ProgrammedSpeed::Surface { .. } => 0.0,
         };
@@ -299,6 +302,7 @@ impl Executor<'_> {
             depth_mm,
             allowance_mm: step.allowance,
             diameter_mm: 2.0 * step.x.abs(),
+            spindle: spindle as u32,
             spindle_rpm,
             feed_mm_s: step.feed.mm_s,
             cross_feed_mm_s: step.cross_feed.mm_s,

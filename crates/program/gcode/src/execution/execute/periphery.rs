@@ -4,7 +4,7 @@ use super::{Executor, Request};
 use crate::codes::modal_groups::{GCode, Group, MCode};
 use crate::diagnostics::diagnostic::Fault;
 use crate::parameters::values::INPUT_RESULT;
-use crate::state::machine_state::ProgrammedSpeed;
+use crate::state::machine_state::{ProgrammedSpeed, SpindleAngle};
 use crate::{Action, Code, SPINDLES, SpindleDirection};
 
 impl Executor<'_> {
@@ -122,7 +122,16 @@ impl Executor<'_> {
 
     pub(crate) fn spindle(&mut self, number: usize) {
         self.state.modes.spindles[number].output_centre_mm = self.state.centre_mm();
+        self.state.modes.spindles[number].orientation = None;
         self.out(self.state.spindle_action(number));
+    }
+
+    /// Turns a stopped spindle to an angle.
+    pub(crate) fn orient_spindle(&mut self, number: usize, angle: SpindleAngle) {
+        let spindle = &mut self.state.modes.spindles[number];
+        spindle.direction = SpindleDirection::Stopped;
+        spindle.orientation = Some(angle);
+        self.out(angle.action(number));
     }
 
     /// Offsets may have moved the centre of the radius of G96.
@@ -171,14 +180,12 @@ impl Executor<'_> {
                 line.span(b'Q'),
             ));
         }
-        let number = line.spindle();
-        self.state.modes.spindles[number].direction = SpindleDirection::Stopped;
-        self.out(Action::OrientSpindle {
-            spindle: number as u32,
+        let angle = SpindleAngle {
             degrees,
             direction,
             timeout_s,
-        });
+        };
+        self.orient_spindle(line.spindle(), angle);
         Ok(())
     }
 
