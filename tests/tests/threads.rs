@@ -140,6 +140,22 @@ fn a_spindle_that_fails_in_a_pass_ends_it_at_rest_and_is_told() {
     }
 }
 
+/// A pass notices itself that its spindle stalls; behind it that is noticed as ever, from the next feed to the end of the program.
+#[test]
+fn a_spindle_that_stalls_behind_a_pass_raises_its_alarm() {
+    unless_disturbed(|| {
+        let workshop = Workshop::new();
+        let program = "G21 G18 G90 G8 G94\nS300 M3\nG0 X15 Z5\nG33 Z-5 K1\nG0 X20\nG1 Z-95 F200\nM5\nM2\n";
+        let (finished, trace) = drive(&workshop, program, &["--fault", "spindle-stall@12"]);
+        let summary = finished.expect_code(&[1]).json();
+        assert_eq!(summary["alarm"], 440, "{summary}");
+        let all = cycles(&trace);
+        let last = all.last().expect("cycles");
+        assert!(last.position[Z] > -95.0 && last.position[Z] < -5.0, "{last:?}");
+        verifies(&trace);
+    });
+}
+
 #[test]
 fn a_hold_in_a_pass_holds_behind_it_and_the_next_pass_meets_the_groove() {
     unless_disturbed(|| {

@@ -38,6 +38,8 @@ pub(crate) struct Periphery {
     pub spindle_commands: [u64; SPINDLES],
     /// The spindle whose angle the program follows: the cycle needs each sample of it.
     pub follows_angle: Option<u32>,
+    /// The spindle that a pass follows now: the pass itself notices where it stalls, and draws its tool out.
+    pub in_pass: Option<u32>,
     /// Tool in the spindle; 0 for none.
     pub tool: u32,
     /// The tool change that the program waits for: by whom, and the tool; 0 empties the spindle.
@@ -97,7 +99,7 @@ impl Periphery {
         self.outputs.stop_spindles();
         (self.outputs.mist, self.outputs.flood) = (false, false);
         self.orientations = [None; SPINDLES];
-        self.change = None;
+        (self.change, self.in_pass) = (None, None);
     }
 
     /// Coolant as the bus encodes it: bit 0 mist, bit 1 flood.

@@ -143,6 +143,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             self.schedule(|signals| signals.change(change))?;
         }
         self.periphery.follows_angle = Some(chain.spindle());
+        self.periphery.in_pass = Some(chain.spindle());
         self.report_periphery(action);
         let what = if chain.is_tap() { "tap" } else { "thread" };
         let text = format!("{what} in step with the spindle: in phase {run_in_mm:.3} mm behind its start");
@@ -169,6 +170,12 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         if complaint(&result, 0.0).is_none() {
             self.reporter
                 .announce(Moment::Block(self.next_block), line, false, &text);
+            // Its angle is followed on for the next pass, and whether it stalls is for others to notice again.
+            self.periphery.in_pass = None;
+            let action = self.actions;
+            self.actions += 1;
+            self.report_periphery(action);
+            self.planner.rest(&Step::Action { action, line })?;
         }
         Ok(result)
     }
