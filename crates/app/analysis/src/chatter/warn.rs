@@ -6,7 +6,7 @@ use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 
 use evolvent_chatter::{CuttingTool, MapCell, Mapper, OscillationCase, Verdict, nearest_stable};
-use evolvent_gcode::{Action, Command, Move, MoveKind, SpindleDirection};
+use evolvent_gcode::{Action, Command, Move, MoveKind, SPINDLES, SpindleDirection};
 use evolvent_machine::MachineKind;
 use evolvent_path::{AxisLetter, SurfaceSpeed};
 use evolvent_runtime::{Commands, Setup};
@@ -31,7 +31,9 @@ pub struct ChatterWarning {
     pub verdict: &'static str,
     /// Cutting speed, m/min.
     pub speed_m_min: f64,
-    /// Spindle speed, rpm.
+    /// Number of the spindle.
+    pub spindle: u32,
+    /// Its speed, rpm.
     pub speed_rpm: f64,
     /// Diameter of the cut, mm.
     pub diameter_mm: f64,
@@ -66,8 +68,12 @@ impl ChatterWarning {
         } else {
             format!("nearest stable spindle speeds: {} rpm", stable.join(" and "))
         };
+        let spindle = match self.spindle {
+            0 => String::new(),
+            number => format!(" of spindle {number}"),
+        };
         format!(
-            "{file_name}:{}: warning: this cut {what} at {:.0} rpm ({:.1} m/min on a diameter of {:.2} mm), \
+            "{file_name}:{}: warning: this cut {what} at {:.0} rpm{spindle} ({:.1} m/min on a diameter of {:.2} mm), \
              {:.3} mm deep \
              ({}), {:.3} mm/rev; {advice}",
             self.line,
@@ -137,34 +143,29 @@ pub fn chatter_warnings(
         known: BTreeMap::new(),
         found: BTreeMap::new(),
     };
-    let mut spindle = Spindle::Still;
+    let mut spindles = Spindles::default();
     let commands =
         Commands::open(program, setup).map_err(|error| AnalysisError::Failed(error.to_string()))?;
     for command in commands.map_while(Result::ok) {
-        let Command { line, action, .. } = command;
-        match action {
+        let line = command.line;
+        match &command.action {
             Action::Spindle {
-                spindle: 0,
+                spindle,
                 direction,
                 speed_rpm,
-            } => {
-                spindle = match direction {
-                    SpindleDirection::Stopped => Spindle::Still,
-                    _ => Spindle::Turns(speed_rpm),
-                };
-            }
+            } => spindles.set(*spindle, *direction, Spindle::Turns(*speed_rpm)),
             Action::SurfaceSpeed {
-                spindle: 0,
+                spindle,
                 direction,
                 surface,
-            } => {
-                spindle = match direction {
-                    SpindleDirection::Stopped => Spindle::Still,
-                    _ => Spindle::Surface(surface),
-                };
-            }
+            } => spindles.set(*spindle, *direction, Spindle::Surface(*surface)),
             Action::Move(motion) if motion.kind == MoveKind::Feed => {
-                look.at(line, &motion, spindle, depths.get(&line).copied());
+                look.at(
+                    line,
+                    motion,
+                    spindles.of_cut(&command),
+                    depths.get(&line).copied(),
+                );
             }
             _ => {}
         }
@@ -172,10 +173,11 @@ pub fn chatter_warnings(
     let found: Vec<ChatterWarning> = look.found.into_values().collect();
     Ok(ChatterWarnings {
         assumptions: format!(
-            "{} lines with cuts that are predicted to vibrate; assumed: force law {} ({}), {}, no \
+            "{} lines with cuts that are predicted to vibrate; assumed: {}force law {} ({}), {}, no \
              regeneration, depth from G82 D \
              or G75 K where there is one and else {} mm, diameter {}",
             found.len(),
+            spindles.assumption(),
             case_laws.definition.name,
             case_laws.definition.description,
             case_laws.radial_text(asked),
@@ -196,6 +198,62 @@ enum Spindle {
     Surface(SurfaceSpeed),
 }
 
+/// What a program has commanded of the spindles.
+#[derive(Debug)]
+struct Spindles {
+    now: [Spindle; SPINDLES],
+    /// The one that was started last.
+    last: u32,
+    /// Another one than number 0 was commanded.
+    are_several: bool,
+}
+
+impl Default for Spindles {
+    fn default() -> Self {
+        Self {
+            now: [Spindle::Still; SPINDLES],
+            last: 0,
+            are_several: false,
+        }
+    }
+}
+
+impl Spindles {
+    fn set(&mut self, number: u32, direction: SpindleDirection, turning: Spindle) {
+        let Some(now) = self.now.get_mut(number as usize) else {
+            return;
+        };
+        self.are_several |= number != 0;
+        if direction == SpindleDirection::Stopped {
+            *now = Spindle::Still;
+        } else {
+            (*now, self.last) = (turning, number);
+        }
+    }
+
+    /// The spindle that a cut is made with: that of G95; otherwise the one that was started last of those that turn.
+    fn of_cut(&self, command: &Command) -> (u32, Spindle) {
+        let of = |number: u32| self.now.get(number as usize).copied().unwrap_or(Spindle::Still);
+        if command.feed_mm_rev.is_some() {
+            return (command.feed_spindle, of(command.feed_spindle));
+        }
+        if !matches!(of(self.last), Spindle::Still) {
+            return (self.last, of(self.last));
+        }
+        let turning = (0..SPINDLES as u32).find(|number| !matches!(of(*number), Spindle::Still));
+        turning.map_or((self.last, Spindle::Still), |number| (number, of(number)))
+    }
+
+    /// Which spindle was taken, where that is not clear.
+    fn assumption(&self) -> &'static str {
+        if self.are_several {
+            "cuts with the spindle of G95, in G94 with the one started last, "
+        } else {
+            ""
+        }
+    }
+}
+
 struct Look<'a> {
     asked: &'a OscillationCase,
     laws: &'a CaseLaws,
@@ -207,7 +265,7 @@ struct Look<'a> {
 }
 
 impl Look<'_> {
-    fn at(&mut self, line: u32, motion: &Move, spindle: Spindle, cycle_depth: Option<f64>) {
+    fn at(&mut self, line: u32, motion: &Move, (number, spindle): (u32, Spindle), cycle_depth: Option<f64>) {
         let (from, to) = (motion.curve.start(), motion.curve.end());
         let x = AxisLetter::X.index();
         for k in 0..PLACES {
@@ -256,6 +314,7 @@ impl Look<'_> {
                     line,
                     verdict: verdict.as_str(),
                     speed_m_min,
+                    spindle: number,
                     speed_rpm,
                     diameter_mm,
                     feed_mm_rev,

@@ -311,8 +311,11 @@ fn warned(program: &str, machine: &str, case: &str) -> Result<Vec<ChatterWarning
     std::fs::write(&file, program).unwrap();
     std::fs::write(&case_file, case).unwrap();
     let machine_file = shipped(machine);
-    let text = std::fs::read_to_string(&machine_file).unwrap();
-    let machine = Machine::load(&machine_file).unwrap();
+    let mut text = std::fs::read_to_string(&machine_file).unwrap();
+    if program.contains('$') {
+        text += "\n[[spindle]]\nmax_rpm = 4000\n[[spindle]]\nnumber = 1\nmax_rpm = 3000\n";
+    }
+    let machine = Machine::parse(&text, "lathe.toml").unwrap();
     let setup = Setup::new(machine, machine_file, text, None).unwrap();
     chatter_warnings(&file, &setup, &case_file).map(|warnings| warnings.found().to_vec())
 }
@@ -347,6 +350,38 @@ fn lines_that_would_vibrate_are_named_with_the_nearest_stable_speed() {
     let by_x = warned(SHAFT, "machines/lathe-2axis", &without).unwrap();
     let line = by_x.iter().find(|warning| warning.line == 5).unwrap();
     assert!((line.diameter_mm - 100.0).abs() < 1e-9, "{line:?}");
+}
+
+#[test]
+fn a_cut_is_made_with_the_spindle_of_its_feed_or_the_one_started_last() {
+    let case = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
+    let of_line_5 = |program: &str| {
+        let found = warned(program, "machines/lathe-2axis", &case).unwrap();
+        let warning = found.into_iter().find(|warning| warning.line == 5);
+        warning.map(|warning| (warning.spindle, warning.speed_rpm, warning.feed_mm_rev))
+    };
+    let near = |found: Option<(u32, f64, f64)>, spindle: u32| {
+        let Some((number, rpm, feed)) = found else {
+            return false;
+        };
+        number == spindle && (rpm - 191.0).abs() < 1e-9 && (feed - 0.49).abs() < 1e-3
+    };
+    // Spindle 0 turns at a stable speed.
+    let begin = "G21 G18 G90 G94 S60 M3\nM3 S191 $1\nG0 X60 Z410\n";
+    let by_time = format!("{begin}G1 X50 F93.6\nG1 Z300\nM2\n");
+    assert!(near(of_line_5(&by_time), 1));
+    let by_turn = format!("{begin}G95 $1 F0.49 G1 X50\nG1 Z300\nM2\n");
+    assert!(near(of_line_5(&by_turn), 1));
+    let of_other = format!("{begin}G95 F0.49 G1 X50\nG1 Z300\nM2\n");
+    assert!(!near(of_line_5(&of_other), 1));
+    let stopped = by_time.replace("G1 X50 F93.6", "M5 $1 G1 X50 F93.6");
+    assert!(of_line_5(&stopped).is_none_or(|(spindle, ..)| spindle == 0));
+    let found = warned(&by_time, "machines/lathe-2axis", &case).unwrap();
+    assert!(
+        found[0].text("a.ngc").contains("191 rpm of spindle 1"),
+        "{}",
+        found[0].text("a.ngc")
+    );
 }
 
 #[test]
