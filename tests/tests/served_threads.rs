@@ -72,7 +72,9 @@ fn a_tap_and_a_thread_turn_at_the_programmed_speed_whatever_the_override_says() 
         for (ratio, cut) in [
             (1.6, "G33.1 Z-5 K1 $1"),
             (0.4, "G33.1 Z-5 K1 $1"),
-            (0.4, "G33 Z0 K1 $1"),
+            (0.15, "G33 Z0 K1 $1"),
+            // Spindle 0 stands: without `$` the thread is of the spindle of the block before.
+            (0.4, "G33 Z0 K1"),
             (2.0, "G33 Z-10 K1 $1"),
         ] {
             overrides_spindles(&mut operator, ratio);
@@ -87,6 +89,17 @@ fn a_tap_and_a_thread_turn_at_the_programmed_speed_whatever_the_override_says() 
             reach(&listener, ratio * 300.0);
             runs(&mut operator, "G0 Z10");
         }
+        // The status has each spindle, with what it is commanded and what is measured.
+        overrides_spindles(&mut operator, 1.0);
+        operator.waits("both spindles", |status| {
+            let spindles: Vec<_> = status.spindles().collect();
+            let is_measured = |at: usize, rpm: f64| {
+                let measured = spindles[at].measured_rpm;
+                measured.is_some_and(|measured| (measured - rpm).abs() < 10.0)
+            };
+            let commands: Vec<f64> = spindles.iter().map(|spindle| spindle.command_rpm).collect();
+            commands == [0.0, 300.0] && is_measured(0, 0.0) && is_measured(1, 300.0)
+        });
         // 50 m/min at a radius of 20 mm are 398 rpm, and 597 at 150 %: D keeps 450.
         overrides_spindles(&mut operator, 1.5);
         runs(&mut operator, "G96 S50 D450 $1");

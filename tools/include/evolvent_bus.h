@@ -424,8 +424,16 @@ typedef struct evolvent_status {
     uint32_t handwheel_enabled;
     /* Distance of that axis per detent: mm, degrees for A B C; 0 if it moves none. */
     double handwheel_step;
+    /* Bit i set: the machine has spindle i; 0 from cores that tell only `spindle_rpm`. */
+    uint32_t spindle_mask;
+    /* Bit i set: the program has switched the spindle override off for spindle i (M49, M51 P0). */
+    uint32_t spindle_override_off_mask;
+    /* Present command of each spindle in revolutions per minute, on its ramp, with its override; negative counter-clockwise. */
+    float spindle_command_rpm[4];
+    /* Measured speed of each spindle in revolutions per minute, negative counter-clockwise; not a number if none is known. */
+    float spindle_measured_rpm[4];
     /* Zero; for later versions. */
-    uint64_t reserved[6];
+    uint64_t reserved[1];
 } evolvent_status_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_status_t) == 1840, "size of Status");
@@ -506,7 +514,11 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, retraced) == 1772, "offset of
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, handwheel_mask) == 1776, "offset of Status.handwheel_mask");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, handwheel_enabled) == 1780, "offset of Status.handwheel_enabled");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, handwheel_step) == 1784, "offset of Status.handwheel_step");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1792, "offset of Status.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, spindle_mask) == 1792, "offset of Status.spindle_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, spindle_override_off_mask) == 1796, "offset of Status.spindle_override_off_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, spindle_command_rpm) == 1800, "offset of Status.spindle_command_rpm");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, spindle_measured_rpm) == 1816, "offset of Status.spindle_measured_rpm");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1832, "offset of Status.reserved");
 
 /* A drive bridge's reply to one setpoint.
  */

@@ -356,6 +356,10 @@ class Status(ctypes.Structure):
     handwheel_mask: int
     handwheel_enabled: int
     handwheel_step: float
+    spindle_mask: int
+    spindle_override_off_mask: int
+    spindle_command_rpm: ctypes.Array[ctypes.c_float]
+    spindle_measured_rpm: ctypes.Array[ctypes.c_float]
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
@@ -513,8 +517,16 @@ class Status(ctypes.Structure):
         ("handwheel_enabled", ctypes.c_uint32),
         # Distance of that axis per detent: mm, degrees for A B C; 0 if it moves none.
         ("handwheel_step", ctypes.c_double),
+        # Bit i set: the machine has spindle i; 0 from cores that tell only `spindle_rpm`.
+        ("spindle_mask", ctypes.c_uint32),
+        # Bit i set: the program has switched the spindle override off for spindle i (M49, M51 P0).
+        ("spindle_override_off_mask", ctypes.c_uint32),
+        # Present command of each spindle in revolutions per minute, on its ramp, with its override; negative counter-clockwise.
+        ("spindle_command_rpm", ctypes.c_float * 4),
+        # Measured speed of each spindle in revolutions per minute, negative counter-clockwise; not a number if none is known.
+        ("spindle_measured_rpm", ctypes.c_float * 4),
         # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 6),
+        ("reserved", ctypes.c_uint64 * 1),
     ]
 
     def __init__(self, **values: Any) -> None:

@@ -4,7 +4,9 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use evolvent_bus::{ClientBus, MachineInputs, MachineOutputs, PROBE_STATES, SPINDLE_DIRECTIONS};
+use evolvent_bus::{
+    ClientBus, MachineInputs, MachineOutputs, PROBE_STATES, SPINDLE_DIRECTIONS, SpindleReading, Status,
+};
 use evolvent_machine::{MAX_SPINDLES, Machine, SignalKind, SignalSettings};
 use evolvent_runtime::MonotonicClock;
 use serde_json::{Value, json};
@@ -27,13 +29,23 @@ struct Signal {
     value: Option<f64>,
 }
 
+/// A spindle with its present command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Spindle {
+    number: u32,
+    /// A number of the list of directions.
+    direction: u32,
+    commanded_rpm: f64,
+    /// Negative counter-clockwise; none if it is not known.
+    measured_rpm: Option<f64>,
+}
+
 /// Everything received.
 #[derive(Clone, Debug, Default)]
 struct Periphery {
     inputs: Vec<Signal>,
     outputs: Vec<Signal>,
-    /// Number, direction and commanded speed, rpm.
-    spindles: Vec<(u32, u32, f64)>,
+    spindles: Vec<Spindle>,
     probe: u32,
 }
 
@@ -53,8 +65,8 @@ pub(crate) fn run(
         ),
         None => None,
     };
-    let (outputs, inputs) = listen(bus, settings.as_ref()).map_err(|error| failed(&error))?;
-    let periphery = Periphery::of(settings.as_ref(), outputs.as_ref(), &inputs);
+    let (outputs, inputs, status) = listen(bus, settings.as_ref()).map_err(|error| failed(&error))?;
+    let periphery = Periphery::of(settings.as_ref(), outputs.as_ref(), &inputs, status.as_ref());
     let written = if json {
         writeln!(out, "{}", periphery.to_json())
     } else {
@@ -64,12 +76,12 @@ pub(crate) fn run(
     Ok(Ending::Clean)
 }
 
-/// The present outputs, and the newest message of each bridge that is not too old.
-fn listen(
-    bus: &ClientBus,
-    settings: Option<&SignalSettings>,
-) -> Result<(Option<MachineOutputs>, Vec<MachineInputs>), Box<dyn std::error::Error>> {
-    let (mut outputs, mut inputs) = (bus.outputs()?, bus.inputs()?);
+/// Outputs, inputs of each bridge, and the status.
+type Heard = (Option<MachineOutputs>, Vec<MachineInputs>, Option<Status>);
+
+/// The present outputs and status, and the newest message of each bridge that is not too old.
+fn listen(bus: &ClientBus, settings: Option<&SignalSettings>) -> Result<Heard, Box<dyn std::error::Error>> {
+    let (mut outputs, mut inputs, mut status) = (bus.outputs()?, bus.inputs()?, bus.status()?);
     let mut last = None;
     let mut bridges: Vec<MachineInputs> = Vec::new();
     let begin = Instant::now();
@@ -86,7 +98,7 @@ fn listen(
     let now_ns = MonotonicClock::now_ns();
     let max_age_s = settings.map_or(LISTENING.as_secs_f64(), |settings| settings.input_timeout_s);
     bridges.retain(|message| now_ns.saturating_sub(message.time_ns) as f64 * 1e-9 <= max_age_s);
-    Ok((last, bridges))
+    Ok((last, bridges, status.latest()?))
 }
 
 impl Periphery {
@@ -94,6 +106,7 @@ impl Periphery {
         settings: Option<&SignalSettings>,
         outputs: Option<&MachineOutputs>,
         bridges: &[MachineInputs],
+        status: Option<&Status>,
     ) -> Self {
         let mut found = Self {
             probe: bridges.iter().map(|bridge| bridge.probe).max().unwrap_or(0),
@@ -121,7 +134,14 @@ impl Periphery {
             found.spindles = there
                 .map(|number| {
                     let at = number as usize;
-                    (number, outputs.spindle_direction[at], outputs.spindle_rpm[at])
+                    let of_it = |reading: &SpindleReading| reading.number == number;
+                    let reading = status.and_then(|status| status.spindles().find(of_it));
+                    Spindle {
+                        number,
+                        direction: outputs.spindle_direction[at],
+                        commanded_rpm: outputs.spindle_rpm[at],
+                        measured_rpm: reading.and_then(|reading| reading.measured_rpm),
+                    }
                 })
                 .collect();
         }
@@ -141,11 +161,12 @@ impl Periphery {
             each.collect()
         };
         let spindles: Vec<Value> = (self.spindles.iter())
-            .map(|(number, direction, rpm)| {
+            .map(|spindle| {
                 json!({
-                    "number": number,
-                    "direction": word(&SPINDLE_DIRECTIONS, *direction),
-                    "commanded_rpm": rpm,
+                    "number": spindle.number,
+                    "direction": word(&SPINDLE_DIRECTIONS, spindle.direction),
+                    "commanded_rpm": spindle.commanded_rpm,
+                    "measured_rpm": spindle.measured_rpm,
                 })
             })
             .collect();
@@ -175,9 +196,14 @@ impl Periphery {
                 )?;
             }
         }
-        for (number, direction, rpm) in &self.spindles {
-            let direction = word(&SPINDLE_DIRECTIONS, *direction);
-            writeln!(out, "spindle {number}: {direction}, commanded {rpm:.1} rpm")?;
+        for spindle in &self.spindles {
+            let direction = word(&SPINDLE_DIRECTIONS, spindle.direction);
+            let (number, rpm) = (spindle.number, spindle.commanded_rpm);
+            write!(out, "spindle {number}: {direction}, commanded {rpm:.1} rpm")?;
+            match spindle.measured_rpm {
+                Some(rpm) => writeln!(out, ", measured {rpm:.1} rpm")?,
+                None => writeln!(out)?,
+            }
         }
         writeln!(out, "probe: {}", word(&PROBE_STATES, self.probe))
     }
@@ -269,7 +295,7 @@ number = 63
             ..MachineInputs::default()
         };
         let settings = settings();
-        let whole = Periphery::of(Some(&settings), Some(&outputs), &[bridge]).to_json();
+        let whole = Periphery::of(Some(&settings), Some(&outputs), &[bridge], None).to_json();
         assert_eq!(
             whole["inputs"],
             json!([
@@ -279,11 +305,11 @@ number = 63
         );
         assert_eq!(whole["outputs"][0]["value"], 1.0);
         // Without a machine file signals with a value are listed by number.
-        let bare = Periphery::of(None, None, &[bridge]);
+        let bare = Periphery::of(None, None, &[bridge], None);
         let numbers: Vec<u32> = bare.inputs.iter().map(|signal| signal.number).collect();
         assert_eq!((numbers, bare.outputs.len()), (vec![3, 5], 0));
         let mut page = Vec::new();
-        Periphery::of(Some(&settings), None, &[])
+        Periphery::of(Some(&settings), None, &[], None)
             .write(&mut page)
             .unwrap();
         let page = String::from_utf8(page).unwrap();

@@ -2,7 +2,9 @@
 
 use std::io::{self, Write};
 
-use evolvent_bus::{ACTIVITIES, JOB_RESULTS, MACHINE_STATES, MODES, STATES, Status, switches};
+use evolvent_bus::{
+    ACTIVITIES, JOB_RESULTS, MACHINE_STATES, MODES, STATES, SpindleReading, Status, switches,
+};
 use evolvent_control::Alarm;
 use evolvent_path::{AxisLetter, AxisMask};
 use serde_json::{Map, Value, json};
@@ -133,6 +135,7 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         "work_max_ns": status.work_max_ns,
     });
     let away = json!({
+        "spindles": spindles(status),
         "away": axis_letters(status.away_mask, axes),
         "away_parts": status.away_parts,
         "retraced": status.retraced != 0,
@@ -221,15 +224,62 @@ fn write_axes(out: &mut dyn Write, status: &Status, axes: &str) -> io::Result<()
     Ok(())
 }
 
+/// The spindles as JSON.
+pub(crate) fn spindles(status: &Status) -> Vec<Value> {
+    let each = status.spindles().map(|spindle| {
+        json!({
+            "number": spindle.number,
+            "command_rpm": spindle.command_rpm,
+            "measured_rpm": spindle.measured_rpm,
+            "override_counts": spindle.counts_override,
+        })
+    });
+    each.collect()
+}
+
+/// The spindles as text: of a single one its command alone, as long as nothing measures it.
+pub(crate) fn spindle_words(status: &Status, separator: &str) -> String {
+    let readings: Vec<SpindleReading> = status.spindles().collect();
+    let is_single = readings.len() == 1;
+    let each = readings.iter().map(|spindle| {
+        let name = if is_single {
+            String::new()
+        } else {
+            format!(" {}", spindle.number)
+        };
+        let measured = spindle
+            .measured_rpm
+            .map_or_else(String::new, |rpm| format!(" (measured {rpm:.0})"));
+        format!("spindle{name} {:.0} rpm{measured}", spindle.command_rpm)
+    });
+    each.collect::<Vec<_>>().join(separator)
+}
+
+/// The spindles for which the program has switched the override off.
+pub(crate) fn uncounted_override(status: &Status) -> String {
+    let readings: Vec<SpindleReading> = status.spindles().collect();
+    let off: Vec<String> = readings
+        .iter()
+        .filter(|spindle| !spindle.counts_override)
+        .map(|spindle| spindle.number.to_string())
+        .collect();
+    match off.len() {
+        0 => String::new(),
+        count if count == readings.len() => " (switched off by the program)".to_owned(),
+        _ => format!(" (switched off by the program for spindle {})", off.join(", ")),
+    }
+}
+
 fn write_motion(out: &mut dyn Write, status: &Status) -> io::Result<()> {
     writeln!(
         out,
-        "\n  feed {:.1} of {:.1} mm/min; overrides: feed {:.0} %, rapid {:.0} %, spindle {:.0} %",
+        "\n  feed {:.1} of {:.1} mm/min; overrides: feed {:.0} %, rapid {:.0} %, spindle {:.0} %{}",
         60.0 * status.feed_mm_s,
         60.0 * status.feed_programmed_mm_s,
         100.0 * status.override_ratio,
         100.0 * status.rapid_override_ratio,
-        100.0 * status.spindle_override_ratio
+        100.0 * status.spindle_override_ratio,
+        uncounted_override(status)
     )?;
     if status.longest_stop_mm > 0.0 {
         writeln!(
@@ -251,9 +301,9 @@ fn write_motion(out: &mut dyn Write, status: &Status) -> io::Result<()> {
     }
     writeln!(
         out,
-        "  tool {}, spindle {:.0} rpm, {}",
+        "  tool {}, {}, {}",
         status.tool,
-        status.spindle_rpm,
+        spindle_words(status, ", "),
         modal_codes(status).join(" ")
     )
 }
@@ -330,6 +380,39 @@ fn clock_time(time_s: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn each_spindle_has_its_command_its_speed_and_its_override() {
+        let mut status = Status {
+            spindle_rpm: 250.0,
+            ..Status::default()
+        };
+        // A core that does not tell of each.
+        assert_eq!(spindle_words(&status, ", "), "spindle 250 rpm");
+        status.spindle_mask = 1;
+        status.spindle_command_rpm[0] = -300.0;
+        status.spindle_measured_rpm = [f32::NAN; 4];
+        assert_eq!(spindle_words(&status, ", "), "spindle -300 rpm");
+        status.spindle_override_off_mask = 1;
+        assert_eq!(uncounted_override(&status), " (switched off by the program)");
+        status.spindle_mask = 0b101;
+        status.spindle_measured_rpm[2] = 599.6;
+        status.spindle_command_rpm[2] = 600.0;
+        assert_eq!(
+            spindle_words(&status, ", "),
+            "spindle 0 -300 rpm, spindle 2 600 rpm (measured 600)"
+        );
+        assert_eq!(
+            uncounted_override(&status),
+            " (switched off by the program for spindle 0)"
+        );
+        let listed = spindles(&status);
+        assert_eq!(
+            (&listed[0]["measured_rpm"], &listed[1]["number"]),
+            (&Value::Null, &json!(2))
+        );
+        assert_eq!(listed[0]["override_counts"], false);
+    }
 
     #[test]
     fn a_status_is_told_whole_and_by_the_letters_of_the_axes() {

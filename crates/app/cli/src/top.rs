@@ -12,7 +12,7 @@ use clap::Args;
 use evolvent_bus::{BusError, ClientBus, ClientConfig, STATES, Status, StatusReader, switches};
 use serde_json::json;
 
-use crate::ctl_status::probe_state;
+use crate::ctl_status::{probe_state, spindle_words, spindles, uncounted_override};
 use crate::terminal::Terminal;
 use crate::{CommandError, Ending};
 
@@ -296,14 +296,14 @@ impl Picture<'_> {
         let feed = 60.0 * self.status.feed_mm_s;
         let _ = writeln!(
             self.text,
-            "\nfeed {:.1} mm/min of {:.1}   override {:.0} %, rapid {:.0} %, spindle {:.0} %   spindle \
-             {:.0} rpm   T{}",
+            "\nfeed {:.1} mm/min of {:.1}   override {:.0} %, rapid {:.0} %, spindle {:.0} %{}   {}   T{}",
             feed,
             60.0 * self.status.feed_programmed_mm_s,
             100.0 * self.status.override_ratio,
             100.0 * self.status.rapid_override_ratio,
             100.0 * self.status.spindle_override_ratio,
-            self.status.spindle_rpm,
+            uncounted_override(self.status),
+            spindle_words(self.status, "   "),
             self.status.tool
         );
         let _ = writeln!(
@@ -409,6 +409,7 @@ fn to_json(name: &str, status: &Status, axes: &str) -> serde_json::Value {
         "program_held_s": status.program_held_s,
         "feed_mm_s": status.feed_mm_s,
         "override_ratio": status.override_ratio,
+        "spindles": spindles(status),
         "late_cycles": status.late_cycles,
         "dropped_records": status.dropped_records,
         "dropped_setpoints": status.dropped_setpoints,

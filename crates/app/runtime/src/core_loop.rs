@@ -58,6 +58,8 @@ pub(crate) struct Computed {
     pub is_of_program: bool,
     /// By what the commanded speed of each spindle is multiplied.
     pub spindle_overrides: SpindleOverrides,
+    /// Spindles for which the program has switched that off.
+    pub override_off_mask: u32,
     /// What it depended on, as bits of the trace.
     pub input_bits: u32,
 }
@@ -153,6 +155,7 @@ impl CoreLoop {
                     drive: computed.drive,
                     job: computed.job,
                     spindle_overrides: computed.spindle_overrides,
+                    override_off_mask: computed.override_off_mask,
                     is_of_program: computed.is_of_program,
                 };
                 counts.dropped_setpoints += u64::from(!hand_over(bus, due, is_realtime));

@@ -22,6 +22,8 @@ pub(crate) struct DueSetpoint {
     pub job: u64,
     /// By what the commanded speed of each spindle is multiplied: the override of the operator, where it counts.
     pub spindle_overrides: SpindleOverrides,
+    /// Spindles for which the program has switched that off.
+    pub override_off_mask: u32,
     /// Whether it belongs to a program, and not to a jog, to homing or to rest.
     pub is_of_program: bool,
 }

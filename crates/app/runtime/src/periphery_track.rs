@@ -145,6 +145,7 @@ mod tests {
             drive: DriveRequest::ON,
             job,
             spindle_overrides: [1.0; SPINDLES],
+            override_off_mask: 0,
             is_of_program: state != State::Idle,
         }
     }

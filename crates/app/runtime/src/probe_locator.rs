@@ -267,6 +267,7 @@ mod tests {
                 drive: DriveRequest::ON,
                 job: 0,
                 spindle_overrides: [1.0; SPINDLES],
+                override_off_mask: 0,
                 is_of_program: true,
             });
             locator.observe_feedback(&feedback(time_ns, x + shift));

@@ -18,6 +18,7 @@ use crate::cycle_sample::{CycleSample, input_bits};
 use crate::due_setpoint::DriveRequest;
 use crate::shared::Controls;
 use crate::signal_loop::{SignalLoop, phase_of};
+use crate::spindle_rundown::{SpindleRundown, rest_after};
 use crate::standby::{NotBegun, Standby};
 use crate::turning_motion::{turning_fault, turning_output};
 use crate::turning_tally::TurningTally;
@@ -55,6 +56,8 @@ pub(crate) struct ProgramCycle<F> {
     /// Holds a program that needs a load until there is one.
     pub standby: Standby,
     pub adaptive: Option<AdaptiveFeed>,
+    /// Goes on after the program until the spindles stand.
+    pub rundown: SpindleRundown,
     /// Sees every setpoint (offline planning).
     pub observe: F,
     pub now: ProgramState,
@@ -124,6 +127,11 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
     }
 
     fn step(&mut self, begin: &CycleBegin) -> Computed {
+        if self.rundown.is_running()
+            && let Some(last) = self.now.last
+        {
+            return self.rest(begin, &last);
+        }
         let switches = self.signals.as_ref().map(SignalLoop::overrides);
         let switches = switches.unwrap_or_default();
         let mut inputs = self.controls.inputs().switched_by(&switches);
@@ -150,18 +158,8 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             }
             let _has_changed = signals.step(&setpoint, phase_of(setpoint.state));
         }
-        self.now.inputs = inputs;
-        let corrected = self.correct(&setpoint);
-        Computed {
-            setpoint,
-            corrected,
-            drive: DriveRequest::ON,
-            job: 0,
-            is_of_program: true,
-            // The spindle of a run has no override.
-            spindle_overrides: [1.0; SPINDLES],
-            input_bits: input_bits(&inputs, &self.motion),
-        }
+        let bits = input_bits(&inputs, &self.motion);
+        self.leave(setpoint, inputs, bits)
     }
 
     fn stop_for_lateness(&mut self, _sequence: u64) {
@@ -206,7 +204,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
         self.controls.set_at_command(at_command || at_wait);
         self.controls.publish(setpoint);
         self.now.last = Some(*setpoint);
-        if self.motion.is_over() || self.now.planner_died {
+        if (self.motion.is_over() && !self.rundown.is_running()) || self.now.planner_died {
             return Next::End;
         }
         Next::Cycle { correction_ns: 0 }
@@ -214,6 +212,40 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
 }
 
 impl<F> ProgramCycle<F> {
+    /// The program has ended, and a spindle slows down.
+    fn rest(&mut self, begin: &CycleBegin, last: &Setpoint) -> Computed {
+        let mut inputs = self.controls.inputs();
+        let _at_wait = self.take_signals(begin.number, &mut inputs);
+        let setpoint = rest_after(last);
+        if let Some(signals) = &mut self.signals {
+            let _has_changed = signals.step(&setpoint, phase_of(setpoint.state));
+        }
+        self.leave(setpoint, inputs, 0)
+    }
+
+    /// A setpoint with what goes with it, the last one or not.
+    fn leave(&mut self, mut setpoint: Setpoint, inputs: Inputs, mut input_bits: u32) -> Computed {
+        self.now.inputs = inputs;
+        let corrected = self.correct(&setpoint);
+        if self
+            .rundown
+            .follow(&mut setpoint, &self.controls, self.now.estopped)
+        {
+            input_bits |= recorded::RUNS_ON;
+        }
+        Computed {
+            setpoint,
+            corrected,
+            drive: DriveRequest::ON,
+            job: 0,
+            is_of_program: true,
+            // The spindle of a run has no override.
+            spindle_overrides: [1.0; SPINDLES],
+            override_off_mask: 0,
+            input_bits,
+        }
+    }
+
     /// A program that needs a load stands until there is one.
     fn hold_before_load(&mut self, inputs: &mut Inputs) {
         match self.standby.step(&self.controls) {
@@ -411,6 +443,7 @@ mod tests {
             process: None,
             standby: Standby::new(false, 1_000_000),
             adaptive: None,
+            rundown: SpindleRundown::NONE,
             observe: |_: &Seen<'_>| {},
             now: ProgramState::new(TurningTally::new(0.0, 1_000_000)),
         };

@@ -19,6 +19,7 @@ use crate::publishing::Publishing;
 use crate::rt::{MonotonicClock, RealtimeRequest, apply_to_this_thread};
 use crate::signal_port::SignalPort;
 use crate::spindle_command::SpindleCommands;
+use crate::spindle_status::SpindleStatus;
 use crate::start_error::{BUS_TIMEOUT, StartError};
 use crate::status_source::{StatusPort, StatusSource};
 use crate::stop_watch::StopWatch;
@@ -51,6 +52,8 @@ pub(crate) struct Publisher<S> {
     pub setpoints: Consumer<DueSetpoint>,
     pub periphery: PeripheryTrack,
     pub spindles: SpindleCommands,
+    /// Spindles whose override does not count with the setpoint that has left last.
+    pub override_off_mask: u32,
     /// Outputs and inputs of the machine, where it has any.
     pub signals: Option<SignalPort>,
     pub stops: Option<StopWatch>,
@@ -124,11 +127,15 @@ impl<S: StatusSource> Publisher<S> {
         let is_switched = self.periphery.follow(due);
         let outputs = &self.periphery.now().outputs;
         let x_mm = due.setpoint.position[0];
+        self.override_off_mask = due.override_off_mask;
         self.spindles
             .follow(outputs, x_mm, &due.spindle_overrides, is_switched);
         if due.setpoint.state == State::Fault || due.drive.power != PowerRequest::On {
             self.spindles.end_ramps();
         }
+        self.publishing
+            .controls
+            .report_ramps(due.setpoint.sequence, self.spindles.ramps_turn());
         if let Some(signals) = &mut self.signals {
             let periphery = is_switched.then(|| self.periphery.now());
             signals.follow(bus, due, periphery, &self.spindles.now());
@@ -177,6 +184,12 @@ impl<S: StatusSource> Publisher<S> {
             stops: self.stops.as_mut(),
             report,
             periphery: self.periphery.now(),
+            spindles: SpindleStatus {
+                commands: &self.spindles,
+                signals: self.signals.as_ref(),
+                override_off_mask: self.override_off_mask,
+                now_ns: MonotonicClock::now_ns(),
+            },
         };
         what(&mut self.status, &mut port);
     }

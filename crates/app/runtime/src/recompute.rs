@@ -10,7 +10,7 @@ use std::thread;
 use std::time::Duration;
 
 use evolvent_motion::{
-    Extremes, Inputs, PathExecutor, PlanConsumer, PlannerLag, Setpoint, State, plan_queue,
+    Extremes, Inputs, PathExecutor, PlanConsumer, PlannerLag, Setpoint, State, flags, plan_queue,
 };
 use evolvent_path::Jet;
 use evolvent_signals::{InputImage, OutputImage, Phase, ScheduleConsumer, Signals, schedule};
@@ -20,6 +20,7 @@ use crate::feeder::Feeder;
 use crate::job::Setup;
 use crate::refusal::ProgramError;
 use crate::signal_loop::{ProgramProgress, SignalChange, for_each_change, phase_of};
+use crate::spindle_rundown::rest_after;
 use crate::stages::Stages;
 
 /// Looks at the plan before the one who waits sleeps, and for how long: spinning would take the core from the planner.
@@ -41,6 +42,8 @@ pub struct RecordedInputs {
     pub inputs: Inputs,
     /// How late the planner was.
     pub lag: PlannerLag,
+    /// Whether the run went on although its program had ended: for a spindle that slowed down.
+    pub runs_on: bool,
 }
 
 /// What computing a run again came to.
@@ -159,6 +162,9 @@ struct CycleReplay<'a> {
     estopped: bool,
     /// The next plan will not come.
     is_stuck: bool,
+    /// The run went on after the last setpoint although its program had ended.
+    runs_on: bool,
+    last: Option<Setpoint>,
     cycles: u64,
     state: State,
     outputs: Vec<SignalChange>,
@@ -197,6 +203,8 @@ impl<'a> CycleReplay<'a> {
             of_program: ProgramProgress::default(),
             estopped: false,
             is_stuck: false,
+            runs_on: false,
+            last: None,
             cycles: 0,
             state: State::Idle,
             outputs: Vec::new(),
@@ -205,7 +213,16 @@ impl<'a> CycleReplay<'a> {
 
     /// The next setpoint, and the outputs that change with it. `failed`: the planner has met an error.
     fn step(&mut self, recorded: RecordedInputs, failed: &AtomicBool) -> Setpoint {
-        let RecordedInputs { mut inputs, lag } = recorded;
+        let RecordedInputs {
+            mut inputs,
+            lag,
+            runs_on,
+        } = recorded;
+        if self.runs_on
+            && let Some(last) = self.last
+        {
+            return self.rest(&last, inputs, runs_on);
+        }
         let (motion, queue) = (&mut self.motion, &mut self.queue);
         wait_for_planner(|| motion.is_ready(queue) || (inputs.stop && motion.is_at_rest()));
         self.enter_signals(&mut inputs);
@@ -226,8 +243,26 @@ impl<'a> CycleReplay<'a> {
             setpoint.state = State::Fault;
         }
         self.step_outputs(&setpoint);
+        self.leave(setpoint, runs_on)
+    }
+
+    /// The program has ended, and a spindle slowed down.
+    fn rest(&mut self, last: &Setpoint, mut inputs: Inputs, runs_on: bool) -> Setpoint {
+        self.enter_signals(&mut inputs);
+        let setpoint = rest_after(last);
+        self.step_outputs(&setpoint);
+        self.leave(setpoint, runs_on)
+    }
+
+    fn leave(&mut self, mut setpoint: Setpoint, runs_on: bool) -> Setpoint {
+        // What moves cannot run on.
+        self.runs_on = runs_on && setpoint.flags & flags::LAST != 0;
+        if self.runs_on {
+            setpoint.flags &= !flags::LAST;
+        }
         self.cycles += 1;
         self.state = setpoint.state;
+        self.last = Some(setpoint);
         setpoint
     }
 
@@ -276,7 +311,7 @@ impl<'a> CycleReplay<'a> {
     }
 
     fn is_over(&self) -> bool {
-        self.motion.is_over() || self.is_stuck
+        (self.motion.is_over() && !self.runs_on) || self.is_stuck
     }
 
     /// Drops the ends of the planner's queues.

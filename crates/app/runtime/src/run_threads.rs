@@ -39,6 +39,7 @@ use crate::signal_loop::SignalLoop;
 use crate::signal_port::SignalPort;
 use crate::signal_recorder::SignalRecorder;
 use crate::spindle_command::SpindleCommands;
+use crate::spindle_rundown::SpindleRundown;
 use crate::stages::Stages;
 use crate::standby::Standby;
 use crate::start_error::{CHAIN_TIMEOUT, StartError};
@@ -132,6 +133,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
             setpoints,
             periphery: PeripheryTrack::new(setup.tool, periphery_orders),
             spindles: SpindleCommands::new(&setup.machine.signals, setup.period_ns),
+            override_off_mask: 0,
             signals,
             stops: StopWatch::start(setup, job.clock)?,
             status,
@@ -300,6 +302,12 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
                 .controls
                 .adaptive()
                 .and_then(|settings| AdaptiveFeed::new(settings).ok()),
+            rundown: if job.bus && job.is_realtime() {
+                SpindleRundown::new(&setup.machine.signals, setup.period_ns)
+            } else {
+                // The speed is reached at once.
+                SpindleRundown::NONE
+            },
             observe,
             now: ProgramState::new(TurningTally::new(set_load, setup.period_ns)),
         };

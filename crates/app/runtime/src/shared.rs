@@ -32,6 +32,8 @@ pub struct Controls {
     drives_seen: AtomicBool,
     /// They follow the setpoints.
     drives_follow: AtomicBool,
+    /// The number of the setpoint after which every ramp of a spindle rested, + 1; 0 while one turns its spindle.
+    ramps_rested: AtomicU64,
 }
 
 /// Where the run is.
@@ -82,6 +84,7 @@ impl Controls {
             chain_closed: AtomicBool::new(false),
             drives_seen: AtomicBool::new(false),
             drives_follow: AtomicBool::new(false),
+            ramps_rested: AtomicU64::new(0),
         }
     }
 
@@ -120,6 +123,17 @@ impl Controls {
 
     pub(crate) fn has_seen_drives(&self) -> bool {
         self.drives_seen.load(Ordering::Relaxed)
+    }
+
+    /// With this setpoint a ramp turns its spindle, or none does. Called by the publisher.
+    pub(crate) fn report_ramps(&self, sequence: u64, turns: bool) {
+        let rested = if turns { 0 } else { sequence + 1 };
+        self.ramps_rested.store(rested, Ordering::Relaxed);
+    }
+
+    /// Whether every ramp has ended at 0 with this setpoint or a later one.
+    pub(crate) fn are_ramps_at_rest_after(&self, sequence: u64) -> bool {
+        self.ramps_rested.load(Ordering::Relaxed) > sequence
     }
 
     /// Holds a cutting load by the feed. Settings that make no sense are as none: check them with

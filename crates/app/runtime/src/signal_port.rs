@@ -192,6 +192,11 @@ impl SignalPort {
         })
     }
 
+    /// The speed of a spindle that a bridge reports, rpm, negative counter-clockwise; none where that is too old.
+    pub(crate) fn measured_rpm(&self, number: u32, now_ns: u64) -> Option<f64> {
+        Some(self.spindles.known(now_ns, number)?.speed_rpm)
+    }
+
     /// Messages of spindles that were refused, and what was wrong with the last; none if none were.
     pub(crate) fn refused_spindles(&self) -> Option<(u64, SpindleFault)> {
         let (count, fault) = self.spindles.refused();

@@ -76,6 +76,7 @@ impl Ramp {
 /// The commands to the spindles with the setpoint that has left last.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SpindleCommands {
+    mask: u32,
     max_rpm: [f64; SPINDLES],
     rpm: [f64; SPINDLES],
     ramps: [Option<Ramp>; SPINDLES],
@@ -85,6 +86,7 @@ impl SpindleCommands {
     /// `period_ns`: from one setpoint to the next.
     pub(crate) fn new(settings: &SignalSettings, period_ns: u64) -> Self {
         Self {
+            mask: settings.spindle_mask(),
             max_rpm: settings.max_rpm(),
             rpm: [0.0; SPINDLES],
             ramps: std::array::from_fn(|number| {
@@ -101,6 +103,29 @@ impl SpindleCommands {
                 rpm: self.rpm[number],
                 passing: None,
             },
+        })
+    }
+
+    /// The spindles that the machine has.
+    pub(crate) fn mask(&self) -> u32 {
+        self.mask
+    }
+
+    /// Whether the command of a spindle has a ramp.
+    pub(crate) fn has_ramp(&self, number: usize) -> bool {
+        self.ramps.get(number).is_some_and(Option::is_some)
+    }
+
+    /// The present commands in these directions, negative counter-clockwise, 0 of what is stopped.
+    pub(crate) fn signed_rpm(&self, outputs: &Outputs) -> [f64; SPINDLES] {
+        let now = self.now();
+        std::array::from_fn(|number| {
+            let command = now[number];
+            match command.passing.unwrap_or(outputs.spindles[number].direction) {
+                SpindleDirection::Stopped => 0.0,
+                SpindleDirection::Clockwise => command.rpm,
+                SpindleDirection::CounterClockwise => -command.rpm,
+            }
         })
     }
 
@@ -128,6 +153,14 @@ impl SpindleCommands {
                 ramp.follow(target_rpm, false);
             }
         }
+    }
+
+    /// Whether a spindle with a ramp turns, or is about to.
+    pub(crate) fn ramps_turn(&self) -> bool {
+        self.ramps
+            .iter()
+            .flatten()
+            .any(|ramp| ramp.rpm != 0.0 || ramp.target_rpm != 0.0)
     }
 
     /// Ends every ramp at its target: the drives lose their power, and what a ramp would do for them is theirs to do.
@@ -173,6 +206,7 @@ mod tests {
             speed_rpm: 0.0,
         };
         let mut command = SpindleCommands {
+            mask: 2,
             max_rpm: [3000.0; SPINDLES],
             rpm: [0.0; SPINDLES],
             ramps: [None; SPINDLES],
@@ -201,6 +235,7 @@ mod tests {
     #[test]
     fn a_ramp_changes_by_its_rate_through_zero_and_ends_at_once_without_power() {
         let mut commands = SpindleCommands {
+            mask: 1,
             max_rpm: [3000.0; SPINDLES],
             rpm: [0.0; SPINDLES],
             ramps: [Some(Ramp::new(500.0, 250_000)), None, None, None],

@@ -6,6 +6,7 @@ use evolvent_motion::State;
 use crate::due_setpoint::DueSetpoint;
 use crate::periphery::Periphery;
 use crate::publish_report::PublishReport;
+use crate::spindle_status::SpindleStatus;
 use crate::stop_watch::StopWatch;
 
 /// What the status says, and who receives the drives' feedback.
@@ -42,6 +43,8 @@ pub(crate) struct StatusPort<'a> {
     pub report: &'a PublishReport,
     /// With the setpoint that has left last.
     pub periphery: &'a Periphery,
+    /// The spindles with that setpoint.
+    pub spindles: SpindleStatus<'a>,
 }
 
 impl StatusPort<'_> {
@@ -50,6 +53,7 @@ impl StatusPort<'_> {
         if let Some(stops) = &mut self.stops {
             stops.fill(status);
         }
+        self.spindles.fill(self.periphery, status);
         let _lost = self.bus.publish_status(status);
     }
 

@@ -307,6 +307,7 @@ mod tests {
                 drive: crate::due_setpoint::DriveRequest::ON,
                 job: 4,
                 spindle_overrides: [1.0; SPINDLES],
+                override_off_mask: 0,
                 is_of_program: true,
             });
         }

@@ -314,6 +314,17 @@ impl SignalSettings {
         self.spindles.iter().find(|spindle| spindle.number == number)
     }
 
+    /// Bit i set: the machine has spindle i. A file without spindles has number 0.
+    #[must_use]
+    pub fn spindle_mask(&self) -> u32 {
+        if self.spindles.is_empty() {
+            return 1;
+        }
+        self.spindles
+            .iter()
+            .fold(0, |mask, spindle| mask | 1 << spindle.number)
+    }
+
     /// Maximum speed of each spindle, rpm; infinite where it is unknown.
     #[must_use]
     pub fn max_rpm(&self) -> [f64; MAX_SPINDLES as usize] {

@@ -241,7 +241,7 @@ fn python_class(out: &mut String, layout: &StructLayout) {
         let element = field.scalar.ctypes_name();
         let kind = match (field.count, field.scalar) {
             (Some(_), _) => format!("ctypes.Array[ctypes.{element}]"),
-            (None, Scalar::F64) => "float".to_owned(),
+            (None, Scalar::F32 | Scalar::F64) => "float".to_owned(),
             (None, _) => "int".to_owned(),
         };
         push(out, format_args!("    {}: {kind}\n", field.name));

@@ -89,5 +89,6 @@ pub use evolvent_wire::{
     INTERFACE_VERSION, JOB_RESULTS, LOAD_KINDS, Load, MACHINE_STATES, MAX_ALARMS, MAX_MODAL_CODES, MODES,
     MachineInputs, MachineOutputs, POWER_REQUESTS, PROBE_STATES, Payload, SENTENCE_BYTES, SETPOINT_FLAGS,
     SPINDLE_DIRECTIONS, SPINDLE_FLAGS, SPINDLE_WAYS, SPINDLES, STATES, SWITCHES, Scalar, Setpoint,
-    SpindleFeedback, Status, StructLayout, TEXT_BYTES, VERDICTS, flags, spindle_flags, switches,
+    SpindleFeedback, SpindleReading, Status, StructLayout, TEXT_BYTES, VERDICTS, flags, spindle_flags,
+    switches,
 };

@@ -15,6 +15,8 @@ pub enum Scalar {
     U64,
     /// A signed 64-bit integer.
     I64,
+    /// An IEEE 754 binary32 number.
+    F32,
     /// An IEEE 754 binary64 number.
     F64,
 }
@@ -25,7 +27,7 @@ impl Scalar {
     pub const fn size_bytes(self) -> usize {
         match self {
             Self::U8 => 1,
-            Self::U32 => 4,
+            Self::U32 | Self::F32 => 4,
             Self::U64 | Self::I64 | Self::F64 => 8,
         }
     }
@@ -38,6 +40,7 @@ impl Scalar {
             Self::U32 => "uint32_t",
             Self::U64 => "uint64_t",
             Self::I64 => "int64_t",
+            Self::F32 => "float",
             Self::F64 => "double",
         }
     }
@@ -50,6 +53,7 @@ impl Scalar {
             Self::U32 => "c_uint32",
             Self::U64 => "c_uint64",
             Self::I64 => "c_int64",
+            Self::F32 => "c_float",
             Self::F64 => "c_double",
         }
     }
@@ -141,6 +145,7 @@ field!(u8, U8, 0);
 field!(u32, U32, 0);
 field!(u64, U64, 0);
 field!(i64, I64, 0);
+field!(f32, F32, 0.0);
 field!(f64, F64, 0.0);
 
 /// A message on the bus.

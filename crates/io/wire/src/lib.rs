@@ -57,7 +57,7 @@ pub use signals::{
     ANALOG_SIGNALS, DIGITAL_SIGNALS, MachineInputs, MachineOutputs, PROBE_STATES, SPINDLE_DIRECTIONS,
     SPINDLE_FLAGS, SPINDLE_WAYS, SPINDLES, SpindleFeedback, spindle_flags,
 };
-pub use status::{MAX_ALARMS, MAX_MODAL_CODES, SENTENCE_BYTES, Status, TEXT_BYTES};
+pub use status::{MAX_ALARMS, MAX_MODAL_CODES, SENTENCE_BYTES, SpindleReading, Status, TEXT_BYTES};
 
 /// Version of the contract: raised with every change of a payload's layout or meaning.
 pub const INTERFACE_VERSION: u32 = 1;

@@ -171,9 +171,30 @@ payload! {
         handwheel_enabled: u32,
         /// Distance of that axis per detent: mm, degrees for A B C; 0 if it moves none.
         handwheel_step: f64,
+        /// Bit i set: the machine has spindle i; 0 from cores that tell only `spindle_rpm`.
+        spindle_mask: u32,
+        /// Bit i set: the program has switched the spindle override off for spindle i (M49, M51 P0).
+        spindle_override_off_mask: u32,
+        /// Present command of each spindle in revolutions per minute, on its ramp, with its override; negative counter-clockwise.
+        spindle_command_rpm: [f32; 4],
+        /// Measured speed of each spindle in revolutions per minute, negative counter-clockwise; not a number if none is known.
+        spindle_measured_rpm: [f32; 4],
         /// Zero; for later versions.
-        reserved: [u64; 6],
+        reserved: [u64; 1],
     }
+}
+
+/// One spindle as a status has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpindleReading {
+    /// Its number.
+    pub number: u32,
+    /// The present command, rpm, negative counter-clockwise.
+    pub command_rpm: f64,
+    /// The measured speed, rpm, negative counter-clockwise; none if it is not known.
+    pub measured_rpm: Option<f64>,
+    /// Whether the spindle override counts.
+    pub counts_override: bool,
 }
 
 impl Status {
@@ -187,6 +208,28 @@ impl Status {
         self.path_mm = setpoint.path_mm;
         self.feed_mm_s = setpoint.feed_mm_s;
         self.override_ratio = setpoint.override_ratio;
+    }
+
+    /// The spindles of the machine, the lowest number first; of a core that tells only `spindle_rpm`, that one alone.
+    pub fn spindles(&self) -> impl Iterator<Item = SpindleReading> + '_ {
+        let mask = self.spindle_mask;
+        let of_old_core = (mask == 0).then_some(SpindleReading {
+            number: 0,
+            command_rpm: self.spindle_rpm,
+            measured_rpm: None,
+            counts_override: true,
+        });
+        let numbers = (0..self.spindle_command_rpm.len()).filter(move |number| mask >> number & 1 == 1);
+        let readings = numbers.map(|number| {
+            let measured_rpm = f64::from(self.spindle_measured_rpm[number]);
+            SpindleReading {
+                number: number as u32,
+                command_rpm: f64::from(self.spindle_command_rpm[number]),
+                measured_rpm: (!measured_rpm.is_nan()).then_some(measured_rpm),
+                counts_override: self.spindle_override_off_mask >> number & 1 == 0,
+            }
+        });
+        of_old_core.into_iter().chain(readings)
     }
 
     /// Writes the program's name, truncated to the capacity at a character boundary.

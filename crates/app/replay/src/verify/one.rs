@@ -110,6 +110,7 @@ fn compute(again: &Again<'_>, records: &mut Records, verified: &mut Verified) ->
         ..Inputs::default()
     });
     let present = Cell::new(None);
+    let runs_on = Cell::new(false);
     let records = RefCell::new(records);
     let recomputed = recompute(
         again.program,
@@ -124,12 +125,14 @@ fn compute(again: &Again<'_>, records: &mut Records, verified: &mut Verified) ->
                 Some(record) => {
                     let recorded = recorded_inputs(&record, last.get().load);
                     last.set(recorded.inputs);
+                    runs_on.set(recorded.runs_on);
                     recorded
                 }
                 // A cycle that was lost: nothing is known to have changed.
                 None => RecordedInputs {
                     inputs: last.get(),
                     lag: PlannerLag::default(),
+                    runs_on: runs_on.get(),
                 },
             })
         },
@@ -237,5 +240,6 @@ pub(super) fn recorded_inputs(record: &CycleRecord, load: Option<LoadSample>) ->
                 .then_some((record.inputs >> bits::FAILED_LOOK_SHIFT) as u8),
             refused: record.inputs & bits::REFUSED != 0,
         },
+        runs_on: record.inputs & bits::RUNS_ON != 0,
     }
 }

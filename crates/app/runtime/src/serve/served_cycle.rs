@@ -213,6 +213,7 @@ impl SetpointSource for ServedCycle {
             job: now.program.job,
             is_of_program: now.notes.input_bits & recorded::FOLLOWS != 0,
             spindle_overrides: parts.counted_overrides(now),
+            override_off_mask: parts.override_off_mask(),
             input_bits: now.notes.input_bits,
         }
     }

@@ -259,6 +259,7 @@ fn start_publisher(
         setpoints: queues.setpoints,
         periphery: PeripheryTrack::new(setup.tool, queues.periphery),
         spindles: SpindleCommands::new(&setup.machine.signals, setup.period_ns),
+        override_off_mask: 0,
         signals: queues.signals,
         stops: StopWatch::start(setup, Clock::Realtime)?,
         status: queues.status,

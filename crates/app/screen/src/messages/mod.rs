@@ -15,6 +15,7 @@ mod restart_info;
 mod sample;
 mod screen_status;
 mod signal_info;
+mod spindle_status;
 mod to_page;
 mod trace_entry;
 
@@ -33,5 +34,6 @@ pub use restart_info::RestartInfo;
 pub use sample::{SAMPLE_BYTES, put_sample};
 pub use screen_status::ScreenStatus;
 pub use signal_info::{SignalInfo, SignalValues};
+pub use spindle_status::SpindleStatus;
 pub use to_page::ToPage;
 pub use trace_entry::{TraceEntry, TraceJob};

@@ -4,6 +4,8 @@ use evolvent_wire::{ACTIVITIES, AXES, JOB_RESULTS, MACHINE_STATES, MODES, STATES
 use serde::Serialize;
 use ts_rs::TS;
 
+use super::SpindleStatus;
+
 /// Names and numbers of `tool_change` in Status.
 const TOOL_CHANGES: [(&str, u32); 3] = [("NONE", 0), ("OPERATOR", 1), ("PROGRAM", 2)];
 
@@ -79,6 +81,8 @@ pub struct ScreenStatus {
     pub spindle_override_ratio: f64,
     /// As on the bus.
     pub spindle_rpm: f64,
+    /// The spindles of the machine, the lowest number first.
+    pub spindles: Vec<SpindleStatus>,
     /// As on the bus.
     pub coolant: u32,
     /// As on the bus.
@@ -168,6 +172,7 @@ impl From<&Status> for ScreenStatus {
             rapid_override_ratio: status.rapid_override_ratio,
             spindle_override_ratio: status.spindle_override_ratio,
             spindle_rpm: status.spindle_rpm,
+            spindles: status.spindles().map(SpindleStatus::from).collect(),
             coolant: status.coolant,
             tool: status.tool,
             tool_wanted: status.tool_wanted,

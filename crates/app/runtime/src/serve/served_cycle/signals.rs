@@ -27,6 +27,13 @@ impl ServedParts {
         counts.map(|counts| if counts { now.spindle_override } else { 1.0 })
     }
 
+    /// The spindles for which the program lets it not count, as bits.
+    pub(super) fn override_off_mask(&self) -> u32 {
+        let switches = self.signals.as_ref().map(SignalLoop::overrides);
+        let counts = switches.unwrap_or_default().spindles;
+        (0..counts.len()).fold(0, |mask, number| mask | u32::from(!counts[number]) << number)
+    }
+
     /// Inputs that have come count for the next setpoint.
     pub(super) fn apply_inputs(&mut self) {
         if let Some(signals) = &mut self.signals {

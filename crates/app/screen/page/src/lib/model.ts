@@ -54,6 +54,16 @@ export type RunState =
   | 'done';
 export type JobResult = 'none' | 'done' | 'stopped' | 'failed' | 'fault';
 
+export interface Spindle {
+  number: number;
+  /** present command, rpm, on its ramp, negative counter-clockwise */
+  command: number;
+  /** rpm, negative counter-clockwise; null where nothing measures it */
+  measured: number | null;
+  /** false where the program has switched the spindle override off */
+  overrideCounts: boolean;
+}
+
 /** One coherent moment of the machine. Lengths in mm, angles in degrees, times in s. */
 export interface Status {
   time: number;
@@ -80,6 +90,8 @@ export interface Status {
   rapidOverride: number;
   spindleOverride: number;
   spindleRpm: number;
+  /** the spindles of the machine, the lowest number first */
+  spindles: Spindle[];
   coolant: number;
   tool: number;
   toolChange: 'none' | 'operator' | 'program';

@@ -39,7 +39,7 @@ export class MadeUp implements Source {
     time: 0, machineState: 'estop', mode: 'manual', activity: 'none', state: 'idle', line: 0, job: 0, jobResult: 'none',
     program: 'bore-200.ngc', homed: [false, false, false], machine: [0, 0, 0], work: [0, 0, 0], toGo: [0, 0, 0], velocity: [0, 0, 0],
     workOffset: [10, -20, 5.5], toolOffset: [0, 0, 0], actual: null, followingError: null, feed: 0, feedProgrammed: 0,
-    override: 1, rapidOverride: 1, spindleOverride: 1, spindleRpm: 0, coolant: 0, tool: 3, toolChange: 'none', toolWanted: 0,
+    override: 1, rapidOverride: 1, spindleOverride: 1, spindleRpm: 0, spindles: [], coolant: 0, tool: 3, toolChange: 'none', toolWanted: 0,
     workSystem: 'G54', modal: ['G0', 'G17', 'G21', 'G54', 'G90', 'G94'], alarms: [], alarmText: '', message: '', singleStep: false,
     optionalStop: false, blockDelete: false, hold: false, chainOpen: false, inputWait: false, pathDone: 0, pathToGo: 0, lateCycles: 0,
     latenessNs: 12_000, longestStopMm: 0, longestStopS: 0, away: [false, false, false], awayParts: 0, retraceBlocks: 0,
@@ -188,7 +188,7 @@ export class MadeUp implements Source {
         break;
       }
       case 'handwheel': Object.assign(s, { handwheelAxis: command.axis, handwheelStep: command.axis === null ? 0 : command.step || 0.001 }); break;
-      case 'reset': Object.assign(s, { modal: ['G0', 'G17', 'G21', 'G54', 'G90', 'G94'], spindleRpm: 0, coolant: 0, alarms: [], alarmText: '', message: '' }); break;
+      case 'reset': Object.assign(s, { modal: ['G0', 'G17', 'G21', 'G54', 'G90', 'G94'], spindleRpm: 0, spindles: [], coolant: 0, alarms: [], alarmText: '', message: '' }); break;
       case 'mdi':
         if (/M3 S(\d+)/.test(command.block)) s.spindleRpm = Number(/M3 S(\d+)/.exec(command.block)![1]);
         if (/G91/.test(command.block)) s.modal = s.modal.map((code) => (code === 'G90' ? 'G91' : code));

@@ -215,6 +215,12 @@ export class Server implements Source {
       rapidOverride: status.rapid_override_ratio,
       spindleOverride: status.spindle_override_ratio,
       spindleRpm: status.spindle_rpm,
+      spindles: status.spindles.map((spindle) => ({
+        number: spindle.number,
+        command: spindle.command_rpm,
+        measured: spindle.measured_rpm,
+        overrideCounts: spindle.override_counts,
+      })),
       coolant: status.coolant,
       tool: status.tool,
       toolChange: status.tool_change,

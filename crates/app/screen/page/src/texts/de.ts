@@ -133,6 +133,9 @@ export const de: Texts = {
     spindle: 'Spindel',
     reset: 'Zurück auf 100 %',
     resetOf: (name) => `${name}: zurück auf 100 %`,
+    off: 'aus',
+    offFor: (numbers) => `aus: ${numbers}`,
+    programOff: 'Das Programm hat ihn für diese Spindeln abgeschaltet (M49, M51 P0)',
   },
   views: {
     label: 'Ansichten',
@@ -180,6 +183,7 @@ export const de: Texts = {
     probeStates: { none: 'unbekannt', open: 'offen', tripped: 'ausgelöst' },
     spindle: 'Spindel',
     rpm: (speed) => `Soll ${speed} 1/min`,
+    measured: (speed) => `, Ist ${speed}`,
     note: 'Namen und Nummern der Maschinendatei. Ausgänge lassen sich setzen, solange höchstens von Hand verfahren wird; Eingänge, die keine Brücke liest, sind unbekannt.',
   },
   handwheel: {

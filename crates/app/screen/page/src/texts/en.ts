@@ -138,6 +138,9 @@ export const en = {
     spindle: 'Spindle',
     reset: 'Back to 100 %',
     resetOf: (name: string) => `${name} override back to 100 %`,
+    off: 'off',
+    offFor: (numbers: string) => `off: ${numbers}`,
+    programOff: 'The program has switched it off for these spindles (M49, M51 P0)',
   },
   views: {
     label: 'Views',
@@ -185,6 +188,7 @@ export const en = {
     probeStates: { none: 'unknown', open: 'open', tripped: 'tripped' },
     spindle: 'Spindle',
     rpm: (speed: string) => `${speed} rpm commanded`,
+    measured: (speed: string) => `, ${speed} measured`,
     note: 'Names and numbers of the machine file. An output is set while nothing moves but a jog; inputs are unknown while no bridge reads them.',
   },
   handwheel: {

@@ -1,0 +1,152 @@
+//! The end of a run whose spindles have ramps: the axes rest, with setpoints as before, until the ramps have ended at 0.
+
+use evolvent_machine::SignalSettings;
+use evolvent_motion::{Setpoint, State, flags};
+use evolvent_path::Axes;
+
+use crate::shared::Controls;
+
+/// Time beyond the longest ramp for the publisher to follow, ns.
+const MARGIN_NS: u64 = 500_000_000;
+
+/// Whether a run whose program has ended goes on for its spindles. Real-time safe.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SpindleRundown {
+    /// Setpoints after the end at most; 0 where no spindle has a ramp.
+    max_cycles: u64,
+    /// The setpoint with which the program has ended.
+    ended: Option<u64>,
+    is_running: bool,
+}
+
+impl SpindleRundown {
+    /// The run ends with its program.
+    pub(crate) const NONE: Self = Self {
+        max_cycles: 0,
+        ended: None,
+        is_running: false,
+    };
+
+    /// As long as the slowest ramp takes from the highest speed, at most.
+    pub(crate) fn new(settings: &SignalSettings, period_ns: u64) -> Self {
+        let longest_s = settings
+            .spindles
+            .iter()
+            .filter_map(|spindle| Some(spindle.max_rpm / spindle.ramp_rpm_s?))
+            .fold(0.0, f64::max);
+        if longest_s == 0.0 {
+            return Self::NONE;
+        }
+        let longest_ns = (longest_s * 1e9) as u64;
+        Self {
+            max_cycles: longest_ns.saturating_add(MARGIN_NS) / period_ns.max(1),
+            ..Self::NONE
+        }
+    }
+
+    /// Whether the last setpoint was not the last of the run although its program had ended.
+    pub(crate) fn is_running(&self) -> bool {
+        self.is_running
+    }
+
+    /// With a setpoint that could be the last: whether another follows. It then loses its flag LAST. After a fault, and with
+    /// the emergency-stop chain open, ramps end at once.
+    pub(crate) fn follow(&mut self, setpoint: &mut Setpoint, controls: &Controls, is_estopped: bool) -> bool {
+        let is_at_end = setpoint.flags & flags::LAST != 0
+            && matches!(setpoint.state, State::Done | State::Stopped)
+            && !is_estopped;
+        self.is_running = false;
+        if is_at_end && self.max_cycles > 0 {
+            let ended = *self.ended.get_or_insert(setpoint.sequence);
+            let is_bounded = setpoint.sequence - ended < self.max_cycles;
+            self.is_running = is_bounded && !controls.are_ramps_at_rest_after(ended);
+        }
+        if self.is_running {
+            setpoint.flags &= !flags::LAST;
+        }
+        self.is_running
+    }
+}
+
+/// The setpoint after the end of a program: the axes rest. It is the last unless another follows.
+pub(crate) fn rest_after(last: &Setpoint) -> Setpoint {
+    Setpoint {
+        sequence: last.sequence + 1,
+        velocity: Axes::zeros(),
+        acceleration: Axes::zeros(),
+        jerk: Axes::zeros(),
+        feed_mm_s: 0.0,
+        flags: flags::LAST,
+        ..*last
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_machine::{AtSpeed, SpindleSettings};
+
+    use super::*;
+
+    fn settings(ramp_rpm_s: Option<f64>) -> SignalSettings {
+        SignalSettings {
+            spindles: vec![SpindleSettings {
+                number: 2,
+                max_rpm: 3000.0,
+                reverse: true,
+                at_speed: AtSpeed::Unknown,
+                at_speed_timeout_s: 10.0,
+                acceleration_rpm_s: None,
+                ramp_rpm_s,
+            }],
+            ..SignalSettings::default()
+        }
+    }
+
+    fn last(sequence: u64, state: State) -> Setpoint {
+        Setpoint {
+            sequence,
+            position: Axes::zeros(),
+            velocity: Axes::zeros(),
+            acceleration: Axes::zeros(),
+            jerk: Axes::zeros(),
+            path_mm: 0.0,
+            feed_mm_s: 0.0,
+            feed_override: 1.0,
+            line: 3,
+            block: 2,
+            state,
+            flags: flags::LAST,
+            actions: 0,
+        }
+    }
+
+    /// Setpoints until one keeps its flag; the publisher tells of each `lag` setpoints later.
+    fn cycles(settings: &SignalSettings, state: State, turns_until: u64, lag: u64) -> u64 {
+        let controls = Controls::new(1.0);
+        let mut rundown = SpindleRundown::new(settings, 1_000_000);
+        let mut setpoint = last(100, state);
+        while rundown.follow(&mut setpoint, &controls, false) {
+            assert_eq!(setpoint.flags & flags::LAST, 0);
+            let told = setpoint.sequence.saturating_sub(lag);
+            controls.report_ramps(told, told < turns_until);
+            setpoint = rest_after(&setpoint);
+        }
+        assert_eq!(setpoint.flags, flags::LAST);
+        setpoint.sequence - 100
+    }
+
+    #[test]
+    fn a_run_goes_on_until_its_ramps_have_ended_and_no_longer_than_they_can_take() {
+        let ramp = settings(Some(1000.0));
+        assert_eq!(cycles(&ramp, State::Done, 700, 2), 603);
+        assert_eq!(cycles(&ramp, State::Stopped, 700, 2), 603);
+        // What was said before the end is not about its ramps.
+        assert_eq!(cycles(&ramp, State::Done, 0, 2), 3);
+        // 3 s of ramp and half a second.
+        assert_eq!(cycles(&ramp, State::Done, u64::MAX, 2), 3500);
+        assert_eq!(cycles(&ramp, State::Fault, 700, 2), 0);
+        assert_eq!(cycles(&settings(None), State::Done, 700, 2), 0);
+        let mut rundown = SpindleRundown::new(&ramp, 1_000_000);
+        assert!(!rundown.follow(&mut last(5, State::Stopped), &Controls::new(1.0), true));
+    }
+}
