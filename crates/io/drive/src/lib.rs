@@ -35,7 +35,8 @@
 //! In a bridge, [`Follower`] converts setpoints that arrive early, late or not at all to a target for every
 //! period of the drives: it bridges a few missing ones, then brakes within the limits ([`Brake`]) and holds;
 //! it rejects jumps. [`IndexLatch`] keeps the request for an index pulse. [`Gantry`] squares the beam of two
-//! motors of one axis. [`Cia402`] brings a drive to the requested power state. [`DriveMachine`] is the drive's
+//! motors of one axis. [`SpindleEncoder`] converts counts and index pulses to the angle of a spindle, and
+//! [`SpindleOrientation`] turns it to an angle. [`Cia402`] brings a drive to the requested power state. [`DriveMachine`] is the drive's
 //! own state machine, for simulated drives and tests.
 //!
 //! Time is an argument. Everything except the constructors may be called from a real-time cycle.
@@ -54,7 +55,9 @@ mod interpolation;
 mod output_follower;
 mod phase;
 mod power;
+mod spindle_encoder;
 mod spindle_entry;
+mod spindle_orientation;
 mod status_word;
 mod watch;
 
@@ -72,7 +75,11 @@ pub use interpolation::{InterpolationError, InterpolationTime};
 pub use output_follower::{OutputFault, OutputFollower};
 pub use phase::{MAX_CORRECTION_RATIO, PhaseLock, PhaseSettings};
 pub use power::{BridgeState, Note, PowerRequest};
+pub use spindle_encoder::{
+    SpindleConditions, SpindleEncoder, SpindleEncoderFault, SpindleEncoderSettings, SpindleIndex,
+};
 pub use spindle_entry::{SpindleEntry, SpindleFault};
+pub use spindle_orientation::{OrientationSettings, SpindleOrientation};
 pub use status_word::{DriveState, bits};
 pub use watch::{FeedbackWatch, Presence, WatchMode, WatchSettings};
 
