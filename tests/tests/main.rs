@@ -41,6 +41,7 @@ mod served_traces;
 mod signals_in_c;
 mod spindle_ramps;
 mod spindles;
+mod spindles_on_bridges;
 mod surface_speed;
 mod systemd_units;
 mod threads;

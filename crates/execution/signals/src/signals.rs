@@ -180,6 +180,11 @@ impl Signals {
             self.tracker.forget();
         }
         let before = self.inputs.angle.filter(|_| !is_of_other);
+        let is_indexed = |image: &InputImage| {
+            let state = image.spindle(inputs.angle_spindle);
+            state.is_some_and(|state| state.indexed)
+        };
+        let has_moved = is_indexed(&self.inputs) != is_indexed(inputs);
         self.inputs = *inputs;
         self.probe.observe(&inputs.probe);
         match (&inputs.angle, before) {
@@ -189,6 +194,13 @@ impl Signals {
                 self.tracker.observe(now);
             }
             _ => {}
+        }
+        if has_moved {
+            // The index pulse moves the zero: what was learned before it is of another angle. A trace tells this after the sample.
+            self.tracker.forget();
+            if let Some(now) = &inputs.angle {
+                self.tracker.observe(now);
+            }
         }
         if let Some(wait) = &mut self.wait {
             wait.observe(inputs);

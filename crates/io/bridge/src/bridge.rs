@@ -55,6 +55,9 @@ pub trait Hardware {
     /// Whether it has inputs or outputs of the machine.
     fn has_signals(&self) -> bool;
 
+    /// Whether it measures a spindle of the machine.
+    fn measures_spindles(&self) -> bool;
+
     /// A notice as a sentence.
     fn text(&self, notice: Self::Notice) -> String;
 }
@@ -126,6 +129,7 @@ pub fn run_bridge<H: Hardware>(
     let (mut incoming_in, mut incoming) = RingBuffer::new(ROOM);
     let (mut feedback, mut feedback_out) = RingBuffer::new(ROOM);
     let (mut inputs, mut inputs_out) = RingBuffer::new(ROOM);
+    let (mut spindles, mut spindles_out) = RingBuffer::new(ROOM);
     let (mut notices, mut notices_out) = RingBuffer::new(ROOM_FOR_NOTICES);
     let (failures, failures_out) = std::sync::mpsc::channel::<H::Failure>();
     let (gaps, gaps_out) = std::sync::mpsc::channel::<String>();
@@ -153,6 +157,7 @@ pub fn run_bridge<H: Hardware>(
                     incoming: &mut incoming,
                     feedback: &mut feedback,
                     inputs: &mut inputs,
+                    spindles: &mut spindles,
                     notices: &mut notices,
                     stop: ended,
                     period_ns,
@@ -171,6 +176,7 @@ pub fn run_bridge<H: Hardware>(
             incoming: &mut incoming_in,
             feedback: &mut feedback_out,
             inputs: &mut inputs_out,
+            spindles: &mut spindles_out,
             folders,
             connections: 0,
         };

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use evolvent_bus::{
     BusError, ClientBus, ClientConfig, Feedback, FeedbackSender, InputSender, MachineInputs, OutputReader,
-    ReceiveError, SetpointReader, bus_folders,
+    ReceiveError, SetpointReader, SpindleFeedback, SpindleSender, bus_folders,
 };
 use evolvent_path::{AxisLetter, AxisMask};
 use rtrb::{Consumer, Producer};
@@ -25,6 +25,8 @@ struct Ports {
     feedback: FeedbackSender,
     /// If the hardware has signals.
     signals: Option<(OutputReader, InputSender)>,
+    /// If the hardware measures spindles.
+    spindles: Option<SpindleSender>,
     /// Ports are part of the client's node.
     _client: ClientBus,
 }
@@ -38,6 +40,7 @@ pub(crate) struct BusSide<'a, H> {
     pub(crate) incoming: &'a mut Producer<Incoming>,
     pub(crate) feedback: &'a mut Consumer<Feedback>,
     pub(crate) inputs: &'a mut Consumer<MachineInputs>,
+    pub(crate) spindles: &'a mut Consumer<SpindleFeedback>,
     /// Folders of the bus to which this thread has kept its rights, with what tells each from one that is made in its place.
     pub(crate) folders: Vec<(PathBuf, String)>,
     pub(crate) connections: u32,
@@ -79,7 +82,10 @@ impl<H: Hardware> BusSide<'_, H> {
                 Some(ports) => self.pass_on(ports, &mut heard_ns),
                 None => {
                     // The next core must not receive messages for the previous one.
-                    while self.feedback.pop().is_ok() || self.inputs.pop().is_ok() {}
+                    while self.feedback.pop().is_ok()
+                        || self.inputs.pop().is_ok()
+                        || self.spindles.pop().is_ok()
+                    {}
                     false
                 }
             };
@@ -134,6 +140,11 @@ impl<H: Hardware> BusSide<'_, H> {
                 let _lost = inputs.send(&message);
             }
         }
+        if let Some(spindles) = &mut ports.spindles {
+            while let Ok(message) = self.spindles.pop() {
+                let _lost = spindles.send(&message);
+            }
+        }
         false
     }
 
@@ -149,6 +160,11 @@ impl<H: Hardware> BusSide<'_, H> {
             feedback: client.feedback_sender()?,
             signals: if self.hardware.has_signals() {
                 Some((client.outputs()?, client.input_sender()?))
+            } else {
+                None
+            },
+            spindles: if self.hardware.measures_spindles() {
+                Some(client.spindle_sender()?)
             } else {
                 None
             },

@@ -2,7 +2,7 @@
 
 use core::sync::atomic::{AtomicBool, AtomicU64};
 
-use evolvent_bus::{Feedback, MachineInputs, MachineOutputs, Setpoint};
+use evolvent_bus::{Feedback, MachineInputs, MachineOutputs, Setpoint, SpindleFeedback};
 use rtrb::{Consumer, Producer};
 
 /// A message from the bus.
@@ -26,6 +26,8 @@ pub struct BusEnds<'a, N> {
     pub feedback: &'a mut Producer<Feedback>,
     /// Inputs of the machine.
     pub inputs: &'a mut Producer<MachineInputs>,
+    /// Feedback of the spindles, one per spindle and cycle.
+    pub spindles: &'a mut Producer<SpindleFeedback>,
     /// Events for the log.
     pub notices: &'a mut Producer<N>,
     /// Set to end the session.

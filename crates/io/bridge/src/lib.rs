@@ -29,6 +29,9 @@
 //!     fn has_signals(&self) -> bool {
 //!         false
 //!     }
+//!     fn measures_spindles(&self) -> bool {
+//!         false
+//!     }
 //!     fn text(&self, notice: String) -> String {
 //!         notice
 //!     }
@@ -64,6 +67,7 @@ mod gantry_file;
 mod network_card;
 mod privileges;
 mod round_trips;
+mod spindle_file;
 
 pub use bridge::{BridgeError, BridgeRuns, BridgeSettings, Hardware, run_bridge};
 pub use clock::monotonic_ns;
@@ -73,3 +77,4 @@ pub use follower_settings::follower_settings;
 pub use gantry_file::GantryFile;
 pub use network_card::{CardFinding, CardVerdict, examine_card};
 pub use round_trips::{RoundTrips, measure_round_trips};
+pub use spindle_file::{OrientationFile, SpindleIndexFile, check_gear};

@@ -32,6 +32,9 @@ impl<const UDP: bool> Hardware for Bench<UDP> {
     fn has_signals(&self) -> bool {
         false
     }
+    fn measures_spindles(&self) -> bool {
+        false
+    }
     fn text(&self, notice: String) -> String {
         notice
     }

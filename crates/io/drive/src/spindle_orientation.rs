@@ -9,6 +9,8 @@ const WAY_COUNTER_CLOCKWISE: u32 = 2;
 const CATCH_RATIO: f64 = 1.2;
 /// It must have been within the tolerance for so long.
 const SETTLED_NS: u64 = 50_000_000;
+/// The integral acts within this multiple of the tolerance: on the way it would only make the spindle overshoot.
+const INTEGRAL_WITHIN: f64 = 10.0;
 /// Greatest part of the integral in the command, of the greatest speed.
 const INTEGRAL_RATIO: f64 = 0.2;
 
@@ -101,8 +103,7 @@ impl SpindleOrientation {
         let most = most / 60.0;
         let integral = self.integral + self.settings.integral_gain * error * period_s;
         let proportional = self.settings.gain * error;
-        // The integral waits while the speed is at its limit.
-        if proportional.abs() < most {
+        if error.abs() < INTEGRAL_WITHIN * self.tolerance(encoder) {
             self.integral = integral.clamp(-INTEGRAL_RATIO * most, INTEGRAL_RATIO * most);
         }
         (proportional + self.integral).clamp(-most, most) * 60.0

@@ -179,6 +179,10 @@ impl Hardware for RunSettings {
         self.network.has_signals()
     }
 
+    fn measures_spindles(&self) -> bool {
+        false
+    }
+
     fn text(&self, notice: Notice) -> String {
         match notice {
             Notice::Operational { clocks: true } => {

@@ -140,7 +140,9 @@ impl AxisSet {
 
     /// What has become of the request for an index pulse. It is taken over, for the core, once the board would latch the pulse.
     fn take_index(&mut self, inputs: &Inputs) {
-        let reading = self.encoder_index.take(inputs.index_number, inputs.index_control);
+        let reading = self
+            .encoder_index
+            .take(inputs.index_numbers[0], inputs.index_controls[0]);
         if reading == IndexReading::Nothing {
             return;
         }
@@ -198,7 +200,7 @@ impl AxisSet {
             self.index.rename(&shift);
         }
         self.request_index(target.index);
-        outputs.index = self.encoder_index.command();
+        outputs.index[0] = self.encoder_index.command();
         self.step_gantries(enabled, &target);
         // Axes that cannot follow together do not follow at all.
         if target.power == PowerRequest::Off {

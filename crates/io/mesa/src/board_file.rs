@@ -15,10 +15,11 @@ use thiserror::Error;
 
 use axis::{AxisFile, check_gantries};
 use pins::{InputPinFile, OutputPinFile, PinFile};
-use spindle::SpindleFile;
+use spindle::SpindleFiles;
 
 use crate::board_settings::{
     BoardAxis, BoardSettings, InputPin, InputSource, OutputPin, OutputTarget, Pin, RemoteSettings,
+    SpindleOrienting, SpindleSpeed,
 };
 use crate::smart_serial::MAX_REMOTES;
 
@@ -78,8 +79,9 @@ pub(crate) struct BoardFile {
     /// Outputs of the machine file that are set at pins or PWM generators.
     #[serde(default)]
     output: Vec<OutputPinFile>,
-    /// A spindle with analog speed.
-    spindle: Option<SpindleFile>,
+    /// The spindles: speed, direction, encoder.
+    #[serde(default)]
+    spindle: SpindleFiles,
     /// Pin for flood coolant.
     flood: Option<PinFile>,
     /// Pin for mist coolant.
@@ -221,10 +223,7 @@ impl BoardSettings {
                 target,
             });
         }
-        let spindle = match &read.spindle {
-            Some(spindle) => Some(spindle.check(&sheet)?),
-            None => None,
-        };
+        let spindles = read.spindle.check(&axes, &sheet)?;
         let settings = Self {
             address,
             name: read.name,
@@ -237,7 +236,7 @@ impl BoardSettings {
             axes,
             inputs,
             outputs,
-            spindle,
+            spindles,
             coolant: [
                 PinFile::check_driven(read.flood, &sheet, "flood")?,
                 PinFile::check_driven(read.mist, &sheet, "mist")?,
@@ -276,14 +275,27 @@ impl BoardSettings {
         }
         add("flood.remote".to_owned(), self.coolant[0]);
         add("mist.remote".to_owned(), self.coolant[1]);
-        if let Some(spindle) = &self.spindle {
-            add("spindle.forward.remote".to_owned(), spindle.forward);
-            add("spindle.reverse.remote".to_owned(), spindle.reverse);
-            used.extend(
-                spindle
-                    .remote
-                    .map(|(remote, _)| ("spindle.remote".to_owned(), remote)),
-            );
+        for (i, spindle) in self.spindles.iter().enumerate() {
+            let (orient, oriented) = match spindle.orienting {
+                Some(SpindleOrienting::Drive { command, reached, .. }) => (Some(command), Some(reached)),
+                _ => (None, None),
+            };
+            for (name, pin) in [
+                ("forward", spindle.forward),
+                ("reverse", spindle.reverse),
+                ("enable", spindle.enable),
+                ("fault", spindle.fault),
+                ("at_speed", spindle.at_speed),
+                ("orient", orient),
+                ("oriented", oriented),
+            ] {
+                add(format!("spindle[{i}].{name}.remote"), pin);
+            }
+        }
+        for (i, spindle) in self.spindles.iter().enumerate() {
+            if let Some(SpindleSpeed::Remote { remote, .. }) = spindle.speed {
+                used.push((format!("spindle[{i}].remote"), remote));
+            }
         }
         for (i, input) in self.inputs.iter().enumerate() {
             let remote = match &input.source {

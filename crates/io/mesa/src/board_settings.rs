@@ -2,7 +2,7 @@
 
 use std::net::IpAddr;
 
-use evolvent_drive::GantrySettings;
+use evolvent_drive::{GantrySettings, OrientationSettings, SpindleEncoderSettings};
 
 /// A board file, checked.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,8 +29,8 @@ pub struct BoardSettings {
     pub inputs: Vec<InputPin>,
     /// Outputs by name.
     pub outputs: Vec<OutputPin>,
-    /// A spindle.
-    pub spindle: Option<SpindlePins>,
+    /// The spindles.
+    pub spindles: Vec<BoardSpindle>,
     /// Flood and mist.
     pub coolant: [Option<Pin>; 2],
 }
@@ -114,19 +114,75 @@ pub struct OutputPin {
     pub target: OutputTarget,
 }
 
-/// A spindle's outputs.
+/// The output of a spindle's speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SpindlePins {
+pub enum SpindleSpeed {
+    /// A PWM generator.
+    Pwm {
+        /// Number.
+        unit: usize,
+        /// Speed at full output, rpm.
+        full_rpm: f64,
+        /// Negative counter-clockwise.
+        signed: bool,
+    },
+    /// The spindle outputs of a smart-serial device.
+    Remote {
+        /// The device.
+        remote: usize,
+        /// Speed at full output, rpm.
+        full_rpm: f64,
+    },
+}
+
+/// The encoder of a spindle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpindleAngleSource {
+    /// Its number.
+    pub encoder: usize,
+    /// The rising edge of its index input is the index pulse; otherwise the falling one.
+    pub index_rising: bool,
+    /// Counts, gear, tolerances.
+    pub settings: SpindleEncoderSettings,
+}
+
+/// What turns a spindle to an angle (M19).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SpindleOrienting {
+    /// A position loop of the bridge.
+    Loop(OrientationSettings),
+    /// The drive.
+    Drive {
+        /// Output that commands it.
+        command: Pin,
+        /// Input that says that the spindle is there.
+        reached: Pin,
+        /// The drive's angle, degrees.
+        angle_deg: f64,
+    },
+}
+
+/// A spindle, checked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoardSpindle {
     /// Number in the machine file.
     pub number: usize,
-    /// PWM generator, and rpm at full output.
-    pub speed: Option<(usize, f64)>,
-    /// Smart-serial device, and rpm at full output.
-    pub remote: Option<(usize, f64)>,
+    /// Its speed.
+    pub speed: Option<SpindleSpeed>,
     /// Clockwise.
     pub forward: Option<Pin>,
     /// Counter-clockwise.
     pub reverse: Option<Pin>,
+    /// Enables the drive.
+    pub enable: Option<Pin>,
+    /// The drive's fault.
+    pub fault: Option<Pin>,
+    /// The drive's report that the speed is reached.
+    pub at_speed: Option<Pin>,
+    /// Its encoder.
+    pub angle: Option<SpindleAngleSource>,
+    /// M19.
+    pub orienting: Option<SpindleOrienting>,
 }
 
 /// Times of a step generator, ns.
@@ -199,4 +255,15 @@ pub struct BoardAxis {
     pub switches: [Option<Pin>; 3],
     /// Set for the second motor of its axis.
     pub gantry: Option<GantrySettings>,
+}
+
+impl BoardAxis {
+    /// The encoder of a servo.
+    #[must_use]
+    pub const fn encoder(&self) -> Option<usize> {
+        match self.actuator {
+            Actuator::Servo { encoder, .. } => Some(encoder),
+            Actuator::Steps { .. } => None,
+        }
+    }
 }

@@ -1,10 +1,13 @@
 //! Checks that a board file fits a machine file.
 
+use evolvent_drive::SpindleIndex;
 use evolvent_machine::{HomingMethod, Machine, SignalKind};
 use evolvent_path::AxisLetter;
 use thiserror::Error;
 
-use crate::board_settings::{Actuator, BoardAxis, BoardSettings, InputSource, OutputTarget};
+use crate::board_settings::{
+    Actuator, BoardAxis, BoardSettings, InputSource, OutputTarget, SpindleOrienting, SpindleSpeed,
+};
 
 /// Maximum speed of squaring, as a fraction of the maximum velocity: motors may exceed that velocity by as much.
 const SQUARE_FRACTION: f64 = 0.2;
@@ -90,6 +93,31 @@ pub enum FitError {
         kind: &'static str,
         /// "input" or "output".
         direction: &'static str,
+    },
+    /// A spindle that is measured, and cannot reach its speed.
+    #[error(
+        "spindle {number}: max_rpm of the machine file is {needed:.0}, and {possible:.0} possible at full output: lower max_rpm, or \
+         correct full_rpm"
+    )]
+    FullSpeed {
+        /// Its number.
+        number: usize,
+        /// Value of the machine file.
+        needed: f64,
+        /// Value of the board file.
+        possible: f64,
+    },
+    /// A spindle that is turned to an angle faster than it may turn.
+    #[error(
+        "spindle {number}: orientation at {speed:.1} rpm is above its max_rpm, {most:.1}: lower orientation.rpm"
+    )]
+    OrientationSpeed {
+        /// Its number.
+        number: usize,
+        /// Value of the board file.
+        speed: f64,
+        /// The maximum.
+        most: f64,
     },
     /// A spindle that is not in the machine file.
     #[error("spindle {number} is not in the machine file: correct its number, or add [[spindle]] there")]
@@ -181,11 +209,31 @@ pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitErro
             });
         }
     }
-    if let Some(spindle) = &board.spindle
-        && signals.spindle(spindle.number as u32).is_none()
-    {
+    for spindle in &board.spindles {
         let number = spindle.number;
-        return Err(FitError::NoSpindle { number });
+        let Some(listed) = signals.spindle(number as u32) else {
+            return Err(FitError::NoSpindle { number });
+        };
+        let full_rpm = match spindle.speed {
+            Some(SpindleSpeed::Pwm { full_rpm, .. } | SpindleSpeed::Remote { full_rpm, .. }) => full_rpm,
+            None => f64::INFINITY,
+        };
+        if spindle.angle.is_some() && full_rpm < listed.max_rpm {
+            return Err(FitError::FullSpeed {
+                number,
+                needed: listed.max_rpm,
+                possible: full_rpm,
+            });
+        }
+        if let Some(SpindleOrienting::Loop(settings)) = spindle.orienting
+            && settings.max_rpm > listed.max_rpm
+        {
+            return Err(FitError::OrientationSpeed {
+                number,
+                speed: settings.max_rpm,
+                most: listed.max_rpm,
+            });
+        }
     }
     Ok(())
 }
@@ -234,9 +282,52 @@ fn check_motor(motor: &BoardAxis, letter: char, max_velocity: f64, needed: f64) 
     Ok(())
 }
 
-/// Notes about a valid pair of files: motors that are coarser than the machine's increments.
+/// Notes about a valid pair of files: motors that are coarser than the machine's increments, and spindles of which one file says that
+/// they are measured and the other does not.
 #[must_use]
 pub fn fit_notes(machine: &Machine, board: &BoardSettings) -> Vec<String> {
+    let mut notes = coarse_motors(machine, board);
+    for listed in &machine.signals.spindles {
+        let number = listed.number;
+        let spindle = board
+            .spindles
+            .iter()
+            .find(|spindle| spindle.number == number as usize);
+        let angle = spindle.and_then(|spindle| spindle.angle);
+        notes.extend(match (listed.has_feedback(), angle) {
+            (true, None) => Some(format!(
+                "spindle {number} has feedback = true in the machine file and no encoder in the board file: threads, M19 and every \
+                 feed behind M3 wait for another bridge that measures it; give encoder and counts_per_rev at its [[spindle]]"
+            )),
+            (false, Some(_)) => Some(format!(
+                "spindle {number} has an encoder in the board file, and nobody uses it: write feedback = true at its [[spindle]] in \
+                 the machine file"
+            )),
+            (true, Some(angle)) if angle.settings.index == SpindleIndex::None => Some(format!(
+                "spindle {number} has index = \"none\": its speed is measured, but its angle is not known, and threads and M19 are \
+                 refused"
+            )),
+            (true, Some(angle)) if angle.settings.index == SpindleIndex::PerEncoderTurn => Some(format!(
+                "spindle {number} has its index on an encoder behind a gear: after a restart of the bridge a thread that was begun \
+                 before may not be met again"
+            )),
+            _ => None,
+        });
+        if let Some(spindle) = spindle
+            && angle.is_some()
+            && listed.has_feedback()
+            && spindle.knows_angle()
+            && spindle.orienting.is_none()
+        {
+            notes.push(format!(
+                "spindle {number}: M19 is not possible, because nothing turns it to an angle (orientation, or orient and oriented)"
+            ));
+        }
+    }
+    notes
+}
+
+fn coarse_motors(machine: &Machine, board: &BoardSettings) -> Vec<String> {
     let increments = machine.increments();
     let coarse = board
         .axes

@@ -50,11 +50,12 @@ mod run;
 mod session;
 mod signals;
 mod smart_serial;
+mod spindle;
 
 pub use board_file::{BoardFileError, board_schema};
 pub use board_settings::{
-    Actuator, BoardAxis, BoardSettings, Gains, InputPin, InputSource, OutputPin, OutputTarget, Pin,
-    RemoteSettings, SpindlePins, StepTiming,
+    Actuator, BoardAxis, BoardSettings, BoardSpindle, Gains, InputPin, InputSource, OutputPin, OutputTarget,
+    Pin, RemoteSettings, SpindleAngleSource, SpindleOrienting, SpindleSpeed, StepTiming,
 };
 pub use description::{Description, DescriptionError, Module, PinFunction, tag};
 pub use evolvent_bridge::BridgeError;

@@ -3,7 +3,10 @@
 mod error;
 
 pub use self::error::PlanError;
-use crate::board_settings::{Actuator, BoardAxis, BoardSettings, InputSource, OutputTarget, Pin};
+use crate::board_settings::{
+    Actuator, BoardAxis, BoardSettings, BoardSpindle, InputSource, OutputTarget, Pin, SpindleOrienting,
+    SpindleSpeed,
+};
 use crate::description::{Description, Module, PinFunction, tag};
 use crate::encoder_index::{INDEX_RISING, IndexCommand, QUADRATURE};
 use crate::field_pins::{
@@ -11,6 +14,7 @@ use crate::field_pins::{
 };
 use crate::packet::{Packet, PacketFull, Space};
 use crate::smart_serial::{Element, MAX_REMOTES, SerialInputs, SerialOutputs, SmartSerial, WORDS};
+use evolvent_bus::SPINDLES;
 
 /// Maximum number of ports.
 pub(crate) const MAX_PORTS: usize = 8;
@@ -18,9 +22,13 @@ pub(crate) const MAX_PORTS: usize = 8;
 const MAX_PINS: usize = 144;
 /// Maximum number of instances of one module.
 pub(crate) const MAX_UNITS: usize = 16;
-/// Scratch words of the timer space: number of the write packet, of the read packet, of the session, and of the last arming of an
+/// Scratch words of the timer space: number of the write packet, of the read packet, of the session, and of the last arming of each
 /// index latch.
 pub(crate) const SCRATCH: u16 = 0x10;
+const INDEX_SCRATCH: u16 = SCRATCH + 6;
+/// Index latches: one of the axes, and one of each spindle from this place on.
+pub(crate) const INDEX_SLOTS: usize = 1 + SPINDLES;
+pub(crate) const SPINDLE_SLOT: usize = 1;
 /// Feeds the watchdog.
 const FEED: u32 = 0x5A00_0000;
 /// Pins of modules.
@@ -51,8 +59,8 @@ pub(crate) struct Outputs {
     pub(crate) field: FieldOutputs,
     /// Process data of smart-serial devices.
     pub(crate) serial: SerialOutputs,
-    /// An index latch that is to be armed.
-    pub(crate) index: Option<IndexCommand>,
+    /// Index latches that are to be armed.
+    pub(crate) index: [Option<IndexCommand>; INDEX_SLOTS],
 }
 
 /// Values read every cycle.
@@ -61,10 +69,10 @@ pub(crate) struct Inputs {
     pub(crate) write_number: u16,
     pub(crate) read_number: u16,
     pub(crate) session: u16,
-    /// Number of the last arming of an index latch.
-    pub(crate) index_number: u16,
-    /// Control register of the encoder whose index pulse is awaited.
-    pub(crate) index_control: u32,
+    /// Number of the last arming of each index latch.
+    pub(crate) index_numbers: [u16; INDEX_SLOTS],
+    /// Control registers of the encoders whose index pulses are awaited.
+    pub(crate) index_controls: [u32; INDEX_SLOTS],
     pub(crate) has_bitten: bool,
     pub(crate) ports: [u32; MAX_PORTS],
     pub(crate) accumulators: [u32; MAX_UNITS],
@@ -109,7 +117,10 @@ pub(crate) struct Plan {
     pwm: Option<(Module, usize)>,
     field: FieldPins,
     serial: Option<SmartSerial>,
-    spindle: Option<RemoteSpindle>,
+    /// Those of the board file that are on smart serial.
+    spindles: [Option<RemoteSpindle>; SPINDLES],
+    /// Index latches in use.
+    index_slots: usize,
     /// Elements of analog inputs: index in the board file's list, device, element.
     numbers: Vec<(usize, usize, Element)>,
     /// Bits of field inputs and field outputs, by device and number.
@@ -131,6 +142,7 @@ impl Plan {
         settings: &BoardSettings,
         serial: Option<SmartSerial>,
         max_velocity: &[f64],
+        max_rpm: &[f64],
         period_s: f64,
     ) -> Result<Self, PlanError> {
         check_name(board, settings)?;
@@ -144,7 +156,8 @@ impl Plan {
             pwm: None,
             field: FieldPins::default(),
             serial,
-            spindle: None,
+            spindles: [const { None }; SPINDLES],
+            index_slots: SPINDLE_SLOT,
             numbers: Vec::new(),
             remote_bits: [[[0; MAX_PINS]; MAX_REMOTES]; 2],
             remote_taken: [[0; WORDS]; MAX_REMOTES],
@@ -181,22 +194,9 @@ impl Plan {
                 OutputTarget::Pwm { unit, .. } => plan.use_pwm(board, unit)?,
             }
         }
-        if let Some(spindle) = &settings.spindle {
-            plan.drive_any(board, spindle.forward)?;
-            plan.drive_any(board, spindle.reverse)?;
-            if let Some((unit, _)) = spindle.speed {
-                plan.use_pwm(board, unit)?;
-            }
-            if let Some((remote, _)) = spindle.remote
-                && let Some(found) = plan.remote(remote)
-            {
-                plan.spindle = Some(RemoteSpindle {
-                    remote,
-                    speed: found.element(true, "SpinOut")?.clone(),
-                    enable: found.element(true, "SpinEna").ok().cloned(),
-                    reverse: found.element(true, "SpinDir").ok().cloned(),
-                });
-            }
+        for (listed, spindle) in settings.spindles.iter().enumerate() {
+            let rpm = max_rpm.get(spindle.number).copied();
+            plan.use_spindle(board, listed, spindle, rpm, period_s)?;
         }
         for pin in settings.coolant {
             plan.drive_any(board, pin)?;
@@ -265,6 +265,59 @@ impl Plan {
         Ok(())
     }
 
+    /// Uses what belongs to a spindle, whose encoder must be slow enough for its counter.
+    fn use_spindle(
+        &mut self,
+        board: &Description,
+        listed: usize,
+        spindle: &BoardSpindle,
+        max_rpm: Option<f64>,
+        period_s: f64,
+    ) -> Result<(), PlanError> {
+        for pin in [spindle.forward, spindle.reverse, spindle.enable] {
+            self.drive_any(board, pin)?;
+        }
+        for pin in [spindle.fault, spindle.at_speed].into_iter().flatten() {
+            self.look_at(board, pin)?;
+        }
+        if let Some(SpindleOrienting::Drive { command, reached, .. }) = spindle.orienting {
+            self.drive(board, command)?;
+            self.look_at(board, reached)?;
+        }
+        match spindle.speed {
+            None => {}
+            Some(SpindleSpeed::Pwm { unit, .. }) => self.use_pwm(board, unit)?,
+            Some(SpindleSpeed::Remote { remote, .. }) => {
+                if let (Some(found), Some(place)) = (
+                    self.serial.as_ref().and_then(|serial| serial.remotes.get(remote)),
+                    self.spindles.get_mut(listed),
+                ) {
+                    *place = Some(RemoteSpindle {
+                        remote,
+                        speed: found.element(true, "SpinOut")?.clone(),
+                        enable: found.element(true, "SpinEna").ok().cloned(),
+                        reverse: found.element(true, "SpinDir").ok().cloned(),
+                    });
+                }
+            }
+        }
+        if let Some(angle) = spindle.angle {
+            let found = module(board, tag::ENCODER, "encoder", angle.encoder, 5)?;
+            grow(&mut self.encoder, found, angle.encoder);
+            self.index_slots = self.index_slots.max((SPINDLE_SLOT + listed + 1).min(INDEX_SLOTS));
+            let per_turn = f64::from(angle.settings.counts_per_turn) * f64::from(angle.settings.gear[0])
+                / f64::from(angle.settings.gear[1]);
+            let counts = max_rpm.filter(|rpm| rpm.is_finite()).unwrap_or(0.0) / 60.0 * per_turn * period_s;
+            if counts > MAX_COUNTS {
+                return Err(PlanError::Counts {
+                    unit: angle.encoder,
+                    counts,
+                });
+            }
+        }
+        Ok(())
+    }
+
     /// Uses what an input of the board file's list is read from.
     fn use_input(
         &mut self,
@@ -303,9 +356,9 @@ impl Plan {
         self.serial.as_ref()
     }
 
-    /// The spindle on smart serial.
-    pub(crate) const fn spindle(&self) -> Option<&RemoteSpindle> {
-        self.spindle.as_ref()
+    /// A spindle of the board file's list that is on smart serial.
+    pub(crate) fn spindle(&self, listed: usize) -> Option<&RemoteSpindle> {
+        self.spindles.get(listed).and_then(Option::as_ref)
     }
 
     /// The value of an analog input on smart serial, by its index in the board file's list.
@@ -507,6 +560,12 @@ impl Plan {
                 packet.write(module.address(1, unit), &[QUADRATURE])?;
             }
         }
+        for angle in settings.spindles.iter().filter_map(|spindle| spindle.angle) {
+            if let Some((module, _)) = self.encoder {
+                let edge = if angle.index_rising { INDEX_RISING } else { 0 };
+                packet.write(module.address(1, angle.encoder), &[QUADRATURE | edge])?;
+            }
+        }
         packets.push(packet.clone());
         packet.clear();
         if let Some((pwm, count)) = self.pwm {
@@ -533,22 +592,24 @@ impl Plan {
         packet.write(self.port.address(1, 0), &self.driven[..self.ports])?;
         self.field.start(&mut packet)?;
         packet.write_word(Space::Timer, SCRATCH, 0)?;
-        packet.write_word(Space::Timer, SCRATCH + 6, 0)?;
+        for slot in 0..self.index_slots {
+            packet.write_word(Space::Timer, INDEX_SCRATCH + 2 * slot as u16, 0)?;
+        }
         packet.write_word(Space::Timer, SCRATCH + 4, session)?;
         packets.push(packet);
         Ok(packets)
     }
 
-    /// The packet that reads all values, and the control register of the encoder whose index pulse is awaited.
+    /// The packet that reads all values, and the control registers of the encoders whose index pulses are awaited.
     pub(crate) fn read(
         &self,
         packet: &mut Packet,
         number: u16,
-        awaited: Option<usize>,
+        awaited: &[Option<usize>; INDEX_SLOTS],
     ) -> Result<(), PacketFull> {
         packet.clear();
         packet.write_word(Space::Timer, SCRATCH + 2, number)?;
-        packet.read(Space::Timer, SCRATCH, 4)?;
+        packet.read(Space::Timer, SCRATCH, 3 + self.index_slots)?;
         packet.read(Space::HostMot2, self.watchdog.address(1, 0), 1)?;
         packet.read(Space::HostMot2, self.port.address(0, 0), self.ports)?;
         if let Some((step, count)) = self.step {
@@ -556,8 +617,8 @@ impl Plan {
         }
         if let Some((encoder, count)) = self.encoder {
             packet.read(Space::HostMot2, encoder.address(0, 0), count)?;
-            if let Some(unit) = awaited {
-                packet.read(Space::HostMot2, encoder.address(1, unit), 1)?;
+            for unit in awaited.iter().flatten() {
+                packet.read(Space::HostMot2, encoder.address(1, *unit), 1)?;
             }
         }
         self.field.read(packet)?;
@@ -565,23 +626,29 @@ impl Plan {
     }
 
     /// Its reply.
-    pub(crate) fn take_reply(&self, mut reply: crate::packet::Reply<'_>, awaited: Option<usize>) -> Inputs {
+    pub(crate) fn take_reply(
+        &self,
+        mut reply: crate::packet::Reply<'_>,
+        awaited: &[Option<usize>; INDEX_SLOTS],
+    ) -> Inputs {
         let mut inputs = Inputs {
             write_number: reply.word(),
             read_number: reply.word(),
             session: reply.word(),
-            index_number: reply.word(),
-            has_bitten: reply.value() & 1 == 1,
             ..Inputs::default()
         };
+        inputs.index_numbers[..self.index_slots].fill_with(|| reply.word());
+        inputs.has_bitten = reply.value() & 1 == 1;
         inputs.ports[..self.ports].fill_with(|| reply.value());
         if let Some((_, count)) = self.step {
             inputs.accumulators[..count].fill_with(|| reply.value());
         }
         if let Some((_, count)) = self.encoder {
             inputs.counts[..count].fill_with(|| reply.value());
-            if awaited.is_some() {
-                inputs.index_control = reply.value();
+            for (control, awaited) in inputs.index_controls.iter_mut().zip(awaited) {
+                if awaited.is_some() {
+                    *control = reply.value();
+                }
             }
         }
         inputs.filtered[..self.field.filters()].fill_with(|| reply.value());
@@ -612,9 +679,11 @@ impl Plan {
             packet.write(pwm.address(0, 0), &values[..count])?;
             packet.write(pwm.address(4, 0), &[outputs.pwm_enable])?;
         }
-        if let (Some(index), Some((encoder, _))) = (outputs.index, self.encoder) {
-            packet.write(encoder.address(1, index.unit), &[index.control])?;
-            packet.write_word(Space::Timer, SCRATCH + 6, index.number)?;
+        for (slot, index) in outputs.index.iter().enumerate() {
+            if let (Some(index), Some((encoder, _))) = (index, self.encoder) {
+                packet.write(encoder.address(1, index.unit), &[index.control])?;
+                packet.write_word(Space::Timer, INDEX_SCRATCH + 2 * slot as u16, index.number)?;
+            }
         }
         packet.write(self.port.address(0, 0), &outputs.ports[..self.ports])?;
         self.field.write(packet, &outputs.field)?;

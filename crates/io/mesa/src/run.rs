@@ -11,6 +11,7 @@ use crate::axis::{APART, COMMUNICATION, EXTERNAL};
 use crate::board_settings::BoardSettings;
 use crate::link::Link;
 use crate::session::{Counters, Ends, Notice, SessionError, run_session};
+use crate::spindle::SpindleNotice;
 
 /// Options of the bridge.
 #[derive(Clone, Debug)]
@@ -108,8 +109,28 @@ impl Hardware for RunSettings {
         true
     }
 
+    fn measures_spindles(&self) -> bool {
+        self.board.spindles.iter().any(|spindle| {
+            let known = self.machine.signals.spindle(spindle.number as u32);
+            spindle.angle.is_some() && known.is_some_and(|known| known.has_feedback())
+        })
+    }
+
     fn text(&self, notice: Notice) -> String {
         match notice {
+            Notice::Spindle { number, notice } => match notice {
+                SpindleNotice::Encoder(fault) => format!("spindle {number}: {fault}"),
+                SpindleNotice::DriveFault => {
+                    format!("spindle {number}: its drive reports a fault at the board's input")
+                }
+                SpindleNotice::NotOriented(None) => format!(
+                    "spindle {number}: M19 is not possible, because nothing turns it to an angle: give `orientation`, or \
+                     `orient` and `oriented`, at its [[spindle]] of the board file"
+                ),
+                SpindleNotice::NotOriented(Some(angle_deg)) => format!(
+                    "spindle {number}: M19 is possible at R{angle_deg} only, the angle of its drive (oriented_deg)"
+                ),
+            },
             Notice::Operational => format!("board at {}: set up", self.board.address),
             Notice::Gantry { axis, fault } => format!("gantry of {}: {fault}", letter(axis)),
             Notice::Squared { axis, by } => format!(

@@ -16,9 +16,10 @@ use crate::description::Description;
 use crate::fit::max_velocity;
 use crate::link::{Link, LinkError};
 use crate::packet::{MAX_PACKET, Packet, PacketFull, Reply};
-use crate::plan::{Inputs, Outputs, Plan, PlanError};
+use crate::plan::{INDEX_SLOTS, Inputs, Outputs, Plan, PlanError};
 use crate::signals::Signals;
 use crate::smart_serial::{MAX_REMOTES, RemoteError, SmartSerial};
+use crate::spindle::{SpindleNotice, SpindleSet};
 
 /// Time for axes to stop at the end of a session, ns.
 const STOP_NS: u64 = 1_500_000_000;
@@ -93,6 +94,8 @@ pub enum Notice {
     DriveFault { axis: usize, is_second: bool, code: u16 },
     /// The motors of a gantry have to stop.
     Gantry { axis: usize, fault: GantryFault },
+    /// A spindle, by its number.
+    Spindle { number: usize, notice: SpindleNotice },
     /// A gantry was homed by its switches, and its second motor was so far from square.
     Squared { axis: usize, by: f64 },
 }
@@ -132,7 +135,15 @@ pub(crate) fn run_session(
         .map(|axis| max_velocity(machine, settings, axis.axis))
         .collect();
     let serial = SmartSerial::discover(link, board, &settings.remotes)?;
-    let plan = Plan::new(board, settings, serial, &max_velocity, period_ns as f64 * 1e-9)?;
+    let max_rpm = machine.signals.max_rpm();
+    let plan = Plan::new(
+        board,
+        settings,
+        serial,
+        &max_velocity,
+        &max_rpm,
+        period_ns as f64 * 1e-9,
+    )?;
     let instance = monotonic_ns();
     // Never zero: a board that has just started reads zero.
     let session = (instance / 1000) as u16 | 1;
@@ -141,6 +152,8 @@ pub(crate) fn run_session(
         settings,
         axes: AxisSet::new(machine, settings, period_ns, instance)?,
         signals: Signals::new(machine, settings, instance),
+        spindles: SpindleSet::new(machine, settings, instance),
+        awaited: [None; INDEX_SLOTS],
         plan,
         period_ns,
         session,
@@ -172,6 +185,9 @@ struct Cycle<'a> {
     plan: Plan,
     axes: AxisSet,
     signals: Signals,
+    spindles: SpindleSet,
+    /// Encoders whose control registers the last reading contains.
+    awaited: [Option<usize>; INDEX_SLOTS],
     period_ns: u64,
     session: u16,
     outputs: Outputs,
@@ -192,7 +208,7 @@ struct Cycle<'a> {
 impl Cycle<'_> {
     fn set_up(&mut self) -> Result<(), SessionError> {
         // All outputs off, with the polarity of their pins.
-        self.signals.step(u64::MAX, &self.plan, &mut self.outputs);
+        self.switch_off();
         for axis in self.axes.axes() {
             if let Some(pin) = axis.settings().enable {
                 crate::axis_set::set(&self.plan, &mut self.outputs, pin, false);
@@ -204,12 +220,13 @@ impl Cycle<'_> {
             self.link.send(packet);
         }
         // A reading with the session number shows that all writes have arrived; otherwise they are repeated.
-        self.plan.read(&mut check, 0, None)?;
+        let none = [None; INDEX_SLOTS];
+        self.plan.read(&mut check, 0, &none)?;
         for attempt in 0..3 {
             let mut found = Inputs::default();
             let plan = &self.plan;
             self.link
-                .ask(&check, |reply| found = plan.take_reply(reply, None))?;
+                .ask(&check, |reply| found = plan.take_reply(reply, &none))?;
             if found.session == self.session && !found.has_bitten {
                 return Ok(());
             }
@@ -274,7 +291,7 @@ impl Cycle<'_> {
 
     /// Sets outputs to their safe values, then makes the pins inputs.
     fn give_back(&mut self) -> Result<(), SessionError> {
-        self.signals.step(u64::MAX, &self.plan, &mut self.outputs);
+        self.switch_off();
         self.plan
             .write(&mut self.packet, &self.outputs, self.write_number)?;
         self.link.send(&self.packet);
@@ -283,12 +300,21 @@ impl Cycle<'_> {
         Ok(())
     }
 
+    /// Outputs are safe, spindles off.
+    fn switch_off(&mut self) {
+        let _safe = self.signals.step(u64::MAX, &self.plan, &mut self.outputs);
+        self.spindles.step(None, 0, &self.plan, &mut self.outputs);
+        self.outputs.index = [None; INDEX_SLOTS];
+    }
+
     /// One period: read, compute, write.
     fn cycle(&mut self, now_ns: u64, ends: &mut Ends<'_, '_>, is_ending: bool) -> Result<(), SessionError> {
         let begin_ns = monotonic_ns();
         self.read_number = self.read_number.wrapping_add(1);
-        let awaited = self.axes.awaited_encoder();
-        self.plan.read(&mut self.packet, self.read_number, awaited)?;
+        self.awaited[0] = self.axes.awaited_encoder();
+        self.spindles.watch(&mut self.awaited);
+        self.plan
+            .read(&mut self.packet, self.read_number, &self.awaited)?;
         self.link.send(&self.packet);
         let sent_ns = monotonic_ns();
         let mut waited_ns = 0;
@@ -323,6 +349,11 @@ impl Cycle<'_> {
         {
             let _full = ends.bus.inputs.push(message);
         }
+        if found.is_some() && !is_ending {
+            for message in self.spindles.feedback() {
+                let _full = ends.bus.spindles.push(message);
+            }
+        }
         self.tell_faults(ends);
         if let Some(measure) = &mut ends.measure {
             measure((monotonic_ns() - begin_ns).saturating_sub(waited_ns));
@@ -332,7 +363,9 @@ impl Cycle<'_> {
 
     fn command(&mut self, now_ns: u64) -> Result<(), PacketFull> {
         self.axes.step(now_ns, &self.plan, &mut self.outputs);
-        self.signals.step(now_ns, &self.plan, &mut self.outputs);
+        let wanted = self.signals.step(now_ns, &self.plan, &mut self.outputs);
+        self.spindles
+            .step(Some(&wanted), now_ns, &self.plan, &mut self.outputs);
         self.write_number = self.write_number.wrapping_add(1);
         self.plan
             .write(&mut self.packet, &self.outputs, self.write_number)?;
@@ -347,9 +380,7 @@ impl Cycle<'_> {
             let before_ns = monotonic_ns();
             if let Some(bytes) = self.link.receive(&mut self.buffer) {
                 if bytes.len() == self.packet.reply_bytes() {
-                    let inputs = self
-                        .plan
-                        .take_reply(Reply::new(bytes), self.axes.awaited_encoder());
+                    let inputs = self.plan.take_reply(Reply::new(bytes), &self.awaited);
                     if inputs.read_number == self.read_number {
                         // Half of the round-trip time.
                         return Some((inputs, sent_ns + (before_ns - sent_ns) / 2));
@@ -378,6 +409,7 @@ impl Cycle<'_> {
             });
         }
         self.axes.take(&self.plan, inputs, measured_ns);
+        self.spindles.take(&self.plan, inputs, measured_ns);
         self.judge_remotes(inputs)?;
         if inputs.write_number == self.write_number {
             self.unheard = 0;
@@ -427,6 +459,9 @@ impl Cycle<'_> {
     }
 
     fn tell_faults(&mut self, ends: &mut Ends<'_, '_>) {
+        for (number, notice) in self.spindles.take_news() {
+            let _full = ends.bus.notices.push(Notice::Spindle { number, notice });
+        }
         for (axis, fault, squared) in self.axes.take_gantry_events() {
             if let Some(fault) = fault.filter(|_| !self.was_apart[axis]) {
                 let _full = ends.bus.notices.push(Notice::Gantry { axis, fault });

@@ -5,14 +5,12 @@ use evolvent_drive::OutputFollower;
 use evolvent_machine::{Machine, SignalKind};
 
 use crate::axis_set::{level, set};
-use crate::board_settings::{BoardSettings, InputSource, OutputTarget, Pin, SpindlePins};
+use crate::board_settings::{BoardSettings, InputSource, OutputTarget, Pin};
 use crate::plan::{Inputs, Outputs, Plan};
+use crate::spindle::put_duty;
 
 /// Time between two messages of inputs that do not change, ns.
 const INPUTS_EVERY_NS: u64 = 5_000_000;
-/// Directions of a spindle on the bus.
-const CLOCKWISE: u32 = 1;
-const COUNTER_CLOCKWISE: u32 = 2;
 
 /// The counts of an encoder, beyond what its register holds.
 #[derive(Debug)]
@@ -48,7 +46,6 @@ pub(crate) struct Signals {
     numbers: Vec<(u32, usize)>,
     /// Number on the bus and where it goes.
     outputs: Vec<(u32, OutputTarget)>,
-    spindle: Option<SpindlePins>,
     coolant: [Option<Pin>; 2],
     sent: MachineInputs,
     outputs_sequence: u64,
@@ -86,7 +83,6 @@ impl Signals {
             counters,
             numbers,
             outputs: outputs.collect(),
-            spindle: board.spindle,
             coolant: board.coolant,
             sent: MachineInputs {
                 instance,
@@ -101,8 +97,8 @@ impl Signals {
         let _damaged = self.follower.offer(now_ns, message);
     }
 
-    /// The outputs of this moment; far in the future they are safe.
-    pub(crate) fn step(&mut self, now_ns: u64, plan: &Plan, outputs: &mut Outputs) {
+    /// The outputs of this moment; far in the future they are safe. Returns what the core has commanded.
+    pub(crate) fn step(&mut self, now_ns: u64, plan: &Plan, outputs: &mut Outputs) -> MachineOutputs {
         let wanted = self.follower.step(now_ns);
         self.outputs_sequence = wanted.sequence;
         for (number, target) in &self.outputs {
@@ -110,7 +106,7 @@ impl Signals {
                 OutputTarget::Pin(pin) => set(plan, outputs, pin, wanted.digital >> number & 1 == 1),
                 OutputTarget::Pwm { unit, full } => {
                     let value = wanted.analog.get(*number as usize).copied().unwrap_or(0.0);
-                    put(outputs, unit, value / full, value != 0.0);
+                    put_duty(outputs, unit, value / full, value != 0.0);
                 }
             }
         }
@@ -119,24 +115,7 @@ impl Signals {
                 set(plan, outputs, pin, wanted.coolant >> bit & 1 == 1);
             }
         }
-        if let Some(spindle) = self.spindle {
-            let direction = wanted.spindle_direction[spindle.number];
-            let turns = matches!(direction, CLOCKWISE | COUNTER_CLOCKWISE);
-            if let Some(pin) = spindle.forward {
-                set(plan, outputs, pin, direction == CLOCKWISE);
-            }
-            if let Some(pin) = spindle.reverse {
-                set(plan, outputs, pin, direction == COUNTER_CLOCKWISE);
-            }
-            if let (Some((_, full_rpm)), Some(output)) = (spindle.remote, plan.spindle()) {
-                let share = wanted.spindle_rpm[spindle.number] / full_rpm;
-                output.put(outputs, share, turns, direction == COUNTER_CLOCKWISE);
-            }
-            if let Some((unit, full_rpm)) = spindle.speed {
-                let rpm = wanted.spindle_rpm[spindle.number];
-                put(outputs, unit, if turns { rpm / full_rpm } else { 0.0 }, turns);
-            }
-        }
+        wanted
     }
 
     /// What was read, where it has to be sent.
@@ -164,10 +143,4 @@ impl Signals {
         self.sent = message;
         Some(message)
     }
-}
-
-fn put(outputs: &mut Outputs, unit: usize, duty: f64, is_enabled: bool) {
-    outputs.duties[unit] = duty.clamp(-1.0, 1.0);
-    outputs.pwm_enable &= !(1 << unit);
-    outputs.pwm_enable |= u32::from(is_enabled) << unit;
 }

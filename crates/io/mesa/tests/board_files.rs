@@ -245,3 +245,92 @@ fn what_makes_no_sense_is_refused_with_its_place() {
         assert!(said.contains(wanted) && said.contains("b.toml"), "{to}: {said}");
     }
 }
+
+fn lathe_text() -> String {
+    evolvent_file_tests::shipped("boards/7i96s-lathe.toml")
+}
+
+#[test]
+fn the_shipped_lathe_fits_its_machine_and_its_spindle_is_measured() {
+    let machine = machine("lathe-mesa");
+    let board = BoardSettings::parse(&lathe_text(), "b.toml").expect("a board file");
+    check_fit(&machine, &board).expect("a fit");
+    let notes = fit_notes(&machine, &board);
+    assert!(notes.iter().all(|note| !note.contains("spindle")), "{notes:?}");
+    let angle = board.spindles[0].angle.expect("an encoder");
+    assert_eq!((angle.encoder, angle.settings.counts_per_turn), (0, 4096));
+    assert!(board.spindles[0].knows_angle());
+}
+
+/// `[spindle]` of older files is read as before; several have numbers of their own.
+#[test]
+fn one_spindle_or_several_are_read() {
+    let board = BoardSettings::parse(&text(), "b.toml").expect("the old table");
+    assert_eq!(board.spindles.len(), 1);
+    let more = lathe_text() + "\n[[spindle]]\nnumber = 2\nforward = { pin = 13 }\n";
+    let board = BoardSettings::parse(&more, "b.toml").expect("two");
+    assert_eq!(
+        board.spindles.iter().map(|spindle| spindle.number).collect::<Vec<_>>(),
+        [0, 2]
+    );
+}
+
+#[test]
+fn what_of_a_spindle_makes_no_sense_is_refused_with_its_place() {
+    use evolvent_file_tests::{Edit, assert_refused, edit};
+    let at = |from, to, key, line| Edit {
+        line,
+        ..edit(from, to, key)
+    };
+    let refused = [
+        edit("counts_per_rev = 4096", "counts_per_rev = 2", "counts_per_rev"),
+        at("counts_per_rev = 4096", "", "counts_per_rev", "[[spindle]]"),
+        at("encoder = 0", "", "encoder", "counts_per_rev"),
+        edit("index = \"spindle\"", "index = \"encoder\"", "as fast as the spindle"),
+        edit("at_speed_tolerance = 0.02", "at_speed_tolerance = 2", "at_speed_tolerance"),
+        at("reverse = { pin = 16 }", "", "either way", "orientation"),
+        edit("pwm = 0", "pwm = 0\nsigned = true\nremote = 0", "belong together"),
+        at("number = 0", "number = 0\norient = { pin = 13 }", "orientation", "orientation"),
+        edit("gear = [1, 1]", "gear = [0, 1]", "gear"),
+    ];
+    for refused in refused {
+        // The table is where a key is missing, or where two do not go together.
+        let line = if refused.key == "belong together" {
+            "[[spindle]]"
+        } else {
+            refused.line
+        };
+        assert_refused(
+            &lathe_text(),
+            &[Edit { line, ..refused }],
+            BoardSettings::parse,
+        );
+    }
+    let twice = lathe_text() + "\n[[spindle]]\nnumber = 1\nencoder = 0\ncounts_per_rev = 400\n";
+    let error = BoardSettings::parse(&twice, "b.toml").expect_err("one encoder twice");
+    assert!(error.to_string().contains("another entry"), "{error}");
+}
+
+#[test]
+fn a_spindle_that_only_one_file_measures_is_noted() {
+    let machine = machine("lathe-mesa");
+    let notes = |machine: &evolvent_machine::Machine, text: &str| {
+        let board = BoardSettings::parse(text, "b.toml").expect("a board file");
+        check_fit(machine, &board).expect("a fit");
+        fit_notes(machine, &board).join("\n")
+    };
+    let begin = lathe_text().find("fault = ").expect("it");
+    let without = lathe_text()[..begin].to_owned();
+    assert!(notes(&machine, &without).contains("feedback = true in the machine file and no encoder"));
+    let mut deaf = machine.clone();
+    deaf.signals.spindles[0].at_speed = evolvent_machine::AtSpeed::Unknown;
+    assert!(notes(&deaf, &lathe_text()).contains("nobody uses it"));
+    let no_index = lathe_text().replace("index = \"spindle\"", "index = \"none\"").replace("orientation = ", "# ");
+    assert!(notes(&machine, &no_index).contains("index = \"none\""));
+    let no_m19 = lathe_text().replace("orientation = ", "# ");
+    assert!(notes(&machine, &no_m19).contains("M19 is not possible"));
+    let mut slow = machine;
+    slow.signals.spindles[0].max_rpm = 6000.0;
+    let board = BoardSettings::parse(&lathe_text(), "b.toml").expect("a board file");
+    assert!(matches!(check_fit(&slow, &board), Err(FitError::FullSpeed { .. })));
+}

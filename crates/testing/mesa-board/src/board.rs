@@ -9,6 +9,7 @@ use crate::field_pins::{FieldOutputs, InputFilter};
 use crate::layout::{BoardModel, PORT_WIDTH, tag};
 use crate::lbp16::carry_out;
 use crate::smart_serial::SmartSerial;
+use crate::spindle::{Spindle, SpindleCommand};
 use crate::step_generator::StepGenerator;
 
 /// Clock of the modules, and of the fast ones (PWM), Hz.
@@ -96,6 +97,7 @@ pub struct Board {
     pdm_rate: u32,
     pwm_enable: u32,
     beam: Option<Beam>,
+    spindle: Option<Spindle>,
     filter: Option<InputFilter>,
     field: FieldOutputs,
     serial: Option<SmartSerial>,
@@ -140,6 +142,7 @@ impl Board {
             pdm_rate: 0,
             pwm_enable: 0,
             beam: None,
+            spindle: None,
             filter: (model.filtered_inputs() > 0).then(|| InputFilter::new(model.filtered_inputs())),
             field: FieldOutputs::default(),
             serial: model.has_smart_serial().then(SmartSerial::new),
@@ -279,6 +282,37 @@ impl Board {
             }
         }
         self.beam = Some(beam);
+    }
+
+    /// A spindle at one of its encoders.
+    pub fn set_spindle(&mut self, spindle: Spindle) {
+        let per_rpm = spindle.counts_per_turn as f64 / 60.0;
+        if let Some(encoder) = self.encoders.get_mut(spindle.encoder) {
+            encoder.set_drive(spindle.counts_per_turn, spindle.full_rpm * per_rpm);
+            encoder.set_inertia(spindle.acceleration_rpm_s * per_rpm, spindle.ripple);
+        }
+        self.spindle = Some(spindle);
+    }
+
+    /// What the drive of the spindle is commanded, -1 to 1.
+    fn spindle_duty(&self, spindle: &Spindle) -> f64 {
+        match spindle.command {
+            SpindleCommand::SignedPwm { unit } => self.duty(unit),
+            SpindleCommand::Contacts {
+                unit,
+                forward,
+                reverse,
+            } => match (self.level(forward), self.level(reverse)) {
+                (true, false) => self.duty(unit).abs(),
+                (false, true) => -self.duty(unit).abs(),
+                _ => 0.0,
+            },
+            SpindleCommand::Field => match self.field_spindle() {
+                (share, false, true) => share,
+                (share, true, true) => -share,
+                _ => 0.0,
+            },
+        }
     }
 
     /// Counts a turn of a shaft, and counts/s at full PWM of its number.
@@ -492,11 +526,25 @@ impl Board {
         let timestamp = (self.now_ns / 1000) as u16;
         let has_index = !self.is_active(FaultKind::IndexMissing);
         for unit in 0..self.encoders.len() {
-            let duty = if unit < self.pwms.len() {
-                self.duty(unit)
-            } else {
-                0.0
+            let spindle = self.spindle.filter(|spindle| spindle.encoder == unit);
+            let duty = match &spindle {
+                Some(spindle) => self.spindle_duty(spindle),
+                None if unit < self.pwms.len() => self.duty(unit),
+                None => 0.0,
             };
+            if spindle.is_some() {
+                let is_stalled = self.is_active(FaultKind::SpindleStall);
+                let loss = match (
+                    self.is_active(FaultKind::EncoderOff),
+                    self.is_active(FaultKind::LostCounts),
+                ) {
+                    (true, _) => 1.0,
+                    (false, true) => 0.02,
+                    (false, false) => 0.0,
+                };
+                self.encoders[unit].hold(is_stalled);
+                self.encoders[unit].set_loss(loss);
+            }
             self.encoders[unit].set_has_index(has_index);
             self.encoders[unit].advance(time_s, duty, timestamp);
         }

@@ -28,6 +28,12 @@ pub(crate) struct Encoder {
     speed: f64,
     /// Something holds the shaft.
     is_held: bool,
+    /// Of a spindle: by how much its speed changes, counts/s2, and varies three times a turn.
+    inertia: Option<(f64, f64)>,
+    /// Share of the counts that the counter does not see.
+    loss: f64,
+    /// What of them is not a whole count yet.
+    lost: f64,
 }
 
 impl Default for Encoder {
@@ -45,12 +51,17 @@ impl Default for Encoder {
             full_speed: 200_000.0,
             speed: 0.0,
             is_held: false,
+            inertia: None,
+            loss: 0.0,
+            lost: 0.0,
         }
     }
 }
 
 /// Time constant of the drive's velocity loop, s.
 const LAG_S: f64 = 0.002;
+/// How much harder than its drive a seized tool brakes a spindle.
+const STALL_FACTOR: f64 = 20.0;
 /// Longest step of the drive's simulation, s.
 const STEP_S: f64 = 0.000_2;
 
@@ -100,6 +111,16 @@ impl Encoder {
         self.full_speed = full_speed;
     }
 
+    /// It is the spindle's: by how much its speed changes, counts/s2, and varies three times a turn.
+    pub(crate) const fn set_inertia(&mut self, acceleration: f64, ripple: f64) {
+        self.inertia = Some((acceleration, ripple));
+    }
+
+    /// Share of the counts that the counter does not see from now on.
+    pub(crate) const fn set_loss(&mut self, loss: f64) {
+        self.loss = loss;
+    }
+
     /// The count within a turn at which the index input is on.
     pub(crate) const fn set_index(&mut self, count: i64) {
         self.index_count = count;
@@ -132,11 +153,24 @@ impl Encoder {
             let step = rest.min(STEP_S);
             rest -= step;
             let wanted = duty * self.full_speed;
-            self.speed += (wanted - self.speed) * (1.0 - (-step / LAG_S).exp());
-            if self.is_held || wanted == 0.0 && self.speed.abs() < 1.0 {
+            let lagging = (wanted - self.speed) * (1.0 - (-step / LAG_S).exp());
+            let (most, ripple) = match self.inertia {
+                Some((acceleration, ripple)) if self.is_held => (STALL_FACTOR * acceleration * step, ripple),
+                Some((acceleration, ripple)) => (acceleration * step, ripple),
+                None => (f64::INFINITY, 0.0),
+            };
+            let has_inertia = self.inertia.is_some();
+            self.speed += if self.is_held {
+                (-self.speed).clamp(-most, most)
+            } else {
+                lagging.clamp(-most, most)
+            };
+            if self.is_held && !has_inertia || wanted == 0.0 && self.speed.abs() < 1.0 {
                 self.speed = 0.0;
             }
-            self.shaft += self.speed * step;
+            let turns = self.shaft / self.counts_per_turn as f64;
+            let uneven = 1.0 + ripple * (3.0 * std::f64::consts::TAU * turns).sin();
+            self.shaft += self.speed * uneven * step;
             self.pass(timestamp);
         }
     }
@@ -148,7 +182,17 @@ impl Encoder {
         if now == before {
             return;
         }
-        (self.last, self.timestamp) = (now, timestamp);
+        self.last = now;
+        if self.loss > 0.0 {
+            self.lost += self.loss * (now - before) as f64;
+            let whole = self.lost.trunc();
+            self.lost -= whole;
+            self.zero += whole as i64;
+        }
+        if self.loss >= 1.0 {
+            return;
+        }
+        self.timestamp = timestamp;
         if !self.has_index || self.control & (CLEAR_ON_INDEX | LATCH_ON_INDEX) == 0 {
             return;
         }

@@ -29,11 +29,17 @@ pub enum FaultKind {
     FieldOff,
     /// The index inputs of encoders are not wired.
     IndexMissing,
+    /// What the spindle cuts brings it to a stand.
+    SpindleStall,
+    /// The encoder of the spindle gives no counts.
+    EncoderOff,
+    /// The encoder of the spindle loses one count of fifty.
+    LostCounts,
 }
 
 impl FaultKind {
     /// All kinds with their names.
-    pub const ALL: [(Self, &'static str); 11] = [
+    pub const ALL: [(Self, &'static str); 14] = [
         (Self::LossIn, "loss-in"),
         (Self::LossOut, "loss-out"),
         (Self::Half, "half"),
@@ -45,6 +51,9 @@ impl FaultKind {
         (Self::Short, "short"),
         (Self::FieldOff, "field-off"),
         (Self::IndexMissing, "index-missing"),
+        (Self::SpindleStall, "spindle-stall"),
+        (Self::EncoderOff, "encoder-off"),
+        (Self::LostCounts, "lost-counts"),
     ];
 }
 

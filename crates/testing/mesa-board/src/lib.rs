@@ -14,7 +14,7 @@
 //! HostMot2 has them; step generators count as theirs do, and the motors at them follow their pulses only while the pins are outputs
 //! of the generator. [`Fault`]s come on demand.
 //!
-//! A [`Beam`] is a gantry: two motors, each with its home switch.
+//! A [`Beam`] is a gantry: two motors, each with its home switch. A [`Spindle`] has inertia and an encoder with an index.
 //!
 //! It leaves out smart serial, the debouncing inputs and solid-state outputs of the 7I96S (InM, SSR), the DPLL, flash and
 //! configuration.
@@ -28,6 +28,7 @@ mod layout;
 mod lbp16;
 mod server;
 mod smart_serial;
+mod spindle;
 mod step_generator;
 
 pub use beam::{Beam, BeamMotor, BeamSide};
@@ -35,3 +36,4 @@ pub use board::{Board, Traffic};
 pub use fault::{Fault, FaultError, FaultKind};
 pub use layout::BoardModel;
 pub use server::{BoardServer, PORT, SharedBoard, now_ns, serve};
+pub use spindle::{Spindle, SpindleCommand};

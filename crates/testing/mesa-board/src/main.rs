@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::{Parser, ValueEnum};
-use evolvent_mesa_board::{Board, BoardModel, Fault, PORT, now_ns, serve};
+use evolvent_mesa_board::{Board, BoardModel, Fault, PORT, Spindle, SpindleCommand, now_ns, serve};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 /// A TEST SIMULATOR: a Mesa Ethernet board with HostMot2 at an address of this computer, UDP port 27181.
@@ -22,8 +22,12 @@ struct Arguments {
     /// The board.
     #[arg(long, value_enum, default_value = "7i96s")]
     model: Model,
+    /// A spindle of this speed, rpm, at full output: encoder 0 with 4096 counts on its shaft, its speed on PWM generator 0, or of a 7i76e
+    /// on smart serial; with contacts for the directions at pins 15 and 16 of a 7i96s, else by the sign.
+    #[arg(long, value_name = "RPM")]
+    spindle: Option<f64>,
     /// A fault, and its time in seconds after the watchdog was first fed: loss-in, loss-out, half, delay, reorder, bite, reset, cookie, short,
-    /// index-missing or field-off. May be given several times.
+    /// index-missing, field-off, spindle-stall, encoder-off or lost-counts. May be given several times.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION]")]
     faults: Vec<Fault>,
 }
@@ -63,6 +67,21 @@ fn run(arguments: &Arguments) -> std::io::Result<()> {
         Model::B7i97 => BoardModel::B7i97,
     };
     let mut board = Board::new(model, now_ns());
+    if let Some(full_rpm) = arguments.spindle {
+        let command = match model {
+            BoardModel::B7i76e => SpindleCommand::Field,
+            BoardModel::B7i96s => SpindleCommand::Contacts {
+                unit: 0,
+                forward: 15,
+                reverse: 16,
+            },
+            BoardModel::B7i92 | BoardModel::B7i97 => SpindleCommand::SignedPwm { unit: 0 },
+        };
+        board.set_spindle(Spindle {
+            full_rpm,
+            ..Spindle::usual(0, command)
+        });
+    }
     for fault in &arguments.faults {
         board.add_fault(*fault);
     }

@@ -1,0 +1,329 @@
+//! The spindles of a session: speed, direction and orientation out, angle and faults back.
+
+use evolvent_bus::{MachineOutputs, SpindleFeedback};
+use evolvent_drive::{SpindleConditions, SpindleEncoder, SpindleEncoderFault, SpindleOrientation};
+use evolvent_machine::Machine;
+
+use crate::axis_set::{level, set};
+use crate::board_settings::{BoardSettings, BoardSpindle, Pin, SpindleOrienting, SpindleSpeed};
+use crate::encoder_index::{EncoderIndex, IndexReading};
+use crate::plan::{INDEX_SLOTS, Inputs, Outputs, Plan, SPINDLE_SLOT};
+
+/// Directions of a spindle on the bus.
+const STOPPED: u32 = 0;
+const CLOCKWISE: u32 = 1;
+const COUNTER_CLOCKWISE: u32 = 2;
+const ORIENT: u32 = 3;
+/// How near M19 R has to be to the angle of a drive that turns the spindle to its own, degrees.
+const SAME_ANGLE_DEG: f64 = 0.05;
+/// Periods for which the input of such a drive counts for nothing: it still tells of the orientation before.
+const ORIENTING_PERIODS: u32 = 20;
+
+/// What happens to a spindle, for the user.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SpindleNotice {
+    /// Its encoder.
+    Encoder(SpindleEncoderFault),
+    /// Its drive reports a fault.
+    DriveFault,
+    /// M19, and nothing can turn it to an angle; or the drive to this angle only.
+    NotOriented(Option<f64>),
+}
+
+/// A spindle. Nothing but the constructor allocates.
+#[derive(Debug)]
+struct Spindle {
+    settings: BoardSpindle,
+    /// Its place in the board file's list.
+    listed: usize,
+    encoder: Option<SpindleEncoder>,
+    index: EncoderIndex,
+    orientation: Option<SpindleOrientation>,
+    /// The machine file has it with feedback.
+    is_heard: bool,
+    sent: SpindleFeedback,
+    /// Command in force: direction, speed, angle, and number of the outputs.
+    direction: u32,
+    rpm: f64,
+    outputs_sequence: u64,
+    /// Periods since the drive was told to turn it to its angle.
+    orienting_for: u32,
+    is_reached: bool,
+    has_drive_fault: bool,
+    is_at_speed: Option<bool>,
+    /// What was told of it.
+    told: Option<SpindleNotice>,
+    news: Option<SpindleNotice>,
+}
+
+/// All spindles of a board.
+#[derive(Debug)]
+pub(crate) struct SpindleSet {
+    spindles: Vec<Spindle>,
+}
+
+impl SpindleSet {
+    /// Spindles that the machine does not have are rejected by [`crate::check_fit`].
+    pub(crate) fn new(machine: &Machine, board: &BoardSettings, instance: u64) -> Self {
+        let spindle = |(listed, settings): (usize, &BoardSpindle)| {
+            let known = machine.signals.spindle(settings.number as u32);
+            Spindle {
+                settings: *settings,
+                listed,
+                encoder: settings.angle.map(|angle| SpindleEncoder::new(angle.settings)),
+                index: EncoderIndex::default(),
+                orientation: match settings.orienting {
+                    Some(SpindleOrienting::Loop(orientation)) => Some(SpindleOrientation::new(orientation)),
+                    _ => None,
+                },
+                is_heard: known.is_some_and(|known| known.has_feedback()),
+                sent: SpindleFeedback {
+                    instance,
+                    ..SpindleFeedback::default()
+                },
+                direction: STOPPED,
+                rpm: 0.0,
+                outputs_sequence: 0,
+                orienting_for: 0,
+                is_reached: false,
+                has_drive_fault: false,
+                is_at_speed: None,
+                told: None,
+                news: None,
+            }
+        };
+        Self {
+            spindles: board.spindles.iter().enumerate().map(spindle).collect(),
+        }
+    }
+
+    /// The encoders whose control registers the next reading contains.
+    pub(crate) fn watch(&self, awaited: &mut [Option<usize>; INDEX_SLOTS]) {
+        for spindle in &self.spindles {
+            awaited[SPINDLE_SLOT + spindle.listed] = spindle.index.watched();
+        }
+    }
+
+    /// Evaluates a reading.
+    pub(crate) fn take(&mut self, plan: &Plan, inputs: &Inputs, measured_ns: u64) {
+        for spindle in &mut self.spindles {
+            spindle.take(plan, inputs, measured_ns);
+        }
+    }
+
+    /// The message of each spindle that the machine measures, from the newest reading.
+    pub(crate) fn feedback(&mut self) -> impl Iterator<Item = SpindleFeedback> + '_ {
+        self.spindles.iter_mut().filter_map(Spindle::feedback)
+    }
+
+    /// What the user has to know, once each.
+    pub(crate) fn take_news(&mut self) -> impl Iterator<Item = (usize, SpindleNotice)> + '_ {
+        self.spindles
+            .iter_mut()
+            .filter_map(|spindle| Some((spindle.settings.number, spindle.news.take()?)))
+    }
+
+    /// One period by the outputs in force; `None` switches everything off at once.
+    pub(crate) fn step(
+        &mut self,
+        wanted: Option<&MachineOutputs>,
+        now_ns: u64,
+        plan: &Plan,
+        outputs: &mut Outputs,
+    ) {
+        for spindle in &mut self.spindles {
+            outputs.index[SPINDLE_SLOT + spindle.listed] = spindle.index.command();
+            spindle.step(wanted, now_ns, plan, outputs);
+        }
+    }
+}
+
+impl Spindle {
+    fn take(&mut self, plan: &Plan, inputs: &Inputs, measured_ns: u64) {
+        let Some(angle) = self.settings.angle else { return };
+        let is_on = |pin: Option<Pin>| pin.map(|pin| level(plan, inputs, pin));
+        self.has_drive_fault = is_on(self.settings.fault) == Some(true);
+        self.is_at_speed = is_on(self.settings.at_speed);
+        if let Some(SpindleOrienting::Drive { reached, .. }) = self.settings.orienting {
+            self.is_reached = level(plan, inputs, reached);
+        }
+        let Some(encoder) = &mut self.encoder else { return };
+        encoder.read(inputs.counts[angle.encoder], measured_ns);
+        let slot = SPINDLE_SLOT + self.listed;
+        match self
+            .index
+            .take(inputs.index_numbers[slot], inputs.index_controls[slot])
+        {
+            IndexReading::Nothing => {}
+            IndexReading::Armed => encoder.set_armed(),
+            IndexReading::At(count) => encoder.latch(u32::from(count)),
+        }
+        // Every pulse is compared with the first.
+        if encoder.has_pulse() && self.index.watched().is_none() {
+            self.index.arm(angle.encoder, angle.index_rising);
+        }
+        let news = match (encoder.fault(), self.has_drive_fault) {
+            (Some(fault), _) => Some(SpindleNotice::Encoder(fault)),
+            (None, true) => Some(SpindleNotice::DriveFault),
+            (None, false) => None,
+        };
+        self.tell(news);
+    }
+
+    /// News that is told while it lasts is told once.
+    fn tell(&mut self, news: Option<SpindleNotice>) {
+        let is_same = match (&self.told, &news) {
+            (Some(SpindleNotice::Encoder(_)), Some(SpindleNotice::Encoder(_))) => true,
+            // That of M19 is forgotten with its command.
+            (Some(SpindleNotice::NotOriented(_)), None) => true,
+            (told, news) => told == news,
+        };
+        if !is_same {
+            (self.told, self.news) = (news, news.or(self.news));
+        }
+    }
+
+    fn feedback(&mut self) -> Option<SpindleFeedback> {
+        let encoder = self.encoder.as_ref().filter(|_| self.is_heard)?;
+        let time_ns = encoder.read_at_ns()?;
+        if self.sent.sequence > 0 && time_ns <= self.sent.time_ns {
+            return None;
+        }
+        let message = encoder.feedback(&SpindleConditions {
+            spindle: self.settings.number as u32,
+            direction: self.direction,
+            rpm: self.rpm,
+            outputs_sequence: self.outputs_sequence,
+            at_speed_input: self.is_at_speed,
+            has_drive_fault: self.has_drive_fault,
+            is_oriented: self.is_oriented(),
+        });
+        self.sent = SpindleFeedback {
+            sequence: self.sent.sequence + 1,
+            instance: self.sent.instance,
+            ..message
+        };
+        Some(self.sent)
+    }
+
+    fn is_oriented(&self) -> bool {
+        if self.direction != ORIENT {
+            return false;
+        }
+        match self.settings.orienting {
+            Some(SpindleOrienting::Loop(_)) => self
+                .orientation
+                .is_some_and(|orientation| orientation.is_oriented()),
+            Some(SpindleOrienting::Drive { .. }) => self.is_reached && self.orienting_for > ORIENTING_PERIODS,
+            None => false,
+        }
+    }
+
+    fn step(&mut self, wanted: Option<&MachineOutputs>, now_ns: u64, plan: &Plan, outputs: &mut Outputs) {
+        let number = self.settings.number;
+        let (direction, rpm) = wanted.map_or((STOPPED, 0.0), |wanted| {
+            (wanted.spindle_direction[number], wanted.spindle_rpm[number])
+        });
+        (self.direction, self.rpm) = (direction, rpm);
+        self.outputs_sequence = wanted.map_or(0, |wanted| wanted.sequence);
+        let (angle_deg, way) = wanted.map_or((0.0, 0), |wanted| {
+            (wanted.spindle_angle[number], wanted.spindle_way[number])
+        });
+        if direction != ORIENT {
+            self.orienting_for = 0;
+            if let Some(orientation) = &mut self.orientation {
+                orientation.end();
+            }
+            if matches!(self.told, Some(SpindleNotice::NotOriented(_))) {
+                self.told = None;
+            }
+        }
+        let stands = self.encoder.is_none_or(|encoder| encoder.is_standing());
+        if direction == STOPPED
+            && stands
+            && let Some(encoder) = &mut self.encoder
+            && encoder.fault().is_some()
+        {
+            // The alarm has stopped it: what comes next begins with another zero.
+            encoder.reset();
+            self.index.disarm();
+        }
+        let mut by_drive = false;
+        let commanded_rpm = match (direction, self.settings.orienting) {
+            (CLOCKWISE, _) => rpm,
+            (COUNTER_CLOCKWISE, _) => -rpm,
+            (ORIENT, Some(SpindleOrienting::Loop(_))) => match (&mut self.orientation, &self.encoder) {
+                (Some(orientation), Some(encoder)) => orientation.step(angle_deg, way, encoder, now_ns),
+                _ => 0.0,
+            },
+            (ORIENT, Some(SpindleOrienting::Drive { angle_deg: only, .. })) => {
+                let off = (angle_deg - only).rem_euclid(360.0);
+                by_drive = off.min(360.0 - off) <= SAME_ANGLE_DEG;
+                if !by_drive {
+                    self.tell(Some(SpindleNotice::NotOriented(Some(only))));
+                }
+                0.0
+            }
+            (ORIENT, None) => {
+                self.tell(Some(SpindleNotice::NotOriented(None)));
+                0.0
+            }
+            _ => 0.0,
+        };
+        self.orienting_for = if by_drive {
+            self.orienting_for.saturating_add(1)
+        } else {
+            0
+        };
+        let by_loop = direction == ORIENT && self.orientation.is_some();
+        let turns = matches!(direction, CLOCKWISE | COUNTER_CLOCKWISE) || by_loop;
+        let backwards = direction == COUNTER_CLOCKWISE || by_loop && commanded_rpm < 0.0;
+        // A drive brakes while it is enabled.
+        let is_enabled = wanted.is_some() && (turns || by_drive || !stands) && !self.has_drive_fault;
+        for (pin, on) in [
+            (self.settings.forward, turns && !backwards),
+            (self.settings.reverse, turns && backwards),
+            (self.settings.enable, is_enabled),
+            (self.orient_pin(), by_drive),
+        ] {
+            if let Some(pin) = pin {
+                set(plan, outputs, pin, on);
+            }
+        }
+        match self.settings.speed {
+            None => {}
+            Some(SpindleSpeed::Remote { full_rpm, .. }) => {
+                if let Some(output) = plan.spindle(self.listed) {
+                    output.put(outputs, commanded_rpm.abs() / full_rpm, turns, backwards);
+                }
+            }
+            Some(SpindleSpeed::Pwm {
+                unit,
+                full_rpm,
+                signed,
+            }) => {
+                let rpm = if signed {
+                    commanded_rpm
+                } else {
+                    commanded_rpm.abs()
+                };
+                let is_on = turns || signed && is_enabled;
+                put_duty(outputs, unit, if turns { rpm / full_rpm } else { 0.0 }, is_on);
+            }
+        }
+    }
+
+    const fn orient_pin(&self) -> Option<Pin> {
+        match self.settings.orienting {
+            Some(SpindleOrienting::Drive { command, .. }) => Some(command),
+            _ => None,
+        }
+    }
+}
+
+/// Sets a PWM generator: its duty, and whether it is enabled.
+pub(crate) fn put_duty(outputs: &mut Outputs, unit: usize, duty: f64, is_enabled: bool) {
+    outputs.duties[unit] = duty.clamp(-1.0, 1.0);
+    outputs.pwm_enable &= !(1 << unit);
+    outputs.pwm_enable |= u32::from(is_enabled) << unit;
+}
