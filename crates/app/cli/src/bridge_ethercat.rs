@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use clap::Args;
 use evolvent_bus::BusError;
 use evolvent_ethercat::{
-    BridgeError, DumpSettings, EsiLibrary, Network, RunError, RunSettings, ScanError, check_fit,
+    BridgeError, DumpSettings, EsiLibrary, Network, RunError, RunSettings, ScanError, check_fit, fit_notes,
     network_text, run as run_bridge, scan, scan_json, scan_text,
 };
 use evolvent_machine::Machine;
@@ -131,6 +131,10 @@ pub(crate) fn run(
     let machine = Machine::load(machine_path).map_err(|error| usage(error.to_string()))?;
     let network = Network::load(network_path).map_err(|error| usage(error.to_string()))?;
     check_fit(&machine, &network).map_err(|error| usage(format!("{}: {error}", network_path.display())))?;
+    for note in fit_notes(&machine, &network) {
+        writeln!(err, "note: {note}")
+            .map_err(|error| CommandError::Failed(format!("the report cannot be written: {error}")))?;
+    }
     let interface = args
         .interface
         .clone()

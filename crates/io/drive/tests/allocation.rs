@@ -3,7 +3,9 @@
 use evolvent_counting::calls;
 use evolvent_drive::{
     Cia402, Command, DriveEvents, DriveMachine, FeedbackWatch, Follower, FollowerSettings, Gantry,
-    GantryInputs, GantrySettings, PhaseLock, PhaseSettings, PowerRequest, QuickStopOption, WatchSettings,
+    GantryInputs, GantrySettings, OrientationSettings, PhaseLock, PhaseSettings, PowerRequest,
+    QuickStopOption, SpindleConditions, SpindleEncoder, SpindleEncoderSettings, SpindleIndex,
+    SpindleOrientation, WatchSettings,
 };
 use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Feedback, Setpoint};
@@ -98,4 +100,47 @@ fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
         squared > 0 && apart > 0,
         "{squared} times squared, {apart} periods apart"
     );
+}
+
+#[test]
+fn a_period_of_a_spindle_allocates_nothing() {
+    let mut encoder = SpindleEncoder::new(SpindleEncoderSettings {
+        counter_bits: 16,
+        counts_per_turn: 4096,
+        gear: [3, 2],
+        inverted: true,
+        index: SpindleIndex::PerSpindleTurn,
+        index_tolerance: 8,
+        at_speed_tolerance: 0.02,
+    });
+    let mut orientation = SpindleOrientation::new(OrientationSettings {
+        gain: 8.0,
+        integral_gain: 10.0,
+        max_rpm: 60.0,
+        tolerance_deg: 0.5,
+    });
+    let (mut faults, mut messages) = (0, 0);
+    let before = calls();
+    for period in 0..20_000_u32 {
+        let now_ns = u64::from(period + 1) * 1_000_000;
+        let raw = period.wrapping_mul(47);
+        encoder.read(raw, now_ns);
+        match period % 100 {
+            10 => encoder.set_armed(),
+            // Pulses that are where they should not be.
+            60 => encoder.latch(raw.wrapping_sub(5)),
+            90 => encoder.reset(),
+            _ => {}
+        }
+        faults += u32::from(encoder.fault().is_some());
+        std::hint::black_box(orientation.step(90.0, 0, &encoder, now_ns));
+        let message = encoder.feedback(&SpindleConditions {
+            direction: 3,
+            is_oriented: orientation.is_oriented(),
+            ..SpindleConditions::default()
+        });
+        messages += u32::from(message.is_valid());
+    }
+    assert_eq!(calls(), before);
+    assert!(faults > 0 && messages == 20_000, "{faults} {messages}");
 }

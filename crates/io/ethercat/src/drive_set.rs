@@ -122,6 +122,11 @@ impl DriveSet {
         &self.axes
     }
 
+    /// The newest fault reset of the core.
+    pub(crate) fn fault_reset(&self) -> u32 {
+        self.target.as_ref().map_or(0, |target| target.fault_reset)
+    }
+
     pub(crate) fn set_lost(&mut self, axis: usize) {
         self.axes[axis].set_lost();
     }

@@ -206,12 +206,51 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
         }
     }
     for device in &network.devices {
+        if let Some(spindle) = device.spindle
+            && machine.signals.spindle(spindle.number as u32).is_none()
+        {
+            return Err(FitError::NoSignal {
+                device: device.name.clone(),
+                direction: "spindle",
+                name: format!("spindle {}", spindle.number),
+            });
+        }
         check_inputs(machine, device)?;
         for output in &device.outputs {
             check_output(machine, device, output)?;
         }
     }
     Ok(())
+}
+
+/// Notes about a valid pair of files: spindles of which one file says that they are measured and the other does not.
+#[must_use]
+pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
+    let mut notes = Vec::new();
+    for listed in &machine.signals.spindles {
+        let number = listed.number;
+        let mut drives = network.devices.iter().filter_map(|device| device.spindle);
+        let drive = drives.find(|spindle| spindle.number == number as usize);
+        notes.extend(match (listed.has_feedback(), drive) {
+            (true, None) => Some(format!(
+                "spindle {number} has feedback = true in the machine file and no [device.spindle] in the network file: threads, M19 and \
+                 every feed behind M3 wait for another bridge that measures it"
+            )),
+            (false, Some(_)) => Some(format!(
+                "spindle {number} is measured by its drive, and nobody uses it: write feedback = true at its [[spindle]] in the machine \
+                 file"
+            )),
+            (true, Some(drive)) if !drive.knows_angle() => Some(format!(
+                "spindle {number} has neither index_probe nor absolute_zero: its speed is measured, but its angle is not known, and \
+                 threads and M19 are refused"
+            )),
+            (true, Some(drive)) if drive.orientation.is_none() => Some(format!(
+                "spindle {number}: M19 is not possible, because nothing turns it to an angle (orientation)"
+            )),
+            _ => None,
+        });
+    }
+    notes
 }
 
 const fn kind(channel: &Channel) -> SignalKind {

@@ -50,6 +50,7 @@ mod signal;
 mod signal_set;
 mod sii;
 mod socket;
+mod spindle_drive;
 mod time_driver;
 mod touch_probe;
 mod zero_impulse;
@@ -60,10 +61,12 @@ pub use esi::{EsiError, EsiLibrary};
 pub use evolvent_bridge::{BridgeError, CardFinding, CardVerdict, RoundTrips, examine_card};
 pub use evolvent_drive::GantrySettings;
 pub use fault_text::{fault_text, fault_text_of};
-pub use fit::{FitError, check_fit};
+pub use fit::{FitError, check_fit, fit_notes};
 pub use found::{FoundDevice, network_text, scan_json, scan_text};
 pub use homing::HomingOnDrive;
-pub use network::{MAX_DEVICES, Network, NetworkAxis, NetworkDevice, NetworkError, Startup, network_schema};
+pub use network::{
+    MAX_DEVICES, Network, NetworkAxis, NetworkDevice, NetworkError, NetworkSpindle, Startup, network_schema,
+};
 pub use pdo::PdoError;
 pub use round_trips::round_trips;
 pub use run::{BridgeReport, RunError, RunSettings, run, run_measured};

@@ -3,6 +3,7 @@
 mod axis;
 mod file;
 mod homing;
+mod spindle;
 
 use std::path::Path;
 
@@ -13,9 +14,10 @@ use thiserror::Error;
 
 pub use file::network_schema;
 use file::{NetworkFile, check_signals};
+pub use spindle::NetworkSpindle;
 
 use crate::homing::HomingOnDrive;
-use crate::pdo::Extras;
+use crate::pdo::{Extras, TargetObject};
 use crate::scale::Scale;
 use crate::signal::{NetworkInput, NetworkOutput};
 use crate::zero_impulse::ProbeNumber;
@@ -66,6 +68,8 @@ pub struct NetworkDevice {
     pub startup: Vec<Startup>,
     /// The axis that it drives.
     pub axis: Option<NetworkAxis>,
+    /// The spindle that it drives.
+    pub spindle: Option<NetworkSpindle>,
     /// Inputs that it reads.
     pub inputs: Vec<NetworkInput>,
     /// Outputs that it sets.
@@ -125,6 +129,7 @@ pub struct NetworkAxis {
 impl NetworkAxis {
     pub(crate) const fn extras(&self) -> Extras {
         Extras {
+            target: TargetObject::Position,
             velocity_offset: self.velocity_offset,
             torque_offset: self.torque_per_acceleration != 0.0,
             following_error: self.following_error,
@@ -189,6 +194,27 @@ impl Network {
                     "give each drive its own axis, or make it the second of a gantry: [device.axis.gantry]",
                 ));
             }
+            let spindle = match &device.spindle {
+                Some(spindle) => Some(spindle.check(&sheet, &format!("{key}.spindle"))?),
+                None => None,
+            };
+            if axis.is_some() && spindle.is_some() {
+                return Err(sheet.error(
+                    &format!("{key}.spindle"),
+                    "a drive moves an axis or turns a spindle".to_owned(),
+                    "remove [device.axis] or [device.spindle]",
+                ));
+            }
+            let mut others = devices.iter().filter_map(|other| other.spindle);
+            if let Some(spindle) = spindle
+                && others.any(|other| other.number == spindle.number)
+            {
+                return Err(sheet.error(
+                    &format!("{key}.spindle.number"),
+                    format!("another device drives spindle {}", spindle.number),
+                    "give each its own number, 0 to 3",
+                ));
+            }
             let (inputs, outputs) = check_signals(&sheet, &key, &device, &devices)?;
             devices.push(NetworkDevice {
                 name: device.name,
@@ -197,6 +223,7 @@ impl Network {
                 revision: device.revision,
                 startup,
                 axis,
+                spindle,
                 inputs,
                 outputs,
             });
@@ -254,14 +281,14 @@ impl Network {
         })
     }
 
-    /// Whether a device reads an input, sets an output, or latches the position of a probe.
+    /// Whether a device reads an input, sets an output, turns a spindle, or latches the position of a probe.
     #[must_use]
     pub fn has_signals(&self) -> bool {
         self.devices.iter().any(|device| {
             let probes = device
                 .axis
                 .is_some_and(|axis| axis.touch_probe || axis.probe_input_bit.is_some());
-            probes || !device.inputs.is_empty() || !device.outputs.is_empty()
+            probes || device.spindle.is_some() || !device.inputs.is_empty() || !device.outputs.is_empty()
         })
     }
 

@@ -35,12 +35,10 @@ impl Mapped {
     }
 }
 
-/// Control word, mode, target.
-const NEEDED_OUTPUTS: [Mapped; 3] = [
-    Mapped::new(0x6040, 16),
-    Mapped::new(0x6060, 8),
-    Mapped::new(0x607A, 32),
-];
+/// Control word, mode.
+const NEEDED_OUTPUTS: [Mapped; 2] = [Mapped::new(0x6040, 16), Mapped::new(0x6060, 8)];
+const TARGET_POSITION: Mapped = Mapped::new(0x607A, 32);
+const TARGET_VELOCITY: Mapped = Mapped::new(0x60FF, 32);
 /// Status word, mode, position.
 const NEEDED_INPUTS: [Mapped; 3] = [
     Mapped::new(0x6041, 16),
@@ -66,9 +64,29 @@ const fn position_object(probe: ProbeNumber) -> Mapped {
     }
 }
 
+/// What the drive is given each period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum TargetObject {
+    /// 607Ah, for axes.
+    #[default]
+    Position,
+    /// 60FFh, for spindles.
+    Velocity,
+}
+
+impl TargetObject {
+    const fn mapped(self) -> Mapped {
+        match self {
+            Self::Position => TARGET_POSITION,
+            Self::Velocity => TARGET_VELOCITY,
+        }
+    }
+}
+
 /// Objects that the network file requests in addition to those of every drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Extras {
+    pub(crate) target: TargetObject,
     pub(crate) velocity_offset: bool,
     pub(crate) torque_offset: bool,
     pub(crate) following_error: bool,
@@ -95,6 +113,7 @@ impl Extras {
 /// The objects mapped as the drive's outputs.
 pub(crate) fn wanted_outputs(extras: Extras) -> Vec<Mapped> {
     let mut wanted = NEEDED_OUTPUTS.to_vec();
+    wanted.push(extras.target.mapped());
     wanted.extend(extras.velocity_offset.then_some(VELOCITY_OFFSET));
     wanted.extend(extras.torque_offset.then_some(TORQUE_OFFSET));
     wanted.extend(extras.has_probe().then_some(PROBE_FUNCTION));
@@ -229,7 +248,7 @@ fn get<const N: usize>(image: &[u8], at: usize) -> [u8; N] {
 impl PdoLayout {
     /// Finds the objects in the mapping of a drive.
     pub(crate) fn new(outputs: &[Mapped], inputs: &[Mapped], extras: Extras) -> Result<Self, PdoError> {
-        let [control_word, mode, target] = NEEDED_OUTPUTS;
+        let [control_word, mode] = NEEDED_OUTPUTS;
         let [status_word, mode_display, position] = NEEDED_INPUTS;
         let offset = |wanted: bool, object| {
             if wanted {
@@ -241,7 +260,7 @@ impl PdoLayout {
         Ok(Self {
             control_word: need(outputs, control_word)?,
             mode: need(outputs, mode)?,
-            target: need(outputs, target)?,
+            target: need(outputs, extras.target.mapped())?,
             velocity_offset: offset(extras.velocity_offset, VELOCITY_OFFSET)?,
             torque_offset: offset(extras.torque_offset, TORQUE_OFFSET)?,
             status_word: need(inputs, status_word)?,
@@ -327,6 +346,7 @@ mod tests {
     use super::*;
 
     const VELOCITY: Extras = Extras {
+        target: TargetObject::Position,
         velocity_offset: true,
         torque_offset: false,
         following_error: false,

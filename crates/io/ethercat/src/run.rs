@@ -17,6 +17,7 @@ use crate::network::Network;
 use crate::scan::panic_text;
 use crate::session::{Counters, Ends, Notice, SessionError, run_session};
 use crate::socket::PacketSocket;
+use crate::spindle_drive::SpindleNotice;
 
 /// Settings of the bridge.
 #[derive(Clone, Debug)]
@@ -180,7 +181,11 @@ impl Hardware for RunSettings {
     }
 
     fn measures_spindles(&self) -> bool {
-        false
+        let mut spindles = self.network.devices.iter().filter_map(|device| device.spindle);
+        spindles.any(|spindle| {
+            let known = self.machine.signals.spindle(spindle.number as u32);
+            known.is_some_and(|known| known.has_feedback())
+        })
     }
 
     fn text(&self, notice: Notice) -> String {
@@ -191,6 +196,23 @@ impl Hardware for RunSettings {
             Notice::Operational { clocks: false } => {
                 "network: all devices are in OP, without distributed clocks".to_owned()
             }
+            Notice::Spindle { number, notice } => match notice {
+                SpindleNotice::Encoder(fault) => format!("spindle {number}: {fault}"),
+                SpindleNotice::DriveFault(code) => {
+                    let mut devices = self.network.devices.iter();
+                    let device =
+                        devices.find(|device| device.spindle.is_some_and(|spindle| spindle.number == number));
+                    let vendor = device.map_or(0, |device| device.vendor);
+                    format!(
+                        "drive of spindle {number}: fault {code:04X}h: {}",
+                        fault_text_of(vendor, code)
+                    )
+                }
+                SpindleNotice::NotOriented => format!(
+                    "spindle {number}: M19 is not possible, because nothing turns it to an angle: give `orientation` at its \
+                     [device.spindle] of the network file"
+                ),
+            },
             Notice::DriveFault { axis, code } => {
                 let letter = letter(axis);
                 let mut devices = self.network.devices.iter();

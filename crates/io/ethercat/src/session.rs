@@ -29,6 +29,7 @@ use crate::network::{MAX_DEVICES, Network};
 use crate::pump::Pump;
 use crate::signal_set::SignalSet;
 use crate::socket::PacketSocket;
+use crate::spindle_drive::SpindleDrive;
 
 /// Maximum number of frames under way, and the data of each.
 const FRAMES: usize = 16;
@@ -161,8 +162,16 @@ pub(crate) fn run_session(
     let instance = monotonic_ns();
     let drives = DriveSet::new(machine, network, period_ns, instance)?;
     let mut signals = SignalSet::new(machine, network, instance);
-    let driving = (network.devices.iter().enumerate()).filter(|(_, device)| device.axis.is_some());
-    for ((device, listed), layout) in driving.zip(&layouts) {
+    let (mut of_axes, mut of_spindles) = (layouts.axes.iter(), layouts.spindles.iter());
+    for (device, listed) in network.devices.iter().enumerate() {
+        let layout = if listed.axis.is_some() {
+            of_axes.next()
+        } else if listed.spindle.is_some() {
+            of_spindles.next()
+        } else {
+            None
+        };
+        let Some(layout) = layout else { continue };
         let place = layout
             .digital_inputs_at(!listed.inputs.is_empty())
             .map_err(|why| SessionError::ProcessData {
@@ -178,6 +187,7 @@ pub(crate) fn run_session(
         layouts,
         drives,
         signals,
+        spindles: SpindleDrive::all(machine, network, instance),
         period_ns,
         expected: 0,
         lost: 0,

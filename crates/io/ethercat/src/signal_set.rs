@@ -11,6 +11,8 @@ use crate::signal::{Channel, ChannelForm, OutputFunction, OutputSource};
 
 /// Interval between two messages of unchanged inputs, ns.
 const INPUTS_EVERY_NS: u64 = 5_000_000;
+/// The core is silent after this time, as for outputs, ns.
+const SILENCE_NS: u64 = 200_000_000;
 /// Bits of `coolant` in the messages.
 const MIST: u32 = 0b01;
 const FLOOD: u32 = 0b10;
@@ -57,6 +59,7 @@ pub(crate) struct SignalSet {
     read: MachineInputs,
     sent: MachineInputs,
     ending: bool,
+    heard_ns: Option<u64>,
     speaks: bool,
 }
 
@@ -115,6 +118,7 @@ impl SignalSet {
             read: message,
             sent: message,
             ending: false,
+            heard_ns: None,
             speaks: network.has_signals(),
         }
     }
@@ -128,12 +132,27 @@ impl SignalSet {
 
     pub(crate) fn offer(&mut self, now_ns: u64, message: &MachineOutputs) {
         // A damaged message is followed by a complete one.
-        let _damaged = self.follower.offer(now_ns, message);
+        if self.follower.offer(now_ns, message).is_ok() {
+            self.heard_ns = Some(now_ns);
+        }
     }
 
     /// From now on all outputs are safe, whatever the core sends.
     pub(crate) const fn end(&mut self) {
         self.ending = true;
+    }
+
+    /// The outputs in force.
+    pub(crate) const fn in_force(&self) -> &MachineOutputs {
+        &self.in_force
+    }
+
+    /// The core has gone, or the session ends.
+    pub(crate) fn is_silent(&self, now_ns: u64) -> bool {
+        self.ending
+            || self
+                .heard_ns
+                .is_none_or(|heard_ns| now_ns.saturating_sub(heard_ns) > SILENCE_NS)
     }
 
     /// Updates the outputs for this period.

@@ -1,6 +1,6 @@
 //! Network files: the shipped one, its schema, and what is refused where.
 
-use evolvent_ethercat::{FitError, Network, check_fit, network_schema};
+use evolvent_ethercat::{FitError, Network, check_fit, fit_notes, network_schema};
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit, shipped};
 use evolvent_machine::{Machine, RotaryWay};
 
@@ -389,5 +389,92 @@ fn homing_by_index_needs_a_latch() {
             .as_ref()
             .is_err_and(|error| error.contains("that of the first one counts")),
         "{error:?}"
+    );
+}
+
+const SPINDLE: &str = "
+[[device]]
+name = \"spindle\"
+vendor = 1
+product = 2
+
+[device.spindle]
+increments_per_turn = 1048576
+gear = [1, 1]
+index_probe = 2
+orientation = { gain = 8 }
+";
+
+#[test]
+fn a_spindle_drive_is_read_compared_and_refused_where_it_is_wrong() {
+    let text = shipped("networks/sim-mill.toml") + SPINDLE;
+    let network = Network::parse(&text, "network.toml").expect("a network");
+    let spindle = network.devices.iter().find_map(|device| device.spindle);
+    let spindle = spindle.expect("a spindle");
+    // Increments per second at one turn in a minute.
+    assert!((spindle.velocity_per_rpm - 1_048_576.0 / 60.0).abs() < 1e-9);
+    assert!(spindle.knows_angle() && network.has_signals());
+    let mill = shipped("machines/mill-3axis.toml");
+    let with = |spindle: &str| Machine::parse(&(mill.clone() + spindle), "mill.toml").expect("a machine");
+    let measured = with("\n[[spindle]]\nmax_rpm = 3000\nfeedback = true\n");
+    assert_eq!(check_fit(&measured, &network), Ok(()));
+    assert_eq!(fit_notes(&measured, &network), Vec::<String>::new());
+    let deaf = with("\n[[spindle]]\nmax_rpm = 3000\n");
+    assert!(fit_notes(&deaf, &network)[0].contains("nobody uses it"));
+    let alone = Network::parse(&shipped("networks/sim-mill.toml"), "network.toml").expect("a network");
+    assert!(fit_notes(&measured, &alone)[0].contains("no [device.spindle]"));
+    let other = with("\n[[spindle]]\nnumber = 1\nmax_rpm = 3000\n");
+    assert!(matches!(
+        check_fit(&other, &network),
+        Err(FitError::NoSignal { .. })
+    ));
+    for (from, to, told) in [
+        ("index_probe = 2", "index_probe = 3", "3 is not a touch probe"),
+        (
+            "index_probe = 2",
+            "index = \"encoder\"\nindex_probe = 2",
+            "as fast as the spindle",
+        ),
+        (
+            "index_probe = 2",
+            "index = \"spindle\"",
+            "touch probe that latches it",
+        ),
+        (
+            "index_probe = 2",
+            "index_probe = 2\nabsolute_zero = 5",
+            "exclude each other",
+        ),
+        ("index_probe = 2\n", "", "no angle to turn to"),
+        ("gain = 8", "gain = 0", "gain"),
+        (
+            "increments_per_turn = 1048576\ngear = [1, 1]\nindex",
+            "increments_per_turn = 0\nindex",
+            "increments_per_turn",
+        ),
+        (
+            "[device.spindle]",
+            "[device.axis]\nletter = \"A\"\nincrements_per_turn = 1\nturn_deg = 1\n[device.spindle]",
+            "an axis or turns a spindle",
+        ),
+    ] {
+        assert!(SPINDLE.contains(from), "{from}");
+        let text = shipped("networks/sim-mill.toml") + &SPINDLE.replacen(from, to, 1);
+        let error = Network::parse(&text, "network.toml").expect_err(to).to_string();
+        assert!(
+            error.starts_with("network.toml:") && error.contains(told),
+            "{to}: {error}"
+        );
+    }
+    let absolute =
+        shipped("networks/sim-mill.toml") + &SPINDLE.replace("index_probe = 2", "absolute_zero = 77");
+    let network = Network::parse(&absolute, "network.toml").expect("a network");
+    assert!(
+        network
+            .devices
+            .iter()
+            .find_map(|device| device.spindle)
+            .expect("it")
+            .knows_angle()
     );
 }

@@ -270,7 +270,11 @@ fn one_spindle_or_several_are_read() {
     let more = lathe_text() + "\n[[spindle]]\nnumber = 2\nforward = { pin = 13 }\n";
     let board = BoardSettings::parse(&more, "b.toml").expect("two");
     assert_eq!(
-        board.spindles.iter().map(|spindle| spindle.number).collect::<Vec<_>>(),
+        board
+            .spindles
+            .iter()
+            .map(|spindle| spindle.number)
+            .collect::<Vec<_>>(),
         [0, 2]
     );
 }
@@ -286,11 +290,24 @@ fn what_of_a_spindle_makes_no_sense_is_refused_with_its_place() {
         edit("counts_per_rev = 4096", "counts_per_rev = 2", "counts_per_rev"),
         at("counts_per_rev = 4096", "", "counts_per_rev", "[[spindle]]"),
         at("encoder = 0", "", "encoder", "counts_per_rev"),
-        edit("index = \"spindle\"", "index = \"encoder\"", "as fast as the spindle"),
-        edit("at_speed_tolerance = 0.02", "at_speed_tolerance = 2", "at_speed_tolerance"),
+        edit(
+            "index = \"spindle\"",
+            "index = \"encoder\"",
+            "as fast as the spindle",
+        ),
+        edit(
+            "at_speed_tolerance = 0.02",
+            "at_speed_tolerance = 2",
+            "at_speed_tolerance",
+        ),
         at("reverse = { pin = 16 }", "", "either way", "orientation"),
         edit("pwm = 0", "pwm = 0\nsigned = true\nremote = 0", "belong together"),
-        at("number = 0", "number = 0\norient = { pin = 13 }", "orientation", "orientation"),
+        at(
+            "number = 0",
+            "number = 0\norient = { pin = 13 }",
+            "orientation",
+            "orientation",
+        ),
         edit("gear = [1, 1]", "gear = [0, 1]", "gear"),
     ];
     for refused in refused {
@@ -300,11 +317,7 @@ fn what_of_a_spindle_makes_no_sense_is_refused_with_its_place() {
         } else {
             refused.line
         };
-        assert_refused(
-            &lathe_text(),
-            &[Edit { line, ..refused }],
-            BoardSettings::parse,
-        );
+        assert_refused(&lathe_text(), &[Edit { line, ..refused }], BoardSettings::parse);
     }
     let twice = lathe_text() + "\n[[spindle]]\nnumber = 1\nencoder = 0\ncounts_per_rev = 400\n";
     let error = BoardSettings::parse(&twice, "b.toml").expect_err("one encoder twice");
@@ -325,12 +338,17 @@ fn a_spindle_that_only_one_file_measures_is_noted() {
     let mut deaf = machine.clone();
     deaf.signals.spindles[0].at_speed = evolvent_machine::AtSpeed::Unknown;
     assert!(notes(&deaf, &lathe_text()).contains("nobody uses it"));
-    let no_index = lathe_text().replace("index = \"spindle\"", "index = \"none\"").replace("orientation = ", "# ");
+    let no_index = lathe_text()
+        .replace("index = \"spindle\"", "index = \"none\"")
+        .replace("orientation = ", "# ");
     assert!(notes(&machine, &no_index).contains("index = \"none\""));
     let no_m19 = lathe_text().replace("orientation = ", "# ");
     assert!(notes(&machine, &no_m19).contains("M19 is not possible"));
     let mut slow = machine;
     slow.signals.spindles[0].max_rpm = 6000.0;
     let board = BoardSettings::parse(&lathe_text(), "b.toml").expect("a board file");
-    assert!(matches!(check_fit(&slow, &board), Err(FitError::FullSpeed { .. })));
+    assert!(matches!(
+        check_fit(&slow, &board),
+        Err(FitError::FullSpeed { .. })
+    ));
 }

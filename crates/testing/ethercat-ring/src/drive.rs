@@ -1,4 +1,4 @@
-//! A CiA 402 drive with its motor: cyclic synchronous position, homing, touch probe, following error.
+//! A CiA 402 drive with its motor: cyclic synchronous position and velocity, homing, touch probe, following error.
 
 use core::f64::consts::TAU;
 
@@ -36,6 +36,7 @@ mod code {
 /// Modes of operation.
 const CSP: i8 = 8;
 const HOMING: i8 = 6;
+const CSV: i8 = 9;
 
 /// What a drive has on its shaft and how it is set up. Positions are turns of the motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,6 +55,8 @@ pub struct DriveSettings {
     pub probe_turns: f64,
     /// Where the encoder's zero impulse begins within each turn, 0 to below 1.
     pub index_turns: f64,
+    /// By how much the speed changes in cyclic synchronous velocity, turns/s2.
+    pub velocity_ramp_turns_s2: f64,
     /// The home switch (bit 2 of 60FDh) is on where the load is not beyond this.
     pub home_switch_turns: f64,
 }
@@ -69,6 +72,7 @@ impl Default for DriveSettings {
             limits_turns: [-200.0, 200.0],
             probe_turns: 1000.0,
             index_turns: 0.0,
+            velocity_ramp_turns_s2: 2000.0 / 60.0,
             home_switch_turns: f64::NEG_INFINITY,
         }
     }
@@ -95,6 +99,7 @@ struct Orders {
     control_word: u16,
     mode: i8,
     target: i32,
+    target_velocity: i32,
     velocity_offset: i32,
     torque_offset: i16,
 }
@@ -238,6 +243,7 @@ impl Drive {
             control_word: objects.integer(0x6040, 0) as u16,
             mode: objects.integer(0x6060, 0) as i8,
             target: objects.integer(0x607A, 0) as i32,
+            target_velocity: objects.integer(0x60FF, 0) as i32,
             velocity_offset: objects.integer(0x60B1, 0) as i32,
             torque_offset: objects.integer(0x60B2, 0) as i16,
         };
@@ -314,6 +320,13 @@ impl Drive {
                     self.demand.position += self.stride.0;
                     self.stride.1 -= 1;
                 }
+            }
+            DriveState::OperationEnabled if self.orders.mode == CSV => {
+                self.homing.stop();
+                let wanted = f64::from(self.orders.target_velocity) / resolution;
+                let most = self.settings.velocity_ramp_turns_s2 * STEP_S;
+                self.demand.velocity += (wanted - self.demand.velocity).clamp(-most, most);
+                self.demand.position += self.demand.velocity * STEP_S;
             }
             DriveState::OperationEnabled if self.orders.mode == HOMING => {
                 let speed = self.home(objects, resolution);
@@ -432,7 +445,7 @@ impl Drive {
                 HomingState::Failed => status |= 1 << 10 | 1 << 13,
                 _ => {}
             }
-        } else if self.orders.mode != CSP {
+        } else if !matches!(self.orders.mode, CSP | CSV) {
             status &= !bits::FOLLOWS_TARGET;
         } else if self.beyond_window_s > 0.0 {
             status |= bits::FOLLOWING_ERROR;

@@ -49,13 +49,13 @@ fn state_objects(resolution: i64) -> [(u16, Entry); 8] {
         ),
         (
             0x6502,
-            Entry::integer("Supported drive modes", t::UNSIGNED32, 0b1010_0000),
+            Entry::integer("Supported drive modes", t::UNSIGNED32, 0b1_1010_0000),
         ),
     ]
 }
 
-/// Cyclic synchronous position: targets, offsets, actual values.
-fn position_objects(resolution: i64, rated_torque_mn_m: i64) -> [(u16, Entry); 10] {
+/// Cyclic synchronous position and velocity: targets, offsets, actual values.
+fn position_objects(resolution: i64, rated_torque_mn_m: i64) -> [(u16, Entry); 11] {
     [
         (
             0x6064,
@@ -84,6 +84,10 @@ fn position_objects(resolution: i64, rated_torque_mn_m: i64) -> [(u16, Entry); 1
         (
             0x607A,
             Entry::integer("Target position", t::INTEGER32, 0).output(),
+        ),
+        (
+            0x60FF,
+            Entry::integer("Target velocity", t::INTEGER32, 0).output(),
         ),
         (
             0x60B1,

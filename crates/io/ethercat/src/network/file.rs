@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::axis::AxisFile;
+use super::spindle::SpindleFile;
 use super::{NetworkDevice, Startup};
 use crate::signal::{InputFile, NetworkInput, NetworkOutput, OutputFile, OutputSource, overlap};
 
@@ -46,6 +47,8 @@ pub(super) struct DeviceFile {
     pub(super) startup: Vec<StartupFile>,
     /// The axis that this device drives; without it the device is a coupler or terminal.
     pub(super) axis: Option<AxisFile>,
+    /// The spindle that this device drives.
+    pub(super) spindle: Option<SpindleFile>,
     /// Inputs of the machine file that this device reads.
     #[serde(default)]
     pub(super) input: Vec<InputFile>,
@@ -90,7 +93,7 @@ pub(super) fn check_signals(
     device: &DeviceFile,
     before: &[NetworkDevice],
 ) -> Result<(Vec<NetworkInput>, Vec<NetworkOutput>), ConfigError> {
-    let is_drive = device.axis.is_some();
+    let is_drive = device.axis.is_some() || device.spindle.is_some();
     let twice = |key: String, name: &str| {
         let what = format!("`{name}` is also a signal of another entry");
         sheet.error(&key, what, "assign each signal once")

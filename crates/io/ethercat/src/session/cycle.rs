@@ -10,15 +10,16 @@ use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec};
 
 use super::error::{Notice, SessionError};
+use super::start::Layouts;
 use super::{Devices, Ends, OPERATIONAL_NS, PHASE_GAIN, STOP_NS};
 use crate::cycle_times::CycleTime;
 use crate::drive_set::DriveSet;
 use crate::homing::HomingProgress;
 use crate::network::{MAX_DEVICES, Network};
-use crate::pdo::PdoLayout;
 use crate::pump::Pump;
 use crate::signal::NetworkInput;
 use crate::signal_set::SignalSet;
+use crate::spindle_drive::SpindleDrive;
 use crate::time_driver::thread_ns;
 
 pub(super) struct Exchanged {
@@ -33,9 +34,10 @@ pub(super) struct Cycle<'a, 'm> {
     pub(super) main: &'m MainDevice<'m>,
     pub(super) network: &'a Network,
     pub(super) devices: Devices,
-    pub(super) layouts: Vec<PdoLayout>,
+    pub(super) layouts: Layouts,
     pub(super) drives: DriveSet,
     pub(super) signals: SignalSet,
+    pub(super) spindles: Vec<SpindleDrive>,
     pub(super) period_ns: u64,
     /// Working counter of all devices.
     pub(super) expected: u16,
@@ -102,7 +104,7 @@ impl<'m> Cycle<'_, 'm> {
             }
             if let Some((since_ns, _)) = &ending
                 && (now_ns.saturating_sub(*since_ns) > STOP_NS
-                    || !self.drives.has_torque() && now_ns.saturating_sub(*since_ns) > 20 * self.period_ns)
+                    || !self.has_torque() && now_ns.saturating_sub(*since_ns) > 20 * self.period_ns)
                 && let Some((_, result)) = ending.take()
             {
                 return result;
@@ -126,6 +128,22 @@ impl<'m> Cycle<'_, 'm> {
                 next_ns += late_ns / self.period_ns * self.period_ns;
             }
         }
+    }
+
+    fn has_torque(&self) -> bool {
+        self.drives.has_torque() || self.spindles.iter().any(SpindleDrive::has_torque)
+    }
+
+    /// The time of an angle whose frame is due at `now_ns`. Drives with clocks sample at SYNC0, half a period before the frame, and are at
+    /// a target one and a half periods after it: half until SYNC0, one of interpolation. Without clocks they sample as the frame comes and
+    /// interpolate for a period. A thread needs the angle at which the axes are where their setpoint of that time has them.
+    const fn sampled_ns(&self, now_ns: u64) -> u64 {
+        let periods = if matches!(self.devices, Devices::Clocked(_)) {
+            2
+        } else {
+            1
+        };
+        now_ns.saturating_sub(periods * self.period_ns)
     }
 
     /// Bit i set: there is a device i.
@@ -161,7 +179,7 @@ impl<'m> Cycle<'_, 'm> {
                     listed
                         .inputs
                         .iter()
-                        .filter(|_| listed.axis.is_none())
+                        .filter(|_| listed.axis.is_none() && listed.spindle.is_none())
                         .map(read)
                         .max(),
                     inputs,
@@ -203,8 +221,19 @@ impl<'m> Cycle<'_, 'm> {
             .iter()
             .enumerate()
             .filter(|(_, device)| device.axis.is_some());
+        let spindles = self.network.devices.iter().enumerate();
+        let spindles = spindles.filter(|(_, device)| device.spindle.is_some());
+        let is_silent = self.signals.is_silent(now_ns) || !self.operational;
+        let fault_reset = self.drives.fault_reset();
+        for (place, (device, _)) in spindles.clone().enumerate() {
+            let (wanted, layout) = (*self.signals.in_force(), self.layouts.spindles[place]);
+            let outputs = self.spindles[place].outputs(&wanted, is_silent, fault_reset, now_ns);
+            self.devices
+                .with_outputs(self.main, device, |image| layout.write(&outputs, image))
+                .map_err(internal)?;
+        }
         for (axis, (device, _)) in axes.clone().enumerate() {
-            let (outputs, layout) = (self.drives.outputs(axis), self.layouts[axis]);
+            let (outputs, layout) = (self.drives.outputs(axis), self.layouts.axes[axis]);
             self.devices
                 .with_outputs(self.main, device, |image| layout.write(&outputs, image))
                 .map_err(internal)?;
@@ -246,7 +275,7 @@ impl<'m> Cycle<'_, 'm> {
             is_whole || exchanged.operational & all != all && exchanged.operational >> device & 1 == 1
         };
         for (axis, (device, _)) in axes.enumerate() {
-            let layout = self.layouts[axis];
+            let layout = self.layouts.axes[axis];
             let inputs = self
                 .devices
                 .with_inputs(self.main, device, |image| layout.read(image))
@@ -265,8 +294,22 @@ impl<'m> Cycle<'_, 'm> {
                     .map_err(internal)?;
             }
         }
+        let sampled_ns = self.sampled_ns(now_ns);
+        for (place, (device, _)) in spindles.enumerate() {
+            let layout = self.layouts.spindles[place];
+            let inputs = self
+                .devices
+                .with_inputs(self.main, device, |image| layout.read(image))
+                .map_err(internal)?;
+            if is_known(device) {
+                self.spindles[place].take(inputs, sampled_ns);
+            }
+        }
         let judged = self.judge(&exchanged, ends);
         if self.operational {
+            for message in self.spindles.iter_mut().filter_map(SpindleDrive::feedback) {
+                let _full = ends.bus.spindles.push(message);
+            }
             // A message that does not fit is replaced by the next.
             if let Some(feedback) = self.drives.feedback(monotonic_ns()) {
                 let _full = ends.bus.feedback.push(feedback);
@@ -306,7 +349,7 @@ impl<'m> Cycle<'_, 'm> {
             let (found, expected) = (exchanged.working_counter, self.expected);
             let _full = ends.bus.notices.push(Notice::Short { found, expected });
         }
-        let mut axis = 0;
+        let (mut axis, mut spindle) = (0, 0);
         for (device, listed) in self.network.devices.iter().enumerate() {
             let is_lost = exchanged.operational >> device & 1 == 0;
             if is_lost && self.short == self.network.max_lost_cycles + 1 {
@@ -319,6 +362,12 @@ impl<'m> Cycle<'_, 'm> {
                 }
                 axis += 1;
             }
+            if listed.spindle.is_some() {
+                if is_lost || exchanged.operational & all == all {
+                    self.spindles[spindle].set_lost();
+                }
+                spindle += 1;
+            }
         }
         Err(SessionError::Broken {
             states: String::new(),
@@ -326,6 +375,9 @@ impl<'m> Cycle<'_, 'm> {
     }
 
     fn tell_faults(&mut self, ends: &mut Ends<'_, '_>) {
+        for (number, notice) in self.spindles.iter_mut().filter_map(SpindleDrive::take_news) {
+            let _full = ends.bus.notices.push(Notice::Spindle { number, notice });
+        }
         for (axis, fault, squared) in self.drives.take_gantry_events() {
             if let Some(fault) = fault.filter(|_| !self.was_apart[axis]) {
                 let _full = ends.bus.notices.push(Notice::Gantry { axis, fault });

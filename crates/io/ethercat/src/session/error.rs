@@ -4,6 +4,7 @@ use evolvent_drive::{GantryFault, InterpolationError, SettingsError};
 use thiserror::Error;
 
 use crate::pdo::PdoError;
+use crate::spindle_drive::SpindleNotice;
 
 /// Why a session did not start, or why it ended.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -125,6 +126,8 @@ pub enum Notice {
     Operational { clocks: bool },
     /// A drive is in fault.
     DriveFault { axis: usize, code: u16 },
+    /// A spindle, by its number.
+    Spindle { number: usize, notice: SpindleNotice },
     /// The drives of a gantry have to stop.
     Gantry { axis: usize, fault: GantryFault },
     /// A gantry was homed by its switches, and its second drive was so far from square.

@@ -10,14 +10,22 @@ use evolvent_drive::InterpolationTime;
 
 use super::error::SessionError;
 use super::{Devices, IMAGE, SYNC_DELAY};
-use crate::network::{MAX_DEVICES, Network, NetworkAxis, NetworkDevice, Startup};
-use crate::pdo::{Mapped, PdoLayout, wanted_inputs, wanted_outputs};
+use crate::homing::HomingOnDrive;
+use crate::network::{MAX_DEVICES, Network, NetworkDevice, Startup};
+use crate::pdo::{Extras, Mapped, PdoLayout, wanted_inputs, wanted_outputs};
+
+/// Process data of the drives of axes, and of those of spindles, in the order of the devices.
+#[derive(Debug, Default)]
+pub(super) struct Layouts {
+    pub(super) axes: Vec<PdoLayout>,
+    pub(super) spindles: Vec<PdoLayout>,
+}
 
 pub(super) async fn start<'m>(
     main: &'m MainDevice<'m>,
     network: &Network,
     period_ns: u64,
-) -> Result<(Devices, Vec<PdoLayout>), SessionError> {
+) -> Result<(Devices, Layouts), SessionError> {
     let told = InterpolationTime::from_period_ns(period_ns)?;
     let failed = |doing: &'static str| {
         move |error: Error| SessionError::Main {
@@ -55,7 +63,7 @@ pub(super) async fn start<'m>(
     if found != expected {
         return Err(SessionError::Count { found, expected });
     }
-    let mut layouts = Vec::new();
+    let mut layouts = Layouts::default();
     for (i, (subdevice, device)) in group.iter(main).zip(&network.devices).enumerate() {
         check_identity(i + 1, &subdevice.identity(), device)?;
         let objects = Objects {
@@ -66,12 +74,20 @@ pub(super) async fn start<'m>(
             objects.write(*entry).await?;
         }
         if let Some(axis) = &device.axis {
-            layouts.push(objects.set_up(axis, told).await?);
+            layouts
+                .axes
+                .push(objects.set_up(axis.homing, axis.extras(), axis.map, told).await?);
+        }
+        if let Some(spindle) = &device.spindle {
+            layouts
+                .spindles
+                .push(objects.set_up(None, spindle.extras(), spindle.map, told).await?);
         }
     }
     let mut has_clock = false;
     for (mut subdevice, device) in group.iter_mut(main).zip(&network.devices) {
-        if network.distributed_clocks && device.axis.is_some() && subdevice.dc_support().any() {
+        let is_drive = device.axis.is_some() || device.spindle.is_some();
+        if network.distributed_clocks && is_drive && subdevice.dc_support().any() {
             subdevice.set_dc_sync(DcSync::Sync0);
             has_clock = true;
         }
@@ -163,7 +179,13 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
         written.map_err(|error| self.refused(index, sub_index, "written", error))
     }
 
-    async fn set_up(&self, axis: &NetworkAxis, told: InterpolationTime) -> Result<PdoLayout, SessionError> {
+    async fn set_up(
+        &self,
+        homing: Option<HomingOnDrive>,
+        extras: Extras,
+        map: bool,
+        told: InterpolationTime,
+    ) -> Result<PdoLayout, SessionError> {
         for (sub_index, value) in [(1, told.value), (2, told.index as u8)] {
             let written = self.subdevice.sdo_write(0x60C2, sub_index, value).await;
             match written {
@@ -172,7 +194,7 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
                 Err(error) => return Err(self.refused(0x60C2, sub_index, "written", error)),
             }
         }
-        if let Some(homing) = axis.homing {
+        if let Some(homing) = homing {
             let write = |index, sub_index, bytes, value| {
                 self.write(Startup {
                     index,
@@ -190,8 +212,7 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
             // The network file gives the machine coordinate of the zero that the drive finds.
             write(0x607C, 0, 4, 0).await?;
         }
-        let extras = axis.extras();
-        if axis.map {
+        if map {
             self.map(0x1C12, 0x1600, &wanted_outputs(extras)).await?;
             self.map(0x1C13, 0x1A00, &wanted_inputs(extras)).await?;
         }

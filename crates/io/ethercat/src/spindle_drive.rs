@@ -1,0 +1,282 @@
+//! A spindle drive: CiA 402 in cyclic synchronous velocity, its position as the angle of the spindle.
+//!
+//! M19 is a position loop of the bridge on the velocity, in the same mode: it works with every drive that has mode 9, and a change of
+//! mode under power is what drives do least alike.
+
+use evolvent_bus::{MachineOutputs, SpindleFeedback};
+use evolvent_drive::{
+    Cia402, DriveState, PowerRequest, SpindleConditions, SpindleEncoder, SpindleEncoderFault,
+    SpindleOrientation, bits, control,
+};
+use evolvent_machine::Machine;
+
+use crate::network::{Network, NetworkSpindle};
+use crate::pdo::{DriveInputs, DriveOutputs};
+use crate::zero_impulse::{Latched, ZeroImpulse};
+
+/// Directions of a spindle on the bus.
+const STOPPED: u32 = 0;
+const CLOCKWISE: u32 = 1;
+const COUNTER_CLOCKWISE: u32 = 2;
+const ORIENT: u32 = 3;
+/// Cyclic synchronous velocity.
+const CSV: i8 = 9;
+/// Object 603Fh: communication.
+const COMMUNICATION: u16 = 0x7500;
+/// Number of periods for which the fault reset bit is held.
+const RESET_PERIODS: u32 = 5;
+
+/// What happens to a spindle, for the user.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SpindleNotice {
+    /// Its encoder.
+    Encoder(SpindleEncoderFault),
+    /// Its drive is in fault, with this code.
+    DriveFault(u16),
+    /// M19, and nothing can turn it to an angle.
+    NotOriented,
+}
+
+/// One spindle drive. Nothing but the constructor allocates.
+#[derive(Debug)]
+pub(crate) struct SpindleDrive {
+    settings: NetworkSpindle,
+    controller: Option<Cia402>,
+    inputs: DriveInputs,
+    has_inputs: bool,
+    encoder: SpindleEncoder,
+    zero_impulse: ZeroImpulse,
+    /// The zero impulse is looked for.
+    is_armed: bool,
+    orientation: Option<SpindleOrientation>,
+    is_heard: bool,
+    is_lost: bool,
+    sent: SpindleFeedback,
+    direction: u32,
+    rpm: f64,
+    outputs_sequence: u64,
+    reset_periods: u32,
+    told: Option<SpindleNotice>,
+    news: Option<SpindleNotice>,
+}
+
+impl SpindleDrive {
+    /// The spindle drives of a network, in their order.
+    pub(crate) fn all(machine: &Machine, network: &Network, instance: u64) -> Vec<Self> {
+        let settings = network.devices.iter().filter_map(|device| device.spindle);
+        settings
+            .map(|settings| {
+                let known = machine.signals.spindle(settings.number as u32);
+                Self {
+                    settings,
+                    controller: None,
+                    inputs: DriveInputs::default(),
+                    has_inputs: false,
+                    encoder: SpindleEncoder::new(settings.encoder),
+                    zero_impulse: ZeroImpulse::new(),
+                    is_armed: false,
+                    orientation: settings.orientation.map(SpindleOrientation::new),
+                    is_heard: known.is_some_and(|known| known.has_feedback()),
+                    is_lost: false,
+                    sent: SpindleFeedback {
+                        instance,
+                        ..SpindleFeedback::default()
+                    },
+                    direction: STOPPED,
+                    rpm: 0.0,
+                    outputs_sequence: 0,
+                    reset_periods: 0,
+                    told: None,
+                    news: None,
+                }
+            })
+            .collect()
+    }
+
+    /// Its device does not reply, or is not in OP.
+    pub(crate) const fn set_lost(&mut self) {
+        self.is_lost = true;
+    }
+
+    pub(crate) fn has_torque(&self) -> bool {
+        let state = DriveState::decode(self.inputs.status_word).filter(|_| !self.is_lost);
+        matches!(
+            state,
+            Some(
+                DriveState::OperationEnabled | DriveState::QuickStopActive | DriveState::FaultReactionActive
+            )
+        )
+    }
+
+    /// Takes the inputs of a period, and the time at which the drive had sampled them.
+    pub(crate) fn take(&mut self, inputs: DriveInputs, sampled_ns: u64) {
+        self.inputs = inputs;
+        self.has_inputs = true;
+        self.encoder.read(inputs.position as u32, sampled_ns);
+        if let Some(probe) = self.settings.index_probe {
+            match self
+                .zero_impulse
+                .step(probe, inputs.probe_status, inputs.index_position)
+            {
+                Latched::Nothing => {}
+                Latched::Armed => self.encoder.set_armed(),
+                Latched::At(increments) => {
+                    self.encoder.latch(increments as u32);
+                    self.is_armed = false;
+                }
+            }
+            // Every impulse is compared with the first.
+            if !self.is_armed {
+                self.zero_impulse.arm();
+                self.is_armed = true;
+            }
+        }
+        let news = match (self.encoder.fault(), self.is_in_fault()) {
+            (Some(fault), _) => Some(SpindleNotice::Encoder(fault)),
+            (None, true) => Some(SpindleNotice::DriveFault(self.error_code())),
+            (None, false) => None,
+        };
+        self.tell(news);
+    }
+
+    fn is_in_fault(&self) -> bool {
+        self.is_lost || self.inputs.status_word & bits::FAULT != 0
+    }
+
+    fn error_code(&self) -> u16 {
+        if self.is_lost {
+            COMMUNICATION
+        } else {
+            self.inputs.error_code
+        }
+    }
+
+    fn tell(&mut self, news: Option<SpindleNotice>) {
+        let is_same = match (&self.told, &news) {
+            (Some(SpindleNotice::Encoder(_)), Some(SpindleNotice::Encoder(_)))
+            | (Some(SpindleNotice::NotOriented), None) => true,
+            (told, news) => told == news,
+        };
+        if !is_same {
+            (self.told, self.news) = (news, news.or(self.news));
+        }
+    }
+
+    /// Number and news of it, once each.
+    pub(crate) fn take_news(&mut self) -> Option<(usize, SpindleNotice)> {
+        Some((self.settings.number, self.news.take()?))
+    }
+
+    /// The outputs of a period. `is_silent`: the core has gone, or the session ends.
+    pub(crate) fn outputs(
+        &mut self,
+        wanted: &MachineOutputs,
+        is_silent: bool,
+        fault_reset: u32,
+        now_ns: u64,
+    ) -> DriveOutputs {
+        let number = self.settings.number;
+        let direction = if is_silent {
+            STOPPED
+        } else {
+            wanted.spindle_direction[number]
+        };
+        (self.direction, self.rpm) = (direction, wanted.spindle_rpm[number]);
+        self.outputs_sequence = wanted.sequence;
+        if direction != ORIENT {
+            if let Some(orientation) = &mut self.orientation {
+                orientation.end();
+            }
+            if self.told == Some(SpindleNotice::NotOriented) {
+                self.told = None;
+            }
+        }
+        let stands = self.encoder.is_standing();
+        if direction == STOPPED && stands && self.encoder.fault().is_some() {
+            // The alarm has stopped it: what comes next begins with another zero.
+            self.encoder.reset();
+            (self.is_armed, _) = (false, self.zero_impulse.disarm());
+        }
+        let rpm = match direction {
+            CLOCKWISE => self.rpm,
+            COUNTER_CLOCKWISE => -self.rpm,
+            ORIENT => match &mut self.orientation {
+                Some(orientation) => orientation.step(
+                    wanted.spindle_angle[number],
+                    wanted.spindle_way[number],
+                    &self.encoder,
+                    now_ns,
+                ),
+                None => {
+                    self.tell(Some(SpindleNotice::NotOriented));
+                    0.0
+                }
+            },
+            _ => 0.0,
+        };
+        let turns = matches!(direction, CLOCKWISE | COUNTER_CLOCKWISE)
+            || direction == ORIENT && self.orientation.is_some();
+        let power = match (turns, stands, is_silent) {
+            (true, ..) => PowerRequest::On,
+            // It brakes in operation, by the speed zero; without the core as fast as it can.
+            (false, false, false) => PowerRequest::On,
+            (false, false, true) => PowerRequest::QuickStop,
+            (false, true, _) => PowerRequest::Off,
+        };
+        let controller = self.controller.get_or_insert(Cia402::new(fault_reset));
+        let order = controller.step(self.inputs.status_word, power, fault_reset, 0.0, 0.0);
+        if order.control_word == control::FAULT_RESET {
+            self.reset_periods = RESET_PERIODS;
+        }
+        let state = DriveState::decode(self.inputs.status_word);
+        let holds_reset = self.reset_periods > 0 && state == Some(DriveState::Fault);
+        self.reset_periods = self.reset_periods.saturating_sub(1);
+        let sign = if self.settings.inverted { -1.0 } else { 1.0 };
+        let velocity = sign * rpm * self.settings.velocity_per_rpm;
+        DriveOutputs {
+            control_word: if holds_reset {
+                control::FAULT_RESET
+            } else {
+                order.control_word
+            },
+            mode: CSV,
+            target: if state == Some(DriveState::OperationEnabled) {
+                velocity.round().clamp(f64::from(i32::MIN), f64::from(i32::MAX)) as i32
+            } else {
+                0
+            },
+            probe_function: (self.settings.index_probe).map_or(0, |probe| self.zero_impulse.function(probe)),
+            ..DriveOutputs::default()
+        }
+    }
+
+    /// The message of the newest inputs, if the machine file has the spindle with feedback.
+    pub(crate) fn feedback(&mut self) -> Option<SpindleFeedback> {
+        if !self.is_heard || !self.has_inputs {
+            return None;
+        }
+        let time_ns = self.encoder.read_at_ns()?;
+        if self.sent.sequence > 0 && time_ns <= self.sent.time_ns {
+            return None;
+        }
+        let is_oriented = self.direction == ORIENT
+            && self
+                .orientation
+                .is_some_and(|orientation| orientation.is_oriented());
+        let message = self.encoder.feedback(&SpindleConditions {
+            spindle: self.settings.number as u32,
+            direction: self.direction,
+            rpm: self.rpm,
+            outputs_sequence: self.outputs_sequence,
+            at_speed_input: None,
+            has_drive_fault: self.is_in_fault(),
+            is_oriented,
+        });
+        self.sent = SpindleFeedback {
+            sequence: self.sent.sequence + 1,
+            instance: self.sent.instance,
+            ..message
+        };
+        Some(self.sent)
+    }
+}
