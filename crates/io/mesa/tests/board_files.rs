@@ -302,10 +302,9 @@ fn what_of_a_spindle_makes_no_sense_is_refused_with_its_place() {
         ),
         at("reverse = { pin = 16 }", "", "either way", "orientation"),
         edit("pwm = 0", "pwm = 0\nsigned = true\nremote = 0", "belong together"),
-        at(
-            "number = 0",
-            "number = 0\norient = { pin = 13 }",
-            "orientation",
+        edit(
+            "orientation = { gain = 8, i_gain = 10, rpm = 60, tolerance_deg = 1 }",
+            "orientation = { gain = 8, i_gain = 10, rpm = 60, tolerance_deg = 1 }\norient = { pin = 13 }",
             "orientation",
         ),
         edit("gear = [1, 1]", "gear = [0, 1]", "gear"),

@@ -126,7 +126,7 @@ impl JsonSchema for SpindleFiles {
     fn json_schema(generator: &mut SchemaGenerator) -> Schema {
         let one = generator.subschema_for::<SpindleFile>();
         schemars::json_schema!({
-            "anyOf": [{ "type": "array", "maxItems": 4, "items": one.clone() }, one]
+            "anyOf": [{ "type": "array", "maxItems": 4, "items": one }, one]
         })
     }
 }
