@@ -307,7 +307,10 @@ fn what_of_a_spindle_makes_no_sense_is_refused_with_its_place() {
             "orientation = { gain = 8, i_gain = 10, rpm = 60, tolerance_deg = 1 }\norient = { pin = 13 }",
             "orientation",
         ),
-        edit("gear = [1, 1]", "gear = [0, 1]", "gear"),
+        Edit {
+            column: 9,
+            ..edit("gear = [1, 1]", "gear = [0, 1]", "gear")
+        },
     ];
     for refused in refused {
         // The table is where a key is missing, or where two do not go together.
