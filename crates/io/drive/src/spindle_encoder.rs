@@ -591,6 +591,31 @@ mod tests {
         assert!((shaft.encoder.speed_rpm() - 600.0).abs() < 3.0);
     }
 
+    /// Three turns of the encoder per turn of the spindle: a pulse each third of a turn, and the zero is the first of them.
+    #[test]
+    fn pulses_of_an_encoder_behind_a_gear_are_compared_by_its_own_turn() {
+        let mut encoder = SpindleEncoder::new(SpindleEncoderSettings {
+            counts_per_turn: 400,
+            gear: [3, 1],
+            index: SpindleIndex::PerEncoderTurn,
+            ..SETTINGS
+        });
+        let pulses = [100, 500, 900, 1300, 2500];
+        for (period, pulse) in (0_u64..).zip(pulses) {
+            encoder.read(pulse + 3, period * MS);
+            encoder.latch(pulse);
+            assert_eq!(encoder.fault(), None, "{pulse}");
+        }
+        // Two turns of the spindle from the first pulse.
+        assert_eq!(encoder.turns(), (2, 3.5 / 1200.0));
+        encoder.read(2950, 9 * MS);
+        encoder.latch(2940);
+        assert_eq!(
+            encoder.fault(),
+            Some(SpindleEncoderFault::LostCounts { counts: 40 })
+        );
+    }
+
     #[test]
     fn an_absolute_counter_is_known_with_its_first_reading() {
         let absolute = SpindleEncoderSettings {
