@@ -9,8 +9,9 @@ const WAY_COUNTER_CLOCKWISE: u32 = 2;
 const CATCH_RATIO: f64 = 1.2;
 /// It must have been within the tolerance for so long.
 const SETTLED_NS: u64 = 50_000_000;
-/// The integral acts within this multiple of the tolerance: on the way it would only make the spindle overshoot.
-const INTEGRAL_WITHIN: f64 = 10.0;
+/// The integral acts below this fraction of the greatest speed: on the way it would only make the spindle overshoot, and what it has
+/// to remove is where the spindle stands still beside its angle.
+const INTEGRAL_BELOW: f64 = 0.05;
 /// Greatest part of the integral in the command, of the greatest speed.
 const INTEGRAL_RATIO: f64 = 0.2;
 
@@ -103,7 +104,7 @@ impl SpindleOrientation {
         let most = most / 60.0;
         let integral = self.integral + self.settings.integral_gain * error * period_s;
         let proportional = self.settings.gain * error;
-        if error.abs() < INTEGRAL_WITHIN * self.tolerance(encoder) {
+        if encoder.speed_rpm().abs() < INTEGRAL_BELOW * self.settings.max_rpm {
             self.integral = integral.clamp(-INTEGRAL_RATIO * most, INTEGRAL_RATIO * most);
         }
         (proportional + self.integral).clamp(-most, most) * 60.0
