@@ -9,7 +9,7 @@
 //! - [`Drives`]: simulated drives in a process of their own;
 //! - [`Domain`]: a corner of shared memory of one's own, swept and checked at the end;
 //! - [`hold_to_the_suite`]: the conformance suite over a bridge; [`c_example`]: the examples in C;
-//! - [`unless_disturbed`]: a trial of real time, played again where the host kept its processes from running;
+//! - [`unless_disturbed`] and [`where_undisturbed`]: a trial of real time, played again where the host kept its processes from running;
 //! - [`Workshop`]: a folder of one's own with machine files and programs made for one test;
 //! - [`cycles`]: what a trace recorded, [`verifies`] that it computes again, [`phases`] whether threads are in phase;
 //! - [`Hole`]: exact involutes and circles of a program, by formulas of their own and not the crates under test;
@@ -42,7 +42,7 @@ pub use binary::{Finished, evolvent, run, wait};
 pub use bridges::{c_example, hold_to_the_suite};
 pub use domain::Domain;
 pub use drives::Drives;
-pub use evolvent_disturbance::unless_disturbed;
+pub use evolvent_disturbance::{unless_disturbed, where_undisturbed};
 pub use evolvent_random::Random;
 pub use hole::{Hole, Piece};
 pub use lathe::{ThreadPass, angles, phases};

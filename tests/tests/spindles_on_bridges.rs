@@ -20,13 +20,17 @@ use evolvent_ethercat_ring::{
     on_bench,
 };
 use evolvent_mesa_board::{Board, BoardModel, BoardServer, FaultKind, Spindle, SpindleCommand, now_ns};
-use evolvent_tests::{Domain, Operator, Random, Served, Workshop, evolvent, unless_disturbed, verifies};
+use evolvent_tests::{
+    Domain, Operator, Random, Served, Workshop, evolvent, unless_disturbed, verifies, where_undisturbed,
+};
 
 const SPINDLE_ALARM: u32 = 440;
 const DONE: u32 = 1;
 const NAME: &str = "spun-lathe";
 /// Periods that setpoints are ahead: the angle is predicted for as long, so a thread needs few; a busy host needs many.
 const SHORT_LEAD: u32 = 3;
+/// A setpoint with that lead is late after this pause, and out of phase.
+const LATE: Duration = Duration::from_millis(3);
 const LONG_LEAD: u32 = 120;
 /// Where the lathe's axes stand at the start, mm.
 const HOME: [f64; 2] = [20.0, 10.0];
@@ -435,7 +439,7 @@ fn assert_in_phase(what: &str, [half, most, all]: [f64; 3], pitch: f64, lathe: &
 
 fn threads_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
     for (rpm, pitch) in [(200, 2.0), (1200, 1.5)] {
-        unless_disturbed(|| {
+        where_undisturbed(LATE, || {
             let (lathe, workshop) = (lathe(), Workshop::new());
             let program = format!(
                 "G21 G18 G90 G8\nS{rpm} M3\nG0 X15 Z5\nG76 P{pitch} Z-20 I-1 J0.4 K0.8 R1 H1\nG0 X20\nM5\nM2\n"
@@ -458,7 +462,7 @@ fn threads_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
 /// A tap goes in and out by the same way, and its turns fall as they rose.
 fn taps_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
     for code in ["G33.1 Z-10 K1", "G98 G84 Z-10 R5 F500"] {
-        unless_disturbed(|| {
+        where_undisturbed(LATE, || {
             let (lathe, workshop) = (lathe(), Workshop::new());
             let program = format!("G21 G17 G90 G94 G8\nS500 M3\nG0 X0 Z5\n{code}\nG80\nG0 X20\nM5\nM2\n");
             let cut = cut(&lathe, &workshop, &program, SHORT_LEAD, None);

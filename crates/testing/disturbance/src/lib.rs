@@ -20,6 +20,7 @@
     reason = "helpers of tests fail and talk as tests do"
 )]
 
+use std::any::Any;
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
@@ -45,17 +46,51 @@ pub fn tell_pause(pause_ns: u64) {
 /// # Panics
 /// As the trial does.
 pub fn unless_disturbed<T>(trial: impl Fn() -> T) -> T {
+    match play(PAUSE, trial) {
+        Played::Passed(result) => result,
+        Played::Failed(panic) | Played::Disturbed(panic) => resume_unwind(panic),
+    }
+}
+
+/// As [`unless_disturbed`], for what holds only while the host lets each cycle run in time: no pause may be longer than `pause`. `None`,
+/// and "not measured" is told, where each attempt failed on a host that did not.
+///
+/// # Panics
+/// As the trial does, where the host let it run.
+pub fn where_undisturbed<T>(pause: Duration, trial: impl Fn() -> T) -> Option<T> {
+    match play(pause, trial) {
+        Played::Passed(result) => Some(result),
+        Played::Failed(panic) => resume_unwind(panic),
+        Played::Disturbed(_) => {
+            println!("not measured: this host kept the test from running for more than {pause:?} each time");
+            None
+        }
+    }
+}
+
+/// How trials ended, with what the last one said.
+enum Played<T> {
+    Passed(T),
+    Failed(Box<dyn Any + Send>),
+    /// Each of them failed while the host kept it from running.
+    Disturbed(Box<dyn Any + Send>),
+}
+
+fn play<T>(longest: Duration, trial: impl Fn() -> T) -> Played<T> {
     let mut attempt = 1;
     loop {
         TOLD_NS.with(|told| told.set(0));
         let (result, own) = watched(|| catch_unwind(AssertUnwindSafe(&trial)));
         let panic = match result {
-            Ok(result) => return result,
+            Ok(result) => return Played::Passed(result),
             Err(panic) => panic,
         };
         let pause = own.max(Duration::from_nanos(TOLD_NS.with(Cell::get)));
-        if attempt == ATTEMPTS || pause < PAUSE {
-            resume_unwind(panic);
+        if pause < longest {
+            return Played::Failed(panic);
+        }
+        if attempt == ATTEMPTS {
+            return Played::Disturbed(panic);
         }
         println!("attempt {attempt} was kept from running for {pause:?}: once more");
         attempt += 1;
@@ -104,6 +139,21 @@ mod tests {
     #[test]
     fn a_failure_is_tried_again_after_a_pause() {
         assert_eq!(attempts(60_000_000, |attempt| attempt < 3), (3, true));
+    }
+
+    #[test]
+    fn what_needs_a_quiet_host_is_not_measured_on_another() {
+        let pause = Duration::from_secs(10);
+        let trial = |told_ns| {
+            move || {
+                tell_pause(told_ns);
+                assert_eq!(told_ns, 1, "out of phase");
+            }
+        };
+        assert_eq!(where_undisturbed(pause, trial(1)), Some(()));
+        assert_eq!(where_undisturbed(pause, trial(11_000_000_000)), None);
+        let quiet = catch_unwind(|| where_undisturbed(pause, trial(2)));
+        assert!(quiet.is_err(), "broken");
     }
 
     #[test]
