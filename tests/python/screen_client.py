@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import collections
 import http.client
 import json
 import random
@@ -36,11 +37,30 @@ class Page:
             f"ws://{parts.netloc}{parts.path}ws", origin=origin, additional_headers=headers, max_size=None, compression=None, legacy=True
         )
         self.next = 0
+        # The newest status that has come, and messages that came while it was looked for.
+        self.seen_ns = 0
+        self.waiting: collections.deque[str | bytes] = collections.deque()
+
+    def receive(self, timeout: float) -> str | bytes:
+        message = self.socket.recv(timeout=timeout)
+        if isinstance(message, str) and message.startswith('{"type":"status"'):
+            self.seen_ns = json.loads(message)["status"]["time_ns"]
+        return message
+
+    def catch_up(self) -> None:
+        """Receives what has come, as a page does that runs."""
+        end = time.monotonic() + 10
+        while time.monotonic() < end:
+            try:
+                self.waiting.append(self.receive(timeout=0.002))
+            except TimeoutError:
+                if self.seen_ns > 0:
+                    return
 
     def hear(self, kind: str, timeout: float = 20.0, **wanted: Any) -> dict[str, Any]:
         end = time.monotonic() + timeout
         while True:
-            message = self.socket.recv(timeout=max(0.001, end - time.monotonic()))
+            message = self.waiting.popleft() if self.waiting else self.receive(timeout=max(0.001, end - time.monotonic()))
             if isinstance(message, bytes):
                 continue
             found = json.loads(message)
@@ -50,14 +70,28 @@ class Page:
     def say(self, **message: Any) -> None:
         self.socket.send(json.dumps(message))
 
-    def take(self, force: bool = False) -> None:
+    def take(self, force: bool = False, is_silent: bool = False) -> None:
         self.say(type="take", force=force)
         self.hear("lease", mine=True)
+        if not is_silent:
+            threading.Thread(target=self.live, daemon=True).start()
 
-    def command(self, number: int, identity: int | None = None, **fields: Any) -> dict[str, Any]:
+    def live(self) -> None:
+        """Control is of a page that says that it still runs."""
+        try:
+            while True:
+                self.say(type="alive")
+                time.sleep(0.5)
+        except ConnectionClosed:
+            pass
+
+    def command(self, number: int, identity: int | None = None, seen_ns: int | None = None, **fields: Any) -> dict[str, Any]:
+        if seen_ns is None:
+            self.catch_up()
+            seen_ns = self.seen_ns
         self.next += 1
         identity = self.next if identity is None else identity
-        self.say(type="command", id=identity, command=number, **fields)
+        self.say(type="command", id=identity, command=number, seen_ns=seen_ns, **fields)
         return self.hear("answer", id=identity)
 
     def does(self, number: int, **fields: Any) -> None:
@@ -184,6 +218,25 @@ def rules(url: str, watch_url: str) -> None:
     first.hear("lease", mine=False)
     assert not first.command(ON)["accepted"]
     assert any("took control from" in entry["text"] for entry in Page(url).hear("log")["entries"])
+    # What was sent on a link that was dead for a while is refused, unless it stops.
+    second.catch_up()
+    for seen_ns in (second.seen_ns - 5_000_000_000, 0):
+        late = second.command(ON, seen_ns=seen_ns)
+        assert not late["accepted"] and "out of date" in late["text"], late
+    assert second.command(ESTOP, seen_ns=0)["accepted"]
+    second.does(ESTOP_RESET)
+    # A page that has control and says nothing for 3 s loses it.
+    second.say(type="give")
+    silent, onlooker = Page(url), Page(url)
+    silent.take(is_silent=True)
+    begun = time.monotonic()
+    while onlooker.hear("lease")["holder"] is None:
+        pass
+    onlooker.hear("lease", timeout=20, holder=None)
+    assert time.monotonic() - begun > 2.0, time.monotonic() - begun
+    assert not silent.command(ON)["accepted"]
+    assert any("sent nothing for 3 s" in entry["text"] for entry in Page(url).hear("log")["entries"])
+    second.take()
     # A connection that is gone has given its lease back, and a new one begins with none.
     second.socket.close()
     third = Page(url)

@@ -1,6 +1,6 @@
 //! Conversion of a page's command to a request on the bus.
 
-use std::path::Path;
+use std::path::PathBuf;
 
 use evolvent_bus::{AXES, ControlRequest};
 use evolvent_control::CommandCode;
@@ -26,7 +26,10 @@ pub(crate) fn code_of(number: u32) -> Option<CommandCode> {
 }
 
 /// The request; or the error of the message.
-pub(crate) fn request_of(message: &CommandMessage, programs: &Path) -> Result<ControlRequest, String> {
+pub(crate) fn request_of(
+    message: &CommandMessage,
+    file_of: impl Fn(&str) -> PathBuf,
+) -> Result<ControlRequest, String> {
     let code = code_of(message.command).ok_or_else(|| format!("{} is not a command", message.command))?;
     let mut request = ControlRequest {
         command: code as u32,
@@ -48,7 +51,7 @@ pub(crate) fn request_of(message: &CommandMessage, programs: &Path) -> Result<Co
         if !is_good_name(&text) {
             return Err(format!("{text:?} is not the name of an uploaded program"));
         }
-        text = programs.join(&text).display().to_string();
+        text = file_of(&text).display().to_string();
     }
     if request.set_text(&text) {
         Ok(request)
@@ -68,7 +71,7 @@ mod tests {
 
     #[test]
     fn load_takes_names_only() {
-        let folder = Path::new("/programs");
+        let folder = |name: &str| PathBuf::from("/programs").join(name);
         let request = request_of(&message(6, "part.ngc"), folder).unwrap();
         assert_eq!(request.text(), Some("/programs/part.ngc"));
         for name in ["../part.ngc", "/etc/passwd", "", ".hidden", "a/b", "a\0b"] {
@@ -78,7 +81,7 @@ mod tests {
 
     #[test]
     fn what_is_no_command_is_refused() {
-        let folder = Path::new("/programs");
+        let folder = |name: &str| PathBuf::from("/programs").join(name);
         request_of(&message(0, ""), folder).unwrap_err();
         request_of(&message(4711, ""), folder).unwrap_err();
         request_of(&message(19, &"x".repeat(2000)), folder).unwrap_err();

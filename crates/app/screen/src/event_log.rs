@@ -1,27 +1,38 @@
 //! The server's log: commands, changes of control, alarms.
 
 use std::collections::VecDeque;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::messages::{LogEntry, LogKind};
 
-/// Maximum number of entries.
+/// Maximum number of entries that are neither alarms nor warnings.
 const MAX_ENTRIES: usize = 500;
+/// Maximum number of alarms and warnings: whatever else happens, they stay.
+const MAX_ALARMS: usize = 200;
+/// A repeated entry is written again after this time.
+const REPEAT: Duration = Duration::from_secs(60);
+/// Number of repeated entries in turn, as JOG and JOG_STOP of a pad, among which another one is looked for.
+const MAX_REPEATED: usize = 8;
 
 /// The newest entries.
 #[derive(Debug, Default)]
 pub(crate) struct EventLog {
     entries: VecDeque<LogEntry>,
+    alarms: VecDeque<LogEntry>,
     next: u64,
+    /// Entries that may be repeated, and their times, since the last of another kind.
+    repeated: VecDeque<(String, Instant)>,
 }
 
 impl EventLog {
-    /// All entries, the oldest first.
+    /// All entries, in the order in which they came.
     pub(crate) fn entries(&self) -> Vec<LogEntry> {
-        self.entries.iter().cloned().collect()
+        let mut all: Vec<LogEntry> = self.entries.iter().chain(&self.alarms).cloned().collect();
+        all.sort_by_key(|entry| entry.id);
+        all
     }
 
-    /// Adds an entry of now and returns it; the oldest is dropped where there are too many.
+    /// Adds an entry of now and returns it; the oldest of its kind is dropped where there are too many.
     pub(crate) fn add(
         &mut self,
         kind: LogKind,
@@ -29,6 +40,24 @@ impl EventLog {
         text: String,
         cure: Option<String>,
     ) -> LogEntry {
+        self.repeated.clear();
+        self.push(kind, number, text, cure)
+    }
+
+    /// Adds an entry of what comes many times in a row, as the jogs of a pad; none where it is one of the last already.
+    pub(crate) fn add_repeated(&mut self, kind: LogKind, text: String) -> Option<LogEntry> {
+        self.repeated.retain(|(_, written)| written.elapsed() < REPEAT);
+        if self.repeated.iter().any(|(other, _)| *other == text) {
+            return None;
+        }
+        if self.repeated.len() == MAX_REPEATED {
+            self.repeated.pop_front();
+        }
+        self.repeated.push_back((text.clone(), Instant::now()));
+        Some(self.push(kind, None, text, None))
+    }
+
+    fn push(&mut self, kind: LogKind, number: Option<u32>, text: String, cure: Option<String>) -> LogEntry {
         self.next += 1;
         let at = SystemTime::now()
             .duration_since(UNIX_EPOCH)
@@ -41,10 +70,58 @@ impl EventLog {
             text,
             cure,
         };
-        if self.entries.len() == MAX_ENTRIES {
-            self.entries.pop_front();
+        let (list, most) = match kind {
+            LogKind::Alarm | LogKind::Warning => (&mut self.alarms, MAX_ALARMS),
+            LogKind::Command | LogKind::Message | LogKind::Link => (&mut self.entries, MAX_ENTRIES),
+        };
+        if list.len() == most {
+            list.pop_front();
         }
-        self.entries.push_back(entry.clone());
+        list.push_back(entry.clone());
         entry
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_alarm_outlasts_an_hour_of_jogs_and_commands() {
+        let mut log = EventLog::default();
+        log.add(LogKind::Alarm, Some(410), "following error".to_owned(), None);
+        let mut written = 0;
+        for _ in 0..60_000 {
+            written += log
+                .add_repeated(LogKind::Command, "JOG by page 1".to_owned())
+                .iter()
+                .len();
+            written += log
+                .add_repeated(LogKind::Command, "JOG_STOP by page 1".to_owned())
+                .iter()
+                .len();
+        }
+        // Once each, and again after a minute on a host that is slow.
+        assert!((2..20).contains(&written), "{written}");
+        for i in 0..10_000 {
+            log.add(LogKind::Command, None, format!("MDI {i}"), None);
+        }
+        let entries = log.entries();
+        assert_eq!(entries.len(), MAX_ENTRIES + 1);
+        assert_eq!(entries[0].number, Some(410));
+        assert!(entries.is_sorted_by_key(|entry| entry.id));
+    }
+
+    #[test]
+    fn a_jog_after_something_else_is_an_entry_again() {
+        let mut log = EventLog::default();
+        let jog = |log: &mut EventLog| {
+            log.add_repeated(LogKind::Command, "JOG by page 1".to_owned())
+                .is_some()
+        };
+        assert!(jog(&mut log));
+        assert!(!jog(&mut log));
+        log.add(LogKind::Command, None, "STOP by page 2".to_owned(), None);
+        assert!(jog(&mut log));
     }
 }

@@ -1,6 +1,7 @@
 //! The pages, which of them has control, and the messages to all.
 
 use std::collections::BTreeMap;
+use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use axum::body::Bytes;
@@ -18,10 +19,25 @@ const MAX_PAGES: usize = 64;
 /// Maximum number of messages that wait for a slow page; beyond it the page is disconnected.
 const WAITING: usize = 256;
 
+/// Maximum number of pages that only watch: there are always some for those who operate.
+const MAX_WATCHING: usize = 48;
+/// Maximum number of pages that only watch from another computer.
+const MAX_WATCHING_CLIENT: usize = 16;
+
+/// Who opens a page.
+#[derive(Clone, Debug)]
+pub(crate) struct Visitor {
+    pub(crate) session: String,
+    pub(crate) role: Role,
+    /// What counts as one client.
+    pub(crate) client: IpAddr,
+}
+
 struct Page {
     sender: mpsc::Sender<Utf8Bytes>,
     session: String,
     role: Role,
+    client: IpAddr,
 }
 
 #[derive(Default)]
@@ -83,11 +99,17 @@ impl Hub {
     }
 
     /// Adds a page, which finds its snapshot in the channel; none if there are too many.
-    pub(crate) fn join(&self, session: String, role: Role) -> Option<(u64, mpsc::Receiver<Utf8Bytes>)> {
+    pub(crate) fn join(&self, visitor: Visitor) -> Option<(u64, mpsc::Receiver<Utf8Bytes>)> {
         let mut inner = self.lock();
-        if inner.pages.len() >= MAX_PAGES {
+        if inner.pages.len() >= MAX_PAGES || (visitor.role == Role::Watch && !inner.may_watch(visitor.client))
+        {
             return None;
         }
+        let Visitor {
+            session,
+            role,
+            client,
+        } = visitor;
         let (sender, receiver) = mpsc::channel(WAITING);
         inner.next_page += 1;
         let number = inner.next_page;
@@ -111,6 +133,7 @@ impl Hub {
                 sender,
                 session,
                 role,
+                client,
             },
         );
         Some((number, receiver))
@@ -171,16 +194,20 @@ impl Hub {
 
     /// Returns control; true if this page had it.
     pub(crate) fn give(&self, number: u64) -> bool {
+        self.end_lease(number, "returned control")
+    }
+
+    /// Takes control from a page that sends nothing any more; true if it had it.
+    pub(crate) fn drop_silent(&self, number: u64) -> bool {
+        self.end_lease(number, "has sent nothing for 3 s and has lost control")
+    }
+
+    fn end_lease(&self, number: u64, how: &str) -> bool {
         let mut inner = self.lock();
         let had = inner.holder == Some(number);
         if had {
             inner.holder = None;
-            inner.add(
-                LogKind::Link,
-                None,
-                format!("page {number} returned control"),
-                None,
-            );
+            inner.add(LogKind::Link, None, format!("page {number} {how}"), None);
             inner.tell_leases();
         }
         had
@@ -197,6 +224,14 @@ impl Hub {
 
     pub(crate) fn log(&self, kind: LogKind, number: Option<u32>, text: String, cure: Option<String>) {
         self.lock().add(kind, number, text, cure);
+    }
+
+    /// Logs a command that comes many times in a row, as the jogs of a pad: once.
+    pub(crate) fn log_repeated(&self, kind: LogKind, text: String) {
+        let mut inner = self.lock();
+        if let Some(entry) = inner.log.add_repeated(kind, text) {
+            inner.tell(&ToPage::Log { entries: vec![entry] });
+        }
     }
 
     pub(crate) fn tell_program(&self, program: ProgramInfo) {
@@ -222,6 +257,13 @@ impl Hub {
     /// Number of the upload of the loaded program.
     pub(crate) fn loaded_upload(&self) -> Option<u64> {
         self.lock().program.as_ref().map(|program| program.upload)
+    }
+
+    /// Number of the upload of a name, if it is the program that pages show.
+    pub(crate) fn shown_upload(&self, name: &str) -> Option<u64> {
+        let inner = self.lock();
+        let program = inner.program.as_ref().filter(|program| program.name == name);
+        program.map(|program| program.upload)
     }
 
     /// Adds the planned time of the loaded program.
@@ -253,6 +295,17 @@ impl Hub {
 }
 
 impl Inner {
+    /// Whether one more page of this client may watch. Through loopback, and so through a tunnel, come many.
+    fn may_watch(&self, client: IpAddr) -> bool {
+        let watching = self.pages.values().filter(|page| page.role == Role::Watch);
+        let (mut all, mut of_client) = (0, 0);
+        for page in watching {
+            all += 1;
+            of_client += usize::from(page.client == client);
+        }
+        all < MAX_WATCHING && (client.is_loopback() || of_client < MAX_WATCHING_CLIENT)
+    }
+
     fn lease_of(&self, number: u64, role: Role) -> Lease {
         Lease {
             mine: self.holder == Some(number),
@@ -313,6 +366,31 @@ mod tests {
             checked,
             planned_s,
         }
+    }
+
+    #[test]
+    fn pages_that_watch_leave_some_for_those_that_operate() {
+        let hub = Hub::new(ToPage::Core { alive: false });
+        let join = |role, client: &str| {
+            hub.join(Visitor {
+                session: String::new(),
+                role,
+                client: client.parse().unwrap(),
+            })
+        };
+        let mut pages = Vec::new();
+        for client in ["192.0.2.1", "192.0.2.2"] {
+            pages.extend((0..MAX_WATCHING_CLIENT).map(|_| join(Role::Watch, client).unwrap()));
+            assert!(join(Role::Watch, client).is_none(), "{client}");
+        }
+        pages.extend((0..MAX_WATCHING_CLIENT).map(|_| join(Role::Watch, "127.0.0.1").unwrap()));
+        assert_eq!(pages.len(), MAX_WATCHING);
+        assert!(join(Role::Watch, "127.0.0.1").is_none());
+        assert!(join(Role::Watch, "192.0.2.3").is_none());
+        pages.extend((MAX_WATCHING..MAX_PAGES).map(|_| join(Role::Operate, "192.0.2.1").unwrap()));
+        assert!(join(Role::Operate, "192.0.2.4").is_none());
+        hub.leave(pages[0].0);
+        assert!(join(Role::Watch, "192.0.2.1").is_some());
     }
 
     #[test]

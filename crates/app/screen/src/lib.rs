@@ -26,6 +26,7 @@ pub mod messages;
 mod names;
 mod orders;
 mod path_stream;
+mod program_store;
 mod programmed_path;
 mod programs;
 mod restart;
@@ -38,6 +39,7 @@ mod slots;
 mod streaming;
 mod tls;
 mod traces;
+mod turns;
 mod upload;
 mod watcher;
 

@@ -3,7 +3,7 @@
 use std::convert::Infallible;
 use std::time::Duration;
 
-use axum::Router;
+use axum::{Extension, Router};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
@@ -41,7 +41,8 @@ pub(crate) async fn listen(
                 continue;
             }
         };
-        let (router, encryption) = (router.clone(), encryption.clone());
+        let router = router.clone().layer(Extension(slot.client()));
+        let encryption = encryption.clone();
         tokio::spawn(async move {
             serve(stream, router, encryption).await;
             drop(slot);

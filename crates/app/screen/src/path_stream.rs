@@ -5,21 +5,21 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use axum::body::Bytes;
-use axum::extract::{Path as UrlPath, State};
+use axum::extract::{Extension, Path as UrlPath, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use evolvent_analysis::{FeedWords, LimitClassifier, Limiting};
 use evolvent_bus::flags;
 use evolvent_runtime::{Controls, Job, Notice, RunObserver, Setup, run};
-use tokio::sync::mpsc;
+use tokio::sync::oneshot;
 
+use crate::gate::Role;
 use crate::kept::present_setup;
 use crate::messages::{PathChunk, PathKind};
 use crate::programmed_path::ProgrammedPath;
 use crate::programs::{background, work_for_minutes};
 use crate::server::Server;
-use crate::streaming::{channel, hand_over, streamed};
+use crate::streaming::{BodyWriter, body, streamed};
 
 /// Vertices per chunk.
 const CHUNK: usize = 16_384;
@@ -38,46 +38,68 @@ const VERTEX_NS: u64 = 8_000_000;
 
 pub(crate) async fn path(
     State(server): State<Arc<Server>>,
+    Extension(role): Extension<Role>,
     UrlPath((_key, name)): UrlPath<(String, String)>,
 ) -> Response {
     let Some(file) = server.file_of(&name) else {
         return StatusCode::NOT_FOUND.into_response();
     };
-    let Ok(permit) = Arc::clone(&server.planners).acquire_owned().await else {
+    let Some(turn) = server.programmed.take(role).await else {
         return StatusCode::SERVICE_UNAVAILABLE.into_response();
     };
-    let (sender, receiver) = channel();
-    let planning = background("screen-path", move || {
-        send(&server, &name, file, &sender);
-        drop(permit);
+    let upload = server.hub.loaded_upload();
+    let (writer, pieces) = body();
+    let (told, programmed) = oneshot::channel();
+    let of_thread = Arc::clone(&server);
+    let started = background("screen-path", move || {
+        let setup = present_setup(&of_thread.setup, of_thread.state_folder.as_deref());
+        let mut chunks = ChunkWriter::new(PathKind::Programmed, writer, FIRST_CHUNK);
+        if send_programmed(&file, &setup, &mut chunks) {
+            // The page may have gone.
+            let _gone = told.send((chunks.body, file, setup));
+        }
+        drop(turn);
     });
-    match planning {
-        Ok(()) => streamed("application/octet-stream", receiver),
-        Err(_) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
+    if started.is_err() {
+        return StatusCode::SERVICE_UNAVAILABLE.into_response();
     }
+    tokio::spawn(async move {
+        if let Ok((writer, file, setup)) = programmed.await {
+            plan(server, role, name, upload, writer, file, setup).await;
+        }
+    });
+    streamed("application/octet-stream", pieces)
 }
 
-fn send(server: &Server, name: &str, file: PathBuf, sender: &mpsc::Sender<Bytes>) {
-    let upload = server.hub.loaded_upload();
-    let setup = present_setup(&server.setup, server.state_folder.as_deref());
-    if !send_programmed(
-        &file,
-        &setup,
-        ChunkWriter::new(PathKind::Programmed, sender, FIRST_CHUNK),
-    ) {
-        return;
-    }
-    work_for_minutes();
-    let planned_s = send_planned(file, setup, ChunkWriter::new(PathKind::Planned, sender, CHUNK));
-    if planned_s.is_some() {
-        server.hub.tell_planned(name, upload, planned_s);
-    }
+/// Sends the planned path when it is its turn.
+async fn plan(
+    server: Arc<Server>,
+    role: Role,
+    name: String,
+    upload: Option<u64>,
+    writer: BodyWriter,
+    file: PathBuf,
+    setup: Setup,
+) {
+    let turn = tokio::select! {
+        turn = server.planners.take(role) => turn,
+        () = writer.closed() => return,
+    };
+    // A body that is dropped tells its page that it is cut short.
+    let _started = background("screen-plan", move || {
+        work_for_minutes();
+        let planned_s = send_planned(file, setup, ChunkWriter::new(PathKind::Planned, writer, CHUNK));
+        if planned_s.is_some() {
+            server.hub.tell_planned(&name, upload, planned_s);
+        }
+        drop(turn);
+    });
 }
 
 /// Collects vertices and sends them in chunks.
-struct ChunkWriter<'a> {
+struct ChunkWriter {
     kind: PathKind,
-    chunks: &'a mpsc::Sender<Bytes>,
+    body: BodyWriter,
     chunk: PathChunk,
     /// Vertices of the present chunk, at most.
     full: usize,
@@ -85,11 +107,11 @@ struct ChunkWriter<'a> {
     sent: usize,
 }
 
-impl<'a> ChunkWriter<'a> {
-    fn new(kind: PathKind, chunks: &'a mpsc::Sender<Bytes>, first: usize) -> Self {
+impl ChunkWriter {
+    fn new(kind: PathKind, body: BodyWriter, first: usize) -> Self {
         Self {
             kind,
-            chunks,
+            body,
             chunk: PathChunk::default(),
             full: first,
             sent_at: Instant::now(),
@@ -106,14 +128,16 @@ impl<'a> ChunkWriter<'a> {
     fn send(&mut self, replaced: u32) -> bool {
         self.sent += self.chunk.len();
         self.full = CHUNK;
-        let is_received = hand_over(self.chunks, self.chunk.take_bytes(self.kind, replaced).into());
+        let is_received = self
+            .body
+            .hand_over(self.chunk.take_bytes(self.kind, replaced).into());
         self.sent_at = Instant::now();
         is_received
     }
 }
 
 /// Sends the programmed path; false where nobody receives.
-fn send_programmed(file: &Path, setup: &Setup, mut writer: ChunkWriter<'_>) -> bool {
+fn send_programmed(file: &Path, setup: &Setup, writer: &mut ChunkWriter) -> bool {
     // A program that cannot be opened is the run's to complain of.
     let Ok(mut path) = ProgrammedPath::open(file, setup) else {
         return true;
@@ -130,7 +154,7 @@ fn send_programmed(file: &Path, setup: &Setup, mut writer: ChunkWriter<'_>) -> b
         if writer.is_due() && !writer.send(0) {
             return false;
         }
-        if commands % LOOK_COMMANDS == 0 && writer.chunks.is_closed() {
+        if commands % LOOK_COMMANDS == 0 && writer.body.is_closed() {
             return false;
         }
     }
@@ -146,7 +170,7 @@ impl RunObserver for Quiet {
 }
 
 /// Plans a program and sends its path until nobody receives. Returns the planned time, s, if it reached the end.
-fn send_planned(file: PathBuf, setup: Setup, mut writer: ChunkWriter<'_>) -> Option<f64> {
+fn send_planned(file: PathBuf, setup: Setup, mut writer: ChunkWriter) -> Option<f64> {
     let every = (VERTEX_NS / setup.period_ns.max(1)).max(1);
     let job = Job::new(file, setup);
     let controls = Arc::new(Controls::new(1.0));
@@ -160,6 +184,7 @@ fn send_planned(file: PathBuf, setup: Setup, mut writer: ChunkWriter<'_>) -> Opt
     };
     let mut line = u32::MAX;
     let mut block = 0;
+    let mut is_received = true;
     let outcome = run(&job, &controls, &mut Quiet, |setpoint| {
         if setpoint.sequence % every != 0 && setpoint.line == line {
             return;
@@ -175,8 +200,12 @@ fn send_planned(file: PathBuf, setup: Setup, mut writer: ChunkWriter<'_>) -> Opt
         let word = feeds.as_mut().and_then(|feeds| feeds.of_block(block));
         let limit = classifier.classify(setpoint, word).index() as u8;
         writer.chunk.push([x, y, z], feed as f32, line, limit);
-        if writer.is_due() && (writer.sent > MAX_PLANNED || !writer.send(replaced(block))) {
-            controls.stop();
+        if writer.is_due() && is_received {
+            let is_enough = writer.sent > MAX_PLANNED;
+            is_received = is_enough || writer.send(replaced(block));
+            if is_enough || !is_received {
+                controls.stop();
+            }
         }
     });
     let is_whole = outcome
@@ -184,8 +213,9 @@ fn send_planned(file: PathBuf, setup: Setup, mut writer: ChunkWriter<'_>) -> Opt
         .is_ok_and(|outcome| outcome.program.is_ok() && outcome.fault.is_none() && !controls.is_stopping());
     // What comes after the last move belongs to no block.
     let at_end = if is_whole { u32::MAX } else { replaced(block) };
-    // The receiver may be gone.
-    let _gone = writer.send(at_end);
+    if is_received && writer.send(at_end) {
+        writer.body.finish();
+    }
     outcome
         .ok()
         .filter(|_| is_whole)

@@ -1,6 +1,6 @@
-//! Uploaded programs: their folder, their names, their check; threads of low priority.
+//! Uploaded programs: their names, their check; threads of low priority.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use evolvent_gcode::Diagnostic;
 use evolvent_runtime::{CheckBounds, Setup, Warning, check};
@@ -17,20 +17,6 @@ const MAX_NAME: usize = 100;
 pub(crate) fn is_good_name(name: &str) -> bool {
     let good = |letter: char| letter.is_alphanumeric() || "._- +()".contains(letter);
     !name.is_empty() && name.len() <= MAX_NAME && !name.starts_with('.') && name.chars().all(good)
-}
-
-/// The folder of uploaded programs, without the remains of interrupted uploads.
-pub(crate) fn programs_folder(state_folder: &Path) -> std::io::Result<PathBuf> {
-    let folder = state_folder.join("programs");
-    std::fs::create_dir_all(&folder)?;
-    let folder = folder.canonicalize()?;
-    for entry in std::fs::read_dir(&folder)? {
-        let entry = entry?;
-        if entry.file_name().to_string_lossy().starts_with(".upload-") {
-            std::fs::remove_file(entry.path())?;
-        }
-    }
-    Ok(folder)
 }
 
 /// Checks a program, as `evolvent check` does.

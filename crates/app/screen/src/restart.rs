@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use axum::extract::{Path as UrlPath, State};
+use axum::extract::{Extension, Path as UrlPath, State};
 use axum::http::StatusCode;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
@@ -14,6 +14,7 @@ use evolvent_gcode::Code;
 use evolvent_runtime::{Commands, ProgramError, Setup};
 use tokio::sync::oneshot;
 
+use crate::gate::Role;
 use crate::kept::present_setup;
 use crate::messages::RestartInfo;
 use crate::programs::background;
@@ -23,25 +24,32 @@ use crate::server::Server;
 const BLOCK_DELETE: u32 = 4;
 /// Maximum time to interpret the lines before: 50 MB take a second on a slow computer, and nobody waits for minutes.
 const PATIENCE: Duration = Duration::from_secs(10);
+/// Maximum wait for the line that was asked for before: a page that asks for another one has given it up.
+const TURN: Duration = Duration::from_secs(2);
 /// Maximum memory for loops and subroutines before the line, bytes: a quarter of what a run may use.
 const MAX_BODY_BYTES: usize = 64 << 20;
 
 /// The modes in force at a line, and the way there from where the machine stands. It is the way that START with this line takes.
 pub(crate) async fn restart(
     State(server): State<Arc<Server>>,
+    Extension(role): Extension<Role>,
     UrlPath((_key, name, line)): UrlPath<(String, String, u32)>,
 ) -> Response {
+    if role != Role::Operate {
+        return (StatusCode::FORBIDDEN, "this page may only watch").into_response();
+    }
     let Some(file) = server.file_of(&name) else {
         return StatusCode::NOT_FOUND.into_response();
     };
     // The lines before may be many, and loops among them long: one page at a time.
-    let Ok(turn) = Arc::clone(&server.restarts).try_acquire_owned() else {
+    let turn = tokio::time::timeout(TURN, Arc::clone(&server.restarts).acquire_owned()).await;
+    let Ok(Ok(turn)) = turn else {
         let text = "the way to another line is being worked out; try again when it is there";
         return (StatusCode::TOO_MANY_REQUESTS, text).into_response();
     };
     let (sender, mut receiver) = oneshot::channel();
-    let interrupt = Arc::new(AtomicBool::new(false));
-    let interrupted = Arc::clone(&interrupt);
+    let interrupt = Interrupt::default();
+    let interrupted = Arc::clone(&interrupt.0);
     let started = background("screen-restart", move || {
         let setup = present_setup(&server.setup, server.state_folder.as_deref());
         let setup = setup_at(setup, server.hub.present().as_deref());
@@ -56,7 +64,7 @@ pub(crate) async fn restart(
     let info = match in_time {
         Ok(info) => info,
         Err(_) => {
-            interrupt.store(true, Ordering::Relaxed);
+            interrupt.0.store(true, Ordering::Relaxed);
             receiver.await
         }
     };
@@ -66,6 +74,16 @@ pub(crate) async fn restart(
     match serde_json::to_string(&info) {
         Ok(text) => ([(CONTENT_TYPE, "application/json")], text).into_response(),
         Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()).into_response(),
+    }
+}
+
+/// Interrupts the interpreter when it is dropped: a request whose page has gone is dropped while it waits.
+#[derive(Debug, Default)]
+struct Interrupt(Arc<AtomicBool>);
+
+impl Drop for Interrupt {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
     }
 }
 

@@ -13,17 +13,18 @@ use axum::middleware::from_fn_with_state;
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
 use rust_embed::RustEmbed;
-use tokio::sync::mpsc;
 
 use crate::chatter::chatter;
 use crate::connection;
 use crate::documents::document;
 use crate::gate::{Gate, Role, pass, random_hex};
+use crate::hub::Visitor;
 use crate::path_stream::path;
 use crate::programs::background;
 use crate::restart::restart;
 use crate::server::Server;
-use crate::streaming::{channel, hand_over, streamed};
+use crate::slots::Client;
+use crate::streaming::{BodyWriter, body, streamed};
 use crate::traces;
 use crate::upload::upload;
 
@@ -108,18 +109,24 @@ async fn file(UrlPath((_key, name)): UrlPath<(String, String)>) -> Response {
 async fn socket(
     State(server): State<Arc<Server>>,
     Extension(role): Extension<Role>,
+    Extension(Client(client)): Extension<Client>,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
 ) -> Response {
-    let session = session_of(&headers).unwrap_or_default();
+    let visitor = Visitor {
+        session: session_of(&headers).unwrap_or_default(),
+        role,
+        client,
+    };
     upgrade
         .max_message_size(MAX_MESSAGE)
         .max_frame_size(MAX_MESSAGE)
-        .on_upgrade(move |socket| connection::serve(server, socket, session, role))
+        .on_upgrade(move |socket| connection::serve(server, socket, visitor))
 }
 
 async fn text(
     State(server): State<Arc<Server>>,
+    Extension(role): Extension<Role>,
     UrlPath((_key, name)): UrlPath<(String, String)>,
 ) -> Response {
     let of_file = Arc::clone(&server);
@@ -127,26 +134,30 @@ async fn text(
     let Ok(Some(Ok(opened))) = tokio::task::spawn_blocking(open).await else {
         return StatusCode::NOT_FOUND.into_response();
     };
-    let Ok(permit) = Arc::clone(&server.texts).acquire_owned().await else {
+    let Some(turn) = server.texts.take(role).await else {
         return StatusCode::SERVICE_UNAVAILABLE.into_response();
     };
-    let (sender, receiver) = channel();
+    let (writer, pieces) = body();
     // A stalled reader must not block a shared thread.
     let reading = background("screen-text", move || {
-        read_chunks(opened, &sender);
-        drop(permit);
+        read_chunks(opened, writer);
+        drop(turn);
     });
     match reading {
-        Ok(()) => streamed("text/plain; charset=utf-8", receiver),
+        Ok(()) => streamed("text/plain; charset=utf-8", pieces),
         Err(_) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
     }
 }
 
-fn read_chunks(mut file: std::fs::File, sender: &mpsc::Sender<Bytes>) {
+fn read_chunks(mut file: std::fs::File, mut writer: BodyWriter) {
     use std::io::Read;
     let mut buffer = vec![0; 1 << 16];
-    while let Ok(count @ 1..) = file.read(&mut buffer) {
-        if !hand_over(sender, Bytes::copy_from_slice(&buffer[..count])) {
+    // A file that cannot be read to its end is cut short, and told so.
+    while let Ok(count) = file.read(&mut buffer) {
+        if count == 0 {
+            return writer.finish();
+        }
+        if !writer.hand_over(Bytes::copy_from_slice(&buffer[..count])) {
             return;
         }
     }

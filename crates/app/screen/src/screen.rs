@@ -22,11 +22,12 @@ use crate::listener::listen;
 use crate::messages::{MachineInfo, ProgramInfo, ToPage};
 use crate::names::{public_host, server_names};
 use crate::orders::Orders;
-use crate::programs::programs_folder;
+use crate::program_store::ProgramStore;
 use crate::routes::router;
-use crate::server::{MAX_TEXTS, Server, name_of};
+use crate::server::{MAX_PROGRAMMED, MAX_TEXTS, Server, name_of};
 use crate::tls::encryption;
 use crate::traces::remove_copies;
+use crate::turns::Turns;
 use crate::watcher;
 
 /// Poll interval of the end.
@@ -73,7 +74,7 @@ impl Screen {
                 let is_named = macros.is_some();
                 let macros = macros.unwrap_or_else(|| state_folder.join("macros.toml"));
                 (
-                    Some(programs_folder(&state_folder)?),
+                    Some(ProgramStore::open(&state_folder)?),
                     Some(state_folder),
                     traces,
                     Some((macros, is_named)),
@@ -120,6 +121,7 @@ impl Screen {
         let (commands, third) = orders("screen-orders")?;
         let signals = config.setup.machine.signals.clone();
         let bus = watcher::spawn(client.clone(), signals, Arc::clone(&hub), Arc::clone(&stop))?;
+        let last_upload = programs.as_ref().map_or(Ok(0), ProgramStore::last_upload)?;
         let server = Arc::new(Server {
             hub,
             stops,
@@ -132,14 +134,16 @@ impl Screen {
             traces,
             run,
             checkers: Arc::new(Semaphore::new(1)),
-            planners: Arc::new(Semaphore::new(1)),
+            planners: Turns::new(1),
+            programmed: Turns::new(MAX_PROGRAMMED),
             restarts: Arc::new(Semaphore::new(1)),
             macros,
-            texts: Arc::new(Semaphore::new(MAX_TEXTS)),
+            texts: Turns::new(MAX_TEXTS),
             chatter: ChatterCase::new(chatter),
             readers: Arc::new(Semaphore::new(1)),
             receiving: Semaphore::new(1),
-            uploads: AtomicU64::new(0),
+            uploads: AtomicU64::new(last_upload),
+            loaded_upload: AtomicU64::new(0),
             is_encrypted,
         });
         let runtime = tokio::runtime::Builder::new_current_thread()

@@ -10,10 +10,15 @@ use tokio::sync::Semaphore;
 use crate::chatter::ChatterCase;
 use crate::hub::Hub;
 use crate::orders::Orders;
+use crate::program_store::ProgramStore;
 use crate::programs::is_good_name;
+use crate::turns::Turns;
 
 /// Texts of programs that are sent at the same time, each by a thread.
 pub(crate) const MAX_TEXTS: usize = 16;
+
+/// Programmed paths that are sent at the same time, each by a thread.
+pub(crate) const MAX_PROGRAMMED: usize = 4;
 
 /// Data of every request.
 pub(crate) struct Server {
@@ -27,8 +32,8 @@ pub(crate) struct Server {
     /// A page has jogged since jogs were stopped.
     pub(crate) jogged: AtomicBool,
     pub(crate) setup: Setup,
-    /// Folder of uploaded programs; none if pages only watch.
-    pub(crate) programs: Option<PathBuf>,
+    /// Uploaded programs; none if pages only watch.
+    pub(crate) programs: Option<ProgramStore>,
     /// The service's state; none if a run is watched.
     pub(crate) state_folder: Option<PathBuf>,
     /// Recorded runs that pages may look into.
@@ -38,9 +43,11 @@ pub(crate) struct Server {
     /// Checks one program after another.
     pub(crate) checkers: Arc<Semaphore>,
     /// Plans one program after another, beside a check: its picture must not wait for that.
-    pub(crate) planners: Arc<Semaphore>,
+    pub(crate) planners: Turns,
+    /// Programmed paths that are sent at the same time: a page shows one within a second or two, whoever waits for a plan.
+    pub(crate) programmed: Turns,
     /// Texts of programs that are sent at the same time.
-    pub(crate) texts: Arc<Semaphore>,
+    pub(crate) texts: Turns,
     pub(crate) chatter: ChatterCase,
     /// Calculates one approach after another.
     pub(crate) restarts: Arc<Semaphore>,
@@ -50,7 +57,10 @@ pub(crate) struct Server {
     pub(crate) readers: Arc<Semaphore>,
     /// Receives one upload after another.
     pub(crate) receiving: Semaphore,
+    /// Number of the newest upload.
     pub(crate) uploads: AtomicU64,
+    /// Number of the newest upload that the core has loaded; 0 before the first.
+    pub(crate) loaded_upload: AtomicU64,
     pub(crate) is_encrypted: bool,
 }
 
@@ -60,8 +70,13 @@ impl Server {
         if let Some(run) = &self.run {
             return (name_of(run) == name).then(|| run.clone());
         }
-        let file = self.programs.as_ref()?.join(name);
-        (is_good_name(name) && file.is_file()).then_some(file)
+        let programs = self.programs.as_ref().filter(|_| is_good_name(name))?;
+        // What pages are shown is that upload, also where the core has rejected it.
+        let file = match self.hub.shown_upload(name) {
+            Some(upload) => programs.file(upload, name),
+            None => programs.newest(name),
+        };
+        file.is_file().then_some(file)
     }
 }
 

@@ -17,6 +17,10 @@ pub(crate) struct Slots {
     per_client: usize,
 }
 
+/// What counts as one client, of a request.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Client(pub(crate) IpAddr);
+
 /// A slot, free again when dropped.
 #[derive(Debug)]
 pub(crate) struct Slot {
@@ -53,6 +57,12 @@ impl Slots {
             held: Arc::clone(&self.held),
             client,
         })
+    }
+}
+
+impl Slot {
+    pub(crate) fn client(&self) -> Client {
+        Client(self.client)
     }
 }
 

@@ -1,6 +1,9 @@
-//! Bodies that a thread makes while a client takes them. A client that stops taking ends its body: it holds neither the thread nor
-//! memory for longer than [`PAUSE`].
+//! Bodies that a thread makes while a client takes them. A client that takes too slowly ends its body, which it then sees as cut short: it
+//! holds neither the thread nor memory for longer than [`PATIENCE`] and the time that its bytes take at [`MIN_RATE`].
 
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use axum::body::{Body, Bytes};
@@ -9,8 +12,10 @@ use axum::response::{IntoResponse, Response};
 use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::TrySendError;
 
-/// How long a client may pause.
-const PAUSE: Duration = Duration::from_secs(20);
+/// How long a body may wait for its client, in all.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// Bytes per second that a client takes at least: each byte gives its body so much more time. A slow wireless network has it.
+const MIN_RATE: f64 = (1 << 20) as f64;
 /// How often a full channel is looked at.
 const LOOK: Duration = Duration::from_millis(4);
 /// Bytes of a text that are handed over at once.
@@ -18,47 +23,106 @@ const PIECE: usize = 64 << 10;
 /// Pieces that wait for a client.
 const WAITING: usize = 4;
 
-/// A channel for the pieces of a body.
-pub(crate) fn channel() -> (mpsc::Sender<Bytes>, mpsc::Receiver<Bytes>) {
-    mpsc::channel(WAITING)
+/// A body that a thread makes. What is dropped before [`finish`](Self::finish) ends with an error: a client never takes a part for the whole.
+#[derive(Debug)]
+pub(crate) struct BodyWriter {
+    pieces: mpsc::Sender<Bytes>,
+    is_whole: Arc<AtomicBool>,
+    patience: Duration,
 }
 
-/// Hands a piece over; false where nobody takes it any more.
-pub(crate) fn hand_over(pieces: &mpsc::Sender<Bytes>, piece: Bytes) -> bool {
-    hand_over_within(pieces, piece, PAUSE)
+/// What a client takes of a [`BodyWriter`].
+#[derive(Debug)]
+pub(crate) struct BodyPieces {
+    pieces: mpsc::Receiver<Bytes>,
+    is_whole: Arc<AtomicBool>,
 }
 
-fn hand_over_within(pieces: &mpsc::Sender<Bytes>, mut piece: Bytes, pause: Duration) -> bool {
-    let end = Instant::now() + pause;
-    loop {
-        match pieces.try_send(piece) {
-            Ok(()) => return true,
-            Err(TrySendError::Closed(_)) => return false,
-            Err(TrySendError::Full(_)) if Instant::now() >= end => return false,
-            Err(TrySendError::Full(back)) => piece = back,
+/// The two ends of a body.
+pub(crate) fn body() -> (BodyWriter, BodyPieces) {
+    let (sender, receiver) = mpsc::channel(WAITING);
+    let is_whole = Arc::new(AtomicBool::new(false));
+    let writer = BodyWriter {
+        pieces: sender,
+        is_whole: Arc::clone(&is_whole),
+        patience: PATIENCE,
+    };
+    let pieces = BodyPieces {
+        pieces: receiver,
+        is_whole,
+    };
+    (writer, pieces)
+}
+
+impl BodyWriter {
+    /// Hands a piece over; false where nobody takes it any more.
+    pub(crate) fn hand_over(&mut self, mut piece: Bytes) -> bool {
+        let gained = Duration::from_secs_f64(piece.len() as f64 / MIN_RATE);
+        let begun = Instant::now();
+        loop {
+            match self.pieces.try_send(piece) {
+                Ok(()) => break,
+                Err(TrySendError::Closed(_)) => return false,
+                Err(TrySendError::Full(_)) if begun.elapsed() >= self.patience => return false,
+                Err(TrySendError::Full(back)) => piece = back,
+            }
+            std::thread::sleep(LOOK);
         }
-        std::thread::sleep(LOOK);
+        // Patience is not saved up: who was fast for long may not stand still for long.
+        self.patience = (self.patience.saturating_sub(begun.elapsed()) + gained).min(PATIENCE);
+        true
+    }
+
+    /// Hands a whole text over, piece by piece.
+    pub(crate) fn hand_over_text(mut self, text: String) {
+        let mut rest = Bytes::from(text);
+        while !rest.is_empty() {
+            let piece = rest.split_to(PIECE.min(rest.len()));
+            if !self.hand_over(piece) {
+                return;
+            }
+        }
+        self.finish();
+    }
+
+    /// Whether nobody takes it any more.
+    pub(crate) fn is_closed(&self) -> bool {
+        self.pieces.is_closed()
+    }
+
+    /// Waits until nobody takes it any more.
+    pub(crate) async fn closed(&self) {
+        self.pieces.closed().await;
+    }
+
+    /// Ends the body: this was all of it.
+    pub(crate) fn finish(self) {
+        self.is_whole.store(true, Ordering::Release);
     }
 }
 
-/// Hands a whole text over, piece by piece.
-pub(crate) fn hand_over_text(pieces: &mpsc::Sender<Bytes>, text: String) {
-    let mut rest = Bytes::from(text);
-    while !rest.is_empty() {
-        let piece = rest.split_to(PIECE.min(rest.len()));
-        if !hand_over(pieces, piece) {
-            return;
+impl BodyPieces {
+    /// The next piece; an error at the end of a body that is not whole.
+    async fn next(&mut self) -> Option<io::Result<Bytes>> {
+        if let Some(piece) = self.pieces.recv().await {
+            return Some(Ok(piece));
         }
+        // After one error there is no more.
+        let is_whole = self.is_whole.swap(true, Ordering::Acquire);
+        (!is_whole).then(|| {
+            Err(io::Error::new(
+                io::ErrorKind::ConnectionAborted,
+                "the body was cut short",
+            ))
+        })
     }
 }
 
 /// The response with these pieces as its body.
-pub(crate) fn streamed(kind: &'static str, receiver: mpsc::Receiver<Bytes>) -> Response {
-    let stream = futures_util::stream::unfold(receiver, |mut receiver| async {
-        receiver
-            .recv()
-            .await
-            .map(|bytes| (Ok::<_, std::io::Error>(bytes), receiver))
+pub(crate) fn streamed(kind: &'static str, pieces: BodyPieces) -> Response {
+    let stream = futures_util::stream::unfold(pieces, |mut pieces| async {
+        let piece = pieces.next().await?;
+        Some((piece, pieces))
     });
     ([(CONTENT_TYPE, kind)], Body::from_stream(stream)).into_response()
 }
@@ -67,36 +131,83 @@ pub(crate) fn streamed(kind: &'static str, receiver: mpsc::Receiver<Bytes>) -> R
 mod tests {
     use super::*;
 
+    fn block_on<T>(future: impl Future<Output = T>) -> T {
+        tokio::runtime::Builder::new_current_thread()
+            .enable_time()
+            .build()
+            .unwrap()
+            .block_on(future)
+    }
+
     #[test]
     fn a_client_that_takes_nothing_ends_its_body() {
-        let (sender, mut receiver) = channel();
+        let (mut writer, mut pieces) = body();
+        writer.patience = Duration::from_millis(50);
         for _ in 0..WAITING {
-            assert!(hand_over_within(
-                &sender,
-                Bytes::from_static(b"piece"),
-                Duration::ZERO
-            ));
+            assert!(writer.hand_over(Bytes::from_static(b"piece")));
         }
         let begun = Instant::now();
-        let pause = Duration::from_millis(50);
-        assert!(!hand_over_within(&sender, Bytes::from_static(b"more"), pause));
-        assert!(begun.elapsed() >= pause);
-        receiver.try_recv().unwrap();
-        assert!(hand_over_within(&sender, Bytes::from_static(b"more"), pause));
-        drop(receiver);
-        assert!(!hand_over(&sender, Bytes::from_static(b"gone")));
+        assert!(!writer.hand_over(Bytes::from_static(b"more")));
+        assert!(begun.elapsed() >= Duration::from_millis(50));
+        pieces.pieces.try_recv().unwrap();
+        assert!(writer.hand_over(Bytes::from_static(b"more")));
+        drop(pieces);
+        assert!(!writer.hand_over(Bytes::from_static(b"gone")));
+    }
+
+    #[test]
+    fn a_client_that_takes_a_piece_now_and_then_runs_out_of_patience() {
+        let (mut writer, mut pieces) = body();
+        writer.patience = Duration::from_millis(200);
+        let reader = std::thread::spawn(move || {
+            // Each pause is well below the patience.
+            for _ in 0..200 {
+                std::thread::sleep(Duration::from_millis(40));
+                if pieces.pieces.blocking_recv().is_none() {
+                    break;
+                }
+            }
+        });
+        let mut count = 0;
+        while writer.hand_over(Bytes::from_static(b"piece")) {
+            count += 1;
+            assert!(count < 100, "a body waits for ever");
+        }
+        assert!(count >= WAITING, "{count}");
+        drop(writer);
+        reader.join().unwrap();
+    }
+
+    #[test]
+    fn a_body_that_is_cut_short_ends_with_an_error() {
+        for is_whole in [true, false] {
+            let (mut writer, mut pieces) = body();
+            assert!(writer.hand_over(Bytes::from_static(b"piece")));
+            if is_whole {
+                writer.finish();
+            } else {
+                drop(writer);
+            }
+            let (first, second, third) =
+                block_on(async { (pieces.next().await, pieces.next().await, pieces.next().await) });
+            assert_eq!(first.unwrap().unwrap(), "piece");
+            assert_eq!(second.is_none(), is_whole, "{second:?}");
+            assert!(third.is_none());
+        }
     }
 
     #[test]
     fn a_text_arrives_whole() {
         let text: String = (0..100_000).map(|i| char::from(b'a' + (i % 26) as u8)).collect();
-        let (sender, mut receiver) = channel();
+        let (writer, mut pieces) = body();
         let sent = text.clone();
-        let thread = std::thread::spawn(move || hand_over_text(&sender, sent));
+        let thread = std::thread::spawn(move || writer.hand_over_text(sent));
         let mut bytes = Vec::new();
-        while let Some(piece) = receiver.blocking_recv() {
-            bytes.extend(piece);
-        }
+        block_on(async {
+            while let Some(piece) = pieces.next().await {
+                bytes.extend(piece.unwrap());
+            }
+        });
         thread.join().unwrap();
         assert_eq!(bytes, text.as_bytes());
     }

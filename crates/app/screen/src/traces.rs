@@ -18,7 +18,7 @@ use crate::gate::Framed;
 use crate::messages::{TraceEntry, TraceJob};
 use crate::programs::{background, is_good_name};
 use crate::server::Server;
-use crate::streaming::{channel, hand_over_text, streamed};
+use crate::streaming::{body, streamed};
 
 /// Traces that are listed at most, the newest first.
 const MAX_LISTED: usize = 200;
@@ -141,9 +141,9 @@ async fn read(
     let started = background("screen-traces", move || {
         match work(&of_thread) {
             Ok(text) => {
-                let (sender, receiver) = channel();
-                if outcome.send(Ok(receiver)).is_ok() {
-                    hand_over_text(&sender, text);
+                let (writer, pieces) = body();
+                if outcome.send(Ok(pieces)).is_ok() {
+                    writer.hand_over_text(text);
                 }
             }
             Err(refusal) => {
@@ -157,7 +157,7 @@ async fn read(
         return (StatusCode::SERVICE_UNAVAILABLE, error.to_string()).into_response();
     }
     match told.await {
-        Ok(Ok(receiver)) => streamed(kind, receiver),
+        Ok(Ok(pieces)) => streamed(kind, pieces),
         Ok(Err(refusal)) => refusal.into_response(),
         Err(_) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
     }

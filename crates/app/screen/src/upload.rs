@@ -19,6 +19,7 @@ use tokio::sync::mpsc;
 use crate::gate::Role;
 use crate::messages::{LogKind, ProgramInfo};
 use crate::orders::Answer;
+use crate::program_store::ProgramStore;
 use crate::programs::{background, checked, is_good_name};
 use crate::routes::session_of;
 use crate::server::Server;
@@ -62,7 +63,7 @@ async fn store(
     body: Body,
 ) -> Result<Answer, Refusal> {
     let refuse = |status, text: &str| Err((status, text.to_owned()));
-    let Some(folder) = server.programs.as_ref().filter(|_| role == Role::Operate) else {
+    let Some(programs) = server.programs.as_ref().filter(|_| role == Role::Operate) else {
         return refuse(StatusCode::FORBIDDEN, "this page may only watch");
     };
     let may_command = || session_of(headers).is_some_and(|session| server.hub.session_holds(&session));
@@ -89,9 +90,9 @@ async fn store(
             "another program is being received; try again when it has arrived",
         );
     };
-    let number = server.uploads.fetch_add(1, Ordering::Relaxed);
-    let part = folder.join(format!(".upload-{number}"));
-    let bytes = match receive(body, folder, part.clone()).await {
+    let upload = 1 + server.uploads.fetch_add(1, Ordering::Relaxed);
+    let part = programs.part(upload);
+    let bytes = match receive(body, programs, part.clone()).await {
         Ok(bytes) if may_command() => bytes,
         outcome => {
             // The received part is useless.
@@ -102,13 +103,16 @@ async fn store(
             }));
         }
     };
-    let file = folder.join(name);
-    std::fs::rename(&part, &file).map_err(|error| (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
+    // The file of the loaded program is another one: what is not accepted changes nothing of it.
+    let file = programs
+        .put(upload, name)
+        .map_err(|error| (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
     let mut request = ControlRequest {
         command: CommandCode::Load as u32,
         ..ControlRequest::default()
     };
     if !request.set_text(&file.display().to_string()) {
+        let _removed = programs.remove(upload);
         return refuse(StatusCode::BAD_REQUEST, "the state folder's name is too long");
     }
     let answer = server.commands.give(request, LOAD_AGE).await;
@@ -120,12 +124,24 @@ async fn store(
     // The errors of a program are shown with its lines; START evaluates it again.
     let faults = [Alarm::SoftLimit, Alarm::BadProgram].map(Alarm::number);
     if !answer.accepted && !faults.contains(&answer.alarm) {
+        let _removed = programs.remove(upload);
         return Ok(answer);
     }
+    // What cannot be removed or linked is left as it is: the program is there.
+    let _kept = if answer.accepted {
+        server.loaded_upload.store(upload, Ordering::Relaxed);
+        programs.accept(upload, name)
+    } else {
+        match server.loaded_upload.load(Ordering::Relaxed) {
+            // What the core has loaded is from before this service.
+            0 => Ok(()),
+            loaded => programs.keep(&[Some(upload), Some(loaded)]),
+        }
+    };
     let info = ProgramInfo {
         name: name.to_owned(),
         // 0 is the program of a run.
-        upload: number + 1,
+        upload,
         bytes,
         errors: Vec::new(),
         warnings: Vec::new(),
@@ -158,8 +174,8 @@ fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInfo) {
 }
 
 /// Writes a body to a file, in a thread that the disk may block; returns its size.
-async fn receive(body: Body, folder: &Path, part: PathBuf) -> Result<u64, Refusal> {
-    let most = stored(folder).map_or(MAX_PROGRAM, |stored| {
+async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u64, Refusal> {
+    let most = programs.stored().map_or(MAX_PROGRAM, |stored| {
         MAX_PROGRAM.min(MAX_STORED.saturating_sub(stored))
     });
     let (sender, mut receiver) = mpsc::channel::<Bytes>(4);
@@ -189,7 +205,7 @@ async fn receive(body: Body, folder: &Path, part: PathBuf) -> Result<u64, Refusa
             }
             let text = format!(
                 "the programs in {} take {} GiB; remove some",
-                folder.display(),
+                programs.folder().display(),
                 MAX_STORED >> 30
             );
             return Err((StatusCode::PAYLOAD_TOO_LARGE, text));
@@ -211,13 +227,6 @@ async fn receive(body: Body, folder: &Path, part: PathBuf) -> Result<u64, Refusa
 fn too_large() -> Refusal {
     let text = format!("programs have at most {} MiB", MAX_PROGRAM >> 20);
     (StatusCode::PAYLOAD_TOO_LARGE, text)
-}
-
-/// Bytes of all stored programs.
-fn stored(folder: &Path) -> std::io::Result<u64> {
-    std::fs::read_dir(folder)?
-        .map(|entry| Ok(entry?.metadata()?.len()))
-        .sum()
 }
 
 fn write_chunks(part: &Path, chunks: &mut mpsc::Receiver<Bytes>) -> std::io::Result<()> {

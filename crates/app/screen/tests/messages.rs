@@ -10,13 +10,14 @@ use evolvent_wire::{Setpoint, Status};
 fn what_the_page_sends_is_understood() {
     let read = |text: &str| serde_json::from_str::<FromPage>(text);
     assert_eq!(read(r#"{"type":"keep"}"#).unwrap(), FromPage::Keep);
+    assert_eq!(read(r#"{"type":"alive"}"#).unwrap(), FromPage::Alive);
     assert_eq!(
         read(r#"{"type":"take","force":true}"#).unwrap(),
         FromPage::Take { force: true }
     );
     assert_eq!(read(r#"{"type":"give"}"#).unwrap(), FromPage::Give);
     let jog =
-        r#"{"type":"command","id":7,"command":20,"index":0,"amount":12.5,"axes_mask":2,"values":{"1":-1}}"#;
+        r#"{"type":"command","id":7,"seen_ns":4000000001,"steers":true,"command":20,"index":0,"amount":12.5,"axes_mask":2,"values":{"1":-1}}"#;
     let FromPage::Command(jog) = read(jog).unwrap() else {
         panic!("a command");
     };
@@ -24,6 +25,7 @@ fn what_the_page_sends_is_understood() {
         (jog.id, jog.command, jog.axes_mask, jog.values["1"]),
         (7, 20, 2, -1.0)
     );
+    assert_eq!((jog.seen_ns, jog.steers), (4_000_000_001, true));
     for wrong in [
         "",
         "{}",

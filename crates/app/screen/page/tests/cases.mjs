@@ -145,6 +145,310 @@ export const cases = {
     }
   },
 
+  async 'STOP, Stop and Esc work whatever is open'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    await page.route('**/docs/**', (route) => route.fulfill({ body: '<p>made up</p>', contentType: 'text/html' }));
+    const moves = () => page.evaluate(() => globalThis.changeMadeUp({ activity: 'program', state: 'running' }));
+    const runs = () => until('it runs', async () => (await text(page, 'state')) === 'Program' || text(page, 'state'));
+    const stopped = (what) => until(`${what}: stopped`, async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'), 3000);
+    const press = async (what, name) => {
+      const box = await page.locator(at(name)).last().boundingBox();
+      const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+      await page.mouse.click(x, y);
+      await (name.endsWith('estop') ? until(`${what}: E-STOP`, async () => (await text(page, 'state')) === 'E-STOP' || text(page, 'state'), 3000) : stopped(`${what}, ${name}`));
+    };
+    const panels = {
+      settings: () => page.locator(at('menu')).click(),
+      'alarm-list': async () => {
+        await page.evaluate(() => globalThis.raiseMadeUpAlarm(410));
+        await page.locator(`${at('alarms')}:enabled`).click();
+      },
+      stock: async () => {
+        await view(page, 'path');
+        await page.locator(at('path-stock')).click();
+      },
+      help: async () => {
+        await page.locator(at('menu')).click();
+        await page.locator(at('help-open')).click();
+        await page.locator(`${at('help')} iframe`).waitFor();
+      },
+    };
+    for (const [name, open] of Object.entries(panels)) {
+      await ready(page);
+      await open();
+      const panel = page.locator(`${at(name)}[open]`);
+      await panel.waitFor();
+      await moves();
+      await runs();
+      await press(name, 'stop');
+      await moves();
+      await runs();
+      await page.keyboard.press('Escape');
+      await stopped(`${name}, Esc`);
+      await panel.waitFor({ state: 'hidden' });
+      await page.evaluate(() => globalThis.changeMadeUp({ alarms: [], alarmText: '' }));
+      await open();
+      await press(name, 'estop');
+      await page.keyboard.press('Escape');
+      await page.evaluate(() => globalThis.changeMadeUp({ alarms: [], alarmText: '' }));
+    }
+    // A frame keeps its keys to itself: once something moves the page takes the keyboard back.
+    await ready(page);
+    await panels.help();
+    const box = await page.locator(`${at('help')} iframe`).boundingBox();
+    const focus = async () => {
+      await page.mouse.click(box.x + box.width / 2, box.y + box.height / 2);
+      return page.evaluate(() => document.activeElement.tagName);
+    };
+    assert.equal(await focus(), 'IFRAME');
+    await moves();
+    await runs();
+    await focus();
+    await until('the keyboard', async () => (await page.evaluate(() => document.activeElement.tagName)) === 'BODY');
+    await page.keyboard.press('Escape');
+    await stopped('with a frame');
+    // Where a dialog is modal it has both buttons.
+    for (const [how, end] of [['dialog-stop', stopped], ['Esc', stopped], ['dialog-estop', () => until('E-STOP', async () => (await text(page, 'state')) === 'E-STOP')]]) {
+      await ready(page);
+      await view(page, 'jog');
+      await page.locator(at('touch-X')).click();
+      assert.equal(await page.evaluate(() => document.activeElement.dataset.test), 'touch-value', 'what opens is what is asked for');
+      await moves();
+      await runs();
+      if (how === 'Esc') await page.keyboard.press('Escape');
+      else await page.locator(`${at('touch-dialog')} ${at(how)}`).click();
+      await end(how);
+      await page.keyboard.press('Escape');
+    }
+    // All dialogs: those that are modal are those with the buttons.
+    const without = await page.evaluate(() => [...document.querySelectorAll('dialog:not(.side)')].filter((dialog) => dialog.querySelector('[data-test="stops"]') === null).length);
+    assert.equal(without, 0);
+  },
+
+  async 'a jog that somebody else has stopped, or that lost its page, needs a new press'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    await view(page, 'jog');
+    await page.locator(at('increment-0')).click();
+    const sent = (name) => page.evaluate((name) => globalThis.madeUpCommands.filter((command) => command === name).length, name);
+    const ends = {
+      stopped: () => page.evaluate(() => globalThis.changeMadeUp({ activity: 'none', state: 'idle', velocity: [0, 0, 0] })),
+      blurred: () => page.evaluate(() => window.dispatchEvent(new Event('blur'))),
+    };
+    for (const [how, end] of Object.entries(ends)) {
+      const box = await press(page, 'pad');
+      const [x, y, radius] = [box.x + box.width / 2, box.y + box.height / 2, box.width / 2];
+      const to = (i) => page.mouse.move(x + radius * (0.5 + 0.03 * i), y);
+      await to(0);
+      await until(`${how}: a jog`, async () => (await text(page, 'state')) === 'Jog' || text(page, 'state'));
+      await page.waitForTimeout(300);
+      await end();
+      await until(`${how}: over`, async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'));
+      // What was on its way is here.
+      await page.waitForTimeout(100);
+      const before = await sent('jog');
+      for (let i = 1; i < 8; i += 1) {
+        await to(i);
+        await page.waitForTimeout(70);
+      }
+      assert.equal(await sent('jog'), before, `${how}: the finger that stays starts a jog`);
+      assert.equal(await text(page, 'state'), 'Ready', how);
+      await page.mouse.up();
+    }
+    // A new press jogs again, through the middle, too.
+    const box = await press(page, 'pad');
+    const [x, y, radius] = [box.x + box.width / 2, box.y + box.height / 2, box.width / 2];
+    for (const fraction of [0.5, 0, -0.5]) {
+      await page.mouse.move(x + radius * fraction, y);
+      await until(`at ${fraction}`, async () => (await text(page, 'state')) === (fraction === 0 ? 'Ready' : 'Jog') || text(page, 'state'));
+    }
+    await page.mouse.up();
+  },
+
+  async 'a button that is released while the mode changes sends no jog, and one that waited too long starts nothing'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    await view(page, 'jog');
+    await page.locator(at('increment-0')).click();
+    const sent = (name) => page.evaluate((name) => globalThis.madeUpCommands.filter((command) => command === name).length, name);
+    const delay = (ms) => page.evaluate((ms) => globalThis.delayMadeUp('mode', ms), ms);
+    const inAuto = async () => {
+      await page.evaluate(() => globalThis.changeMadeUp({ mode: 'auto' }));
+      await page.waitForTimeout(150);
+    };
+    await delay(400);
+    await inAuto();
+    await press(page, 'jog-X-plus');
+    await page.mouse.up();
+    await page.waitForTimeout(700);
+    assert.deepEqual([await sent('mode') > 0, await sent('jog')], [true, 0], 'no jog after the finger is up');
+    // A jog by a distance, a block of MDI and a program: within a second of the press or not at all.
+    await delay(1200);
+    await inAuto();
+    await page.locator(at('increment-1')).click();
+    const late = () => until('why', async () => /longer than 1 s/.test(await page.locator(at('advice')).innerText()) || page.locator(at('advice')).innerText());
+    await page.locator(at('jog-X-plus')).click();
+    await late();
+    await view(page, 'mdi');
+    await page.locator(at('mdi-block')).fill('G0 X1');
+    await page.locator(`${at('mdi-run')}:enabled`).click();
+    await late();
+    await page.evaluate(() => globalThis.changeMadeUp({ mode: 'manual' }));
+    await page.waitForTimeout(150);
+    await page.locator(`${at('start')}:enabled`).click();
+    await late();
+    for (const name of ['jog_distance', 'mdi', 'start']) assert.equal(await sent(name), 0, name);
+    await delay(0);
+    await page.evaluate(() => globalThis.changeMadeUp({ mode: 'manual' }));
+    await page.waitForTimeout(150);
+    await page.locator(`${at('start')}:enabled`).click();
+    await until('it runs', async () => (await text(page, 'state')) === 'Program' || text(page, 'state'));
+  },
+
+  async 'a number that is half typed is set by Enter or the tick only'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    await view(page, 'offsets');
+    const cell = page.locator(at('offset-G54-X'));
+    const sent = () => page.evaluate(() => globalThis.madeUpCommands.filter((command) => command === 'work_offset').length);
+    const given = async (value) => {
+      await cell.fill(value);
+      await page.locator(at('offset-G54-X-set')).waitFor();
+    };
+    await given('1');
+    await cell.blur();
+    await page.locator(at('offset-G54-X-set')).waitFor({ state: 'detached' });
+    assert.deepEqual([await sent(), await cell.inputValue()], [0, ''], 'leaving the field');
+    // The window loses the keyboard: what was typed stays, and stays unsent.
+    await given('12');
+    await page.evaluate(() => {
+      document.hasFocus = () => false;
+      document.activeElement.dispatchEvent(new FocusEvent('blur'));
+      delete document.hasFocus;
+    });
+    assert.deepEqual([await sent(), await cell.inputValue()], [0, '12'], 'the window loses the keyboard');
+    // Somebody else starts a program: the field is off, and what was typed is gone.
+    await page.evaluate(() => globalThis.changeMadeUp({ activity: 'program', state: 'running' }));
+    await until('off', () => cell.isDisabled());
+    await page.evaluate(() => globalThis.changeMadeUp({ activity: 'none', state: 'idle' }));
+    await until('on', async () => !(await cell.isDisabled()));
+    assert.deepEqual([await sent(), await cell.inputValue()], [0, ''], 'a program runs');
+    await given('12.5');
+    await page.locator(at('offset-G54-X-set')).click();
+    await until('the tick', async () => (await sent()) === 1 || sent());
+    await given('13');
+    await page.keyboard.press('Enter');
+    await until('Enter', async () => (await sent()) === 2 || sent());
+    await given('14');
+    await page.keyboard.press('Escape');
+    await page.waitForTimeout(100);
+    assert.equal(await sent(), 2, 'Esc');
+  },
+
+  async 'one press of the power button is one step, however it is pressed'(page, context) {
+    if (context.real) return 'not measured';
+    await takeControl(page);
+    const sent = () => page.evaluate(() => globalThis.madeUpCommands.filter((name) => ['estop_reset', 'on', 'off'].includes(name)));
+    const power = page.locator(at('power'));
+    await page.locator(`${at('power')}:enabled`).waitFor();
+    await power.dblclick();
+    await until('one command', async () => (await sent()).length === 1 || sent());
+    await page.waitForTimeout(200);
+    assert.deepEqual(await sent(), ['estop_reset'], 'a double click');
+    await page.locator(`${at('power')}:enabled`).waitFor();
+    // A key that is held repeats after a while.
+    await power.focus();
+    await page.keyboard.down('Enter');
+    for (let i = 0; i < 15; i += 1) {
+      await page.waitForTimeout(100);
+      await page.keyboard.down('Enter');
+    }
+    await page.keyboard.up('Enter');
+    assert.deepEqual(await sent(), ['estop_reset', 'on'], 'a key that is held');
+    assert.equal(await power.evaluate((button) => button === document.activeElement), true, 'the keyboard is still there');
+    // Somebody else has pressed STOP: the finger that comes down to switch off resets nothing.
+    await page.evaluate(() => globalThis.changeMadeUp({ machineState: 'estop' }));
+    await until('E-STOP', async () => (await text(page, 'state')) === 'E-STOP' || text(page, 'state'));
+    const box = await power.boundingBox();
+    await page.mouse.click(box.x + box.width / 2, box.y + box.height / 2);
+    assert.deepEqual(await sent(), ['estop_reset', 'on'], 'another meaning');
+    // A step is one step.
+    await ready(page);
+    await page.locator(`${at('step')}:enabled`).dblclick();
+    await page.waitForTimeout(300);
+    assert.equal(await page.evaluate(() => globalThis.madeUpCommands.filter((name) => name === 'step').length), 1);
+  },
+
+  async 'alarms outlast everything else in the log, whatever the clock says'(page, context) {
+    if (context.real) return 'not measured';
+    const found = await page.evaluate(async () => {
+      const { newestEvents, byTime } = await import('/src/lib/journal.ts');
+      const entry = (id, kind, at) => ({ id, at, kind, number: null, text: `${kind} ${id}`, cure: null });
+      // An alarm, hours of commands, then the clock is set back by an hour and an alarm comes.
+      let events = [entry(1, 'alarm', 5_000_000)];
+      for (let id = 2; id < 5000; id += 1) events = newestEvents([...events, entry(id, 'command', 5_000_000 + id)]);
+      events = newestEvents([...events, entry(5000, 'alarm', 5_000_000 - 3_600_000)]);
+      return { count: events.length, alarms: events.filter(({ kind }) => kind === 'alarm').map(({ id }) => id), last: events.at(-1).id, first: byTime(events)[0].id };
+    });
+    assert.deepEqual(found, { count: 502, alarms: [1, 5000], last: 5000, first: 4999 });
+    // Many entries at once are written once.
+    const writes = await page.evaluate(async () => {
+      const { session } = await import('/src/lib/session.svelte.ts');
+      let count = 0;
+      const write = Storage.prototype.setItem;
+      Storage.prototype.setItem = function (...words) {
+        count += 1;
+        write.apply(this, words);
+      };
+      for (let i = 0; i < 200; i += 1) session.note({ kind: 'state', number: null, text: `entry ${i}`, cure: null });
+      const atOnce = count;
+      await new Promise((resolve) => setTimeout(resolve, 1500));
+      return { atOnce, later: count, kept: JSON.parse(localStorage.getItem('evolvent.events')).at(-1).text };
+    });
+    assert.deepEqual({ ...writes, later: writes.later <= 3 }, { atOnce: 0, later: true, kept: 'entry 199' });
+  },
+
+  async 'a path and a text that were cut short are read again'(page, context) {
+    if (context.real) return 'not measured';
+    const chunk = Buffer.alloc(12 + 2 * 21);
+    chunk.writeUInt32LE(2, 0);
+    let requests = { path: 0, text: 0 };
+    await page.route('**/path/again*', (route) => {
+      requests.path += 1;
+      return requests.path === 1 ? route.abort() : route.fulfill({ body: chunk, contentType: 'application/octet-stream' });
+    });
+    await page.route('**/programs/again*', (route) => {
+      requests.text += 1;
+      return requests.text === 1 ? route.abort() : route.fulfill({ body: 'G0 X0\nM2\n', contentType: 'text/plain' });
+    });
+    const load = (what) =>
+      page.evaluate(async (what) => {
+        const { path } = await import('/src/path/store.svelte.ts');
+        const { programText } = await import('/src/lib/program-text.svelte.ts');
+        if (what === 'load') {
+          path.load('path/again.ngc', 'again/1');
+          programText.load('programs/again.ngc?1');
+        }
+        return { note: path.note !== '', vertices: path.programmed.length, failed: programText.failed !== '', lines: programText.lines };
+      }, what);
+    await load('load');
+    await until('both failed', async () => {
+      const seen = await load('look');
+      return (seen.note && seen.failed) || seen;
+    });
+    // The server tells of the program on every connection.
+    await load('load');
+    await until('both are here', async () => {
+      const seen = await load('look');
+      return (!seen.note && !seen.failed && seen.vertices === 1 && seen.lines === 2) || seen;
+    });
+    // What is whole is not read again.
+    await load('load');
+    await page.waitForTimeout(200);
+    assert.deepEqual(requests, { path: 2, text: 2 });
+  },
+
   async 'an increment is exact, and touching off names the place'(page) {
     await ready(page);
     await view(page, 'jog');

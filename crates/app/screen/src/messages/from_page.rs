@@ -13,6 +13,8 @@ pub enum FromPage {
     Command(CommandMessage),
     /// The operator still holds the jog.
     Keep,
+    /// The page receives what the server sends, and still runs. Every page that has the lease sends it.
+    Alive,
     /// Asks for the lease.
     Take {
         /// Takes it from a page that has it.
@@ -31,6 +33,14 @@ pub struct CommandMessage {
     pub id: u64,
     /// Number of the command.
     pub command: u32,
+    /// `time_ns` of the newest status that the page had received when the operator pressed. Commands that do not stop are refused
+    /// where that is too old: what the operator saw is past.
+    #[serde(default)]
+    #[ts(type = "number")]
+    pub seen_ns: u64,
+    /// A JOG that changes the one in motion: it is refused where none moves any more.
+    #[serde(default)]
+    pub steers: bool,
     /// Bit i: axis i of XYZABCUVW.
     #[serde(default)]
     pub axes_mask: u32,

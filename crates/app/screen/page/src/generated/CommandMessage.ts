@@ -13,6 +13,15 @@ id: number,
  */
 command: number, 
 /**
+ * `time_ns` of the newest status that the page had received when the operator pressed. Commands that do not stop are refused
+ * where that is too old: what the operator saw is past.
+ */
+seen_ns: number, 
+/**
+ * A JOG that changes the one in motion: it is refused where none moves any more.
+ */
+steers: boolean, 
+/**
  * Bit i: axis i of XYZABCUVW.
  */
 axes_mask: number, 

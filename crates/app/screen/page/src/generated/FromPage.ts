@@ -4,7 +4,7 @@ import type { CommandMessage } from "./CommandMessage";
 /**
  * A message of a page.
  */
-export type FromPage = { "type": "command" } & CommandMessage | { "type": "keep" } | { "type": "take", 
+export type FromPage = { "type": "command" } & CommandMessage | { "type": "keep" } | { "type": "alive" } | { "type": "take", 
 /**
  * Takes it from a page that has it.
  */

@@ -2,6 +2,22 @@
 import type { Texts } from '../texts/en';
 import type { EventEntry, Status } from './model';
 
+/** Alarms and warnings are counted by themselves: however much else happens, they stay. */
+const [MAX_EVENTS, MAX_ALARMS] = [500, 200];
+
+/** The newest entries, in the order in which they came: a clock that was set back makes none of them old. */
+export function newestEvents(events: EventEntry[]): EventEntry[] {
+  const counts = { alarms: 0, others: 0 };
+  const isKept = ({ kind }: EventEntry): boolean =>
+    kind === 'alarm' || kind === 'warning' ? (counts.alarms += 1) <= MAX_ALARMS : (counts.others += 1) <= MAX_EVENTS;
+  return events.toReversed().filter(isKept).toReversed();
+}
+
+/** Of events that came in this order the one to show first is the newest by its time. */
+export function byTime(events: EventEntry[]): EventEntry[] {
+  return events.toReversed().sort((a, b) => b.at - a.at);
+}
+
 /** The entries that the change from one status to the next is worth. */
 export function changes(texts: Texts, before: Status | null, now: Status): Omit<EventEntry, 'id' | 'at'>[] {
   const entries: Omit<EventEntry, 'id' | 'at'>[] = [];

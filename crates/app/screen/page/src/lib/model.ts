@@ -146,7 +146,8 @@ export type Command =
   | { name: 'touch_off'; system: number; values: AxisValue[] }
   | { name: 'tool'; tool: number; values: AxisValue[]; diameter: number | null }
   | { name: 'jog_distance'; values: AxisValue[]; speed: number }
-  | { name: 'jog'; values: AxisValue[]; speed: number }
+  /** `steers`: only changes the jog that is in motion */
+  | { name: 'jog'; values: AxisValue[]; speed: number; steers?: boolean }
   | { name: 'output'; output: string; value: number }
   | { name: 'handwheel'; axis: number | null; step: number }
   | { name: 'jog_keep' }
@@ -197,6 +198,8 @@ export interface Finding {
 
 export interface ProgramInfo {
   name: string;
+  /** end of its path in the status; empty where it is not known */
+  file: string;
   bytes: number;
   lines: number;
   errors: Finding[];

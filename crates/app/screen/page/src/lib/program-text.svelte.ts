@@ -17,7 +17,7 @@ class ProgramText {
 
   /** Loads the text from `url`; an empty one empties the list. */
   load(url: string): void {
-    if (url === this.#url) return;
+    if (url === this.#url && url !== '') return;
     this.#url = url;
     [this.lines, this.bytes, this.failed] = [0, 0, ''];
     this.#window = { from: 0, lines: [] };
@@ -60,6 +60,8 @@ class ProgramText {
       case 'failed':
         this.failed = reply.text;
         this.complete = true;
+        // The same text is read again when the server tells of it again, as on every connection.
+        this.#url = '';
         break;
     }
   }

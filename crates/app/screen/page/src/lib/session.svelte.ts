@@ -3,10 +3,13 @@ import type { SignalValues } from '../generated/SignalValues';
 import type { Incoming, Sample } from '../link/incoming';
 import type { Source } from '../link/source';
 import type { Answer, Command, EventEntry, Lease, Machine, Macro, ProgramInfo, Status, Tool, WorkOffset } from './model';
-import { changes } from './journal';
+import { changes, newestEvents } from './journal';
 import { settings } from './settings.svelte';
 
-const MAX_EVENTS = 500;
+/** Time within which new events are kept in the browser. */
+const KEEP_EVENTS_MS = 1000;
+/** What needs another mode first is sent within this time of the press, or not at all. */
+const MAX_PRESS_AGE_MS = 1000;
 /** Seconds of samples that the page keeps for the scope and the trail. */
 export const HISTORY_S = 60;
 
@@ -70,6 +73,8 @@ class Session {
   lease = $state.raw<Lease>({ mine: false, holder: null, readOnly: false });
   events = $state.raw<EventEntry[]>(settings.entries('events'));
   program = $state.raw<ProgramInfo | null>(null);
+  /** a program is on its way from this page: what is loaded is not what was wanted last */
+  isUploading = $state(false);
   offsets = $state.raw<WorkOffset[]>([]);
   tools = $state.raw<Tool[]>([]);
   macros = $state.raw<Macro[]>([]);
@@ -90,6 +95,8 @@ class Session {
   /** the newest status, drawn or not */
   #seen: Status | null = null;
   #frame = 0;
+  /** timer of the events that are not yet kept */
+  #keeping = 0;
 
   get connected(): boolean {
     return this.connection === 'open';
@@ -98,6 +105,13 @@ class Session {
   /** Whether a command from this page has a chance: the controls are off otherwise. */
   get mayCommand(): boolean {
     return this.connected && this.coreAlive && this.lease.mine && !this.lease.readOnly;
+  }
+
+  /** The core has rejected the program that is shown, and still has another one: a text that nobody sees is not started. */
+  get isOtherProgram(): boolean {
+    const { program, status } = this;
+    if (program === null || program.errors.length === 0 || !program.file) return false;
+    return status !== null && !status.program.endsWith(program.file);
   }
 
   /** The program's message, where it is of the job that runs. */
@@ -109,6 +123,9 @@ class Session {
 
   start(source: Source): void {
     this.#source = source;
+    window.addEventListener('pagehide', () => {
+      if (this.#keeping !== 0) this.#keepEvents();
+    });
     source.start((message) => this.#take(message));
   }
 
@@ -127,26 +144,34 @@ class Session {
   }
 
   note(entry: Omit<EventEntry, 'id' | 'at'>): void {
-    const id = this.events.reduce((highest, entry) => Math.max(highest, entry.id), 0) + 1;
-    this.events = [...this.events, { ...entry, id, at: Date.now() }].slice(-MAX_EVENTS);
+    this.#addEvents([{ ...entry, at: Date.now() }]);
+  }
+
+  #addEvents(entries: Omit<EventEntry, 'id'>[]): void {
+    let id = this.events.reduce((highest, entry) => Math.max(highest, entry.id), 0);
+    this.events = newestEvents([...this.events, ...entries.map((entry) => ({ ...entry, id: (id += 1) }))]);
+    // Writing them all takes a while, and entries come in bursts.
+    if (this.#keeping === 0) this.#keeping = window.setTimeout(() => this.#keepEvents(), KEEP_EVENTS_MS);
+  }
+
+  #keepEvents(): void {
+    clearTimeout(this.#keeping);
+    this.#keeping = 0;
     settings.keep('events', this.events);
   }
 
   /** Entries of the server's log among our own, by their times; it sends those that it keeps on every connection. */
   #merge(entries: Omit<EventEntry, 'id'>[]): void {
     const known = new Set(this.events.map((entry) => `${entry.at} ${entry.kind} ${entry.text}`));
-    let id = this.events.reduce((highest, entry) => Math.max(highest, entry.id), 0);
     const fresh = entries
       .filter((entry) => !known.has(`${entry.at} ${entry.kind} ${entry.text}`))
-      .map(({ at, kind, number, text, cure }) => ({ id: (id += 1), at, kind, number, text, cure }));
-    if (fresh.length === 0) return;
-    this.events = [...this.events, ...fresh].sort((a, b) => a.at - b.at).slice(-MAX_EVENTS);
-    settings.keep('events', this.events);
+      .map(({ at, kind, number, text, cure }) => ({ at, kind, number, text, cure }));
+    if (fresh.length > 0) this.#addEvents(fresh);
   }
 
   forget(): void {
     this.events = [];
-    settings.keep('events', []);
+    this.#keepEvents();
   }
 
   /** Sends several one after the other, and stops at the first that is rejected. */
@@ -160,8 +185,15 @@ class Session {
 
   /** Commands that belong to a mode change it first, as `evolvent ctl` does. */
   async inMode(mode: Status['mode'], command: Command): Promise<boolean> {
-    const commands: Command[] = this.status?.mode === mode ? [command] : [{ name: 'mode', mode }, command];
-    return this.sendAll(commands);
+    if (this.status?.mode === mode) return this.sendAll([command]);
+    const pressed = performance.now();
+    if (!(await this.sendAll([{ name: 'mode', mode }]))) return false;
+    // Who pressed has looked elsewhere by now.
+    if (performance.now() - pressed > MAX_PRESS_AGE_MS) {
+      this.rejection = { accepted: false, alarm: 0, text: settings.texts.link.late };
+      return false;
+    }
+    return this.sendAll([command]);
   }
 
   #take(message: Incoming): void {

@@ -9,6 +9,8 @@ export interface Request {
   amount?: number;
   values?: Record<number, number>;
   text?: string;
+  /** a jog that only changes the one in motion */
+  steers?: boolean;
 }
 
 export const AXES = 'XYZABCUVW';
@@ -49,7 +51,7 @@ export function encode(machine: Machine, command: Command): Request {
     case 'mdi':
       return { command: 19, text: command.block };
     case 'jog':
-      return { command: 20, index: 0, amount: command.speed, ...valued(machine, command.values) };
+      return { command: 20, index: 0, amount: command.speed, steers: command.steers ?? false, ...valued(machine, command.values) };
     case 'jog_distance':
       return { command: 20, index: 1, amount: command.speed, ...valued(machine, command.values) };
     case 'return':

@@ -51,6 +51,9 @@ export class MadeUp implements Source {
   #jogUntil = 0;
   /** where the program is held, while the axes are away from it */
   #heldAt: number[] | null = null;
+  /** ms until a command takes effect */
+  #delays: Partial<Record<Command['name'], number>> = {};
+  #sent: string[] = [];
 
   start(handle: (message: Incoming) => void): void {
     this.#handle = handle;
@@ -58,11 +61,15 @@ export class MadeUp implements Source {
     handle({ kind: 'machine', machine });
     handle({ kind: 'core', alive: true });
     handle({ kind: 'lease', lease: { mine: false, holder: null, readOnly: false } });
-    handle({ kind: 'program', program: { name: 'bore-200.ngc', bytes: 1234, lines: 42, errors: [], warnings: [], checked: true, plannedS: 45.2 } });
+    handle({ kind: 'program', program: { name: 'bore-200.ngc', file: '', bytes: 1234, lines: 42, errors: [], warnings: [], checked: true, plannedS: 45.2 } });
     this.#path();
     programText.load('./made-up.ngc');
     Object.assign(globalThis, {
       loadMadeUpText: (url: string) => programText.load(url),
+      madeUpCommands: this.#sent,
+      delayMadeUp: (name: Command['name'], ms: number) => (this.#delays[name] = ms),
+      // As if another page had done it.
+      changeMadeUp: (changes: Partial<Status>) => Object.assign(this.#status, changes),
       raiseMadeUpAlarm: (number: number) => Object.assign(this.#status, { alarms: [number], alarmText: 'made up' }),
     });
     setInterval(() => this.#tick(), 16);
@@ -120,6 +127,9 @@ export class MadeUp implements Source {
   }
 
   async send(command: Command): Promise<Answer> {
+    this.#sent.push(command.name);
+    const delay = this.#delays[command.name] ?? 0;
+    if (delay > 0) await new Promise((resolve) => setTimeout(resolve, delay));
     const s = this.#status;
     const reject = (alarm: number, text: string): Answer => ({ accepted: false, alarm, text });
     switch (command.name) {

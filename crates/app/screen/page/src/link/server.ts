@@ -15,6 +15,8 @@ import type { Source } from './source';
 const SWITCH = { singleStep: 1, optionalStop: 2, blockDelete: 4, hold: 8, chainOpen: 16, inputWait: 32 } as const;
 /** Bit of a setpoint's flags: a rapid. */
 const RAPID = 8;
+/** A page in control that the server does not hear for 3 s loses it. */
+const ALIVE_MS = 500;
 /** Bytes of a sample: time f64, line u32, flags u32, feed f64, then position, velocity, acceleration and following error of nine axes and the load, f32. */
 const SAMPLE_BYTES = 24 + 37 * 4;
 
@@ -31,6 +33,9 @@ export class Server implements Source {
   #program: ServerProgram | null = null;
   /** offsets and tools, to notice their changes */
   #kept = '';
+  /** `time_ns` of the newest status */
+  #seen = 0;
+  #saidAlive = 0;
   /** bits of the machine's axes, in its order */
   #bits: number[] = [];
 
@@ -54,7 +59,7 @@ export class Server implements Source {
     this.#next += 1;
     return new Promise((resolve) => {
       this.#pending.set(id, resolve);
-      if (this.#socket!.send(JSON.stringify({ type: 'command', id, ...encode(this.#machine!, command) }))) return;
+      if (this.#socket!.send(JSON.stringify({ type: 'command', id, seen_ns: this.#seen, ...encode(this.#machine!, command) }))) return;
       this.#pending.delete(id);
       resolve(nothing(settings.texts.link.lost));
     });
@@ -119,6 +124,8 @@ export class Server implements Source {
         break;
       }
       case 'status':
+        this.#seen = message.status.time_ns;
+        this.#alive();
         this.#handle({ kind: 'core', alive: true });
         this.#handle({ kind: 'status', status: this.#status(message.status) });
         break;
@@ -128,6 +135,7 @@ export class Server implements Source {
         break;
       }
       case 'core':
+        this.#alive();
         this.#handle({ kind: 'core', alive: message.alive });
         break;
       case 'lease': {
@@ -145,6 +153,7 @@ export class Server implements Source {
           kind: 'program',
           program: program && {
             name: program.name,
+            file: program.upload > 0 ? `/.${program.upload}/${program.name}` : '',
             bytes: program.bytes,
             lines: 0,
             errors: program.errors.map(finding),
@@ -174,6 +183,14 @@ export class Server implements Source {
         break;
       }
     }
+  }
+
+  /** What the server sends arrives: as an answer to it, because the timers of a page that is hidden stand. */
+  #alive(): void {
+    const now = performance.now();
+    if (now - this.#saidAlive < ALIVE_MS) return;
+    this.#saidAlive = now;
+    this.#socket?.send('{"type":"alive"}');
   }
 
   /** Offsets and tools change where the path is: it is read again with them. It comes while the program is still being checked. */

@@ -5,6 +5,9 @@ import type { PathReply, PathRequest } from '../workers/path.worker';
 import { drawnFrom, type PathChunk, type ProgrammedChunk } from './chunk';
 import { emptyBox, type Box } from './view';
 
+/** The key of nothing. */
+const FAILED = 'failed';
+
 class PathStore {
   #worker: Worker | null = null;
   #id = 0;
@@ -109,6 +112,8 @@ class PathStore {
       case 'failed':
         this.progress = 1;
         this.note = reply.text;
+        // The same path is read again when the server tells of its program again, as on every connection.
+        this.#key = FAILED;
         break;
     }
   }

@@ -6,9 +6,11 @@ const plural = (count: number, one: string, many: string): string => `${count} $
 export const de: Texts = {
   close: 'Schließen',
   cancel: 'Abbrechen',
+  set: (what) => `${what} setzen`,
   rejected: 'Abgelehnt',
   link: {
     lost: 'keine Verbindung: Der Befehl wurde nicht gesendet',
+    late: 'Die Maschine brauchte länger als 1 s, um die Betriebsart zu wechseln; es wurde nichts gestartet, bitte erneut drücken',
     unknown: 'Die Verbindung brach vor der Antwort ab; sehen Sie nach der Maschine, der Befehl wird nicht wiederholt',
   },
   help: {
@@ -217,7 +219,7 @@ export const de: Texts = {
     system: 'System',
     active: 'aktiv',
     use: 'Wählen',
-    note: 'Maschinenkoordinaten der Nullpunkte. Wert eingeben und das Feld verlassen.',
+    note: 'Maschinenkoordinaten der Nullpunkte. Wert eingeben, dann Eingabetaste oder ✓ drücken.',
     toolOffset: 'Werkzeugversatz in Kraft',
     workOffset: 'Nullpunkt in Kraft (mit G92)',
   },
@@ -229,7 +231,7 @@ export const de: Texts = {
     reload: 'Tabelle neu lesen',
     inSpindle: 'in der Spindel',
     empty: 'Die Werkzeugtabelle ist leer.',
-    note: 'Versätze und Durchmesser in mm. Wert eingeben und das Feld verlassen.',
+    note: 'Versätze und Durchmesser in mm. Wert eingeben, dann Eingabetaste oder ✓ drücken.',
   },
   program: {
     drop: 'Programm hierher ziehen oder',

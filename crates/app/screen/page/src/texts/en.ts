@@ -7,9 +7,11 @@ const plural = (count: number, one: string, many: string): string => `${count} $
 export const en = {
   close: 'Close',
   cancel: 'Cancel',
+  set: (what: string) => `Set ${what}`,
   rejected: 'Rejected',
   link: {
     lost: 'no connection: the command was not sent',
+    late: 'the machine took longer than 1 s to change its mode; nothing was started, press again',
     unknown: 'the connection was lost before the answer; look at the machine, the command is not repeated',
   },
   help: {
@@ -222,7 +224,7 @@ export const en = {
     system: 'System',
     active: 'active',
     use: 'Use',
-    note: 'Machine coordinates of each system’s zero. Enter a value and leave the field to set it.',
+    note: 'Machine coordinates of each system’s zero. Enter a value, then press Enter or ✓ to set it.',
     toolOffset: 'Tool offset in force',
     workOffset: 'Work offset in force (with G92)',
   },
@@ -234,7 +236,7 @@ export const en = {
     reload: 'Read the table again',
     inSpindle: 'in the spindle',
     empty: 'The tool table is empty.',
-    note: 'Offsets and diameter in mm. Enter a value and leave the field to set it.',
+    note: 'Offsets and diameter in mm. Enter a value, then press Enter or ✓ to set it.',
   },
   program: {
     drop: 'Drop a program here, or',

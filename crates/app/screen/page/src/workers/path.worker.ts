@@ -14,13 +14,14 @@ export type PathReply =
   | { kind: 'failed'; id: number; text: string };
 
 let present = 0;
+let reading = new AbortController();
 
 function reply(message: PathReply, transfer: Transferable[] = []): void {
   postMessage(message, { transfer });
 }
 
 async function load(url: string, id: number): Promise<void> {
-  const response = await fetch(url);
+  const response = await fetch(url, { signal: reading.signal });
   if (!response.ok || response.body === null) throw new Error(`${response.status} ${response.statusText}`);
   const body = response.body.getReader();
   const reader = new ChunkReader();
@@ -58,7 +59,12 @@ async function load(url: string, id: number): Promise<void> {
 onmessage = (event: MessageEvent<PathRequest>) => {
   const request = event.data;
   present = request.id;
+  // The server plans for nobody else than who reads.
+  reading.abort();
+  reading = new AbortController();
   if (request.kind === 'load') {
-    load(request.url, request.id).catch((error: unknown) => reply({ kind: 'failed', id: request.id, text: String(error) }));
+    load(request.url, request.id).catch((error: unknown) => {
+      if (request.id === present) reply({ kind: 'failed', id: request.id, text: String(error) });
+    });
   }
 };

@@ -18,6 +18,7 @@ let used = 0;
 let starts = new Uint32Array(1024);
 let lines = 0;
 let generation = 0;
+let reading = new AbortController();
 const decoder = new TextDecoder();
 
 function reply(message: TextReply): void {
@@ -50,12 +51,21 @@ function count(): number {
   return lines > 0 && starts[lines - 1] === used ? lines - 1 : lines;
 }
 
-async function load(url: string): Promise<void> {
+/** Gives up what is being read; the number of what is read from here on. */
+function forget(): number {
+  reading.abort();
+  reading = new AbortController();
   generation += 1;
-  const mine = generation;
+  return generation;
+}
+
+async function load(url: string): Promise<void> {
+  const mine = forget();
   [text, used, lines] = [new Uint8Array(0), 0, 0];
   begin(0);
-  const response = await fetch(url);
+  const response = await fetch(url, { signal: reading.signal }).catch((error: unknown) => error);
+  if (mine !== generation) return;
+  if (!(response instanceof Response)) throw response;
   if (!response.ok || response.body === null) {
     reply({ kind: 'failed', text: `${response.status} ${response.statusText}` });
     return;
@@ -63,7 +73,10 @@ async function load(url: string): Promise<void> {
   const reader = response.body.getReader();
   let reported = 0;
   for (;;) {
-    const { done, value } = await reader.read();
+    const { done, value } = await reader.read().catch((error: unknown) => {
+      if (mine === generation) throw error;
+      return { done: true, value: undefined };
+    });
     if (mine !== generation) return;
     if (value) append(value);
     const now = performance.now();
@@ -82,7 +95,7 @@ onmessage = (event: MessageEvent<TextRequest>) => {
       load(request.url).catch((error: unknown) => reply({ kind: 'failed', text: String(error) }));
       break;
     case 'clear':
-      generation += 1;
+      forget();
       [text, used, lines] = [new Uint8Array(0), 0, 0];
       break;
     case 'lines': {
