@@ -449,6 +449,132 @@ export const cases = {
     assert.deepEqual(requests, { path: 2, text: 2 });
   },
 
+  async 'a path view at rest draws nothing, and what moves is drawn'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    await page.evaluate(() => {
+      globalThis.strokes = { whole: 0, styles: 0 };
+      const clear = CanvasRenderingContext2D.prototype.clearRect;
+      CanvasRenderingContext2D.prototype.clearRect = function (...words) {
+        globalThis.strokes.whole += 1;
+        clear.apply(this, words);
+      };
+      const style = globalThis.getComputedStyle;
+      globalThis.getComputedStyle = (...words) => {
+        globalThis.strokes.styles += 1;
+        return style(...words);
+      };
+    });
+    await view(page, 'path');
+    const drawn = async (ms) => {
+      await page.evaluate(() => Object.assign(globalThis.strokes, { whole: 0, styles: 0 }));
+      await page.waitForTimeout(ms);
+      return page.evaluate(() => ({ ...globalThis.strokes }));
+    };
+    await page.waitForTimeout(4000);
+    assert.deepEqual(await drawn(2000), { whole: 0, styles: 0 }, 'nothing moves');
+    /** Pixels of the trail. */
+    const trail = () =>
+      page.locator(at('path-trail')).evaluate((element) => {
+        const { data } = element.getContext('2d').getImageData(0, 0, element.width, element.height);
+        let count = 0;
+        for (let i = 3; i < data.length; i += 4) if (data[i] > 100) count += 1;
+        return count;
+      });
+    const before = await trail();
+    await page.locator(`${at('start')}:enabled`).click();
+    await page.waitForTimeout(700);
+    const moving = await drawn(1500);
+    assert.ok(moving.whole > 5 && moving.styles === 0, JSON.stringify(moving));
+    const grown = await trail();
+    assert.ok(grown > before + 50, `${before} to ${grown}`);
+    // What was appended is what is drawn whole: turning the view there and back draws it again.
+    await page.locator(at('hold')).click();
+    await page.waitForTimeout(500);
+    const appended = await trail();
+    await page.locator(at('path')).focus();
+    await page.keyboard.press('ArrowLeft');
+    await page.keyboard.press('ArrowRight');
+    await page.waitForTimeout(300);
+    const whole = await trail();
+    assert.ok(Math.abs(whole - appended) < 0.15 * appended + 20, `${appended} appended, ${whole} whole`);
+    await page.locator('.path .row button', { hasText: 'Clear trail' }).click();
+    await until('no trail', async () => (await trail()) < 20 || trail());
+  },
+
+  async 'a thinned chunk ends where it ends'(page, context) {
+    if (context.real) return 'not measured';
+    const faults = await page.evaluate(async () => {
+      const { indexCount, indexOf } = await import('/src/path/scene.ts');
+      const [RUN, MAX, RESTART] = [64, 65_535, 0xffff];
+      const found = [];
+      for (const thinning of [1, 2, 16, 512]) {
+        const list = [];
+        if (thinning === 1) for (let i = 0; i < MAX; i += 1) list.push(i);
+        else
+          for (let begin = 0; begin < MAX - 1; begin += RUN * thinning) {
+            for (let i = begin; i <= Math.min(begin + RUN, MAX - 1); i += 1) list.push(i);
+            list.push(RESTART);
+          }
+        for (const count of [2, 3, 64, 65, 66, 128, 129, 130, 1000, 40_000, 65_534, MAX]) {
+          const end = indexCount(count, thinning);
+          const drawn = list.slice(0, end).filter((i) => i !== RESTART);
+          // Of the shared indices those below the chunk's length, all of them and no others.
+          const wanted = list.filter((i) => i !== RESTART && i < count);
+          // Where a run begins at the last vertex it is no line: it may be missing.
+          if (Math.max(...drawn) >= count || Math.abs(drawn.length - wanted.length) > 1) found.push([thinning, count, drawn.length, wanted.length]);
+          if (indexOf(count - 1, thinning) > end) found.push([thinning, count, 'begins after its end']);
+        }
+      }
+      return found;
+    });
+    assert.deepEqual(faults, []);
+  },
+
+  async 'a picture that loses its graphics comes back, and a worker that fails is told'(page, context) {
+    if (context.real) return 'not measured';
+    // The first worker never begins: what is asked for then is loaded into the page.
+    let requests = 0;
+    await page.route(/scene\.worker.*worker_file/, (route) => {
+      requests += 1;
+      return requests === 1 ? route.fulfill({ body: '', contentType: 'text/javascript' }) : route.continue();
+    });
+    await page.reload();
+    await page.locator(at('lease')).waitFor();
+    await view(page, 'path');
+    const coloured = () =>
+      page.evaluate(() => {
+        const element = document.querySelector('[data-test="path-picture"]');
+        if (element === null) return 0;
+        const copy = document.createElement('canvas');
+        [copy.width, copy.height] = [element.width, element.height];
+        const context = copy.getContext('2d');
+        context.drawImage(element, 0, 0);
+        const { data } = context.getImageData(0, 0, copy.width, copy.height);
+        let count = 0;
+        for (let i = 0; i < data.length; i += 4) if (data[i + 3] > 0 && Math.max(data[i], data[i + 1], data[i + 2]) - Math.min(data[i], data[i + 1], data[i + 2]) > 60) count += 1;
+        return count;
+      });
+    const isDrawn = (what) => until(what, async () => (await coloured()) > 500 || coloured(), 30_000);
+    await isDrawn('in the page');
+    const lose = () =>
+      page.evaluate(() => {
+        const element = document.querySelector('[data-test="path-picture"]');
+        element.dataset.lost = 'yes';
+        globalThis.losing = element.getContext('webgl2').getExtension('WEBGL_lose_context');
+        globalThis.losing.loseContext();
+      });
+    await lose();
+    await page.waitForTimeout(300);
+    await page.evaluate(() => globalThis.losing.restoreContext());
+    await isDrawn('restored');
+    assert.equal(await page.locator('[data-lost]').count(), 1, 'the same scene');
+    // One that does not come back is replaced.
+    await lose();
+    await until('a new scene', async () => (await page.locator('[data-lost]').count()) === 0, 20_000);
+    await isDrawn('in the new scene');
+  },
+
   async 'an increment is exact, and touching off names the place'(page) {
     await ready(page);
     await view(page, 'jog');

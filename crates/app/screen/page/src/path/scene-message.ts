@@ -26,4 +26,5 @@ export type SceneRequest =
   | { kind: 'hide'; isHidden: boolean }
   | { kind: 'end' };
 
-export type SceneReply = { kind: 'begun'; webgl: boolean };
+/** `lost`: the graphics side is gone, and the scene with it. */
+export type SceneReply = { kind: 'begun'; webgl: boolean } | { kind: 'lost' };

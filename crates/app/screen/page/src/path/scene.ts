@@ -15,7 +15,7 @@ import {
   Vector3,
   WebGLRenderer,
 } from 'three';
-import { drawnFrom, LIMIT_COLOURS, type PathChunk, type ProgrammedChunk } from './chunk';
+import { CHUNK_VERTICES, drawnFrom, LIMIT_COLOURS, type PathChunk, type ProgrammedChunk } from './chunk';
 import type { SceneView } from './scene-message';
 import type { Box } from './view';
 
@@ -34,6 +34,10 @@ const FAST_MS = 20;
 const CALM_MS = 2000;
 /** Time without a change after which the view is at rest; the slices of a refinement take longer than a moving view's frames. */
 const REST_MS = 150;
+/** Time after which a lost context is given up. */
+const LOST_MS = 5000;
+/** Time within which what the planned path has replaced is removed from a picture at rest: both are nearly the same line. */
+const SWEEP_MS = 3000;
 
 const vertexShader = `
 precision highp float;
@@ -71,30 +75,42 @@ void main() {
   result = vec4(colour, 1.0);
 }`;
 
-/** One run in `thinning`: indices are shared by all chunks of a length. */
-const indexCache = new Map<string, BufferAttribute>();
-function indices(count: number, thinning: number): BufferAttribute {
-  const key = `${count}/${thinning}`;
-  let found = indexCache.get(key);
+/** One run in `thinning`: indices of a chunk of the full length, which all share. A shorter one ends its drawing earlier. */
+const indexCache = new Map<number, BufferAttribute>();
+function indices(thinning: number): BufferAttribute {
+  let found = indexCache.get(thinning);
   if (found === undefined) {
-    found = new BufferAttribute(thinning === 1 ? Uint16Array.from({ length: count }, (_, i) => i) : runs(count, thinning), 1);
-    indexCache.set(key, found);
+    found = new BufferAttribute(thinning === 1 ? Uint16Array.from({ length: CHUNK_VERTICES }, (_, i) => i) : runs(thinning), 1);
+    indexCache.set(thinning, found);
   }
   return found;
 }
 
-function runs(count: number, thinning: number): Uint16Array {
+function runs(thinning: number): Uint16Array {
   const list: number[] = [];
-  for (let begin = 0; begin < count - 1; begin += RUN * thinning) {
-    for (let i = begin; i <= Math.min(begin + RUN, count - 1); i += 1) list.push(i);
+  for (let begin = 0; begin < CHUNK_VERTICES - 1; begin += RUN * thinning) {
+    for (let i = begin; i <= Math.min(begin + RUN, CHUNK_VERTICES - 1); i += 1) list.push(i);
     list.push(RESTART);
   }
   return Uint16Array.from(list);
 }
 
 /** The place of a vertex in such indices, or of the run that begins before it. */
-function indexOf(vertex: number, thinning: number): number {
+export function indexOf(vertex: number, thinning: number): number {
   return thinning === 1 ? vertex : Math.floor(vertex / (RUN * thinning)) * (RUN + 2);
+}
+
+/** The number of such indices for a chunk of `count` vertices. */
+export function indexCount(count: number, thinning: number): number {
+  if (thinning === 1) return count;
+  const last = count - 1;
+  return indexOf(last, thinning) + Math.min(RUN, last % (RUN * thinning)) + 1;
+}
+
+/** Without the index, which others draw with. */
+function dispose(geometry: BufferGeometry): void {
+  geometry.setIndex(null);
+  geometry.dispose();
 }
 
 function polyline(chunk: PathChunk, material: RawShaderMaterial): Line<BufferGeometry, RawShaderMaterial> {
@@ -144,8 +160,14 @@ export class PathScene {
   /** begins the refinement */
   #rest: ReturnType<typeof setTimeout> | undefined;
   #calmUntil = 0;
+  #lost: ReturnType<typeof setTimeout> | undefined;
+  /** The picture lacks nothing but what `replace` has removed; every line of it is drawn with this thinning. */
+  #thinned = 1;
+  /** draws again without what was replaced */
+  #sweep: ReturnType<typeof setTimeout> | undefined;
 
-  constructor(canvas: HTMLCanvasElement | OffscreenCanvas, view: SceneView) {
+  /** `onLost`: the graphics side is gone and does not come back. */
+  constructor(canvas: HTMLCanvasElement | OffscreenCanvas, view: SceneView, onLost: () => void) {
     this.#view = view;
     this.#renderer = new WebGLRenderer({ canvas, antialias: false, alpha: true, preserveDrawingBuffer: true, powerPreference: 'low-power' });
     this.#renderer.autoClear = false;
@@ -158,24 +180,37 @@ export class PathScene {
       uniforms: { fastest: { value: 1 }, rapid: { value: new Color(0.6, 0.6, 0.6) }, byLimit: { value: false }, limits: { value: LIMIT_COLOURS.map((colour) => new Color(colour).convertLinearToSRGB()) } },
     });
     this.#camera.matrixAutoUpdate = false;
-    void this.#compile();
+    // Where it fails the first frame compiles them.
+    void this.#compile()
+      .catch(() => {})
+      .then(() => {
+        this.#isReady = true;
+        this.invalidate();
+      });
+    canvas.addEventListener('webglcontextlost', () => {
+      clearTimeout(this.#lost);
+      this.#lost = setTimeout(onLost, LOST_MS);
+    });
+    canvas.addEventListener('webglcontextrestored', () => {
+      clearTimeout(this.#lost);
+      this.invalidate();
+    });
   }
 
   // While nobody waits for it: the shaders are compiled elsewhere, but the graphics side finishes a pipeline only when it first draws.
   async #compile(): Promise<void> {
     const sample = new Scene();
     const lines = polyline({ position: new Float32Array(6), feed: new Float32Array(2), line: new Uint32Array(2), limit: new Uint8Array(2) }, this.#material);
-    lines.geometry.setIndex(indices(2, 1));
+    lines.geometry.setIndex(indices(1));
+    lines.geometry.setDrawRange(0, 2);
     sample.add(lines, new LineSegments(lines.geometry, this.#boxMaterial));
     await this.#renderer.compileAsync(sample, this.#camera);
     this.#renderer.render(sample, this.#camera);
-    lines.geometry.dispose();
-    this.#isReady = true;
-    this.invalidate();
+    dispose(lines.geometry);
   }
 
   clear(): void {
-    for (const { line } of this.#lines) line.geometry.dispose();
+    for (const { line } of this.#lines) dispose(line.geometry);
     this.#path.clear();
     [this.#lines, this.#coming] = [[], []];
     [this.#vertices, this.#replaced] = [0, 0];
@@ -190,13 +225,13 @@ export class PathScene {
 
   add(chunk: PathChunk): void {
     if (chunk.feed.length >= 2) this.#coming.push({ chunk, programmed: null });
-    this.invalidate();
+    this.#wake();
   }
 
   /** A chunk of the programmed path: under the planned path, until that replaces it. */
   addProgrammed(programmed: ProgrammedChunk): void {
     this.#coming.push({ chunk: programmed.chunk, programmed });
-    this.invalidate();
+    this.#wake();
   }
 
   /** The planned path replaces that many vertices of the programmed one. */
@@ -213,10 +248,10 @@ export class PathScene {
         return true;
       }
       this.#path.remove(polyline.line);
-      polyline.line.geometry.dispose();
+      dispose(polyline.line.geometry);
       return false;
     });
-    this.invalidate();
+    this.#sweep ??= setTimeout(() => this.invalidate(), SWEEP_MS);
   }
 
   set fastest(mm_s: number) {
@@ -269,14 +304,21 @@ export class PathScene {
     this.#dirty = true;
     this.#refined = -1;
     clearTimeout(this.#rest);
+    clearTimeout(this.#sweep);
+    this.#sweep = undefined;
+    this.#wake();
+  }
+
+  /** There is something to draw. */
+  #wake(): void {
     if (this.#frame === 0 && this.#isReady && !this.#isHidden) this.#frame = requestAnimationFrame(() => this.#draw());
   }
 
   dispose(): void {
     this.#isHidden = true;
-    clearTimeout(this.#rest);
     cancelAnimationFrame(this.#frame);
     this.clear();
+    for (const timer of [this.#rest, this.#sweep, this.#lost]) clearTimeout(timer);
     this.#material.dispose();
     this.#boxMaterial.dispose();
     this.#renderer.dispose();
@@ -311,16 +353,14 @@ export class PathScene {
     }
     const renderer = this.#renderer;
     const next = this.#coming.shift();
-    if (next !== undefined) {
-      this.#upload(next);
-      this.#dirty = true;
-    }
+    if (next !== undefined) this.#upload(next);
     this.#place();
     if (this.#dirty) {
       this.#dirty = false;
       renderer.clear();
       renderer.render(this.#boxes, this.#camera);
       const thinning = this.#thinning();
+      this.#thinned = thinning;
       this.#show(0, this.#lines.length, thinning);
       this.#measured = { vertices: this.#vertices / thinning, at: now };
       clearTimeout(this.#rest);
@@ -334,6 +374,10 @@ export class PathScene {
       }
       this.#show(this.#refined, end, 1);
       this.#refined = end < this.#lines.length ? end : -1;
+      if (this.#refined < 0) this.#thinned = 1;
+    } else if (next !== undefined) {
+      // A picture at rest gets what is new, and keeps the rest.
+      this.#show(this.#lines.length - 1, this.#lines.length, this.#thinned);
     } else {
       return;
     }
@@ -350,8 +394,9 @@ export class PathScene {
     this.#lines.forEach(({ line, count, from }, at) => {
       line.visible = at >= begin && at < end;
       if (!line.visible) return;
-      line.geometry.setIndex(indices(count, thinning));
-      line.geometry.setDrawRange(indexOf(from, thinning), Infinity);
+      const first = indexOf(from, thinning);
+      line.geometry.setIndex(indices(thinning));
+      line.geometry.setDrawRange(first, indexCount(count, thinning) - first);
     });
     this.#renderer.render(this.#path, this.#camera);
   }

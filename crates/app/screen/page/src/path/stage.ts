@@ -7,7 +7,7 @@ import { View } from './view';
 export class PathStage {
   readonly view = new View();
   /** null without WebGL */
-  readonly scene = openScene();
+  scene = openScene();
   /** the operator has turned, moved or zoomed the view */
   isTouched = false;
   /** the whole path was fitted into the view */
@@ -16,6 +16,13 @@ export class PathStage {
   #planned = 0;
   /** number of the first vertex of the programmed path that the scene has not got */
   #programmed = 0;
+
+  /** A new scene instead of one that has lost its graphics. */
+  renew(): void {
+    void this.scene.then((lost) => lost?.link({ kind: 'end' }));
+    this.scene = openScene();
+    [this.#generation, this.#planned, this.#programmed] = [-1, 0, 0];
+  }
 
   /** Gives the scene what is new of the path. */
   update(link: SceneLink | null, from: typeof path): void {

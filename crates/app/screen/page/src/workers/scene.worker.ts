@@ -6,9 +6,9 @@ import type { SceneReply, SceneRequest, SceneView } from '../path/scene-message'
 let scene: PathScene | null = null;
 const view: SceneView = { width: 1, height: 1, centre: [0, 0, 0], scale: 1, basis: { right: [1, 0, 0], up: [0, 1, 0], towards: [0, 0, 1] } };
 
-function begin(canvas: OffscreenCanvas | HTMLCanvasElement): SceneReply {
+function begin(canvas: OffscreenCanvas | HTMLCanvasElement, reply: (message: SceneReply) => void): SceneReply {
   try {
-    scene = new PathScene(canvas, view);
+    scene = new PathScene(canvas, view, () => reply({ kind: 'lost' }));
   } catch {
     // Without WebGL the page draws a plan by itself.
   }
@@ -18,7 +18,7 @@ function begin(canvas: OffscreenCanvas | HTMLCanvasElement): SceneReply {
 function take(request: SceneRequest, reply: (message: SceneReply) => void): void {
   switch (request.kind) {
     case 'begin':
-      reply(begin(request.canvas));
+      reply(begin(request.canvas, reply));
       break;
     case 'view':
       Object.assign(view, request.view);
