@@ -502,6 +502,51 @@ export const cases = {
     await until('no trail', async () => (await trail()) < 20 || trail());
   },
 
+  async 'a long path comes to the scene by and by, and a press on it does not block'(page, context) {
+    if (context.real) return 'not measured';
+    const found = await page.evaluate(async () => {
+      const { PathStage } = await import('/src/path/stage.ts');
+      const { LineRuns, pick } = await import('/src/path/pick.ts');
+      const { View } = await import('/src/path/view.ts');
+      const chunk = (number) => ({ position: new Float32Array(3 * 65_535).fill(number), feed: new Float32Array(65_535), line: new Uint32Array(65_535).fill(number), limit: new Uint8Array(65_535) });
+      const chunks = Array.from({ length: 100 }, (_, i) => chunk(i + 1));
+      const from = { generation: 7, replaced: 0, fastest: 1, chunks, programmed: [{ chunk: chunk(0), first: 0 }] };
+      const stage = new PathStage();
+      const sent = [];
+      let frame = 0;
+      const count = () => ((frame += 1), requestAnimationFrame(count));
+      requestAnimationFrame(count);
+      stage.update((request) => /^add/.test(request.kind) && sent.push({ frame, lines: 'line' in (request.chunk ?? request.programmed.chunk) }), from);
+      const atOnce = sent.length;
+      while (sent.length < 101 && frame < 500) await new Promise(requestAnimationFrame);
+      const perFrame = Math.max(...Object.values(Object.groupBy(sent, (entry) => entry.frame)).map((list) => list.length));
+      // A press: others come to turn while 6.5 million vertices are looked at, and another press ends it.
+      const view = Object.assign(new View(), { width: 100, height: 100 });
+      let turns = 0;
+      const timer = setInterval(() => (turns += 1), 0);
+      const line = await pick(chunks, view, 50, 50, new AbortController().signal);
+      clearInterval(timer);
+      const other = new AbortController();
+      const given = pick(chunks, view, 50, 50, other.signal);
+      other.abort();
+      // Chunks that come while a line is chosen.
+      const runs = new LineRuns();
+      let searches = 0;
+      for (const one of chunks.slice(0, 20)) {
+        const search = one.line.indexOf;
+        one.line.indexOf = (...words) => ((searches += 1), search.apply(one.line, words));
+      }
+      const lengths = [];
+      for (let i = 1; i <= 20; i += 1) lengths.push(runs.of(chunks.slice(0, i), 5).length);
+      const gone = runs.of(chunks.slice(10, 20), 5).length;
+      return { atOnce, all: sent.length, perFrame, withLines: sent.filter(({ lines }) => lines).length, line, turns: turns > 2, given: await given, searches, lengths, gone };
+    });
+    assert.deepEqual(
+      { ...found, perFrame: found.perFrame <= 4, searches: found.searches <= 21 },
+      { atOnce: 2, all: 101, perFrame: true, withLines: 0, line: 1, turns: true, given: null, searches: true, lengths: [0, 0, 0, 0, ...Array(16).fill(1)], gone: 0 },
+    );
+  },
+
   async 'a thinned chunk ends where it ends'(page, context) {
     if (context.real) return 'not measured';
     const faults = await page.evaluate(async () => {

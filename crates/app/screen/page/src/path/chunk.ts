@@ -11,23 +11,27 @@ export function limitClass(number: number): number {
   return number < 5 ? 3 : 4 + ((number - 5) % 3);
 }
 
-/** A polyline: `position` x y z a vertex, `feed` mm/s of the segment that ends there (negative: rapid), `line` of the program, `limit` of that segment's motion. */
-export interface PathChunk {
+/** What of a polyline is drawn: `position` x y z a vertex, `feed` mm/s of the segment that ends there (negative: rapid), `limit` of that segment's motion. */
+export interface DrawnChunk {
   position: Float32Array;
   feed: Float32Array;
-  line: Uint32Array;
   /** a number of `LIMITS` */
   limit: Uint8Array;
 }
 
+/** A polyline with the line of the program of each vertex. */
+export interface PathChunk extends DrawnChunk {
+  line: Uint32Array;
+}
+
 /** A chunk of the programmed path; its first vertex is the `first`-th of the whole. */
-export interface ProgrammedChunk {
-  chunk: PathChunk;
+export interface ProgrammedChunk<Chunk extends DrawnChunk = PathChunk> {
+  chunk: Chunk;
   first: number;
 }
 
 /** The vertex of a programmed chunk from which it is drawn, where the planned path replaces the first `replaced` vertices; one vertex is no line. */
-export function drawnFrom({ chunk, first }: ProgrammedChunk, replaced: number): number | null {
+export function drawnFrom({ chunk, first }: ProgrammedChunk<DrawnChunk>, replaced: number): number | null {
   const from = Math.max(0, replaced - 1 - first);
   return from < chunk.feed.length - 1 ? from : null;
 }

@@ -1,5 +1,5 @@
 // What the page says to the scene of the path, which lives in a worker.
-import type { PathChunk, ProgrammedChunk } from './chunk';
+import type { DrawnChunk, ProgrammedChunk } from './chunk';
 import type { Basis, Box } from './view';
 
 /** How the scene is seen; `View` is one. */
@@ -17,8 +17,8 @@ export type SceneRequest =
   | { kind: 'view'; view: SceneView }
   | { kind: 'resize'; width: number; height: number }
   | { kind: 'clear' }
-  | { kind: 'add'; chunk: PathChunk }
-  | { kind: 'addProgrammed'; programmed: ProgrammedChunk }
+  | { kind: 'add'; chunk: DrawnChunk }
+  | { kind: 'addProgrammed'; programmed: ProgrammedChunk<DrawnChunk> }
   | { kind: 'replace'; count: number }
   | { kind: 'fastest'; mm_s: number }
   | { kind: 'box'; box: Box | null }

@@ -15,7 +15,7 @@ import {
   Vector3,
   WebGLRenderer,
 } from 'three';
-import { CHUNK_VERTICES, drawnFrom, LIMIT_COLOURS, type PathChunk, type ProgrammedChunk } from './chunk';
+import { CHUNK_VERTICES, drawnFrom, LIMIT_COLOURS, type DrawnChunk, type ProgrammedChunk } from './chunk';
 import type { SceneView } from './scene-message';
 import type { Box } from './view';
 
@@ -113,7 +113,7 @@ function dispose(geometry: BufferGeometry): void {
   geometry.dispose();
 }
 
-function polyline(chunk: PathChunk, material: RawShaderMaterial): Line<BufferGeometry, RawShaderMaterial> {
+function polyline(chunk: DrawnChunk, material: RawShaderMaterial): Line<BufferGeometry, RawShaderMaterial> {
   const geometry = new BufferGeometry();
   geometry.setAttribute('position', new BufferAttribute(chunk.position, 3));
   geometry.setAttribute('feed', new BufferAttribute(chunk.feed, 1));
@@ -131,7 +131,7 @@ interface Polyline {
   /** the vertex from which it is drawn */
   from: number;
   /** where it is of the programmed path, which the planned path replaces */
-  programmed: ProgrammedChunk | null;
+  programmed: ProgrammedChunk<DrawnChunk> | null;
 }
 
 export class PathScene {
@@ -144,7 +144,7 @@ export class PathScene {
   readonly #view: SceneView;
   #lines: Polyline[] = [];
   /** chunks that the graphics side has not got yet */
-  #coming: { chunk: PathChunk; programmed: ProgrammedChunk | null }[] = [];
+  #coming: { chunk: DrawnChunk; programmed: ProgrammedChunk<DrawnChunk> | null }[] = [];
   #replaced = 0;
   #vertices = 0;
   /** its shaders are compiled */
@@ -200,7 +200,7 @@ export class PathScene {
   // While nobody waits for it: the shaders are compiled elsewhere, but the graphics side finishes a pipeline only when it first draws.
   async #compile(): Promise<void> {
     const sample = new Scene();
-    const lines = polyline({ position: new Float32Array(6), feed: new Float32Array(2), line: new Uint32Array(2), limit: new Uint8Array(2) }, this.#material);
+    const lines = polyline({ position: new Float32Array(6), feed: new Float32Array(2), limit: new Uint8Array(2) }, this.#material);
     lines.geometry.setIndex(indices(1));
     lines.geometry.setDrawRange(0, 2);
     sample.add(lines, new LineSegments(lines.geometry, this.#boxMaterial));
@@ -223,13 +223,13 @@ export class PathScene {
     if (!isHidden) this.invalidate();
   }
 
-  add(chunk: PathChunk): void {
+  add(chunk: DrawnChunk): void {
     if (chunk.feed.length >= 2) this.#coming.push({ chunk, programmed: null });
     this.#wake();
   }
 
   /** A chunk of the programmed path: under the planned path, until that replaces it. */
-  addProgrammed(programmed: ProgrammedChunk): void {
+  addProgrammed(programmed: ProgrammedChunk<DrawnChunk>): void {
     this.#coming.push({ chunk: programmed.chunk, programmed });
     this.#wake();
   }
@@ -258,7 +258,7 @@ export class PathScene {
     this.#material.uniforms['fastest']!.value = Math.max(1e-3, mm_s);
   }
 
-  #upload({ chunk, programmed }: { chunk: PathChunk; programmed: ProgrammedChunk | null }): void {
+  #upload({ chunk, programmed }: { chunk: DrawnChunk; programmed: ProgrammedChunk<DrawnChunk> | null }): void {
     const count = chunk.feed.length;
     const line = polyline(chunk, this.#material);
     // The planned path is drawn over the programmed one.
