@@ -184,6 +184,55 @@ fn lines_with_a_slash_run_unless_they_are_switched_off() {
     }
 }
 
+/// A mill with a probe, and how it checks a program.
+fn check_with_probe(text: &str) -> Value {
+    let workshop = Workshop::new();
+    let mill = std::fs::read_to_string(repository().join("config/machines/mill-3axis.toml"))
+        .expect("a machine file");
+    let machine = workshop.write("probe.toml", mill + "\n[probe]\novertravel_mm = 2\n");
+    let program = workshop.write("probe.ngc", text);
+    command("check", &program, &machine, &[], &[0, 1])
+}
+
+#[test]
+fn what_depends_on_an_unknown_contact_is_a_warning() {
+    let lines = |found: &Value| {
+        let list = found["warnings"].as_array().expect("a list");
+        let each = |warning: &Value| warning["line"].as_u64().expect("a line");
+        list.iter().map(each).collect::<Vec<_>>()
+    };
+    // The usual test, which a program without contact would not pass.
+    let idiom =
+        "G21 G90 G17\nF100\nG38.3 Z-5\no1 if [#5070 EQ 0]\n(ABORT, no contact)\no1 endif\nG91 G0 Z2\nM2\n";
+    let all = check_with_probe(idiom);
+    assert_eq!((errors(&all), lines(&all)), (vec![], vec![3]), "{all}");
+    // Where the probe stops is unknown, so the end of the travel may not be reached.
+    let far = "G21 G90 G17\nF100\nG91 G38.2 X-380\nG0 X5\nG0 X-30\nG90 X0\nX-500\nM2\n";
+    let all = check_with_probe(far);
+    assert_eq!(
+        (errors(&all), lines(&all)),
+        (found(&[("G0801", 7)]), vec![3, 5]),
+        "{all}"
+    );
+    assert!(
+        all["warnings"][1]["message"]
+            .as_str()
+            .is_some_and(|text| text.starts_with("no contact is known: X")),
+        "{all}"
+    );
+    // Set to zero at the contact, the part is somewhere.
+    let zero = "G21 G90 G17\nF100\nG38.2 X-390\nG10 L20 P1 X0\nG0 X-30\nG53 G0 X-401\nM2\n";
+    let all = check_with_probe(zero);
+    assert_eq!(
+        (errors(&all), lines(&all)),
+        (found(&[("G0801", 6)]), vec![3, 5]),
+        "{all}"
+    );
+    // A probing move beyond the travel is an error.
+    let all = check_with_probe("G21 G90 G17\nF100\nG38.2 X-500\nM2\n");
+    assert_eq!(errors(&all), found(&[("G0801", 3)]), "{all}");
+}
+
 #[test]
 fn a_dwell_that_is_meant_in_milliseconds_is_a_warning() {
     let workshop = Workshop::new();

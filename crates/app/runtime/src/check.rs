@@ -8,6 +8,7 @@ use evolvent_config::open_regular;
 use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move, Origin, Settings};
 use evolvent_machine::Limits;
 use evolvent_motion::ProbeMove;
+use evolvent_path::AXES;
 use evolvent_planner::{MoveValidator, PlanError};
 
 use crate::job::Setup;
@@ -116,12 +117,17 @@ pub(crate) fn check_while(
     let settings = Settings {
         // What waits for an input goes on as on a machine that does its part.
         waits_succeed: true,
+        probes_succeed: true,
         ..setup.interpreter_settings_for(program)
     };
     let mut check = ProgramCheck::new(program, setup, bounds);
-    for command in Interpreter::new(reader, settings) {
+    let mut interpreter = Interpreter::new(reader, settings);
+    while let Some(command) = interpreter.next() {
         let step = match command {
-            Ok(command) => check.command(&command, &mut go_on),
+            Ok(command) => {
+                check.assumed = interpreter.assumed_axes();
+                check.command(&command, &mut go_on)
+            }
             Err(diagnostic) => check.error_in_text(diagnostic),
         };
         if step == CheckStep::End {
@@ -148,8 +154,12 @@ struct ProgramCheck<'a> {
     validator: MoveValidator,
     machine: MachineCheck<'a>,
     threads: ThreadCheck,
-    /// Lines that the machine has refused or that were warned of: loops come by again and again.
+    /// Lines that the machine has refused: loops come by again and again.
     told: BTreeSet<(Option<Origin>, u32)>,
+    /// Lines of which a warning was given, by whether it was one of an assumed contact.
+    warned: BTreeSet<(Option<Origin>, u32, bool)>,
+    /// Axes whose position depends on a contact that is only assumed.
+    assumed: [bool; AXES],
     /// A move beyond the travel was refused.
     has_strayed: bool,
     /// Commands in all.
@@ -173,6 +183,8 @@ impl<'a> ProgramCheck<'a> {
             machine: MachineCheck::new(setup, bounds),
             threads: ThreadCheck::new(setup),
             told: BTreeSet::new(),
+            warned: BTreeSet::new(),
+            assumed: [false; AXES],
             has_strayed: false,
             commands: 0,
             round: 0,
@@ -199,9 +211,7 @@ impl<'a> ProgramCheck<'a> {
             return self.end_at(self.farthest);
         }
         if let Action::Warning(text) = &command.action {
-            if self.told.insert(place_of(command)) {
-                self.checked.warnings.push(Warning::of(command, text.clone()));
-            }
+            self.warn(command, text.clone(), false);
             return CheckStep::Next;
         }
         if let Some((first, refusal)) = self.threads.observe(command, self.setup)
@@ -219,6 +229,15 @@ impl<'a> ProgramCheck<'a> {
         let Some(objection) = self.objection(&command.action) else {
             return CheckStep::Next;
         };
+        if objection.is_of_travel(&self.assumed) {
+            let diagnostic = objection.told(self.program, command.line);
+            self.warn(
+                command,
+                format!("no contact is known: {}", diagnostic.message),
+                true,
+            );
+            return CheckStep::Next;
+        }
         if !self.told.insert(place_of(command)) {
             return CheckStep::Next;
         }
@@ -228,6 +247,13 @@ impl<'a> ProgramCheck<'a> {
                 objection.told(file, line)
             }));
         self.end_if_full(command.line)
+    }
+
+    fn warn(&mut self, command: &Command, text: String, is_assumed: bool) {
+        let (origin, line) = place_of(command);
+        if self.warned.insert((origin, line, is_assumed)) {
+            self.checked.warnings.push(Warning::of(command, text));
+        }
     }
 
     fn count(&mut self, command: &Command) {
@@ -324,6 +350,15 @@ enum Objection {
 }
 
 impl Objection {
+    /// Whether one of these axes would leave its travel.
+    fn is_of_travel(&self, axes: &[bool; AXES]) -> bool {
+        match self {
+            Self::Plan(PlanError::Travel { axis, .. })
+            | Self::Probe(ProbeObjection::Travel(PlanError::Travel { axis, .. })) => axes[axis.index()],
+            _ => false,
+        }
+    }
+
     fn told(self, file: &Path, line: u32) -> Diagnostic {
         match self {
             Self::Plan(error) => explain(&error, file, line),

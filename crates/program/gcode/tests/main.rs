@@ -1,5 +1,6 @@
 //! The language, its errors and its cycles, all in one executable.
 
+mod assumed_contacts;
 mod bad_input;
 mod contours;
 mod curves;

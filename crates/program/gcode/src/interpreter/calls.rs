@@ -149,7 +149,9 @@ impl<R: BufRead> Interpreter<R> {
             .calls
             .and_from(self.current.place.file.clone(), self.current.number);
         self.flow.has_moved = true;
+        let assumed_from = self.calls_in_branch();
         self.flow.frames.push(Frame {
+            assumed_from,
             lines: Some(found.lines),
             at: found.first,
             name,

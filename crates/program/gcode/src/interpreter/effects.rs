@@ -88,12 +88,25 @@ impl<R: BufRead> Interpreter<R> {
     pub(crate) fn assign(&mut self) -> Result<(), Fault> {
         for (target, value) in &self.current.block.assignments {
             match *target {
-                Target::Numbered(index) => self.parameters.set_numbered(index, *value),
+                Target::Numbered(index) => {
+                    self.parameters.set_numbered(index, *value);
+                    if let Some(assumption) = &mut self.parameters.assumption {
+                        assumption.set_numbered(index);
+                    }
+                }
                 Target::Named(inside) => {
                     let name = Normal::new(&self.current.text[inside.start as usize..inside.end as usize]);
-                    if !name.is_some_and(|name| self.parameters.set_named(&name, *value)) {
+                    if !name
+                        .as_ref()
+                        .is_some_and(|name| self.parameters.set_named(name, *value))
+                    {
                         let message = "there are too many names of parameters";
                         return Err(Fault::new(Code::BadName, inside, message));
+                    }
+                    if let (Some(name), Some(assumption)) = (name, &mut self.parameters.assumption)
+                        && let Some((id, kind)) = self.parameters.names.find(&name)
+                    {
+                        assumption.set_named(id, kind);
                     }
                 }
             }

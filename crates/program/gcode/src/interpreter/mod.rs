@@ -1,5 +1,6 @@
 //! The interpreter: selects the next line, executes it, and outputs its commands as an iterator.
 
+pub(crate) mod assumed_contact;
 pub(crate) mod calls;
 pub(crate) mod capture;
 pub(crate) mod control_flow;
@@ -500,6 +501,9 @@ impl<R: BufRead> Interpreter<R> {
         if first_character(&self.current.text).is_none() {
             return Ok(());
         }
+        if self.parameters.assumption.is_some() {
+            self.begin_assumed_line();
+        }
         if self.flow.frames.len() > 1 {
             // The delimiters of a file have no meaning inside the program.
             if is_percent(&self.current.text) {
@@ -607,6 +611,9 @@ impl<R: BufRead> Interpreter<R> {
         }
         self.parameters.commit();
         self.finished |= self.state.ended;
+        if self.settings.probes_succeed {
+            self.follow_assumption();
+        }
         if self.errors.doubt.is_any() {
             self.errors.doubt.accept(&self.current.statement, &self.state);
         }
@@ -659,11 +666,15 @@ impl<R: BufRead> Iterator for Interpreter<R> {
                 return None;
             }
             if let Err(diagnostic) = self.advance() {
+                let is_assumed = self.is_assumed(&diagnostic);
+                // The program goes on as where it does not abort.
+                self.finished &= !(is_assumed && diagnostic.code == Code::ActiveComment);
                 let report = self
                     .errors
                     .record(&diagnostic, &self.current, &self.state, self.finished);
                 self.finished |= matches!(report, Report::Last | Report::TooOften);
                 match report {
+                    Report::New | Report::Last if is_assumed => self.warn_of_assumed(&diagnostic),
                     Report::New | Report::Last => return Some(Err(*diagnostic)),
                     Report::TooOften => return Some(Err(*self.locate(self.too_many_repeats()))),
                     Report::Skipped => {}

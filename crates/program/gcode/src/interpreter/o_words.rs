@@ -25,6 +25,8 @@ pub(crate) struct Frame {
     /// Next line in `lines`, or on the tape.
     pub(crate) at: usize,
     pub(crate) open: Vec<Open>,
+    /// From which of them on, counted from 1, lines depend on an assumed contact; 0 for all lines.
+    pub(crate) assumed_from: Option<usize>,
     /// The subroutine, and its first line.
     pub(crate) name: NameId,
     pub(crate) first: usize,
@@ -250,6 +252,7 @@ impl<R: BufRead> Interpreter<R> {
             }
         };
         self.frame().open.push(Open::If { name, taken });
+        self.follow_condition();
         self.flow.skip = (!taken).then_some(Skip::Branch(name));
         Ok(())
     }
@@ -268,6 +271,7 @@ impl<R: BufRead> Interpreter<R> {
             let start = self.mark() + 1;
             let left = times;
             self.frame().open.push(Open::Repeat { name, start, left });
+            self.follow_condition();
         }
         Ok(())
     }
@@ -279,6 +283,7 @@ impl<R: BufRead> Interpreter<R> {
         };
         if let Some(start) = end_of_do {
             let condition = self.condition(word);
+            self.follow_condition();
             if matches!(condition, Ok(true)) {
                 self.jump(start);
             } else {
@@ -290,6 +295,7 @@ impl<R: BufRead> Interpreter<R> {
             Ok(true) => {
                 let start = self.mark();
                 self.frame().open.push(Open::While { name, start });
+                self.follow_condition();
                 Ok(())
             }
             other => {
@@ -369,7 +375,11 @@ impl<R: BufRead> Interpreter<R> {
                         return self.nothing_more(word);
                     }
                     Keyword::Else => !taken,
-                    Keyword::ElseIf => !taken && self.condition(word)?,
+                    Keyword::ElseIf => {
+                        let enter = !taken && self.condition(word)?;
+                        self.follow_condition();
+                        enter
+                    }
                     _ => false,
                 };
                 if enter {
@@ -440,7 +450,11 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     fn condition(&mut self, word: &OWord) -> Result<bool, Fault> {
-        self.value(word).map(|value| value != 0.0)
+        let value = self.value(word);
+        if let Some(assumption) = &mut self.parameters.assumption {
+            assumption.has_branched |= assumption.is_read();
+        }
+        value.map(|value| value != 0.0)
     }
 
     fn optional_value(&mut self, word: &OWord) -> Result<Option<f64>, Fault> {

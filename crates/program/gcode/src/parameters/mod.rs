@@ -1,5 +1,6 @@
 //! Numbered and named parameters, and the values of the system.
 
+pub(crate) mod assumption;
 pub(crate) mod names;
 pub(crate) mod system;
 pub(crate) mod values;

@@ -5,13 +5,14 @@
 
 use evolvent_path::{AXES, Axes};
 
+use crate::parameters::assumption::Assumption;
 use crate::parameters::names::{NameId, NameKind, Names, Normal};
 
 /// The largest parameter number plus one.
 pub(crate) const NUMBERED: usize = 5602;
 
 /// Parameters from 1 to this one belong to the active subroutine.
-const LOCAL_NUMBERED: usize = 30;
+pub(crate) const LOCAL_NUMBERED: usize = 30;
 
 /// Whether DEBUG comments are shown.
 pub(crate) const DEBUG: usize = 5599;
@@ -70,6 +71,8 @@ pub(crate) struct Parameters {
     undo: Vec<Change>,
     /// The value returned by the last subroutine.
     pub(crate) returned: Option<f64>,
+    /// What depends on assumed contacts; none before the first.
+    pub(crate) assumption: Option<Box<Assumption>>,
 }
 
 impl Parameters {
@@ -83,6 +86,7 @@ impl Parameters {
             frames: Vec::new(),
             undo: Vec::new(),
             returned: None,
+            assumption: None,
         }
     }
 
@@ -206,6 +210,9 @@ impl Parameters {
         for (place, slot) in self.numbered[1..=LOCAL_NUMBERED].iter_mut().enumerate() {
             *slot = arguments.get(place).copied().unwrap_or(0.0);
         }
+        if let Some(assumption) = &mut self.assumption {
+            assumption.enter(arguments.len());
+        }
         self.commit();
     }
 
@@ -216,6 +223,9 @@ impl Parameters {
             self.numbered[1..=LOCAL_NUMBERED].copy_from_slice(&frame.numbered);
             self.locals.truncate(self.base);
             self.base = frame.locals;
+            if let Some(assumption) = &mut self.assumption {
+                assumption.leave();
+            }
         }
     }
 

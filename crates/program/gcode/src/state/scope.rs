@@ -19,6 +19,9 @@ impl Scope<'_> {
     /// A numbered parameter.
     #[inline]
     pub(crate) fn numbered(&self, index: usize) -> f64 {
+        if let Some(assumption) = &self.parameters.assumption {
+            assumption.read_numbered(index);
+        }
         if (POSITION..=POSITION + 8).contains(&index) {
             return self.state.program_position(index - POSITION);
         }
@@ -28,6 +31,9 @@ impl Scope<'_> {
     /// A named parameter; `None` if not set.
     pub(crate) fn named(&self, name: &Normal) -> Option<f64> {
         let (id, kind) = self.parameters.names.find(name)?;
+        if let Some(assumption) = &self.parameters.assumption {
+            assumption.read_named(id, kind);
+        }
         match kind {
             NameKind::System(system) => Some(self.system(system)),
             _ => self.parameters.named(id, kind),

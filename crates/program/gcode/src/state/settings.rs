@@ -21,6 +21,9 @@ pub struct Settings {
     pub block_delete: bool,
     /// Whether #5399 of a wait (M66) without an answer is the awaited value; otherwise -1, as after a timeout.
     pub waits_succeed: bool,
+    /// Whether a probing move without an answer counts as one with contact at its end, as long as nothing knows better. Errors
+    /// that depend on it are then warnings, and one warning says so.
+    pub probes_succeed: bool,
     /// Permitted difference of an arc's radii at start and end.
     pub arc: ArcTolerance,
     /// Permitted distance of an involute's programmed end from the involute, in mm: one increment, at least 1 um.
@@ -184,6 +187,7 @@ impl Default for Settings {
             inches: false,
             block_delete: true,
             waits_succeed: false,
+            probes_succeed: false,
             arc: ArcTolerance::default(),
             involute_tolerance_mm: 0.001,
             tool: 0,

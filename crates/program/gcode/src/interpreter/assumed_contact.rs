@@ -1,0 +1,199 @@
+//! The result of probing moves that a check assumes, and what follows from it.
+
+use std::io::BufRead;
+
+use evolvent_path::AXES;
+
+use crate::codes::modal_groups::{Motion, NonModal};
+use crate::interpreter::Interpreter;
+use crate::parameters::assumption::Assumption;
+use crate::parameters::values::{PROBE_TRIPPED, PROBED};
+use crate::syntax::statement::Statement;
+use crate::{Action, Command, Diagnostic};
+
+impl<R: BufRead> Interpreter<R> {
+    /// The axes along which the line read last moves from or to a position that depends on a probing move without an answer
+    /// ([`Settings::probes_succeed`](crate::Settings::probes_succeed)).
+    #[must_use]
+    pub fn assumed_axes(&self) -> [bool; AXES] {
+        match &self.parameters.assumption {
+            Some(assumption) => assumption.target,
+            None => [false; AXES],
+        }
+    }
+
+    /// Before a line: whether it is in a branch that depends on the result.
+    #[cold]
+    pub(super) fn begin_assumed_line(&mut self) {
+        let Some(assumption) = &mut self.parameters.assumption else {
+            return;
+        };
+        assumption.begin_line();
+        let Some(frame) = self.flow.frames.last_mut() else {
+            return;
+        };
+        frame.assumed_from = frame.assumed_from.filter(|from| *from <= frame.open.len());
+        assumption.is_in_branch = frame.assumed_from.is_some();
+    }
+
+    /// After a condition: what it opens depends on the result if it has read it.
+    pub(super) fn follow_condition(&mut self) {
+        let Some(assumption) = &mut self.parameters.assumption else {
+            return;
+        };
+        if !assumption.is_read() {
+            return;
+        }
+        if let Some(frame) = self.flow.frames.last_mut() {
+            frame.assumed_from.get_or_insert(frame.open.len());
+        }
+    }
+
+    /// Whether lines of a subroutine that is called here depend on the result.
+    pub(super) fn calls_in_branch(&self) -> Option<usize> {
+        let assumption = self.parameters.assumption.as_ref()?;
+        assumption.is_in_branch.then_some(0)
+    }
+
+    /// After a line that was executed: what it leaves unknown, or known again.
+    pub(super) fn follow_assumption(&mut self) {
+        let line = &self.current.statement;
+        if let Some(Motion::Probe { .. }) = line.motion()
+            && self.settings.probes_succeed
+        {
+            self.assume_contact();
+            return;
+        }
+        let Some(assumption) = &mut self.parameters.assumption else {
+            return;
+        };
+        let state = &self.state;
+        let rotated = state.rotation[0] != 0.0;
+        follow(assumption, line, state.modes.incremental, rotated);
+    }
+
+    /// The results of the probing move of this line, as if it made contact at its end.
+    #[cold]
+    fn assume_contact(&mut self) {
+        for axis in 0..AXES {
+            let value = self.state.program_position(axis);
+            self.parameters.set_numbered(PROBED + axis, value);
+        }
+        self.parameters.set_numbered(PROBE_TRIPPED, 1.0);
+        self.parameters.commit();
+        if self.parameters.assumption.is_none() {
+            self.parameters.assumption = Some(Box::default());
+            let text = "no contact is known: the check assumes contact at the end of every probing move; an (ABORT), an error or the \
+                        end of the travel that depends on it is only a warning";
+            self.warn(text.to_owned());
+        }
+        let Some(assumption) = &mut self.parameters.assumption else {
+            return;
+        };
+        let (line, modes) = (&self.current.statement, &self.state.modes);
+        follow(assumption, line, modes.incremental, self.state.rotation[0] != 0.0);
+        let rotated = self.state.rotation[0] != 0.0;
+        for axis in 0..AXES {
+            let moves =
+                line.axis(axis).is_some() || rotated && axis < 2 && (line.has(b'X') || line.has(b'Y'));
+            // The move itself leads to its end, at most; it stops on the way.
+            assumption.position[axis] |= moves || line.has_polar() && axis < 2;
+        }
+    }
+
+    /// Outputs a warning of the present line.
+    pub(super) fn warn(&mut self, text: String) {
+        let (line, origin) = (self.shown_line(), self.origin());
+        self.output.pending.push_back(Command {
+            line,
+            action: Action::Warning(text),
+            origin,
+            calls: self.current.place.calls.clone(),
+            feed_mm_rev: None,
+            feed_spindle: 0,
+        });
+    }
+
+    /// Whether an error may be due to an assumed contact alone.
+    #[cold]
+    pub(super) fn is_assumed(&self, diagnostic: &Diagnostic) -> bool {
+        let Some(assumption) = &self.parameters.assumption else {
+            return false;
+        };
+        let plane = self.state.plane().map_or([0, 1], |plane| {
+            let (first, second, _) = plane.axes();
+            [first, second]
+        });
+        let has_axes = self
+            .current
+            .block
+            .words
+            .iter()
+            .any(|word| b"XYZABCUVW@^".contains(&word.letter));
+        assumption.excuses(diagnostic.code, plane, has_axes)
+    }
+
+    /// The warning in place of an error that may be due to an assumed contact.
+    #[cold]
+    pub(super) fn warn_of_assumed(&mut self, diagnostic: &Diagnostic) {
+        self.warn(format!("no contact is known: {}", diagnostic.message));
+    }
+}
+
+/// The positions and offsets that an executed line leaves unknown.
+#[cold]
+fn follow(assumption: &mut Assumption, line: &Statement, incremental: bool, rotated: bool) {
+    let has_line = assumption.has_line();
+    let once = line.once();
+    let sets_offset = matches!(
+        once,
+        Some(NonModal::SetData | NonModal::SetOffset | NonModal::LocalOffset)
+    ) || line.length_offset().is_some();
+    if sets_offset {
+        for axis in 0..AXES {
+            assumption.offset[axis] |= line.axis(axis).is_some() && (has_line || assumption.position[axis]);
+        }
+        if line.has(b'R') && has_line {
+            (assumption.offset[0], assumption.offset[1]) = (true, true);
+        }
+        if line.motion().is_none() {
+            assumption.target = assumption.position;
+            return;
+        }
+    }
+    let start = assumption.position;
+    match once {
+        Some(NonModal::SetHome(_)) => assumption.home |= assumption.position.contains(&true),
+        Some(NonModal::Home(_)) => {
+            for axis in 0..AXES {
+                if line.axis(axis).is_some() || !line.has_axes() {
+                    assumption.position[axis] = assumption.home;
+                }
+            }
+        }
+        _ => {}
+    }
+    let Some(motion) = line.motion() else {
+        assumption.target = std::array::from_fn(|axis| start[axis] || assumption.position[axis]);
+        return;
+    };
+    let machine = once == Some(NonModal::MachineCoordinates);
+    let both = line.has(b'X') && line.has(b'Y');
+    for axis in 0..AXES {
+        let coupled = rotated && axis < 2 && !machine;
+        let offset = !machine
+            && (assumption.offset[axis] || coupled && (assumption.offset[0] || assumption.offset[1]));
+        if line.axis(axis).is_some() {
+            let is_given = !incremental && !offset && (!coupled || both);
+            assumption.position[axis] = has_line || !is_given && (start[axis] || offset);
+        } else if coupled && (line.has(b'X') || line.has(b'Y')) || line.has_polar() && axis < 2 {
+            assumption.position[axis] |= has_line || start[0] || start[1];
+        }
+    }
+    let end = assumption.position;
+    let plain = matches!(motion, Motion::Rapid | Motion::Linear | Motion::Probe { .. });
+    assumption.target = std::array::from_fn(|axis| {
+        let plane = has_line && line.has_axes();
+        end[axis] || !plain && (start[axis] || plane || assumption.offset[axis])
+    });
+}

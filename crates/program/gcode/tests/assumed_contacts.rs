@@ -1,0 +1,147 @@
+//! A check knows no contact: what depends on the assumed one is a warning, and nothing else is.
+
+use evolvent_gcode::{Action, Code, Interpreter, Settings};
+
+/// Codes and lines of errors, lines and texts of warnings.
+fn found(program: &str) -> (Vec<(Code, u32)>, Vec<(u32, String)>) {
+    let settings = Settings {
+        probes_succeed: true,
+        ..Settings::default()
+    };
+    let (mut errors, mut warnings) = (Vec::new(), Vec::new());
+    for item in Interpreter::new(program.as_bytes(), settings) {
+        match item {
+            Ok(command) => {
+                if let Action::Warning(text) = command.action {
+                    warnings.push((command.line, text));
+                }
+            }
+            Err(error) => errors.push((error.code, error.line)),
+        }
+    }
+    (errors, warnings)
+}
+
+/// The axes X, Y, Z of every move that depend on an assumed contact, as letters, by line.
+fn assumed(program: &str) -> Vec<(u32, String)> {
+    let settings = Settings {
+        probes_succeed: true,
+        ..Settings::default()
+    };
+    let mut interpreter = Interpreter::new(program.as_bytes(), settings);
+    let mut moves = Vec::new();
+    while let Some(item) = interpreter.next() {
+        let command = item.unwrap();
+        if matches!(command.action, Action::Move(_) | Action::Probe { .. }) {
+            let axes = interpreter.assumed_axes();
+            let letters = "XYZ".chars().zip(axes).filter(|(_, assumed)| *assumed);
+            moves.push((command.line, letters.map(|(letter, _)| letter).collect()));
+        }
+    }
+    moves
+}
+
+const PROBE: &str = "G21 G90 G17\nF100\nG38.3 Z-5\n";
+
+#[test]
+fn the_test_of_a_contact_is_not_an_error() {
+    let program = format!("{PROBE}o1 if [#5070 EQ 0]\n(ABORT, no contact)\no1 endif\nG91 G0 Z2\nM2\n");
+    let (errors, warnings) = found(&program);
+    assert_eq!(errors, []);
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    assert!(
+        warnings[0].0 == 3 && warnings[0].1.contains("no contact is known"),
+        "{warnings:?}"
+    );
+}
+
+#[test]
+fn an_abort_that_depends_on_the_result_is_a_warning_and_the_program_goes_on() {
+    for test in [
+        // A rapid move that must not touch anything.
+        "o1 if [#5070 EQ 1]\n(ABORT, touched)\no1 endif\n",
+        "#100=#5063\n#101=[#100*2]\no1 if [#101 LT 0]\n(ABORT, deep)\no1 endif\n",
+        "#<z>=#<_z>\no1 if [#<z> NE 1]\n(ABORT, elsewhere)\no1 endif\n",
+        "o<s> sub\no1 if [#1 LT 0]\n(ABORT, deep)\no1 endif\no<s> endsub\no<s> call [#5063]\n",
+        "o<s> sub\no<s> endsub [#5063]\no<s> call\no1 if [#<_value> LT 0]\n(ABORT, deep)\no1 endif\n",
+        "o1 if [#5070 EQ 1]\n#7=1\no1 endif\no2 if [#7 EQ 1]\n(ABORT, touched)\no2 endif\n",
+        "o<s> sub\n(ABORT, touched)\no<s> endsub\no1 if [#5070 EQ 1]\no<s> call\no1 endif\n",
+        // What is skipped might have left the subroutine.
+        "o<s> sub\no1 if [#5070 EQ 0]\no<s> return\no1 endif\n(ABORT, touched)\no<s> endsub\no<s> call\n",
+    ] {
+        let (errors, warnings) = found(&format!("{PROBE}{test}G0 Z1\nG77\nM2\n"));
+        assert_eq!(errors.len(), 1, "{test}: {errors:?}");
+        assert_eq!(errors[0].0, Code::UnknownG, "{test}: {errors:?}");
+        assert_eq!(warnings.len(), 2, "{test}: {warnings:?}");
+        assert!(
+            warnings[1]
+                .1
+                .starts_with("no contact is known: the program aborts"),
+            "{warnings:?}"
+        );
+    }
+}
+
+#[test]
+fn errors_that_do_not_depend_on_it_stay_errors() {
+    for (test, code) in [
+        ("(ABORT, always)\n", Code::ActiveComment),
+        (
+            "#1=2\no1 if [#1 EQ 2]\n(ABORT, always)\no1 endif\n",
+            Code::ActiveComment,
+        ),
+        ("#1=[1/0]\n", Code::Arithmetic),
+        ("G0 X[#<nothing>]\n", Code::UndefinedParameter),
+        ("#3=#5063\n#3=0\nG0 X[1/#3]\n", Code::Arithmetic),
+        ("G77\n", Code::UnknownG),
+        ("G1 X1 F0\n", Code::FeedZero),
+        ("G0 X0 Y0 Z0\nG2 X10 Y0 I3 J0\n", Code::ArcRadiusMismatch),
+    ] {
+        let (errors, _) = found(&format!("{PROBE}{test}M2\n"));
+        assert_eq!(
+            errors.iter().map(|(code, _)| *code).collect::<Vec<_>>(),
+            [code],
+            "{test}"
+        );
+    }
+    // Without the assumption nothing changes: no contact, and the program aborts.
+    let program = format!("{PROBE}o1 if [#5070 EQ 0]\n(ABORT, no contact)\no1 endif\n");
+    let mut items = Interpreter::new(program.as_bytes(), Settings::default());
+    assert!(items.any(|item| item.is_err_and(|error| error.code == Code::ActiveComment)));
+}
+
+#[test]
+fn an_error_of_a_value_that_depends_on_it_is_a_warning() {
+    for test in [
+        "#1=[1/[#5063+5]]\n",
+        "G91\nG2 X10 Y0 I[5+#5063] J0\n",
+        "G38.2 X-5\nG90 G2 X10 Y0 I5 J0\n",
+    ] {
+        let (errors, warnings) = found(&format!("{PROBE}{test}M2\n"));
+        assert_eq!(errors, [], "{test}");
+        assert_eq!(warnings.len(), 2, "{test}: {warnings:?}");
+    }
+}
+
+#[test]
+fn positions_are_unknown_until_they_are_commanded() {
+    let of = |test: &str| {
+        let mut moves = assumed(&format!("{PROBE}{test}M2\n"));
+        moves.remove(0);
+        moves.into_iter().map(|(_, axes)| axes).collect::<Vec<_>>()
+    };
+    assert_eq!(of("G0 X1\nG91 Z1\nG90 Z9\nG91 Z1\n"), ["Z", "Z", "", ""]);
+    assert_eq!(of("G0 X[#5063]\nX2\n"), ["XZ", "Z"]);
+    // An offset from an unknown position leaves every later one unknown, except in machine coordinates.
+    assert_eq!(of("G10 L20 P1 Z0\nG0 Z5\nG53 G0 Z1\nG0 Z4\n"), ["Z", "", "Z"]);
+    assert_eq!(of("G92 Z0\nG0 X1 Z5\n"), ["Z"]);
+    assert_eq!(of("G10 L20 P1 X0\nG0 X5 Z3\n"), [""]);
+    assert_eq!(of("G28\nG91 G0 Z1\n"), ["Z", ""]);
+    // In a branch.
+    assert_eq!(of("o1 if [#5070 EQ 1]\nG0 Z5\no1 endif\nG0 Z6\n"), ["Z", ""]);
+    // A second probing move from there.
+    assert_eq!(
+        of("G91 G0 Z1\nG38.3 Z-2\nG90 G38.3 Z-7\nG0 Z0\n"),
+        ["Z", "Z", "", ""]
+    );
+}
