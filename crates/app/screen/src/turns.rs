@@ -50,7 +50,8 @@ mod tests {
             assert!(watched.is_some());
             let more = tokio::time::timeout(Duration::from_millis(20), turns.take(Role::Watch)).await;
             assert!(more.is_err(), "one at a time");
-            assert!(turns.take(Role::Operate).await.is_some());
+            let operates = tokio::time::timeout(Duration::from_secs(10), turns.take(Role::Operate)).await;
+            assert!(operates.is_ok_and(|turn| turn.is_some()));
             drop(watched);
             assert!(turns.take(Role::Watch).await.is_some());
         });

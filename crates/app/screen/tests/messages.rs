@@ -16,8 +16,7 @@ fn what_the_page_sends_is_understood() {
         FromPage::Take { force: true }
     );
     assert_eq!(read(r#"{"type":"give"}"#).unwrap(), FromPage::Give);
-    let jog =
-        r#"{"type":"command","id":7,"seen_ns":4000000001,"steers":true,"command":20,"index":0,"amount":12.5,"axes_mask":2,"values":{"1":-1}}"#;
+    let jog = r#"{"type":"command","id":7,"seen_ns":4000000001,"steers":true,"command":20,"index":0,"amount":12.5,"axes_mask":2,"values":{"1":-1}}"#;
     let FromPage::Command(jog) = read(jog).unwrap() else {
         panic!("a command");
     };

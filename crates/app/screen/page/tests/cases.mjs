@@ -472,7 +472,9 @@ export const cases = {
       return page.evaluate(() => ({ ...globalThis.strokes }));
     };
     await page.waitForTimeout(4000);
-    assert.deepEqual(await drawn(2000), { whole: 0, styles: 0 }, 'nothing moves');
+    // The trail is thinned further where its history has doubled: once, and not 60 times a second.
+    const still = await drawn(2000);
+    assert.ok(still.whole <= 2 && still.styles === 0, JSON.stringify(still));
     /** Pixels of the trail. */
     const trail = () =>
       page.locator(at('path-trail')).evaluate((element) => {
