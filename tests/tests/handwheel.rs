@@ -420,6 +420,50 @@ fn letting_the_button_go_and_the_end_of_travel_end_the_way_and_nothing_is_made_u
 }
 
 #[test]
+fn a_jog_by_command_takes_over_from_a_wheel_that_turns_on() {
+    unless_disturbed(|| {
+        let shop = Shop::new("wheel-jog", BARE);
+        let served = shop.serves("jog.mcap");
+        let mut operator = shop.operator();
+        let pendant = Pendant::start(&shop.domain, shop.name, 0);
+        let turns_until = |end: std::time::Instant| {
+            while std::time::Instant::now() < end {
+                pendant.turns(1);
+                std::thread::sleep(Duration::from_millis(1));
+            }
+        };
+        let soon = |ms| std::time::Instant::now() + Duration::from_millis(ms);
+        for trial in 1..=8 {
+            operator.does(&chooses(1, 0.1));
+            std::thread::sleep(Duration::from_millis(30));
+            // At any moment of the changes of the wheel's own motion.
+            turns_until(soon(150 + trial));
+            let mut jog = ControlRequest {
+                axes_mask: 2,
+                index: 1,
+                amount: 20.0,
+                ..command("JOG")
+            };
+            jog.values[1] = 1.5;
+            operator.does(&jog);
+            // The jog moves its axis although the hand turns on.
+            turns_until(soon(60));
+            operator.does(&chooses(0, 0.0));
+            let end = rests(&mut operator);
+            assert!(
+                (end[1] - 1.5 * trial as f64).abs() < 1e-9,
+                "trial {trial}: Y {}",
+                end[1]
+            );
+        }
+        drop(operator);
+        served.end().expect_code(&[0, 3]);
+        let again = verify(&shop.workshop.path("jog.mcap")).expect("a trace");
+        assert!(again.holds() && again.uncompared == 0, "{again:?}");
+    });
+}
+
+#[test]
 fn a_machine_without_a_wheel_says_so() {
     let shop = Shop::new("wheel-none", "");
     let served = shop.serves("none.mcap");

@@ -265,6 +265,49 @@ fn a_held_program_is_left_by_jogs_and_goes_on_where_it_was_held() {
     });
 }
 
+/// A jog without distance under way once freed of its dead-man switch ran to the end of the travel.
+#[test]
+fn an_increment_stops_the_jog_of_a_held_program_and_the_way_back_is_known() {
+    unless_disturbed(|| {
+        let shop = Shop::new("leave-add");
+        let (served, _drives, mut operator) = shop.opens();
+        let held = shop.holds(&mut operator, SQUARE, |status| {
+            status.position_machine[2] < -1.9 && status.position_machine[0] > 4.0
+        });
+        let mut onward = ControlRequest {
+            axes_mask: Z,
+            amount: 20.0,
+            ..command("JOG")
+        };
+        onward.values[2] = 1.0;
+        operator.does(&onward);
+        operator.waits("motion", |status| {
+            status.velocity[2] > 19.0 || status.away_parts > 0
+        });
+        operator.ask(&jog(Z, [0.0, 0.0, -1.0]));
+        let away = operator.waits("the way back", |status| {
+            status.operator_message().contains("the way back:")
+        });
+        let went = away.position_machine[2] - held.position_machine[2];
+        assert!(went.abs() < 20.0, "{went} mm");
+        operator.says("RETURN");
+        let back = operator.waits("the way back", |status| status.away_parts == 0);
+        assert_eq!(back.position_machine, held.position_machine);
+        operator.waits("the program's axes", |status| {
+            status.operator_message().contains("`resume`")
+        });
+        operator.says("RESUME");
+        assert_eq!(operator.sees_end(held.job).job_result, DONE);
+        let cycles = shop.ends(served, operator);
+        keeps_limits(&shop, &cycles);
+        let top = (cycles.iter().filter(|cycle| is_away(cycle)))
+            .map(|cycle| cycle.velocity[2].abs())
+            .fold(0.0, f64::max);
+        // The way back has the usual speed.
+        assert!(top < 150.0 / 5.0 * 2.5, "{top} mm/s");
+    });
+}
+
 #[test]
 fn a_path_is_driven_backwards_to_starts_of_blocks_and_forwards_again() {
     unless_disturbed(|| {

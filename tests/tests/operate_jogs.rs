@@ -171,6 +171,62 @@ fn no_jog_is_accepted_while_stop_brakes() {
     });
 }
 
+/// A jog without distance under way once freed of its dead-man switch ran to the end of the travel at the full speed of its axis.
+#[test]
+fn an_increment_stops_a_jog_without_distance_and_counts_from_where_its_axis_stops() {
+    unless_disturbed(|| {
+        let scene = Scene::new("op-add");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        // Another axis, and the same the other way.
+        for (axis, distance) in [(1, 1.0), (0, -1.0)] {
+            let before = operator.now().position_machine;
+            let mut jog = ControlRequest {
+                axes_mask: X_ONLY,
+                amount: 10.0,
+                ..command("JOG")
+            };
+            jog.values[0] = 1.0;
+            let job = operator.does(&jog).job;
+            operator.waits("motion", |status| {
+                status.velocity[0] > 9.0 || status.job_result != 0
+            });
+            let mut increment = ControlRequest {
+                axes_mask: 1 << axis,
+                index: 1,
+                amount: 1.0,
+                ..command("JOG")
+            };
+            increment.values[axis] = distance;
+            while operator.setpoints.receive().expect("setpoints").is_some() {}
+            let answer = operator.ask(&increment);
+            // The host was slower than the dead-man switch.
+            if answer.verdict != 0 || answer.job != job {
+                operator.waits("rest", |status| status.activity == 0);
+                continue;
+            }
+            let mut top = [0.0_f64; 3];
+            operator.follows(
+                |setpoint| {
+                    for (top, speed) in top.iter_mut().zip(setpoint.velocity) {
+                        *top = top.max(speed.abs());
+                    }
+                },
+                |setpoint| setpoint.state != 1,
+            );
+            let end = operator.sees_end(job);
+            assert!(top[0] < 10.01 && top[1] < 1.01 && top[2] == 0.0, "{top:?}");
+            let went = end.position_machine[0] - before[0];
+            assert!(went < 10.0, "{went} mm");
+            if end.job_result == DONE && axis == 1 {
+                assert_eq!(end.position_machine[1], 1.0);
+            }
+        }
+        drop(operator);
+        scene.end();
+    });
+}
+
 #[test]
 fn a_jog_turns_round_in_motion_without_standing_longer_than_a_cycle() {
     unless_disturbed(|| {

@@ -8,7 +8,7 @@ use std::fmt;
 use evolvent_gcode::{Outputs, Restored, SpindleDirection, SpindleOutput};
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, SurfaceSpeed};
-use evolvent_transfer::AxesState;
+use evolvent_transfer::{AxesState, Sync, Transfer, TransferError};
 
 use crate::switches::{SwitchState, pairs};
 
@@ -60,6 +60,8 @@ pub struct SteeredStart {
     pub from: AxesState,
     /// Where it stops.
     pub to: Axes,
+    /// Each axis moves on its own, slows down to this speed at once, and keeps it. Without, all axes arrive at the same time.
+    pub cruise: Option<Axes>,
 }
 
 /// What moves the axes from here on.
@@ -85,6 +87,18 @@ impl SteeredStart {
             travel_min: self.travel_min,
             travel_max: self.travel_max,
             ..*machine
+        }
+    }
+
+    /// The motion, on a machine with these limits.
+    ///
+    /// # Errors
+    /// There is none within the limits.
+    pub fn solve(&self, machine: &Limits) -> Result<Transfer, TransferError> {
+        let limits = self.limits(machine);
+        match &self.cruise {
+            Some(cruise) => Transfer::solve_slowing(&limits, cruise, &self.from, &self.to),
+            None => Transfer::solve(&limits, &self.from, &AxesState::at_rest(self.to), Sync::Time),
         }
     }
 }
@@ -147,7 +161,11 @@ impl fmt::Display for JobStart {
                     list(&start.velocity),
                     list(&start.travel_min),
                     list(&start.travel_max),
-                )
+                )?;
+                if let Some(cruise) = &start.cruise {
+                    write!(out, "; cruise={}", list(cruise))?;
+                }
+                Ok(())
             }
         }
     }
@@ -235,6 +253,10 @@ impl JobStart {
                     acceleration: nine("from_acceleration")?,
                 },
                 to: nine("to")?,
+                cruise: match get("cruise") {
+                    None => None,
+                    Some(text) => Some(axes(text)?),
+                },
             }))),
             "retrace" => Some(Self::Retrace { back: whole("back")? }),
             _ => None,
@@ -373,6 +395,7 @@ mod tests {
                 acceleration: Axes::zeros(),
             },
             to: Axes::repeat(1e300),
+            cruise: Some(odd),
         }));
         for start in [program, steered, JobStart::Retrace { back: 12 }] {
             let text = start.to_string();

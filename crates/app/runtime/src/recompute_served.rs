@@ -10,7 +10,7 @@ use evolvent_motion::{
     DrivenPath, Excursion, ExcursionEnd, Inputs, MachineState, Setpoint, State, TransferExecutor,
 };
 use evolvent_path::{Axes, Jet};
-use evolvent_transfer::{AxesState, Sync, Transfer, TransferError};
+use evolvent_transfer::TransferError;
 
 use crate::corrections::Corrections;
 use crate::job::Setup;
@@ -244,9 +244,7 @@ impl ServedAgain {
     /// # Errors
     /// [`ServedError`].
     pub fn steer(&mut self, start: &SteeredStart) -> Result<(), ServedError> {
-        let limits = start.limits(&self.limits);
-        let to = AxesState::at_rest(start.to);
-        let steering = TransferExecutor::new(Transfer::solve(&limits, &start.from, &to, Sync::Time)?);
+        let steering = TransferExecutor::new(start.solve(&self.limits)?);
         if matches!(self.work, ActiveJob::Plan { .. }) {
             return self.steer_away(steering, start.is_turn);
         }

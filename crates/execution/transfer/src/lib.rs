@@ -58,6 +58,7 @@ mod error;
 mod fallback;
 mod landing;
 mod recover;
+mod slowing;
 mod state;
 mod track;
 mod transfer;

@@ -97,6 +97,16 @@ impl Transfer {
         }
     }
 
+    /// Tracks that were verified.
+    pub(crate) fn of_tracks(tracks: [Track; AXES], method: Method) -> Self {
+        let duration_s = tracks.iter().map(Track::duration_s).fold(0.0, f64::max);
+        Self {
+            tracks,
+            duration_s,
+            method,
+        }
+    }
+
     /// State and jerk at `t` seconds: the start before 0, the target after the end. Real-time safe.
     #[must_use]
     pub fn at(&self, t: f64) -> TransferPoint {

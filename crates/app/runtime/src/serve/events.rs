@@ -2,8 +2,6 @@
 
 use evolvent_control::{Alarm, JobResult};
 
-use super::jog::Steered;
-use super::leaving::Away;
 use super::operator::{Job, Operator};
 use super::orders::{ActiveJob, CycleEvent};
 use crate::program_cycle::turning_alarm;
@@ -19,11 +17,11 @@ impl Operator {
                 self.desk.fall_into_estop();
                 self.break_off(JobResult::Fault);
             }
-            CycleEvent::Returned(work) => {
+            CycleEvent::Returned(work) => drop(work),
+            CycleEvent::TurnReturned { id, work } => {
                 drop(work);
-                // A turn that was not reported by now came too late.
                 if let Some(steered) = self.steered() {
-                    steered.turn = None;
+                    steered.turn_returned(id);
                 }
             }
             CycleEvent::NotLeft { work, .. } => self.handle_not_left(work),
@@ -77,27 +75,15 @@ impl Operator {
 
     fn applied(&mut self, id: u64, sequence: u64) {
         self.book.applied(id, sequence);
-        let Some(steered) = self.steered() else { return };
-        if steered.order == id {
-            steered.begin = Some(sequence);
-        } else if let Some((turn, steering)) = steered.turn.take_if(|(turn, _)| *turn == id) {
-            let _same = turn;
-            steered.steering = steering;
-            steered.begin = Some(sequence);
-        }
-    }
-
-    /// The transfer under way.
-    fn steered(&mut self) -> Option<&mut Steered> {
-        match &mut self.job {
-            Job::Jog { steered, .. } => Some(steered),
-            Job::Homing { steered, .. } => steered.as_deref_mut(),
-            Job::Program(run) => run.away.as_mut().and_then(Away::steered),
-            Job::None => None,
+        if let Some(steered) = self.steered() {
+            steered.applied(id, sequence);
         }
     }
 
     fn motion_ended(&mut self, result: JobResult) {
+        if matches!(self.job, Job::Jog { .. }) && result == JobResult::Done && self.goes_on_from_rest() {
+            return;
+        }
         match &mut self.job {
             Job::None => {}
             Job::Program(run) => {

@@ -6,6 +6,7 @@ use evolvent_path::{Axes, AxisLetter, AxisMask};
 use evolvent_transfer::AxesState;
 
 use super::jog::{FOR_EVER, JogWay, limits_here};
+use super::jog_intent::JogIntent;
 use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
 use crate::handwheel_view::HandwheelView;
@@ -193,7 +194,7 @@ impl Operator {
                 if is_right || steered.stopping || steered.turn.is_some() {
                     return Ok(());
                 }
-                match self.foreseen(steered, after) {
+                match steered.foreseen(after, self.setup.period_ns) {
                     Some(from) => from,
                     None => return Ok(()),
                 }
@@ -206,16 +207,16 @@ impl Operator {
             .map(|axis| (goal[axis] - from.position[axis]).abs())
             .fold(step, f64::max);
         let way = JogWay {
+            // No faster than the axis: the wheel's way is longer then, and not lost.
+            speed: JogWay::speeds(&limits, axes, farthest / FOLLOW_S),
+            slows_down_first: false,
             limits,
             from,
             to: *goal,
-            axes,
-            // No faster than the axis: the wheel's way is longer then, and not lost.
-            speed: Some(farthest / FOLLOW_S),
             until_ns: FOR_EVER,
         };
         if matches!(self.job, Job::None) {
-            self.begin_jog(&way, None, true, None)?;
+            self.begin_jog(&way, JogIntent::none(), true, None)?;
         } else {
             self.turn_jog(&way, after, None)?;
         }

@@ -10,10 +10,10 @@ use evolvent_machine::HomingMethod;
 use evolvent_path::{Axes, AxisLetter, AxisMask, TURN_DEG};
 use evolvent_transfer::AxesState;
 
-use super::jog::{FOR_EVER, limits_here, slowed, steering};
+use super::jog::{FOR_EVER, JogWay, limits_here};
+use super::jog_intent::JogIntent;
 use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
-use super::recorded::steered_start;
 use crate::news::ExternalEventKind;
 
 impl Operator {
@@ -214,14 +214,19 @@ impl Operator {
         let i = axis.index();
         let mut target = here;
         target[i] = to.clamp(limits.travel_min[i], limits.travel_max[i]);
-        let from = AxesState::at_rest(here);
-        let solved = steering(&limits, &from, &target, AxisMask::one(i), Some(speed));
-        match solved {
-            Ok(solved) => {
-                let begun = self.steer(&limits, solved, target, FOR_EVER, None);
-                let start = slowed(&limits, &from, AxisMask::one(i), Some(speed));
-                let start = steered_start(&start, &from, &target, false);
-                self.book.notes.sends(begun.order, self.desk.job(), start);
+        let way = JogWay {
+            speed: JogWay::speeds(&limits, AxisMask::one(i), speed),
+            slows_down_first: false,
+            limits,
+            from: AxesState::at_rest(here),
+            to: target,
+            until_ns: FOR_EVER,
+        };
+        match self.steer(&way, JogIntent::none(), None) {
+            Ok(begun) => {
+                self.book
+                    .notes
+                    .sends(begun.order, self.desk.job(), way.recorded(false));
                 if let Job::Homing { steered, .. } = &mut self.job {
                     *steered = Some(begun);
                 }

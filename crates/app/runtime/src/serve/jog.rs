@@ -2,25 +2,20 @@
 
 use evolvent_control::{Activity, Alarm, Command, JogCommand, JogEnable, Rejection};
 use evolvent_machine::Limits;
-use evolvent_motion::TransferExecutor;
-use evolvent_path::{AXES, Axes, AxisLetter, AxisMask};
-use evolvent_transfer::{AxesState, Sync, Transfer};
+use evolvent_motion::{State, TransferExecutor};
+use evolvent_path::{AXES, Axes, AxisMask};
+use evolvent_transfer::AxesState;
 
+use super::jog_intent::JogIntent;
 use super::leaving::Away;
 use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
-use super::recorded::steered_start;
 use crate::job_start::SteeredStart;
 
 /// Time from asking for a turn of a jog to where it counts, ns.
 const TURN_LEAD_NS: u64 = 12_000_000;
 /// A steered motion that needs no dead-man.
 pub(super) const FOR_EVER: u64 = u64::MAX;
-/// Share of an axis's velocity at which it is jogged where no speed is given.
-const USUAL_FRACTION: f64 = 0.2;
-
-/// Maximum distance of a jog without one, mm or degrees: a thousand turns of an unlimited rotary axis.
-const MAX_DISTANCE: f64 = 360_000.0;
 
 /// Limits for the axes as they are: an axis whose zero is unknown may go its travel's length either way, and one
 /// that stands beyond its travel may come back.
@@ -41,74 +36,15 @@ pub(crate) fn limits_here(machine: &Limits, position: &Axes, homed: AxisMask) ->
     limits
 }
 
-/// Where a jog from `position` ends.
-///
-/// # Errors
-/// An increment would leave the travel: axis, where to, and by how much.
-pub(crate) fn target(jog: &JogCommand, position: &Axes, limits: &Limits) -> Result<Axes, Rejection> {
-    let mut target = *position;
-    for i in 0..AXES {
-        if !jog.axes.contains(i) {
-            continue;
-        }
-        let (low, high) = (limits.travel_min[i], limits.travel_max[i]);
-        match &jog.distance {
-            None if jog.direction[i] > 0.0 => target[i] = high.min(position[i] + MAX_DISTANCE),
-            None => target[i] = low.max(position[i] - MAX_DISTANCE),
-            Some(distance) => {
-                target[i] = position[i] + distance[i];
-                let beyond = (low - target[i]).max(target[i] - high);
-                if beyond > 0.0 || beyond.is_nan() {
-                    let limit = if target[i] > high { high } else { low };
-                    return Err(Rejection::new(
-                        Alarm::SoftLimit,
-                        format!(
-                            "axis {} would go to {:.4}, {beyond:.4} beyond its travel limit of {limit:.4}",
-                            AxisLetter::ALL[i].letter(),
-                            target[i],
-                        ),
-                    ));
-                }
-            }
-        }
-    }
-    Ok(target)
-}
-
-/// A steered motion from a state to rest at `target`, the axes of `mask` no faster than `speed` each.
-///
-/// # Errors
-/// There is no such motion within the limits.
-pub(crate) fn steering(
-    limits: &Limits,
-    from: &AxesState,
-    target: &Axes,
-    axes: AxisMask,
-    speed: Option<f64>,
-) -> Result<TransferExecutor, Rejection> {
-    let slowed = slowed(limits, from, axes, speed);
-    let to = AxesState::at_rest(*target);
-    Transfer::solve(&slowed, from, &to, Sync::Time)
-        .map(TransferExecutor::new)
-        .map_err(|error| Rejection::new(Alarm::SoftLimit, error.to_string()))
-}
-
-/// The limits of a steered motion: the axes of `mask` no faster than `speed` each.
-pub(super) fn slowed(limits: &Limits, from: &AxesState, axes: AxisMask, speed: Option<f64>) -> Limits {
+/// The limits of a steered motion: each axis no faster than its speed.
+fn slowed(limits: &Limits, from: &AxesState, speed: &Axes) -> Limits {
     let mut slowed = *limits;
+    let present = from.unavoidable_speed(limits);
     for i in 0..AXES {
-        if !limits.present[i] {
-            continue;
+        if limits.present[i] {
+            // What moves faster than is wanted now may do so while it slows down.
+            slowed.velocity[i] = speed[i].max(1.0001 * present[i]).clamp(1e-3, limits.velocity[i]);
         }
-        let wanted = if axes.contains(i) {
-            speed.unwrap_or(USUAL_FRACTION * limits.velocity[i])
-        } else {
-            limits.velocity[i]
-        };
-        // What moves faster than is wanted now may do so while it slows down.
-        let (v, a, j) = (from.velocity[i], from.acceleration[i], limits.jerk[i]);
-        let present = v.abs().max((v + a * a.abs() / (2.0 * j)).abs());
-        slowed.velocity[i] = wanted.max(1.0001 * present).clamp(1e-3, limits.velocity[i]);
     }
     slowed
 }
@@ -118,23 +54,59 @@ pub(super) struct JogWay {
     pub(super) limits: Limits,
     pub(super) from: AxesState,
     pub(super) to: Axes,
-    pub(super) axes: AxisMask,
-    /// Of each axis at most; none for the usual one.
-    pub(super) speed: Option<f64>,
+    /// Of each axis at most.
+    pub(super) speed: Axes,
+    /// Each axis moves on its own, and slows down to its speed at once. Otherwise all arrive at the same time.
+    pub(super) slows_down_first: bool,
     /// When it ends by itself.
     pub(super) until_ns: u64,
 }
 
 impl JogWay {
+    /// The axes of `mask` at `speed`; the others, which do not move, at their own.
+    pub(super) fn speeds(limits: &Limits, axes: AxisMask, speed: f64) -> Axes {
+        Axes::from_fn(|i, _| {
+            if axes.contains(i) {
+                speed
+            } else {
+                limits.velocity[i]
+            }
+        })
+    }
+
+    /// Solves it.
+    ///
+    /// # Errors
+    /// There is no such motion within the limits.
     pub(super) fn steering(&self) -> Result<TransferExecutor, Rejection> {
-        steering(&self.limits, &self.from, &self.to, self.axes, self.speed)
+        // What the trace has is what is solved: the same bits come out when it is computed again.
+        self.recorded(false)
+            .solve(&self.limits)
+            .map(TransferExecutor::new)
+            .map_err(|error| Rejection::new(Alarm::SoftLimit, error.to_string()))
     }
 
     /// For the trace.
     pub(super) fn recorded(&self, is_turn: bool) -> SteeredStart {
-        let limits = slowed(&self.limits, &self.from, self.axes, self.speed);
-        steered_start(&limits, &self.from, &self.to, is_turn)
+        let slowed = slowed(&self.limits, &self.from, &self.speed);
+        SteeredStart {
+            is_turn,
+            velocity: slowed.velocity,
+            travel_min: slowed.travel_min,
+            travel_max: slowed.travel_max,
+            from: self.from,
+            to: self.to,
+            cruise: self.slows_down_first.then_some(self.speed),
+        }
     }
+}
+
+/// A change of a steered motion that is on its way to the cycle.
+pub(super) struct PendingTurn {
+    pub(super) order: u64,
+    pub(super) steering: TransferExecutor,
+    /// It does what the intent says; otherwise the intent has changed since.
+    is_intended: bool,
 }
 
 /// A steered motion: `t` of setpoint `n` is `(n + 1 - begin)` periods.
@@ -142,18 +114,20 @@ pub(super) struct Steered {
     pub(super) steering: TransferExecutor,
     pub(super) order: u64,
     pub(super) begin: Option<u64>,
-    /// A change that is under way, and its order.
-    pub(super) turn: Option<(u64, TransferExecutor)>,
+    pub(super) turn: Option<PendingTurn>,
     pub(super) stopping: bool,
-    pub(super) target: Axes,
+    /// What the jogs so far have asked for.
+    intent: JogIntent,
+    /// The last of them, until the cycle drives it.
+    asked: Option<Command>,
 }
 
-impl Operator {
+impl Steered {
     /// Where the axes will be with setpoint `sequence`, if nothing intervenes.
-    pub(super) fn foreseen(&self, steered: &Steered, sequence: u64) -> Option<AxesState> {
-        let periods = sequence + 1 - steered.begin?;
-        let time = periods as f64 * self.setup.period_ns as f64 * 1e-9;
-        let point = steered.steering.transfer().at(time);
+    pub(super) fn foreseen(&self, sequence: u64, period_ns: u64) -> Option<AxesState> {
+        let periods = sequence + 1 - self.begin?;
+        let time = periods as f64 * period_ns as f64 * 1e-9;
+        let point = self.steering.transfer().at(time);
         Some(AxesState {
             position: point.position,
             velocity: point.velocity,
@@ -161,6 +135,31 @@ impl Operator {
         })
     }
 
+    /// The cycle has taken an order up with this setpoint.
+    pub(super) fn applied(&mut self, order: u64, sequence: u64) {
+        if self.order == order {
+            self.begin = Some(sequence);
+        } else if let Some(turn) = self.turn.take_if(|turn| turn.order == order) {
+            (self.steering, self.begin) = (turn.steering, Some(sequence));
+            if turn.is_intended {
+                self.asked = None;
+            }
+        }
+    }
+
+    /// A turn came back from the cycle: one that was not reported as applied by now came too late.
+    pub(super) fn turn_returned(&mut self, order: u64) {
+        self.turn.take_if(|turn| turn.order == order);
+    }
+
+    /// Handles a life sign of the client that jogs. Returns until when the axes may move, ns of CLOCK_MONOTONIC.
+    fn renew(&mut self, client: u64, now_ns: u64) -> Option<u64> {
+        let held = self.intent.held()?;
+        held.renew(client, now_ns).then(|| held.until_ns())
+    }
+}
+
+impl Operator {
     pub(super) fn jog(
         &mut self,
         jog: &JogCommand,
@@ -171,54 +170,155 @@ impl Operator {
         if matches!(self.job, Job::Program(_)) {
             return self.jog_away(jog, client, now_ns, command);
         }
-        let here = self.view.setpoint.position;
-        let limits = limits_here(&self.limits, &here, self.desk.homed());
         let held = jog.distance.is_none().then(|| JogEnable::held(client, now_ns));
-        let until = held.map_or(FOR_EVER, JogEnable::until_ns);
-        let after = self.turn_behind();
-        if let Job::Jog { steered, .. } = &self.job {
-            let Some(from) = self.foreseen(steered, after).filter(|_| !steered.stopping) else {
-                return Err(Rejection::new(
-                    Alarm::Busy,
-                    "the last jog is coming to rest; jog again then",
-                ));
-            };
-            // An increment adds to the one under way.
-            let base = if jog.distance.is_some() {
-                steered.target
-            } else {
-                from.position
-            };
-            let way = JogWay {
-                to: target(jog, &base, &limits)?,
-                limits,
-                from,
-                axes: jog.axes,
-                speed: jog.max_velocity,
-                until_ns: until,
-            };
-            self.turn_jog(&way, after, Some(command))?;
+        if matches!(self.job, Job::Jog { .. }) {
+            self.take_over(jog, held, command)?;
             self.rest_handwheel();
-            if let Job::Jog {
-                held: old,
-                by_handwheel,
-                ..
-            } = &mut self.job
-            {
-                (*old, *by_handwheel) = (held, false);
+            if let Job::Jog { by_handwheel, .. } = &mut self.job {
+                *by_handwheel = false;
             }
             return Ok(self.desk.job());
         }
-        let way = JogWay {
-            to: target(jog, &here, &limits)?,
-            limits,
-            from: AxesState::at_rest(here),
-            axes: jog.axes,
-            speed: jog.max_velocity,
-            until_ns: until,
-        };
+        let (way, intent) = self.way_from_rest(jog, held)?;
         self.rest_handwheel();
-        self.begin_jog(&way, held, false, Some(command))
+        self.begin_jog(&way, intent, false, Some(command))
+    }
+
+    /// A jog that begins at rest here.
+    ///
+    /// # Errors
+    /// An increment would leave the travel.
+    pub(super) fn way_from_rest(
+        &self,
+        jog: &JogCommand,
+        held: Option<JogEnable>,
+    ) -> Result<(JogWay, JogIntent), Rejection> {
+        let here = self.view.setpoint.position;
+        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let mut intent = JogIntent::none().taken_over_by(jog, held, &limits);
+        let way = intent.way(&limits, AxesState::at_rest(here), until(held))?;
+        intent.goes_to(&way.to);
+        Ok((way, intent))
+    }
+
+    /// A jog takes over from the one under way.
+    ///
+    /// # Errors
+    /// An increment would leave the travel, or the motion stops.
+    pub(super) fn take_over(
+        &mut self,
+        jog: &JogCommand,
+        held: Option<JogEnable>,
+        command: &Command,
+    ) -> Result<(), Rejection> {
+        let here = self.view.setpoint.position;
+        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let (after, period_ns) = (self.turn_behind(), self.setup.period_ns);
+        let is_braking = self.view.setpoint.state == State::Stopping;
+        let Some(steered) = self.steered().filter(|steered| !steered.stopping && !is_braking) else {
+            return Err(Rejection::new(
+                Alarm::Busy,
+                "the last jog is coming to rest; jog again then",
+            ));
+        };
+        let intent = steered.intent.taken_over_by(jog, held, &limits);
+        let foreseen = steered.foreseen(after, period_ns);
+        let from = foreseen.unwrap_or_else(|| AxesState::at_rest(here));
+        // A jog that cannot be driven is rejected now, also if it has to wait for the change before it.
+        intent.way(&limits, from, until(held))?.steering()?;
+        steered.intent = intent;
+        steered.asked = Some(command.clone());
+        if let Some(turn) = &mut steered.turn {
+            turn.is_intended = false;
+        }
+        self.drive_intent()
+    }
+
+    /// Orders what the jogs have asked for, once the change before it has come back from the cycle. A change that came too late
+    /// is ordered again.
+    ///
+    /// # Errors
+    /// There is no such motion within the limits.
+    fn drive_intent(&mut self) -> Result<(), Rejection> {
+        let here = self.view.setpoint.position;
+        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let (after, period_ns) = (self.turn_behind(), self.setup.period_ns);
+        let Some(steered) = self.steered() else {
+            return Ok(());
+        };
+        let (Some(command), Some(from), None, false) = (
+            steered.asked.clone(),
+            steered.foreseen(after, period_ns),
+            &steered.turn,
+            steered.stopping,
+        ) else {
+            return Ok(());
+        };
+        let mut intent = steered.intent.clone();
+        let until_ns = until(intent.held().copied());
+        let way = intent.way(&limits, from, until_ns)?;
+        intent.goes_to(&way.to);
+        self.turn_jog(&way, after, Some(&command))?;
+        if let Some(steered) = self.steered() {
+            steered.intent = intent;
+        }
+        Ok(())
+    }
+
+    /// Goes on with a jog that waits for the change before it. One that cannot be driven from where the axes are by now stops.
+    pub(super) fn follow_jog(&mut self) {
+        let Err(refusal) = self.drive_intent() else { return };
+        self.message = format!("the jog was stopped: {refusal}");
+        if let Some(steered) = self.steered() {
+            steered.stopping = true;
+            self.order(CycleCommand::StopSteering);
+        }
+    }
+
+    /// The motion has come to its end before the cycle took up the last jog: that begins from here, in the same job. Returns
+    /// whether there is one.
+    pub(super) fn goes_on_from_rest(&mut self) -> bool {
+        let here = self.view.setpoint.position;
+        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let Some(steered) = self.steered().filter(|steered| !steered.stopping) else {
+            return false;
+        };
+        let Some(command) = steered.asked.take() else {
+            return false;
+        };
+        let mut intent = steered.intent.clone();
+        let until_ns = until(intent.held().copied());
+        let begun = intent
+            .way(&limits, AxesState::at_rest(here), until_ns)
+            .and_then(|way| {
+                intent.goes_to(&way.to);
+                let begun = self.steer(&way, intent, Some(&command))?;
+                self.book
+                    .notes
+                    .sends(begun.order, self.desk.job(), way.recorded(false));
+                Ok(begun)
+            });
+        match (begun, self.steered()) {
+            (Ok(begun), Some(steered)) => {
+                *steered = *begun;
+                true
+            }
+            (Err(refusal), _) => {
+                self.message = format!("the jog was stopped: {refusal}");
+                false
+            }
+            _ => false,
+        }
+    }
+
+    /// The transfer under way.
+    pub(super) fn steered(&mut self) -> Option<&mut Steered> {
+        match &mut self.job {
+            Job::Jog { steered, .. } => Some(steered),
+            Job::Homing { steered, .. } => steered.as_deref_mut(),
+            Job::Program(run) => run.away.as_mut().and_then(Away::steered),
+            Job::None => None,
+        }
     }
 
     /// The setpoint after which a turn that is ordered now can count.
@@ -233,18 +333,16 @@ impl Operator {
     pub(super) fn begin_jog(
         &mut self,
         way: &JogWay,
-        held: Option<JogEnable>,
+        intent: JogIntent,
         by_handwheel: bool,
         command: Option<&Command>,
     ) -> Result<u64, Rejection> {
-        let steering = way.steering()?;
-        let steered = self.steer(&way.limits, steering, way.to, way.until_ns, command);
+        let steered = self.steer(way, intent, command)?;
         self.book
             .notes
             .sends(steered.order, self.desk.job() + 1, way.recorded(false));
         self.job = Job::Jog {
             steered,
-            held,
             by_handwheel,
         };
         Ok(self.desk.job_begins(Activity::Jog))
@@ -263,22 +361,20 @@ impl Operator {
         let turned = way.steering()?;
         let what = CycleCommand::Turn {
             after,
+            until_ns: way.until_ns,
             steering: Box::new(turned),
         };
-        let id = match command {
+        let order = match command {
             Some(command) => self.send(what, command),
             None => self.order(what),
         };
-        self.book.notes.sends(id, self.desk.job(), way.recorded(true));
-        self.order(CycleCommand::KeepJogging(way.until_ns));
-        let steered = match &mut self.job {
-            Job::Jog { steered, .. } => Some(&mut **steered),
-            Job::Program(run) => run.away.as_mut().and_then(Away::steered),
-            _ => None,
-        };
-        if let Some(steered) = steered {
-            steered.turn = Some((id, turned));
-            steered.target = way.to;
+        self.book.notes.sends(order, self.desk.job(), way.recorded(true));
+        if let Some(steered) = self.steered() {
+            steered.turn = Some(PendingTurn {
+                order,
+                steering: turned,
+                is_intended: command.is_some(),
+            });
         }
         Ok(())
     }
@@ -290,41 +386,44 @@ impl Operator {
     }
 
     /// Begins a steered motion at rest.
+    ///
+    /// # Errors
+    /// There is no such motion within the limits.
     pub(super) fn steer(
         &mut self,
-        limits: &Limits,
-        steering: TransferExecutor,
-        target: Axes,
-        until_ns: u64,
+        way: &JogWay,
+        intent: JogIntent,
         command: Option<&Command>,
-    ) -> Box<Steered> {
-        self.begin_within(limits);
-        self.order(CycleCommand::KeepJogging(until_ns));
+    ) -> Result<Box<Steered>, Rejection> {
+        let steering = way.steering()?;
+        self.begin_within(&way.limits);
+        self.order(CycleCommand::KeepJogging(way.until_ns));
         let what = CycleCommand::Steer(Box::new(steering));
         let order = match command {
             Some(command) => self.send(what, command),
             None => self.order(what),
         };
-        Box::new(Steered {
+        Ok(Box::new(Steered {
             steering,
             order,
             begin: None,
             turn: None,
             stopping: false,
-            target,
-        })
+            intent,
+            asked: None,
+        }))
     }
 
     pub(super) fn keep_jogging(&mut self, client: u64, now_ns: u64) {
-        let until = match &mut self.job {
-            Job::Jog { held: Some(held), .. } => held.renew(client, now_ns).then(|| held.until_ns()),
-            Job::Program(run) => run.away.as_mut().and_then(|away| away.renew(client, now_ns)),
-            _ => None,
-        };
-        if let Some(until) = until {
+        if let Some(until) = self.steered().and_then(|steered| steered.renew(client, now_ns)) {
             self.order(CycleCommand::KeepJogging(until));
         }
     }
+}
+
+/// Until when a jog may move the axes, ns of CLOCK_MONOTONIC.
+pub(super) fn until(held: Option<JogEnable>) -> u64 {
+    held.map_or(FOR_EVER, JogEnable::until_ns)
 }
 
 #[cfg(test)]
@@ -345,33 +444,6 @@ mod tests {
         }
     }
 
-    fn jog(distance: Option<f64>, direction: f64) -> JogCommand {
-        let along = |value: f64| {
-            let mut axes = Axes::zeros();
-            axes[0] = value;
-            axes
-        };
-        JogCommand {
-            axes: AxisMask::one(0),
-            distance: distance.map(along),
-            direction: along(direction),
-            max_velocity: Some(20.0),
-        }
-    }
-
-    #[test]
-    fn a_continuous_jog_ends_at_the_soft_limit_and_an_increment_beyond_it_is_refused_with_how_much() {
-        let limits = limits_here(&machine(), &Axes::zeros(), AxisMask::from_bits(0b111));
-        let to = target(&jog(None, -1.0), &Axes::zeros(), &limits).unwrap();
-        assert_eq!(to.as_slice()[..3], [-400.0, 0.0, 0.0]);
-        let refusal = target(&jog(Some(412.5), 0.0), &Axes::zeros(), &limits).unwrap_err();
-        assert_eq!(refusal.alarm, Alarm::SoftLimit);
-        assert!(
-            refusal.text.contains("axis X") && refusal.text.contains("12.5"),
-            "{refusal}"
-        );
-    }
-
     #[test]
     fn an_axis_that_is_not_homed_may_go_its_travel_s_length_and_one_beyond_may_come_back() {
         let mut position = Axes::zeros();
@@ -379,29 +451,5 @@ mod tests {
         let limits = limits_here(&machine(), &position, AxisMask::from_bits(0b110));
         assert_eq!((limits.travel_min[0], limits.travel_max[0]), (40.0, 1960.0));
         assert_eq!((limits.travel_min[1], limits.travel_max[1]), (-400.0, 401.0));
-    }
-
-    #[test]
-    fn a_jog_keeps_its_speed_and_one_in_motion_may_turn_round() {
-        let limits = machine();
-        let start = AxesState::at_rest(Axes::zeros());
-        let forth = steering(
-            &limits,
-            &start,
-            &Axes::from_fn(|i, _| if i == 0 { 50.0 } else { 0.0 }),
-            AxisMask::one(0),
-            Some(20.0),
-        )
-        .unwrap();
-        let middle = forth.transfer().at(0.5 * forth.transfer().duration_s());
-        assert!((middle.velocity[0] - 20.0).abs() < 1e-3, "{middle:?}");
-        let moving = AxesState {
-            position: middle.position,
-            velocity: middle.velocity,
-            acceleration: middle.acceleration,
-        };
-        let back = steering(&limits, &moving, &Axes::zeros(), AxisMask::one(0), Some(5.0)).unwrap();
-        let end = back.transfer().at(back.transfer().duration_s());
-        assert!(end.position[0].abs() < 1e-9);
     }
 }

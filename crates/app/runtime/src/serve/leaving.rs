@@ -7,7 +7,8 @@ use evolvent_motion::State;
 use evolvent_path::{Axes, AxisLetter, AxisMask};
 use evolvent_transfer::AxesState;
 
-use super::jog::{FOR_EVER, JogWay, Steered, limits_here, target};
+use super::jog::{FOR_EVER, JogWay, Steered, limits_here};
+use super::jog_intent::{JogIntent, USUAL_FRACTION};
 use super::operator::{Job, Operator};
 use super::orders::{ActiveJob, CycleCommand};
 
@@ -36,10 +37,7 @@ struct Leg {
 /// The motion in progress.
 enum AwayMotion {
     /// A jog, or the return along one.
-    Jog {
-        steered: Box<Steered>,
-        held: Option<JogEnable>,
-    },
+    Jog { steered: Box<Steered> },
     /// A motion along the driven path.
     Retrace,
 }
@@ -48,17 +46,7 @@ impl Away {
     /// The transfer in progress.
     pub(super) fn steered(&mut self) -> Option<&mut Steered> {
         match &mut self.motion {
-            Some(AwayMotion::Jog { steered, .. }) => Some(steered),
-            _ => None,
-        }
-    }
-
-    /// Handles a life sign of the client that jogs. Returns until when the axes may move, ns of CLOCK_MONOTONIC.
-    pub(super) fn renew(&mut self, client: u64, now_ns: u64) -> Option<u64> {
-        match &mut self.motion {
-            Some(AwayMotion::Jog { held: Some(held), .. }) => {
-                held.renew(client, now_ns).then(|| held.until_ns())
-            }
+            Some(AwayMotion::Jog { steered }) => Some(steered),
             _ => None,
         }
     }
@@ -132,49 +120,21 @@ impl Operator {
             ));
         };
         let here = self.view.setpoint.position;
-        let limits = limits_here(&self.limits, &here, self.desk.homed());
         let held = jog.distance.is_none().then(|| JogEnable::held(client, now_ns));
-        let until_ns = held.map_or(FOR_EVER, JogEnable::until_ns);
-        let after = self.turn_behind();
         let job = self.desk.job();
-        let mut way = JogWay {
-            to: here,
-            limits,
-            from: AxesState::at_rest(here),
-            axes: jog.axes,
-            speed: jog.max_velocity,
-            until_ns,
-        };
         let Job::Program(run) = &mut self.job else {
             return Err(Alarm::NothingRuns.into());
         };
         let away = run.away.get_or_insert_default();
         if away.motion.is_some() {
             let turns = away.legs.last().is_some_and(|leg| leg.axis == axis) && !away.is_returning;
-            let target_before = away.steered().map(|steered| steered.target);
-            let Some((from, before)) = target_before.and_then(|before| {
-                let from = self.foreseen_away(after)?;
-                turns.then_some((from, before))
-            }) else {
+            if !turns || away.steered().is_none_or(|steered| steered.stopping) {
                 return Err(Rejection::new(
                     Alarm::Busy,
                     "the axes still move; jog another axis when they are at rest",
                 ));
-            };
-            let base = if jog.distance.is_some() {
-                before
-            } else {
-                from.position
-            };
-            (way.from, way.to) = (from, target(jog, &base, &way.limits)?);
-            self.turn_jog(&way, after, Some(command))?;
-            if let Some(Away {
-                motion: Some(AwayMotion::Jog { held: old, .. }),
-                ..
-            }) = self.away()
-            {
-                *old = held;
             }
+            self.take_over(jog, held, command)?;
             return Ok(job);
         }
         if away.legs.len() >= MAX_LEGS {
@@ -185,10 +145,9 @@ impl Operator {
         }
         // Jogs in a row of one axis are one leg.
         let begins_leg = away.legs.last().is_none_or(|leg| leg.axis != axis);
-        let begun = target(jog, &here, &way.limits).and_then(|to| {
-            way.to = to;
-            self.steer_away(&way, held, Some(command))
-        });
+        let begun = self
+            .way_from_rest(jog, held)
+            .and_then(|(way, intent)| self.steer_away(&way, intent, Some(command)));
         if let Some(away) = self.away() {
             match (&begun, begins_leg) {
                 (Ok(()), true) => away.legs.push(Leg { from: here, axis }),
@@ -199,29 +158,19 @@ impl Operator {
         begun.map(|()| job)
     }
 
-    /// State of the axes at setpoint `sequence` of the excursion, if a jog is in progress and does not stop.
-    fn foreseen_away(&self, sequence: u64) -> Option<AxesState> {
-        let Job::Program(run) = &self.job else { return None };
-        match &run.away.as_ref()?.motion {
-            Some(AwayMotion::Jog { steered, .. }) if !steered.stopping => self.foreseen(steered, sequence),
-            _ => None,
-        }
-    }
-
     /// Begins a transfer of the excursion at rest.
     fn steer_away(
         &mut self,
         way: &JogWay,
-        held: Option<JogEnable>,
+        intent: JogIntent,
         command: Option<&Command>,
     ) -> Result<(), Rejection> {
-        let steering = way.steering()?;
-        let steered = self.steer(&way.limits, steering, way.to, way.until_ns, command);
+        let steered = self.steer(way, intent, command)?;
         self.book
             .notes
             .sends(steered.order, self.desk.job(), way.recorded(false));
         if let Some(away) = self.away() {
-            away.motion = Some(AwayMotion::Jog { steered, held });
+            away.motion = Some(AwayMotion::Jog { steered });
         }
         Ok(())
     }
@@ -275,15 +224,18 @@ impl Operator {
         };
         let mut to = here;
         to[leg.axis] = leg.from[leg.axis];
+        let speed = away
+            .return_speed
+            .unwrap_or(USUAL_FRACTION * limits.velocity[leg.axis]);
         let way = JogWay {
+            speed: JogWay::speeds(&limits, AxisMask::one(leg.axis), speed),
+            slows_down_first: false,
             to,
             limits,
             from: AxesState::at_rest(here),
-            axes: AxisMask::one(leg.axis),
-            speed: away.return_speed,
             until_ns: FOR_EVER,
         };
-        self.steer_away(&way, None, command)
+        self.steer_away(&way, JogIntent::none(), command)
     }
 
     /// RETRACE: drives backwards along the path of the program.
@@ -361,6 +313,9 @@ impl Operator {
     /// A motion of the excursion has ended.
     pub(super) fn handle_away_ended(&mut self, result: JobResult, work: ActiveJob) {
         drop(work);
+        if result == JobResult::Done && self.goes_on_from_rest() {
+            return;
+        }
         let here = self.view.setpoint.position;
         let Some(away) = self.away() else { return };
         if let Some(AwayMotion::Jog { .. }) = away.motion.take() {

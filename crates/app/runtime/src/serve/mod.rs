@@ -13,6 +13,9 @@ mod handwheel;
 mod homing;
 mod jobs;
 mod jog;
+mod jog_intent;
+#[cfg(test)]
+mod jog_trials;
 mod leaving;
 mod modes;
 mod notify;

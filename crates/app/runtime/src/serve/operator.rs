@@ -6,8 +6,8 @@ use std::sync::mpsc::Sender;
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Feedback, Payload};
 use evolvent_control::{
-    Alarm, Command, CommandCode, Homing, JobResult, JogEnable, OperatorInputs, OperatorState, RawCommand,
-    Rejection, Verdict,
+    Alarm, Command, CommandCode, Homing, JobResult, OperatorInputs, OperatorState, RawCommand, Rejection,
+    Verdict,
 };
 use evolvent_drive::{PowerRequest, Presence};
 use evolvent_machine::{Limits, OnFull};
@@ -42,7 +42,6 @@ pub(super) enum Job {
     Program(Box<ProgramRun>),
     Jog {
         steered: Box<Steered>,
-        held: Option<JogEnable>,
         by_handwheel: bool,
     },
     Homing {
@@ -578,6 +577,7 @@ impl Operator {
             .tally
             .observe(self.view.setpoint.sequence, is_at_rest);
         self.follow_program();
+        self.follow_jog();
         self.follow_handwheel();
         self.remove_whole_turns();
         if let Some(text) = self.files.way.as_ref().and_then(|way| way.try_recv().ok()) {

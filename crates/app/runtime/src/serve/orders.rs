@@ -61,9 +61,11 @@ pub(crate) enum CycleCommand {
     Follow(Box<Following>),
     /// Begin a steered motion, or a transfer of the excursion if a program is held.
     Steer(Box<TransferExecutor>),
-    /// Change to this steering right after setpoint `after`. Reported where that has been done.
+    /// Change to this steering right after setpoint `after`, which may go on until `until_ns` of CLOCK_MONOTONIC. Reported where
+    /// that has been done.
     Turn {
         after: u64,
+        until_ns: u64,
         steering: Box<TransferExecutor>,
     },
     /// Retrace the path of the held program by `back` block starts, or for 0 forwards to where the program is held.
@@ -137,6 +139,11 @@ pub(crate) enum CycleEvent {
     },
     /// Something to be dropped.
     Returned(ActiveJob),
+    /// A turn is over: it was applied before this, or has no effect. Its motion is to be dropped.
+    TurnReturned {
+        id: u64,
+        work: ActiveJob,
+    },
     /// The same.
     Spent(ScheduleConsumer),
     /// The emergency-stop chain is open, or not known: every axis stops by itself, and the drives.
@@ -223,7 +230,7 @@ impl CycleEvent {
     /// The setpoint that it belongs to; 0 where that does not matter.
     pub(crate) fn sequence(&self) -> u64 {
         match self {
-            Self::Returned(_) | Self::Spent(_) => 0,
+            Self::Returned(_) | Self::TurnReturned { .. } | Self::Spent(_) => 0,
             // Counts from a setpoint on that may not have been computed yet.
             Self::Applied { sequence, .. } => sequence.saturating_sub(1),
             Self::Ended { sequence, .. }

@@ -6,9 +6,6 @@ use std::sync::Arc;
 use std::sync::mpsc::Sender;
 
 use evolvent_gcode::{KeptParameters, ToolTable};
-use evolvent_machine::Limits;
-use evolvent_path::Axes;
-use evolvent_transfer::AxesState;
 
 use super::files::{Look, ProgramFile};
 use crate::job::Setup;
@@ -163,16 +160,4 @@ impl JobNotes {
 /// A job's number as events have it.
 pub(super) fn job_number(job: u64) -> u32 {
     u32::try_from(job).unwrap_or(u32::MAX)
-}
-
-/// What a steered motion begins with.
-pub(super) fn steered_start(limits: &Limits, from: &AxesState, to: &Axes, is_turn: bool) -> SteeredStart {
-    SteeredStart {
-        is_turn,
-        velocity: limits.velocity,
-        travel_min: limits.travel_min,
-        travel_max: limits.travel_max,
-        from: *from,
-        to: *to,
-    }
 }

@@ -92,8 +92,20 @@ pub(crate) struct ServedParts {
 
 struct Turn {
     after: u64,
+    /// Until when the axes may move by it. It replaces that of the motion before where the turn is applied, and not sooner: a turn
+    /// that comes too late must not free a jog of its dead-man switch.
+    until_ns: u64,
     id: u64,
     steering: Box<TransferExecutor>,
+}
+
+impl Turn {
+    fn returned(self) -> CycleEvent {
+        CycleEvent::TurnReturned {
+            id: self.id,
+            work: ActiveJob::Steer(self.steering),
+        }
+    }
 }
 
 /// What changes from cycle to cycle.

@@ -103,12 +103,13 @@ impl ServedParts {
             return;
         };
         if turn.after + 1 == sequence && excursion.turn(&self.station, &turn.steering) {
+            now.keep_until_ns = turn.until_ns;
             self.report(CycleEvent::Applied {
                 id: turn.id,
                 sequence,
             });
         }
-        self.report(CycleEvent::Returned(ActiveJob::Steer(turn.steering)));
+        self.report(turn.returned());
     }
 
     /// Begins a transfer of an excursion. Returns whether it was accepted.

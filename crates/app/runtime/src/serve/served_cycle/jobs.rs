@@ -14,7 +14,7 @@ use crate::turning_motion::{turning_fault, turning_output};
 impl ServedParts {
     pub(super) fn drop_turn(&mut self, now: &mut CycleState) {
         if let Some(turn) = now.turn.take() {
-            self.report(CycleEvent::Returned(ActiveJob::Steer(turn.steering)));
+            self.report(turn.returned());
         }
     }
 
@@ -139,12 +139,13 @@ impl ServedParts {
         if let Some(turn) = now.turn.take_if(|turn| turn.after < sequence) {
             // Too late for it, the old motion goes on to its own end.
             if turn.after + 1 == sequence && self.station.turn(steering, &turn.steering) {
+                now.keep_until_ns = turn.until_ns;
                 self.report(CycleEvent::Applied {
                     id: turn.id,
                     sequence,
                 });
             }
-            self.report(CycleEvent::Returned(ActiveJob::Steer(turn.steering)));
+            self.report(turn.returned());
         }
         now.notes.input_bits |= recorded::STEERS;
         if steering.is_stopping() {

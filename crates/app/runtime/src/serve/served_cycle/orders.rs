@@ -40,10 +40,19 @@ impl ServedParts {
             }
             CycleCommand::Retrace { back } => return self.retrace(now, back),
             CycleCommand::Steer(steering) => self.begin_steering(now, steering),
-            CycleCommand::Turn { after, steering } => {
-                let turn = Turn { after, id, steering };
+            CycleCommand::Turn {
+                after,
+                until_ns,
+                steering,
+            } => {
+                let turn = Turn {
+                    after,
+                    until_ns,
+                    id,
+                    steering,
+                };
                 if let Some(old) = now.turn.replace(turn) {
-                    self.report(CycleEvent::Returned(ActiveJob::Steer(old.steering)));
+                    self.report(old.returned());
                 }
             }
             CycleCommand::Hold => now.inputs.hold = true,
@@ -99,7 +108,12 @@ impl ServedParts {
                     self.station.relocate(limits, self.station.position());
                 }
             }
-            CycleCommand::KeepJogging(until_ns) => now.keep_until_ns = until_ns,
+            CycleCommand::KeepJogging(until_ns) => {
+                now.keep_until_ns = until_ns;
+                if let Some(turn) = &mut now.turn {
+                    turn.until_ns = until_ns;
+                }
+            }
             CycleCommand::ExpectSwitches(mask) => now.switches_expected = mask,
             CycleCommand::LatchIndex(request) => now.drive.index = request,
             CycleCommand::End => {

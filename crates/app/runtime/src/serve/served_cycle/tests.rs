@@ -117,6 +117,7 @@ fn calls_during(jogs: u64) -> (u64, u64) {
             give(CycleCommand::Steer(Box::new(steering)));
             give(CycleCommand::Turn {
                 after: 0,
+                until_ns: u64::MAX,
                 steering: Box::new(steering),
             });
         }

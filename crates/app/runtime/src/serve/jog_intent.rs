@@ -1,0 +1,258 @@
+//! What jogs have asked of the axes, and what comes of it from a state of the axes.
+
+use evolvent_control::{Alarm, JogCommand, JogEnable, Rejection};
+use evolvent_machine::Limits;
+use evolvent_path::{AXES, Axes, AxisLetter};
+use evolvent_transfer::AxesState;
+
+use super::jog::JogWay;
+
+/// Fraction of an axis's velocity at which it is jogged where no speed is given.
+pub(super) const USUAL_FRACTION: f64 = 0.2;
+/// Maximum distance of a jog without one, mm or degrees: a thousand turns of an unlimited rotary axis.
+const MAX_DISTANCE: f64 = 360_000.0;
+/// Lowest speed of a jog, mm/s or degrees/s.
+const MIN_SPEED: f64 = 1e-3;
+
+/// What an axis is to do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Goal {
+    /// Stop as soon as it can.
+    Stop,
+    /// Rest at this position.
+    At(f64),
+    /// Rest this far from the position at which it would stop.
+    Further(f64),
+    /// Move in this direction to the end of the travel.
+    Along(f64),
+}
+
+/// What the jogs of one motion have asked of the axes so far.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct JogIntent {
+    goals: [Goal; AXES],
+    /// Of each axis at most.
+    speed: Axes,
+    /// A further increment adds to it.
+    is_increment: bool,
+    /// The dead-man switch of a jog without distance.
+    held: Option<JogEnable>,
+}
+
+impl JogIntent {
+    /// Nothing: a jog that takes over stops whatever moves.
+    pub(super) fn none() -> Self {
+        Self {
+            goals: [Goal::Stop; AXES],
+            speed: Axes::repeat(MIN_SPEED),
+            is_increment: false,
+            held: None,
+        }
+    }
+
+    /// The intent after a jog that takes over from this one. An increment adds to an increment. Otherwise the axes that the jog
+    /// does not name stop, and an increment counts from where its axis would stop.
+    pub(super) fn taken_over_by(&self, jog: &JogCommand, held: Option<JogEnable>, limits: &Limits) -> Self {
+        let is_increment = jog.distance.is_some();
+        let mut after = if is_increment && self.is_increment {
+            self.clone()
+        } else {
+            Self::none()
+        };
+        (after.is_increment, after.held) = (is_increment, held);
+        for i in jog.axes.axes() {
+            let speed = jog.max_velocity.unwrap_or(USUAL_FRACTION * limits.velocity[i]);
+            after.speed[i] = speed.clamp(MIN_SPEED, limits.velocity[i].max(MIN_SPEED));
+            after.goals[i] = match (&jog.distance, after.goals[i]) {
+                (None, _) => Goal::Along(jog.direction[i]),
+                (Some(distance), Goal::At(target)) => Goal::At(target + distance[i]),
+                (Some(distance), Goal::Further(far)) => Goal::Further(far + distance[i]),
+                (Some(distance), Goal::Stop | Goal::Along(_)) => Goal::Further(distance[i]),
+            };
+        }
+        after
+    }
+
+    /// The dead-man switch, if it has one.
+    pub(super) fn held(&mut self) -> Option<&mut JogEnable> {
+        self.held.as_mut()
+    }
+
+    /// The motion from a state.
+    ///
+    /// # Errors
+    /// An increment would leave the travel: axis, where to, and by how much.
+    pub(super) fn way(&self, limits: &Limits, from: AxesState, until_ns: u64) -> Result<JogWay, Rejection> {
+        let (stopped, unavoidable) = (from.stopped(limits), from.unavoidable_speed(limits));
+        let (mut to, mut speed) = (from.position, self.speed);
+        for i in (0..AXES).filter(|i| limits.present[*i]) {
+            let (low, high) = (limits.travel_min[i], limits.travel_max[i]);
+            to[i] = match self.goals[i] {
+                Goal::Stop => {
+                    // It brakes at once, and is not kept at a speed first.
+                    speed[i] = (1.0001 * unavoidable[i]).max(MIN_SPEED);
+                    stopped[i].clamp(low, high)
+                }
+                Goal::Along(direction) if direction > 0.0 => high.min(from.position[i] + MAX_DISTANCE),
+                Goal::Along(_) => low.max(from.position[i] - MAX_DISTANCE),
+                Goal::At(target) => within(i, target, low, high)?,
+                Goal::Further(distance) => within(i, stopped[i] + distance, low, high)?,
+            };
+        }
+        Ok(JogWay {
+            limits: *limits,
+            slows_down_first: !(self.is_increment && from.is_at_rest()),
+            from,
+            to,
+            speed,
+            until_ns,
+        })
+    }
+
+    /// A motion to these positions has been ordered: a further increment counts from them.
+    pub(super) fn goes_to(&mut self, to: &Axes) {
+        for (i, goal) in self.goals.iter_mut().enumerate() {
+            if let Goal::Further(_) = goal {
+                *goal = Goal::At(to[i]);
+            }
+        }
+    }
+}
+
+/// An increment's target, if it is within the travel.
+fn within(axis: usize, target: f64, low: f64, high: f64) -> Result<f64, Rejection> {
+    let beyond = (low - target).max(target - high);
+    if beyond > 0.0 || beyond.is_nan() {
+        let limit = if target > high { high } else { low };
+        return Err(Rejection::new(
+            Alarm::SoftLimit,
+            format!(
+                "axis {} would go to {target:.4}, {beyond:.4} beyond its travel limit of {limit:.4}",
+                AxisLetter::ALL[axis].letter(),
+            ),
+        ));
+    }
+    Ok(target)
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_path::AxisMask;
+
+    use super::*;
+    use crate::serve::jog::FOR_EVER;
+
+    fn machine() -> Limits {
+        let mut present = [false; AXES];
+        present[..3].fill(true);
+        Limits {
+            present,
+            velocity: Axes::repeat(500.0),
+            acceleration: Axes::repeat(5000.0),
+            jerk: Axes::repeat(200_000.0),
+            travel_min: Axes::repeat(-400.0),
+            travel_max: Axes::repeat(400.0),
+            home: Axes::zeros(),
+        }
+    }
+
+    fn jog(axis: usize, distance: Option<f64>, direction: f64, speed: f64) -> JogCommand {
+        let along = |value: f64| {
+            let mut axes = Axes::zeros();
+            axes[axis] = value;
+            axes
+        };
+        JogCommand {
+            axes: AxisMask::one(axis),
+            distance: distance.map(along),
+            direction: along(direction),
+            max_velocity: Some(speed),
+        }
+    }
+
+    /// The state of X at a speed, in the middle of a jog.
+    fn at_speed(velocity: f64) -> AxesState {
+        let mut state = AxesState::at_rest(Axes::zeros());
+        state.velocity[0] = velocity;
+        state
+    }
+
+    /// Drives a way in steps of a millisecond, and returns the highest speed of each axis, and the end.
+    fn driven(way: &JogWay) -> (Axes, Axes) {
+        let steering = way.steering().unwrap();
+        let transfer = steering.transfer();
+        let mut top = Axes::zeros();
+        for ms in 0..=(transfer.duration_s() * 1e3) as u32 {
+            let speed = transfer.at(f64::from(ms) * 1e-3).velocity.map(f64::abs);
+            top = top.zip_map(&speed, f64::max);
+        }
+        (top, transfer.at(transfer.duration_s()).position)
+    }
+
+    #[test]
+    fn a_continuous_jog_ends_at_the_soft_limit_and_an_increment_beyond_it_is_refused_with_how_much() {
+        let rest = AxesState::at_rest(Axes::zeros());
+        let intent = |jog: &JogCommand| JogIntent::none().taken_over_by(jog, None, &machine());
+        let way = intent(&jog(0, None, -1.0, 20.0))
+            .way(&machine(), rest, FOR_EVER)
+            .unwrap();
+        assert_eq!(way.to.as_slice()[..3], [-400.0, 0.0, 0.0]);
+        let beyond = intent(&jog(0, Some(412.5), 0.0, 20.0)).way(&machine(), rest, FOR_EVER);
+        let Err(refusal) = beyond else {
+            panic!("an increment out of the travel")
+        };
+        assert_eq!(refusal.alarm, Alarm::SoftLimit);
+        assert!(
+            refusal.text.contains("axis X") && refusal.text.contains("12.5"),
+            "{refusal}"
+        );
+    }
+
+    #[test]
+    fn an_increment_stops_the_axes_of_a_jog_without_distance_and_counts_from_where_its_own_stops() {
+        let limits = machine();
+        let continuous = JogIntent::none().taken_over_by(&jog(0, None, 1.0, 10.0), None, &limits);
+        // Of another axis.
+        let increment = continuous.taken_over_by(&jog(1, Some(1.0), 0.0, 1.0), None, &limits);
+        let from = at_speed(10.0);
+        let stopped = from.stopped(&limits)[0];
+        let (top, end) = driven(&increment.way(&limits, from, FOR_EVER).unwrap());
+        assert!(
+            (end[0] - stopped).abs() < 1e-9 && end[1] == 1.0 && stopped < 0.2,
+            "{end}"
+        );
+        assert!(top[0] < 10.002 && top[1] < 1.0001, "{top}");
+        // Of the same axis, the other way.
+        let back = continuous.taken_over_by(&jog(0, Some(-1.0), 0.0, 1.0), None, &limits);
+        let (top, end) = driven(&back.way(&limits, from, FOR_EVER).unwrap());
+        assert!(
+            (end[0] - (stopped - 1.0)).abs() < 1e-9 && top[0] < 10.002,
+            "{top} {end}"
+        );
+    }
+
+    #[test]
+    fn an_increment_adds_to_an_increment_and_each_axis_keeps_its_speed() {
+        let limits = machine();
+        let first = JogIntent::none().taken_over_by(&jog(0, Some(50.0), 0.0, 10.0), None, &limits);
+        let mut first = first.taken_over_by(&jog(0, Some(-20.0), 0.0, 12.0), None, &limits);
+        let from = AxesState::at_rest(Axes::zeros());
+        first.goes_to(&first.way(&limits, from, FOR_EVER).unwrap().to);
+        let both = first.taken_over_by(&jog(1, Some(5.0), 0.0, 3.0), None, &limits);
+        let both = both.taken_over_by(&jog(0, Some(1.0), 0.0, 11.0), None, &limits);
+        let (top, end) = driven(&both.way(&limits, at_speed(12.0), FOR_EVER).unwrap());
+        assert_eq!(end.as_slice()[..3], [31.0, 5.0, 0.0]);
+        assert!(
+            (11.9..12.002).contains(&top[0]) && (2.9..3.0001).contains(&top[1]),
+            "{top}"
+        );
+        // A jog without distance ends all of it.
+        let held = both.taken_over_by(&jog(2, None, 1.0, 4.0), None, &limits);
+        let way = held.way(&limits, at_speed(11.0), FOR_EVER).unwrap();
+        assert!(
+            way.to[0] < 0.3 && way.to[1] == 0.0 && way.to[2] == 400.0,
+            "{}",
+            way.to
+        );
+    }
+}
