@@ -78,6 +78,43 @@ fn a_signal_to_ctl_stops_the_axes_that_it_moves() {
     });
 }
 
+/// Whoever waits for the end of a motion must not take a stop for it.
+#[test]
+fn a_job_that_somebody_else_stops_is_not_done() {
+    unless_disturbed(|| {
+        let scene = Scene::new("ctl-stopped");
+        let mut operator = up(&scene);
+        let program = scene.workshop.write("long.ngc", "G21 G90 G1 X300 F1200\nM2\n");
+        done(&scene, &["load", &program.display().to_string()]).expect_code(&[0]);
+        for (words, stops, text) in [
+            (vec!["mdi", "G1 X300 F1200"], "stop", "stopped before the end"),
+            (
+                vec!["jog", "Y+", "--distance", "250"],
+                "jog-stop",
+                "stopped before the end",
+            ),
+            (vec!["start", "--wait"], "stop", "stopped before the end"),
+            (
+                vec!["--json", "mdi", "G1 X300 F1200"],
+                "estop",
+                "was stopped by ESTOP",
+            ),
+            (vec!["mdi", "G1 X300 F1200"], "estop", "was stopped by ESTOP"),
+        ] {
+            done(&scene, &["up"]).expect_code(&[0]);
+            let child = ctl(&scene, &words).spawn().expect("the binary to start");
+            operator.waits("motion", |status| status.velocity.iter().any(|v| v.abs() > 5.0));
+            done(&scene, &[stops]).expect_code(&[0]);
+            let finished = wait(child).expect_code(&[1]);
+            let told = format!("{}{}", finished.out, finished.err);
+            assert!(told.contains(text) && !told.contains("(0)"), "{words:?}: {told}");
+            operator.waits("rest", |status| status.activity == 0);
+        }
+        drop(operator);
+        scene.end();
+    });
+}
+
 #[test]
 fn a_program_stop_in_a_block_of_mdi_does_not_keep_ctl() {
     unless_disturbed(|| {

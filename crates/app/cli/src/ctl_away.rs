@@ -13,6 +13,8 @@ use crate::{CommandError, Ending};
 
 /// Axes that have not moved for this long are at rest. Between two parts of the way back they stop for less.
 const REST: Duration = Duration::from_millis(250);
+/// Distance from the target below which a jog has reached it, mm or degrees.
+const AT_TARGET: f64 = 1e-6;
 /// Number of setpoints after an answer until the ordered motion is visible in the status.
 const APPEARS: u64 = 20;
 
@@ -29,6 +31,11 @@ impl Session {
         out: &mut dyn Write,
     ) -> Result<Ending, CommandError> {
         self.catch_signals()?;
+        // An increment from rest has one target; one that adds to another has its own.
+        let target = (self.latest()?)
+            .filter(|status| status.velocity.iter().all(|velocity| *velocity == 0.0))
+            .filter(|_| order.command == CommandCode::Jog as u32 && order.index == 1)
+            .map(|status| std::array::from_fn::<f64, 9, _>(|i| status.position_machine[i] + order.values[i]));
         let answer = self.send(order)?;
         if answer.verdict != 0 {
             return tell(&answer, None, self.json, out);
@@ -43,6 +50,16 @@ impl Session {
         if order.command == CommandCode::Return as u32 && status.away_parts > 0 {
             return Err(CommandError::Failed(format!(
                 "the way back was stopped: {}",
+                status.operator_message()
+            )));
+        }
+        let misses = |target: &[f64; 9]| {
+            let mut pairs = target.iter().zip(&status.position_machine);
+            pairs.any(|(target, at)| (target - at).abs() > AT_TARGET)
+        };
+        if target.as_ref().is_some_and(misses) {
+            return Err(CommandError::Failed(format!(
+                "the jog was stopped before its end: {}",
                 status.operator_message()
             )));
         }

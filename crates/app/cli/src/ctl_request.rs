@@ -28,11 +28,24 @@ pub(crate) fn switch(code: CommandCode, state: Switch) -> ControlRequest {
     indexed(code, u32::from(matches!(state, Switch::On)))
 }
 
-pub(crate) fn percent(code: CommandCode, percent: f64) -> ControlRequest {
-    ControlRequest {
+/// An override, within its range.
+pub(crate) fn percent(code: CommandCode, percent: f64) -> Result<ControlRequest, CommandError> {
+    let (name, range) = match code {
+        CommandCode::RapidOverride => ("rapid", 0.0..=100.0),
+        CommandCode::SpindleOverride => ("spindle", 10.0..=200.0),
+        _ => ("feed", 0.0..=200.0),
+    };
+    if !range.contains(&percent) {
+        return Err(CommandError::Usage(format!(
+            "the {name} override is {} to {} %, not {percent} %",
+            range.start(),
+            range.end()
+        )));
+    }
+    Ok(ControlRequest {
         amount: percent / 100.0,
         ..request(code)
-    }
+    })
 }
 
 pub(crate) fn mode_of(mode: ModeArg) -> Mode {
@@ -137,6 +150,12 @@ pub(crate) fn jog(
             }
         };
         let axis = axis_of(letter)?;
+        if AxisMask::from_bits(wanted.axes_mask).contains(axis) {
+            return Err(CommandError::Usage(format!(
+                "{word:?}: axis {} is named twice; name each axis once, with one direction",
+                letter.to_ascii_uppercase()
+            )));
+        }
         wanted.axes_mask |= AxisMask::one(axis).bits();
         wanted.values[axis] = sign * distance.unwrap_or(1.0);
     }
@@ -183,6 +202,11 @@ mod tests {
         );
         assert!(jog(&["X".into()], None, None).is_err());
         assert!(jog(&["X*".into()], None, None).is_err());
+        let twice = jog(&["X+".into(), "X-".into()], Some(1.0), None).map(|_| ());
+        assert!(twice.unwrap_err().to_string().contains("named twice"));
+        let rapid = percent(CommandCode::RapidOverride, 101.0).map(|_| ());
+        assert!(rapid.unwrap_err().to_string().contains("0 to 100 %, not 101 %"));
+        assert!(percent(CommandCode::FeedOverride, 101.0).is_ok());
         assert_eq!(letters_mask("xZ").unwrap(), 0b101);
         assert_eq!(system_number("g59.3").unwrap(), 9);
         assert!(system_number("G60").is_err());

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use evolvent_bus::{ControlAnswer, ControlClient, ControlRequest, Status, StatusReader, switches};
 use evolvent_control::{Alarm, CommandCode, JogEnable, Mode};
 
-use crate::ctl_answer::tell;
+use crate::ctl_answer::{JobEnd, has_latched_alarm, tell};
 use crate::ctl_args::Action;
 use crate::ctl_away::is_of_program;
 use crate::ctl_request::{
@@ -136,9 +136,9 @@ impl Session {
             Action::SingleStep { state } => switch(CommandCode::SingleStep, *state).into(),
             Action::OptionalStop { state } => switch(CommandCode::OptionalStop, *state).into(),
             Action::BlockDelete { state } => switch(CommandCode::BlockDelete, *state).into(),
-            Action::Override { percent: ratio } => percent(CommandCode::FeedOverride, *ratio).into(),
-            Action::Rapid { percent: ratio } => percent(CommandCode::RapidOverride, *ratio).into(),
-            Action::Spindle { percent: ratio } => percent(CommandCode::SpindleOverride, *ratio).into(),
+            Action::Override { percent: ratio } => percent(CommandCode::FeedOverride, *ratio)?.into(),
+            Action::Rapid { percent: ratio } => percent(CommandCode::RapidOverride, *ratio)?.into(),
+            Action::Spindle { percent: ratio } => percent(CommandCode::SpindleOverride, *ratio)?.into(),
             Action::Mdi { block, no_wait } => self.mdi(status, block, *no_wait)?,
             Action::Jog {
                 axes,
@@ -291,7 +291,19 @@ impl Session {
             Some(waiting) if answer.verdict == 0 => Some(self.await_job(answer.job, waiting, err)?),
             _ => None,
         };
-        tell(&answer, result.as_ref(), self.json, out)
+        self.tell_end(&answer, result.as_ref(), false, out)
+    }
+
+    /// Prints the answer and the end of the job, if it was waited for.
+    fn tell_end(
+        &self,
+        answer: &ControlAnswer,
+        status: Option<&Status>,
+        by_own_stop: bool,
+        out: &mut dyn Write,
+    ) -> Result<Ending, CommandError> {
+        let end = status.map(|status| JobEnd { status, by_own_stop });
+        tell(answer, end.as_ref(), self.json, out)
     }
 
     /// The program that was started; with a start line also the approach, before which the machine waits.
@@ -358,7 +370,7 @@ impl Session {
                     return tell(&answer, None, self.json, out);
                 }
                 if seen && has_latched_alarm(&status) {
-                    return tell(&answer, Some(&status), self.json, out);
+                    return self.tell_end(&answer, Some(&status), false, out);
                 }
                 // Another client has switched off: the machine will not come on.
                 if status.cycles > answer.sequence + 100 && status.power != 1 {
@@ -479,7 +491,7 @@ impl Session {
                 && status.job == answer.job
                 && status.job_result != 0
             {
-                return tell(&answer, Some(&status), self.json, out);
+                return self.tell_end(&answer, Some(&status), false, out);
             }
             std::thread::sleep(POLL);
         }
@@ -491,7 +503,7 @@ impl Session {
             return tell(&answer, None, self.json, out);
         }
         let status = self.await_job(answer.job, Waiting::stopped_by(CommandCode::JogStop), err)?;
-        tell(&answer, Some(&status), self.json, out)
+        self.tell_end(&answer, Some(&status), true, out)
     }
 }
 
@@ -502,14 +514,6 @@ impl Waiting {
             until_program_stop: false,
         }
     }
-}
-
-/// Whether the newest alarms keep the machine from continuing; warnings do not.
-fn has_latched_alarm(status: &Status) -> bool {
-    status
-        .listed_alarms()
-        .iter()
-        .any(|&number| Alarm::from_number(number).is_none_or(Alarm::is_latched))
 }
 
 /// The reason why a tool is not confirmed: the machine does not wait for it.
