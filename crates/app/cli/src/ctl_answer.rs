@@ -141,7 +141,7 @@ mod tests {
             status: &status,
             by_own_stop,
         };
-        tell(&answer, Some(&end), false, &mut Vec::new()).map_err(|error| error.to_string())
+        tell(&answer, Some(&end), false, &mut Vec::new()).map_err(|error| format!("{error:?}"))
     }
 
     #[test]

@@ -203,9 +203,9 @@ mod tests {
         assert!(jog(&["X".into()], None, None).is_err());
         assert!(jog(&["X*".into()], None, None).is_err());
         let twice = jog(&["X+".into(), "X-".into()], Some(1.0), None).map(|_| ());
-        assert!(twice.unwrap_err().to_string().contains("named twice"));
+        assert!(format!("{twice:?}").contains("named twice"));
         let rapid = percent(CommandCode::RapidOverride, 101.0).map(|_| ());
-        assert!(rapid.unwrap_err().to_string().contains("0 to 100 %, not 101 %"));
+        assert!(format!("{rapid:?}").contains("0 to 100 %, not 101 %"));
         assert!(percent(CommandCode::FeedOverride, 101.0).is_ok());
         assert_eq!(letters_mask("xZ").unwrap(), 0b101);
         assert_eq!(system_number("g59.3").unwrap(), 9);

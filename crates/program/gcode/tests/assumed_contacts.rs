@@ -1,9 +1,14 @@
 //! A check knows no contact: what depends on the assumed one is a warning, and nothing else is.
 
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
 use evolvent_gcode::{Action, Code, Interpreter, Settings};
 
+type Errors = Vec<(Code, u32)>;
+type Warnings = Vec<(u32, String)>;
+
 /// Codes and lines of errors, lines and texts of warnings.
-fn found(program: &str) -> (Vec<(Code, u32)>, Vec<(u32, String)>) {
+fn found(program: &str) -> (Errors, Warnings) {
     let settings = Settings {
         probes_succeed: true,
         ..Settings::default()
@@ -31,7 +36,7 @@ fn assumed(program: &str) -> Vec<(u32, String)> {
     let mut interpreter = Interpreter::new(program.as_bytes(), settings);
     let mut moves = Vec::new();
     while let Some(item) = interpreter.next() {
-        let command = item.unwrap();
+        let command = item.expect("a command");
         if matches!(command.action, Action::Move(_) | Action::Probe { .. }) {
             let axes = interpreter.assumed_axes();
             let letters = "XYZ".chars().zip(axes).filter(|(_, assumed)| *assumed);
