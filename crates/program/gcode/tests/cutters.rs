@@ -486,6 +486,19 @@ fn random_open_contour(random: &mut Random) -> (String, f64, Vec<Vec<[f64; 2]>>)
 }
 
 #[test]
+fn a_further_lap_is_not_compared_with_the_edges_of_the_first() {
+    // A rectangle, then a second lap that cuts one of its corners: meant, whatever the tool.
+    let lap = "Y50\nX80\nY0\nX0\n";
+    let program = |second: &str| {
+        format!("G21 G90 G17\nT3 M6\nG0 X-20 Y-20\nF1000\nG41 D3 G1 X0\n{lap}{second}X-20\nG40 X-40\nM2\n")
+    };
+    assert_eq!(near(&program("Y50\nX70\nX80 Y40\nY0\n")), []);
+    assert_eq!(near(&program("Y50\nX80\nY0\n")), []);
+    // The move away still counts: it crosses the part.
+    assert_ne!(near(&program("Y50\nX40\nX40 Y20\n")), []);
+}
+
+#[test]
 fn random_open_contours_report_sampled_cuts() {
     let mut random = Random::mixed(20_261_124);
     let (mut cut, mut clean, mut refused) = (0, 0, 0);

@@ -485,6 +485,17 @@ impl ContourWatch {
         self.findings.pop_front()
     }
 
+    /// The commands after a closed contour that do not lead away from it: a further lap, which need not bound the same part. It may
+    /// cut a corner that the first lap has left.
+    fn another_lap(&self, last: usize, is_last: bool) -> std::ops::Range<u64> {
+        let rest = self.edges.get(last + 1..).unwrap_or(&[]);
+        let away = leads(rest.iter().rev());
+        match (rest.first(), rest.get(rest.len().saturating_sub(away))) {
+            (Some(first), Some(leaves)) if is_last => first.at..leaves.at,
+            _ => 0..0,
+        }
+    }
+
     #[cold]
     fn compare(&mut self) {
         let mut found = Vec::new();
@@ -500,7 +511,11 @@ impl ContourWatch {
                 let end = closed.get(index + 1).and_then(|next| edge(next.0));
                 let (begin, end) = (begin.unwrap_or(0), end.unwrap_or(u64::MAX));
                 let edges = self.edges[first..=last].iter().filter(|edge| edge.is_feed);
-                let path = self.path.iter().filter(|piece| (begin..end).contains(&piece.at));
+                let another = self.another_lap(last, index + 1 == closed.len());
+                let path = self
+                    .path
+                    .iter()
+                    .filter(|piece| (begin..end).contains(&piece.at) && !another.contains(&piece.at));
                 let contour = ClosedContour::new(tool, edges.copied().collect(), path.copied().collect());
                 if contour.edges.is_empty() {
                     continue;
@@ -528,12 +543,14 @@ impl ContourWatch {
     }
 }
 
+/// Number of moves that may lead to a contour or away from it: the first and the arcs next to it.
+fn leads<'a>(mut moves: impl Iterator<Item = &'a Piece>) -> usize {
+    let first = usize::from(moves.next().is_some());
+    first + moves.take_while(|piece| piece.arc.is_some()).count()
+}
+
 /// The moves of an open contour without possible entry and exit moves.
 fn open(edges: &[Piece]) -> &[Piece] {
-    fn leads<'a>(mut moves: impl Iterator<Item = &'a Piece>) -> usize {
-        let first = usize::from(moves.next().is_some());
-        first + moves.take_while(|piece| piece.arc.is_some()).count()
-    }
     let (there, away) = (leads(edges.iter()), leads(edges.iter().rev()));
     edges.get(there..edges.len().saturating_sub(away)).unwrap_or(&[])
 }
