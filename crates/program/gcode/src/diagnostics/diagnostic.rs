@@ -236,7 +236,7 @@ impl Body {
             line,
             column,
             length,
-            message: self.message,
+            message: printable(&self.message),
             help: Some(
                 self.help
                     .map_or_else(|| self.code.hint().into(), |help| help.into_owned().into()),

@@ -3,10 +3,10 @@
 use std::collections::BTreeSet;
 use std::sync::Arc as Shared;
 
-use crate::Diagnostic;
 use crate::interpreter::current_line::CurrentLine;
 use crate::interpreter::doubt::Doubt;
 use crate::state::machine_state::State;
+use crate::{Code, Diagnostic};
 
 /// Number of errors after which a program is abandoned.
 const MAX_ERRORS: usize = 1000;
@@ -23,6 +23,8 @@ pub(super) struct ErrorHistory {
     pub(super) repeated: u32,
     /// Positions of the errors so far: a loop reports each once.
     pub(super) reported: BTreeSet<(Option<Shared<str>>, u32)>,
+    /// Files with a carriage return inside a line: usually every line has one.
+    returns: BTreeSet<Option<Shared<str>>>,
 }
 
 /// What becomes of an error.
@@ -50,6 +52,7 @@ impl ErrorHistory {
         let file: Option<Shared<str>> = diagnostic.file.as_deref().map(Shared::from);
         let follows = self.doubt.excuses(diagnostic.code, &line.block, state);
         self.doubt.refuse(diagnostic.code, &line.text, &line.block, state);
+        let follows = follows || diagnostic.code == Code::StrayReturn && !self.returns.insert(file.clone());
         let is_new = !follows && self.reported.insert((file, diagnostic.line));
         if is_finished || self.reported.len() >= MAX_ERRORS {
             return Report::Last;

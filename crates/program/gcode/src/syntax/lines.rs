@@ -145,7 +145,11 @@ pub(crate) fn find_file(
         let mut lines = Lines::of_file(Some(path.display().to_string().into()));
         let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
         for (index, line) in text.split(|byte| *byte == b'\n').enumerate() {
-            let line = line.strip_suffix(b"\r").unwrap_or(line);
+            let end = line
+                .iter()
+                .rposition(|byte| *byte != b'\r')
+                .map_or(0, |last| last + 1);
+            let line = &line[..end];
             lines.push(u32::try_from(index + 1).unwrap_or(u32::MAX), line);
         }
         return Ok(Some(lines));

@@ -41,11 +41,14 @@ impl<R: BufRead> LineReader<R> {
                 return Err(Self::failed(&error));
             }
         }
-        let ended = buffer.ends_with(b"\n");
+        let mut ended = buffer.ends_with(b"\n");
         if ended {
             buffer.pop();
+        } else if buffer.ends_with(b"\r") {
+            ended = self.skip_returns().map_err(|error| Self::failed(&error))?;
         }
-        if buffer.ends_with(b"\r") {
+        // Some transfers put CR before each CR LF.
+        while ended && buffer.ends_with(b"\r") {
             buffer.pop();
         }
         if buffer.len() > self.max_line_bytes {
@@ -64,6 +67,23 @@ impl<R: BufRead> LineReader<R> {
             buffer.drain(..3);
         }
         Ok(true)
+    }
+
+    /// Skips carriage returns. Whether the line ends after them; if not, more of it follows.
+    fn skip_returns(&mut self) -> std::io::Result<bool> {
+        loop {
+            let Some(byte) = self.input.fill_buf()?.first().copied() else {
+                return Ok(true);
+            };
+            match byte {
+                b'\r' => self.input.consume(1),
+                b'\n' => {
+                    self.input.consume(1);
+                    return Ok(true);
+                }
+                _ => return Ok(false),
+            }
+        }
     }
 
     fn failed(error: &std::io::Error) -> Fault {
@@ -86,6 +106,33 @@ mod tests {
         }
         assert_eq!(reader.read_into(&mut text), Ok(false));
         assert_eq!(reader.line(), 4);
+    }
+
+    #[test]
+    fn several_returns_before_a_line_feed_end_the_line_as_one() {
+        let mut text = Vec::new();
+        // At every length of the buffer of the input, and at the maximum length of a line.
+        for capacity in 1..12 {
+            let input =
+                std::io::BufReader::with_capacity(capacity, &b"G0\r\r\n12345\r\r\r\r\nG1\rX\r\nend\r\r"[..]);
+            let mut reader = LineReader::new(input, 5);
+            for (line, expected) in [&b"G0"[..], b"12345", b"G1\rX", b"end"].into_iter().enumerate() {
+                assert_eq!(reader.read_into(&mut text), Ok(true));
+                assert_eq!(
+                    (reader.line() as usize, &text[..]),
+                    (line + 1, expected),
+                    "{capacity}"
+                );
+            }
+            assert_eq!(reader.read_into(&mut text), Ok(false));
+        }
+        // Longer than permitted, in returns only.
+        let mut reader = LineReader::new(&b"12345\r\rX\nG1\n"[..], 5);
+        assert_eq!(
+            reader.read_into(&mut text).map_err(|fault| fault.code),
+            Err(Code::LineTooLong)
+        );
+        assert_eq!((reader.read_into(&mut text), &text[..]), (Ok(true), &b"G1"[..]));
     }
 
     #[test]
