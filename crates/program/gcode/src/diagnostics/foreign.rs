@@ -2,6 +2,7 @@
 
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::diagnostics::foreign_line::{self, Surroundings};
 use crate::syntax::block::Block;
 
 /// Keywords with which lines of other dialects start.
@@ -96,7 +97,7 @@ const FORMS: [Form; 6] = [
 
 /// Replaces the error of a line by a better one if the line is written in another dialect.
 #[cold]
-pub(crate) fn explain(text: &[u8], block: &Block, fault: Fault) -> Fault {
+pub(crate) fn explain(text: &[u8], block: &Block, fault: Fault, around: Surroundings) -> Fault {
     let code = |form: &Form| {
         let has = |letter: &u8| block.words.iter().any(|word| word.letter == *letter);
         let mut codes = block.words.iter().filter(|word| word.letter == b'G');
@@ -107,6 +108,9 @@ pub(crate) fn explain(text: &[u8], block: &Block, fault: Fault) -> Fault {
         if let Some(span) = code(form) {
             return Fault::new(fault.code, span, form.message).help(form.help);
         }
+    }
+    if let Some(better) = foreign_line::explain(text, block, &fault, around) {
+        return better;
     }
     let Some((span, word)) = first_word(text) else {
         return fault;

@@ -2,4 +2,6 @@
 
 pub(crate) mod diagnostic;
 pub(crate) mod foreign;
+pub(crate) mod foreign_line;
 pub(crate) mod hints;
+pub(crate) mod misread;

@@ -4,6 +4,8 @@
 //! of its mode, moves use its feed. Errors that are likely due to that alone are not reported; the next run shows them if they
 //! are errors of their own.
 
+use evolvent_path::AXES;
+
 use crate::Code;
 use crate::codes::modal_groups::{GCode, Group, Motion};
 use crate::state::machine_state::State;
@@ -22,11 +24,13 @@ pub(crate) struct Doubt {
     contour: bool,
     /// Parameters: the line may have set some.
     values: bool,
+    /// What coordinates refer to: units, distance mode, offsets, tool length.
+    frame: bool,
 }
 
 impl Doubt {
     pub(crate) fn is_any(&self) -> bool {
-        self.mode || self.feed || self.contour || self.values || self.position != [false; 3]
+        self.mode || self.feed || self.contour || self.values || self.frame || self.position != [false; 3]
     }
 
     /// Adds what a refused line would have changed: according to its words if they could be read, otherwise to the letters in its text.
@@ -46,6 +50,11 @@ impl Doubt {
         self.mode |= has(b'G');
         self.feed |= has(b'F') || has(b'S');
         self.contour |= state.cutter.is_on() || has(b'G');
+        self.frame |= if is_read {
+            block.words.iter().any(sets_frame)
+        } else {
+            has(b'G') || has(b'T')
+        };
         self.values |= !block.assignments.is_empty() || (!is_read && text.contains(&b'='));
     }
 
@@ -59,6 +68,12 @@ impl Doubt {
         self.mode &= line.motion_code().is_none();
         self.feed &= !line.has(b'F');
         self.contour &= state.cutter.is_on();
+    }
+
+    /// The axes along which a move may leave the travel only because of the refused lines.
+    pub(crate) fn of_travel(&self, text: &[u8]) -> [bool; AXES] {
+        let all = self.frame || self.values && text.contains(&b'#');
+        std::array::from_fn(|axis| all || self.position.get(axis) == Some(&true))
     }
 
     /// Whether the error of a line may be due to what is unknown alone.
@@ -94,6 +109,19 @@ impl Doubt {
             Code::FeedMissing | Code::FeedZero | Code::SpindleSpeedMissing => self.feed,
             _ => false,
         }
+    }
+}
+
+/// Whether a word sets what coordinates refer to.
+fn sets_frame(word: &Word) -> bool {
+    match word.letter {
+        b'T' => true,
+        b'M' => word.value == 6.0 || word.value == 61.0,
+        b'G' => matches!(
+            (10.0 * word.value).round() as u32,
+            70 | 80 | 100 | 200 | 210 | 280 | 300 | 430..=432 | 490 | 520 | 540..=593 | 900 | 910 | 920..=923
+        ),
+        _ => false,
     }
 }
 

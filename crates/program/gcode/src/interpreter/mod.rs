@@ -21,9 +21,11 @@ use std::io::BufRead;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use evolvent_path::Axes;
+use evolvent_path::{AXES, Axes, Plane};
 
 use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::diagnostics::foreign_line::Surroundings;
+use crate::diagnostics::{foreign, misread};
 use crate::execution::execute::{Executor, MAX_HELD_COMMANDS};
 use crate::interpreter::capture::Capture;
 use crate::interpreter::control_flow::ControlFlow;
@@ -160,6 +162,12 @@ impl<R: BufRead> Interpreter<R> {
     /// the last. This also stops a program that computes for a long time without motion.
     pub fn set_interrupt(&mut self, flag: Arc<AtomicBool>) {
         self.interrupt = Some(flag);
+    }
+
+    /// The axes along which the line read last may leave the travel only because lines with errors before it had no effect.
+    #[must_use]
+    pub fn doubtful_axes(&self) -> [bool; AXES] {
+        self.errors.doubt.of_travel(&self.current.text)
     }
 
     /// The value of a numbered parameter after the lines read so far, lengths of offsets in mm; 0 for numbers that do not exist.
@@ -368,7 +376,12 @@ impl<R: BufRead> Interpreter<R> {
         self.output.changed.clear();
         execute(self).map_err(|fault| {
             self.output.watch.roll_back(mark);
-            let fault = crate::diagnostics::foreign::explain(&self.current.text, &self.current.block, fault);
+            let fault = foreign::explain(
+                &self.current.text,
+                &self.current.block,
+                fault,
+                self.surroundings(),
+            );
             let removed = self
                 .output
                 .changed
@@ -386,6 +399,15 @@ impl<R: BufRead> Interpreter<R> {
             self.parameters.roll_back();
             self.locate(fault)
         })
+    }
+
+    /// What advice depends on. A refused line has set neither plane nor G7.
+    fn surroundings(&self) -> Surroundings {
+        Surroundings {
+            is_lathe: self.settings.features.lathe,
+            is_zx: self.state.plane() == Some(Plane::Zx),
+            is_diameter: self.state.modes.diameter,
+        }
     }
 
     fn locate(&self, fault: Fault) -> Box<Diagnostic> {
@@ -548,6 +570,7 @@ impl<R: BufRead> Interpreter<R> {
         if self.current.block.words.is_empty() {
             // Parameters and comments alone give no command.
             self.assign()?;
+            self.warn_of_assignments();
             let number = self.shown_line();
             self.remarks(number)?;
             self.parameters.commit();
@@ -557,6 +580,9 @@ impl<R: BufRead> Interpreter<R> {
         self.current
             .statement
             .fill(&self.current.block, modal, &self.settings)?;
+        if self.settings.features.lathe {
+            self.check_lathe_forms()?;
+        }
         self.assign()?;
         let number = self.shown_line();
         if !self.current.block.comments.is_empty() {
@@ -570,6 +596,22 @@ impl<R: BufRead> Interpreter<R> {
             self.profile_line();
         }
         Ok(())
+    }
+
+    /// Refuses or warns of a line that is something else on other lathes.
+    fn check_lathe_forms(&mut self) -> Result<(), Fault> {
+        let (line, tools) = (&self.current.statement, self.tools.as_ref());
+        if let Some(text) = misread::on_lathe(line, &self.state, tools)? {
+            self.warn(text);
+        }
+        Ok(())
+    }
+
+    fn warn_of_assignments(&mut self) {
+        let block = &self.current.block;
+        if let Some(text) = misread::assignment(&block.assignments, !block.comments.is_empty()) {
+            self.warn(text);
+        }
     }
 
     /// Executes the present statement; if it fails, the state is as before.

@@ -474,6 +474,31 @@ impl<R: BufRead> Interpreter<R> {
         Err(order(word, "takes no value"))
     }
 
+    /// The error of a subroutine file that does not define its subroutine; its lines were executed from the first one.
+    fn file_without_subroutine(&self) -> Option<Fault> {
+        let frame = self.flow.frames.last()?;
+        let lines = frame
+            .lines
+            .as_ref()
+            .filter(|_| frame.first == 0 && frame.open.is_empty())?;
+        let file = lines.file.as_deref()?;
+        let name = self.flow.labels.name(frame.name)?;
+        let inside = (0..lines.len()).find_map(|place| {
+            let (text, line) = lines.get(place)?;
+            let word = o_word(text, &self.scope()).ok()??;
+            (word.keyword == Keyword::Sub).then(|| (word.name, line))
+        });
+        let message = format!("O<{name}> sub is missing in {file}");
+        let help = match inside {
+            Some((other, line)) => format!(
+                "line {line} has O<{}> sub: write the name of the file there and at its endsub, or call the other name",
+                other.as_str()
+            ),
+            None => format!("write O<{name}> sub before its first line, and O<{name}> endsub after the last"),
+        };
+        Some(Fault::new(Code::OWordOpen, Span::new(0, self.current.text.len()), message).help(help))
+    }
+
     /// The error of blocks that are still open at the end of a frame.
     pub(crate) fn unfinished(&mut self) -> Option<Fault> {
         if let Some(Definition { text, line, .. }) = &self.flow.definition {
@@ -485,6 +510,9 @@ impl<R: BufRead> Interpreter<R> {
                     "write O<{text}> endsub after the last line of the subroutine"
                 )),
             );
+        }
+        if let Some(fault) = self.file_without_subroutine() {
+            return Some(fault);
         }
         let what = {
             let called = self.flow.frames.len() > 1;

@@ -110,6 +110,13 @@ impl Names {
         self.add(name).map(|(id, _)| id)
     }
 
+    /// The text of a name.
+    pub(crate) fn name(&self, id: NameId) -> Option<&str> {
+        self.all()
+            .find(|(_, other, _)| *other == id)
+            .map(|(name, ..)| name)
+    }
+
     /// All names so far, in no particular order, including those of O-words.
     pub(crate) fn all(&self) -> impl Iterator<Item = (&str, NameId, NameKind)> {
         self.ids.iter().filter_map(|(name, id)| {

@@ -1,0 +1,406 @@
+//! Refused lines of other dialects as a whole: what their words mean there, and what to write here.
+
+use crate::Code;
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::diagnostics::misread::four_digits;
+use crate::syntax::block::Block;
+
+/// The machine and the modes on which advice depends.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Surroundings {
+    pub(crate) is_lathe: bool,
+    /// G18.
+    pub(crate) is_zx: bool,
+    /// G7.
+    pub(crate) is_diameter: bool,
+}
+
+/// A better error for a line of another dialect; none if nothing is known of it.
+#[cold]
+pub(crate) fn explain(text: &[u8], block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+    let line = String::from_utf8_lossy(text);
+    let around = Surroundings {
+        is_zx: span_of(block, b'G', 18.0).is_some() || around.is_zx && span_of(block, b'G', 17.0).is_none(),
+        ..around
+    };
+    of_text(&line, fault)
+        .or_else(|| of_codes(block, fault, around))
+        .or_else(|| of_arc(block, fault, around))
+}
+
+fn has(block: &Block, letter: u8) -> bool {
+    block.words.iter().any(|word| word.letter == letter)
+}
+
+fn value(block: &Block, letter: u8) -> Option<f64> {
+    block
+        .words
+        .iter()
+        .find(|word| word.letter == letter)
+        .map(|word| word.value)
+}
+
+fn span_of(block: &Block, letter: u8, value: f64) -> Option<Span> {
+    let mut words = block.words.iter();
+    words
+        .find(|word| word.letter == letter && word.value == value)
+        .map(|word| word.span)
+}
+
+fn again(
+    fault: &Fault,
+    message: impl Into<String>,
+    help: impl Into<std::borrow::Cow<'static, str>>,
+) -> Fault {
+    Fault::new(fault.code, fault.span, message).help(help)
+}
+
+/// Lines that are recognized by their characters.
+fn of_text(line: &str, fault: &Fault) -> Option<Fault> {
+    let start = line.trim_start_matches([' ', '\t']);
+    let code = line.split(['(', ';']).next().unwrap_or_default();
+    let bare: String = code
+        .chars()
+        .filter(|character| !character.is_whitespace())
+        .collect();
+    let upper = bare.to_ascii_uppercase();
+    if fault.code == Code::StrayPercent && start.starts_with('%') {
+        return Some(again(
+            fault,
+            "text after %, which stands alone on its line",
+            "write % alone on the first line and on the last, and what follows it on the next line; a name can be a comment: (PART 1)",
+        ));
+    }
+    if upper.starts_with('$') && !matches!(fault.code, Code::SpindleSelection | Code::UnusedWord) {
+        let word: String = upper.chars().take_while(|character| *character != '=').collect();
+        let help = if upper.starts_with("$H") {
+            "delete the line and home the machine before the program (evolvent ctl home)"
+        } else if upper.starts_with("$J") {
+            "delete the line, or write the move as G91 G1 X.. F.."
+        } else {
+            "delete the line; settings are in the machine file"
+        };
+        return Some(again(
+            fault,
+            format!("{word} is a command of Grbl, not a line of a program"),
+            help,
+        ));
+    }
+    if let Some(number) = upper
+        .strip_prefix(':')
+        .filter(|rest| rest.starts_with(|digit: char| digit.is_ascii_digit()))
+    {
+        let number: String = number.chars().take_while(char::is_ascii_digit).collect();
+        return Some(again(
+            fault,
+            format!(":{number} is a program number in another dialect"),
+            format!(
+                "delete it, or write it as a comment: (O{number}); a subroutine is O{number} sub ... O{number} endsub"
+            ),
+        ));
+    }
+    if upper.starts_with('/') && upper[1..].starts_with(|digit: char| digit.is_ascii_digit()) {
+        return Some(again(
+            fault,
+            "/ with a number: block delete has one switch here, and no levels",
+            "write / without a number",
+        ));
+    }
+    for (mark, what, cure) in [
+        (
+            ",R",
+            "corner rounding (,R)",
+            "write the rounding as an arc: G2 or G3 with R",
+        ),
+        (",C", "a chamfer (,C)", "write the chamfer as a line: G1 X.. Y.."),
+        (",A", "a line by its angle (,A)", "write the end point: X.. Y.."),
+    ] {
+        if fault.code == Code::UnexpectedCharacter && upper.contains(mark) {
+            return Some(again(fault, format!("{what} is not part of this dialect"), cure));
+        }
+    }
+    if bare.contains("|#<") {
+        return Some(again(
+            fault,
+            "a name of a parameter inside another one is not part of this dialect",
+            "write numbers: #[100 + #<b>] is one parameter of a list",
+        ));
+    }
+    macro_assignment(code, &bare, fault).or_else(|| siemens(&upper, fault))
+}
+
+/// An expression without brackets after `#1 =`.
+fn macro_assignment(code: &str, bare: &str, fault: &Fault) -> Option<Fault> {
+    let is_cut_short = matches!(
+        fault.code,
+        Code::BadNumber
+            | Code::LetterMissing
+            | Code::UnexpectedCharacter
+            | Code::MisplacedBlockDelete
+            | Code::NumberMissing
+    );
+    if !is_cut_short || !bare.starts_with(['#', 'N', 'n', '/']) {
+        return None;
+    }
+    let begin = code.find('#')?;
+    let (target, expression) = code[begin..].split_once('=')?;
+    let expression = expression.trim();
+    let mut depth = 0_i32;
+    let operates = expression.char_indices().any(|(place, character)| {
+        depth += i32::from(character == '[') - i32::from(character == ']');
+        depth == 0 && place > 0 && matches!(character, '+' | '-' | '*' | '/')
+    });
+    let target = target.trim();
+    (operates && !expression.contains('=')).then(|| {
+        again(
+            fault,
+            "an expression without brackets",
+            format!("write {target} = [{expression}]"),
+        )
+    })
+}
+
+/// `X=10`, `CR=5`, `CYCLE81(...)`.
+fn siemens(upper: &str, fault: &Fault) -> Option<Fault> {
+    if upper.starts_with("CYCLE") || upper.starts_with("MCALL") {
+        let help = "write a cycle of this dialect: G81 X.. Y.. Z.. R.. drills, G83 with Q pecks";
+        return Some(again(
+            fault,
+            "cycles by name (CYCLE81, MCALL) are not part of this dialect",
+            help,
+        ));
+    }
+    let place = upper.find('=').filter(|_| !upper.contains('#'))?;
+    let before: Vec<char> = upper[..place]
+        .chars()
+        .rev()
+        .take_while(char::is_ascii_alphabetic)
+        .collect();
+    let name: String = before.iter().rev().collect();
+    match &name[..] {
+        "" => None,
+        "CR" => Some(again(
+            fault,
+            "CR=, the radius of an arc, is R in this dialect",
+            "write R without =, as in G2 X1 Y1 R5",
+        )),
+        name if name.len() == 1 || name.ends_with(['X', 'Y', 'Z', 'I', 'J', 'K']) => {
+            let letter = &name[name.len() - 1..];
+            Some(again(
+                fault,
+                "words with = are not part of this dialect",
+                format!(
+                    "write {letter}10 in place of {letter}=10, and {letter}#1 for the value of a parameter"
+                ),
+            ))
+        }
+        _ => None,
+    }
+}
+
+/// Lines that are recognized by their codes.
+fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+    let g = |number: f64| span_of(block, b'G', number);
+    let at =
+        |span: Span, message: String, help: String| Some(Fault::new(fault.code, span, message).help(help));
+    if fault.code == Code::UnknownG {
+        for (number, what) in [(50.0, "scaling"), (15.0, "polar coordinates")] {
+            let alone = !block.words.iter().any(|word| b"XYZIJKPRS".contains(&word.letter));
+            if let Some(span) = g(number).filter(|span| alone && *span == fault.span) {
+                let message = format!("G{number} ends {what} in other dialects; here is none to end");
+                return at(span, message, format!("delete G{number}"));
+            }
+        }
+        for (number, message, help) in [
+            (
+                12.0,
+                "G12, a circular pocket, is not a code of this dialect",
+                "write the circles: G3 I.. with the radius, or G13.2, which mills a hole",
+            ),
+            (
+                13.0,
+                "G13, a circular pocket, is not a code of this dialect",
+                "write the circles: G3 I.. with the radius, or G13.2, which mills a hole",
+            ),
+            (
+                68.2,
+                "tilted planes (G68.2) are not available",
+                "write the program for the axes of the machine",
+            ),
+            (
+                187.0,
+                "G187, the smoothness, is G64 in this dialect",
+                "delete G187; G64 P0.01 sets the tolerance at corners",
+            ),
+        ] {
+            if let Some(span) = g(number) {
+                return at(span, message.to_owned(), help.to_owned());
+            }
+        }
+    }
+    if fault.code == Code::UnknownM && span_of(block, b'M', 97.0).is_some() {
+        return Some(again(
+            fault,
+            "M97, a jump to a line number, is not a code of this dialect",
+            "write the lines as O100 sub ... O100 endsub, and O100 call in place of M97 P100",
+        ));
+    }
+    if let (Code::SubroutineMissing, Some(number), Some(_)) =
+        (fault.code, value(block, b'P'), span_of(block, b'M', 98.0))
+        && number >= 10_000.0
+    {
+        let (times, number) = ((number / 10_000.0).floor(), number % 10_000.0);
+        return Some(again(
+            fault,
+            format!(
+                "{}; in other dialects P has repetitions before the last four digits",
+                fault.message
+            ),
+            format!("write M98 P{number} L{times}, {times} repetitions of O{number}"),
+        ));
+    }
+    if let (Code::UnknownTool, Some(number)) = (fault.code, value(block, b'T'))
+        && around.is_lathe
+        && (100.0..=9999.0).contains(&number)
+    {
+        let number = number as u32;
+        return Some(again(
+            fault,
+            format!(
+                "tool {number} is not in the tool table; T{number:04} is tool {} with offset {} on other lathes",
+                number / 100,
+                number % 100
+            ),
+            format!("write {}", four_digits(number)),
+        ));
+    }
+    if fault.code == Code::NoSuchAxis && around.is_lathe && (has(block, b'U') || has(block, b'W')) {
+        if let Some(span) = g(28.0) {
+            let help =
+                "write G28 alone to move all axes there; G91 G28 X0, then G90, moves X only".to_owned();
+            return at(
+                span,
+                "U and W with G28 are increments of X and Z on other lathes".to_owned(),
+                help,
+            );
+        }
+        return Some(again(
+            fault,
+            format!(
+                "{}; on other lathes U and W are increments of X and Z",
+                fault.message
+            ),
+            "write G91 with X and Z, and G90 after it",
+        ));
+    }
+    threads(block, fault, around).or_else(|| grooves_and_holes(block, fault, around))
+}
+
+fn threads(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+    if let (Some(span), Some(lead)) = (span_of(block, b'G', 33.0), value(block, b'F'))
+        && !has(block, b'K')
+    {
+        return Some(
+            Fault::new(
+                fault.code,
+                span,
+                "G33 takes its lead from K in this dialect, not from F",
+            )
+            .help(format!("write K{lead} in place of F{lead}")),
+        );
+    }
+    let span = span_of(block, b'G', 76.0)?;
+    if !around.is_lathe && has(block, b'R') && !has(block, b'I') {
+        return Some(
+            Fault::new(fault.code, span, "G76 is a threading cycle in this dialect, not fine boring").help(
+                "write G86, which stops the spindle at the bottom, or G1 to the bottom, M19 R0, a small move aside and G0 out",
+            ),
+        );
+    }
+    let foreign = has(block, b'X') || has(block, b'F') || has(block, b'P') && !has(block, b'K');
+    foreign.then(|| {
+        let words = "write G76 P1.5 Z-20 I-1 J0.3 R1 K0.92 Q29.5 E0.5 L0: P lead, Z end, I thread crest beside the start, J first depth, K \
+                     full depth; the start is the position before it";
+        Fault::new(fault.code, span, "G76 is one line with other words in this dialect: P is the lead, and depths are in I, J and K")
+            .help(words)
+    })
+}
+
+fn grooves_and_holes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+    let g = |number: f64| span_of(block, b'G', number);
+    let at = |span: Span, message: &str, help: &str| {
+        Some(Fault::new(fault.code, span, message).help(help.to_owned()))
+    };
+    if !around.is_lathe {
+        return None;
+    }
+    if let Some(span) = g(75.0)
+        && fault.code == Code::UnusedWord
+        && b"IPR".iter().any(|letter| has(block, *letter))
+    {
+        let help =
+            "write each peck as G1 X.. F.. and G0 X.., or as a loop: O1 while [#1 GT 0] ... O1 endwhile";
+        return at(
+            span,
+            "G75 is a load-adaptive or plain facing cycle here, not grooving in pecks",
+            help,
+        );
+    }
+    if let Some(span) = g(74.0)
+        && (has(block, b'K') || has(block, b'R') && !has(block, b'Z'))
+    {
+        let help = "write G17 G83 Z-20 R2 Q5 F.., then G18; Q is the depth of a peck";
+        return at(
+            span,
+            "G74 is left-hand tapping in this dialect, not drilling in pecks",
+            help,
+        );
+    }
+    let cycle = [73.0, 74.0, 81.0, 82.0, 83.0, 84.0, 85.0, 86.0, 88.0, 89.0]
+        .into_iter()
+        .find_map(|number| g(number).map(|span| (number, span)));
+    if let Some((number, span)) = cycle
+        && around.is_zx
+        && matches!(fault.code, Code::WordMissing | Code::NoSuchAxis)
+        && !has(block, b'Y')
+    {
+        let message = format!("G{number} drills along Y in G18; along Z it needs G17");
+        let help = format!("write G17 G{number} with the same words, and G18 after the holes");
+        return at(span, &message, &help);
+    }
+    None
+}
+
+/// Arcs.
+fn of_arc(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+    let help = |text: String| {
+        let mut better = Fault::new(fault.code, fault.span, fault.message.clone());
+        better.help = Some(text.into());
+        Some(better)
+    };
+    let given = fault
+        .help
+        .as_deref()
+        .unwrap_or_else(|| fault.code.hint())
+        .to_owned();
+    match fault.code {
+        Code::ArcOffsetAcrossPlane => {
+            let zero = block
+                .words
+                .iter()
+                .find(|word| b"IJK".contains(&word.letter) && word.span == fault.span && word.value == 0.0)?;
+            let name = char::from(zero.letter);
+            help(format!(
+                "delete {name}0: even 0 is not permitted for a centre across the plane"
+            ))
+        }
+        Code::ArcRadiusMismatch | Code::ArcRadiusTooSmall
+            if around.is_lathe && around.is_zx && !around.is_diameter =>
+        {
+            help(format!(
+                "{given}; X is a radius in G8: if the program has diameters, write G7 before its first move"
+            ))
+        }
+        _ => None,
+    }
+}

@@ -1,0 +1,134 @@
+//! Lines that are valid here and mean something else in other dialects: they would run, as something else.
+
+use crate::codes::modal_groups::{FeedMode, GCode, Group, MCode, Motion, NonModal};
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::state::machine_state::State;
+use crate::syntax::expression::Target;
+use crate::syntax::statement::Statement;
+use crate::{Code, ToolTable};
+
+/// T words of four digits: tool and offset, as lathes of other dialects write them.
+const FOUR_DIGITS: std::ops::RangeInclusive<u32> = 100..=9999;
+
+/// The parameters with which macro programs of other dialects stop the machine.
+const ALARM: usize = 3000;
+const STOP: usize = 3006;
+
+/// The warning of a line that sets a system variable of other dialects, which is an ordinary parameter here.
+#[cold]
+pub(crate) fn assignment(assignments: &[(Target, f64)], has_comment: bool) -> Option<String> {
+    assignments.iter().find_map(|(target, value)| match *target {
+        Target::Numbered(ALARM) if has_comment || (1.0..=999.0).contains(value) && value.fract() == 0.0 => Some(
+            "#3000 is an ordinary parameter in this dialect, and the program continues; write (ABORT, text) to end it with a message"
+                .to_owned(),
+        ),
+        Target::Numbered(STOP) if has_comment || *value == 1.0 => Some(
+            "#3006 is an ordinary parameter in this dialect, and the program continues; write (MSG, text) and M0 on the next line to \
+             stop with a message"
+                .to_owned(),
+        ),
+        _ => None,
+    })
+}
+
+/// A line of a lathe that is read here, but is something else on other lathes: an error if the motion would be plainly wrong, a
+/// warning where it may be meant.
+pub(crate) fn on_lathe(
+    line: &Statement,
+    state: &State,
+    tools: Option<&ToolTable>,
+) -> Result<Option<String>, Fault> {
+    if let Some(tool) = tool_and_offset(line, tools) {
+        return Ok(Some(tool));
+    }
+    if line.once() == Some(NonModal::SetOffset) && line.has(b'F') {
+        let message = "G92 with F is the threading cycle of other lathes; here G92 sets an offset, and no thread is cut";
+        return Err(Fault::new(Code::UnusedWord, line.span(b'F'), message).help(
+            "fanuc_threads = true in [program] of the machine file reads G32 and G92 as Fanuc's lathes do; G76 is the threading \
+             cycle of this dialect; to set an offset, leave F out",
+        ));
+    }
+    if let Some((name, span)) = turning_cycle(line) {
+        let rapid = line.motion() == Some(Motion::Rapid);
+        let cut = "write each pass as G0 X.., G1 Z.. F.., G0 X.. and G0 Z..";
+        if rapid && line.has(b'F') {
+            let message = format!(
+                "{name} with X, Z and F is a turning cycle on other lathes; here the line moves at rapid to X Z, because G0 is active"
+            );
+            return Err(Fault::new(Code::UnusedWord, span, message).help(format!(
+                "{cut}; for one straight move, write G0 or G1 on this line"
+            )));
+        }
+        if rapid || line.has(b'F') {
+            let how = if rapid { "at rapid" } else { "straight" };
+            return Ok(Some(format!(
+                "{name} with X and Z is a turning cycle on other lathes; here the line moves {how} to X Z; {cut}, or the motion code \
+                 on this line if that is meant"
+            )));
+        }
+    }
+    Ok(retract(line, state))
+}
+
+/// G90 or G94 with X and Z and no motion code.
+fn turning_cycle(line: &Statement) -> Option<(&'static str, Span)> {
+    let moves = matches!(line.motion(), Some(Motion::Rapid | Motion::Linear)) && line.once().is_none();
+    if !moves || line.motion_code().is_some() || !line.has(b'X') || !line.has(b'Z') {
+        return None;
+    }
+    if line.g(Group::Distance) == Some(GCode::Incremental(false)) {
+        return Some(("G90", line.group_span(Group::Distance)));
+    }
+    (line.g(Group::FeedMode) == Some(GCode::FeedMode(FeedMode::PerMinute)))
+        .then(|| ("G94", line.group_span(Group::FeedMode)))
+}
+
+/// G98 and G99 as the feed modes of other lathes.
+fn retract(line: &Statement, state: &State) -> Option<String> {
+    let Some(GCode::RetractToOld(old)) = line.g(Group::Retract) else {
+        return None;
+    };
+    if matches!(line.motion_code(), Some(Motion::Cycle(_))) {
+        return None;
+    }
+    let mode = match line.g(Group::FeedMode) {
+        Some(GCode::FeedMode(mode)) => mode,
+        _ => state.modes.feed_mode,
+    };
+    match (old, mode) {
+        (false, FeedMode::PerMinute) => Some(
+            "G99 is feed per revolution on other lathes; here it is the retract of drilling cycles, and F remains per minute; write \
+             G95 for feed per revolution"
+                .to_owned(),
+        ),
+        (true, FeedMode::PerRevolution) => Some(
+            "G98 is feed per minute on other lathes; here it is the retract of drilling cycles, and F remains per revolution; write \
+             G94 for feed per minute"
+                .to_owned(),
+        ),
+        _ => None,
+    }
+}
+
+/// T with four digits that no M6 uses.
+fn tool_and_offset(line: &Statement, tools: Option<&ToolTable>) -> Option<String> {
+    let number = line.word(b'T')? as u32;
+    let is_known = tools.is_some_and(|tools| tools.get(number).is_some());
+    if is_known || !FOUR_DIGITS.contains(&number) || line.m(Group::ToolChange) == Some(MCode::ToolChange) {
+        return None;
+    }
+    let (tool, offset) = (number / 100, number % 100);
+    Some(format!(
+        "T{number:04} is tool {tool} with offset {offset} on other lathes; here it only selects tool {number} for the next M6, and no \
+         offset changes; write {}",
+        four_digits(number)
+    ))
+}
+
+/// What the T word of four digits is here.
+pub(crate) fn four_digits(number: u32) -> String {
+    match (number / 100, number % 100) {
+        (tool, 0) => format!("T{tool} M6 G49"),
+        (tool, offset) => format!("T{tool} M6 G43 H{offset}"),
+    }
+}
