@@ -217,7 +217,7 @@ fn what_depends_on_an_unknown_contact_is_a_warning() {
     assert!(
         all["warnings"][1]["message"]
             .as_str()
-            .is_some_and(|text| text.starts_with("no contact is known: X")),
+            .is_some_and(|text| text.starts_with("no contact is known: axis X")),
         "{all}"
     );
     // Set to zero at the contact, the part is somewhere.
@@ -231,6 +231,35 @@ fn what_depends_on_an_unknown_contact_is_a_warning() {
     // A probing move beyond the travel is an error.
     let all = check_with_probe("G21 G90 G17\nF100\nG38.2 X-500\nM2\n");
     assert_eq!(errors(&all), found(&[("G0801", 3)]), "{all}");
+}
+
+#[test]
+fn a_move_beyond_the_travel_that_follows_from_a_refused_line_is_not_told() {
+    let workshop = Workshop::new();
+    for (text, expected) in [
+        // The line back is refused.
+        (
+            "G21 G90\nG0 X390\nG0 X-390 Q5\nG91 G0 X20\nM2\n",
+            vec![("G0307", 3)],
+        ),
+        // So is the line that selects increments.
+        ("G21 G90\nG0 X390\nG91 Q5\nG0 X-410\nM2\n", vec![("G0307", 3)]),
+        // A parameter was not set.
+        ("G21 G90\n#1=5 Q5\nG0 X[10000/[#1+1]]\nM2\n", vec![("G0307", 2)]),
+        // What has nothing to do with it is told.
+        (
+            "G21 G90\nG0 Y5 Q5\nG0 X500\nM2\n",
+            vec![("G0307", 2), ("G0801", 3)],
+        ),
+        (
+            "G21 G90\nG0 X5 Q5\nG0 X500\nM2\n",
+            vec![("G0307", 2), ("G0801", 3)],
+        ),
+    ] {
+        let program = workshop.write("follows.ngc", text);
+        let all = check(&program, &[]);
+        assert_eq!(errors(&all), found(&expected), "{text}: {all}");
+    }
 }
 
 #[test]

@@ -126,6 +126,7 @@ pub(crate) fn check_while(
         let step = match command {
             Ok(command) => {
                 check.assumed = interpreter.assumed_axes();
+                check.doubtful = interpreter.doubtful_axes();
                 check.command(&command, &mut go_on)
             }
             Err(diagnostic) => check.error_in_text(diagnostic),
@@ -160,6 +161,8 @@ struct ProgramCheck<'a> {
     warned: BTreeSet<(Option<Origin>, u32, bool)>,
     /// Axes whose position depends on a contact that is only assumed.
     assumed: [bool; AXES],
+    /// Axes whose position depends on lines with errors, which had no effect.
+    doubtful: [bool; AXES],
     /// A move beyond the travel was refused.
     has_strayed: bool,
     /// Commands in all.
@@ -185,6 +188,7 @@ impl<'a> ProgramCheck<'a> {
             told: BTreeSet::new(),
             warned: BTreeSet::new(),
             assumed: [false; AXES],
+            doubtful: [false; AXES],
             has_strayed: false,
             commands: 0,
             round: 0,
@@ -229,6 +233,9 @@ impl<'a> ProgramCheck<'a> {
         let Some(objection) = self.objection(&command.action) else {
             return CheckStep::Next;
         };
+        if objection.is_of_travel(&self.doubtful) {
+            return CheckStep::Next;
+        }
         if objection.is_of_travel(&self.assumed) {
             let diagnostic = objection.told(self.program, command.line);
             self.warn(
