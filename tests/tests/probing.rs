@@ -144,6 +144,31 @@ M2
     });
 }
 
+/// Without them `G0 Z[#5063+2]` went to Z 2, not to 2 mm above the contact.
+#[test]
+fn what_the_probe_has_found_counts_in_the_next_block_of_mdi() {
+    unless_disturbed(|| {
+        let shop = Shop::new("pr-next");
+        let trace = shop.workshop.path("next.mcap").display().to_string();
+        let served = shop.serves(&["--trace", &trace]);
+        let _drives = shop.drives("plane:Z<-5");
+        let mut operator = shop.operator();
+        does(&mut operator, "G21 G0 Z-2");
+        does(&mut operator, "G38.2 Z-15 F300");
+        does(&mut operator, "G0 Z[#5063+2]");
+        let at = operator.now().position_machine[2];
+        assert!((at + 3.0).abs() < 0.05, "Z {at}");
+        // They last until the next probing move.
+        does(&mut operator, "G0 Z[#5063+#5070+2]");
+        let at = operator.now().position_machine[2];
+        assert!((at + 2.0).abs() < 0.05, "Z {at}");
+        drop(operator);
+        served.end().expect_code(&[0, 3]);
+        let again = evolvent_replay::verify(std::path::Path::new(&trace)).expect("a trace");
+        assert!(again.holds() && again.uncompared == 0, "{again:?}");
+    });
+}
+
 #[test]
 fn what_a_contact_is_late_by_is_feed_times_time() {
     unless_disturbed(|| {

@@ -180,6 +180,17 @@ impl Commands {
         self.interpreter.modal()
     }
 
+    /// Lines that set what the machine has answered so far, in another program, except parameters that a file keeps.
+    fn results(&self, kept: Option<&KeptParameters>) -> String {
+        RESULTS
+            .into_iter()
+            .filter(|number| kept.is_none_or(|kept| kept.get(*number).is_none()))
+            .map(|number| (number, self.interpreter.parameter(number)))
+            .filter(|(_, value)| *value != 0.0 && value.is_finite())
+            .map(|(number, value)| format!("#{number}={value}\n"))
+            .collect()
+    }
+
     /// What the program has changed in `memory` up to the line that was read last.
     #[must_use]
     pub fn left(&self, memory: &ProgramMemory) -> ProgramMemory {
@@ -191,12 +202,17 @@ impl Commands {
             Some(kept) => self.interpreter.volatile_parameters(kept),
             None => self.interpreter.volatile_parameters(&KeptParameters::default()),
         };
+        left.volatile.push_str(&self.results(left.kept.as_ref()));
         if let Some(tools) = self.interpreter.tools() {
             left.tools = Some(tools.clone());
         }
         left
     }
 }
+
+/// Numbers of the parameters with answers of the machine: where the probe was last and whether it tripped, and what an input was
+/// when a wait (M66) ended.
+const RESULTS: [u32; 11] = [5061, 5062, 5063, 5064, 5065, 5066, 5067, 5068, 5069, 5070, 5399];
 
 impl Iterator for Commands {
     type Item = Result<Command, Diagnostic>;
