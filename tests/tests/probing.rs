@@ -164,7 +164,7 @@ fn what_the_probe_has_found_counts_in_the_next_block_of_mdi() {
         assert!((at + 2.0).abs() < 0.05, "Z {at}");
         drop(operator);
         served.end().expect_code(&[0, 3]);
-        let again = evolvent_replay::verify(std::path::Path::new(&trace)).expect("a trace");
+        let again = verify(std::path::Path::new(&trace)).expect("a trace");
         assert!(again.holds() && again.uncompared == 0, "{again:?}");
     });
 }

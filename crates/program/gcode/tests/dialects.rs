@@ -644,8 +644,11 @@ fn a_tool_that_the_table_lacks_is_an_error_where_it_is_selected() {
     assert!(interpret("T9 M6\nM2\n", empty).1.is_empty());
 }
 
+/// Lines, and what is told of them.
+type Told = Vec<(u32, String)>;
+
 /// Warnings and errors of a program on a lathe: line and text, with the help of errors.
-fn on_lathe(program: &str) -> (Vec<(u32, String)>, Vec<(u32, String)>) {
+fn on_lathe(program: &str) -> (Told, Told) {
     let settings = Settings {
         block_delete: false,
         axes: std::array::from_fn(|axis| matches!(axis, 0 | 2)),

@@ -486,7 +486,7 @@ impl<R: BufRead> Interpreter<R> {
         let inside = (0..lines.len()).find_map(|place| {
             let (text, line) = lines.get(place)?;
             let word = o_word(text, &self.scope()).ok()??;
-            (word.keyword == Keyword::Sub).then(|| (word.name, line))
+            (word.keyword == Keyword::Sub).then_some((word.name, line))
         });
         let message = format!("O<{name}> sub is missing in {file}");
         let help = match inside {
