@@ -706,9 +706,9 @@ fn valid_lines_of_other_lathes_do_not_run_as_something_else() {
             ["threading cycle", "sets an offset", "fanuc_threads = true"],
         ),
         (
-            "G99\nG1 Z-1 F0.2\n",
+            "G99\nG1 Z-1 F0.2\nX30 F0.1\n",
             false,
-            2,
+            3,
             ["feed per revolution", "per minute", "G95"],
         ),
         (
@@ -761,6 +761,8 @@ fn lines_of_this_dialect_on_a_lathe_are_not_warned_of() {
         "G90 G0 X28 Z-20\nG90 G1 X28 Z-20 F100\nG90 X20\nG90\nX30 Z2\n",
         "G94 F100\nG1 X28 Z-20\nG94 G1 X2 Z2\n",
         "G92 X10 Z0\nG92.1\nG53 G0 X1 Z1 G90\n",
+        "G99\nG81 X2 Z-3 R1 F3\nG80\nG99 G95 S10 M3\nG1 X3 F0.2\n",
+        "G99\nF100\nG1 Z1\n",
         "G99 G81 X2 Z-3 R1 F100\nG98 G81 X2 Z-3 R1\nG80\n",
         "G18 G21 G40 G80 G90 G94 G98\n",
         "T1 M6\nT12\nT0\nT101 M6\n",
@@ -874,6 +876,11 @@ fn lines_of_other_mills_are_told_what_to_write() {
     let help = found[0].help.as_deref().unwrap_or_default();
     assert!(
         found.len() == 1 && found[0].message.contains("alone") && help.contains("next line"),
+        "{found:?}"
+    );
+    let (_, found) = on_lathe("G18 F100\nG1 Y1 W2\n");
+    assert!(
+        found.len() == 1 && !found[0].1.contains("increments"),
         "{found:?}"
     );
     // What is right is not touched, and what is wrong in another way neither.

@@ -274,7 +274,11 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
             format!("write {}", four_digits(number)),
         ));
     }
-    if fault.code == Code::NoSuchAxis && around.is_lathe && (has(block, b'U') || has(block, b'W')) {
+    let is_increment = |span: Span| {
+        let mut words = block.words.iter();
+        words.any(|word| matches!(word.letter, b'U' | b'W') && word.span == span)
+    };
+    if fault.code == Code::NoSuchAxis && around.is_lathe && is_increment(fault.span) {
         if let Some(span) = g(28.0) {
             let help =
                 "write G28 alone to move all axes there; G91 G28 X0, then G90, moves X only".to_owned();

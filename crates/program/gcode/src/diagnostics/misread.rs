@@ -10,6 +10,10 @@ use crate::{Code, ToolTable};
 /// T words of four digits: tool and offset, as lathes of other dialects write them.
 const FOUR_DIGITS: std::ops::RangeInclusive<u32> = 100..=9999;
 
+/// Maximum feed after G99 that is taken for one per revolution, mm/min: lathes feed 0.01 to 2 mm per revolution, and hardly ever as
+/// little per minute.
+const LOW_FEED_MM_MIN: f64 = 5.0;
+
 /// The parameters with which macro programs of other dialects stop the machine.
 const ALARM: usize = 3000;
 const STOP: usize = 3006;
@@ -35,7 +39,7 @@ pub(crate) fn assignment(assignments: &[(Target, f64)], has_comment: bool) -> Op
 /// warning where it may be meant.
 pub(crate) fn on_lathe(
     line: &Statement,
-    state: &State,
+    state: &mut State,
     tools: Option<&ToolTable>,
 ) -> Result<Option<String>, Fault> {
     if let Some(tool) = tool_and_offset(line, tools) {
@@ -84,30 +88,38 @@ fn turning_cycle(line: &Statement) -> Option<(&'static str, Span)> {
 }
 
 /// G98 and G99 as the feed modes of other lathes.
-fn retract(line: &Statement, state: &State) -> Option<String> {
-    let Some(GCode::RetractToOld(old)) = line.g(Group::Retract) else {
-        return None;
-    };
-    if matches!(line.motion_code(), Some(Motion::Cycle(_))) {
-        return None;
+fn retract(line: &Statement, state: &mut State) -> Option<String> {
+    let is_cycle = matches!(line.motion_code(), Some(Motion::Cycle(_)));
+    if let Some(GCode::RetractToOld(old)) = line.g(Group::Retract) {
+        state.is_g99_alone = !old && !is_cycle;
     }
+    // A cycle uses it as this dialect does.
+    state.is_g99_alone &= !is_cycle;
     let mode = match line.g(Group::FeedMode) {
         Some(GCode::FeedMode(mode)) => mode,
         _ => state.modes.feed_mode,
     };
-    match (old, mode) {
-        (false, FeedMode::PerMinute) => Some(
-            "G99 is feed per revolution on other lathes; here it is the retract of drilling cycles, and F remains per minute; write \
-             G95 for feed per revolution"
-                .to_owned(),
-        ),
-        (true, FeedMode::PerRevolution) => Some(
+    if line.g(Group::Retract) == Some(GCode::RetractToOld(true))
+        && !is_cycle
+        && mode == FeedMode::PerRevolution
+    {
+        return Some(
             "G98 is feed per minute on other lathes; here it is the retract of drilling cycles, and F remains per revolution; write \
              G94 for feed per minute"
                 .to_owned(),
-        ),
-        _ => None,
+        );
     }
+    let feed = line.word(b'F')?;
+    let is_low = feed > 0.0 && feed * state.unit_mm() <= LOW_FEED_MM_MIN;
+    if !state.is_g99_alone || !is_low || mode != FeedMode::PerMinute {
+        return None;
+    }
+    // Once.
+    state.is_g99_alone = false;
+    Some(format!(
+        "F{feed} is {feed} per minute: G99 is feed per revolution on other lathes, but here it is the retract of drilling cycles; write \
+         G95 for feed per revolution"
+    ))
 }
 
 /// T with four digits that no M6 uses.

@@ -601,7 +601,7 @@ impl<R: BufRead> Interpreter<R> {
     /// Refuses or warns of a line that is something else on other lathes.
     fn check_lathe_forms(&mut self) -> Result<(), Fault> {
         let (line, tools) = (&self.current.statement, self.tools.as_ref());
-        if let Some(text) = misread::on_lathe(line, &self.state, tools)? {
+        if let Some(text) = misread::on_lathe(line, &mut self.state, tools)? {
             self.warn(text);
         }
         Ok(())

@@ -252,6 +252,8 @@ pub(crate) struct State {
     pub(crate) cutter: CutterState,
     /// The last motion was a probing move whose result has not been reported.
     pub(crate) is_probed: bool,
+    /// G99 has been written without a cycle, as lathes of other dialects do for feed per revolution.
+    pub(crate) is_g99_alone: bool,
     /// Whether M2 or M30 has been executed.
     pub(crate) ended: bool,
     /// Unlimited rotary axes.
@@ -309,6 +311,7 @@ impl State {
             nurbs_order: None,
             cutter: CutterState::default(),
             is_probed: false,
+            is_g99_alone: false,
             ended: false,
             unlimited: settings.features.unlimited.map(|way| way.is_some()),
         };
