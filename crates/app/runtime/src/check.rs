@@ -165,6 +165,8 @@ struct ProgramCheck<'a> {
     doubtful: [bool; AXES],
     /// A move beyond the travel was refused.
     has_strayed: bool,
+    /// The last of them depends on an assumed contact or on a line with an error.
+    strayed_openly: bool,
     /// Commands in all.
     commands: u64,
     /// Commands since a new line was reached.
@@ -190,6 +192,7 @@ impl<'a> ProgramCheck<'a> {
             assumed: [false; AXES],
             doubtful: [false; AXES],
             has_strayed: false,
+            strayed_openly: false,
             commands: 0,
             round: 0,
             farthest: 0,
@@ -324,9 +327,17 @@ impl<'a> ProgramCheck<'a> {
             }
             other => other.err(),
         };
-        let follows = self.has_strayed && refused.as_ref().is_some_and(|error| was_there(error, motion));
-        self.has_strayed |= matches!(refused, Some(PlanError::Travel { .. }));
-        refused.filter(|_| !follows).map(Objection::Plan)
+        if let Some(error @ PlanError::Travel { axis, limit, .. }) = &refused {
+            let is_open = |axis: usize| self.assumed[axis] || self.doubtful[axis];
+            // Where a move led on an assumption only, one that is certain to end beyond is an error of its own.
+            let is_own =
+                self.strayed_openly && !is_open(axis.index()) && ends_beyond(motion, axis.index(), *limit);
+            let follows = self.has_strayed && was_there(error, motion) && !is_own;
+            self.has_strayed = true;
+            self.strayed_openly = is_open(axis.index());
+            return refused.filter(|_| !follows).map(Objection::Plan);
+        }
+        refused.map(Objection::Plan)
     }
 }
 
@@ -336,6 +347,12 @@ fn place_of(command: &Command) -> (Option<Origin>, u32) {
         Some(origin) => (Some(origin.clone()), 0),
         None => (None, command.line),
     }
+}
+
+/// Whether a move that starts beyond a limit also ends beyond it.
+fn ends_beyond(motion: &Move, axis: usize, limit: f64) -> bool {
+    let (start, end) = (motion.curve.start()[axis], motion.curve.end()[axis]);
+    (end - limit).signum() == (start - limit).signum() && end != limit
 }
 
 /// Whether a move is beyond the travel only because it starts where a refused move was to lead.

@@ -644,7 +644,6 @@ fn a_tool_that_the_table_lacks_is_an_error_where_it_is_selected() {
     assert!(interpret("T9 M6\nM2\n", empty).1.is_empty());
 }
 
-/// Lines, and what is told of them.
 type Told = Vec<(u32, String)>;
 
 /// Warnings and errors of a program on a lathe: line and text, with the help of errors.
