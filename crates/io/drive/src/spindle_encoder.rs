@@ -54,7 +54,7 @@ pub struct SpindleEncoderSettings {
     /// Counts by which a pulse may be away from where it was first: its width, and an uneven coupling.
     pub index_tolerance: u32,
     /// Of the commanded speed, by which the speed may differ and counts as reached.
-    pub at_speed_tolerance: f64,
+    pub at_speed_fraction: f64,
 }
 
 /// What is wrong with an encoder. It stays until [`SpindleEncoder::reset`].
@@ -114,7 +114,7 @@ struct Reading {
 ///     inverted: false,
 ///     index: SpindleIndex::PerSpindleTurn,
 ///     index_tolerance: 8,
-///     at_speed_tolerance: 0.02,
+///     at_speed_fraction: 0.02,
 /// });
 /// // 600 rpm: 40 counts in a millisecond. The pulse is at count 400.
 /// for ms in 0..50_u32 {
@@ -347,7 +347,7 @@ impl SpindleEncoder {
             _ => None,
         };
         let reached = match commanded {
-            Some(rpm) => (speed_rpm - rpm).abs() <= self.settings.at_speed_tolerance * rpm.abs(),
+            Some(rpm) => (speed_rpm - rpm).abs() <= self.settings.at_speed_fraction * rpm.abs(),
             None => conditions.direction == STOPPED && self.is_standing(),
         };
         let is_at_speed = reached && (commanded.is_none() || conditions.at_speed_input != Some(false));
@@ -463,7 +463,7 @@ mod tests {
         inverted: false,
         index: SpindleIndex::PerSpindleTurn,
         index_tolerance: 8,
-        at_speed_tolerance: 0.02,
+        at_speed_fraction: 0.02,
     };
 
     /// A shaft whose encoder is read by a bridge that arms the index latch again and again.

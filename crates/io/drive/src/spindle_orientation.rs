@@ -179,7 +179,7 @@ mod tests {
                 inverted: false,
                 index: SpindleIndex::PerSpindleTurn,
                 index_tolerance: 8,
-                at_speed_tolerance: 0.02,
+                at_speed_fraction: 0.02,
             }),
             now_ns: MS,
         };
@@ -241,7 +241,7 @@ mod tests {
             inverted: false,
             index: SpindleIndex::Absolute { zero: 0 },
             index_tolerance: 8,
-            at_speed_tolerance: 0.02,
+            at_speed_fraction: 0.02,
         });
         encoder.read(0, MS);
         let mut orientation = SpindleOrientation::new(settings);

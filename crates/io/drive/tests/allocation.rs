@@ -111,7 +111,7 @@ fn a_period_of_a_spindle_allocates_nothing() {
         inverted: true,
         index: SpindleIndex::PerSpindleTurn,
         index_tolerance: 8,
-        at_speed_tolerance: 0.02,
+        at_speed_fraction: 0.02,
     });
     let mut orientation = SpindleOrientation::new(OrientationSettings {
         gain: 8.0,

@@ -172,7 +172,7 @@ impl SpindleFile {
                 inverted: self.inverted,
                 index,
                 index_tolerance,
-                at_speed_tolerance: self.at_speed_tolerance,
+                at_speed_fraction: self.at_speed_tolerance,
             },
             inverted: self.inverted,
             velocity_per_rpm: of_motor * motor / spindle,

@@ -297,7 +297,7 @@ impl SpindleFile {
                 inverted: self.inverted,
                 index: index.index(),
                 index_tolerance,
-                at_speed_tolerance,
+                at_speed_fraction: at_speed_tolerance,
             },
         }))
     }
