@@ -246,7 +246,7 @@ fn a_move_beyond_the_travel_that_follows_from_a_refused_line_is_not_told() {
         ("G21 G90\nG0 X390\nG91 Q5\nG0 X-410\nM2\n", vec![("G0307", 3)]),
         // A parameter was not set.
         ("G21 G90\n#1=5 Q5\nG0 X[10000/[#1+1]]\nM2\n", vec![("G0307", 2)]),
-        // What has nothing to do with it is told.
+        // Independent of the contact: still an error.
         (
             "G21 G90\nG0 Y5 Q5\nG0 X500\nM2\n",
             vec![("G0307", 2), ("G0801", 3)],

@@ -30,7 +30,7 @@ const SHORT_LEAD: u32 = 3;
 /// A setpoint with that lead is late after this pause, and out of phase.
 const LATE: Duration = Duration::from_millis(3);
 const LONG_LEAD: u32 = 120;
-/// Where the lathe's axes stand at the start, mm.
+/// Start positions of the axes, mm.
 const HOME: [f64; 2] = [20.0, 10.0];
 const SPINDLES: &str = "[[spindle]]\nmax_rpm = 3000\nfeedback = true\nacceleration_rpm_s = 2000\n";
 
@@ -375,7 +375,7 @@ fn cut(
     let job = operator.says("START").job;
     let mut status = operator.sees_end(job);
     if status.job_result != DONE {
-        // The axes come to rest, and the alarm is in the status.
+        // Time for the axes to stop and for the alarm to reach the status.
         std::thread::sleep(Duration::from_millis(1500));
         status = operator.now();
     }
@@ -511,7 +511,7 @@ fn turned_to_angles(lathe: impl Fn() -> Arc<dyn Lathe>, tolerance_deg: f64) {
                 Some(first) if (sight.turns - first.turns).abs() < 0.2 * tolerance_deg / 360.0 => {
                     if sight.time_ns - first.time_ns > 250_000_000 {
                         let degrees = sight.turns.rem_euclid(1.0) * 360.0;
-                        // Where it stands in the end.
+                        // Its final angle.
                         match held.last_mut() {
                             Some(last) if (*last - degrees).abs() < 5.0 => *last = degrees,
                             _ => held.push(degrees),
@@ -547,7 +547,7 @@ fn feed_per_turn(lathe: impl Fn() -> Arc<dyn Lathe>) {
     });
 }
 
-/// Whatever goes wrong in the middle of a pass ends it at rest, before its end, and is told.
+/// Every fault in the middle of a pass stops the axes before the end of the pass and raises an alarm.
 fn troubles_end_the_pass(lathe: impl Fn() -> Arc<dyn Lathe>, troubles: &[Trouble]) {
     for trouble in troubles.iter().copied() {
         where_undisturbed(LATE, || {

@@ -441,7 +441,7 @@ impl PathExecutor {
     }
 }
 
-const EMPTY: Request = Request {
+pub(crate) const EMPTY: Request = Request {
     id: 0,
     step: 0,
     segment: 0,

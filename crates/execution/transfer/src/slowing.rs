@@ -24,7 +24,7 @@ enum First {
 }
 
 impl AxesState {
-    /// The positions at which the axes come to rest if each stops as fast as its acceleration and jerk permit.
+    /// Where each axis would stop if it braked as fast as its acceleration and jerk permit.
     #[must_use]
     pub fn stopped(&self, limits: &Limits) -> Axes {
         Axes::from_fn(|i, _| {

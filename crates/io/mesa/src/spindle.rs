@@ -170,7 +170,7 @@ impl Spindle {
         self.tell(news);
     }
 
-    /// News that is told while it lasts is told once.
+    /// A condition that lasts is reported once.
     fn tell(&mut self, news: Option<SpindleNotice>) {
         let is_same = match (&self.told, &news) {
             (Some(SpindleNotice::Encoder(_)), Some(SpindleNotice::Encoder(_))) => true,

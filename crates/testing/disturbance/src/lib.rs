@@ -53,7 +53,7 @@ pub fn unless_disturbed<T>(trial: impl Fn() -> T) -> T {
 }
 
 /// As [`unless_disturbed`], for what holds only while the host lets each cycle run in time: no pause may be longer than `pause`. `None`,
-/// and "not measured" is told, where each attempt failed on a host that did not.
+/// after printing "not measured", if every attempt failed while the host was busy.
 ///
 /// # Panics
 /// As the trial does, where the host let it run.

@@ -427,10 +427,10 @@ pub(super) fn until(held: Option<JogEnable>) -> u64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn machine() -> Limits {
+    pub(in crate::serve) fn machine() -> Limits {
         let mut present = [false; AXES];
         present[..3].fill(true);
         Limits {

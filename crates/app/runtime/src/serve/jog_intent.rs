@@ -141,20 +141,7 @@ mod tests {
 
     use super::*;
     use crate::serve::jog::FOR_EVER;
-
-    fn machine() -> Limits {
-        let mut present = [false; AXES];
-        present[..3].fill(true);
-        Limits {
-            present,
-            velocity: Axes::repeat(500.0),
-            acceleration: Axes::repeat(5000.0),
-            jerk: Axes::repeat(200_000.0),
-            travel_min: Axes::repeat(-400.0),
-            travel_max: Axes::repeat(400.0),
-            home: Axes::zeros(),
-        }
-    }
+    use crate::serve::jog::tests::machine;
 
     fn jog(axis: usize, distance: Option<f64>, direction: f64, speed: f64) -> JogCommand {
         let along = |value: f64| {

@@ -6,24 +6,14 @@ use std::cell::Cell;
 use std::rc::Rc;
 
 use super::*;
+use crate::replan::EMPTY;
 
 fn dwell(line: u32) -> Step {
     Step::Dwell { seconds: 0.1, line }
 }
 
 fn request(id: u64) -> Request {
-    Request {
-        id,
-        step: 0,
-        segment: 0,
-        offset: 0.0,
-        interval: 0,
-        v: 0.0,
-        a: 0.0,
-        rests: 0,
-        rate: 1.0,
-        feed_factor: 1.0,
-    }
+    Request { id, ..EMPTY }
 }
 
 /// Four steps, the first two of them final, the others a tail.
