@@ -83,4 +83,4 @@ pub use needed_rate::NeededRate;
 pub use process::{install_process_file, read_adaptive, read_process, sort_process_files};
 pub use rate::{ChordPoint, ChordQuestion, ChordQuestionError, RateReport};
 pub use turn::{TurningRoute, TurningTrial};
-pub use user_file::{read_text, write_whole};
+pub use user_file::read_text;

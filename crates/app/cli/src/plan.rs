@@ -1,6 +1,5 @@
 //! `evolvent plan`: the same code as a run, with the virtual clock and without clients.
 
-use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -8,8 +7,9 @@ use std::sync::Arc;
 use clap::Args;
 use evolvent_analysis::{
     ChatterWarning, ChatterWarnings, Explanation, FeedWords, LimitClassifier, LineExplainer, LongestStop,
-    NeededRate, PlanFigure, chatter_warnings, sort_process_files, write_whole,
+    NeededRate, PlanFigure, chatter_warnings, sort_process_files,
 };
+use evolvent_config::{OutputFile, write_whole};
 use evolvent_machine::{Machine, PlannerKind};
 use evolvent_motion::{Setpoint, StoppingDistance};
 use evolvent_runtime::{Clock, Controls, Job, RunOutcome};
@@ -177,10 +177,9 @@ impl Findings {
     }
 }
 
-/// An output may be neither an input nor the other output, and the table not while it is unfinished.
+/// An output may be neither an input nor the other output.
 fn check_outputs(args: &PlanArgs) -> Result<(), CommandError> {
-    let part = args.setpoints.as_deref().map(part_of);
-    for output in args.setpoints.iter().chain(&args.plot).chain(&part) {
+    for output in args.setpoints.iter().chain(&args.plot) {
         check_output(output, &args.program)?;
     }
     match (&args.setpoints, &args.plot) {
@@ -190,13 +189,6 @@ fn check_outputs(args: &PlanArgs) -> Result<(), CommandError> {
         ))),
         _ => Ok(()),
     }
-}
-
-/// The name of a table until it is complete.
-fn part_of(path: &Path) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".part");
-    PathBuf::from(name)
 }
 
 /// The summary's JSON with the rate's fields, the warnings and the explanation.
@@ -224,19 +216,17 @@ fn merge(
     serde_json::to_string(&object)
 }
 
-/// Setpoints as CSV; the file receives its name only when it is complete.
+/// Setpoints as CSV; an incomplete table would be read as a complete one.
 struct Table {
-    out: BufWriter<File>,
-    part: PathBuf,
+    out: BufWriter<OutputFile>,
     path: PathBuf,
     axes: Vec<usize>,
 }
 
 impl Table {
     fn create(path: &Path, machine: &Machine) -> Result<Self, CommandError> {
-        let part = part_of(path);
-        let fail = |error: io::Error| CommandError::Failed(format!("{}: {error}", part.display()));
-        let mut out = BufWriter::with_capacity(1 << 20, File::create(&part).map_err(fail)?);
+        let fail = |error: io::Error| CommandError::Failed(format!("{}: {error}", path.display()));
+        let mut out = BufWriter::with_capacity(1 << 20, OutputFile::create(path).map_err(fail)?);
         let mut head = "sequence,time_s,line,path_mm,feed_mm_s".to_owned();
         for order in ["", "'", "''", "'''"] {
             for axis in &machine.axes {
@@ -249,7 +239,6 @@ impl Table {
         let axes = machine.axes.iter().map(|axis| axis.letter.index()).collect();
         Ok(Self {
             out,
-            part: part.clone(),
             path: path.to_owned(),
             axes,
         })
@@ -275,18 +264,16 @@ impl Table {
         writeln!(self.out)
     }
 
-    fn finish(mut self, failure: Option<io::Error>) -> Result<(), CommandError> {
+    fn finish(self, failure: Option<io::Error>) -> Result<(), CommandError> {
         let done = match failure {
             Some(error) => Err(error),
             None => self
                 .out
-                .flush()
-                .and_then(|()| std::fs::rename(&self.part, &self.path)),
+                .into_inner()
+                .map_err(io::IntoInnerError::into_error)
+                .and_then(OutputFile::finish),
         };
-        done.map_err(|error| {
-            // An incomplete table would be read as a complete one.
-            drop(std::fs::remove_file(&self.part));
-            CommandError::Failed(format!("{}: {error}", self.path.display()))
-        })
+        done.map(drop)
+            .map_err(|error| CommandError::Failed(format!("{}: {error}", self.path.display())))
     }
 }

@@ -4,7 +4,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use evolvent_analysis::{ChordQuestion, ChordQuestionError, RateReport, write_whole};
+use evolvent_analysis::{ChordQuestion, ChordQuestionError, RateReport};
+use evolvent_config::write_whole;
 use evolvent_machine::{DEFAULT_MIN_RADIUS_MM, GRAVITY_MM_S2, Machine, RateInput};
 use serde_json::json;
 

@@ -5,7 +5,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use evolvent_analysis::{AnalysisError, TurningRoute, TurningTrial, read_process, write_whole};
+use evolvent_analysis::{AnalysisError, TurningRoute, TurningTrial, read_process};
+use evolvent_config::write_whole;
 use evolvent_runtime::Clock;
 
 use crate::operator::watch_signals;

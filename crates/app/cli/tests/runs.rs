@@ -250,6 +250,46 @@ fn the_next_run_recovers_what_a_killed_run_has_left() {
 }
 
 #[test]
+fn an_output_that_is_a_device_stays_one() {
+    use std::os::unix::fs::FileTypeExt as _;
+    let bench = Bench::new();
+    // Not /dev/null itself: whoever breaks this test as root would break the host.
+    let null = bench.path("null.csv");
+    let null = null.to_str().unwrap();
+    let made = Command::new("mknod").args([null, "c", "1", "3"]).status();
+    if !made.is_ok_and(|status| status.success()) || fs::File::options().write(true).open(null).is_err() {
+        eprintln!("not measured: no device can be made here");
+        return;
+    }
+    let (_, trace) = bench.run("G1 X5 F600\nM2\n");
+    let trace = trace.to_str().unwrap();
+    let program = bench.program("G1 X5 F600\nM2\n");
+    let program = program.to_str().unwrap();
+    for arguments in [
+        &["plan", program, "--machine", MACHINE, "--setpoints", null][..],
+        &["plan", program, "--machine", MACHINE, "--plot", null],
+        &[
+            "run",
+            program,
+            "--machine",
+            MACHINE,
+            "--clock",
+            "virtual",
+            "--trace",
+            null,
+        ],
+        &["trace", "export", trace, "--output", null],
+        &["trace", "report", trace, "--output", null],
+        &["trace", "recover", trace, "--output", null],
+    ] {
+        let output = evolvent(arguments);
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {output:?}");
+        let found = fs::metadata(null).unwrap().file_type();
+        assert!(found.is_char_device(), "{arguments:?}");
+    }
+}
+
+#[test]
 fn a_run_finds_tools_parameters_and_subroutines_and_keeps_what_it_leaves() {
     let bench = Bench::new();
     let text = "G43 H1\n#31 = [#31 + 1]\nG10 L2 P2 X7\nG10 L1 P1 R2\nO<lift> call [5]\nG1 X[#31] F600\n(PRINT, %d#31)\nM2\n";

@@ -1,11 +1,9 @@
 //! Conversion of an INI file to the files of a machine.
 
-use std::fs::{self, OpenOptions};
 use std::io;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use evolvent_config::read_regular;
+use evolvent_config::{read_regular, write_whole};
 use evolvent_machine::Machine;
 use evolvent_path::AxisLetter;
 
@@ -267,28 +265,11 @@ impl Import {
             return Err(ImportError::Exists { path: path.clone() });
         }
         for (path, text) in &files {
-            replace(path, text).map_err(|source| ImportError::Write {
+            write_whole(path, text.as_bytes()).map_err(|source| ImportError::Write {
                 path: path.clone(),
                 source,
             })?;
         }
         Ok(files.into_iter().map(|(path, _)| path).collect())
     }
-}
-
-/// Writes a file completely, or leaves it unchanged.
-fn replace(path: &Path, text: &str) -> io::Result<()> {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".{}.new", std::process::id()));
-    let new = path.with_file_name(name);
-    let written = OpenOptions::new()
-        .write(true)
-        .create_new(true)
-        .open(&new)
-        .and_then(|mut file| file.write_all(text.as_bytes()).and_then(|()| file.sync_all()))
-        .and_then(|()| fs::rename(&new, path));
-    if written.is_err() {
-        let _gone = fs::remove_file(&new);
-    }
-    written
 }

@@ -4,8 +4,8 @@ use std::io::{self, BufWriter, Write};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use evolvent_config::OutputFile;
 use evolvent_trace::{ReadError, TraceFile};
-use tempfile::NamedTempFile;
 
 use crate::columns::{Table, Values};
 use crate::parquet::ParquetWriter;
@@ -74,33 +74,14 @@ pub fn export(
         path: output.to_owned(),
         source,
     };
-    let folder = output
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
-    let aside = NamedTempFile::new_in(folder).map_err(write_error)?;
-    let buffered = BufWriter::with_capacity(BUFFER_BYTES, aside);
+    let file = OutputFile::create(output).map_err(write_error)?;
+    let buffered = BufWriter::with_capacity(BUFFER_BYTES, file);
     let (rows, buffered) = export_to(trace, channel, selection, format, buffered)?;
-    let aside = buffered
+    let file = buffered
         .into_inner()
         .map_err(|error| write_error(error.into_error()))?;
-    aside.as_file().sync_all().map_err(write_error)?;
-    let bytes = aside.as_file().metadata().map_err(write_error)?.len();
-    // A temporary file is private to its owner; a table is an ordinary file.
-    make_ordinary(aside.as_file()).map_err(write_error)?;
-    aside.persist(output).map_err(|error| write_error(error.error))?;
+    let bytes = file.finish().map_err(write_error)?;
     Ok(Exported { rows, bytes })
-}
-
-#[cfg(unix)]
-pub(crate) fn make_ordinary(file: &std::fs::File) -> io::Result<()> {
-    use std::os::unix::fs::PermissionsExt as _;
-    file.set_permissions(std::fs::Permissions::from_mode(0o644))
-}
-
-#[cfg(not(unix))]
-pub(crate) fn make_ordinary(_file: &std::fs::File) -> io::Result<()> {
-    Ok(())
 }
 
 fn export_to<W: Write + Send>(

@@ -1,4 +1,4 @@
-//! Reads user-written configuration files; every error names file, line, column and key.
+//! Reads user-written configuration files, with errors that name file, line, column and key, and writes results whole.
 //!
 //! Input: the text of a TOML or JSON file. Output: a deserialized type, or a [`ConfigError`] that says what is wrong, where,
 //! and what to do. [`ConfigDocument`] keeps the positions of all keys, so that checks after deserialization can name them
@@ -20,7 +20,8 @@
 //! # Ok::<(), evolvent_config::ConfigError>(())
 //! ```
 //!
-//! [`open_regular`], [`read_regular`] and [`read_text`] open regular files only, with a time limit.
+//! [`open_regular`], [`read_regular`] and [`read_text`] open regular files only, with a time limit. [`OutputFile`] and
+//! [`write_whole`] write a file completely or not at all.
 //!
 //! # Guarantees
 //!
@@ -29,6 +30,7 @@
 mod config_document;
 mod error;
 mod file;
+mod output_file;
 mod place;
 mod text_file;
 mod words;
@@ -36,5 +38,6 @@ mod words;
 pub use config_document::ConfigDocument;
 pub use error::ConfigError;
 pub use file::{FILE_TIMEOUT, no_reply, open_regular, read_regular, within};
+pub use output_file::{OutputFile, is_stream, write_whole};
 pub use text_file::{TextFileError, read_text};
 pub use words::{plain, shortened};

@@ -6,6 +6,8 @@ use std::io::{self, Read, Seek as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use evolvent_config::is_stream;
+
 use crate::batch::Batch;
 use crate::checked_map::with_checksum;
 use crate::container::{Container, MessageHeader};
@@ -78,7 +80,7 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Creates `PATH.part` and its folder, and writes what is known of the run.
+    /// Creates `PATH.part` and its folder, and writes what is known of the run. A device or a pipe is written to as it is.
     ///
     /// # Errors
     /// [`RecordError`]: an invalid description, a left-over part file, no permission, a full disk.
@@ -94,6 +96,18 @@ impl Recorder {
             source: Arc::new(source),
         };
         check(info)?;
+        if is_stream(path) {
+            // A device or a pipe: a rename would put a file in its place.
+            let sink = File::options()
+                .write(true)
+                .open(path)
+                .and_then(FileSink::new)
+                .map_err(|source| RecordError::Create {
+                    path: path.to_owned(),
+                    source: Arc::new(source),
+                })?;
+            return Self::start(Box::new(sink), path.to_owned(), None, info);
+        }
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(create)?;
         }

@@ -5,6 +5,7 @@ use std::fs::{self, File, TryLockError};
 use std::io::{self, Read, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
+use evolvent_config::is_stream;
 use mcap::MAGIC;
 use mcap::records::{Record, op};
 use prost::Message as _;
@@ -100,8 +101,11 @@ pub fn recover(source: &Path, output: Option<&Path>) -> Result<Recovered, Recove
         });
     }
     let output = output.map_or_else(|| default_output(source), Path::to_owned);
+    let is_stream = is_stream(&output);
     let mut temporary = output.as_os_str().to_owned();
-    temporary.push(".recovering");
+    if !is_stream {
+        temporary.push(".recovering");
+    }
     let temporary = PathBuf::from(temporary);
     let write = |error| RecoverError::Write {
         path: output.clone(),
@@ -131,12 +135,14 @@ pub fn recover(source: &Path, output: Option<&Path>) -> Result<Recovered, Recove
                 Ok(()) => {}
             }
             let recovered = rescue.finish(source, &output, length).map_err(write)?;
-            fs::rename(&temporary, &output)
-                .and_then(|()| sync_folder_of(&output))
-                .map_err(write)?;
+            if !is_stream {
+                fs::rename(&temporary, &output)
+                    .and_then(|()| sync_folder_of(&output))
+                    .map_err(write)?;
+            }
             Ok(recovered)
         });
-    if result.is_err() {
+    if result.is_err() && !is_stream {
         // It may not even exist.
         let _ = fs::remove_file(&temporary);
     }

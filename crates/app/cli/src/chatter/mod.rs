@@ -7,9 +7,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use evolvent_analysis::{
-    ChatterAnswer, ChatterKick, ChatterRequest, ChatterWarnings, read_chatter_case, write_whole,
-};
+use evolvent_analysis::{ChatterAnswer, ChatterKick, ChatterRequest, ChatterWarnings, read_chatter_case};
+use evolvent_config::write_whole;
 
 use crate::rate::check_svg_name;
 use crate::{CommandError, Ending};

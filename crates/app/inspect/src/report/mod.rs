@@ -6,10 +6,10 @@ mod line_runs;
 mod trail;
 mod verdict;
 
-use std::io::{self, Write as _};
+use std::io;
 use std::path::{Path, PathBuf};
 
-use tempfile::NamedTempFile;
+use evolvent_config::write_whole;
 
 use crate::opened::{InspectError, Opened};
 
@@ -39,19 +39,7 @@ pub enum ReportError {
 /// [`ReportError`].
 pub fn write_report(trace: &Path, output: &Path) -> Result<u64, ReportError> {
     let page = report_page(trace)?;
-    let write = || -> io::Result<()> {
-        let folder = output
-            .parent()
-            .filter(|folder| !folder.as_os_str().is_empty())
-            .unwrap_or(Path::new("."));
-        let mut aside = NamedTempFile::new_in(folder)?;
-        aside.write_all(page.as_bytes())?;
-        aside.as_file().sync_all()?;
-        crate::export::make_ordinary(aside.as_file())?;
-        aside.persist(output).map_err(|error| error.error)?;
-        Ok(())
-    };
-    write().map_err(|source| ReportError::Write {
+    write_whole(output, page.as_bytes()).map_err(|source| ReportError::Write {
         path: output.to_owned(),
         source,
     })?;

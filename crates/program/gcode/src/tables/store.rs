@@ -1,9 +1,9 @@
 //! Files that outlive a run: read completely with a size limit, and replaced atomically.
 
-use std::ffi::OsString;
-use std::fs::File;
-use std::io::{Error, Write as _};
+use std::io::Error;
 use std::path::Path;
+
+use evolvent_config::write_whole;
 
 use crate::{ParameterFileError, ToolTableError};
 
@@ -91,34 +91,8 @@ pub(crate) fn read_text(path: &Path) -> Result<Option<String>, StoreError> {
 /// # Errors
 /// [`StoreError`] if it cannot be written.
 pub fn replace_file(path: &Path, text: &str) -> Result<(), StoreError> {
-    // A symbolic link stays a link.
-    let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
-    let mut name = OsString::from(".");
-    name.push(target.file_name().unwrap_or_default());
-    name.push(format!(".{}.part", std::process::id()));
-    let beside = target.with_file_name(name);
-    let written = File::create(&beside)
-        .and_then(|mut part| {
-            part.write_all(text.as_bytes())?;
-            part.sync_all()
-        })
-        .and_then(|()| std::fs::rename(&beside, &target));
-    if let Err(source) = written {
-        // Ignored: the first error states the cause.
-        let _ = std::fs::remove_file(&beside);
-        return Err(StoreError::Write {
-            file: path.display().to_string(),
-            source,
-        });
-    }
-    // Some file systems cannot sync a folder; the new text is complete in any case.
-    if let Some(folder) = target.parent() {
-        let folder = if folder.as_os_str().is_empty() {
-            Path::new(".")
-        } else {
-            folder
-        };
-        let _ = File::open(folder).and_then(|folder| folder.sync_all());
-    }
-    Ok(())
+    write_whole(path, text.as_bytes()).map_err(|source| StoreError::Write {
+        file: path.display().to_string(),
+        source,
+    })
 }
