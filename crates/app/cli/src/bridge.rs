@@ -8,12 +8,12 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand};
 use evolvent_bridge_sim::{
-    Cutting, Fault, ProbeSettings, RunError, RunSettings, ServoSettings, Signalling, SimAxis, SimIndex,
-    SimReport, SimSettings, SpindleSimulation, loopback, run_cutting,
+    Cutting, Fault, LoopbackInputs, ProbeSettings, RunError, RunSettings, ServoSettings, Signalling, SimAxis,
+    SimIndex, SimReport, SimSettings, SpindleSimulation, loopback, run_cutting,
 };
 use evolvent_bridge_test::{CASES, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
 use evolvent_bus::{AXES, BusError, MachineInputs, MachineOutputs, Setpoint};
-use evolvent_machine::{HomingMethod, HomingSettings, Machine};
+use evolvent_machine::{HomingMethod, HomingSettings, Machine, SignalKind};
 use evolvent_runtime::{InputScript, RealtimeRequest, apply_to_this_thread};
 use evolvent_turning::{Job as TurningJob, SimulatedProcess};
 use serde_json::{Value, json};
@@ -312,7 +312,7 @@ fn checked_ranges(args: &SimArgs) -> Result<Option<Duration>, CommandError> {
 /// What the bridge makes of outputs, and which inputs it sends.
 fn signalling_of(args: &SimArgs, machine: Option<&Machine>) -> Result<Option<Signalling>, CommandError> {
     let signalling: Option<Signalling> = match machine {
-        _ if args.loopback => Some(loopback(machine.map_or(0, closed_chain))),
+        _ if args.loopback => Some(loopback(machine.map_or_else(LoopbackInputs::all, looped_inputs))),
         Some(machine) if !machine.signals.inputs.is_empty() => Some(signalling(
             crate::program::inputs(args.inputs.as_deref(), machine)?
                 .unwrap_or_else(|| InputScript::without_file(&machine.signals)),
@@ -395,6 +395,26 @@ fn signalling(mut script: InputScript) -> Signalling {
         }
         now
     })
+}
+
+/// The inputs of a machine file, for outputs that are wired to them.
+fn looped_inputs(machine: &Machine) -> LoopbackInputs {
+    let mut inputs = LoopbackInputs {
+        digital: 0,
+        analog: 0,
+        closed: closed_chain(machine),
+        ..LoopbackInputs::all()
+    };
+    for input in &machine.signals.inputs {
+        match input.kind {
+            SignalKind::Digital => inputs.digital |= 1 << input.number,
+            SignalKind::Analog => {
+                inputs.analog |= 1 << input.number;
+                inputs.ranges[input.number as usize] = input.range;
+            }
+        }
+    }
+    inputs
 }
 
 /// The input of a machine's emergency-stop chain, if it is on while the chain is closed.

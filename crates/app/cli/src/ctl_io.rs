@@ -8,7 +8,7 @@ use evolvent_bus::{
     ClientBus, MachineInputs, MachineOutputs, PROBE_STATES, SPINDLE_DIRECTIONS, SpindleReading, Status,
 };
 use evolvent_machine::{MAX_SPINDLES, Machine, SignalKind, SignalSettings};
-use evolvent_runtime::MonotonicClock;
+use evolvent_runtime::{MonotonicClock, objection_to_inputs};
 use serde_json::{Value, json};
 
 use crate::{CommandError, Ending};
@@ -47,6 +47,8 @@ struct Periphery {
     outputs: Vec<Signal>,
     spindles: Vec<Spindle>,
     probe: u32,
+    /// Why the core discards messages of inputs: what they say is unknown.
+    discarded: Vec<String>,
 }
 
 /// Prints them. `machine`: the machine file, which gives the names.
@@ -66,7 +68,11 @@ pub(crate) fn run(
         None => None,
     };
     let (outputs, inputs, status) = listen(bus, settings.as_ref()).map_err(|error| failed(&error))?;
-    let periphery = Periphery::of(settings.as_ref(), outputs.as_ref(), &inputs, status.as_ref());
+    let (inputs, discarded) = accepted(settings.as_ref(), inputs, MonotonicClock::now_ns());
+    let periphery = Periphery {
+        discarded,
+        ..Periphery::of(settings.as_ref(), outputs.as_ref(), &inputs, status.as_ref())
+    };
     let written = if json {
         writeln!(out, "{}", periphery.to_json())
     } else {
@@ -99,6 +105,34 @@ fn listen(bus: &ClientBus, settings: Option<&SignalSettings>) -> Result<Heard, B
     let max_age_s = settings.map_or(LISTENING.as_secs_f64(), |settings| settings.input_timeout_s);
     bridges.retain(|message| now_ns.saturating_sub(message.time_ns) as f64 * 1e-9 <= max_age_s);
     Ok((last, bridges, status.latest()?))
+}
+
+/// The messages that the core uses, and why it discards the others. Without the machine file its inputs are not known.
+fn accepted(
+    settings: Option<&SignalSettings>,
+    messages: Vec<MachineInputs>,
+    now_ns: u64,
+) -> (Vec<MachineInputs>, Vec<String>) {
+    let mut discarded = Vec::new();
+    let objection = |message: &MachineInputs| {
+        // They are as old as the wait for others has been long, which `listen` has checked.
+        let fresh = MachineInputs {
+            time_ns: now_ns,
+            ..*message
+        };
+        settings.and_then(|settings| objection_to_inputs(settings, &fresh, now_ns))
+    };
+    let used = messages
+        .into_iter()
+        .filter(|message| match objection(message) {
+            Some(text) => {
+                discarded.push(text);
+                false
+            }
+            None => true,
+        })
+        .collect();
+    (used, discarded)
 }
 
 impl Periphery {
@@ -175,6 +209,7 @@ impl Periphery {
             "outputs": list(&self.outputs),
             "spindles": spindles,
             "probe": word(&PROBE_STATES, self.probe),
+            "discarded": self.discarded,
         })
     }
 
@@ -205,7 +240,14 @@ impl Periphery {
                 None => writeln!(out)?,
             }
         }
-        writeln!(out, "probe: {}", word(&PROBE_STATES, self.probe))
+        writeln!(out, "probe: {}", word(&PROBE_STATES, self.probe))?;
+        for text in &self.discarded {
+            writeln!(
+                out,
+                "the core discards the messages of a bridge, so that its inputs are unknown: {text}"
+            )?;
+        }
+        Ok(())
     }
 }
 
@@ -314,6 +356,25 @@ number = 63
             .unwrap();
         let page = String::from_utf8(page).unwrap();
         assert_eq!(page.matches("unknown").count(), 3, "{page}");
+    }
+
+    #[test]
+    fn what_the_core_discards_is_unknown_and_the_reason_is_shown() {
+        let settings = settings();
+        let good = MachineInputs {
+            digital_mask: 1 << 3,
+            digital: 1 << 3,
+            ..MachineInputs::default()
+        };
+        // The machine has no input 5.
+        let bad = MachineInputs {
+            digital_mask: 1 << 3 | 1 << 5,
+            ..good
+        };
+        let (used, discarded) = accepted(Some(&settings), vec![good, bad], 1_000);
+        assert_eq!((used.len(), discarded.len()), (1, 1));
+        assert!(discarded[0].contains("no digital input 5"), "{discarded:?}");
+        assert_eq!(accepted(None, vec![bad], 1_000).0.len(), 1);
     }
 
     #[test]

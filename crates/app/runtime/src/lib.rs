@@ -24,6 +24,7 @@ mod feeder;
 mod file_stamp;
 mod handwheel_view;
 mod host;
+mod input_check;
 mod input_script;
 mod job;
 mod job_start;
@@ -90,6 +91,7 @@ pub use doctor::{BareLoopError, DoctorReport, Finding, LatenessReport, Verdict, 
 pub use drives::{phase_settings, watch_settings};
 pub use evolvent_control::Alarm;
 pub use file_stamp::file_stamp;
+pub use input_check::objection_to_inputs;
 pub use input_script::{InputScript, InputScriptError};
 pub use job::{Clock, Job, Setup};
 pub use job_start::{JobStart, ProgramStart, SteeredStart};

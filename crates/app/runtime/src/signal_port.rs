@@ -1,5 +1,6 @@
 //! Outputs and inputs at the bus: what the publisher's thread does for them.
 
+use crate::input_check::input_entry;
 use evolvent_bus::{CoreBus, Feedback, MachineOutputs, spindle_flags};
 use evolvent_drive::{InputEntry, InputFault, KnownInputs, KnownProbe, SpindleEntry, SpindleFault};
 use evolvent_gcode::{SPINDLES, SpindleDirection};
@@ -71,18 +72,7 @@ impl SignalPort {
         samples: Producer<InputImage>,
         changes: Consumer<DueOutputs>,
     ) -> Self {
-        let mut digital = 0;
-        let mut entry_of_analog = Vec::new();
-        for input in &settings.inputs {
-            match input.kind {
-                SignalKind::Digital => digital |= 1 << input.number,
-                SignalKind::Analog => entry_of_analog.push((input.number, input.range)),
-            }
-        }
-        let mut entry = InputEntry::new(digital, (settings.input_timeout_s * 1e9) as u64);
-        for (number, range) in entry_of_analog {
-            entry = entry.with_analog(number, range);
-        }
+        let entry = input_entry(settings);
         let mut message = MachineOutputs {
             tool,
             ..MachineOutputs::default()

@@ -33,7 +33,7 @@ pub use clock::{DriveClock, monotonic_ns};
 pub use drive::SimDrive;
 pub use fault::{Fault, FaultError, FaultKind};
 pub use input_messages::Signalling;
-pub use loopback::loopback;
+pub use loopback::{LoopbackInputs, loopback};
 pub use probe::{ProbeSettings, SimProbe, Surface};
 pub use run::{Cutting, RunError, RunSettings, SimReport, run, run_cutting};
 pub use servo::{Servo, ServoSettings};

@@ -1,18 +1,77 @@
 //! Outputs that are wired to the inputs of the same numbers.
 
-use evolvent_bus::{MachineInputs, MachineOutputs};
+use evolvent_bus::{ANALOG_SIGNALS, MachineInputs, MachineOutputs};
 
 use crate::input_messages::Signalling;
 
-/// Reads each digital and analog output back as the input of its number. `closed`: digital inputs that are on besides, as a
-/// closed emergency-stop chain is; they win.
+/// The inputs that the outputs are wired to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoopbackInputs {
+    /// Digital inputs, one bit each.
+    pub digital: u64,
+    /// Analog inputs, one bit each.
+    pub analog: u32,
+    /// Lowest and highest value of each analog input.
+    pub ranges: [[f64; 2]; ANALOG_SIGNALS],
+    /// Digital inputs that are on besides, as a closed emergency-stop chain is; they win.
+    pub closed: u64,
+}
+
+impl LoopbackInputs {
+    /// All, of any value: for a bridge without a machine file.
+    #[must_use]
+    pub fn all() -> Self {
+        Self {
+            digital: u64::MAX,
+            analog: u32::MAX,
+            ranges: [[f64::NEG_INFINITY, f64::INFINITY]; ANALOG_SIGNALS],
+            closed: 0,
+        }
+    }
+}
+
+/// Reads each digital and analog output back as the input of its number, where there is one: the core discards a message with an
+/// input that the machine file does not have. An analog value beyond the range of its input is at its end.
 #[must_use]
-pub fn loopback(closed: u64) -> Signalling {
-    Box::new(move |_, outputs: &MachineOutputs| MachineInputs {
-        digital_mask: outputs.digital_mask | closed,
-        digital: outputs.digital & outputs.digital_mask | closed,
-        analog_mask: outputs.analog_mask,
-        analog: outputs.analog,
-        ..MachineInputs::default()
+pub fn loopback(inputs: LoopbackInputs) -> Signalling {
+    Box::new(move |_, outputs: &MachineOutputs| {
+        let digital_mask = outputs.digital_mask & inputs.digital;
+        let mut analog = outputs.analog;
+        for (value, [low, high]) in analog.iter_mut().zip(&inputs.ranges) {
+            *value = value.max(*low).min(*high);
+        }
+        MachineInputs {
+            digital_mask: digital_mask | inputs.closed,
+            digital: outputs.digital & digital_mask | inputs.closed,
+            analog_mask: outputs.analog_mask & inputs.analog,
+            analog,
+            ..MachineInputs::default()
+        }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_output_without_an_input_of_its_number_is_not_read_back() {
+        let mut inputs = LoopbackInputs {
+            digital: 0b0011,
+            analog: 0b01,
+            closed: 0b1_0000,
+            ..LoopbackInputs::all()
+        };
+        inputs.ranges[0] = [0.0, 5.0];
+        let mut outputs = MachineOutputs {
+            digital_mask: 0b0110,
+            digital: 0b0110,
+            analog_mask: 0b11,
+            ..MachineOutputs::default()
+        };
+        (outputs.analog[0], outputs.analog[1]) = (7.0, 9.0);
+        let read = loopback(inputs)(None, &outputs);
+        assert_eq!((read.digital_mask, read.digital), (0b1_0010, 0b1_0010));
+        assert_eq!((read.analog_mask, read.analog[0]), (0b01, 5.0));
+    }
 }

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use evolvent_bridge_sim::{RunSettings, loopback, run_cutting};
+use evolvent_bridge_sim::{LoopbackInputs, RunSettings, loopback, run_cutting};
 use thiserror::Error;
 
 /// Why a bridge was not started.
@@ -151,7 +151,13 @@ impl ThreadBridge {
                 duration: None,
             };
             // What went wrong shows in the feedback that does not come.
-            let _report = run_cutting(&settings, stop, |_, _| {}, |_| None, Some(loopback(0)));
+            let _report = run_cutting(
+                &settings,
+                stop,
+                |_, _| {},
+                |_| None,
+                Some(loopback(LoopbackInputs::all())),
+            );
         })
     }
 }

@@ -16,6 +16,7 @@ use super::session_trace::SessionTrace;
 use super::snapshot::Pulse;
 use super::status_writer::StatusWriter;
 use crate::job::Setup;
+use crate::news::ExternalEventKind;
 use crate::pacing::wake_interval_ns;
 use crate::publish_report::PublishReport;
 use crate::rt::MonotonicClock;
@@ -49,6 +50,8 @@ pub(super) struct ControlLoop {
     pub published: (PublishReport, usize),
     calls: Calls,
     pulse: Pulse,
+    /// Whether it was told that messages of inputs, and of spindles, are discarded.
+    refused_told: [bool; 2],
     next_sign: Instant,
     /// The setpoint at the last sign of life.
     seen: u64,
@@ -73,6 +76,7 @@ impl ControlLoop {
             published: (PublishReport::default(), 0),
             calls: Calls::default(),
             pulse: Pulse::default(),
+            refused_told: [false; 2],
             next_sign: Instant::now(),
             seen: 0,
         }
@@ -96,6 +100,7 @@ impl ControlLoop {
             while let Ok(count) = self.queues.counts.pop() {
                 self.published = count;
             }
+            self.tell_refused(tell);
             if let Some(trace) = &mut self.trace {
                 trace.look(&mut self.operator);
             }
@@ -137,6 +142,26 @@ impl ControlLoop {
             }
         }
         self.calls.go_on(&mut self.operator, now_ns);
+    }
+
+    /// Tells once that messages of bridges are discarded: their signals are unknown, and nothing else says why.
+    fn tell_refused(&mut self, tell: &mut impl FnMut(ServeNews<'_>)) {
+        let (inputs, spindles) = (self.published.0.refused_inputs, self.published.0.refused_spindles);
+        let faults = [
+            inputs.map(|(_, fault)| ("inputs", fault.to_string())),
+            spindles.map(|(_, fault)| ("spindles", fault.to_string())),
+        ];
+        for (told, fault) in self.refused_told.iter_mut().zip(faults) {
+            let Some((what, fault)) = fault.filter(|_| !*told) else {
+                continue;
+            };
+            *told = true;
+            let text = format!(
+                "messages of {what} are discarded, because {fault}: what they say is unknown; see the bridge that sends them"
+            );
+            tell(ServeNews::Note(&text));
+            self.operator.record(ExternalEventKind::Warning, 0, text, None);
+        }
     }
 
     /// Of the cycle, not of this thread alone.
