@@ -167,7 +167,14 @@ pub fn judge(command: Code, situation: &InterlockState) -> Result<(), Alarm> {
         };
     }
     if !rule.mode[situation.mode as usize] {
-        return Err(Alarm::WrongMode);
+        // While a job has the axes the mode cannot be changed: it is the job that is in the way.
+        let is_in_the_way =
+            situation.activity != Activity::None && !rule.activity[situation.activity as usize];
+        return Err(if is_in_the_way && rule.activity[Activity::None as usize] {
+            Alarm::Busy
+        } else {
+            Alarm::WrongMode
+        });
     }
     if !rule.activity[situation.activity as usize] {
         // A hold is for paths; a jog or a homing sequence is stopped.
@@ -350,6 +357,23 @@ mod tests {
                     ..idle
                 },
                 Alarm::Busy,
+            ),
+            (
+                Code::Mdi,
+                InterlockState {
+                    mode: Mode::Manual,
+                    activity: Activity::Jog,
+                    ..idle
+                },
+                Alarm::Busy,
+            ),
+            (
+                Code::Mdi,
+                InterlockState {
+                    mode: Mode::Manual,
+                    ..idle
+                },
+                Alarm::WrongMode,
             ),
             (
                 Code::Start,
