@@ -1,5 +1,6 @@
 //! Why a run, or serving a machine, could not be started.
 
+use std::path::PathBuf;
 use std::time::Duration;
 
 use evolvent_bus::BusError;
@@ -54,6 +55,17 @@ pub enum StartError {
         "the modes at power-up are refused: {0}; see program, tool table and parameters in the machine file"
     )]
     Modes(String),
+    /// Two cores would overwrite each other's offsets and tools.
+    #[error(
+        "the state folder {} is used by another core ({holder}); give each core a folder of its own with --state, or end the other",
+        folder.display()
+    )]
+    StateInUse {
+        /// The folder.
+        folder: PathBuf,
+        /// Name and process of the other.
+        holder: String,
+    },
     /// The operating system gave no thread.
     #[error("a thread could not be started: {0}; free memory or raise the limit of processes")]
     Thread(#[from] std::io::Error),

@@ -48,10 +48,16 @@ impl ChangeMark {
         Some(Self { tools })
     }
 
+    /// The tool in the spindle is not known, because what kept it cannot be read.
+    pub(crate) const UNKNOWN: Self = Self { tools: None };
+
     /// Writes the file, on the disk when this returns.
     pub(crate) fn write(self, folder: &Path) -> Result<(), StoreError> {
-        let (from, to) = self.tools.unwrap_or_default();
-        replace_file(&Self::file(folder), &format!("from {from} to {to}\n"))
+        let text = match self.tools {
+            Some((from, to)) => format!("from {from} to {to}\n"),
+            None => "unknown\n".to_owned(),
+        };
+        replace_file(&Self::file(folder), &text)
     }
 
     /// The change is done, or was never begun.
@@ -76,7 +82,7 @@ impl ChangeMark {
                 };
                 format!("the change from {} to {} was broken off", tool(from), tool(to))
             }
-            None => "a tool change was broken off".to_owned(),
+            None => "a tool change was broken off, or what kept the tool cannot be read".to_owned(),
         };
         format!(
             "{what}, so it is not known which tool is in the spindle: look, see that the changer is clear, and name the tool by \

@@ -35,6 +35,7 @@ mod served_status;
 mod server;
 mod session_trace;
 mod snapshot;
+mod state_lock;
 mod state_store;
 mod status_writer;
 mod summary;

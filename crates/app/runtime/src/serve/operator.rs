@@ -138,8 +138,9 @@ impl Operator {
         // The cycle's watch has the same time and knows which drive it is: this comes second.
         let enable_timeout_ns = (machine.drives.enable_timeout_s * 1e9) as u64;
         desk.set_enable_timeout_ns(enable_timeout_ns.saturating_add(ENABLE_MARGIN_NS));
-        for complaint in &keep.complaints {
-            desk.raise(Alarm::NotRead, complaint.clone());
+        if !keep.complaints.is_empty() {
+            // One alarm: of two the second would not be seen.
+            desk.raise(Alarm::NotRead, keep.complaints.join("; "));
         }
         if let Some(mark) = keep.change {
             desk.raise(Alarm::ToolChange, mark.sentence());

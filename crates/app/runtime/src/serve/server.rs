@@ -21,6 +21,7 @@ use super::orders::CycleView;
 use super::served_cycle::{ServedCycle, ServedParts};
 use super::served_status::ServedStatus;
 use super::session_trace::SessionTrace;
+use super::state_lock::StateLock;
 use super::state_store::StateStore;
 use super::status_writer::StatusWriter;
 use super::summary::ServeSummary;
@@ -83,6 +84,8 @@ struct Service {
     publisher: JoinHandle<PublishReport>,
     /// What the user was told while it started.
     notes: Vec<String>,
+    /// Until all is written.
+    _state_lock: StateLock,
 }
 
 impl Service {
@@ -121,6 +124,7 @@ impl Service {
             },
         )?;
         let server = ControlServer::open(&bus_config)?;
+        let state_lock = StateLock::take(&config.state_folder, &machine.name)?;
 
         let recorded = (length, signals.recorder);
         let trace = SessionTrace::start(config, recorded, start_unix_ns, &mut |text: &str| {
@@ -181,6 +185,7 @@ impl Service {
             cycle,
             publisher,
             notes,
+            _state_lock: state_lock,
         })
     }
 

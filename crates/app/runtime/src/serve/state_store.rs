@@ -105,6 +105,7 @@ impl StateStore {
     /// aside as `NAME.damaged`, so that the machine can be started, and told of.
     pub(crate) fn open(mut memory: ProgramMemory, folder: &Path) -> Self {
         let mut complaints = Vec::new();
+        let mut change = ChangeMark::read(folder);
         let mut complain = |error: &StoreError, file: &Path| {
             let mut aside = file.as_os_str().to_owned();
             aside.push(".damaged");
@@ -118,6 +119,13 @@ impl StateStore {
             let file = folder.join("parameters.var");
             if let Err(error) = memory.load_parameters(file.clone()) {
                 complain(&error, &file);
+                // The tool in the spindle was among them. Until the operator names it, also after another restart.
+                if change.is_none() {
+                    let mark = ChangeMark::UNKNOWN;
+                    // Where this fails it is told again at the next start, if the file is still there.
+                    let _unwritten = mark.write(folder);
+                    change = Some(mark);
+                }
                 memory.kept = Some(KeptParameters::default());
                 memory.kept_file = Some(file);
             }
@@ -138,7 +146,7 @@ impl StateStore {
             saved: memory.clone(),
             memory,
             tool,
-            change: ChangeMark::read(folder),
+            change,
             is_change_under_way: false,
             folder: folder.to_path_buf(),
             complaints,
@@ -299,5 +307,12 @@ mod tests {
         assert!(folder.path().join("parameters.var.damaged").exists());
         assert!(folder.path().join("tools.tbl.damaged").exists());
         assert!(keep.memory.kept.is_some() && keep.memory.tools.is_some());
+        // Which tool is in the spindle was in the file: it is not known, nor after another start.
+        assert_eq!(keep.change, Some(ChangeMark::UNKNOWN));
+        let again = StateStore::open(ProgramMemory::default(), folder.path());
+        assert_eq!(
+            (again.change, again.complaints.len()),
+            (Some(ChangeMark::UNKNOWN), 0)
+        );
     }
 }
