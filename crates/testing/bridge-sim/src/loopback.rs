@@ -5,7 +5,7 @@ use evolvent_bus::{ANALOG_SIGNALS, MachineInputs, MachineOutputs};
 use crate::input_messages::Signalling;
 
 /// The inputs that the outputs are wired to.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoopbackInputs {
     /// Digital inputs, one bit each.
     pub digital: u64,
