@@ -177,6 +177,15 @@ fn the_tool_that_is_in_the_spindle_is_not_changed() {
 }
 
 #[test]
+fn a_tool_that_the_table_lacks_cannot_be_named_in_the_spindle() {
+    for is_random in [false, true] {
+        let run = Magazine::new(TABLE, is_random, CHANGE).run("M61 Q0\nM61 Q2\nM61 Q77\nM2\n");
+        assert_eq!((run.error().code, run.error().line), (Code::UnknownTool, 3));
+    }
+    assert_eq!(Magazine::new("", false, CHANGE).run("M61 Q77\nM2\n").errors, []);
+}
+
+#[test]
 fn a_random_changer_moves_tools_from_pocket_to_pocket() {
     let magazine = Magazine::new(TABLE, true, CHANGE);
     let run = magazine.run("T2 M6\nT3 M6\nT1 M6\nT2 M6\nM61 Q3\nM2\n");

@@ -31,11 +31,7 @@ impl Executor<'_> {
             }
         }
         if let Some(tool) = line.whole(b'T')? {
-            if tool != 0 && self.lacks(tool) {
-                let message = format!("tool {tool} is not in the tool table");
-                return Err(Fault::new(Code::UnknownTool, line.span(b'T'), message)
-                    .help("add the tool to the table, or select another one"));
-            }
+            self.refuse_unknown_tool(tool, line.span(b'T'))?;
             self.state.selected_tool = Some(tool);
             self.out(Action::SelectTool(tool));
         }

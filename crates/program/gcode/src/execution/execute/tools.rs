@@ -32,6 +32,7 @@ impl Executor<'_> {
                         "M61 needs Q, the number of the tool",
                     ));
                 };
+                self.refuse_unknown_tool(tool, line.span(b'Q'))?;
                 if self.state.tool != tool {
                     self.move_pockets(tool);
                 }
@@ -75,10 +76,15 @@ impl Executor<'_> {
         }
     }
 
-    /// Whether the tool table has tools, but not this one. A served machine begins with an empty table.
-    pub(super) fn lacks(&self, tool: u32) -> bool {
+    /// An error where the tool table has tools, but not this one. A served machine begins with an empty table, and 0 is no tool.
+    pub(super) fn refuse_unknown_tool(&self, tool: u32, span: Span) -> Result<(), Fault> {
         let tools = self.tools.as_ref().filter(|tools| !tools.tools().is_empty());
-        tools.is_some_and(|tools| tools.get(tool).is_none())
+        if tool == 0 || tools.is_none_or(|tools| tools.get(tool).is_some()) {
+            return Ok(());
+        }
+        let message = format!("tool {tool} is not in the tool table");
+        Err(Fault::new(Code::UnknownTool, span, message)
+            .help("add the tool to the table, or name another one"))
     }
 
     /// The pocket of the new tool, and the pocket for the present one.
