@@ -7,6 +7,7 @@
 //! - [`Served`] and [`Operator`]: an `evolvent serve`, and a client that commands it and looks on;
 //! - [`Scene`]: a mill that is served, with all that belongs to it;
 //! - [`Drives`]: simulated drives in a process of their own;
+//! - [`Lathe`]: a lathe behind a bridge to hardware, [`MesaLathe`] or [`RingLathe`];
 //! - [`Domain`]: a corner of shared memory of one's own, swept and checked at the end;
 //! - [`hold_to_the_suite`]: the conformance suite over a bridge; [`c_example`]: the examples in C;
 //! - [`unless_disturbed`] and [`where_undisturbed`]: a trial of real time, played again where the host kept its processes from running;
@@ -25,6 +26,7 @@
 )]
 
 mod binary;
+mod bridged_lathe;
 mod bridges;
 mod domain;
 mod drives;
@@ -39,6 +41,7 @@ mod trace;
 mod workshop;
 
 pub use binary::{Finished, evolvent, run, wait};
+pub use bridged_lathe::{Lathe, MesaLathe, RingLathe, Sight, Trouble};
 pub use bridges::{c_example, hold_to_the_suite};
 pub use domain::Domain;
 pub use drives::Drives;

@@ -9,18 +9,16 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
-use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use evolvent_bus::Status;
-use evolvent_ethercat_ring::{
-    DriveSettings, FaultKind as RingFault, MAIN_INTERFACE, SharedRing, SubDevice, TerminalKind, monotonic_ns,
-    on_bench,
+use evolvent_tests::{
+    Cycle, Domain, Lathe, MesaLathe, Operator, RingLathe, Served, Sight, Trouble, Workshop, cycles, evolvent,
+    verifies, where_undisturbed,
 };
-use evolvent_mesa_board::{Board, BoardModel, BoardServer, FaultKind, Spindle, SpindleCommand, now_ns};
-use evolvent_tests::{Domain, Operator, Random, Served, Workshop, evolvent, verifies, where_undisturbed};
 
 const SPINDLE_ALARM: u32 = 440;
 const DONE: u32 = 1;
@@ -30,233 +28,7 @@ const SHORT_LEAD: u32 = 3;
 /// A setpoint with that lead is late after this pause, and out of phase.
 const LATE: Duration = Duration::from_millis(3);
 const LONG_LEAD: u32 = 120;
-/// Start positions of the axes, mm.
-const HOME: [f64; 2] = [20.0, 10.0];
 const SPINDLES: &str = "[[spindle]]\nmax_rpm = 3000\nfeedback = true\nacceleration_rpm_s = 2000\n";
-
-/// One look at a machine.
-#[derive(Clone, Copy, Debug)]
-struct Sight {
-    /// True turns of the spindle from an index pulse.
-    turns: f64,
-    /// True position of the carriage, mm.
-    z: f64,
-    time_ns: u64,
-}
-
-/// What a simulator does on demand.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Trouble {
-    EncoderOff,
-    LostCounts,
-    IndexMissing,
-    Stall,
-    LinkLost,
-    DriveFault,
-}
-
-/// A lathe behind a bridge.
-trait Lathe: Send + Sync {
-    /// Arguments of the bridge behind `evolvent bridge`.
-    fn bridge(&self, workshop: &Workshop) -> Vec<String>;
-    /// How it truly is now.
-    fn look(&self) -> Sight;
-    /// Something goes wrong from now on.
-    fn trouble(&self, trouble: Trouble);
-    /// Turns of the spindle per count of its encoder.
-    fn resolution(&self) -> f64;
-    /// The smallest step of the carriage, mm.
-    fn step_mm(&self) -> f64;
-}
-
-const COUNTS: i64 = 4096;
-const INDEX: i64 = 1500;
-const STEPS: [f64; 2] = [1000.0, 1400.0];
-/// The last number of the next board's address.
-static BOARDS: AtomicU8 = AtomicU8::new(1);
-
-/// Two steppers, an inverter with contacts, and an encoder on the spindle, at a 7I96S.
-struct MesaLathe {
-    server: BoardServer,
-    address: std::net::IpAddr,
-}
-
-impl MesaLathe {
-    fn new() -> Self {
-        let process = std::process::id();
-        let number = BOARDS.fetch_add(1, Ordering::Relaxed);
-        let address = std::net::IpAddr::from([127, 130 + (process >> 8) as u8 % 80, process as u8, number]);
-        let server =
-            BoardServer::start(Board::new(BoardModel::B7i96s, now_ns()), address).expect("an address");
-        {
-            let mut board = server.lock();
-            board.set_spindle(Spindle {
-                ripple: 0.01,
-                ..Spindle::usual(
-                    0,
-                    SpindleCommand::Contacts {
-                        unit: 0,
-                        forward: 15,
-                        reverse: 16,
-                    },
-                )
-            });
-            board.set_index(0, INDEX);
-            board.turn_shaft(0, Random::new().between(-10_000.0, 10_000.0));
-            for unit in 0..2 {
-                board.set_motor(unit, 600_000.0, 600_000.0);
-            }
-        }
-        Self { server, address }
-    }
-}
-
-impl Lathe for MesaLathe {
-    fn bridge(&self, workshop: &Workshop) -> Vec<String> {
-        let mut text = format!(
-            "address = \"{}\"\nname = \"7I96S\"\nmax_lost_packets = 40\nwatchdog_ms = 400\n",
-            self.address
-        );
-        for (unit, letter) in ["X", "Z"].iter().enumerate() {
-            text += &format!(
-                "[[axis]]\nletter = \"{letter}\"\nstepgen = {unit}\nsteps_per_unit = {}\nstep_length_ns = 1000\n\
-                 step_space_ns = 1000\ndirection_setup_ns = 200\ndirection_hold_ns = 200\nzero = {}\n",
-                STEPS[unit], HOME[unit]
-            );
-        }
-        text += "[[spindle]]\npwm = 0\nfull_rpm = 3000\nforward = { pin = 15 }\nreverse = { pin = 16 }\nencoder = 0\n\
-            counts_per_rev = 4096\norientation = { gain = 8, i_gain = 10, rpm = 60, tolerance_deg = 0.5 }\n";
-        let board = workshop.write("board.toml", text);
-        let board = board.to_str().expect("UTF-8").to_owned();
-        ["mesa", "--board", &board].map(str::to_owned).to_vec()
-    }
-
-    fn look(&self) -> Sight {
-        let mut board = self.server.lock();
-        let time_ns = now_ns();
-        board.advance(time_ns);
-        Sight {
-            turns: (board.shaft(0) - INDEX as f64) / COUNTS as f64,
-            z: HOME[1] + board.motor_steps(1) / STEPS[1],
-            time_ns,
-        }
-    }
-
-    fn trouble(&self, trouble: Trouble) {
-        let mut board = self.server.lock();
-        let kind = match trouble {
-            Trouble::EncoderOff => FaultKind::EncoderOff,
-            Trouble::LostCounts => FaultKind::LostCounts,
-            Trouble::IndexMissing => FaultKind::IndexMissing,
-            Trouble::Stall => FaultKind::SpindleStall,
-            Trouble::LinkLost => FaultKind::LossIn,
-            // An inverter without a contact for it.
-            Trouble::DriveFault => FaultKind::SpindleStall,
-        };
-        board.fault_now(kind, None);
-    }
-
-    fn resolution(&self) -> f64 {
-        1.0 / COUNTS as f64
-    }
-
-    fn step_mm(&self) -> f64 {
-        1.0 / STEPS[1]
-    }
-}
-
-/// Increments a turn of the drives, and where the zero impulse of the spindle is within a turn.
-const RESOLUTION: u32 = 1 << 20;
-const IMPULSE: f64 = 0.3;
-const LEAD_MM: f64 = 5.0;
-/// Positions of Z and of the spindle on the wire.
-const Z_DRIVE: usize = 2;
-const SPINDLE_DRIVE: usize = 3;
-
-/// Two servo drives and a spindle drive on EtherCAT.
-struct RingLathe {
-    ring: SharedRing,
-}
-
-impl RingLathe {
-    fn devices() -> Vec<SubDevice> {
-        let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1)];
-        for axis in 0..2 {
-            devices.push(SubDevice::drive(DriveSettings::default(), axis + 2, 10.0));
-        }
-        let spindle = DriveSettings {
-            resolution: RESOLUTION,
-            start_turns: Random::new().between(-20.0, 20.0),
-            start_increments: 123_456,
-            limits_turns: [f64::NEG_INFINITY, f64::INFINITY],
-            probe_turns: f64::INFINITY,
-            index_turns: IMPULSE,
-            ..DriveSettings::default()
-        };
-        devices.push(SubDevice::drive(spindle, 9, -15.0));
-        devices
-    }
-}
-
-impl Lathe for RingLathe {
-    fn bridge(&self, workshop: &Workshop) -> Vec<String> {
-        let device = |name: &str, product: u32| {
-            format!("[[device]]\nname = \"{name}\"\nvendor = 0x4556534D\nproduct = {product}\n")
-        };
-        let mut text = "max_lost_cycles = 40\n".to_owned() + &device("coupler", 0x1100);
-        for (letter, home) in [("X", HOME[0]), ("Z", HOME[1])] {
-            text += &device(letter, 0x402);
-            text += &format!(
-                "[device.axis]\nletter = \"{letter}\"\nincrements_per_turn = {RESOLUTION}\nturn_mm = {LEAD_MM}\nzero = {home}\n\
-                 velocity_offset = true\ninertia_kg_m2 = 0.0003\nrated_torque_n_m = 2.4\n"
-            );
-        }
-        text += &device("spindle", 0x402);
-        text += &format!(
-            "[device.spindle]\nincrements_per_turn = {RESOLUTION}\nindex_probe = 2\n\
-             orientation = {{ gain = 8, rpm = 60, tolerance_deg = 0.5 }}\n"
-        );
-        let network = workshop.write("network.toml", text);
-        let network = network.to_str().expect("UTF-8").to_owned();
-        ["ethercat", "--network", &network, "--interface", MAIN_INTERFACE]
-            .map(str::to_owned)
-            .to_vec()
-    }
-
-    fn look(&self) -> Sight {
-        let mut ring = self.ring.lock().expect("no panic");
-        let time_ns = monotonic_ns();
-        ring.advance(time_ns);
-        let turns = |device: usize| {
-            let drive = ring.devices()[device].as_drive().expect("a drive");
-            drive.motor_turns()
-        };
-        Sight {
-            turns: turns(SPINDLE_DRIVE) - IMPULSE,
-            z: HOME[1] + turns(Z_DRIVE) * LEAD_MM,
-            time_ns,
-        }
-    }
-
-    fn trouble(&self, trouble: Trouble) {
-        let mut ring = self.ring.lock().expect("no panic");
-        let kind = match trouble {
-            Trouble::IndexMissing => RingFault::IndexMissing,
-            Trouble::Stall => RingFault::Blocked,
-            Trouble::LinkLost => RingFault::Loss,
-            Trouble::DriveFault | Trouble::EncoderOff | Trouble::LostCounts => RingFault::Drive,
-        };
-        ring.begin_fault(monotonic_ns(), kind, SPINDLE_DRIVE, None);
-    }
-
-    fn resolution(&self) -> f64 {
-        1.0 / f64::from(RESOLUTION)
-    }
-
-    fn step_mm(&self) -> f64 {
-        LEAD_MM / f64::from(RESOLUTION)
-    }
-}
 
 /// A bridge in a process of its own, killed at the end.
 struct Bridge(Child);
@@ -321,6 +93,8 @@ impl Watcher {
 struct Cut {
     status: Status,
     trace: PathBuf,
+    /// Unix time less CLOCK_MONOTONIC.
+    unix_ns: u64,
     /// How the machine truly was.
     sights: Vec<Sight>,
 }
@@ -383,19 +157,61 @@ fn cut(
     drop(operator);
     served.end().expect_code(&[0, 1, 3]);
     drop(bridge);
+    let unix = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    let unix_ns = unix.expect("after 1970").as_nanos() as u64 - evolvent_mesa_board::now_ns();
     Cut {
         status,
         trace,
+        unix_ns,
         sights,
     }
 }
 
-/// By how much each pass away from a start was out of phase, mm: half and 99 of 100 looks, and all of them; a host that keeps bridge or
-/// board from running for some milliseconds shows in the last. And the number of looks. A pass begins at `start` with a whole turn.
-fn passes(sights: &[Sight], pitch: f64, start: f64, places: std::ops::Range<f64>) -> Vec<([f64; 3], usize)> {
+/// When the host kept core, bridge or the looks from running. A setpoint or a packet that is late by more than [`PAUSE`] is seen in
+/// the phase until all loops have caught up.
+struct Pauses(Vec<(u64, u64)>);
+
+const PAUSE_NS: u64 = 1_500_000;
+const SETTLING_NS: u64 = 60_000_000;
+
+impl Pauses {
+    fn of(cut: &Cut) -> Self {
+        let mut pauses = Vec::new();
+        let mut last = (0, 0);
+        for sight in &cut.sights {
+            // The looks are 0.7 ms apart, and the packets 1 ms.
+            if sight.packets != last.0 {
+                if sight.time_ns - last.1 > 1_700_000 + PAUSE_NS {
+                    pauses.push((last.1, sight.time_ns + SETTLING_NS));
+                }
+                last = (sight.packets, sight.time_ns);
+            }
+        }
+        let late = |cycle: &&Cycle| cycle.wake_lateness_ns > PAUSE_NS.cast_signed();
+        for cycle in cycles(&cut.trace).iter().filter(late) {
+            let due_ns = cycle.due_time_ns - cut.unix_ns;
+            // It wakes some periods before the setpoint is due.
+            let from = due_ns.saturating_sub(u64::from(SHORT_LEAD) * 1_000_000);
+            pauses.push((
+                from,
+                due_ns + cycle.wake_lateness_ns.cast_unsigned() + SETTLING_NS,
+            ));
+        }
+        Self(pauses)
+    }
+
+    fn contain(&self, time_ns: u64) -> bool {
+        self.0.iter().any(|(from, to)| (*from..*to).contains(&time_ns))
+    }
+}
+
+/// By how much each pass away from a start was out of phase, mm, of half, 99 of 100 and all looks where nothing paused; and the number
+/// of looks. A pass begins at `start` with a whole turn.
+fn passes(cut: &Cut, pitch: f64, start: f64, places: std::ops::Range<f64>) -> Vec<([f64; 3], usize)> {
+    let pauses = Pauses::of(cut);
     let mut passes: Vec<Vec<f64>> = Vec::new();
     let mut last_ns = 0;
-    for pair in sights.windows(2) {
+    for pair in cut.sights.windows(2) {
         let [before, here] = [pair[0], pair[1]];
         let seconds = (here.time_ns - before.time_ns) as f64 * 1e-9;
         let (v, speed) = (
@@ -411,13 +227,13 @@ fn passes(sights: &[Sight], pitch: f64, start: f64, places: std::ops::Range<f64>
         }
         last_ns = here.time_ns;
         let turned = here.turns - (start - here.z) / pitch;
-        if let Some(pass) = passes.last_mut() {
+        if let Some(pass) = passes.last_mut().filter(|_| !pauses.contain(here.time_ns)) {
             pass.push((turned - turned.round()) * pitch);
         }
     }
-    passes.retain(|pass| pass.len() > 30);
     passes
         .into_iter()
+        .filter(|pass| pass.len() > 30)
         .map(|mut pass| {
             pass.sort_unstable_by(|a, b| a.abs().total_cmp(&b.abs()));
             ([0.5, 0.99, 1.0].map(|share| quantile(&pass, share)), pass.len())
@@ -430,7 +246,7 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
     sorted[((sorted.len() - 1) as f64 * share) as usize].abs()
 }
 
-/// 2 um, a count of the encoder and a step of the carriage; and twice that of the one look in a hundred that a busy host has disturbed.
+/// 2 um, a count of the encoder and a step of the carriage; twice that for one look in a hundred.
 fn assert_in_phase(what: &str, [half, most, all]: [f64; 3], pitch: f64, lathe: &dyn Lathe) {
     let bound = 0.002 + lathe.resolution() * pitch + lathe.step_mm();
     assert!(
@@ -448,15 +264,14 @@ fn threads_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
             );
             let cut = cut(&lathe, &workshop, &program, SHORT_LEAD, None);
             cut.is_done();
-            let (trace, sights) = (cut.trace, cut.sights);
-            let passes = passes(&sights, pitch, 5.0, -17.0..2.0);
+            let passes = passes(&cut, pitch, 5.0, -17.0..2.0);
             println!("{rpm} rpm, {pitch} mm: error of half, 99 % and all looks, mm: {passes:?}");
             // Two depths and a spring pass.
             assert_eq!(passes.len(), 3, "{passes:?}");
             for (errors, _) in &passes {
                 assert_in_phase(&format!("{rpm} rpm"), *errors, pitch, &*lathe);
             }
-            verifies(&trace);
+            verifies(&cut.trace);
         });
     }
 }
@@ -469,6 +284,7 @@ fn taps_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
             let program = format!("G21 G17 G90 G94 G8\nS500 M3\nG0 X0 Z5\n{code}\nG80\nG0 X20\nM5\nM2\n");
             let cut = cut(&lathe, &workshop, &program, SHORT_LEAD, None);
             cut.is_done();
+            let pauses = Pauses::of(&cut);
             let (trace, sights) = (cut.trace, cut.sights);
             let deepest = (sights.iter().map(|sight| sight.z)).fold(f64::INFINITY, f64::min);
             // The bridge hears of the reversal with its setpoint, and acts within some milliseconds of it: 8 turns a second.
@@ -479,7 +295,7 @@ fn taps_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
                 let (dz, turned) = (here.z - before.z, here.turns - before.turns);
                 // Where both run evenly.
                 let is_even = turned.abs() > 1e-3 && (dz / -turned - 1.0).abs() < 0.2;
-                if is_even && (-7.0..3.0).contains(&here.z) {
+                if is_even && (-7.0..3.0).contains(&here.z) && !pauses.contain(here.time_ns) {
                     ways[usize::from(dz > 0.0)] += 1;
                     let off = here.turns - (5.0 - here.z);
                     errors.push(off - off.round());
@@ -557,6 +373,7 @@ fn troubles_end_the_pass(lathe: impl Fn() -> Arc<dyn Lathe>, troubles: &[Trouble
                 status,
                 trace,
                 sights,
+                ..
             } = cut(&lathe, &workshop, program, LONG_LEAD, Some((trouble, -5.0)));
             let sentence = status.alarm_sentence().to_owned();
             println!("{trouble:?}: {:?} {sentence}", status.listed_alarms());
@@ -581,7 +398,7 @@ fn troubles_end_the_pass(lathe: impl Fn() -> Arc<dyn Lathe>, troubles: &[Trouble
 }
 
 fn on_board() -> Arc<dyn Lathe> {
-    Arc::new(MesaLathe::new())
+    Arc::new(MesaLathe::start())
 }
 
 #[test]
@@ -618,47 +435,37 @@ fn troubles_of_a_spindle_on_a_mesa_board_end_the_pass() {
     );
 }
 
-/// Runs a trial on the simulated ring.
-fn on_ring(trial: impl FnOnce(&dyn Fn() -> Arc<dyn Lathe>) + Send + 'static) {
-    on_bench(RingLathe::devices(), move |ring| {
-        let ring = Arc::clone(ring);
-        trial(&move || {
-            Arc::new(RingLathe {
-                ring: Arc::clone(&ring),
-            })
-        });
-    });
-}
-
 #[test]
 fn threads_on_an_ethercat_drive_are_in_phase() {
-    on_ring(|lathe| threads_in_phase(lathe));
+    RingLathe::on_ring(|lathe| threads_in_phase(lathe));
 }
 
 #[test]
 fn taps_on_an_ethercat_drive_are_in_phase() {
-    on_ring(|lathe| taps_in_phase(lathe));
+    RingLathe::on_ring(|lathe| taps_in_phase(lathe));
 }
 
 #[test]
 fn m19_on_an_ethercat_drive_turns_to_its_angles() {
-    on_ring(|lathe| turned_to_angles(lathe, 1.0));
+    RingLathe::on_ring(|lathe| turned_to_angles(lathe, 1.0));
 }
 
 #[test]
 fn g95_on_an_ethercat_drive_follows_the_measured_speed() {
-    on_ring(|lathe| feed_per_turn(lathe));
+    RingLathe::on_ring(|lathe| feed_per_turn(lathe));
 }
 
 #[test]
 fn troubles_of_an_ethercat_spindle_end_the_pass() {
-    // A ring each: a drive that has lost its fieldbus under power is in fault.
-    for trouble in [
-        Trouble::DriveFault,
-        Trouble::IndexMissing,
-        Trouble::Stall,
-        Trouble::LinkLost,
-    ] {
-        on_ring(move |lathe| troubles_end_the_pass(lathe, &[trouble]));
-    }
+    RingLathe::on_ring(|lathe| {
+        troubles_end_the_pass(
+            lathe,
+            &[
+                Trouble::DriveFault,
+                Trouble::IndexMissing,
+                Trouble::Stall,
+                Trouble::LinkLost,
+            ],
+        );
+    });
 }

@@ -1,0 +1,271 @@
+//! Lathes behind the bridges to hardware, simulated over real sockets: two axes, and a spindle with an encoder. The truth is the
+//! simulator's own angle and its own carriage, read at the same instant; no bridge sees either.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+
+use evolvent_ethercat_ring::{
+    DriveSettings, FaultKind as RingFault, MAIN_INTERFACE, Ring, SharedRing, SubDevice, TerminalKind,
+    monotonic_ns, on_bench,
+};
+use evolvent_mesa_board::{Board, BoardModel, BoardServer, FaultKind, Spindle, SpindleCommand, now_ns};
+use evolvent_random::Random;
+
+use crate::Workshop;
+
+/// Start positions of the axes, mm.
+const HOME: [f64; 2] = [20.0, 10.0];
+
+/// One look at a machine.
+#[derive(Clone, Copy, Debug)]
+pub struct Sight {
+    /// True turns of the spindle from an index pulse.
+    pub turns: f64,
+    /// True position of the carriage, mm.
+    pub z: f64,
+    /// Packets that have come from the bridge.
+    pub packets: u64,
+    /// CLOCK_MONOTONIC.
+    pub time_ns: u64,
+}
+
+/// What a simulator does on demand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trouble {
+    /// The encoder sends nothing any more.
+    EncoderOff,
+    /// It loses counts.
+    LostCounts,
+    /// It sends no index pulse.
+    IndexMissing,
+    /// The spindle stands still under power.
+    Stall,
+    /// No packet arrives at the bridge.
+    LinkLost,
+    /// The spindle's drive is in fault.
+    DriveFault,
+}
+
+/// A lathe behind a bridge.
+pub trait Lathe: Send + Sync {
+    /// Arguments of the bridge behind `evolvent bridge`.
+    fn bridge(&self, workshop: &Workshop) -> Vec<String>;
+    /// How it truly is now.
+    fn look(&self) -> Sight;
+    /// Something goes wrong from now on.
+    fn trouble(&self, trouble: Trouble);
+    /// Turns of the spindle per count of its encoder.
+    fn resolution(&self) -> f64;
+    /// The smallest step of the carriage, mm.
+    fn step_mm(&self) -> f64;
+}
+
+const COUNTS: i64 = 4096;
+const INDEX: i64 = 1500;
+const STEPS: [f64; 2] = [1000.0, 1400.0];
+/// The last number of the next board's address.
+static BOARDS: AtomicU8 = AtomicU8::new(1);
+
+/// Two steppers, an inverter with contacts, and an encoder on the spindle, at a 7I96S.
+pub struct MesaLathe {
+    server: BoardServer,
+    address: std::net::IpAddr,
+}
+
+impl MesaLathe {
+    /// A board at an address of its own.
+    ///
+    /// # Panics
+    /// No address of this computer can be had.
+    #[must_use]
+    pub fn start() -> Self {
+        let process = std::process::id();
+        let number = BOARDS.fetch_add(1, Ordering::Relaxed);
+        let address = std::net::IpAddr::from([127, 130 + (process >> 8) as u8 % 80, process as u8, number]);
+        let server =
+            BoardServer::start(Board::new(BoardModel::B7i96s, now_ns()), address).expect("an address");
+        {
+            let mut board = server.lock();
+            board.set_spindle(Spindle {
+                ripple: 0.01,
+                ..Spindle::usual(
+                    0,
+                    SpindleCommand::Contacts {
+                        unit: 0,
+                        forward: 15,
+                        reverse: 16,
+                    },
+                )
+            });
+            board.set_index(0, INDEX);
+            board.turn_shaft(0, Random::new().between(-10_000.0, 10_000.0));
+            for unit in 0..2 {
+                board.set_motor(unit, 600_000.0, 600_000.0);
+            }
+        }
+        Self { server, address }
+    }
+}
+
+impl Lathe for MesaLathe {
+    fn bridge(&self, workshop: &Workshop) -> Vec<String> {
+        let mut text = format!(
+            "address = \"{}\"\nname = \"7I96S\"\nmax_lost_packets = 40\nwatchdog_ms = 400\n",
+            self.address
+        );
+        for (unit, letter) in ["X", "Z"].iter().enumerate() {
+            text += &format!(
+                "[[axis]]\nletter = \"{letter}\"\nstepgen = {unit}\nsteps_per_unit = {}\nstep_length_ns = 1000\n\
+                 step_space_ns = 1000\ndirection_setup_ns = 200\ndirection_hold_ns = 200\nzero = {}\n",
+                STEPS[unit], HOME[unit]
+            );
+        }
+        text += "[[spindle]]\npwm = 0\nfull_rpm = 3000\nforward = { pin = 15 }\nreverse = { pin = 16 }\nencoder = 0\n\
+            counts_per_rev = 4096\norientation = { gain = 8, i_gain = 10, rpm = 60, tolerance_deg = 0.5 }\n";
+        let board = workshop.write("board.toml", text);
+        let board = board.to_str().expect("UTF-8").to_owned();
+        ["mesa", "--board", &board].map(str::to_owned).to_vec()
+    }
+
+    fn look(&self) -> Sight {
+        let mut board = self.server.lock();
+        let time_ns = now_ns();
+        board.advance(time_ns);
+        Sight {
+            packets: board.traffic().packets,
+            turns: (board.shaft(0) - INDEX as f64) / COUNTS as f64,
+            z: HOME[1] + board.motor_steps(1) / STEPS[1],
+            time_ns,
+        }
+    }
+
+    fn trouble(&self, trouble: Trouble) {
+        let mut board = self.server.lock();
+        let kind = match trouble {
+            Trouble::EncoderOff => FaultKind::EncoderOff,
+            Trouble::LostCounts => FaultKind::LostCounts,
+            Trouble::IndexMissing => FaultKind::IndexMissing,
+            Trouble::Stall => FaultKind::SpindleStall,
+            Trouble::LinkLost => FaultKind::LossIn,
+            // An inverter without a contact for it.
+            Trouble::DriveFault => FaultKind::SpindleStall,
+        };
+        board.fault_now(kind, None);
+    }
+
+    fn resolution(&self) -> f64 {
+        1.0 / COUNTS as f64
+    }
+
+    fn step_mm(&self) -> f64 {
+        1.0 / STEPS[1]
+    }
+}
+
+/// Increments a turn of the drives, and where the zero impulse of the spindle is within a turn.
+const RESOLUTION: u32 = 1 << 20;
+const IMPULSE: f64 = 0.3;
+const LEAD_MM: f64 = 5.0;
+/// Positions of Z and of the spindle on the wire.
+const Z_DRIVE: usize = 2;
+const SPINDLE_DRIVE: usize = 3;
+
+/// Two servo drives and a spindle drive on EtherCAT.
+pub struct RingLathe {
+    ring: SharedRing,
+}
+
+impl RingLathe {
+    /// Runs a trial with lathes on a simulated ring, one after the other: each call makes all devices anew, because a drive that
+    /// has lost its fieldbus under power is in fault.
+    pub fn on_ring(trial: impl FnOnce(&dyn Fn() -> Arc<dyn Lathe>) + Send + 'static) {
+        on_bench(Self::devices(), move |ring| {
+            trial(&|| {
+                let mut present = ring.lock().expect("no panic");
+                *present = Ring::new(Self::devices(), monotonic_ns());
+                drop(present);
+                let ring = Arc::clone(ring);
+                Arc::new(Self { ring })
+            });
+        });
+    }
+
+    fn devices() -> Vec<SubDevice> {
+        let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1)];
+        for axis in 0..2 {
+            devices.push(SubDevice::drive(DriveSettings::default(), axis + 2, 10.0));
+        }
+        let spindle = DriveSettings {
+            resolution: RESOLUTION,
+            start_turns: Random::new().between(-20.0, 20.0),
+            start_increments: 123_456,
+            limits_turns: [f64::NEG_INFINITY, f64::INFINITY],
+            probe_turns: f64::INFINITY,
+            index_turns: IMPULSE,
+            ..DriveSettings::default()
+        };
+        devices.push(SubDevice::drive(spindle, 9, -15.0));
+        devices
+    }
+}
+
+impl Lathe for RingLathe {
+    fn bridge(&self, workshop: &Workshop) -> Vec<String> {
+        let device = |name: &str, product: u32| {
+            format!("[[device]]\nname = \"{name}\"\nvendor = 0x4556534D\nproduct = {product}\n")
+        };
+        let mut text = "max_lost_cycles = 40\n".to_owned() + &device("coupler", 0x1100);
+        for (letter, home) in [("X", HOME[0]), ("Z", HOME[1])] {
+            text += &device(letter, 0x402);
+            text += &format!(
+                "[device.axis]\nletter = \"{letter}\"\nincrements_per_turn = {RESOLUTION}\nturn_mm = {LEAD_MM}\nzero = {home}\n\
+                 velocity_offset = true\ninertia_kg_m2 = 0.0003\nrated_torque_n_m = 2.4\n"
+            );
+        }
+        text += &device("spindle", 0x402);
+        text += &format!(
+            "[device.spindle]\nincrements_per_turn = {RESOLUTION}\nindex_probe = 2\n\
+             orientation = {{ gain = 8, rpm = 60, tolerance_deg = 0.5 }}\n"
+        );
+        let network = workshop.write("network.toml", text);
+        let network = network.to_str().expect("UTF-8").to_owned();
+        ["ethercat", "--network", &network, "--interface", MAIN_INTERFACE]
+            .map(str::to_owned)
+            .to_vec()
+    }
+
+    fn look(&self) -> Sight {
+        let mut ring = self.ring.lock().expect("no panic");
+        let time_ns = monotonic_ns();
+        ring.advance(time_ns);
+        let turns = |device: usize| {
+            let drive = ring.devices()[device].as_drive().expect("a drive");
+            drive.motor_turns()
+        };
+        Sight {
+            packets: ring.frames(),
+            turns: turns(SPINDLE_DRIVE) - IMPULSE,
+            z: HOME[1] + turns(Z_DRIVE) * LEAD_MM,
+            time_ns,
+        }
+    }
+
+    fn trouble(&self, trouble: Trouble) {
+        let mut ring = self.ring.lock().expect("no panic");
+        let kind = match trouble {
+            Trouble::IndexMissing => RingFault::IndexMissing,
+            Trouble::Stall => RingFault::Blocked,
+            Trouble::LinkLost => RingFault::Loss,
+            Trouble::DriveFault | Trouble::EncoderOff | Trouble::LostCounts => RingFault::Drive,
+        };
+        ring.begin_fault(monotonic_ns(), kind, SPINDLE_DRIVE, None);
+    }
+
+    fn resolution(&self) -> f64 {
+        1.0 / f64::from(RESOLUTION)
+    }
+
+    fn step_mm(&self) -> f64 {
+        LEAD_MM / f64::from(RESOLUTION)
+    }
+}
