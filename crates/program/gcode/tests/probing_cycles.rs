@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use evolvent_gcode::{Action, Diagnostic, Interpreter, Settings, Tool, ToolTable};
+use evolvent_gcode::{Action, Diagnostic, Interpreter, Settings, Tool, ToolChanger, ToolTable};
 use evolvent_path::Axes;
 use evolvent_random::Random;
 
@@ -28,18 +28,26 @@ fn xyz(at: &Axes) -> [f64; 3] {
     [at[0], at[1], at[2]]
 }
 
-/// Runs a program whose probe is a ball; machine coordinates are those of its centre.
-fn probe(program: &str, start: [f64; 3], radius: f64, surface: &Surface) -> Probed {
+/// A machine with tool 4 in the spindle, and the shipped cycles.
+fn mill(start: [f64; 3]) -> Settings {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/probing");
     let mut tool = Tool::new(4);
     tool.offset[2] = 99.0;
-    let settings = Settings {
+    Settings {
         subroutine_folders: vec![folder],
         start: Axes::from_fn(|i, _| if i < 3 { start[i] } else { 0.0 }),
         tool: 4,
         tools: Some(ToolTable::new(vec![tool])),
         ..Settings::default()
-    };
+    }
+}
+
+fn probe(program: &str, start: [f64; 3], radius: f64, surface: &Surface) -> Probed {
+    probe_on(mill(start), program, radius, surface)
+}
+
+/// Runs a program whose probe is a ball; machine coordinates are those of its centre.
+fn probe_on(settings: Settings, program: &str, radius: f64, surface: &Surface) -> Probed {
     let touches = |at: &Axes| surface(&xyz(at)) <= radius;
     let mut interpreter = Interpreter::new(program.as_bytes(), settings);
     let mut probed = Probed {
@@ -211,6 +219,39 @@ fn a_tool_is_as_long_as_it_is() {
         assert!((length - 73.25).abs() < 1e-9, "{length}");
         assert_eq!(probed.contacts, 2);
     }
+}
+
+/// During the change #5400 is still the tool before.
+#[test]
+fn a_tool_that_is_being_fetched_is_measured_for_its_own_line() {
+    let surface: Surface = Box::new(|at| at[2] - (-200.0 + 73.25));
+    let run = |argument: &str| {
+        let change = format!("G21 G90\no<probe_tool> call [-200] [150] [300] [20] [2]{argument}\n");
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("toolchange.ngc"), change).expect("a file");
+        let mut settings = mill([0.0, 0.0, -20.0]);
+        settings.subroutine_folders.push(folder.path().to_owned());
+        settings.tools = ToolTable::parse("T4 P4 Z99\nT5 P5 Z50\n").ok();
+        settings.features.tool_change = Some(ToolChanger {
+            subroutine: "toolchange".to_owned(),
+            is_random: false,
+        });
+        // As after every other change of a program.
+        probe_on(
+            settings,
+            "G21 G10 L2 P1 Z-31\nG43 H4\nT5 M6\n(PRINT,%.0f#<_remap_level>)\nM2\n",
+            0.0,
+            &surface,
+        )
+    };
+    let probed = run(" [#1]");
+    assert!(probed.error.is_none(), "{:?}", probed.error);
+    let lengths = [4, 5].map(|tool| probed.table.get(tool).expect("a tool").offset[2]);
+    assert_eq!(lengths[0], 99.0);
+    assert!((lengths[1] - 73.25).abs() < 1e-9, "{lengths:?}");
+    assert_eq!(probed.values, [0.0]);
+    let error = run("").error.expect("an error");
+    assert!(error.message.contains("the number of the new tool"), "{error:?}");
 }
 
 #[test]

@@ -87,6 +87,7 @@ impl<R: BufRead> Interpreter<R> {
             cycle: self.state.sticky,
         };
         self.frame().change = Some(Box::new(divided));
+        self.state.is_changing_tool = true;
         Ok(())
     }
 
@@ -130,6 +131,7 @@ impl<R: BufRead> Interpreter<R> {
                 self.restore(divided.modes);
                 self.state.motion = divided.motion;
                 self.state.sticky = divided.cycle;
+                self.state.is_changing_tool = false;
                 let mut state = self.state;
                 let statement = Statement::default();
                 let number = self.shown_line();

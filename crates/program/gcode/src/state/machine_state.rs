@@ -242,6 +242,8 @@ pub(crate) struct State {
     pub(crate) tool_offset: Axes,
     pub(crate) tool: u32,
     pub(crate) selected_tool: Option<u32>,
+    /// The tool-change subroutine is under way.
+    pub(crate) is_changing_tool: bool,
     pub(crate) sticky: CycleModal,
     /// P and Q of the last G5, mm; the next one may continue its tangent.
     pub(crate) spline_end: Option<[f64; 2]>,
@@ -305,6 +307,7 @@ impl State {
             tool_offset: Axes::zeros(),
             tool: settings.tool,
             selected_tool: settings.selected_tool,
+            is_changing_tool: false,
             sticky: CycleModal::default(),
             spline_end: None,
             fanuc_thread: FanucThread::default(),
@@ -555,7 +558,9 @@ impl State {
             System::ToolOffset => truth(self.tool_offset != Axes::zeros()),
             // The version of LinuxCNC whose language this is.
             System::VersionMajor => 2.9,
-            // The executing task, remaps: not applicable.
+            // M6 by a subroutine is the only code that can be replaced.
+            System::RemapLevel => truth(self.is_changing_tool),
+            // The executing task: not applicable.
             _ => 0.0,
         }
     }
