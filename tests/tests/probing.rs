@@ -169,6 +169,30 @@ fn what_the_probe_has_found_counts_in_the_next_block_of_mdi() {
     });
 }
 
+/// Between contact and rapid the axes rest, and when the planner knows of the rapid is a matter of its speed.
+#[test]
+fn a_rapid_after_a_contact_is_computed_again_bit_for_bit() {
+    unless_disturbed(|| {
+        let shop = Shop::new("pr-rapid");
+        let trace = shop.workshop.path("rapid.mcap").display().to_string();
+        let served = shop.serves(&["--trace", &trace]);
+        let _drives = shop.drives("plane:Z<-3");
+        let mut operator = shop.operator();
+        operator.says_number("MODE", 0);
+        let program = "G21 G90\nG38.2 Z-20 F600\nG0 Z0\nM2\n";
+        let program = shop.workshop.write("rapid.ngc", program);
+        operator.says_text("LOAD", program.to_str().expect("UTF-8"));
+        for _ in 0..5 {
+            let job = operator.says("START").job;
+            assert_eq!(operator.sees_end(job).job_result, DONE);
+        }
+        drop(operator);
+        served.end().expect_code(&[0, 3]);
+        let again = verify(std::path::Path::new(&trace)).expect("a trace");
+        assert!(again.holds() && again.uncompared == 0, "{again:?}");
+    });
+}
+
 #[test]
 fn what_a_contact_is_late_by_is_feed_times_time() {
     unless_disturbed(|| {

@@ -127,6 +127,20 @@ fn feed_per_revolution_goes_by_the_ramp() {
 }
 
 #[test]
+fn a_spindle_that_the_program_has_stopped_holds_up_no_rest() {
+    unless_disturbed(|| {
+        let workshop = Workshop::new();
+        // After a feed by the spindle: a dwell, a rapid and an output at rest do not wait for a spindle that stands.
+        let program = "G21 G90 G95\nS800 M3\nG1 X1 F0.1\nM5\nG4 P1\nG0 X50\nG4 P0.2\nG94 F600\nG1 X51\nM2\n";
+        let (_messages, trace) = run(&workshop, "rests", "ramp_rpm_s = 2000\n", program);
+        let cycles = cycles(&trace);
+        let last = cycles.last().expect("cycles");
+        assert_eq!((last.state, last.position[0]), (DONE, 51.0));
+        verifies(&trace);
+    });
+}
+
+#[test]
 fn without_a_ramp_the_command_changes_at_once() {
     unless_disturbed(|| {
         let workshop = Workshop::new();

@@ -146,7 +146,9 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
         self.adapt(&mut inputs, switches.adaptive.unwrap_or(true));
         let last = self.now.last.as_ref();
         let signals = self.signals.as_mut();
-        inputs.feed_override *= signals.map_or(1.0, |signals| signals.feed_ratio(last, &[1.0; SPINDLES]));
+        let is_rapid = self.motion.is_rapid();
+        let ratio = |signals: &mut SignalLoop| signals.feed_ratio(last, is_rapid, &[1.0; SPINDLES]);
+        inputs.feed_override *= signals.map_or(1.0, ratio);
         let before = self.motion.plan_step();
         let mut setpoint = self.motion.step(&inputs, &mut self.queue);
         let has_left = at_wait && inputs.resume && self.motion.plan_step() != before;
@@ -321,7 +323,7 @@ impl<F> ProgramCycle<F> {
             return;
         };
         let last = self.now.last.as_ref();
-        let feeds = last.is_some_and(|last| last.state == State::Running && last.flags & flags::RAPID == 0);
+        let feeds = last.is_some_and(|last| last.state == State::Running) && !self.motion.is_rapid();
         let driven = self.motion.feed_factor();
         let driven = driven.or(last.map(|last| last.feed_override)).unwrap_or_default();
         let output = adaptive.step(inputs.load, driven, feeds && counts);

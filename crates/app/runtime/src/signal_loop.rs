@@ -1,7 +1,7 @@
 //! Outputs and inputs in the loop around the cycle: samples in, changes out to bus and trace.
 
 use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, SignalKind, SignalSettings};
-use evolvent_motion::{Setpoint, State, flags};
+use evolvent_motion::{Setpoint, State};
 use evolvent_path::AxisLetter;
 use evolvent_signals::{
     Change, InputImage, OutputImage, OverrideSwitches, Phase, ProbeInput, ProbeState, Progress,
@@ -335,15 +335,17 @@ impl SignalLoop {
         *self.signals.overrides()
     }
 
-    /// By what the feed of the plan is multiplied for the next setpoint. `last`: the one before.
+    /// By what the feed of the plan is multiplied for the next setpoint. `last`: the one before; `is_rapid`: it was of a rapid, or one
+    /// comes next.
     pub(crate) fn feed_ratio(
         &mut self,
         last: Option<&Setpoint>,
+        is_rapid: bool,
         spindle_overrides: &SpindleOverrides,
     ) -> f64 {
         let Some(last) = last else { return 1.0 };
         let ratio = self.signals.feed_ratio(last.position[0], spindle_overrides);
-        if last.flags & flags::RAPID == 0 {
+        if !is_rapid {
             return ratio;
         }
         // A rapid is as fast as ever, but with no feed at all it would stand.

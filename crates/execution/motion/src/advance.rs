@@ -93,7 +93,8 @@ impl PathExecutor {
         queue: &mut PlanConsumer,
     ) -> bool {
         let at_rest = from.v <= 0.0;
-        if at_rest && brake {
+        let standing = self.stop_requested(cursor, inputs);
+        if at_rest && standing {
             return false;
         }
         // Where a place is kept, it is as if the step that will take it had not come yet.
@@ -111,6 +112,10 @@ impl PathExecutor {
         let Some((index, step, is_final)) = found else {
             return queue.look(false);
         };
+        // A feed of zero keeps the axes where they are, and nothing else: a dwell, an output or a stop comes when it is its turn.
+        if at_rest && brake && step.begins_motion() {
+            return false;
+        }
         cursor.step = index;
         self.enter_step(cursor, step, (from, is_final), brake, inputs, queue)
     }

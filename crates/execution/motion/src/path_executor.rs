@@ -41,6 +41,7 @@ pub struct PathExecutor {
     /// Set where even braking on the path breaks a limit: every axis stops by itself.
     pub(crate) quick_stop: Option<QuickStop>,
     pub(crate) last: Jet,
+    is_rapid: bool,
     pub(crate) asking: ReplanState,
     /// What a slowdown looks at.
     pub(crate) preview: PlanPreview,
@@ -73,6 +74,7 @@ impl PathExecutor {
             fault: None,
             quick_stop: None,
             last: Jet::at_rest(position),
+            is_rapid: false,
             asking: ReplanState::new(period),
             preview: PlanPreview::new(),
             rest_step: None,
@@ -168,6 +170,12 @@ impl PathExecutor {
             ActiveMotion::Run(run) => Some(self.cursor.now().0.v / run.feed_u_s),
             ActiveMotion::TimedSegment { .. } => None,
         }
+    }
+
+    /// Whether the last setpoint was of a rapid or, at rest, the next move is one as far as it is known.
+    #[must_use]
+    pub const fn is_rapid(&self) -> bool {
+        self.is_rapid
     }
 
     /// Number of the setpoint that [`step`](Self::step) computes next.
@@ -272,10 +280,13 @@ impl PathExecutor {
     ) -> Setpoint {
         self.guard.publish(&jet.position, cursor.joint);
         let marks = segment.map(|segment| segment.marks).unwrap_or_default();
+        self.is_rapid = marks.rapid;
+        // At rest the front segment is that of the next move, and whether it is known yet is a matter of the planner's speed.
+        let moves = !cursor.is_still();
         let mut bits = 0;
         for (set, bit) in [
-            (marks.blend, flags::BLEND),
-            (marks.rapid, flags::RAPID),
+            (moves && marks.blend, flags::BLEND),
+            (moves && marks.rapid, flags::RAPID),
             (cursor.joint, flags::JOINT),
             (cursor.starved, flags::STARVED),
             (matches!(cursor.state, State::Holding | State::Held), flags::HOLD),
@@ -285,7 +296,7 @@ impl PathExecutor {
                 bits |= bit;
             }
         }
-        // At rest the front segment is that of the next move, not of the step that is waited for.
+        // Not of the step that is waited for.
         if let (Some(segment), ActiveMotion::Run(_)) = (segment, &cursor.drive) {
             (cursor.line, cursor.block) = (segment.line, segment.block);
         }

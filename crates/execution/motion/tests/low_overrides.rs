@@ -5,6 +5,7 @@
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, Setpoint};
 use evolvent_path::{Arc, Axes, Curve, Line, Move, MoveKind, PathMode, Plane, Sense};
+use evolvent_planner::Step;
 
 use crate::common::{BLEND, Pair, Scenario, check, equal_axes};
 
@@ -119,4 +120,37 @@ fn the_feed_is_the_wish_to_a_thousandth_at_overrides_from_next_to_nothing_to_two
         }
     }
     assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+/// A feed of zero keeps the axes where they are; what the program does at rest comes when it is its turn.
+#[test]
+fn rests_are_passed_without_feed() {
+    let scenario = line();
+    let mut pair = Pair::new(&scenario);
+    let dwell = Step::Dwell {
+        seconds: 0.02,
+        line: 2,
+    };
+    for rest in [
+        Step::Action { action: 0, line: 1 },
+        dwell,
+        Step::Action { action: 1, line: 3 },
+    ] {
+        pair.planner.rest(&rest).expect("room");
+    }
+    let stopped = Inputs {
+        feed_override: 0.0,
+        ..Inputs::default()
+    };
+    let drive = |pair: &mut Pair, inputs: &Inputs| {
+        let mut last = None;
+        for _ in 0..100 {
+            pair.plan_ahead(&scenario);
+            last = Some(pair.step(inputs));
+        }
+        last.expect("a setpoint")
+    };
+    let waiting = drive(&mut pair, &stopped);
+    assert_eq!((waiting.actions, waiting.path_mm), (2, 0.0));
+    assert!(drive(&mut pair, &Inputs::default()).path_mm > 0.0);
 }

@@ -53,7 +53,8 @@ impl ServedParts {
         inputs.resume = false;
         let spindle_overrides = self.counted_overrides(now);
         if let Some(signals) = &mut self.signals {
-            inputs.feed_override *= signals.feed_ratio(now.last.as_ref(), &spindle_overrides);
+            inputs.feed_override *=
+                signals.feed_ratio(now.last.as_ref(), job.motion.is_rapid(), &spindle_overrides);
         }
         now.notes.input_bits |= recorded::FOLLOWS | recorded::STEERS;
         if excursion.is_stopping() {

@@ -98,7 +98,8 @@ impl ServedParts {
         let mut inputs = now.inputs.switched_by(&switches.unwrap_or_default());
         let spindle_overrides = self.counted_overrides(now);
         if let Some(signals) = &mut self.signals {
-            inputs.feed_override *= signals.feed_ratio(now.last.as_ref(), &spindle_overrides);
+            inputs.feed_override *=
+                signals.feed_ratio(now.last.as_ref(), job.motion.is_rapid(), &spindle_overrides);
         }
         let mut setpoint = job.motion.step(&inputs, &mut job.queue);
         now.stops.has_left_wait = at_wait && now.inputs.resume && job.motion.plan_step() != before;
