@@ -27,6 +27,7 @@ mod operate_commands;
 mod operate_jogs;
 mod operate_programs;
 mod operate_service;
+mod operator_messages;
 mod probing;
 mod real_programs;
 mod same_bits;

@@ -204,6 +204,26 @@ fn what_is_started_is_named_and_never_the_program_before() {
     });
 }
 
+/// A start that needs another tool in the spindle.
+#[test]
+fn a_start_at_a_line_that_is_not_possible_fails() {
+    unless_disturbed(|| {
+        let scene = Scene::new("ctl-no-way");
+        let operator = up(&scene);
+        let text = "G21 G90 F3000\nT2 M6\nG1 Z-5\nG1 X5\nM2\n";
+        let program = scene.workshop.write("part.ngc", text).display().to_string();
+        done(&scene, &["load", &program]).expect_code(&[0]);
+        let failed = done(&scene, &["start", "--line", "4"]).expect_code(&[1]);
+        let all = format!("{}{}", failed.out, failed.err);
+        assert!(all.contains("tool 2") && !all.contains("ctl resume"), "{all}");
+        let failed = done(&scene, &["--json", "start", "--line", "4"]).expect_code(&[1]);
+        let answer: serde_json::Value = serde_json::from_str(&failed.out).expect("JSON");
+        assert!(answer["failure"].is_string(), "{answer}");
+        drop(operator);
+        scene.end();
+    });
+}
+
 #[test]
 fn the_way_to_a_line_is_shown_before_anything_moves() {
     unless_disturbed(|| {

@@ -173,7 +173,11 @@ impl Periphery {
                     Spindle {
                         number,
                         direction: outputs.spindle_direction[at],
-                        commanded_rpm: outputs.spindle_rpm[at],
+                        // The field keeps the last speed while the spindle is stopped.
+                        commanded_rpm: match outputs.spindle_direction[at] {
+                            0 => 0.0,
+                            _ => outputs.spindle_rpm[at],
+                        },
                         measured_rpm: reading.and_then(|reading| reading.measured_rpm),
                     }
                 })

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use evolvent_bus::{ControlAnswer, ControlClient, ControlRequest, Status, StatusReader, switches};
 use evolvent_control::{Alarm, CommandCode, JogEnable, Mode};
+use evolvent_runtime::BEFORE_LINE;
 
 use crate::ctl_answer::{JobEnd, has_latched_alarm, tell};
 use crate::ctl_args::Action;
@@ -92,6 +93,13 @@ impl From<ControlRequest> for Order {
     fn from(request: ControlRequest) -> Self {
         Self { request, wait: None }
     }
+}
+
+/// What came of a START.
+enum Started {
+    /// The program runs, or waits before its approach; what to print.
+    Runs(String),
+    Failed(Box<Status>),
 }
 
 impl Session {
@@ -283,9 +291,14 @@ impl Session {
             answer = self.send(&order.request)?;
         }
         let starts = matches!(action, Action::Start { .. }) && answer.verdict == 0;
-        if starts && !self.json {
-            let text = self.shown_start(action, &answer)?;
-            writeln!(out, "{text}").map_err(|error| CommandError::Failed(error.to_string()))?;
+        if starts {
+            let text = match self.started(action, &answer)? {
+                Started::Runs(text) => text,
+                Started::Failed(status) => return self.tell_end(&answer, Some(&status), false, out),
+            };
+            if !self.json {
+                writeln!(out, "{text}").map_err(|error| CommandError::Failed(error.to_string()))?;
+            }
         }
         let result = match order.wait {
             Some(waiting) if answer.verdict == 0 => Some(self.await_job(answer.job, waiting, err)?),
@@ -307,7 +320,7 @@ impl Session {
     }
 
     /// The program that was started; with a start line also the approach, before which the machine waits.
-    fn shown_start(&mut self, action: &Action, answer: &ControlAnswer) -> Result<String, CommandError> {
+    fn started(&mut self, action: &Action, answer: &ControlAnswer) -> Result<Started, CommandError> {
         let is_in_the_middle = matches!(action, Action::Start { line: Some(2..), .. });
         let deadline = Instant::now() + WAY;
         while is_in_the_middle && Instant::now() < deadline {
@@ -316,19 +329,20 @@ impl Session {
                 std::thread::sleep(POLL);
                 continue;
             };
-            let message = status.operator_message();
+            // What stands against the way ends the job.
             if status.job_result != 0 {
-                break;
+                return Ok(Started::Failed(Box::new(status)));
             }
-            if !message.is_empty() && !message.ends_with("is being worked out") {
-                return Ok(format!(
+            let message = status.operator_message();
+            if message.starts_with(BEFORE_LINE) && !message.ends_with("is being worked out") {
+                return Ok(Started::Runs(format!(
                     "{}\n{message}\n`evolvent ctl resume` starts the approach",
                     answer.text().split(": stopped before").next().unwrap_or_default()
-                ));
+                )));
             }
             std::thread::sleep(POLL);
         }
-        Ok(answer.text().to_owned())
+        Ok(Started::Runs(answer.text().to_owned()))
     }
 
     /// From now on the first signal ends the motion of this command.

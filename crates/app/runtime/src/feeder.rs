@@ -21,7 +21,7 @@ use evolvent_signals::Scheduler;
 use crate::job::Setup;
 use crate::log_file::LogFiles;
 use crate::memory::ProgramMemory;
-use crate::news::{FeederEvent, StopKind};
+use crate::news::{FeederEvent, Moment, StopKind};
 use crate::periphery::Periphery;
 use crate::refusal::{ProgramError, about_line, about_line_with, at_origin, explain};
 use crate::signal_check::signal_objection;
@@ -230,6 +230,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         let _gone = self.planner.finish(line);
         self.report_blocks(true);
         self.finish_logs();
+        self.reporter.release(Moment::Block(self.next_block));
         // Holds and overrides are answered as long as the program runs.
         self.planner.serve_until_closed();
         let report = FeedReport {

@@ -105,7 +105,7 @@ pub use refusal::ProgramError;
 pub use rt::{LowLatencyHold, MonotonicClock, RealtimeGranted, RealtimeRequest, apply_to_this_thread};
 pub use run::{RunOutcome, run, run_seen};
 pub use run_info::TABLES;
-pub use serve::{ServeConfig, ServeNews, ServeSummary, TraceTo, serve, state_folder};
+pub use serve::{BEFORE_LINE, ServeConfig, ServeNews, ServeSummary, TraceTo, serve, state_folder};
 pub use shared::{Controls, Progress};
 pub use signal_loop::{SignalChange, SignalName};
 pub use signal_replay::OutputDifference;

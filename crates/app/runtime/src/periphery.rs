@@ -132,7 +132,7 @@ pub(crate) fn change_begins(tool: u32, present: u32, line: u32) -> UserCall {
 }
 
 /// How a request to change the tool begins.
-pub(crate) const TOOL_REQUEST: &str = "tool change (M6): ";
+const TOOL_REQUEST: &str = "tool change (M6): ";
 
 /// The request to the operator.
 pub(crate) fn tool_request(tool: u32, present: u32) -> String {

@@ -21,6 +21,14 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 self.push_move(motion, line)?;
             }
             Action::Dwell { seconds } => {
+                if self.reporter.has_passing() {
+                    let action = self.actions;
+                    self.actions += 1;
+                    self.reporter.release(Moment::Rest(action));
+                    self.planner
+                        .rest(&Step::Action { action, line })
+                        .map_err(PlanError::Sink)?;
+                }
                 self.planner
                     .rest(&Step::Dwell {
                         seconds: *seconds,
@@ -99,8 +107,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                         return Ok(true);
                     }
                     let is_message = !matches!(other, Action::SelectTool(_));
-                    self.reporter
-                        .announce(Moment::Block(self.next_block), line, is_message, &text);
+                    self.reporter.announce_in_passing(line, is_message, &text);
                 }
             }
         }
@@ -115,14 +122,13 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         match kind {
             StopKind::User(call) => {
                 self.report_periphery(action);
-                self.reporter
-                    .announce(Moment::Rest(action), line, false, &call.text());
+                self.reporter.announce(action, line, false, &call.text());
                 self.hand_to_carrier(action, call)?;
             }
             StopKind::ToolChange(tool) => {
                 self.report_periphery(action);
                 let text = tool_request(tool, self.periphery.tool);
-                self.reporter.announce(Moment::Rest(action), line, true, &text);
+                self.reporter.announce(action, line, true, &text);
             }
             StopKind::Program | StopKind::Step | StopKind::Input => {}
         }
@@ -182,6 +188,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             self.schedule(|signals| signals.change(change))
                 .map_err(PlanError::Sink)?;
         }
+        self.reporter.release(Moment::Block(block));
         self.planner.push(&motion, line, block)?;
         self.next_block += 1;
         self.counts.moves += 1;
@@ -212,7 +219,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     pub(super) fn act(&mut self, line: u32, text: &str) -> Result<(), PlanError<QueueClosed>> {
         let action = self.actions;
         self.actions += 1;
-        self.reporter.announce(Moment::Rest(action), line, false, text);
+        self.reporter.announce(action, line, false, text);
         self.planner
             .rest(&Step::Action { action, line })
             .map_err(PlanError::Sink)

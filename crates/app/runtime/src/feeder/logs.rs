@@ -6,7 +6,6 @@ use evolvent_planner::PlanSink;
 
 use super::Feeder;
 use crate::log_file::{LogFiles, LogKind, log_objection};
-use crate::news::Moment;
 use crate::source::Commands;
 
 /// A log file that cannot be written, with the cure.
@@ -28,8 +27,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             ) && self.reporter.warned.insert(line)
             {
                 let text = "warning: time is not real: the log file is not written";
-                self.reporter
-                    .announce(Moment::Block(self.next_block), line, true, text);
+                self.reporter.announce_in_passing(line, true, text);
             }
             return None;
         };
@@ -38,8 +36,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             if self.reporter.warned.insert(line) {
                 let text =
                     "warning: no log file is open, so this line goes nowhere: write (LOGOPEN,name) before it";
-                self.reporter
-                    .announce(Moment::Block(self.next_block), line, true, text);
+                self.reporter.announce_in_passing(line, true, text);
             }
             return None;
         }
@@ -57,8 +54,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     pub(super) fn finish_logs(&mut self) {
         if let Some(Err(text)) = self.logs.take().map(LogFiles::finish) {
             let text = format!("warning: {text}");
-            self.reporter
-                .announce(Moment::Block(self.next_block), self.last_line, true, &text);
+            self.reporter.announce_in_passing(self.last_line, true, &text);
         }
     }
 }

@@ -6,7 +6,7 @@ use evolvent_planner::{PlanError, PlanSink, Step};
 use evolvent_signals::{Change, FeedLaw, Moment as SignalMoment, OverrideSwitches, Scheduler};
 
 use super::{CARRIER_NAP, Feeder};
-use crate::news::{Moment, describe};
+use crate::news::describe;
 
 /// What counts from the next block on.
 pub(super) struct NextBlock {
@@ -149,8 +149,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             return;
         }
         let text = "warning: no move follows this output, so it does not change: write a move behind it, or M64, M65 or M68";
-        self.reporter
-            .announce(Moment::Block(self.next_block), self.next.line, true, text);
+        self.reporter.announce_in_passing(self.next.line, true, text);
     }
 
     /// The feed of a move goes by time or by the spindle, from its block on.

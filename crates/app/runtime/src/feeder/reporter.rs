@@ -36,6 +36,8 @@ pub(super) struct Reporter {
     subroutines: String,
     /// Files of subroutines that have been attached.
     files_attached: usize,
+    /// Lines and texts that were announced in passing.
+    passing: Vec<(u32, bool, String)>,
     /// Lines of which warnings were given.
     pub(super) warned: BTreeSet<u32>,
 }
@@ -52,6 +54,7 @@ impl Reporter {
             modal: None,
             subroutines: "subroutines/".to_owned(),
             files_attached: 0,
+            passing: Vec::new(),
             warned: BTreeSet::new(),
         }
     }
@@ -79,7 +82,8 @@ impl Reporter {
         }
     }
 
-    pub(super) fn stop(&self, action: u32, kind: StopKind) {
+    pub(super) fn stop(&mut self, action: u32, kind: StopKind) {
+        self.release(Moment::Rest(action));
         self.to_observer(FeederEvent::Stop(action, kind));
     }
 
@@ -123,7 +127,30 @@ impl Reporter {
         }
     }
 
-    pub(super) fn announce(&self, moment: Moment, line: u32, is_message: bool, text: &str) {
+    /// Something that comes with the action of this number, at rest.
+    pub(super) fn announce(&mut self, action: u32, line: u32, is_message: bool, text: &str) {
+        self.release(Moment::Rest(action));
+        self.send(Moment::Rest(action), line, is_message, text);
+    }
+
+    /// Something in passing: it comes where the program comes to it, be that the next block or a rest before.
+    pub(super) fn announce_in_passing(&mut self, line: u32, is_message: bool, text: &str) {
+        self.passing.push((line, is_message, text.to_owned()));
+    }
+
+    /// Whether something was announced in passing of which it is not known yet where it comes.
+    pub(super) fn has_passing(&self) -> bool {
+        !self.passing.is_empty()
+    }
+
+    /// This comes next in the program: what was announced in passing comes with it.
+    pub(super) fn release(&mut self, moment: Moment) {
+        for (line, is_message, text) in std::mem::take(&mut self.passing) {
+            self.send(moment, line, is_message, &text);
+        }
+    }
+
+    fn send(&self, moment: Moment, line: u32, is_message: bool, text: &str) {
         for listener in self.listeners.iter().chain(&self.observer) {
             let notice = Notice {
                 moment,

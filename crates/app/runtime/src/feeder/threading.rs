@@ -10,7 +10,6 @@ use evolvent_signals::{Change, Moment as SignalMoment};
 
 use super::Feeder;
 use super::links::hand_over;
-use crate::news::Moment;
 use crate::refusal::{ProgramError, at_origin};
 use crate::threading::{ThreadChain, complaint};
 
@@ -147,7 +146,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.report_periphery(action);
         let what = if chain.is_tap() { "tap" } else { "thread" };
         let text = format!("{what} in step with the spindle: in phase {run_in_mm:.3} mm behind its start");
-        self.reporter.announce(Moment::Rest(action), line, false, &text);
+        self.reporter.announce(action, line, false, &text);
         if chain.is_tap() {
             self.report_reversal(
                 chain.spindle(),
@@ -168,8 +167,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             result.worst_mm
         );
         if complaint(&result, 0.0).is_none() {
-            self.reporter
-                .announce(Moment::Block(self.next_block), line, false, &text);
+            self.reporter.announce_in_passing(line, false, &text);
             // Its angle is followed on for the next pass, and whether it stalls is for others to notice again.
             self.periphery.in_pass = None;
             let action = self.actions;

@@ -11,7 +11,7 @@ use evolvent_signals::{Awaited, Change, FeedLaw, InputWait, Moment as SignalMome
 
 use super::links::{CycleLinks, hand_over};
 use super::{Feeder, INPUT_NAP};
-use crate::news::{Moment, StopKind, spindle_name, with_article};
+use crate::news::{StopKind, spindle_name, with_article};
 use crate::probing::{complaint, objection, probing};
 use crate::refusal::{ProgramError, about_line_with, at_origin, cannot_turn};
 use crate::source::Commands;
@@ -262,7 +262,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         } else {
             "probe until contact is lost (G38)"
         };
-        self.reporter.announce(Moment::Rest(action), line, false, text);
+        self.reporter.announce(action, line, false, text);
         (self.last_line, self.end_line) = (0, line);
         self.planner.rest(&Step::Action { action, line })?;
         let end = order.curve.end();
@@ -298,8 +298,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             _ => "probe: no change".to_owned(),
         };
         if result.verdict != ProbeVerdict::Imagined || self.reporter.warned.insert(line) {
-            self.reporter
-                .announce(Moment::Block(self.next_block), line, true, &text);
+            self.reporter.announce_in_passing(line, true, &text);
         }
         Ok(result)
     }
@@ -341,8 +340,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         let action = self.actions;
         self.actions += 1;
         self.reporter.stop(action, StopKind::Input);
-        self.reporter
-            .announce(Moment::Rest(action), line, is_message, text);
+        self.reporter.announce(action, line, is_message, text);
         let wait = InputWait {
             action,
             awaited,

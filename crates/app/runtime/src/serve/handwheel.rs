@@ -148,7 +148,8 @@ impl Operator {
         if let Some(goal) = desk.goal
             && let Err(refusal) = self.drive_to(&goal, reading.step)
         {
-            self.message = format!("the handwheel is not followed: {refusal}");
+            self.message
+                .tell(format!("the handwheel is not followed: {refusal}"));
             self.rest_handwheel();
         }
     }

@@ -268,7 +268,7 @@ impl Operator {
     /// Goes on with a jog that waits for the change before it. One that cannot be driven from where the axes are by now stops.
     pub(super) fn follow_jog(&mut self) {
         let Err(refusal) = self.drive_intent() else { return };
-        self.message = format!("the jog was stopped: {refusal}");
+        self.message.tell(format!("the jog was stopped: {refusal}"));
         if let Some(steered) = self.steered() {
             steered.stopping = true;
             self.order(CycleCommand::StopSteering);
@@ -304,7 +304,7 @@ impl Operator {
                 true
             }
             (Err(refusal), _) => {
-                self.message = format!("the jog was stopped: {refusal}");
+                self.message.tell(format!("the jog was stopped: {refusal}"));
                 false
             }
             _ => false,

@@ -295,7 +295,7 @@ impl Operator {
             if let Some(away) = self.away() {
                 away.settle(&here);
             }
-            self.message = Alarm::CannotLeave.sentence().to_owned();
+            self.message.tell_of_job(Alarm::CannotLeave.sentence());
         }
         self.forget_if_there();
     }
@@ -329,11 +329,13 @@ impl Operator {
             if let Some(away) = self.away() {
                 away.is_returning = false;
             }
-            self.message = format!("the way back was stopped: {refusal}");
+            self.message
+                .tell_of_job(format!("the way back was stopped: {refusal}"));
             return;
         }
         if (self.away()).is_some_and(|away| away.motion.is_none()) {
-            self.message = self.way_back();
+            let way_back = self.way_back();
+            self.message.tell_of_job(way_back);
         }
     }
 
@@ -344,7 +346,8 @@ impl Operator {
             && (run.away.as_ref()).is_none_or(|away| away.motion.is_none())
         {
             run.away = None;
-            self.message = "back where the program is held: `resume` continues".to_owned();
+            self.message
+                .tell_of_stop("back where the program is held: `resume` continues");
         }
     }
 

@@ -22,12 +22,12 @@ use super::file_work::FileWork;
 use super::handwheel::HandwheelDesk;
 use super::jog::Steered;
 use super::modes::{Modes, simulate_modes};
+use super::operator_message::OperatorMessage;
 use super::order_book::OrderBook;
 use super::orders::{CycleCommand, CycleEvent, CycleView, Order};
 use super::periphery_desk::PeripheryDesk;
 use super::program_desk::ProgramDesk;
 use super::programs::ProgramRun;
-use super::programs::is_request;
 use super::state_store::StateStore;
 use crate::drives::watch_settings;
 use crate::job::Setup;
@@ -85,7 +85,7 @@ pub(crate) struct Operator {
     /// Spindle, coolant and tool as they are now.
     pub(super) periphery: PeripheryDesk,
     pub(super) handwheel: Option<HandwheelDesk>,
-    pub(super) message: String,
+    pub(super) message: OperatorMessage,
     pub(super) malformed: u64,
 }
 
@@ -164,7 +164,7 @@ impl Operator {
             files: FileWork::default(),
             periphery: PeripheryDesk::new(tool, periphery),
             handwheel,
-            message: String::new(),
+            message: OperatorMessage::default(),
             malformed: 0,
         };
         operator.refresh_modes();
@@ -585,11 +585,11 @@ impl Operator {
             self.files.way = None;
             // Who has stopped meanwhile needs it no more.
             if matches!(self.job, Job::Program(_)) {
-                self.message = text;
+                self.message.tell_of_stop(text);
             }
         }
         if let Some(objection) = self.files.checking.as_mut().and_then(Checking::objection) {
-            self.message = objection;
+            self.message.tell(objection);
         }
     }
 
@@ -606,9 +606,7 @@ impl Operator {
         if is_broken_off || result == JobResult::Fault {
             self.switch_periphery_off();
         }
-        if is_request(&self.message) {
-            self.message.clear();
-        }
+        self.message.job_ends();
         self.job = Job::None;
         (self.stops.hold, self.stops.stopping) = (false, false);
         self.desk.job_ends(result);

@@ -25,7 +25,6 @@ use super::track::Track;
 use crate::job::Setup;
 use crate::job_start::ProgramStart;
 use crate::news::UserCall;
-use crate::periphery::TOOL_REQUEST;
 use crate::rt::take_turns;
 use crate::source::{Commands, Start};
 use crate::switches::{SwitchState, Switches, Switching};
@@ -33,8 +32,8 @@ use crate::user_code::UserProgram;
 
 /// What the message says of a user-defined M code.
 const AT_WORK: &str = " is being carried out";
-/// How the message of a program begins that waits before its approach.
-const BEFORE_LINE: &str = "stopped before line ";
+/// How the message of a program begins that waits before its approach to a line in the middle.
+pub const BEFORE_LINE: &str = "stopped before line ";
 
 /// Why nothing is kept any more.
 const NO_SAVER: &str = "no thread to write with; restart the core";
@@ -63,6 +62,8 @@ pub(super) struct ProgramRun {
     pub(super) beginning: Option<ChangeBeginning>,
     /// Such a command has failed.
     pub(super) has_failed: bool,
+    /// What is wrong with its text.
+    pub(super) failure: Option<String>,
     /// When the machine was found to be through with it.
     pub(super) ended_at: Option<Instant>,
     /// The excursion from it while it is held, if any.
@@ -128,11 +129,6 @@ fn way_there(start: &Start) -> String {
     )
 }
 
-/// Whether a message asks for something that only the job which wrote it waits for.
-pub(super) fn is_request(message: &str) -> bool {
-    message.starts_with(TOOL_REQUEST) || message.starts_with(BEFORE_LINE)
-}
-
 impl Operator {
     pub(super) fn load(&mut self, file: &ProgramFile) -> Result<(), Rejection> {
         self.files.checking = None;
@@ -175,7 +171,8 @@ impl Operator {
         self.switch_anew(steps);
         let job = self.plan(file, setup, None, Activity::Program)?;
         if way.is_some() {
-            self.message = format!("{BEFORE_LINE}{line}; the way there is being worked out");
+            self.message
+                .tell_of_stop(format!("{BEFORE_LINE}{line}; the way there is being worked out"));
         }
         self.files.way = way;
         Ok(job)
@@ -185,7 +182,10 @@ impl Operator {
     pub(super) fn started(&self) -> String {
         let program = self.desk.program().unwrap_or_default();
         if self.files.way.is_some() {
-            format!("{program}: {}, and told by the status's message", self.message)
+            format!(
+                "{program}: {}, and told by the status's message",
+                self.message.text()
+            )
         } else {
             program.to_owned()
         }
@@ -263,6 +263,7 @@ impl Operator {
         })
         .map_err(|error| Rejection::new(Alarm::Planner, format!("no thread for the planner: {error}")))?;
         self.program.track = Track::default();
+        self.message.clear();
         self.stops.is_emergency = false;
         (self.stops.hold, self.stops.stopping) = (false, false);
         self.job = Job::Program(Box::new(ProgramRun {
@@ -274,6 +275,7 @@ impl Operator {
             command: None,
             beginning: None,
             has_failed: false,
+            failure: None,
             ended_at: None,
             away: None,
             saving: None,

@@ -199,7 +199,7 @@ pub(crate) fn snapshot(
     }
     show_within_turn(&mut status, operator.unlimited);
     status.set_program(desk.program().unwrap_or_default());
-    status.set_message(&operator.message);
+    status.set_message(operator.message.text());
     for (alarm, text) in desk.alarms() {
         status.push_alarm(alarm.number());
         status.set_alarm_text(text);

@@ -11,7 +11,7 @@ use evolvent_motion::State;
 use super::{
     AT_WORK, ChangeBeginning, NO_SAVER, NUMBERS_LEFT, PLANNER_TIMEOUT, StepBehind, UserCommand, sentence,
 };
-use crate::news::{ExternalEventKind, StopKind, UserCall};
+use crate::news::{ExternalEventKind, Moment, StopKind, UserCall};
 use crate::periphery::{CHANGE_BEGINS, Periphery, TOOL_CHANGE_CODE};
 use crate::refusal::ProgramError;
 use crate::serve::files::READING_TIMEOUT;
@@ -28,13 +28,14 @@ impl Operator {
         let Job::Program(run) = &mut self.job else { return };
         self.program.track.receive(&run.planning.news);
         let message = &mut self.message;
-        if let Some(modal) = self.program.track.reach(&setpoint, |notice| {
-            if notice.is_message {
-                message.clone_from(&notice.text);
-            }
+        if let Some(modal) = self.program.track.reach(&setpoint, |notice| match notice.moment {
+            _ if !notice.is_message => {}
+            Moment::Rest(_) if setpoint.state == State::ProgramStop => message.tell_of_stop(&*notice.text),
+            _ => message.tell(&*notice.text),
         }) {
             self.program.modes.modal = modal;
         }
+        self.message.follow(setpoint.state);
         if let Some(periphery) = self.program.track.take_periphery(&setpoint)
             && !self.stops.is_emergency
         {
@@ -181,7 +182,7 @@ impl Operator {
             is_done: false,
             is_cancelled: false,
         });
-        self.message = format!("{}{AT_WORK}", call.text());
+        self.message.tell_of_stop(format!("{}{AT_WORK}", call.text()));
     }
 
     /// A job that ends in the middle of a tool change leaves an unknown tool in the spindle.
@@ -190,7 +191,16 @@ impl Operator {
             && self.keep.is_change_under_way
         {
             self.keep.is_change_under_way = false;
-            self.raise(self.view.setpoint.sequence, Alarm::ToolChange, mark.sentence());
+            let failure = match &mut self.job {
+                Job::Program(run) => run.failure.take(),
+                _ => None,
+            };
+            // Of several alarms the status has the text of the last.
+            let text = match failure {
+                Some(failure) => format!("{}; it failed at {failure}", mark.sentence()),
+                None => mark.sentence(),
+            };
+            self.raise(self.view.setpoint.sequence, Alarm::ToolChange, text);
         }
     }
 
@@ -248,7 +258,7 @@ impl Operator {
                             saving: self.keep.begin_change(tool as u32),
                             begun: Instant::now(),
                         });
-                        self.message = format!("{}{AT_WORK}", call.text());
+                        self.message.tell_of_stop(format!("{}{AT_WORK}", call.text()));
                     }
                     _ => self.carry_out_command(call, action + 1),
                 }
@@ -284,11 +294,11 @@ impl Operator {
             run.command = None;
         }
         for text in lines {
-            self.message.clone_from(&text);
+            self.message.tell(&*text);
             self.record(ExternalEventKind::Output, line, text, None);
         }
         if let Some(stop) = done {
-            if self.message.ends_with(AT_WORK) {
+            if self.message.text().ends_with(AT_WORK) {
                 self.message.clear();
             }
             self.order(CycleCommand::GoOn(stop));
@@ -338,6 +348,9 @@ impl Operator {
                     ProgramError::Text { diagnostic, .. } => sentence(diagnostic, 0),
                     ProgramError::Read { .. } => error.to_string(),
                 };
+                if let Job::Program(run) = &mut self.job {
+                    run.failure = Some(text.clone());
+                }
                 self.raise(sequence, Alarm::Program, text);
             }
             _ => {}
