@@ -74,6 +74,7 @@ pub use diagnostics::diagnostic::{Call, Diagnostic};
 pub use evolvent_path::{Move, MoveKind, PathMode};
 pub use execution::cycles::turning::{TurningCycle, TurningKind};
 pub use interpreter::Interpreter;
+pub use interpreter::control_flow::LoopPlace;
 pub use interpreter::modal::Modal;
 pub use interpreter::restart::{Approach, Restart};
 pub use state::outputs::{Outputs, SPINDLES, SpindleOutput};

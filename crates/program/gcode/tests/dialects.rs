@@ -170,27 +170,6 @@ fn a_dwell_of_a_thousand_seconds_is_warned_of() {
 }
 
 #[test]
-fn an_endsub_of_another_name_is_one_error_in_its_line() {
-    let found = errors("o<a> sub\nG0 X1\no<b> endsub\nG0 X2\nM2\n");
-    assert_eq!(found.len(), 1, "{found:?}");
-    assert_eq!((found[0].line, found[0].code), (3, Code::OWordOrder));
-    assert!(
-        found[0].message.contains("O<a> sub of line 1"),
-        "{}",
-        found[0].message
-    );
-    // Called from before it: the same.
-    let found = errors("o<a> call\nG0 X2\nM2\no<a> sub\nG0 X1\no<b> endsub\n");
-    assert_eq!(found.len(), 1, "{found:?}");
-    let found = errors("o<a> sub\nG0 X1\n");
-    assert!(
-        found[0].message.contains("O<a> sub starts in line 1"),
-        "{}",
-        found[0].message
-    );
-}
-
-#[test]
 fn errors_in_files_of_subroutines_name_the_calls() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
@@ -915,40 +894,4 @@ fn returns_before_a_line_end_are_no_error_and_others_are_one() {
     }
     let aborted = errors("(ABORT,a\rb)\n");
     assert!(!aborted[0].render("x").contains('\r'), "{aborted:?}");
-}
-
-#[test]
-fn a_subroutine_file_without_its_subroutine_names_what_is_missing() {
-    let folder = tempfile::tempdir().unwrap();
-    let settings = || Settings {
-        subroutine_folders: vec![folder.path().to_path_buf()],
-        ..Settings::default()
-    };
-    std::fs::write(
-        folder.path().join("bore.ngc"),
-        "(a bore)\no<boring> sub\nG0 X1\no<boring> endsub\nM2\n",
-    )
-    .unwrap();
-    std::fs::write(folder.path().join("plain.ngc"), "G0 X1\nG0 X2\n").unwrap();
-    let (_, errors) = interpret("o<plain> call\nM2\n", settings());
-    assert!(
-        errors[0].message.contains("O<plain> sub is missing in ") && errors[0].message.ends_with("plain.ngc"),
-        "{errors:?}"
-    );
-    std::fs::write(
-        folder.path().join("bore.ngc"),
-        "(a bore)\no<boring> sub\nG0 X1\no<boring> endsub\n",
-    )
-    .unwrap();
-    let (_, errors) = interpret("o<bore> call\nM2\n", settings());
-    assert!(
-        errors[0].message.contains("O<bore> sub is missing in "),
-        "{errors:?}"
-    );
-    let help = errors[0].help.as_deref().unwrap_or_default();
-    assert!(help.contains("line 2 has O<boring> sub"), "{help}");
-    // A file that has its subroutine, cut off.
-    std::fs::write(folder.path().join("bore.ngc"), "o<bore> sub\nG0 X1\n").unwrap();
-    let (_, errors) = interpret("o<bore> call\nM2\n", settings());
-    assert!(errors[0].message.contains("endsub is missing"), "{errors:?}");
 }

@@ -11,6 +11,7 @@ mod flow;
 mod language;
 mod linuxcnc;
 mod mutations;
+mod o_words;
 mod probing_cycles;
 mod programs;
 mod random;

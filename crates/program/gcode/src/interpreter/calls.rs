@@ -6,7 +6,7 @@ use std::sync::Arc as Shared;
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
-use crate::interpreter::o_words::{Definition, Frame, order};
+use crate::interpreter::o_words::{Definition, Frame};
 use crate::interpreter::tool_change::Resumed;
 use crate::parameters::names::{NameId, Normal};
 use crate::syntax::block::{Keyword, OWord};
@@ -31,6 +31,9 @@ impl<R: BufRead> Interpreter<R> {
         let Some(definition) = &mut self.flow.definition else {
             return Ok(());
         };
+        if let Some(word) = word.filter(|word| word.keyword == Keyword::Sub) {
+            return self.sub_in_definition(word);
+        }
         definition.lines.push(self.current.number, &self.current.text);
         if definition.lines.size() > remaining {
             self.flow.definition = None;
@@ -38,32 +41,20 @@ impl<R: BufRead> Interpreter<R> {
         }
         match word {
             Some(word) if word.keyword == Keyword::EndSub && label == Some(definition.name) => {
-                if let Some(Definition { name, lines, .. }) = self.flow.definition.take() {
-                    let lines = Shared::new(lines);
-                    self.flow.library.insert(name, Subroutine { lines, first: 0 });
-                }
+                self.end_definition();
+                Ok(())
             }
-            Some(word) if word.keyword == Keyword::EndSub => {
-                let (begun, text) = (definition.line, definition.text.clone());
-                // It ends here in any case, so that one mistake gives one error.
-                if let Some(Definition { name, lines, .. }) = self.flow.definition.take() {
-                    let lines = Shared::new(lines);
-                    self.flow.library.insert(name, Subroutine { lines, first: 0 });
-                }
-                let message = format!(
-                    "O<{}> endsub, but O<{text}> sub of line {begun} has to end here",
-                    word.name.as_str()
-                );
-                return Err(Fault::new(Code::OWordOrder, word.span, message).help(format!(
-                    "write the same name twice: O<{text}> sub ... O<{text}> endsub"
-                )));
-            }
-            Some(word) if word.keyword == Keyword::Sub => {
-                return Err(order(word, "starts inside another subroutine"));
-            }
-            _ => {}
+            Some(word) if word.keyword == Keyword::EndSub => self.wrong_end_of_definition(word),
+            _ => Ok(()),
         }
-        Ok(())
+    }
+
+    /// What is being collected is complete.
+    pub(crate) fn end_definition(&mut self) {
+        if let Some(Definition { name, lines, .. }) = self.flow.definition.take() {
+            let lines = Shared::new(lines);
+            self.flow.library.insert(name, Subroutine { lines, first: 0 });
+        }
     }
 
     pub(crate) fn body_too_long(&self) -> Fault {
@@ -131,6 +122,8 @@ impl<R: BufRead> Interpreter<R> {
         }
         let found = match self.flow.library.get(name) {
             Some(found) => Some(found.clone()),
+            // The mistake is at its beginning.
+            None if self.flow.refused_subs.contains(&name) => return Ok(()),
             None => self.load(text, name, span)?,
         };
         let Some(found) = found else {

@@ -1,8 +1,17 @@
 //! What decides which line is next.
 
 use crate::interpreter::o_words::{Definition, Frame, Skip};
-use crate::parameters::names::Names;
+use crate::parameters::names::{NameId, Names};
 use crate::syntax::lines::{Library, Lines};
+
+/// Where a loop begins.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LoopPlace {
+    /// The file, where it is not the program itself but one of a subroutine.
+    pub file: Option<String>,
+    /// Its line there, from 1.
+    pub line: u32,
+}
 
 /// What decides which line is next: subroutines, loops and branches.
 pub(crate) struct ControlFlow {
@@ -15,6 +24,8 @@ pub(crate) struct ControlFlow {
     pub(crate) frames: Vec<Frame>,
     pub(crate) skip: Option<Skip>,
     pub(crate) definition: Option<Definition>,
+    /// Subroutines whose beginning was refused: what follows from that is no error of its own.
+    pub(crate) refused_subs: Vec<NameId>,
     pub(crate) library: Library,
     pub(crate) labels: Names,
     /// Values after an O-word.
@@ -30,9 +41,24 @@ impl Default for ControlFlow {
             frames: vec![Frame::default()],
             skip: None,
             definition: None,
+            refused_subs: Vec::new(),
             library: Library::default(),
             labels: Names::default(),
             arguments: Vec::new(),
         }
+    }
+}
+
+impl ControlFlow {
+    /// Where the outermost active loop begins.
+    pub(crate) fn outermost_loop(&self) -> Option<LoopPlace> {
+        self.frames.iter().find_map(|frame| {
+            let start = frame.open.iter().find_map(|open| open.loop_start())?;
+            let lines = frame.lines.as_deref().unwrap_or(&self.tape);
+            Some(LoopPlace {
+                file: lines.file.as_deref().map(str::to_owned),
+                line: lines.get(start)?.1,
+            })
+        })
     }
 }

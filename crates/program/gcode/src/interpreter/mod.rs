@@ -11,6 +11,7 @@ mod error_history;
 pub(crate) mod modal;
 pub(crate) mod o_words;
 pub(crate) mod output;
+pub(crate) mod pairs;
 pub(crate) mod restart;
 pub(crate) mod surface_feed;
 pub(crate) mod tool_change;
@@ -28,7 +29,7 @@ use crate::diagnostics::foreign_line::Surroundings;
 use crate::diagnostics::{foreign, misread};
 use crate::execution::execute::{Executor, MAX_HELD_COMMANDS};
 use crate::interpreter::capture::Capture;
-use crate::interpreter::control_flow::ControlFlow;
+use crate::interpreter::control_flow::{ControlFlow, LoopPlace};
 use crate::interpreter::current_line::{CurrentLine, Place};
 use crate::interpreter::error_history::{ErrorHistory, MAX_REPEATED_ERRORS, Report};
 use crate::interpreter::o_words::Frame;
@@ -193,6 +194,12 @@ impl<R: BufRead> Interpreter<R> {
     /// without the folders.
     pub fn subroutine_files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
         self.flow.library.files()
+    }
+
+    /// Where the outermost loop begins that the line read last belongs to, in the program or in a subroutine.
+    #[must_use]
+    pub fn outermost_loop(&self) -> Option<LoopPlace> {
+        self.flow.outermost_loop()
     }
 
     pub(crate) fn state(&self) -> &State {
@@ -480,8 +487,13 @@ impl<R: BufRead> Interpreter<R> {
             self.flow.frames[0].at = 0;
         }
         self.flow.on_tape = false;
+        let line_before = self.current.number;
         let read = self.reader.read_into(&mut self.current.text)?;
         self.current.number = self.reader.line();
+        if !read && line_before != self.current.number {
+            // That of a subroutine, which has ended.
+            self.current.text.clear();
+        }
         if read && recording {
             self.flow.tape.push(self.current.number, &self.current.text);
             self.flow.frames[0].at = self.flow.tape.len();

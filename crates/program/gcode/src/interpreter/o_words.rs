@@ -52,8 +52,8 @@ impl Frame {
 /// An open condition or loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Open {
-    /// Whether one of its branches has been executed.
-    If { name: NameId, taken: bool },
+    /// Whether one of its branches has been executed, and its line.
+    If { name: NameId, taken: bool, line: u32 },
     /// `start` is the index of the line with `while`.
     While { name: NameId, start: usize },
     /// `start` is the first line of the body.
@@ -63,7 +63,7 @@ pub(crate) enum Open {
 }
 
 impl Open {
-    fn name(self) -> NameId {
+    pub(crate) fn name(self) -> NameId {
         match self {
             Self::If { name, .. }
             | Self::While { name, .. }
@@ -75,6 +75,15 @@ impl Open {
     fn is_loop(self) -> bool {
         !matches!(self, Self::If { .. })
     }
+
+    /// Index of the line with which a loop begins, among the lines of its frame.
+    pub(crate) fn loop_start(self) -> Option<usize> {
+        match self {
+            Self::If { .. } => None,
+            Self::While { start, .. } => Some(start),
+            Self::Do { start, .. } | Self::Repeat { start, .. } => start.checked_sub(1),
+        }
+    }
 }
 
 /// Lines are skipped until an O-word with this name.
@@ -82,8 +91,8 @@ impl Open {
 pub(crate) enum Skip {
     /// The next branch or the end of a condition.
     Branch(NameId),
-    /// The end of a finished loop.
-    End(NameId, Keyword),
+    /// The end of a finished loop, and the line with which the loop begins.
+    End(NameId, Keyword, u32),
     /// The `while` at the end of a `do`.
     Test(NameId),
 }
@@ -153,6 +162,7 @@ impl<R: BufRead> Interpreter<R> {
     fn execute_o_word(&mut self, word: &OWord) -> Result<(), Fault> {
         let name = self.label(word)?;
         match word.keyword {
+            Keyword::Sub if self.is_in_subroutine() => return Err(self.nested_sub(word, name)),
             Keyword::Sub => {
                 self.nothing_more(word)?;
                 let file = self.frame().lines.as_ref().and_then(|lines| lines.file.clone());
@@ -187,7 +197,7 @@ impl<R: BufRead> Interpreter<R> {
                     self.nothing_more(word)?;
                     self.frame().open.pop();
                 }
-                _ => return Err(order(word, "has no if before it")),
+                _ => return Err(self.end_without_begin(word)),
             },
             Keyword::While => self.while_(word, name)?,
             Keyword::EndWhile => match self.frame().open.last().copied() {
@@ -196,7 +206,7 @@ impl<R: BufRead> Interpreter<R> {
                     self.frame().open.pop();
                     self.jump(start);
                 }
-                _ => return Err(order(word, "has no while before it")),
+                _ => return Err(self.end_without_begin(word)),
             },
             Keyword::Do => {
                 self.nothing_more(word)?;
@@ -213,7 +223,7 @@ impl<R: BufRead> Interpreter<R> {
                     self.nothing_more(word)?;
                     self.repeat(name, start, left);
                 }
-                _ => return Err(order(word, "has no repeat before it")),
+                _ => return Err(self.end_without_begin(word)),
             },
             Keyword::Break | Keyword::Continue => self.leave_loop(word, name)?,
             // A program number has no effect.
@@ -223,6 +233,11 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     fn end_sub(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+        let is_active = self.flow.frames.len() > 1 && self.frame().name == name;
+        if !is_active && self.flow.refused_subs.contains(&name) {
+            // Its beginning was refused, and that is the mistake.
+            return Ok(());
+        }
         if self.flow.frames.len() == 1 {
             return Err(order(
                 word,
@@ -230,11 +245,7 @@ impl<R: BufRead> Interpreter<R> {
             ));
         }
         if self.frame().name != name {
-            let fault = order(word, "is not the end of the active subroutine")
-                .help("write the same name or number at sub and endsub");
-            // It ends here in any case, so that one mistake gives one error.
-            self.return_from(None);
-            return Err(fault);
+            return Err(self.wrong_end_of_active(word));
         }
         let value = self.optional_value(word)?;
         self.return_from(value);
@@ -246,12 +257,18 @@ impl<R: BufRead> Interpreter<R> {
             Ok(taken) => taken,
             Err(fault) => {
                 // So that one mistake is one error.
-                self.frame().open.push(Open::If { name, taken: true });
+                let line = self.current.number;
+                self.frame().open.push(Open::If {
+                    name,
+                    taken: true,
+                    line,
+                });
                 self.flow.skip = Some(Skip::Branch(name));
                 return Err(fault);
             }
         };
-        self.frame().open.push(Open::If { name, taken });
+        let line = self.current.number;
+        self.frame().open.push(Open::If { name, taken, line });
         self.follow_condition();
         self.flow.skip = (!taken).then_some(Skip::Branch(name));
         Ok(())
@@ -261,12 +278,12 @@ impl<R: BufRead> Interpreter<R> {
         let times = match self.value(word) {
             Ok(times) => times.round(),
             Err(fault) => {
-                self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat, self.current.number));
                 return Err(fault);
             }
         };
         if times < 1.0 {
-            self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat));
+            self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat, self.current.number));
         } else {
             let start = self.mark() + 1;
             let left = times;
@@ -299,7 +316,7 @@ impl<R: BufRead> Interpreter<R> {
                 Ok(())
             }
             other => {
-                self.flow.skip = Some(Skip::End(name, Keyword::EndWhile));
+                self.flow.skip = Some(Skip::End(name, Keyword::EndWhile, self.current.number));
                 other.map(drop)
             }
         }
@@ -326,13 +343,14 @@ impl<R: BufRead> Interpreter<R> {
             return Err(order(word, "is not inside a loop with this name"));
         };
         let found = open[place];
+        let line = self.line_of(found);
         self.frame().open.truncate(place + 1);
         let stop = word.keyword == Keyword::Break;
         match found {
             Open::While { start, .. } => {
                 self.frame().open.pop();
                 if stop {
-                    self.flow.skip = Some(Skip::End(name, Keyword::EndWhile));
+                    self.flow.skip = Some(Skip::End(name, Keyword::EndWhile, line));
                 } else {
                     self.jump(start);
                 }
@@ -340,15 +358,15 @@ impl<R: BufRead> Interpreter<R> {
             Open::Repeat { start, left, .. } => {
                 if stop {
                     self.frame().open.pop();
-                    self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                    self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat, line));
                 } else if !self.repeat(name, start, left) {
-                    self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                    self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat, line));
                 }
             }
             Open::Do { .. } => {
                 if stop {
                     self.frame().open.pop();
-                    self.flow.skip = Some(Skip::End(name, Keyword::While));
+                    self.flow.skip = Some(Skip::End(name, Keyword::While, line));
                 } else {
                     self.flow.skip = Some(Skip::Test(name));
                 }
@@ -389,7 +407,7 @@ impl<R: BufRead> Interpreter<R> {
                     self.flow.skip = None;
                 }
             }
-            Skip::End(waited, end) if waited == name && word.keyword == end => self.flow.skip = None,
+            Skip::End(waited, end, _) if waited == name && word.keyword == end => self.flow.skip = None,
             Skip::Test(waited) if waited == name && word.keyword == Keyword::While => {
                 self.flow.skip = None;
                 return self.while_(word, name);
@@ -472,65 +490,6 @@ impl<R: BufRead> Interpreter<R> {
             return Ok(());
         }
         Err(order(word, "takes no value"))
-    }
-
-    /// The error of a subroutine file that does not define its subroutine; its lines were executed from the first one.
-    fn file_without_subroutine(&self) -> Option<Fault> {
-        let frame = self.flow.frames.last()?;
-        let lines = frame
-            .lines
-            .as_ref()
-            .filter(|_| frame.first == 0 && frame.open.is_empty())?;
-        let file = lines.file.as_deref()?;
-        let name = self.flow.labels.name(frame.name)?;
-        let inside = (0..lines.len()).find_map(|place| {
-            let (text, line) = lines.get(place)?;
-            let word = o_word(text, &self.scope()).ok()??;
-            (word.keyword == Keyword::Sub).then_some((word.name, line))
-        });
-        let message = format!("O<{name}> sub is missing in {file}");
-        let help = match inside {
-            Some((other, line)) => format!(
-                "line {line} has O<{}> sub: write the name of the file there and at its endsub, or call the other name",
-                other.as_str()
-            ),
-            None => format!("write O<{name}> sub before its first line, and O<{name}> endsub after the last"),
-        };
-        Some(Fault::new(Code::OWordOpen, Span::new(0, self.current.text.len()), message).help(help))
-    }
-
-    /// The error of blocks that are still open at the end of a frame.
-    pub(crate) fn unfinished(&mut self) -> Option<Fault> {
-        if let Some(Definition { text, line, .. }) = &self.flow.definition {
-            let message = format!(
-                "the text ends, but O<{text}> endsub is missing: O<{text}> sub starts in line {line}"
-            );
-            return Some(
-                Fault::new(Code::OWordOpen, Span::new(0, self.current.text.len()), message).help(format!(
-                    "write O<{text}> endsub after the last line of the subroutine"
-                )),
-            );
-        }
-        if let Some(fault) = self.file_without_subroutine() {
-            return Some(fault);
-        }
-        let what = {
-            let called = self.flow.frames.len() > 1;
-            match (self.flow.skip, self.frame().open.last()) {
-                (Some(Skip::Branch(_)), _) | (None, Some(Open::If { .. })) => "endif",
-                (Some(Skip::End(_, keyword)), _) => keyword.name(),
-                (None, Some(Open::While { .. })) => "endwhile",
-                (Some(Skip::Test(_)), _) | (None, Some(Open::Do { .. })) => "while",
-                (None, Some(Open::Repeat { .. })) => "endrepeat",
-                (None, None) if called => "endsub",
-                (None, None) => return None,
-            }
-        };
-        let message = format!("the text ends, but O.. {what} is missing");
-        Some(
-            Fault::new(Code::OWordOpen, Span::new(0, self.current.text.len()), message)
-                .help("each O-word that opens a block needs one with the same name or number that closes it"),
-        )
     }
 }
 

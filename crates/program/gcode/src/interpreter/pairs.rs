@@ -1,0 +1,371 @@
+//! O-words that belong together, such as sub and endsub, and those that do not: one error for each mistake.
+//!
+//! An end with the wrong name is either the end that was meant, or a line too many. Which one it is, the lines after it tell:
+//! they are read ahead, which costs memory only where there is such an error.
+
+use std::io::BufRead;
+
+use crate::Code;
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::interpreter::Interpreter;
+use crate::interpreter::o_words::{Definition, Open, Skip, order};
+use crate::parameters::names::NameId;
+use crate::syntax::block::{Keyword, OWord};
+use crate::syntax::lines::Lines;
+use crate::syntax::parser::{is_percent, o_word};
+
+/// A block that is open: what begins it, where, and what ends it.
+struct OpenBlock {
+    name: NameId,
+    begin: Keyword,
+    line: u32,
+    end: Keyword,
+}
+
+impl Open {
+    fn begin(self) -> Keyword {
+        match self {
+            Self::If { .. } => Keyword::If,
+            Self::While { .. } => Keyword::While,
+            Self::Do { .. } => Keyword::Do,
+            Self::Repeat { .. } => Keyword::Repeat,
+        }
+    }
+
+    fn end(self) -> Keyword {
+        end_of(self.begin())
+    }
+}
+
+/// The keyword that ends what another begins.
+fn end_of(begin: Keyword) -> Keyword {
+    match begin {
+        Keyword::If => Keyword::EndIf,
+        Keyword::While => Keyword::EndWhile,
+        Keyword::Do => Keyword::While,
+        Keyword::Repeat => Keyword::EndRepeat,
+        _ => Keyword::EndSub,
+    }
+}
+
+impl<R: BufRead> Interpreter<R> {
+    fn name_of(&self, name: NameId) -> String {
+        self.flow.labels.name(name).unwrap_or_default().to_owned()
+    }
+
+    /// The line with which a condition or loop of the present frame begins.
+    pub(crate) fn line_of(&self, open: Open) -> u32 {
+        if let Open::If { line, .. } = open {
+            return line;
+        }
+        let lines = self.flow.frames.last().and_then(|frame| frame.lines.as_deref());
+        let lines = lines.unwrap_or(&self.flow.tape);
+        let place = open.loop_start().and_then(|start| lines.get(start));
+        place.map_or(self.current.number, |(_, line)| line)
+    }
+
+    /// The line with the sub of the active subroutine.
+    fn line_of_sub(&self) -> Option<u32> {
+        let frame = self.flow.frames.last()?;
+        let lines = frame.lines.as_deref()?;
+        match frame.first.checked_sub(1) {
+            Some(place) => lines.get(place).map(|(_, line)| line),
+            // Those of a program are stored without it.
+            None => lines.get(0).map(|(_, line)| line.saturating_sub(1)),
+        }
+    }
+
+    /// Whether the present line is one of a subroutine, not of a whole file or program that was called.
+    pub(crate) fn is_in_subroutine(&self) -> bool {
+        self.flow.frames.len() > 1
+            && self.flow.frames.last().is_some_and(|frame| {
+                let is_of_file = frame.lines.as_ref().is_some_and(|lines| lines.file.is_some());
+                frame.own_parameters && !(is_of_file && frame.first == 0)
+            })
+    }
+
+    /// The line farther down that ends what has begun with this name, before another begins so.
+    fn line_of_end(&mut self, name: NameId, begin: Keyword, end: Keyword) -> Option<u32> {
+        let mut place = self.frame().at;
+        let frames = self.flow.frames.len();
+        if frames == 1 && !self.flow.on_tape {
+            self.mark();
+            place = 1;
+        }
+        let mut text = Vec::new();
+        loop {
+            let frame = &self.flow.frames[frames - 1];
+            let kept = match &frame.lines {
+                Some(lines) => Some(lines.get(place)?),
+                None => self.flow.tape.get(place),
+            };
+            let line = if let Some((kept, line)) = kept {
+                text.clear();
+                text.extend_from_slice(kept);
+                line
+            } else {
+                let is_full = self.flow.tape.size() > self.settings.limits.max_body_bytes;
+                if is_full || !matches!(self.reader.read_into(&mut text), Ok(true)) {
+                    return None;
+                }
+                self.flow.tape.push(self.reader.line(), &text);
+                self.reader.line()
+            };
+            place += 1;
+            if frames == 1 && self.percent == Some(true) && is_percent(&text) {
+                return None;
+            }
+            let Ok(Some(word)) = o_word(&text, &self.scope()) else {
+                continue;
+            };
+            if ![begin, end].contains(&word.keyword) || self.label(&word).ok() != Some(name) {
+                continue;
+            }
+            return (word.keyword == end).then_some(line);
+        }
+    }
+
+    /// An endsub with another name than that of the subroutine that is being collected.
+    pub(crate) fn wrong_end_of_definition(&mut self, word: &OWord) -> Result<(), Fault> {
+        let Some(Definition { name, text, line, .. }) = &self.flow.definition else {
+            return Ok(());
+        };
+        let (name, text, line) = (*name, text.clone(), *line);
+        if self.is_refused_sub(word) {
+            return Ok(());
+        }
+        let fault = self.wrong_end(word, name, &text, Some(line));
+        match fault {
+            (fault, true) => {
+                self.end_definition();
+                Err(fault)
+            }
+            (fault, false) => Err(fault),
+        }
+    }
+
+    /// An endsub with another name than that of the active subroutine.
+    pub(crate) fn wrong_end_of_active(&mut self, word: &OWord) -> Fault {
+        let name = self.frame().name;
+        let (text, line) = (self.name_of(name), self.line_of_sub());
+        let (fault, ends_here) = self.wrong_end(word, name, &text, line);
+        if ends_here {
+            self.return_from(None);
+        }
+        fault
+    }
+
+    /// The error of an endsub with the wrong name, and whether it is the end that was meant.
+    fn wrong_end(&mut self, word: &OWord, name: NameId, text: &str, begun: Option<u32>) -> (Fault, bool) {
+        let other = word.name.as_str();
+        let of_line = begun.map_or_else(String::new, |line| format!(" of line {line}"));
+        let end = self.line_of_end(name, Keyword::Sub, Keyword::EndSub);
+        let (message, help) = match end {
+            None => (
+                format!("O<{other}> endsub, but O<{text}> sub{of_line} has to end here"),
+                format!("write the same name twice: O<{text}> sub ... O<{text}> endsub"),
+            ),
+            Some(end) => (
+                format!(
+                    "O<{other}> endsub without O<{other}> sub, inside O<{text}> sub{of_line}, which ends in line {end}"
+                ),
+                format!("remove this line, or write O<{other}> sub where that subroutine starts"),
+            ),
+        };
+        let fault = Fault::new(Code::OWordOrder, word.span, message).help(help);
+        (fault, end.is_none())
+    }
+
+    fn is_refused_sub(&mut self, word: &OWord) -> bool {
+        let name = self.label(word).ok();
+        name.is_some_and(|name| self.flow.refused_subs.contains(&name))
+    }
+
+    /// A sub among the lines of a subroutine that is being collected.
+    pub(crate) fn sub_in_definition(&mut self, word: &OWord) -> Result<(), Fault> {
+        let Some(Definition { name, text, line, .. }) = &self.flow.definition else {
+            return Ok(());
+        };
+        let (outer, text, line) = (*name, text.clone(), *line);
+        let name = self.label(word)?;
+        if self.line_of_end(outer, Keyword::Sub, Keyword::EndSub).is_some() {
+            self.refuse_sub(name);
+            if let Some(definition) = &mut self.flow.definition {
+                definition.lines.push(self.current.number, &self.current.text);
+            }
+            return Err(nested(word, &text, Some(line)));
+        }
+        // The end of the outer one was forgotten: this one is as it should be.
+        let file = (self.flow.definition.as_ref()).and_then(|outer| outer.lines.file.clone());
+        self.end_definition();
+        self.refuse_sub(outer);
+        self.flow.definition = Some(Definition {
+            name,
+            text: word.name.as_str().to_owned(),
+            line: self.current.number,
+            lines: Lines::of_file(file),
+        });
+        Err(unended(word, &text, Some(line)))
+    }
+
+    /// A sub among the lines of the active subroutine.
+    pub(crate) fn nested_sub(&mut self, word: &OWord, name: NameId) -> Fault {
+        let outer = self.frame().name;
+        let (text, line) = (self.name_of(outer), self.line_of_sub());
+        if self.line_of_end(outer, Keyword::Sub, Keyword::EndSub).is_some() {
+            self.refuse_sub(name);
+            return nested(word, &text, line);
+        }
+        self.refuse_sub(outer);
+        self.return_from(None);
+        unended(word, &text, line)
+    }
+
+    fn refuse_sub(&mut self, name: NameId) {
+        if !self.flow.refused_subs.contains(&name) {
+            self.flow.refused_subs.push(name);
+        }
+    }
+
+    /// The error of an O-word that ends a condition or loop which is not the innermost open one.
+    pub(crate) fn end_without_begin(&mut self, word: &OWord) -> Fault {
+        let begin = match word.keyword {
+            Keyword::EndIf => Keyword::If,
+            Keyword::EndRepeat => Keyword::Repeat,
+            _ => Keyword::While,
+        };
+        let fault = order(word, &format!("has no {} before it", begin.name()));
+        let Some(open) = self.frame().open.last().copied() else {
+            return fault;
+        };
+        if open.end() != word.keyword || self.line_of_end(open.name(), open.begin(), open.end()).is_some() {
+            return fault;
+        }
+        let message = format!(
+            "O<{}> {}, but O<{}> {} of line {} has to end here",
+            word.name.as_str(),
+            word.keyword.name(),
+            self.name_of(open.name()),
+            begin.name(),
+            self.line_of(open)
+        );
+        // It ends here, so that the end of the text is no error as well.
+        self.frame().open.pop();
+        Fault::new(Code::OWordOrder, word.span, message).help("write the same name or number at both")
+    }
+
+    /// The innermost block that is open at the end of a frame.
+    fn open_block(&mut self) -> Option<OpenBlock> {
+        if let Some(Skip::End(name, end, line)) = self.flow.skip {
+            let begin = match end {
+                Keyword::EndRepeat => Keyword::Repeat,
+                Keyword::EndWhile => Keyword::While,
+                _ => Keyword::Do,
+            };
+            return Some(OpenBlock {
+                name,
+                begin,
+                line,
+                end,
+            });
+        }
+        if let Some(open) = self.frame().open.last().copied() {
+            return Some(OpenBlock {
+                name: open.name(),
+                begin: open.begin(),
+                line: self.line_of(open),
+                end: open.end(),
+            });
+        }
+        let frame = self.flow.frames.last()?;
+        if self.flow.frames.len() == 1 || self.flow.refused_subs.contains(&frame.name) {
+            return None;
+        }
+        Some(OpenBlock {
+            name: frame.name,
+            begin: Keyword::Sub,
+            line: self.line_of_sub().unwrap_or(self.current.number),
+            end: Keyword::EndSub,
+        })
+    }
+
+    /// The error of a subroutine file that does not define its subroutine; its lines were executed from the first one.
+    fn file_without_subroutine(&mut self) -> Option<Fault> {
+        let frame = self.flow.frames.last()?;
+        let lines = frame
+            .lines
+            .as_ref()
+            .filter(|_| frame.first == 0 && frame.open.is_empty())?;
+        let file = lines.file.as_deref()?;
+        let name = self.flow.labels.name(frame.name)?;
+        let inside = (0..lines.len()).find_map(|place| {
+            let (text, line) = lines.get(place)?;
+            let word = o_word(text, &self.scope()).ok()??;
+            (word.keyword == Keyword::Sub).then_some((word.name, line))
+        });
+        let message = format!("O<{name}> sub is missing in {file}");
+        let help = match inside {
+            Some((other, line)) => format!(
+                "line {line} has O<{}> sub: write the name of the file there and at its endsub, or call the other name",
+                other.as_str()
+            ),
+            None => format!("write O<{name}> sub before its first line, and O<{name}> endsub after the last"),
+        };
+        Some(self.at_end(message, help))
+    }
+
+    /// The error of blocks that are still open at the end of a frame.
+    pub(crate) fn unfinished(&mut self) -> Option<Fault> {
+        if let Some(Definition { text, line, .. }) = &self.flow.definition {
+            let message = format!(
+                "the text ends, but O<{text}> endsub is missing: O<{text}> sub starts in line {line}"
+            );
+            let help = format!("write O<{text}> endsub after the last line of the subroutine");
+            return Some(self.at_end(message, help));
+        }
+        if let Some(fault) = self.file_without_subroutine() {
+            return Some(fault);
+        }
+        let block = self.open_block()?;
+        let (name, begin, end) = (self.name_of(block.name), block.begin.name(), block.end.name());
+        let message = format!(
+            "the text ends, but O<{name}> {end} is missing: O<{name}> {begin} starts in line {}",
+            block.line
+        );
+        let help = format!("write O<{name}> {end} after the last line that belongs to it");
+        Some(self.at_end(message, help))
+    }
+
+    /// An error of the end of a frame, with its last line.
+    fn at_end(&mut self, message: String, help: String) -> Fault {
+        let frame = self.flow.frames.last().and_then(|frame| frame.lines.as_deref());
+        let collected = self.flow.definition.as_ref().map(|definition| &definition.lines);
+        // Where none is stored, the line read last is still there.
+        let lines = frame.or(collected).unwrap_or(&self.flow.tape);
+        let last = (0..lines.len()).rev().filter_map(|place| lines.get(place));
+        if let Some((text, line)) = last.into_iter().find(|(text, _)| !text.is_empty()) {
+            self.current.text.clear();
+            self.current.text.extend_from_slice(text);
+            self.current.number = line;
+        }
+        Fault::new(Code::OWordOpen, Span::new(0, self.current.text.len()), message).help(help)
+    }
+}
+
+fn unended(word: &OWord, outer: &str, begun: Option<u32>) -> Fault {
+    let of_line = begun.map_or_else(String::new, |line| {
+        format!(": O<{outer}> sub starts in line {line}")
+    });
+    let message = format!("O<{outer}> endsub is missing before this line{of_line}");
+    let help = format!("write O<{outer}> endsub after the last line of the subroutine");
+    Fault::new(Code::OWordOpen, word.span, message).help(help)
+}
+
+fn nested(word: &OWord, outer: &str, begun: Option<u32>) -> Fault {
+    let of_line = begun.map_or_else(String::new, |line| format!(" of line {line}"));
+    order(
+        word,
+        &format!("starts inside another subroutine, O<{outer}> sub{of_line}"),
+    )
+    .help(format!("write O<{outer}> endsub before it"))
+}

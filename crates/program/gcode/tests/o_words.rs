@@ -1,0 +1,204 @@
+//! Errors of O-words: one for each mistake, in the order of lines, with the word and the line with which its block begins.
+
+use evolvent_gcode::{Code, Command, Diagnostic, Interpreter, Settings};
+
+fn interpret(program: &str, settings: Settings) -> (Vec<Command>, Vec<Diagnostic>) {
+    let (mut commands, mut errors) = (Vec::new(), Vec::new());
+    for item in Interpreter::new(program.as_bytes(), settings) {
+        match item {
+            Ok(command) => commands.push(command),
+            Err(error) => errors.push(error),
+        }
+    }
+    (commands, errors)
+}
+
+/// The only error of a program.
+fn only_error(program: &str) -> Diagnostic {
+    let (_, mut errors) = interpret(program, Settings::default());
+    assert_eq!(errors.len(), 1, "{program}: {errors:#?}");
+    errors.remove(0)
+}
+
+/// One program with a mistake, the line of its only error, and what the message names.
+fn is_one_error(program: &str, line: u32, named: &[&str]) {
+    let error = only_error(program);
+    assert_eq!(error.line, line, "{program}: {error:?}");
+    for words in named {
+        assert!(error.message.contains(words), "{program}: {}", error.message);
+    }
+}
+
+#[test]
+fn an_endsub_of_another_name_is_one_error_in_its_line() {
+    let found = only_error("o<a> sub\nG0 X1\no<b> endsub\nG0 X2\nM2\n");
+    assert_eq!((found.line, found.code), (3, Code::OWordOrder));
+    assert!(found.message.contains("O<a> sub of line 1"), "{}", found.message);
+    // Called from before it: the same.
+    is_one_error(
+        "o<a> call\nG0 X2\nM2\no<a> sub\nG0 X1\no<b> endsub\n",
+        6,
+        &["O<b> endsub", "O<a> sub of line 4"],
+    );
+    is_one_error("o<a> sub\nG0 X1\n", 2, &["O<a> sub starts in line 1"]);
+}
+
+#[test]
+fn an_endsub_too_many_is_one_error_and_the_subroutine_goes_on() {
+    let named = ["O<b> endsub", "O<a> sub of line 1", "ends in line 4"];
+    let program = "o<a> sub\nG1 F100 X1\no<b> endsub\no<a> endsub\no<a> call\nM2\n";
+    is_one_error(program, 3, &named);
+    let (commands, _) = interpret(
+        "o<a> sub\no<b> endsub\nG0 X1\no<a> endsub\no<a> call\nM2\n",
+        Settings::default(),
+    );
+    assert!(commands.iter().any(|command| command.line == 3), "{commands:?}");
+    // Called from before it: the same.
+    let before = "o<a> call\nM2\no<a> sub\nG0 X1\no<b> endsub\no<a> endsub\n";
+    is_one_error(
+        before,
+        5,
+        &["O<b> endsub", "O<a> sub of line 3", "ends in line 6"],
+    );
+}
+
+#[test]
+fn a_subroutine_inside_another_is_one_error() {
+    let named = ["O<b> sub", "O<a> sub of line 1"];
+    for rest in [
+        "o<a> endsub\no<b> endsub\no<a> call\nM2\n",
+        "o<b> endsub\nG0 X2\no<a> endsub\no<a> call\nM2\n",
+        "o<b> endsub\no<a> endsub\no<a> call\no<b> call\nM2\n",
+    ] {
+        is_one_error(&format!("o<a> sub\no<b> sub\nG0 X1\n{rest}"), 2, &named);
+    }
+    let called_before = "o<a> call\nM2\no<a> sub\no<b> sub\nG0 X1\no<a> endsub\no<b> endsub\n";
+    is_one_error(called_before, 4, &["O<b> sub", "O<a>"]);
+}
+
+#[test]
+fn a_forgotten_endsub_is_one_error_at_the_next_sub() {
+    let named = ["O<a> endsub is missing", "O<a> sub starts in line 1"];
+    let two = "o<a> sub\nG0 X1\no<b> sub\nG0 X2\no<b> endsub\n";
+    is_one_error(&format!("{two}o<a> call\no<b> call\nM2\n"), 3, &named);
+    is_one_error(two, 3, &named);
+    is_one_error(
+        &format!("o<a> call\no<b> call\nM2\n{two}"),
+        6,
+        &["O<a> endsub is missing", "line 4"],
+    );
+}
+
+#[test]
+fn what_is_open_at_the_end_names_its_word_and_line_and_shows_the_last_line() {
+    for (block, end) in [
+        ("o1 while [1]", "endwhile"),
+        ("o1 while [0]", "endwhile"),
+        ("o1 repeat [2]", "endrepeat"),
+        ("o1 repeat [0]", "endrepeat"),
+        ("o1 if [1]", "endif"),
+        ("o1 if [0]", "endif"),
+        ("o1 do", "while"),
+        ("o1 sub", "endsub"),
+    ] {
+        let begin = block.split(' ').nth(1).unwrap();
+        for rest in ["", "\n", "\nG0 X2", "\nG0 X2\n"] {
+            let error = only_error(&format!("%\nG21 F100\nG1 X1\n{block}{rest}"));
+            let what = format!("O<1> {end} is missing: O<1> {begin} starts in line 4");
+            assert!(error.message.contains(&what), "{block:?}: {}", error.message);
+            let last = if rest.len() > 1 { (5, "G0 X2") } else { (4, block) };
+            assert_eq!((error.line, &*error.source), last, "{block:?} {rest:?}");
+        }
+    }
+}
+
+#[test]
+fn what_is_open_at_the_end_of_a_subroutine_file_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(
+        folder.path().join("bore.ngc"),
+        "(a bore)\no<bore> sub\no2 if [1]\nG0 X1\no<bore> endsub\no3 while [0]\n",
+    )
+    .unwrap();
+    std::fs::write(
+        folder.path().join("cut.ngc"),
+        "o<cut> sub\no2 repeat [2]\nG0 X1\n",
+    )
+    .unwrap();
+    let settings = Settings {
+        subroutine_folders: vec![folder.path().to_path_buf()],
+        ..Settings::default()
+    };
+    let (_, errors) = interpret("o<cut> call\nM2\n", settings);
+    assert_eq!(errors.len(), 1, "{errors:?}");
+    assert_eq!((errors[0].line, &*errors[0].source), (3, "G0 X1"));
+    let message = &errors[0].message;
+    assert!(
+        message.contains("O<2> endrepeat is missing: O<2> repeat starts in line 2"),
+        "{message}"
+    );
+}
+
+#[test]
+fn an_end_with_the_wrong_number_is_one_error() {
+    for (begin, end) in [("if", "endif"), ("while", "endwhile"), ("repeat", "endrepeat")] {
+        let program = format!("o1 {begin} [1]\nG0 X1\no2 {end}\nM2\n");
+        let begun = format!("O<1> {begin} of line 1");
+        is_one_error(&program, 3, &[&format!("O<2> {end}"), &begun]);
+    }
+    // One too many.
+    is_one_error(
+        "o1 if [1]\no2 endif\nG0 X1\no1 endif\nM2\n",
+        2,
+        &["O<2> endif has no if"],
+    );
+}
+
+#[test]
+fn the_outermost_loop_is_known_while_it_runs() {
+    let program = "G0 X2\no1 while [1]\no2 repeat [3]\nG0 X1\nG0 X0\no2 endrepeat\no1 endwhile\n";
+    let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
+    assert_eq!(interpreter.next().unwrap().unwrap().line, 1);
+    assert_eq!(interpreter.outermost_loop(), None);
+    for _ in 0..20 {
+        let _command = interpreter.next().unwrap().unwrap();
+        let place = interpreter.outermost_loop().unwrap();
+        assert_eq!((place.file, place.line), (None, 2));
+    }
+}
+
+#[test]
+fn a_subroutine_file_without_its_subroutine_names_what_is_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = || Settings {
+        subroutine_folders: vec![folder.path().to_path_buf()],
+        ..Settings::default()
+    };
+    std::fs::write(
+        folder.path().join("bore.ngc"),
+        "(a bore)\no<boring> sub\nG0 X1\no<boring> endsub\nM2\n",
+    )
+    .unwrap();
+    std::fs::write(folder.path().join("plain.ngc"), "G0 X1\nG0 X2\n").unwrap();
+    let (_, errors) = interpret("o<plain> call\nM2\n", settings());
+    assert!(
+        errors[0].message.contains("O<plain> sub is missing in ") && errors[0].message.ends_with("plain.ngc"),
+        "{errors:?}"
+    );
+    std::fs::write(
+        folder.path().join("bore.ngc"),
+        "(a bore)\no<boring> sub\nG0 X1\no<boring> endsub\n",
+    )
+    .unwrap();
+    let (_, errors) = interpret("o<bore> call\nM2\n", settings());
+    assert!(
+        errors[0].message.contains("O<bore> sub is missing in "),
+        "{errors:?}"
+    );
+    let help = errors[0].help.as_deref().unwrap_or_default();
+    assert!(help.contains("line 2 has O<boring> sub"), "{help}");
+    // A file that has its subroutine, cut off.
+    std::fs::write(folder.path().join("bore.ngc"), "o<bore> sub\nG0 X1\n").unwrap();
+    let (_, errors) = interpret("o<bore> call\nM2\n", settings());
+    assert!(errors[0].message.contains("endsub is missing"), "{errors:?}");
+}
