@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::{Domain, Operator, Served, Workshop};
+use crate::{Domain, Finished, Operator, Served, Workshop};
 
 /// A mill that is served, without drives, until it is dropped.
 #[derive(Debug)]
@@ -63,7 +63,16 @@ impl Scene {
     ///
     /// # Panics
     /// It does not end so.
-    pub fn end(mut self) {
-        self.served.take().expect("a core").end().expect_code(&[0, 3]);
+    pub fn end(self) {
+        let _told = self.finish();
+    }
+
+    /// The same, and what it has told.
+    ///
+    /// # Panics
+    /// It does not end so.
+    #[must_use]
+    pub fn finish(mut self) -> Finished {
+        self.served.take().expect("a core").end().expect_code(&[0, 3])
     }
 }

@@ -248,6 +248,60 @@ fn a_long_program_is_checked_as_a_whole_before_it_starts() {
 }
 
 #[test]
+fn a_short_program_with_a_long_loop_is_checked_as_a_whole_before_it_starts() {
+    unless_disturbed(|| {
+        let scene = Scene::new("op-loop");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        operator.says_number("MODE", 0);
+        let started = |operator: &mut Operator| loop {
+            let answer = operator.ask(&command("START"));
+            if answer.alarm != 926 {
+                break answer;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        let body = "G1 X0.1\nG1 X0\n".repeat(10);
+        let write = |name: &str, opening: &str, end: &str| {
+            let text = format!("G21 G90 F6000\n{opening}\n{body}{end}\nG1 X1 X2\nM2\n");
+            scene.workshop.write(name, text)
+        };
+        let wrong = write("wrong.ngc", "o1 repeat [6000]", "o1 endrepeat");
+        operator.says_text("LOAD", wrong.to_str().expect("UTF-8"));
+        let refused = started(&mut operator);
+        assert_eq!(refused.alarm, 923, "{}", refused.text());
+        assert!(refused.text().contains("line 24"), "{}", refused.text());
+        assert_eq!(operator.now().job, 0, "nothing moves");
+
+        // What goes on until it is stopped starts, and whoever starts it is told how far it was checked.
+        let endless = write("endless.ngc", "o1 while [1]", "o1 endwhile");
+        operator.says_text("LOAD", endless.to_str().expect("UTF-8"));
+        assert_eq!(
+            operator.now().operator_message(),
+            "",
+            "that of the program before"
+        );
+        let answer = started(&mut operator);
+        assert_eq!(answer.verdict, 0, "{}", answer.text());
+        let status = operator.now();
+        for text in [answer.text(), status.operator_message()] {
+            let reason =
+                "checked up to line 22: the loop that begins on line 2 has more than 1000000 commands";
+            assert!(text.contains(reason), "{text:?}");
+        }
+        operator.says("STOP");
+        operator.sees_end(answer.job);
+        drop(operator);
+        let told = scene.finish();
+        assert!(
+            told.err.contains("endless.ngc: checked up to line 22"),
+            "{}",
+            told.err
+        );
+    });
+}
+
+#[test]
 fn single_step_runs_block_by_block_and_program_stops_wait() {
     unless_disturbed(|| {
         let scene = Scene::new("op-step");

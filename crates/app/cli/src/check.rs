@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use evolvent_analysis::{ChatterWarning, chatter_warnings, sort_process_files};
-use evolvent_runtime::{CheckBounds, Checked, Clock};
+use evolvent_runtime::{CheckBound, CheckBounds, Checked, Clock, Unchecked};
 
 use crate::program::ProgramArgs;
 use crate::{CommandError, Ending};
@@ -18,6 +18,10 @@ pub(crate) struct CheckArgs {
     /// Stop after this many errors.
     #[arg(long, value_name = "N", default_value_t = 50)]
     limit: usize,
+    /// Check a loop, or a line that repeats a subroutine, up to this many commands; 0 for any number (an
+    /// endless loop is then checked until Ctrl-C). Exit code 3 if that leaves a part of the program unchecked.
+    #[arg(long, value_name = "COMMANDS", default_value_t = CheckBounds::LOOP_COMMANDS)]
+    loop_limit: u64,
     /// The cutting process: a case file of `evolvent chatter` warns of turning cuts that are predicted to
     /// vibrate; a process file of `evolvent turn` lets cycles with Q1 compute their passes. At most one of
     /// each.
@@ -38,9 +42,14 @@ pub(crate) fn run(
     let start = args.program.tell_start(&setup, err);
     let file_name = args.program.program.display().to_string();
     let limit = args.limit.max(1);
-    let found = evolvent_runtime::check(&args.program.program, &setup, CheckBounds::whole(limit)).map_err(
-        |error| CommandError::Usage(format!("{file_name}: {error}; name a readable part program")),
-    )?;
+    let mut bounds = CheckBounds::whole(limit);
+    bounds.round = match args.loop_limit {
+        0 => u64::MAX,
+        commands => commands,
+    };
+    let found = evolvent_runtime::check(&args.program.program, &setup, bounds).map_err(|error| {
+        CommandError::Usage(format!("{file_name}: {error}; name a readable part program"))
+    })?;
     let chatter = match case {
         Some(case) => Some(chatter_warnings(&args.program.program, &setup, case)?),
         None => None,
@@ -58,7 +67,11 @@ pub(crate) fn run(
     Ok(if found.errors.is_empty() {
         // A program with errors cannot start in its middle either; that message would repeat them.
         start?;
-        Ending::Clean
+        if found.unchecked.is_some() {
+            Ending::Incomplete
+        } else {
+            Ending::Clean
+        }
     } else {
         Ending::Negative
     })
@@ -91,24 +104,51 @@ pub(crate) fn write_text(
         1 => "1 error".to_owned(),
         count => format!("{count} errors"),
     };
-    match found.up_to {
+    match &found.unchecked {
         None => writeln!(out, "{file_name}: {count}"),
-        Some(line) => writeln!(
-            out,
-            "{file_name}: {count} up to line {line}; the rest was not checked"
-        ),
+        Some(Unchecked { up_to, bound }) => {
+            write!(
+                out,
+                "{file_name}: {count} up to line {up_to}; the rest was not checked: {bound}"
+            )?;
+            match bound {
+                CheckBound::Errors => writeln!(out),
+                bound if bound.is_of_loops() => writeln!(
+                    out,
+                    "; `evolvent check --loop-limit COMMANDS` checks more of it, 0 all"
+                ),
+                _ => writeln!(out, "; `evolvent check` checks all"),
+            }
+        }
     }
 }
 
 /// The errors as one JSON value for editors: `{"file", "errors": [{"code", "line", "column", "length", "message",
-/// "help", "source", "span", "calls"}], "warnings": [{"file", "line", "message"}], "up_to": line or null, "chatter": [...]}`.
+/// "help", "source", "span", "calls"}], "warnings": [{"file", "line", "message"}], "up_to": line or null,
+/// "unchecked": {"reason", "line", "file", "message"} or null, "chatter": [...]}`.
 fn to_json(file_name: &str, found: &Checked, chatter: &[ChatterWarning]) -> serde_json::Value {
     serde_json::json!({
         "file": file_name,
         "errors": found.errors,
         "warnings": found.warnings,
-        "up_to": found.up_to,
+        "up_to": found.unchecked.as_ref().map(|unchecked| unchecked.up_to),
+        "unchecked": found.unchecked.as_ref().map(|unchecked| unchecked_json(&unchecked.bound)),
         "chatter": chatter,
+    })
+}
+
+/// Why a part of the program was not checked; line and file of the loop that is the reason.
+pub(crate) fn unchecked_json(bound: &CheckBound) -> serde_json::Value {
+    let (file, line) = match bound {
+        CheckBound::Loop { place, .. } => (place.file.as_deref(), Some(place.line)),
+        CheckBound::Line { line, .. } => (None, Some(*line)),
+        CheckBound::Errors | CheckBound::Commands { .. } | CheckBound::Cancelled => (None, None),
+    };
+    serde_json::json!({
+        "reason": bound.name(),
+        "line": line,
+        "file": file,
+        "message": bound.to_string(),
     })
 }
 
@@ -123,7 +163,7 @@ mod tests {
         Checked {
             errors: errors.collect(),
             warnings: Vec::new(),
-            up_to: None,
+            unchecked: None,
         }
     }
 
@@ -148,11 +188,21 @@ mod tests {
     #[test]
     fn text_says_what_was_not_looked_at() {
         let bounded = Checked {
-            up_to: Some(7),
+            unchecked: Some(Unchecked {
+                up_to: 7,
+                bound: CheckBound::Line {
+                    line: 7,
+                    commands: 1000,
+                },
+            }),
             ..errors("G0 X1\nM2\n")
         };
         let shown = text(&bounded);
-        assert!(shown.contains("no errors up to line 7; "), "{shown}");
+        assert!(
+            shown.contains("no errors up to line 7; ")
+                && shown.contains("line 7 has more than 1000 commands; `evolvent check --loop-limit"),
+            "{shown}"
+        );
     }
 
     #[test]
@@ -161,6 +211,6 @@ mod tests {
         assert_eq!(json["errors"][0]["code"], "G0307");
         assert_eq!(json["errors"][0]["line"], 1);
         assert_eq!(json["errors"][0]["column"], 7);
-        assert!(json["up_to"].is_null());
+        assert!(json["up_to"].is_null() && json["unchecked"].is_null());
     }
 }

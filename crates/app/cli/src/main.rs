@@ -44,7 +44,7 @@ use evolvent_analysis::AnalysisError;
 /// A real-time CNC core: part programs to setpoints in shared memory, with every cycle recorded.
 ///
 /// Exit codes: 0 done; 1 the program or the run failed; 2 wrong usage or configuration; 3 done, but data was
-/// lost (trace) or setpoints were late.
+/// lost (trace), setpoints were late, or a part of the program was not checked (check).
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
 struct Cli {
@@ -114,6 +114,8 @@ pub(crate) enum Ending {
     Negative,
     /// Done, but data was lost or setpoints were late: exit code 3.
     Lossy,
+    /// Done without a finding, but not for all of the input: exit code 3. It has been reported.
+    Incomplete,
 }
 
 fn main() -> ExitCode {
@@ -140,7 +142,7 @@ fn main() -> ExitCode {
     match result {
         Ok(Ending::Clean) => ExitCode::SUCCESS,
         Ok(Ending::Negative) => ExitCode::from(1),
-        Ok(Ending::Lossy) => ExitCode::from(3),
+        Ok(Ending::Lossy | Ending::Incomplete) => ExitCode::from(3),
         Err(CommandError::Usage(text)) => complain(&mut err, &text, 2),
         Err(CommandError::Failed(text)) => complain(&mut err, &text, 1),
     }

@@ -228,6 +228,14 @@ fn refuse_wrong_program(
     let found = evolvent_runtime::check(file, setup, bounds)
         .map_err(|error| CommandError::Usage(format!("{name}: {error}; name a readable part program")))?;
     let Some(first) = found.errors.first() else {
+        if let Some(unchecked) = &found.unchecked {
+            // If standard error is closed, nobody is left to inform.
+            drop(writeln!(
+                err,
+                "warning: {name} was {unchecked}; an error after that stops the run there, so check it with \
+                 `evolvent check` first"
+            ));
+        }
         return Ok(());
     };
     let written = if args.json {

@@ -184,10 +184,83 @@ fn a_program_that_makes_parts_until_it_is_stopped_can_be_checked() {
     let bench = Bench::new();
     let program = bench.program("G61 F60000\nG1 X1\nO1 while [1]\nG1 X0\nG1 X1\nO1 endwhile\nG6\nM2\n");
     let output = evolvent(&["check", as_str(&program), "--machine", MACHINE, "--json"]);
-    assert_eq!(output.status.code(), Some(0));
+    assert_eq!(output.status.code(), Some(3), "not as if it had no errors");
     let found = json(&output);
     assert_eq!(found["errors"], serde_json::json!([]));
     assert_eq!(found["up_to"], 5, "what stands behind the loop was not looked at");
+    assert_eq!(found["unchecked"]["reason"], "loop");
+    assert_eq!(found["unchecked"]["line"], 3, "{found}");
+    let text = |bounds: &[&str]| {
+        let words = ["check", as_str(&program), "--machine", MACHINE];
+        let output = evolvent(&[&words[..], bounds].concat());
+        assert_eq!(output.status.code(), Some(3));
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let told = text(&[]);
+    let why = "the loop that begins on line 3 has more than 1000000 commands";
+    assert!(told.contains(why) && told.contains("--loop-limit"), "{told}");
+    let told = text(&["--loop-limit", "1000"]);
+    assert!(told.contains("has more than 1000 commands"), "{told}");
+}
+
+#[test]
+fn a_long_loop_is_checked_as_far_as_the_limit_says() {
+    let bench = Bench::new();
+    let body = "G1 X1\nG1 X0\n".repeat(50);
+    let text = format!(
+        "G61 F60000\nO<cut> sub\n{body}O<cut> endsub\nO1 repeat [60]\nO<cut> call\nO1 endrepeat\nG6\nM2\n"
+    );
+    let program = bench.program(&text);
+    let check = |limit: &str| {
+        let words = ["check", as_str(&program), "--machine", MACHINE, "--json"];
+        let output = evolvent(&[&words[..], &["--loop-limit", limit]].concat());
+        (output.status.code(), json(&output))
+    };
+    let (code, found) = check("5000");
+    assert_eq!(
+        (code, &found["unchecked"]["line"]),
+        (Some(3), &104.into()),
+        "{found}"
+    );
+    for enough in ["6000", "0"] {
+        let (code, found) = check(enough);
+        assert_eq!(
+            (code, &found["errors"][0]["line"]),
+            (Some(1), &107.into()),
+            "{found}"
+        );
+        assert!(found["unchecked"].is_null(), "{found}");
+    }
+}
+
+#[test]
+fn a_run_says_what_was_not_checked() {
+    let bench = Bench::new();
+    let program = bench.program("G61 F60000\nO1 repeat [60000]\nG1 X0.001\nG1 X0\nO1 endrepeat\nG6\nM2\n");
+    let mut run = std::process::Command::new(env!("CARGO_BIN_EXE_evolvent"))
+        .args([
+            "run",
+            as_str(&program),
+            "--machine",
+            MACHINE,
+            "--clock",
+            "virtual",
+            "--no-trace",
+        ])
+        .stderr(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut first = String::new();
+    let mut told = std::io::BufReader::new(run.stderr.take().unwrap());
+    std::io::BufRead::read_line(&mut told, &mut first).unwrap();
+    run.kill().unwrap();
+    run.wait().unwrap();
+    assert!(
+        first.starts_with("warning: ")
+            && first.contains("the loop that begins on line 2 has more than 100000"),
+        "{first}"
+    );
 }
 
 #[test]

@@ -11,6 +11,7 @@ use evolvent_motion::ProbeMove;
 use evolvent_path::AXES;
 use evolvent_planner::{MoveValidator, PlanError};
 
+use crate::check_bounds::{CheckBound, CheckBounds, Unchecked};
 use crate::job::Setup;
 use crate::log_file::log_objection;
 use crate::periphery::{Changer, TOOL_CHANGE_CODE, nobody_changes, waits_for};
@@ -22,49 +23,6 @@ use crate::threading::ThreadCheck;
 use crate::turning::turning;
 use crate::user_code::UserCodes;
 
-/// How far a program is looked at.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CheckBounds {
-    /// Errors after which nothing more is looked at.
-    pub errors: usize,
-    /// Commands for the machine in all.
-    pub commands: u64,
-    /// Commands after which no line farther down has been reached: a loop that makes parts until it is stopped would
-    /// be followed for ever.
-    pub round: u64,
-    /// Whether the programs of user-defined M codes (M100 to M199) have to be there.
-    pub user_codes: bool,
-    /// Whether an operator can confirm a tool change.
-    pub confirms_tools: bool,
-}
-
-impl CheckBounds {
-    /// To its end, unless it goes round for a million commands.
-    #[must_use]
-    pub fn whole(errors: usize) -> Self {
-        Self {
-            errors,
-            commands: u64::MAX,
-            round: 1_000_000,
-            user_codes: true,
-            confirms_tools: true,
-        }
-    }
-
-    /// As far as can be looked at while a client waits, about a second at most: a million commands, a hundred thousand
-    /// of them in a loop.
-    #[must_use]
-    pub fn while_one_waits(errors: usize) -> Self {
-        Self {
-            errors,
-            commands: 1_000_000,
-            round: 100_000,
-            user_codes: true,
-            confirms_tools: true,
-        }
-    }
-}
-
 /// What was found.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Checked {
@@ -72,8 +30,8 @@ pub struct Checked {
     pub errors: Vec<Diagnostic>,
     /// Lines that are right but probably not what was meant.
     pub warnings: Vec<Warning>,
-    /// The line after which nothing was looked at, where a bound ended it.
-    pub up_to: Option<u32>,
+    /// What was not looked at, where a bound ended the check.
+    pub unchecked: Option<Unchecked>,
 }
 
 /// A line that is right but probably not what was meant.
@@ -134,6 +92,9 @@ pub(crate) fn check_while(
         if step == CheckStep::End {
             break;
         }
+    }
+    if let Some(unchecked) = &mut check.checked.unchecked {
+        unchecked.name_loop(interpreter.outermost_loop());
     }
     Ok(check.checked)
 }
@@ -206,7 +167,7 @@ impl<'a> ProgramCheck<'a> {
         let is_last = diagnostic.code == Code::TooManySteps;
         self.checked.errors.push(diagnostic);
         if is_last {
-            return self.end_at(line);
+            return self.end_at(line, CheckBound::Errors);
         }
         self.end_if_full(line)
     }
@@ -214,8 +175,11 @@ impl<'a> ProgramCheck<'a> {
     /// What is wrong with a command that the text gets right.
     fn command(&mut self, command: &Command, go_on: &mut impl FnMut() -> bool) -> CheckStep {
         self.count(command);
-        if self.is_out_of_bounds() || !go_on() {
-            return self.end_at(self.farthest);
+        if let Some(bound) = self.bound_reached() {
+            return self.end_at(self.farthest, bound);
+        }
+        if !go_on() {
+            return self.end_at(self.farthest, CheckBound::Cancelled);
         }
         if let Action::Warning(text) = &command.action {
             self.warn(command, text.clone(), false);
@@ -274,19 +238,26 @@ impl<'a> ProgramCheck<'a> {
         }
     }
 
-    fn is_out_of_bounds(&self) -> bool {
-        self.commands > self.bounds.commands || self.round > self.bounds.round
+    fn bound_reached(&self) -> Option<CheckBound> {
+        if self.round > self.bounds.round {
+            return Some(CheckBound::Line {
+                line: self.farthest,
+                commands: self.bounds.round,
+            });
+        }
+        let commands = self.bounds.commands;
+        (self.commands > commands).then_some(CheckBound::Commands { commands })
     }
 
-    fn end_at(&mut self, line: u32) -> CheckStep {
-        self.checked.up_to = Some(line);
+    fn end_at(&mut self, up_to: u32, bound: CheckBound) -> CheckStep {
+        self.checked.unchecked = Some(Unchecked { up_to, bound });
         CheckStep::End
     }
 
     /// Ends where there are as many errors as are looked for.
     fn end_if_full(&mut self, line: u32) -> CheckStep {
         if self.checked.errors.len() >= self.bounds.errors {
-            self.end_at(line)
+            self.end_at(line, CheckBound::Errors)
         } else {
             CheckStep::Next
         }

@@ -14,6 +14,7 @@
 //! [`examine`] says what the host can do.
 
 mod check;
+mod check_bounds;
 mod core_loop;
 mod corrections;
 mod cycle_sample;
@@ -85,7 +86,8 @@ mod turning_tally;
 mod user_code;
 mod user_code_runner;
 
-pub use check::{CheckBounds, Checked, Warning, check};
+pub use check::{Checked, Warning, check};
+pub use check_bounds::{CheckBound, CheckBounds, Unchecked};
 pub use corrections::Corrections;
 pub use doctor::{BareLoopError, DoctorReport, Finding, LatenessReport, Verdict, bare_loop, examine};
 pub use drives::{phase_settings, watch_settings};

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use evolvent_gcode::Diagnostic;
-use evolvent_runtime::{CheckBounds, Setup, Warning, check};
+use evolvent_runtime::{CheckBounds, Setup, Unchecked, Warning, check};
 
 use crate::kept::present_setup;
 use crate::messages::{Finding, ProgramInfo};
@@ -28,10 +28,14 @@ pub(crate) fn checked(
 ) -> ProgramInfo {
     let setup = present_setup(setup, state_folder);
     let (errors, warnings) = match check(file, &setup, CheckBounds::whole(ERRORS)) {
-        Ok(found) => (
-            found.errors.iter().map(error).collect(),
-            found.warnings.into_iter().map(warning).collect(),
-        ),
+        Ok(found) => {
+            let rest = found.unchecked.as_ref().map(unchecked);
+            let warnings = found.warnings.into_iter().map(warning);
+            (
+                found.errors.iter().map(error).collect(),
+                warnings.chain(rest).collect(),
+            )
+        }
         Err(cause) => (vec![unreadable(&cause)], Vec::new()),
     };
     ProgramInfo {
@@ -63,6 +67,18 @@ fn warning(found: Warning) -> Finding {
         message: found.message,
         help: String::new(),
         file: found.file,
+    }
+}
+
+fn unchecked(rest: &Unchecked) -> Finding {
+    Finding {
+        line: rest.up_to,
+        column: 0,
+        length: 0,
+        code: String::new(),
+        message: format!("{rest}; the rest was not checked"),
+        help: String::new(),
+        file: None,
     }
 }
 

@@ -10,10 +10,33 @@ use evolvent_control::{Alarm, Rejection};
 
 use super::files::Look;
 use super::programs::sentence;
-use crate::check::{CheckBounds, check_while};
+use crate::check::check_while;
+use crate::check_bounds::{CheckBounds, Unchecked};
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::rt::take_turns;
+
+/// What was looked at of a program without a known error.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Coverage {
+    /// All of it.
+    Whole,
+    /// A part, and why no more.
+    Part(Unchecked),
+}
+
+impl Coverage {
+    /// What to say of the rest, if there is any.
+    pub(super) fn caution(&self) -> Option<String> {
+        match self {
+            Self::Whole => None,
+            Self::Part(unchecked) => Some(format!("{unchecked}; an error after it stops the program there")),
+        }
+    }
+}
+
+/// What a check came to.
+pub(super) type CheckVerdict = Result<Coverage, Rejection>;
 
 /// A check under way, or what it came to.
 #[derive(Debug)]
@@ -21,10 +44,10 @@ pub(super) struct Checking {
     look: Look,
     /// What offsets and tools were then.
     memory: ProgramMemory,
-    verdict: Option<Result<(), Rejection>>,
-    /// Whether [`Checking::objection`] has told the verdict.
+    verdict: Option<CheckVerdict>,
+    /// Whether [`Checking::finding`] has told the verdict.
     is_told: bool,
-    result: Receiver<Result<(), Rejection>>,
+    result: Receiver<CheckVerdict>,
     superseded: Arc<AtomicBool>,
 }
 
@@ -58,19 +81,26 @@ impl Checking {
         *look == self.look && self.memory == setup.memory
     }
 
-    /// What is wrong with the program, once, whoever has asked for the verdict before.
-    pub(super) fn objection(&mut self) -> Option<String> {
+    /// What is wrong with the program, or what of it could not be checked; once, whoever has asked for the verdict before.
+    pub(super) fn finding(&mut self) -> Option<Finding> {
         if self.is_told {
             return None;
         }
-        let verdict = self.verdict()?;
-        let objection = verdict.as_ref().err().map(|refusal| refusal.text.clone());
+        let finding = match self.verdict()? {
+            Ok(coverage) => coverage.caution().map(Finding::Caution),
+            Err(refusal) => Some(Finding::Objection(refusal.text.clone())),
+        };
         self.is_told = true;
-        objection
+        finding
+    }
+
+    /// What to say to whoever starts it.
+    pub(super) fn caution(&self) -> Option<String> {
+        self.verdict.as_ref()?.as_ref().ok()?.caution()
     }
 
     /// What it came to; none while it is under way.
-    pub(super) fn verdict(&mut self) -> Option<&Result<(), Rejection>> {
+    pub(super) fn verdict(&mut self) -> Option<&CheckVerdict> {
         if self.verdict.is_none() {
             self.verdict = match self.result.try_recv() {
                 Ok(verdict) => Some(verdict),
@@ -83,6 +113,15 @@ impl Checking {
         }
         self.verdict.as_ref()
     }
+}
+
+/// What a check has to tell.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Finding {
+    /// The program does not start.
+    Objection(String),
+    /// It does, but a part of it was not checked.
+    Caution(String),
 }
 
 impl Drop for Checking {
@@ -98,11 +137,11 @@ pub(super) fn judge(
     lines_before: u32,
     bounds: CheckBounds,
     go_on: impl FnMut() -> bool,
-) -> Result<(), Rejection> {
+) -> CheckVerdict {
     let found = check_while(file, setup, bounds, go_on)
         .map_err(|error| Rejection::new(Alarm::File, format!("{}: {error}", file.display())))?;
     match found.errors.first() {
-        None => Ok(()),
+        None => Ok(found.unchecked.map_or(Coverage::Whole, Coverage::Part)),
         Some(first) => {
             let alarm = if first.code == evolvent_gcode::Code::BeyondTravel {
                 Alarm::SoftLimit
@@ -119,7 +158,7 @@ mod tests {
     use super::*;
 
     /// A check of no file, which comes to what is sent.
-    fn checking() -> (mpsc::Sender<Result<(), Rejection>>, Checking) {
+    fn checking() -> (mpsc::Sender<CheckVerdict>, Checking) {
         let (sender, result) = mpsc::channel();
         let look = Look {
             file: "long.ngc".into(),
@@ -141,14 +180,15 @@ mod tests {
     fn an_objection_is_told_once_although_a_start_has_heard_it_first() {
         for start_comes_first in [false, true] {
             let (sender, mut checking) = checking();
-            assert_eq!(checking.objection(), None, "under way");
+            assert_eq!(checking.finding(), None, "under way");
             let refusal = Rejection::new(Alarm::BadProgram, "line 7: no such word");
             sender.send(Err(refusal.clone())).unwrap();
             if start_comes_first {
                 assert_eq!(checking.verdict(), Some(&Err(refusal.clone())));
             }
-            assert_eq!(checking.objection(), Some(refusal.text.clone()));
-            assert_eq!(checking.objection(), None, "once");
+            let told = Finding::Objection(refusal.text.clone());
+            assert_eq!(checking.finding(), Some(told));
+            assert_eq!(checking.finding(), None, "once");
             assert_eq!(checking.verdict(), Some(&Err(refusal)), "each start hears it");
         }
     }
@@ -156,10 +196,15 @@ mod tests {
     #[test]
     fn there_is_nothing_to_tell_of_a_good_program_and_a_word_of_a_check_that_died() {
         let (sender, mut good) = checking();
-        sender.send(Ok(())).unwrap();
-        assert_eq!((good.objection(), good.verdict()), (None, Some(&Ok(()))));
+        sender.send(Ok(Coverage::Whole)).unwrap();
+        assert_eq!(
+            (good.finding(), good.verdict()),
+            (None, Some(&Ok(Coverage::Whole)))
+        );
+        assert_eq!(good.caution(), None);
         let (sender, mut died) = checking();
         drop(sender);
-        assert!(died.objection().is_some_and(|text| text.contains("has died")));
+        let told = died.finding();
+        assert!(matches!(told, Some(Finding::Objection(text)) if text.contains("has died")));
     }
 }

@@ -101,6 +101,9 @@ impl ControlLoop {
                 self.published = count;
             }
             self.tell_refused(tell);
+            for caution in self.operator.take_cautions() {
+                tell(ServeNews::Note(&caution));
+            }
             if let Some(trace) = &mut self.trace {
                 trace.look(&mut self.operator);
             }

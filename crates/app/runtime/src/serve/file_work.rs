@@ -12,8 +12,12 @@ pub(super) struct FileWork {
     pub(super) readers: Readers,
     /// The command whose files are being read.
     pub(super) reading: Option<Reading>,
-    /// The check of a long program.
+    /// The check of a program that is long, or has a long loop.
     pub(super) checking: Option<Checking>,
+    /// The message that came from it.
+    pub(super) told: Option<String>,
+    /// What of programs could not be checked, for the log.
+    pub(super) cautions: Vec<String>,
     /// The way to the middle of the program, on its way.
     pub(super) way: Option<Receiver<String>>,
     /// The tool in the spindle is being written.

@@ -11,11 +11,11 @@ use evolvent_config::{no_reply, open_regular, read_regular};
 use evolvent_control::{Alarm, Command, Rejection};
 use evolvent_gcode::{KeptParameters, Restored, Settings, ToolTable};
 
-use super::checking::judge;
+use super::checking::{CheckVerdict, Coverage, judge};
 use super::modes::{After, simulate_modes};
 use super::programs::sentence;
 use super::state_store::Saved;
-use crate::check::CheckBounds;
+use crate::check_bounds::CheckBounds;
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::rt::take_turns;
@@ -44,8 +44,8 @@ pub(super) struct ProgramFile {
     pub(super) look: Look,
     /// The text of a short one, for the trace.
     pub(super) text: Option<Vec<u8>>,
-    /// What a short one came to; a long one is checked while no client waits.
-    pub(super) verdict: Option<Result<(), Rejection>>,
+    /// What a short one came to. A long one, or one with a long loop, is checked while no client waits.
+    pub(super) verdict: Option<CheckVerdict>,
 }
 
 impl ProgramFile {
@@ -75,10 +75,11 @@ impl ProgramFile {
         })
     }
 
-    fn judged(mut self, setup: &Setup, lines_before: u32) -> Self {
+    /// Checks a short one; where the bounds end the check before the end of the program, it has no verdict.
+    fn judged(mut self, setup: &Setup, lines_before: u32, bounds: CheckBounds) -> Self {
         if self.text.is_some() {
-            let bounds = CheckBounds::while_one_waits(1);
-            self.verdict = Some(judge(&self.look.file, setup, lines_before, bounds, || true));
+            let verdict = judge(&self.look.file, setup, lines_before, bounds, || true);
+            self.verdict = (!matches!(verdict, Ok(Coverage::Part(_)))).then_some(verdict);
         }
         self
     }
@@ -101,7 +102,10 @@ pub(super) enum Found {
 
 /// Opens a program and checks a short one.
 pub(super) fn read_program(file: &Path, setup: &Setup) -> Result<Found, Rejection> {
-    Ok(Found::Program(ProgramFile::open(file, SHORT)?.judged(setup, 0)))
+    let bounds = CheckBounds::while_one_waits(1);
+    Ok(Found::Program(
+        ProgramFile::open(file, SHORT)?.judged(setup, 0, bounds),
+    ))
 }
 
 /// A block of MDI: what it leaves, and the file from which it is planned.
@@ -126,9 +130,20 @@ impl MdiBlock {
             .and_then(|()| std::fs::write(&path, &whole))
             .map_err(|error| Rejection::new(Alarm::File, format!("{}: {error}", path.display())))?;
         // However many parameters earlier blocks have set: the next block takes the place of this file.
-        let file = ProgramFile::open(&path, whole.len() as u64)?.judged(&self.setup, lines);
-        if let Some(Err(refusal)) = file.verdict {
-            return Err(refusal);
+        let mut bounds = CheckBounds::while_one_waits(1);
+        // A block is checked completely or not at all: nobody looks at it after its answer.
+        bounds.round = bounds.commands;
+        let file = ProgramFile::open(&path, whole.len() as u64)?.judged(&self.setup, lines, bounds);
+        match file.verdict {
+            Some(Ok(_)) => {}
+            Some(Err(refusal)) => return Err(refusal),
+            None => {
+                let text = format!(
+                    "the block has more than {} commands, too many to check; write a program and load it",
+                    bounds.commands
+                );
+                return Err(Rejection::new(Alarm::BadProgram, text));
+            }
         }
         Ok(Found::Mdi {
             after: Box::new(after),

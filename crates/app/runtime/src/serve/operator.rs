@@ -16,7 +16,7 @@ use evolvent_path::{Axes, AxisMask};
 use rtrb::{Consumer, Producer};
 
 use super::change_mark::ChangeMark;
-use super::checking::Checking;
+use super::checking::{Checking, Finding};
 use super::drive_view::{DriveView, homing_sample};
 use super::file_work::FileWork;
 use super::handwheel::HandwheelDesk;
@@ -588,9 +588,31 @@ impl Operator {
                 self.message.tell_of_stop(text);
             }
         }
-        if let Some(objection) = self.files.checking.as_mut().and_then(Checking::objection) {
-            self.message.tell(objection);
-        }
+        self.tell_check();
+    }
+
+    /// What the check beside has come to.
+    fn tell_check(&mut self) {
+        let Some(finding) = self.files.checking.as_mut().and_then(Checking::finding) else {
+            return;
+        };
+        let text = match finding {
+            Finding::Objection(text) => text,
+            Finding::Caution(text) => {
+                let program = self.desk.program().unwrap_or_default();
+                let note = format!("{program}: {text}");
+                self.record(ExternalEventKind::Warning, 0, note.clone(), None);
+                self.files.cautions.push(note);
+                text
+            }
+        };
+        self.files.told = Some(text.clone());
+        self.message.tell(text);
+    }
+
+    /// What of programs could not be checked since the last call.
+    pub(super) fn take_cautions(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.files.cautions)
     }
 
     pub(super) fn end_job(&mut self, result: JobResult) {

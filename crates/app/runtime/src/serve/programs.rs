@@ -132,6 +132,10 @@ fn way_there(start: &Start) -> String {
 impl Operator {
     pub(super) fn load(&mut self, file: &ProgramFile) -> Result<(), Rejection> {
         self.files.checking = None;
+        // It is about the program before.
+        if self.files.told.take().is_some_and(|told| told == self.message.text()) {
+            self.message.clear();
+        }
         self.program.tally = ProgramTally::default();
         self.check_loaded(file).or_else(|refusal| match refusal.alarm {
             // A long one is checked while no client waits.
@@ -143,14 +147,15 @@ impl Operator {
     /// What program text and machine have against a program, with the offsets and tools of now.
     fn check_loaded(&mut self, file: &ProgramFile) -> Result<(), Rejection> {
         if let Some(verdict) = &file.verdict {
-            return verdict.clone();
+            self.files.checking = None;
+            return verdict.clone().map(drop);
         }
         let setup = self.setup_here();
         if !(self.files.checking.as_ref()).is_some_and(|checking| checking.is_about(&file.look, &setup)) {
             self.files.checking = Some(Checking::begin(file.look.clone(), &setup)?);
         }
         match self.files.checking.as_mut().and_then(Checking::verdict) {
-            Some(verdict) => verdict.clone(),
+            Some(verdict) => verdict.clone().map(drop),
             None => Err(Alarm::Checking.into()),
         }
     }
@@ -180,15 +185,15 @@ impl Operator {
 
     /// What the job that was just begun runs, and the way there where that is not its beginning.
     pub(super) fn started(&self) -> String {
-        let program = self.desk.program().unwrap_or_default();
+        let mut text = self.desk.program().unwrap_or_default().to_owned();
         if self.files.way.is_some() {
-            format!(
-                "{program}: {}, and told by the status's message",
-                self.message.text()
-            )
-        } else {
-            program.to_owned()
+            text.push_str(&format!(": {}, and told by the status's message", self.message.text()));
         }
+        if let Some(caution) = self.files.checking.as_ref().and_then(Checking::caution) {
+            text.push_str("; ");
+            text.push_str(&caution);
+        }
+        text
     }
 
     pub(super) fn mdi(
