@@ -261,4 +261,34 @@ mod tests {
             "an error before it counts"
         );
     }
+
+    #[test]
+    fn compensation_that_a_block_leaves_on_is_refused_with_what_to_do() {
+        let fault = |text: &str| {
+            let kept = KeptParameters::default();
+            simulate_modes(text, &Settings::default(), &kept).err()
+        };
+        for text in [
+            "G41.1 D4\n",
+            "G42.1 D4\n",
+            "F100 G41.1 D4 G1 X10\n",
+            "G41.1 D4\nG1 F100 X10\n",
+        ] {
+            let error = fault(text).unwrap();
+            let told = format!("{}; {}", error.message, error.help.as_deref().unwrap_or_default());
+            assert!(
+                told.starts_with("cutter compensation cannot be used in MDI"),
+                "{told}"
+            );
+            assert!(
+                told.contains("a subroutine that MDI calls") && !told.contains("line 3"),
+                "{told}"
+            );
+        }
+        // A block that calls a contour which ends compensation is a contour.
+        let contour = "o<cut> sub\nG41.1 D4\nG1 F100 X10\nX20\nG40 X30\no<cut> endsub\no<cut> call\n";
+        assert!(fault(contour).is_none());
+        let nurbs = fault("G5.2 P1 L3 X0 Y1\n").unwrap();
+        assert!(nurbs.message.contains("cannot be written in MDI"), "{nurbs:?}");
+    }
 }

@@ -153,10 +153,26 @@ impl<R: BufRead> Interpreter<R> {
         }
         self.settings.waits_succeed = waits_succeed;
         let state = *self.state();
-        if state.cutter.is_on() || state.cutter.programmed.is_some() {
+        let is_compensating = state.cutter.is_on() || state.cutter.programmed.is_some();
+        if is_compensating && self.settings.is_block {
+            let help =
+                "put the lines from G41 or G42 to G40 into a program, or into a subroutine that MDI calls";
+            return Err(Box::new(self.reject_block(
+                "cutter compensation cannot be used in MDI: it needs the moves after its line",
+                help,
+            )));
+        }
+        if is_compensating {
             return Err(Box::new(
                 self.reject(format!("line {line} is inside cutter compensation")),
             ));
+        }
+        if state.nurbs_order.is_some() && self.settings.is_block {
+            let help = "put the lines from G5.2 to G5.3 into a program, or into a subroutine that MDI calls";
+            return Err(Box::new(self.reject_block(
+                "a NURBS cannot be written in MDI: it needs the lines after its first",
+                help,
+            )));
         }
         if state.nurbs_order.is_some() {
             return Err(Box::new(self.reject(format!("line {line} is inside a NURBS"))));
@@ -203,6 +219,17 @@ impl<R: BufRead> Interpreter<R> {
         );
         Fault::new(Code::TooManySteps, Span::new(0, self.current.text.len()), message)
             .locate(self.current.number, &self.current.text)
+    }
+
+    /// The error of a block that leaves something open, which the next block would have to end.
+    fn reject_block(&self, message: &str, help: &'static str) -> Diagnostic {
+        Fault::new(
+            Code::RestartRefused,
+            Span::new(0, self.current.text.len()),
+            message,
+        )
+        .help(help)
+        .locate(self.current.number, &self.current.text)
     }
 
     fn reject(&self, message: String) -> Diagnostic {
