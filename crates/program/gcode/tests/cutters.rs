@@ -599,3 +599,30 @@ fn random_closed_contours_report_sampled_cuts() {
         "{cut} cut, {clean} clean, {refused} refused"
     );
 }
+
+#[test]
+fn outputs_and_path_modes_have_their_place_in_a_compensated_contour() {
+    let program = |line: &str| {
+        format!("G21 G90 F300 G64\nG0 X-20 Y0\nG41.1 D4\nG1 X0 Y5\nX20\n{line}\nY20\nX0\nG40 X-20\nM2\n")
+    };
+    let expected = moves(&program("(nothing)"));
+    // Each takes effect after the move that ends at X20, as it would without compensation: the fourth after the rapid, the
+    // entry and the arc of its corner.
+    let before = 4;
+    for line in ["M62 P0", "M63 P0", "M64 P0", "M65 P0", "M67 E0 Q1", "M68 E0 Q1"] {
+        let actions = run(&program(line)).unwrap_or_else(|error| panic!("{}", error.render("x")));
+        let is_output =
+            |action: &Action| matches!(action, Action::Output { .. } | Action::AnalogOutput { .. });
+        let place = actions.iter().position(is_output);
+        let ahead = actions[..place.unwrap_or_else(|| panic!("{line}"))].iter();
+        let count = ahead.filter(|action| matches!(action, Action::Move(_))).count();
+        assert_eq!(count, before, "{line}");
+        assert_eq!(moves(&program(line)), expected, "{line}");
+    }
+    let exact = moves(&program("G61"));
+    assert_eq!(exact.len(), expected.len());
+    for (index, (left, right)) in exact.iter().zip(&expected).enumerate() {
+        assert_eq!(left.curve, right.curve);
+        assert_eq!(left.path_mode == right.path_mode, index < before, "move {index}");
+    }
+}
