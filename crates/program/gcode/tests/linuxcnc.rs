@@ -51,6 +51,8 @@ fn programs_of_linuxcnc_do_here_what_they_do_there() {
         .arg(tools.join("compare-rs274"))
         .args(["--own-tables", "--quiet", "--known"])
         .arg(tools.join("linuxcnc-programs.known"))
+        .arg("--earlier")
+        .arg(tools.join("linuxcnc-programs.earlier"))
         .arg("--canon")
         .arg(canon)
         .arg("--rs274")

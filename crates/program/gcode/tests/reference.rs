@@ -2,7 +2,8 @@
 //!
 //! `tests/programs/NAME.ngc` is a program of ours, `NAME.canon` what `rs274 -g` says to it: an event a line, and after
 //! ` | ` how far its figures may be off, because rs274 prints four decimals of the unit in force. Errors are equal where
-//! both refuse the same line. `known.txt` names the programs that differ, and why.
+//! both refuse the same line and all events before it are equal; rs274 may have done a part of the refused line itself.
+//! `known.txt` names the programs that differ, and why; `earlier.txt` those that are refused here at an earlier line.
 
 #[path = "common/canon.rs"]
 mod canon;
@@ -70,8 +71,41 @@ fn is_still(lines: &[String], index: usize, slack: f64) -> bool {
     }
 }
 
-/// The first difference.
-fn difference(theirs: &[String], ours: &[String], cycles: bool) -> Option<String> {
+/// How two interpretations of a program relate.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Relation {
+    Equal,
+    /// Equal up to this line, which is refused here; rs274 refuses a later one.
+    Earlier(u32),
+    /// The first difference.
+    Different(String),
+}
+
+/// Moves that a hole takes, at most, with every kind of cycle except pecking.
+const MOVES_OF_HOLE: usize = 12;
+
+/// Whether rs274 may have caused these events by a part of a line that it then refuses: a move comes last in a line and is
+/// whole or not at all, except those of a cycle.
+fn is_part_of_line(events: &[String], program: &str, line: u32) -> bool {
+    let lines: Vec<_> = program.lines().take(line as usize).collect();
+    let text = lines.last().copied().unwrap_or_default();
+    let is_move = |event: &&String| {
+        let kind = event.split(' ').next().unwrap_or_default();
+        ["rapid", "feed", "arc", "spline", "thread", "tap", "probe"].contains(&kind)
+    };
+    let moves = events.iter().filter(is_move).count();
+    let words = text.chars().filter(char::is_ascii_alphabetic).count();
+    let most = if has_cycle(&lines.join("\n")) {
+        MOVES_OF_HOLE
+    } else {
+        0
+    };
+    moves <= most && events.len() - moves <= words
+}
+
+/// How ours relates to rs274's, for a program with this text.
+fn relation(theirs: &[String], ours: &[String], program: &str) -> Relation {
+    let cycles = has_cycle(program);
     let (mut a, mut b) = (0, 0);
     while a < theirs.len() || b < ours.len() {
         let event =
@@ -79,17 +113,24 @@ fn difference(theirs: &[String], ours: &[String], cycles: bool) -> Option<String
         let (left, right) = (event(theirs, a), event(ours, b));
         // How a program ends without M2 is not compared.
         if left == "end" && (right == "end" || right.starts_with("spindle stop") || right == "coolant 0 0") {
-            return None;
+            return Relation::Equal;
         }
         if right.starts_with("error") {
             // Here a line counts as a whole or not at all: rs274 may have done a part of it.
-            let last = theirs.last()?;
+            let last = theirs.last().map_or("", |line| line);
             let line = |text: &str| text.split(' ').nth(1).and_then(|word| word.parse::<u32>().ok());
-            let (refused, here) = (line(last), line(&right));
-            let earlier = right.contains("G0705") && here < refused && here > Some(0);
-            // A move too short for the tool is told when it comes, by rs274 when the move after it ends.
-            let equal = last.starts_with("error") && (here == refused || earlier);
-            return (!equal).then(|| format!("rs274 {last:?}, here {right:?}"));
+            let refused = line(last).filter(|_| last.starts_with("error"));
+            let rest = theirs.get(a..theirs.len().saturating_sub(1)).unwrap_or_default();
+            return match (refused, line(&right)) {
+                (Some(refused), Some(here)) if refused == here && is_part_of_line(rest, program, here) => {
+                    Relation::Equal
+                }
+                (Some(refused), Some(here)) if 0 < here && here < refused => Relation::Earlier(here),
+                _ => Relation::Different(format!(
+                    "rs274 {} more events and {last:?}, here {right:?}",
+                    rest.len()
+                )),
+            };
         }
         if same(&left, &right, cycles) {
             (a, b) = (a + 1, b + 1);
@@ -101,10 +142,11 @@ fn difference(theirs: &[String], ours: &[String], cycles: bool) -> Option<String
         } else if is_still(theirs, a, slack) {
             a += 1;
         } else {
-            return Some(format!("event {}: rs274 {left:?}, here {right:?}", a + 1));
+            let text = format!("event {}: rs274 {left:?}, here {right:?}", a + 1);
+            return Relation::Different(text);
         }
     }
-    None
+    Relation::Equal
 }
 
 /// Whether the program has a cycle.
@@ -119,12 +161,22 @@ fn has_cycle(program: &str) -> bool {
     codes.any(cycle)
 }
 
+/// A program that is refused here at an earlier line: its name and that line. The reason follows.
+fn refused_earlier(line: &str) -> Option<(&str, u32)> {
+    let (name, rest) = line.split_once(':').filter(|_| !line.starts_with('#'))?;
+    let (line, reason) = rest.split_once(": ")?;
+    assert!(!reason.is_empty(), "{name} without a reason");
+    Some((name, line.parse().ok()?))
+}
+
 #[test]
 fn programs_mean_what_they_mean_to_linuxcnc() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/programs");
     let tools = ToolTable::parse(&std::fs::read_to_string(folder.join("tools.tbl")).unwrap()).unwrap();
     let known = std::fs::read_to_string(folder.join("known.txt")).unwrap();
     let known: Vec<_> = known.lines().filter_map(|line| line.split_once(": ")).collect();
+    let earlier = std::fs::read_to_string(folder.join("earlier.txt")).unwrap();
+    let mut earlier: Vec<_> = earlier.lines().filter_map(refused_earlier).collect();
     let mut count = 0;
     let mut wrong = Vec::new();
     for entry in std::fs::read_dir(&folder).unwrap() {
@@ -146,15 +198,21 @@ fn programs_mean_what_they_mean_to_linuxcnc() {
             ..Settings::default()
         };
         let ours = canon::canon(&program[..], settings);
-        let cycles = has_cycle(&String::from_utf8_lossy(&program));
-        let found = difference(&theirs, &ours, cycles);
+        let found = relation(&theirs, &ours, &String::from_utf8_lossy(&program));
         let reason = known.iter().find(|(name, _)| path.ends_with(name));
+        let named = earlier.iter().position(|(name, _)| path.ends_with(name));
+        let named = named.map(|place| earlier.swap_remove(place).1);
         match (found, reason) {
-            (Some(text), None) => wrong.push(format!("{}: {text}", path.display())),
-            (None, Some((name, reason))) => wrong.push(format!("{name}: known ({reason}), and equal")),
-            _ => {}
+            (Relation::Earlier(line), None) if named == Some(line) => {}
+            (Relation::Equal, None) if named.is_none() => {}
+            (Relation::Different(_), Some(_)) if named.is_none() => {}
+            (found, reason) => wrong.push(format!(
+                "{}: {found:?}, known {reason:?}, earlier {named:?}",
+                path.display()
+            )),
         }
     }
+    assert!(earlier.is_empty(), "of no program: {earlier:?}");
     assert!(count >= 200, "{count} programs");
     assert!(
         wrong.is_empty(),
@@ -172,7 +230,7 @@ fn the_comparison_sees_what_it_is_for() {
         "feed 2 2 3 0 0 0 F100.0 blend 0 0 | 0.00005 0.00005 0.0001",
         "end",
     ]);
-    assert_eq!(difference(&good, &good, false), None);
+    assert_eq!(relation(&good, &good, "M2"), Relation::Equal);
     let rapid = "rapid 1 2 3 0 0 0 blend 0 0";
     let feed = "feed 2 2 3 0 0 0 F100.0 blend 0 0";
     for equal in [
@@ -180,7 +238,7 @@ fn the_comparison_sees_what_it_is_for() {
         &[rapid, "feed 2 2 3 0 0 0.00005 F100.0001 blend 0 0", "end"],
         &[rapid, "rapid 1 2.00009 3 0 0 0 blend 0 0", feed, "end"],
     ] {
-        assert_eq!(difference(&good, &lines(equal), false), None, "{equal:?}");
+        assert_eq!(relation(&good, &lines(equal), "M2"), Relation::Equal, "{equal:?}");
     }
     for bad in [
         &[rapid, "feed 2.0001 2 3 0 0 0 F100.0 blend 0 0", "end"][..],
@@ -195,25 +253,83 @@ fn the_comparison_sees_what_it_is_for() {
         &[rapid, feed, "print 1", "end"],
         &[rapid, feed, "error 3 3:1: G0705"],
     ] {
-        assert!(difference(&good, &lines(bad), false).is_some(), "{bad:?}");
+        let found = relation(&good, &lines(bad), "M2");
+        assert!(matches!(found, Relation::Different(_)), "{bad:?}");
     }
     // Cycles are exact here.
     let cycle = lines(&["rapid 1 2 3 0 0 0 exact", feed, "end"]);
-    assert!(difference(&good, &cycle, false).is_some());
-    assert_eq!(difference(&good, &cycle, true), None);
+    assert_ne!(relation(&good, &cycle, "M2"), Relation::Equal);
+    assert_eq!(relation(&good, &cycle, "G81 Z1"), Relation::Equal);
     assert!(has_cycle("G0\nG81 Z1") && !has_cycle("G80\nG17 G0 X81"));
-    // Errors are equal at the same line, and what comes before them counts.
-    let failed = lines(&["rapid 1 2 3 0 0 0 blend 0 0", "spindle cw 1", "error 5 x"]);
-    for (events, equal) in [
-        (&[rapid, "error 5 5:1: G0301"][..], true),
-        (&[rapid, "spindle cw 1", "error 5 5:1: G0301"], true),
-        (&["rapid 1 2 4 0 0 0 blend 0 0", "error 5 5:1: G0301"], false),
-        (&[rapid, "error 4 4:1: G0301"], false),
-        (&[rapid, "error 6 6:1: G0705"], false),
-        (&[rapid, "error 4 4:1: G0705"], true),
-        (&[rapid, "spindle cw 1", "end"], false),
-    ] {
-        let found = difference(&failed, &lines(events), false);
-        assert_eq!(found.is_none(), equal, "{events:?}: {found:?}");
-    }
+}
+
+#[test]
+fn motion_that_is_lost_before_an_error_is_a_difference() {
+    let lines = |text: &[&str]| text.iter().map(|line| (*line).to_owned()).collect::<Vec<_>>();
+    let (first, second) = ("rapid 1 2 3 0 0 0 blend 0 0", "feed 2 2 3 0 0 0 F100.0 blend 0 0");
+    let program = "G0 X1\nS1\n(a)\n(b)\nM3 G1 Y?\n";
+    let failed = lines(&[first, "spindle cw 1", "error 5 x"]);
+    let equal = Relation::Equal;
+    let is = |theirs: &[String], events: &[&str], program: &str, expected: &Relation| {
+        let found = relation(theirs, &lines(events), program);
+        let same = matches!(
+            (&found, expected),
+            (Relation::Different(_), Relation::Different(_))
+        );
+        assert!(same || found == *expected, "{events:?}: {found:?}");
+    };
+    let different = Relation::Different(String::new());
+    // A part of the refused line may have been done there.
+    is(&failed, &[first, "error 5 5:1: G0301"], program, &equal);
+    is(
+        &failed,
+        &[first, "spindle cw 1", "error 5 5:1: G0301"],
+        program,
+        &equal,
+    );
+    is(
+        &failed,
+        &["rapid 1 2 4 0 0 0 blend 0 0", "error 5 5:1: G0301"],
+        program,
+        &different,
+    );
+    is(&failed, &[first, "error 6 6:1: G0705"], program, &different);
+    is(&failed, &[first, "spindle cw 1", "end"], program, &different);
+    is(
+        &failed,
+        &[first, "error 4 4:1: G0301"],
+        program,
+        &Relation::Earlier(4),
+    );
+    // Moves of lines before it are not a part of it.
+    is(&failed, &["error 5 5:1: G0301"], program, &different);
+    let moved = lines(&[first, second, "error 5 x"]);
+    is(&moved, &[first, "error 5 5:1: G0301"], program, &different);
+    // But those of a cycle are.
+    is(
+        &moved,
+        &[first, "error 5 5:1: G0301"],
+        "G0 X1\n\n\n\nG81 Z1\n",
+        &equal,
+    );
+    let many: Vec<_> = (0..21)
+        .map(|x| format!("rapid {x} 2 3 0 0 0 blend 0 0"))
+        .collect();
+    let many: Vec<&str> = many.iter().map(String::as_str).chain(["error 5 x"]).collect();
+    is(&lines(&many), &["error 5 5:1: G0301"], program, &different);
+    is(
+        &lines(&many),
+        &["error 5 5:1: G0301"],
+        "\n\n\n\nG81 Z1\n",
+        &different,
+    );
+    // Events before an earlier line are equal, or it is a difference.
+    let wrong = "rapid 1 2 9 0 0 0 blend 0 0";
+    is(&moved, &[wrong, "error 3 3:1: G0705"], program, &different);
+    is(
+        &moved,
+        &[first, second, "error 3 3:1: G0705"],
+        program,
+        &Relation::Earlier(3),
+    );
 }
