@@ -237,7 +237,7 @@ fn a_long_loop_is_checked_as_far_as_the_limit_says() {
 fn a_run_says_what_was_not_checked() {
     let bench = Bench::new();
     let program = bench.program("G61 F60000\nO1 repeat [60000]\nG1 X0.001\nG1 X0\nO1 endrepeat\nG6\nM2\n");
-    let mut run = std::process::Command::new(env!("CARGO_BIN_EXE_evolvent"))
+    let mut run = Command::new(env!("CARGO_BIN_EXE_evolvent"))
         .args([
             "run",
             as_str(&program),
@@ -247,8 +247,8 @@ fn a_run_says_what_was_not_checked() {
             "virtual",
             "--no-trace",
         ])
-        .stderr(std::process::Stdio::piped())
-        .stdout(std::process::Stdio::null())
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
         .spawn()
         .unwrap();
     let mut first = String::new();
