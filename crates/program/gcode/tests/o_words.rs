@@ -113,6 +113,23 @@ fn what_is_open_at_the_end_names_its_word_and_line_and_shows_the_last_line() {
 }
 
 #[test]
+fn what_a_block_of_mdi_opens_is_not_named_by_a_line_before_it() {
+    for block in ["o1 while [1]", "o1 if [1]", "o1 repeat [0]", "o1 sub"] {
+        let settings = Settings {
+            is_block: true,
+            ..Settings::default()
+        };
+        let (_, errors) = interpret(&format!("G21\nG90\nG0\n{block}\n\n"), settings);
+        assert_eq!(errors.len(), 1, "{errors:?}");
+        let message = &errors[0].message;
+        assert!(
+            message.contains("starts in this block") && !message.contains("line 4"),
+            "{message}"
+        );
+    }
+}
+
+#[test]
 fn what_is_open_at_the_end_of_a_subroutine_file_is_named() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(

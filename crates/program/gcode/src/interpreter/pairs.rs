@@ -317,9 +317,9 @@ impl<R: BufRead> Interpreter<R> {
     /// The error of blocks that are still open at the end of a frame.
     pub(crate) fn unfinished(&mut self) -> Option<Fault> {
         if let Some(Definition { text, line, .. }) = &self.flow.definition {
-            let message = format!(
-                "the text ends, but O<{text}> endsub is missing: O<{text}> sub starts in line {line}"
-            );
+            let place = self.place_of_begin(*line);
+            let message =
+                format!("the text ends, but O<{text}> endsub is missing: O<{text}> sub starts in {place}");
             let help = format!("write O<{text}> endsub after the last line of the subroutine");
             return Some(self.at_end(message, help));
         }
@@ -329,11 +329,20 @@ impl<R: BufRead> Interpreter<R> {
         let block = self.open_block()?;
         let (name, begin, end) = (self.name_of(block.name), block.begin.name(), block.end.name());
         let message = format!(
-            "the text ends, but O<{name}> {end} is missing: O<{name}> {begin} starts in line {}",
-            block.line
+            "the text ends, but O<{name}> {end} is missing: O<{name}> {begin} starts in {}",
+            self.place_of_begin(block.line)
         );
         let help = format!("write O<{name}> {end} after the last line that belongs to it");
         Some(self.at_end(message, help))
+    }
+
+    /// Where a block begins. The lines of a block of MDI begin with some that nobody has written.
+    fn place_of_begin(&self, line: u32) -> String {
+        if self.settings.is_block && self.flow.frames.len() == 1 {
+            "this block, and MDI executes one line".to_owned()
+        } else {
+            format!("line {line}")
+        }
     }
 
     /// An error of the end of a frame, with its last line.
