@@ -18,8 +18,7 @@ use pins::{InputPinFile, OutputPinFile, PinFile};
 use spindle::SpindleFiles;
 
 use crate::board_settings::{
-    BoardAxis, BoardSettings, InputPin, InputSource, OutputPin, OutputTarget, Pin, RemoteSettings,
-    SpindleOrienting, SpindleSpeed,
+    BoardAxis, BoardSettings, InputPin, InputSource, OutputPin, OutputTarget, RemoteSettings, SpindleSpeed,
 };
 use crate::smart_serial::MAX_REMOTES;
 
@@ -225,6 +224,7 @@ impl BoardSettings {
         }
         let spindles = read.spindle.check(&axes, &sheet)?;
         let settings = Self {
+            file: file.to_owned(),
             address,
             name: read.name,
             max_lost_packets: read.max_lost_packets,
@@ -237,6 +237,7 @@ impl BoardSettings {
             inputs,
             outputs,
             spindles,
+            has_single_spindle: read.spindle.is_single,
             coolant: [
                 PinFile::check_driven(read.flood, &sheet, "flood")?,
                 PinFile::check_driven(read.mist, &sheet, "mist")?,
@@ -248,62 +249,25 @@ impl BoardSettings {
                 return Err(sheet.error(&key, what, "count them from 0, in their order"));
             }
         }
+        settings.check_uses(&sheet)?;
         Ok(settings)
     }
 
     /// Smart-serial devices that the file refers to, with the key of each reference.
     fn remotes_used(&self) -> Vec<(String, usize)> {
-        let mut used = Vec::new();
-        let mut add =
-            |key: String, pin: Option<Pin>| used.extend(pin.and_then(|pin| Some((key, pin.remote?))));
-        for (i, axis) in self.axes.iter().enumerate() {
-            let [home, negative, positive] = axis.switches;
-            for (name, pin) in [
-                ("enable", axis.enable),
-                ("fault", axis.fault),
-                ("home_switch", home),
-                ("negative_limit", negative),
-                ("positive_limit", positive),
-            ] {
-                add(format!("axis[{i}].{name}.remote"), pin);
-            }
-        }
-        for (i, output) in self.outputs.iter().enumerate() {
-            if let OutputTarget::Pin(pin) = output.target {
-                add(format!("output[{i}].remote"), Some(pin));
-            }
-        }
-        add("flood.remote".to_owned(), self.coolant[0]);
-        add("mist.remote".to_owned(), self.coolant[1]);
-        for (i, spindle) in self.spindles.iter().enumerate() {
-            let (orient, oriented) = match spindle.orienting {
-                Some(SpindleOrienting::Drive { command, reached, .. }) => (Some(command), Some(reached)),
-                _ => (None, None),
-            };
-            for (name, pin) in [
-                ("forward", spindle.forward),
-                ("reverse", spindle.reverse),
-                ("enable", spindle.enable),
-                ("fault", spindle.fault),
-                ("at_speed", spindle.at_speed),
-                ("orient", orient),
-                ("oriented", oriented),
-            ] {
-                add(format!("spindle[{i}].{name}.remote"), pin);
-            }
-        }
+        let pins = self.pin_uses().into_iter();
+        let mut used: Vec<_> = pins
+            .filter_map(|used| Some((format!("{}.remote", used.key), used.pin.remote?)))
+            .collect();
         for (i, spindle) in self.spindles.iter().enumerate() {
             if let Some(SpindleSpeed::Remote { remote, .. }) = spindle.speed {
-                used.push((format!("spindle[{i}].remote"), remote));
+                used.push((format!("{}.remote", self.spindle_key(i)), remote));
             }
         }
         for (i, input) in self.inputs.iter().enumerate() {
-            let remote = match &input.source {
-                InputSource::Pin(pin) => pin.remote,
-                InputSource::Remote { remote, .. } => Some(*remote),
-                InputSource::Encoder { .. } => None,
-            };
-            used.extend(remote.map(|remote| (format!("input[{i}].remote"), remote)));
+            if let InputSource::Remote { remote, .. } = input.source {
+                used.push((format!("input[{i}].remote"), remote));
+            }
         }
         used
     }

@@ -7,6 +7,8 @@ use evolvent_drive::{GantrySettings, OrientationSettings, SpindleEncoderSettings
 /// A board file, checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardSettings {
+    /// The name of the file, for messages.
+    pub file: String,
     /// Address of the board.
     pub address: IpAddr,
     /// The required name of the board.
@@ -31,6 +33,8 @@ pub struct BoardSettings {
     pub outputs: Vec<OutputPin>,
     /// The spindles.
     pub spindles: Vec<BoardSpindle>,
+    /// The file has `[spindle]` instead of `[[spindle]]`, so that the spindle's key has no index.
+    pub has_single_spindle: bool,
     /// Flood and mist.
     pub coolant: [Option<Pin>; 2],
 }

@@ -1,5 +1,7 @@
 //! The description of a board as read from it: name, clocks, modules, pins.
 
+use core::fmt;
+
 use thiserror::Error;
 
 /// The cookie of a HostMot2 configuration.
@@ -7,6 +9,9 @@ const COOKIE: u32 = 0x55AA_CAFE;
 /// Maximum number of modules and pins of a board.
 const MAX_MODULES: usize = 32;
 const MAX_PINS: u32 = 144;
+
+/// The pin of an SSR that is the common reference of its outputs.
+pub(crate) const RELAY_REFERENCE: u8 = 0xA0;
 
 /// Function tags of modules, from Mesa's register map.
 pub mod tag {
@@ -100,6 +105,35 @@ pub struct PinFunction {
     pub unit: u8,
     /// Pin number within the instance; bit 7 marks an output.
     pub pin: u8,
+}
+
+impl PinFunction {
+    /// A module reads the pin, so something outside of the board drives it.
+    #[must_use]
+    pub const fn is_input(self) -> bool {
+        self.tag != 0 && self.pin & 0x80 == 0
+    }
+}
+
+impl fmt::Display for PinFunction {
+    /// As in `encoder 0 A`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {} ", tag::name(self.tag), self.unit)?;
+        match (self.tag, self.pin) {
+            (tag::RELAY, RELAY_REFERENCE) => f.write_str("reference"),
+            (tag::INPUT_FILTER | tag::RELAY | tag::SIMPLE_OUTPUT, pin) if pin & 0x7F != 0 => {
+                write!(f, "bit {}", (pin & 0x7F) - 1)
+            }
+            (tag::STEP_GENERATOR, 0x81) => f.write_str("step"),
+            (tag::STEP_GENERATOR, 0x82) | (tag::PWM, 0x82) => f.write_str("direction"),
+            (tag::ENCODER, 1) => f.write_str("A"),
+            (tag::ENCODER, 2) => f.write_str("B"),
+            (tag::ENCODER, 3) => f.write_str("index"),
+            (tag::PWM, 0x81) => f.write_str("out"),
+            (tag::PWM, 0x83) => f.write_str("enable"),
+            _ => f.write_str("pin"),
+        }
+    }
 }
 
 /// The description of a board.
@@ -269,34 +303,9 @@ impl Description {
             );
         }
         for (i, function) in self.pins.iter().enumerate() {
-            if let (tag::INPUT_FILTER | tag::RELAY | tag::SIMPLE_OUTPUT, 1..) =
-                (function.tag, function.pin & 0x7F)
-            {
-                text += &format!(
-                    "  pin {i}: {} {} bit {}\n",
-                    tag::name(function.tag),
-                    function.unit,
-                    (function.pin & 0x7F) - 1
-                );
-                continue;
+            if function.tag != 0 {
+                text += &format!("  pin {i}: {function}\n");
             }
-            let what = match (function.tag, function.pin) {
-                (0, _) => continue,
-                (tag::STEP_GENERATOR, 0x81) => "step",
-                (tag::STEP_GENERATOR, 0x82) => "direction",
-                (tag::ENCODER, 1) => "A",
-                (tag::ENCODER, 2) => "B",
-                (tag::ENCODER, 3) => "index",
-                (tag::PWM, 0x81) => "out",
-                (tag::PWM, 0x82) => "direction",
-                (tag::PWM, 0x83) => "enable",
-                _ => "pin",
-            };
-            text += &format!(
-                "  pin {i}: {} {} {what}\n",
-                tag::name(function.tag),
-                function.unit
-            );
         }
         text
     }

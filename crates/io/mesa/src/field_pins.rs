@@ -3,7 +3,7 @@
 //! A 7I96S has all three: its inputs are filtered by InM, four outputs are switched by SSR and two by OutM. SSR drives the gates of
 //! isolated transistors through transformers, with an alternating signal between each output pin and a common reference pin.
 
-use crate::description::{Description, Module, PinFunction, tag};
+use crate::description::{Description, Module, PinFunction, RELAY_REFERENCE, tag};
 use crate::packet::{Packet, PacketFull, Space};
 use crate::plan::PlanError;
 
@@ -11,7 +11,6 @@ use crate::plan::PlanError;
 pub(crate) const MAX_FIELD_UNITS: usize = 4;
 /// Maximum number of data bits of an SSR; pin 32 of the module is its reference.
 const RELAYS: u8 = 31;
-const RELAY_REFERENCE: u8 = 0xA0;
 /// Drive frequency of the isolated gates, Hz: as `hm2_eth` sets it.
 const RELAY_HZ: f64 = 1e6;
 const RELAY_ENABLE: u32 = 1 << 12;

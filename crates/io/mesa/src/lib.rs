@@ -44,6 +44,7 @@ mod field_pins;
 mod fit;
 mod link;
 mod packet;
+mod pin_uses;
 mod plan;
 mod round_trips;
 mod run;

@@ -1,19 +1,17 @@
 //! The registers of a board that are written once, read every cycle, and written every cycle.
 
 mod error;
+mod pins;
 
 pub use self::error::PlanError;
 use crate::board_settings::{
-    Actuator, BoardAxis, BoardSettings, BoardSpindle, InputSource, OutputTarget, Pin, SpindleOrienting,
-    SpindleSpeed,
+    Actuator, BoardAxis, BoardSettings, BoardSpindle, InputSource, OutputTarget, Pin, SpindleSpeed,
 };
-use crate::description::{Description, Module, PinFunction, tag};
+use crate::description::{Description, Module, tag};
 use crate::encoder_index::{INDEX_RISING, IndexCommand, QUADRATURE};
-use crate::field_pins::{
-    FieldOutputs, FieldPins, InputPlace, MAX_FIELD_UNITS, OutputPlace, filter_place, output_place,
-};
+use crate::field_pins::{FieldOutputs, FieldPins, InputPlace, MAX_FIELD_UNITS, OutputPlace};
 use crate::packet::{Packet, PacketFull, Space};
-use crate::smart_serial::{Element, MAX_REMOTES, SerialInputs, SerialOutputs, SmartSerial, WORDS};
+use crate::smart_serial::{Element, MAX_REMOTES, SerialInputs, SerialOutputs, SmartSerial};
 use evolvent_bus::SPINDLES;
 
 /// Maximum number of ports.
@@ -125,15 +123,14 @@ pub(crate) struct Plan {
     numbers: Vec<(usize, usize, Element)>,
     /// Bits of field inputs and field outputs, by device and number.
     remote_bits: [[[usize; MAX_PINS]; MAX_REMOTES]; 2],
-    /// Field outputs in use.
-    remote_taken: [[u32; WORDS]; MAX_REMOTES],
     /// Register bits of the pins that a module reads or sets.
     reads: [Option<InputPlace>; MAX_PINS],
     sets: [Option<OutputPlace>; MAX_PINS],
     /// Bits of driven pins, and of those driven by modules.
     driven: [u32; MAX_PORTS],
     alternate: [u32; MAX_PORTS],
-    taken: [u32; MAX_PORTS],
+    /// Driven pins, and what drives each.
+    drivers: Vec<(usize, String)>,
 }
 
 impl Plan {
@@ -160,12 +157,11 @@ impl Plan {
             index_slots: SPINDLE_SLOT,
             numbers: Vec::new(),
             remote_bits: [[[0; MAX_PINS]; MAX_REMOTES]; 2],
-            remote_taken: [[0; WORDS]; MAX_REMOTES],
             reads: [None; MAX_PINS],
             sets: [None; MAX_PINS],
             driven: [0; MAX_PORTS],
             alternate: [0; MAX_PORTS],
-            taken: [0; MAX_PORTS],
+            drivers: Vec::new(),
         };
         for pin in plan
             .serial
@@ -174,33 +170,25 @@ impl Plan {
             .collect::<Vec<_>>()
         {
             plan.function(board, pin)?;
-            let (port, bit) = plan.take(pin)?;
+            let (port, bit) = plan.take(pin, "smart serial")?;
             plan.alternate[port] |= bit;
         }
         for (axis, max_velocity) in settings.axes.iter().zip(max_velocity) {
             plan.use_actuator(board, axis, *max_velocity, period_s)?;
-            let [home, negative, positive] = axis.switches;
-            for pin in [axis.fault, home, negative, positive].into_iter().flatten() {
-                plan.look_at(board, pin)?;
-            }
-            plan.drive_any(board, axis.enable)?;
         }
         for (listed, input) in settings.inputs.iter().enumerate() {
             plan.use_input(board, listed, &input.source)?;
         }
         for output in &settings.outputs {
-            match output.target {
-                OutputTarget::Pin(pin) => plan.drive(board, pin)?,
-                OutputTarget::Pwm { unit, .. } => plan.use_pwm(board, unit)?,
+            if let OutputTarget::Pwm { unit, .. } = output.target {
+                plan.use_pwm(board, unit)?;
             }
         }
         for (listed, spindle) in settings.spindles.iter().enumerate() {
             let rpm = max_rpm.get(spindle.number).copied();
             plan.use_spindle(board, listed, spindle, rpm, period_s)?;
         }
-        for pin in settings.coolant {
-            plan.drive_any(board, pin)?;
-        }
+        plan.use_pins(board, settings)?;
         Ok(plan)
     }
 
@@ -265,7 +253,7 @@ impl Plan {
         Ok(())
     }
 
-    /// Uses what belongs to a spindle, whose encoder must be slow enough for its counter.
+    /// Uses what belongs to a spindle beside its pins, whose encoder must be slow enough for its counter.
     fn use_spindle(
         &mut self,
         board: &Description,
@@ -274,16 +262,6 @@ impl Plan {
         max_rpm: Option<f64>,
         period_s: f64,
     ) -> Result<(), PlanError> {
-        for pin in [spindle.forward, spindle.reverse, spindle.enable] {
-            self.drive_any(board, pin)?;
-        }
-        for pin in [spindle.fault, spindle.at_speed].into_iter().flatten() {
-            self.look_at(board, pin)?;
-        }
-        if let Some(SpindleOrienting::Drive { command, reached, .. }) = spindle.orienting {
-            self.drive(board, command)?;
-            self.look_at(board, reached)?;
-        }
         match spindle.speed {
             None => {}
             Some(SpindleSpeed::Pwm { unit, .. }) => self.use_pwm(board, unit)?,
@@ -318,7 +296,7 @@ impl Plan {
         Ok(())
     }
 
-    /// Uses what an input of the board file's list is read from.
+    /// Uses what an input of the board file's list is read from, unless it is a pin.
     fn use_input(
         &mut self,
         board: &Description,
@@ -326,7 +304,7 @@ impl Plan {
         source: &InputSource,
     ) -> Result<(), PlanError> {
         match source {
-            InputSource::Pin(pin) => self.look_at(board, *pin)?,
+            InputSource::Pin(_) => {}
             InputSource::Remote { remote, data } => {
                 if let Some(found) = self.remote(*remote) {
                     let element = found.element(false, data)?.clone();
@@ -387,126 +365,6 @@ impl Plan {
         }
         let (port, bit) = self.place(pin.pin);
         self.sets[pin.pin].unwrap_or(OutputPlace::Port { port, bit })
-    }
-
-    /// Adds a field input or output of a smart-serial device.
-    fn use_remote(&mut self, remote: usize, is_output: bool, number: usize) -> Result<(), PlanError> {
-        let Some(found) = self.remote(remote) else {
-            return Ok(());
-        };
-        let bit = found.field_bit(is_output, number)?;
-        if let Some(place) = self.remote_bits[usize::from(is_output)][remote].get_mut(number) {
-            *place = bit;
-        }
-        if is_output {
-            let taken = &mut self.remote_taken[remote];
-            if crate::smart_serial::bit_of(taken, bit) {
-                return Err(PlanError::Taken { pin: number });
-            }
-            crate::smart_serial::set_bit(taken, bit, true);
-        }
-        Ok(())
-    }
-
-    /// The function of a pin that the board has.
-    fn function(&self, board: &Description, pin: usize) -> Result<PinFunction, PlanError> {
-        // A board may list more pins than its ports have bits.
-        let pins = board.pins.len().min(self.ports * self.port_width).min(MAX_PINS);
-        match board.pins.get(pin) {
-            Some(function) if pin < pins => Ok(*function),
-            _ => Err(PlanError::Pin { pin, pins }),
-        }
-    }
-
-    fn look_at(&mut self, board: &Description, pin: Pin) -> Result<(), PlanError> {
-        if let Some(remote) = pin.remote {
-            if pin.slow {
-                return Err(PlanError::NoFilter { pin: pin.pin });
-            }
-            return self.use_remote(remote, false, pin.pin);
-        }
-        let function = self.function(board, pin.pin)?;
-        if let Some(place @ InputPlace::Filter { unit, bit }) = filter_place(function) {
-            self.field.use_filter(board, unit, bit, pin.slow)?;
-            self.reads[pin.pin] = Some(place);
-        } else if pin.slow {
-            return Err(PlanError::NoFilter { pin: pin.pin });
-        }
-        Ok(())
-    }
-
-    fn drive_any(&mut self, board: &Description, pin: Option<Pin>) -> Result<(), PlanError> {
-        pin.map_or(Ok(()), |pin| self.drive(board, pin))
-    }
-
-    fn take(&mut self, pin: usize) -> Result<(usize, u32), PlanError> {
-        let (port, bit) = self.place(pin);
-        if self.taken[port] >> bit & 1 == 1 {
-            return Err(PlanError::Taken { pin });
-        }
-        self.taken[port] |= 1 << bit;
-        self.driven[port] |= 1 << bit;
-        Ok((port, 1 << bit))
-    }
-
-    fn drive(&mut self, board: &Description, pin: Pin) -> Result<(), PlanError> {
-        if let Some(remote) = pin.remote {
-            return self.use_remote(remote, true, pin.pin);
-        }
-        let place = output_place(self.function(board, pin.pin)?);
-        let (port, bit) = self.take(pin.pin)?;
-        let Some(place) = place else {
-            return Ok(());
-        };
-        self.alternate[port] |= bit;
-        self.sets[pin.pin] = Some(place);
-        match place {
-            OutputPlace::Relay { unit, .. } => {
-                if let Some(reference) = self.field.use_relay(board, unit)? {
-                    self.function(board, reference)?;
-                    // Common to all outputs of the unit, so it is not taken twice.
-                    let (port, bit) = self.place(reference);
-                    self.driven[port] |= 1 << bit;
-                    self.alternate[port] |= 1 << bit;
-                    self.taken[port] |= 1 << bit;
-                }
-            }
-            OutputPlace::Simple { unit, .. } => self.field.use_simple(board, unit)?,
-            OutputPlace::Port { .. } | OutputPlace::Remote { .. } => {}
-        }
-        Ok(())
-    }
-
-    fn connect(
-        &mut self,
-        board: &Description,
-        tag: u8,
-        what: &'static str,
-        unit: usize,
-        pins: &[u8],
-    ) -> Result<(), PlanError> {
-        for pin in pins {
-            let Some(pin) = board.pin_of(tag, unit, *pin) else {
-                return Err(PlanError::NoPin { what, unit });
-            };
-            self.function(board, pin)?;
-            let (port, bit) = self.take(pin)?;
-            self.alternate[port] |= bit;
-        }
-        Ok(())
-    }
-
-    fn use_pwm(&mut self, board: &Description, unit: usize) -> Result<(), PlanError> {
-        let found = module(board, tag::PWM, "PWM generator", unit, 5)?;
-        grow(&mut self.pwm, found, unit);
-        self.connect(board, tag::PWM, "PWM generator", unit, &[PWM_OUT])?;
-        // Analog outputs on the board itself have no such pins.
-        for pin in [PWM_DIRECTION, PWM_ENABLE] {
-            if board.pin_of(tag::PWM, unit, pin).is_some() {
-                self.connect(board, tag::PWM, "PWM generator", unit, &[pin])?;
-            }
-        }
-        Ok(())
     }
 
     /// Initial writes in order: everything at rest first, pins last. `outputs` are the inactive states.

@@ -12,3 +12,4 @@ mod faults;
 mod field_io;
 mod gantry;
 mod index;
+mod pins;

@@ -22,7 +22,7 @@ const COUNTER_BITS: u32 = 16;
 #[derive(Clone, Debug, Default)]
 pub(super) struct SpindleFiles {
     /// It is written as a table.
-    is_single: bool,
+    pub(super) is_single: bool,
     spindles: Vec<SpindleFile>,
 }
 

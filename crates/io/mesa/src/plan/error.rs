@@ -65,10 +65,32 @@ pub enum PlanError {
         pins: usize,
     },
     /// A pin with two uses.
-    #[error("pin {pin} is used twice: give each use its own")]
+    #[error("pin {pin} is driven by {by}: choose another")]
     Taken {
         /// The pin.
         pin: usize,
+        /// A key of the board file, or a module.
+        by: String,
+    },
+    /// An output where the board has an input, or the other way round.
+    #[error("pin {pin} is {function}: choose {wanted}")]
+    Function {
+        /// The pin.
+        pin: usize,
+        /// What the firmware has at the pin.
+        function: String,
+        /// "an input" or "an output".
+        wanted: &'static str,
+    },
+    /// An error of a pin of the board file.
+    #[error("{file}: {key}: {cause}")]
+    At {
+        /// The file.
+        file: String,
+        /// The key of the pin.
+        key: String,
+        /// The error.
+        cause: Box<PlanError>,
     },
     /// A time that is too long.
     #[error(
