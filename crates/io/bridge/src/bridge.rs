@@ -3,6 +3,7 @@
 use core::fmt::Display;
 use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use core::time::Duration;
+use std::path::PathBuf;
 
 use evolvent_bus::{BusError, bus_folders, writable_folders};
 use evolvent_machine::Machine;
@@ -13,7 +14,7 @@ use thiserror::Error;
 use crate::bus_side::BusSide;
 use crate::confinement::{ThreadRole, confine};
 use crate::ends::BusEnds;
-use crate::privileges::raise_priority;
+use crate::privileges::{lock_memory, raise_priority};
 
 /// Interval between two attempts to start a session.
 const RETRY: Duration = Duration::from_millis(500);
@@ -111,7 +112,10 @@ pub enum BridgeError {
 /// The calling thread, which serves the bus, keeps no capability, no file but those of the bus, and only the system calls that this
 /// needs, permanently: call this on a thread that does little else afterwards. Rights that this kernel cannot remove are reported.
 ///
-/// `session` is called, in a thread with `SCHED_FIFO` and with fewer rights still, once a core is known and
+/// Both threads run with `SCHED_FIFO`, below the core's, and memory is locked if the machine file says so, where the system permits
+/// it. What it does not permit is reported.
+///
+/// `session` is called, in a thread with fewer rights still, once a core is known and
 /// again whenever it has returned. It sets up the hardware and runs its cycle until something ends it; it
 /// returns `Ok` if it was asked to stop.
 ///
@@ -132,21 +136,30 @@ pub fn run_bridge<H: Hardware>(
     let (mut spindles, mut spindles_out) = RingBuffer::new(ROOM);
     let (mut notices, mut notices_out) = RingBuffer::new(ROOM_FOR_NOTICES);
     let (failures, failures_out) = std::sync::mpsc::channel::<H::Failure>();
-    let (gaps, gaps_out) = std::sync::mpsc::channel::<String>();
+    let (remarks, remarks_out) = std::sync::mpsc::channel::<String>();
     let writable = writable_folders(settings.prefix)?;
     let folders = bus_folders(settings.prefix)?;
+    let realtime = &settings.machine.realtime;
+    // Below the cycle and the publisher of the core, which have to run first.
+    let priority = realtime.priority.saturating_sub(2).max(1);
+    // Before the threads, which give up their rights: what is locked stays locked.
+    let mut own_remarks: Vec<String> = Vec::new();
+    if realtime.lock_memory
+        && let Err(note) = lock_memory()
+    {
+        own_remarks.push(format!("note: {note}"));
+    }
     std::thread::scope(|scope| {
         let (period_ns, sessions, ended) = (&period_ns, &sessions, &ended);
         scope.spawn(move || {
-            raise_priority(settings.machine.realtime.priority.saturating_sub(2).max(1));
+            // If this thread cannot drop capabilities, neither can the other, which reports it.
             let role = ThreadRole::Session {
                 opens_udp: H::OPENS_UDP,
             };
-            // If this thread cannot drop capabilities, neither can the other, which reports it.
-            for gap in confine(role, &[]).unwrap_or_default() {
-                let _nobody = gaps.send(gap);
+            for remark in enter_role(priority, role, &[]).unwrap_or_default() {
+                let _nobody = remarks.send(remark);
             }
-            drop(gaps);
+            drop(remarks);
             while !ended.load(Ordering::Relaxed) {
                 if period_ns.load(Ordering::Relaxed) == 0 {
                     std::thread::sleep(Duration::from_millis(5));
@@ -180,14 +193,18 @@ pub fn run_bridge<H: Hardware>(
             folders,
             connections: 0,
         };
-        let result = confine(ThreadRole::Bus, &writable)
+        // Setpoints pass through this thread: without its priority, other work on the computer would stop the machine.
+        let result = enter_role(priority, ThreadRole::Bus, &writable)
             .map_err(BridgeError::Privileges)
-            .and_then(|mut own_gaps| {
-                let others = gaps_out.iter().filter(|gap| !own_gaps.contains(gap));
-                let others: Vec<String> = others.collect();
-                own_gaps.extend(others);
-                for gap in own_gaps {
-                    tell(&format!("rights: {gap}"));
+            .and_then(|remarks| {
+                own_remarks.extend(remarks);
+                for remark in remarks_out {
+                    if !own_remarks.contains(&remark) {
+                        own_remarks.push(remark);
+                    }
+                }
+                for remark in own_remarks {
+                    tell(&remark);
                 }
                 bus.serve(&mut notices_out, &failures_out, tell)
             });
@@ -197,4 +214,15 @@ pub fn run_bridge<H: Hardware>(
             sessions: sessions.load(Ordering::Relaxed),
         })
     })
+}
+
+/// Gives the calling thread its priority, then takes its rights. Returns what the system does not grant, and what it does not let go.
+fn enter_role(priority: u8, role: ThreadRole, folders: &[PathBuf]) -> std::io::Result<Vec<String>> {
+    let mut remarks = Vec::new();
+    if let Err(note) = raise_priority(priority) {
+        remarks.push(format!("note: {note}"));
+    }
+    let gaps = confine(role, folders)?;
+    remarks.extend(gaps.into_iter().map(|gap| format!("rights: {gap}")));
+    Ok(remarks)
 }

@@ -43,7 +43,7 @@ pub fn measure_round_trips(
     std::thread::scope(|scope| {
         let measuring = std::thread::Builder::new().spawn_scoped(scope, || {
             let mut trips = RoundTrips {
-                is_real_time: raise_priority(PRIORITY),
+                is_real_time: raise_priority(PRIORITY).is_ok(),
                 ..RoundTrips::default()
             };
             let mut times = Vec::with_capacity(count as usize);
