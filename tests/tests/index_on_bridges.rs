@@ -43,6 +43,8 @@ trait Hardware {
     fn beyond_pulse(&self, axis: usize) -> (f64, f64, f64);
     /// The link is lost for a time.
     fn lose_link(&self, duration_ns: u64);
+    /// A drive is without supply for a moment, or the board's watchdog trips: the session ends, and the counts are those of a new one.
+    fn lose_session(&self);
     /// The encoder of Y gives no pulses, or does again.
     fn set_no_pulse(&self, is_missing: bool);
 }
@@ -113,6 +115,11 @@ impl Hardware for RingHardware {
         ring.begin_fault(monotonic_ns(), RingFault::Loss, 0, Some(duration_ns));
     }
 
+    fn lose_session(&self) {
+        let mut ring = self.ring.lock().expect("no panic");
+        ring.begin_fault(monotonic_ns(), RingFault::Gone, 1, Some(1_000_000_000));
+    }
+
     fn set_no_pulse(&self, is_missing: bool) {
         let mut ring = self.ring.lock().expect("no panic");
         if is_missing {
@@ -142,10 +149,7 @@ const SWITCH_PIN: usize = 50;
 
 impl BoardHardware {
     fn new(starts: [f64; 2]) -> Self {
-        // Of its own: tests of one process run side by side.
-        let process = std::process::id();
-        let number = BOARDS.fetch_add(1, Ordering::Relaxed);
-        let address = std::net::IpAddr::from([127, 40 + (process >> 8) as u8 % 80, process as u8, number]);
+        let address = next_address();
         let server = Arc::new(
             BoardServer::start(Board::new(BoardModel::B7i97, now_ns()), address).expect("an address"),
         );
@@ -175,6 +179,14 @@ impl BoardHardware {
             switch: Some(switch),
         }
     }
+}
+
+/// An address of this computer that no other board has.
+fn next_address() -> std::net::IpAddr {
+    // Of its own: tests of one process run side by side.
+    let process = std::process::id();
+    let number = BOARDS.fetch_add(1, Ordering::Relaxed);
+    std::net::IpAddr::from([127, 40 + (process >> 8) as u8 % 80, process as u8, number])
 }
 
 impl Drop for BoardHardware {
@@ -219,6 +231,10 @@ impl Hardware for BoardHardware {
         self.server
             .lock()
             .fault_now(BoardFault::LossIn, Some(duration_ns));
+    }
+
+    fn lose_session(&self) {
+        self.server.lock().fault_now(BoardFault::Bite, Some(300_000_000));
     }
 
     fn set_no_pulse(&self, is_missing: bool) {
@@ -481,6 +497,80 @@ fn broken_off(hardware: &dyn Hardware, name: &str) {
     mill.end();
 }
 
+/// Without `[[homing]]` axes are homed from the start, and no longer once a session is lost: after it the drives count from another
+/// zero. HOME declares where they are, and moves nothing.
+fn without_homing_tables(hardware: &dyn Hardware, name: &str) {
+    let mut mill = Mill::new(hardware, name, "");
+    let moves = |mill: &mut Mill<'_>, block: &str| {
+        mill.operator().says_number("MODE", 2);
+        let mut mdi = command("MDI");
+        assert!(mdi.set_text(block));
+        mill.operator().ask(&mdi)
+    };
+    assert_eq!(mill.operator().now().homed_mask, 0b111, "as at every first start");
+    let job = moves(&mut mill, "G91 G1 X12 Y-7 F1500").job;
+    let status = mill.operator().sees_end(job);
+    assert_eq!(status.job_result, 1, "{}", status.alarm_sentence());
+    hardware.lose_session();
+    let status = mill.operator().waits("machine zero lost", |status| {
+        status.homed_mask == 0 && status.listed_alarms().contains(&418)
+    });
+    let said = status.operator_message().to_owned();
+    assert!(
+        said.contains("home XYZ again")
+            && said.contains("jog to X0 Y0 Z0 first: without [[homing]], HOME declares"),
+        "{said}"
+    );
+    mill.recovers();
+    let status = mill.operator().now();
+    assert!(
+        status.position_machine[0].abs() < 0.1,
+        "the drives count anew: {status:?}"
+    );
+    assert_eq!(
+        moves(&mut mill, "G90 G1 X100 F900").alarm,
+        916,
+        "soft limits would be 12 mm off"
+    );
+    mill.operator().says_number("MODE", 1);
+    // One axis by another name than the drives': where it is becomes home.
+    let before = [0, 1].map(|axis| hardware.beyond_pulse(axis));
+    let status = mill.home(0);
+    assert_eq!(
+        (status.job_result, status.homed_mask),
+        (1, 0b111),
+        "{}",
+        status.alarm_sentence()
+    );
+    for axis in 0..3 {
+        assert_eq!(status.position_machine[axis], 0.0);
+    }
+    mill.operator().waits("the drives at home", |status| {
+        (0..3).all(|axis| status.position_actual[axis].abs() < 0.05)
+    });
+    for (axis, before) in before.into_iter().enumerate() {
+        let (beyond, per_mm, _) = hardware.beyond_pulse(axis);
+        assert!((beyond - before.0).abs() < 0.05 * per_mm, "axis {axis} moved");
+    }
+    // Axes that are homed keep their coordinates.
+    let job = moves(&mut mill, "G90 G1 X5 F1500").job;
+    assert_eq!(mill.operator().sees_end(job).job_result, 1);
+    mill.operator().says_number("MODE", 1);
+    let status = mill.home(0);
+    assert_eq!((status.job_result, status.position_machine[0]), (1, 5.0));
+    mill.end();
+}
+
+#[test]
+fn axes_without_homing_are_not_homed_after_a_lost_session_on_ethercat() {
+    on_ring(without_homing_tables);
+}
+
+#[test]
+fn axes_without_homing_are_not_homed_after_a_lost_session_on_mesa() {
+    on_board(without_homing_tables);
+}
+
 #[test]
 fn a_mill_on_ethercat_drives_homes_by_its_index_pulses() {
     on_ring(at_two_speeds);
@@ -509,4 +599,73 @@ fn a_link_or_bridge_that_goes_while_armed_leaves_no_zero_on_ethercat() {
 #[test]
 fn a_link_or_bridge_that_goes_while_armed_leaves_no_zero_on_mesa() {
     on_board(broken_off);
+}
+
+/// The shipped files of the routers fit together: HOME finds the switches that both board files connect, and the axes go home.
+#[test]
+fn the_shipped_router_homes_by_its_switches() {
+    for (model, file) in [
+        (BoardModel::B7i96s, "7i96s-router"),
+        (BoardModel::B7i76e, "7i76e-router"),
+    ] {
+        unless_disturbed(|| {
+            let (workshop, domain, address) = (Workshop::new(), Domain::new(), next_address());
+            let mut board = Board::new(model, now_ns());
+            for switch in ["0:0:-640", "1:1:640", "2:2:1600"] {
+                board.add_switch(switch.parse().expect("a switch"));
+            }
+            let server = BoardServer::start(board, address).expect("an address");
+            let shipped = |path: &str| {
+                let path = evolvent_tests::repository().join("config").join(path);
+                std::fs::read_to_string(path).expect("a shipped file")
+            };
+            let text = shipped("machines/router-3axis.toml")
+                .replace("rate = 1000 ", "lead_cycles = 60\nrate = 500 ")
+                .replace(
+                    "travel_min_mm",
+                    "following_error_mm = 3\nfollowing_time_ms = 200\ntravel_min_mm",
+                );
+            let drives = "\n[drives]\nfeedback_timeout_ms = 300\nenable_timeout_ms = 20000\n";
+            let machine = workshop.write("router.toml", text + drives);
+            let text = shipped(&format!("boards/{file}.toml"))
+                .replace("10.10.10.10\"", &format!("{address}\""))
+                .replace("max_lost_packets = 5 ", "max_lost_packets = 40 ")
+                .replace("watchdog_ms = 50 ", "watchdog_ms = 400 ");
+            let board_file = workshop.write("board.toml", text);
+            let served = Served::start(&machine, "router-3axis", &domain, &workshop.path("state"), &[]);
+            let mut operator = Operator::join("router-3axis", &domain);
+            let child = evolvent()
+                .args(["bridge", "mesa", "--bus-prefix", &domain.prefix, "--machine"])
+                .arg(&machine)
+                .arg("--board")
+                .arg(&board_file)
+                .stdout(Stdio::null())
+                .stderr(Stdio::inherit())
+                .spawn()
+                .expect("the binary to start");
+            let bridge = Bridge(child);
+            operator.waits("drives", |status| status.feedback_age_ns < 100_000_000);
+            operator.brings_up();
+            operator.says_number("MODE", 1);
+            assert_eq!(operator.now().homed_mask, 0);
+            let job = operator.says("HOME").job;
+            let status = operator.sees_end(job);
+            assert_eq!(
+                (status.job_result, status.homed_mask),
+                (1, 0b111),
+                "{file}: {}",
+                status.alarm_sentence()
+            );
+            operator.waits("the motors at home", |status| {
+                (0..3).all(|axis| status.position_actual[axis].abs() < 0.05)
+            });
+            // 2 mm from each switch, within the way of a sample and the bus at 4 mm/s.
+            for (unit, per_mm) in [320.0, 320.0, 800.0].into_iter().enumerate() {
+                let off = server.lock().motor_steps(unit) / per_mm;
+                assert!(off.abs() < 0.15, "{file}: motor {unit} is {off} mm off");
+            }
+            drop((operator, bridge));
+            served.end().expect_code(&[0, 3]);
+        });
+    }
 }

@@ -179,6 +179,8 @@ pub(crate) enum Action {
         step: Option<f64>,
     },
     /// Home axes, all if none is named, and wait for the end.
+    ///
+    /// Axes without [[homing]] that have lost machine zero are declared to be at their home position: jog them there first.
     Home {
         /// Letters, as in XYZ.
         axes: Option<String>,

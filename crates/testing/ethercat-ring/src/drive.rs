@@ -59,6 +59,8 @@ pub struct DriveSettings {
     pub velocity_ramp_turns_s2: f64,
     /// The home switch (bit 2 of 60FDh) is on where the load is not beyond this.
     pub home_switch_turns: f64,
+    /// The encoder knows its position when supply returns; otherwise it counts from 0 again.
+    pub absolute: bool,
 }
 
 impl Default for DriveSettings {
@@ -74,6 +76,7 @@ impl Default for DriveSettings {
             index_turns: 0.0,
             velocity_ramp_turns_s2: 2000.0 / 60.0,
             home_switch_turns: f64::NEG_INFINITY,
+            absolute: false,
         }
     }
 }
@@ -131,6 +134,7 @@ pub struct Drive {
     /// What the drive itself has found, until it is reset.
     own_fault: Option<u16>,
     was_operational: bool,
+    was_supplied: bool,
     pub(crate) trouble: DriveTrouble,
     steps: u32,
 }
@@ -158,14 +162,19 @@ impl Drive {
             beyond_window_s: 0.0,
             own_fault: None,
             was_operational: false,
+            was_supplied: false,
             trouble: DriveTrouble::default(),
             steps: 0,
         }
     }
 
-    /// Supply is switched off and on: the encoder goes on to count, all else begins anew.
+    /// Supply is switched off and on: an absolute encoder keeps its position, all else begins anew.
     pub(crate) fn restart(&mut self) {
-        let (masses, offset, settings) = (self.masses, self.offset, self.settings);
+        let (masses, settings) = (self.masses, self.settings);
+        let counted = (masses.motor / TAU * f64::from(settings.resolution)).floor() as i64;
+        // Its first supply is when the ring is made.
+        let keeps = settings.absolute || !self.was_supplied;
+        let offset = if keeps { self.offset } else { -counted };
         *self = Self {
             masses: TwoMass {
                 motor_speed: 0.0,
@@ -173,6 +182,7 @@ impl Drive {
                 ..masses
             },
             offset,
+            was_supplied: true,
             // The step from where it started is no edge.
             probe: Probe::at(masses.motor / TAU),
             ..Self::new(settings)

@@ -28,7 +28,7 @@ struct Arguments {
     #[arg(long = "wire", value_name = "FROM:TO", value_parser = parse_wire)]
     wires: Vec<(usize, usize)>,
     /// A fault so many seconds after all devices were in OP: loss, delay, reorder, wkc, break, gone, drive, temperature, sto,
-    /// blocked, limit, index-missing, sdo-abort, sdo-wrong or slow-mailbox. May be given several times; devices count from 0.
+    /// blocked, limit, index-missing, sdo-abort, sdo-wrong, slow-mailbox or emergency. May be given several times; devices count from 0.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:DEVICE]")]
     faults: Vec<Fault>,
     /// By how much the clock of each drive is faster than the one before it, in millionths.
@@ -39,6 +39,9 @@ struct Arguments {
         allow_negative_numbers = true
     )]
     drift_ppm: f64,
+    /// The drives have absolute encoders, which keep their position while a device is `gone`; others count from 0 again.
+    #[arg(long)]
+    absolute: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -58,11 +61,17 @@ enum Kind {
 }
 
 impl Kind {
-    fn device(self, position: usize, drift_ppm: f64) -> SubDevice {
+    fn device(self, position: usize, drift_ppm: f64, absolute: bool) -> SubDevice {
         let serial = position as u32 + 1;
         let terminal = |kind| SubDevice::terminal(kind, serial);
         match self {
-            Self::Drive => SubDevice::drive(DriveSettings::default(), serial, drift_ppm * position as f64),
+            Self::Drive => {
+                let settings = DriveSettings {
+                    absolute,
+                    ..DriveSettings::default()
+                };
+                SubDevice::drive(settings, serial, drift_ppm * position as f64)
+            }
             Self::Coupler => terminal(TerminalKind::Coupler),
             Self::DigitalIn => terminal(TerminalKind::DigitalInput),
             Self::DigitalOut => terminal(TerminalKind::DigitalOutput),
@@ -98,7 +107,7 @@ fn serve(arguments: &Arguments) -> std::io::Result<()> {
     let devices: Vec<SubDevice> = kinds
         .iter()
         .enumerate()
-        .map(|(i, kind)| kind.device(i, arguments.drift_ppm))
+        .map(|(i, kind)| kind.device(i, arguments.drift_ppm, arguments.absolute))
         .collect();
     let count = devices.len();
     let mut ring = Ring::new(devices, monotonic_ns());

@@ -269,6 +269,33 @@ fn a_cable_that_is_cut_and_a_device_that_comes_back() {
     assert_eq!(count(&mut ring, 21 * MS), None);
 }
 
+/// An incremental encoder does not know what it counted before its supply went.
+#[test]
+fn a_drive_without_supply_counts_from_zero_unless_its_encoder_is_absolute() {
+    for absolute in [false, true] {
+        let settings = DriveSettings {
+            start_turns: 3.5,
+            start_increments: 12_345,
+            absolute,
+            ..DriveSettings::default()
+        };
+        let mut ring = Ring::new(vec![SubDevice::drive(settings, 1, 0.0)], 0);
+        let read = |ring: &Ring| {
+            let drive = ring.devices()[0].as_drive().expect("a drive");
+            (drive.position(), drive.motor_turns())
+        };
+        let (before, turns) = read(&ring);
+        assert_eq!(before, 12_345);
+        ring.begin_fault(2 * MS, FaultKind::Gone, 0, Some(5 * MS));
+        for now_ms in 1..20 {
+            ring.advance(now_ms * MS);
+        }
+        let (after, turned) = read(&ring);
+        assert!((turned - turns).abs() < 1e-6, "the motor stands");
+        assert_eq!(after, if absolute { before } else { 0 });
+    }
+}
+
 #[test]
 fn frames_are_lost_late_and_overtaken() {
     let mut ring = ring();

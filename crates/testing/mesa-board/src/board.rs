@@ -11,6 +11,7 @@ use crate::lbp16::carry_out;
 use crate::smart_serial::SmartSerial;
 use crate::spindle::{Spindle, SpindleCommand};
 use crate::step_generator::StepGenerator;
+use crate::switch::Switch;
 
 /// Clock of the modules, and of the fast ones (PWM), Hz.
 const CLOCK_LOW: u32 = 100_000_000;
@@ -86,6 +87,7 @@ pub struct Board {
     levels: Vec<bool>,
     /// Pins that are wired to others: from, to.
     wires: Vec<(usize, usize)>,
+    switches: Vec<Switch>,
     functions: Vec<(u8, u8, u8)>,
     step_generators: Vec<StepGenerator>,
     dds: u32,
@@ -131,6 +133,7 @@ impl Board {
             ports: vec![Port::default(); model.ports()],
             levels: vec![true; model.pins()],
             wires: Vec::new(),
+            switches: Vec::new(),
             functions: model.pin_functions(),
             step_generators: vec![StepGenerator::default(); model.step_generators()],
             dds: u32::MAX,
@@ -342,6 +345,11 @@ impl Board {
         if runs { self.pwms[unit].duty() } else { 0.0 }
     }
 
+    /// A switch on the way of the motor of a step generator.
+    pub fn add_switch(&mut self, switch: Switch) {
+        self.switches.push(switch);
+    }
+
     /// What the world drives a pin with.
     pub fn set_level(&mut self, pin: usize, on: bool) {
         if let Some(level) = self.levels.get_mut(pin) {
@@ -511,8 +519,21 @@ impl Board {
         }
     }
 
+    fn actuate_switches(&mut self) {
+        for i in 0..self.switches.len() {
+            let switch = self.switches[i];
+            let is_free = !switch.is_actuated(self.motor_steps(switch.unit));
+            if self.model.has_smart_serial() {
+                self.set_field_input(switch.input as u32, is_free);
+            } else {
+                self.set_level(switch.input, is_free);
+            }
+        }
+    }
+
     fn turn(&mut self, clocks: u64) {
         let time_s = clocks as f64 / f64::from(CLOCK_LOW);
+        self.actuate_switches();
         for unit in 0..self.step_generators.len() {
             let step = self.is_connected(tag::STEP_GENERATOR, unit, 0x81);
             let reaches = step && self.is_connected(tag::STEP_GENERATOR, unit, 0x82);

@@ -30,6 +30,7 @@ mod server;
 mod smart_serial;
 mod spindle;
 mod step_generator;
+mod switch;
 
 pub use beam::{Beam, BeamMotor, BeamSide};
 pub use board::{Board, Traffic};
@@ -37,3 +38,4 @@ pub use fault::{Fault, FaultError, FaultKind};
 pub use layout::BoardModel;
 pub use server::{BoardServer, PORT, SharedBoard, now_ns, serve};
 pub use spindle::{Spindle, SpindleCommand};
+pub use switch::Switch;

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use clap::{Parser, ValueEnum};
-use evolvent_mesa_board::{Board, BoardModel, Fault, PORT, Spindle, SpindleCommand, now_ns, serve};
+use evolvent_mesa_board::{Board, BoardModel, Fault, PORT, Spindle, SpindleCommand, Switch, now_ns, serve};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 /// A TEST SIMULATOR: a Mesa Ethernet board with HostMot2 at an address of this computer, UDP port 27181.
@@ -30,6 +30,10 @@ struct Arguments {
     /// index-missing, field-off, spindle-stall, encoder-off or lost-counts. May be given several times.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION]")]
     faults: Vec<Fault>,
+    /// A switch: a pin (of a 7i76e a field input) is low while the motor of a step generator is at or beyond so many steps from its start;
+    /// negative ones are passed downward. May be given several times.
+    #[arg(long = "switch", value_name = "INPUT:STEPGEN:STEPS")]
+    switches: Vec<Switch>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -81,6 +85,9 @@ fn run(arguments: &Arguments) -> std::io::Result<()> {
             full_rpm,
             ..Spindle::usual(0, command)
         });
+    }
+    for switch in &arguments.switches {
+        board.add_switch(*switch);
     }
     for fault in &arguments.faults {
         board.add_fault(*fault);

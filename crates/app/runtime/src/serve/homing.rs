@@ -52,6 +52,7 @@ impl Operator {
         let unknown = axes.iter().map(|axis| axis.axis.index()).collect::<AxisMask>();
         self.desk.set_homed(self.desk.homed().without(unknown));
         self.relocate(self.view.setpoint.position, false);
+        self.declare_zero(wanted);
         self.order(CycleCommand::ExpectSwitches(unknown));
         let number = self.desk.job_begins(Activity::Homing);
         if axes.is_empty() {
@@ -81,32 +82,74 @@ impl Operator {
         }
     }
 
-    /// The drives' positions of these axes may count from another zero. Axes without a home switch are where their drives
-    /// say: there is nothing else to go by.
+    /// Axes that the machine file does not home.
+    fn without_homing(&self) -> AxisMask {
+        let homing = self.setup.machine.homing.iter();
+        let homed_by_core = homing.map(|homing| homing.axis.index()).collect::<AxisMask>();
+        let axes = self.setup.machine.axes.iter();
+        axes.map(|axis| axis.letter.index())
+            .collect::<AxisMask>()
+            .without(homed_by_core)
+    }
+
+    /// Of axes that the core cannot home, those that have lost machine zero: the operator has moved them to their home position, and
+    /// says so. Those that are homed keep their coordinates.
+    fn declare_zero(&mut self, wanted: AxisMask) {
+        let declared = (self.without_homing() & wanted).without(self.desk.homed());
+        if declared.is_empty() {
+            return;
+        }
+        let mut renamed = self.view.setpoint.position;
+        for axis in declared.axes() {
+            let shift = self.limits.home[axis] - renamed[axis];
+            renamed[axis] += shift;
+            self.drives.home_offset[axis] -= shift;
+            let letter = AxisLetter::ALL[axis].letter();
+            self.record(
+                ExternalEventKind::Command,
+                CommandCode::Home as u32,
+                format!("axis {letter}: its position is declared home, shifted by {shift:.6}"),
+                Some(shift),
+            );
+        }
+        self.drives.datum = self.view.datum + 1;
+        self.view.setpoint.position = renamed;
+        self.desk.set_homed(self.desk.homed() | declared);
+        self.relocate(renamed, true);
+    }
+
+    /// The drives' positions of these axes may count from another zero.
     pub(super) fn lose_reference(&mut self, sequence: u64, axes: AxisMask) {
-        let mut lost: Vec<AxisLetter> = self
-            .setup
-            .machine
-            .homing
-            .iter()
-            .map(|homing| homing.axis)
-            .filter(|axis| (axes & self.desk.homed()).contains(axis.index()))
-            .collect();
+        let lost = axes & self.desk.homed();
         if lost.is_empty() {
             return;
         }
-        lost.sort_by_key(|axis| axis.index());
-        let unknown = lost.iter().map(|axis| axis.index()).collect::<AxisMask>();
-        let letters: String = lost.iter().map(|axis| axis.letter()).collect();
-        self.desk.set_homed(self.desk.homed().without(unknown));
+        self.desk.set_homed(self.desk.homed().without(lost));
         self.cancel_homing();
         if matches!(self.job, Job::None) {
             self.relocate(self.view.setpoint.position, false);
         }
-        let text = format!(
-            "the link to the drives of {letters} was lost or their positions jumped, so their machine zero may have \
-             moved: home {letters} again (a bridge whose drives keep it says so in absolute_mask)"
+        let letters =
+            |axes: AxisMask| -> String { axes.axes().map(|axis| AxisLetter::ALL[axis].letter()).collect() };
+        let mut text = format!(
+            "the link to the drives of {lost} was lost or their positions jumped, so their machine zero may have moved: home {lost} again",
+            lost = letters(lost)
         );
+        let by_hand = lost & self.without_homing();
+        if !by_hand.is_empty() {
+            let homes: Vec<String> = by_hand
+                .axes()
+                .map(|axis| format!("{}{}", AxisLetter::ALL[axis].letter(), self.limits.home[axis]))
+                .collect();
+            let _infallible = write!(
+                text,
+                "; jog to {} first: without [[homing]], HOME declares that the axes are there",
+                homes.join(" ")
+            );
+        }
+        text += " (a bridge whose drives keep it says so in absolute_mask)";
+        // Other alarms of a lost link come first, and their RESET ends this one: what has to be done stays.
+        self.message.clone_from(&text);
         self.raise(sequence, Alarm::ReferenceLost, text);
     }
 

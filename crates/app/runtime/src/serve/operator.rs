@@ -133,7 +133,7 @@ impl Operator {
         let limits = machine.limits();
         let bounds = watch_settings(machine, setup.period_ns).bounds;
         let mut desk = OperatorState::default();
-        // Axes without a switch stand where the machine file says, or where their drives say.
+        // Axes that the core cannot home stand where the machine file says, or where their drives say, as long as these keep it.
         desk.set_homed(present.without(to_home));
         // The cycle's watch has the same time and knows which drive it is: this comes second.
         let enable_timeout_ns = (machine.drives.enable_timeout_s * 1e9) as u64;
