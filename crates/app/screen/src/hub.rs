@@ -47,6 +47,8 @@ struct Inner {
     holder: Option<u64>,
     log: EventLog,
     program: Option<ProgramInfo>,
+    /// The program of the status beside which a rejected upload is shown.
+    beside: Option<String>,
     kept: Option<ToPage>,
     macros: Option<ToPage>,
 }
@@ -236,44 +238,53 @@ impl Hub {
 
     pub(crate) fn tell_program(&self, program: ProgramInfo) {
         let mut inner = self.lock();
-        inner.program = Some(program.clone());
-        inner.tell(&ToPage::Program {
-            program: Some(program),
-        });
+        inner.beside = None;
+        inner.put_program(program);
+    }
+
+    /// Shows an upload that the core has rejected: its errors are shown while the core still has `loaded`.
+    pub(crate) fn tell_rejected(&self, program: ProgramInfo, loaded: String) {
+        let mut inner = self.lock();
+        inner.beside = Some(loaded);
+        inner.put_program(program);
+    }
+
+    /// Shows a program in place of the one of number `before`; false if another one is shown by now.
+    pub(crate) fn replace_program(&self, before: Option<u64>, program: ProgramInfo) -> bool {
+        let mut inner = self.lock();
+        let is_before = inner.program.as_ref().map(|shown| shown.upload) == before;
+        if is_before {
+            inner.beside = None;
+            inner.put_program(program);
+        }
+        is_before
+    }
+
+    /// The program that pages show, and the one of the status beside which it is shown, where the core has rejected it.
+    pub(crate) fn shown_program(&self) -> (Option<ProgramInfo>, Option<String>) {
+        let inner = self.lock();
+        (inner.program.clone(), inner.beside.clone())
     }
 
     /// Reports the errors of a program, unless another one is loaded by now.
     pub(crate) fn tell_checked(&self, found: ProgramInfo) {
-        let present = self.lock().program.clone();
+        let mut inner = self.lock();
+        let present = inner.program.as_ref();
         if let Some(present) = present.filter(|present| present.upload == found.upload) {
             // It may have been planned before the check has ended.
-            self.tell_program(ProgramInfo {
-                planned_s: present.planned_s,
-                ..found
-            });
+            let planned_s = present.planned_s;
+            inner.put_program(ProgramInfo { planned_s, ..found });
         }
     }
 
-    /// Number of the upload of the loaded program.
-    pub(crate) fn loaded_upload(&self) -> Option<u64> {
-        self.lock().program.as_ref().map(|program| program.upload)
-    }
-
-    /// Number of the upload of a name, if it is the program that pages show.
-    pub(crate) fn shown_upload(&self, name: &str) -> Option<u64> {
-        let inner = self.lock();
-        let program = inner.program.as_ref().filter(|program| program.name == name);
-        program.map(|program| program.upload)
-    }
-
     /// Adds the planned time of the loaded program.
-    pub(crate) fn tell_planned(&self, name: &str, upload: Option<u64>, planned_s: Option<f64>) {
-        let program = self.lock().program.clone();
+    pub(crate) fn tell_planned(&self, name: &str, upload: u64, planned_s: Option<f64>) {
+        let mut inner = self.lock();
         let is_it = |program: &ProgramInfo| {
-            program.name == name && Some(program.upload) == upload && program.planned_s != planned_s
+            program.name == name && program.upload == upload && program.planned_s != planned_s
         };
-        if let Some(program) = program.filter(is_it) {
-            self.tell_program(ProgramInfo { planned_s, ..program });
+        if let Some(program) = inner.program.clone().filter(is_it) {
+            inner.put_program(ProgramInfo { planned_s, ..program });
         }
     }
 
@@ -295,6 +306,13 @@ impl Hub {
 }
 
 impl Inner {
+    fn put_program(&mut self, program: ProgramInfo) {
+        self.program = Some(program.clone());
+        self.tell(&ToPage::Program {
+            program: Some(program),
+        });
+    }
+
     /// Whether one more page of this client may watch. Through loopback, and so through a tunnel, come many.
     fn may_watch(&self, client: IpAddr) -> bool {
         let watching = self.pages.values().filter(|page| page.role == Role::Watch);
@@ -360,6 +378,8 @@ mod tests {
         ProgramInfo {
             name: "part.ngc".to_owned(),
             upload,
+            file: "part.ngc".to_owned(),
+            problem: None,
             bytes: 7,
             errors: Vec::new(),
             warnings: Vec::new(),
@@ -398,12 +418,12 @@ mod tests {
         let hub = Hub::new(ToPage::Core { alive: false });
         let present = || hub.lock().program.clone();
         hub.tell_program(program(2, false, None));
-        hub.tell_planned("part.ngc", Some(2), Some(12.5));
+        hub.tell_planned("part.ngc", 2, Some(12.5));
         hub.tell_checked(program(2, true, None));
         assert_eq!(present(), Some(program(2, true, Some(12.5))));
         // The same name and size again: what comes late of the former upload is none of it.
         hub.tell_program(program(3, false, None));
-        hub.tell_planned("part.ngc", Some(2), Some(12.5));
+        hub.tell_planned("part.ngc", 2, Some(12.5));
         hub.tell_checked(program(2, true, None));
         assert_eq!(present(), Some(program(3, false, None)));
     }

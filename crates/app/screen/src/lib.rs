@@ -21,6 +21,7 @@ mod gate;
 mod hub;
 mod kept;
 mod listener;
+mod loaded_program;
 mod macro_file;
 pub mod messages;
 mod names;

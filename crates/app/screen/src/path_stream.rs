@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use axum::extract::{Extension, Path as UrlPath, State};
+use axum::extract::{Extension, Path as UrlPath, RawQuery, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use evolvent_analysis::{FeedWords, LimitClassifier, Limiting};
@@ -18,7 +18,7 @@ use crate::kept::present_setup;
 use crate::messages::{PathChunk, PathKind};
 use crate::programmed_path::ProgrammedPath;
 use crate::programs::{background, work_for_minutes};
-use crate::server::Server;
+use crate::server::{Server, upload_of};
 use crate::streaming::{BodyWriter, body, streamed};
 
 /// Vertices per chunk.
@@ -40,14 +40,14 @@ pub(crate) async fn path(
     State(server): State<Arc<Server>>,
     Extension(role): Extension<Role>,
     UrlPath((_key, name)): UrlPath<(String, String)>,
+    RawQuery(query): RawQuery,
 ) -> Response {
-    let Some(file) = server.file_of(&name) else {
+    let Some((file, upload)) = server.file_of(&name, upload_of(query.as_deref())) else {
         return StatusCode::NOT_FOUND.into_response();
     };
     let Some(turn) = server.programmed.take(role).await else {
         return StatusCode::SERVICE_UNAVAILABLE.into_response();
     };
-    let upload = server.hub.loaded_upload();
     let (writer, pieces) = body();
     let (told, programmed) = oneshot::channel();
     let of_thread = Arc::clone(&server);
@@ -76,7 +76,7 @@ async fn plan(
     server: Arc<Server>,
     role: Role,
     name: String,
-    upload: Option<u64>,
+    upload: u64,
     writer: BodyWriter,
     file: PathBuf,
     setup: Setup,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use axum::extract::{Extension, Path as UrlPath, State};
+use axum::extract::{Extension, Path as UrlPath, RawQuery, State};
 use axum::http::StatusCode;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
@@ -18,7 +18,7 @@ use crate::gate::Role;
 use crate::kept::present_setup;
 use crate::messages::RestartInfo;
 use crate::programs::background;
-use crate::server::Server;
+use crate::server::{Server, upload_of};
 
 /// Bit of `switches` in the status: lines that begin with `/` are left out.
 const BLOCK_DELETE: u32 = 4;
@@ -34,11 +34,12 @@ pub(crate) async fn restart(
     State(server): State<Arc<Server>>,
     Extension(role): Extension<Role>,
     UrlPath((_key, name, line)): UrlPath<(String, String, u32)>,
+    RawQuery(query): RawQuery,
 ) -> Response {
     if role != Role::Operate {
         return (StatusCode::FORBIDDEN, "this page may only watch").into_response();
     }
-    let Some(file) = server.file_of(&name) else {
+    let Some((file, _)) = server.file_of(&name, upload_of(query.as_deref())) else {
         return StatusCode::NOT_FOUND.into_response();
     };
     // The lines before may be many, and loops among them long: one page at a time.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use axum::Router;
 use axum::body::Bytes;
 use axum::extract::ws::WebSocketUpgrade;
-use axum::extract::{Extension, Path as UrlPath, State};
+use axum::extract::{Extension, Path as UrlPath, RawQuery, State};
 use axum::http::header::{CONTENT_TYPE, COOKIE, SET_COOKIE};
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::middleware::from_fn_with_state;
@@ -22,7 +22,7 @@ use crate::hub::Visitor;
 use crate::path_stream::path;
 use crate::programs::background;
 use crate::restart::restart;
-use crate::server::Server;
+use crate::server::{Server, upload_of};
 use crate::slots::Client;
 use crate::streaming::{BodyWriter, body, streamed};
 use crate::traces;
@@ -128,9 +128,15 @@ async fn text(
     State(server): State<Arc<Server>>,
     Extension(role): Extension<Role>,
     UrlPath((_key, name)): UrlPath<(String, String)>,
+    RawQuery(query): RawQuery,
 ) -> Response {
+    let upload = upload_of(query.as_deref());
     let of_file = Arc::clone(&server);
-    let open = move || of_file.file_of(&name).map(std::fs::File::open);
+    let open = move || {
+        of_file
+            .file_of(&name, upload)
+            .map(|(file, _)| std::fs::File::open(file))
+    };
     let Ok(Some(Ok(opened))) = tokio::task::spawn_blocking(open).await else {
         return StatusCode::NOT_FOUND.into_response();
     };

@@ -19,6 +19,7 @@ use crate::gate::{Gate, Role, random_hex};
 use crate::hub::Hub;
 use crate::kept::watch_kept;
 use crate::listener::listen;
+use crate::loaded_program::watch_loaded;
 use crate::messages::{MachineInfo, ProgramInfo, ToPage};
 use crate::names::{public_host, server_names};
 use crate::orders::Orders;
@@ -108,6 +109,8 @@ impl Screen {
             hub.tell_program(ProgramInfo {
                 name: name_of(file),
                 upload: 0,
+                file: file.display().to_string(),
+                problem: None,
                 bytes: std::fs::metadata(file).map_or(0, |data| data.len()),
                 errors: Vec::new(),
                 warnings: Vec::new(),
@@ -212,6 +215,9 @@ async fn serve(
         return;
     };
     tokio::spawn(watch_kept(Arc::clone(&server)));
+    if server.run.is_none() {
+        tokio::spawn(watch_loaded(Arc::clone(&server)));
+    }
     let ended = async {
         while !stop.load(Ordering::Relaxed) {
             tokio::time::sleep(LOOK).await;

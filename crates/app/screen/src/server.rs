@@ -65,19 +65,28 @@ pub(crate) struct Server {
 }
 
 impl Server {
-    /// The file of a program that pages may read.
-    pub(crate) fn file_of(&self, name: &str) -> Option<PathBuf> {
+    /// The file of a program that pages may read, and the number of its text. `upload`: only the text of that number.
+    pub(crate) fn file_of(&self, name: &str, upload: Option<u64>) -> Option<(PathBuf, u64)> {
         if let Some(run) = &self.run {
-            return (name_of(run) == name).then(|| run.clone());
+            return (name_of(run) == name).then(|| (run.clone(), 0));
+        }
+        // What pages are shown, also where the core has rejected it, or where it is no upload.
+        let shown = self.hub.shown_program().0.filter(|shown| shown.name == name);
+        if let Some(shown) = shown.filter(|shown| upload.is_none_or(|upload| upload == shown.upload)) {
+            return shown.problem.is_none().then(|| (shown.file.into(), shown.upload));
         }
         let programs = self.programs.as_ref().filter(|_| is_good_name(name))?;
-        // What pages are shown is that upload, also where the core has rejected it.
-        let file = match self.hub.shown_upload(name) {
+        let file = match upload {
             Some(upload) => programs.file(upload, name),
             None => programs.newest(name),
         };
-        file.is_file().then_some(file)
+        file.is_file().then(|| (file, upload.unwrap_or(0)))
     }
+}
+
+/// The number of a text that a request is about: all of its query.
+pub(crate) fn upload_of(query: Option<&str>) -> Option<u64> {
+    query?.parse().ok()
 }
 
 pub(crate) fn name_of(file: &Path) -> String {

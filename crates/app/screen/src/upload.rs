@@ -25,7 +25,7 @@ use crate::routes::session_of;
 use crate::server::Server;
 
 /// Maximum size of a program, bytes.
-const MAX_PROGRAM: u64 = 256 << 20;
+pub(crate) const MAX_PROGRAM: u64 = 256 << 20;
 /// Maximum size of all stored programs together, bytes.
 const MAX_STORED: u64 = 4 << 30;
 /// Maximum pause of an upload.
@@ -142,13 +142,21 @@ async fn store(
         name: name.to_owned(),
         // 0 is the program of a run.
         upload,
+        file: file.display().to_string(),
+        problem: None,
         bytes,
         errors: Vec::new(),
         warnings: Vec::new(),
         checked: false,
         planned_s: None,
     };
-    server.hub.tell_program(info.clone());
+    if answer.accepted {
+        server.hub.tell_program(info.clone());
+    } else {
+        let present = server.hub.present();
+        let loaded = present.map_or_else(String::new, |status| status.program_name().to_owned());
+        server.hub.tell_rejected(info.clone(), loaded);
+    }
     look_through(server, file, info);
     Ok(Answer {
         accepted: true,
@@ -158,7 +166,7 @@ async fn store(
 }
 
 /// Checks a program when it is its turn.
-fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInfo) {
+pub(crate) fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInfo) {
     let server = Arc::clone(server);
     tokio::spawn(async move {
         let Ok(permit) = Arc::clone(&server.checkers).acquire_owned().await else {

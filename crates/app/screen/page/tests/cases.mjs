@@ -1211,6 +1211,58 @@ export const cases = {
     }
   },
 
+  async 'a program that another client has loaded is shown before it can be started'(page, context) {
+    if (!context.ctl) return 'not measured';
+    await ready(page);
+    await upload(page, 'mine.ngc', square(30, 600));
+    await until('planned', async () => (await page.locator(at('planned')).count()) === 1, 20_000);
+    await page.locator(`${at('start')}:enabled`).waitFor();
+    const line = async (number) => (await page.locator(`[data-line="${number}"] .code`).innerText().catch(() => '')).trim();
+    /** Whenever Start or Step is on, what is shown is what the core has loaded. */
+    const look = () =>
+      page.evaluate(() => ({
+        advice: document.querySelector('[data-test="advice"]').innerText,
+        name: document.querySelector('.top .name')?.innerText ?? '',
+        isOn: ['start', 'step', 'run-from'].filter((name) => !document.querySelector(`[data-test="${name}"]`).disabled),
+      }));
+    const other = context.write('other.ngc', 'G21 G90 G94\n(of somebody else)\nG1 X7 F600\nM2\n');
+    await page.locator('[data-line="3"]').click();
+    await page.locator(at('run-from')).click();
+    const told = page.locator(at('run-from-way'));
+    await until('the way', async () => (await told.locator('ol').count()) === 1 || told.innerText());
+    const loading = context.ctl('load', other);
+    // The dialog of what was shown starts nothing any more.
+    await until('the dialog is off', async () => (await page.locator(at('run-from-ok')).isDisabled()) && /mine\.ngc is not what would start/.test(await told.innerText()) || told.innerText());
+    await page.keyboard.press('Escape');
+    await until('the loaded program is shown', async () => {
+      const seen = await look();
+      const isOther = /runs other\.ngc/.test(seen.advice);
+      if (seen.isOn.length > 0 && isOther) assert.equal(seen.name, 'other.ngc', 'Start is on beside another text');
+      return (isOther && seen.name === 'other.ngc' && (await line(2)) === '(of somebody else)') || seen;
+    });
+    await loading;
+    await until('planned', async () => (await page.locator(at('planned')).count()) === 1, 20_000);
+    assert.equal(await text(page, 'findings-button'), 'no errors');
+    // Its text changes on the disk: what is shown follows.
+    context.write('other.ngc', 'G21 G90 G94\n(another text)\nG1 X8 F600\nM2\n');
+    await until('the new text', async () => (await line(2)) === '(another text)' || line(2));
+    await page.locator(`${at('start')}:enabled`).click();
+    await until('it has run', async () => /1 part/.test(await text(page, 'run-times')) || text(page, 'run-times'), 30_000);
+    await until('ready', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'), 20_000);
+    // A file that is gone cannot be shown, and what cannot be shown is not started.
+    const gone = context.write('gone.ngc', 'G21 G90\nG1 X1 F600\nM2\n');
+    await context.ctl('load', gone);
+    context.remove('gone.ngc');
+    await until('why', async () => {
+      const seen = await look();
+      return (/gone\.ngc is loaded and cannot be shown: “Start” is off/.test(seen.advice) && seen.isOn.length === 0) || seen;
+    });
+    // An upload is what is loaded again.
+    await upload(page, 'mine.ngc', square(20, 3000));
+    await page.locator(`${at('start')}:enabled`).waitFor();
+    assert.match(await text(page, 'advice'), /runs mine\.ngc/);
+  },
+
   async 'errors of a program have their place and a help'(page, context) {
     if (!context.real) return 'not measured';
     await takeControl(page);

@@ -2,7 +2,7 @@
 import type { Finding } from "./Finding";
 
 /**
- * The program that was loaded from a page.
+ * The program that pages show: the one that the core has loaded, or an upload that it has rejected.
  */
 export type ProgramInfo = { 
 /**
@@ -10,9 +10,17 @@ export type ProgramInfo = {
  */
 name: string, 
 /**
- * Number of its upload: another one is another text, even of the same name and size.
+ * Number of its text, of uploads that of the upload: another one is another text, even of the same name and size.
  */
 upload: number, 
+/**
+ * Its file, as START names it and the status tells it; the status truncates a long one.
+ */
+file: string, 
+/**
+ * Why its text cannot be shown, and so is not started from a page; none where it can.
+ */
+problem: string | null, 
 /**
  * Its size.
  */

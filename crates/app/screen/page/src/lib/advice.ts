@@ -15,11 +15,13 @@ export interface AdviceInputs {
   machine: Machine | null;
   status: Status | null;
   program: ProgramInfo | null;
+  /** it is not the one that is loaded */
+  isOtherProgram: boolean;
   /** of the program that runs */
   message: string;
 }
 
-export function advise(texts: Texts, { connected, coreAlive, machine, status, program, message }: AdviceInputs): Advice {
+export function advise(texts: Texts, { connected, coreAlive, machine, status, program, isOtherProgram, message }: AdviceInputs): Advice {
   const a = texts.advice;
   if (!connected) return { text: a.noServer, tone: 'bad' };
   if (!coreAlive || status === null || machine === null) return { text: a.noCore, tone: 'bad' };
@@ -45,6 +47,9 @@ export function advise(texts: Texts, { connected, coreAlive, machine, status, pr
   // The core loads no program with errors: what was chosen last is told, not what may be loaded from before.
   if (program && program.errors.length > 0) return { text: a.programErrors(program.errors.length), tone: 'bad' };
   if (!status.program) return { text: a.noProgram, tone: 'calm' };
+  const loaded = status.program.replace(/^.*\//, '');
+  if (isOtherProgram) return { text: a.otherProgram(loaded, program?.name ?? ''), tone: 'ask' };
+  if (program?.problem) return { text: a.notShown(loaded, program.problem), tone: 'ask' };
   if (program && !program.checked) return { text: a.checking, tone: 'calm' };
-  return { text: a.ready(status.program.replace(/^.*\//, '')), tone: 'calm' };
+  return { text: a.ready(loaded), tone: 'calm' };
 }

@@ -135,9 +135,11 @@ export interface Status {
 
 /** Commands of the contract, by the names and units of docs/contract.md. */
 export type Command =
-  | { name: 'estop' | 'estop_reset' | 'on' | 'off' | 'hold' | 'resume' | 'step' | 'stop' | 'reset' | 'clear_alarms' }
+  | { name: 'estop' | 'estop_reset' | 'on' | 'off' | 'hold' | 'resume' | 'stop' | 'reset' | 'clear_alarms' }
   | { name: 'mode'; mode: Mode }
   | { name: 'start'; line: number; program: string }
+  /** `program`: where it starts one; empty where it goes on */
+  | { name: 'step'; program: string }
   | { name: 'single_step' | 'optional_stop' | 'block_delete'; on: boolean }
   | { name: 'feed_override' | 'rapid_override' | 'spindle_override'; ratio: number }
   | { name: 'mdi'; block: string }
@@ -198,8 +200,12 @@ export interface Finding {
 
 export interface ProgramInfo {
   name: string;
-  /** end of its path in the status; empty where it is not known */
+  /** another number is another text, even of the same name */
+  upload: number;
+  /** as START names it and the status tells it, which truncates a long one */
   file: string;
+  /** why its text cannot be shown */
+  problem: string | null;
   bytes: number;
   lines: number;
   errors: Finding[];

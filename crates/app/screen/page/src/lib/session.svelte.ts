@@ -64,6 +64,12 @@ export class History {
   }
 }
 
+/** Whether a program's file is the one of a status, which truncates long names (128 bytes) at a boundary of a character. */
+function isFileOf(program: ProgramInfo | null, loaded: string): boolean {
+  if (program === null) return false;
+  return program.file === loaded || (program.file.startsWith(loaded) && new TextEncoder().encode(loaded).length + 4 > 128);
+}
+
 class Session {
   connection = $state<'connecting' | 'open' | 'lost' | 'refused'>('connecting');
   reason = $state('');
@@ -107,11 +113,17 @@ class Session {
     return this.connected && this.coreAlive && this.lease.mine && !this.lease.readOnly;
   }
 
-  /** The core has rejected the program that is shown, and still has another one: a text that nobody sees is not started. */
+  /** The core has loaded a program, and it is not the one that is shown. */
   get isOtherProgram(): boolean {
+    const loaded = this.status?.program ?? '';
+    return loaded !== '' && !isFileOf(this.program, loaded);
+  }
+
+  /** The file that Start and Step name: the program that is loaded, where it is the one that is shown. A text that nobody sees is not started. */
+  get startable(): string | null {
     const { program, status } = this;
-    if (program === null || program.errors.length === 0 || !program.file) return false;
-    return status !== null && !status.program.endsWith(program.file);
+    if (program === null || program.problem !== null || !status?.program || this.isOtherProgram || this.isUploading) return null;
+    return program.file;
   }
 
   /** The program's message, where it is of the job that runs. */

@@ -40,6 +40,8 @@ export function encode(machine: Machine, command: Command): Request {
       return { command: 5, index: MODES.indexOf(command.mode) };
     case 'start':
       return { command: 7, index: command.line, text: command.program };
+    case 'step':
+      return { command: 10, text: command.program };
     case 'single_step':
     case 'optional_stop':
     case 'block_delete':

@@ -61,7 +61,7 @@ export class MadeUp implements Source {
     handle({ kind: 'machine', machine });
     handle({ kind: 'core', alive: true });
     handle({ kind: 'lease', lease: { mine: false, holder: null, readOnly: false } });
-    handle({ kind: 'program', program: { name: 'bore-200.ngc', file: '', bytes: 1234, lines: 42, errors: [], warnings: [], checked: true, plannedS: 45.2 } });
+    handle({ kind: 'program', program: { name: 'bore-200.ngc', upload: 1, file: 'bore-200.ngc', problem: null, bytes: 1234, lines: 42, errors: [], warnings: [], checked: true, plannedS: 45.2 } });
     this.#path();
     programText.load('./made-up.ngc');
     Object.assign(globalThis, {

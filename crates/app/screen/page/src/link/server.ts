@@ -146,14 +146,16 @@ export class Server implements Source {
       case 'program': {
         const program = message.program;
         // Another upload of the same name is another text.
-        programText.load(program === null ? '' : `programs/${encodeURIComponent(program.name)}?${program.upload}`);
+        programText.load(program === null || program.problem !== null ? '' : `programs/${encodeURIComponent(program.name)}?${program.upload}`);
         this.#program = program;
         this.#path();
         this.#handle({
           kind: 'program',
           program: program && {
             name: program.name,
-            file: program.upload > 0 ? `/.${program.upload}/${program.name}` : '',
+            upload: program.upload,
+            file: program.file,
+            problem: program.problem,
             bytes: program.bytes,
             lines: 0,
             errors: program.errors.map(finding),
@@ -196,9 +198,9 @@ export class Server implements Source {
   /** Offsets and tools change where the path is: it is read again with them. It comes while the program is still being checked. */
   #path(): void {
     const program = this.#program;
-    if (program === null) path.load('', '');
+    if (program === null || program.problem !== null) path.load('', '');
     else if (this.#kept !== '') {
-      path.load(`path/${encodeURIComponent(program.name)}`, `${program.name}/${program.upload}/${this.#kept}`);
+      path.load(`path/${encodeURIComponent(program.name)}?${program.upload}`, `${program.name}/${program.upload}/${this.#kept}`);
     }
   }
 

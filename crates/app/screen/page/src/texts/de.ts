@@ -69,6 +69,8 @@ export const de: Texts = {
     noProgram: 'Ein Programm öffnen oder in MDI einen Satz eingeben.',
     programErrors: (count) => `Das Programm hat ${plural(count, 'Fehler', 'Fehler')}. Siehe „Programm“.`,
     checking: 'Das Programm wird geprüft.',
+    otherProgram: (loaded, shown) => `${loaded} wurde anderswo geladen${shown ? `, gezeigt wird ${shown}` : ''}: „Start“ ist aus. Das gewünschte Programm öffnen.`,
+    notShown: (loaded, reason) => `${loaded} ist geladen und kann nicht gezeigt werden: „Start“ ist aus. Das Programm hier öffnen. ${reason}`,
     ready: (program) => `Bereit: „Start“ führt ${program} aus.`,
   },
   actions: {
@@ -265,6 +267,8 @@ export const de: Texts = {
     line: 'Zeile',
     help: 'Hilfe:',
     text: 'Programmtext',
+    askedOver: (program) => `${program} würde nicht mehr starten: ein anderes Programm wurde geladen. Schließen und das geladene ansehen.`,
+    notShown: (reason) => `Das geladene Programm kann nicht gezeigt werden: ${reason}`,
     failed: (reason) => `Die Übertragung schlug fehl: ${reason}`,
   },
   path: {

@@ -75,6 +75,8 @@ export const en = {
     noProgram: 'Open a program, or enter a block in MDI.',
     programErrors: (count: number) => `The program has ${plural(count, 'error', 'errors')}. See “Program”.`,
     checking: 'The program is being checked.',
+    otherProgram: (loaded: string, shown: string) => `${loaded} was loaded elsewhere${shown ? `, ${shown} is shown` : ''}: “Start” is off. Open the program that you want to start.`,
+    notShown: (loaded: string, reason: string) => `${loaded} is loaded and cannot be shown: “Start” is off. Open the program here. ${reason}`,
     ready: (program: string) => `Ready: “Start” runs ${program}.`,
   },
   actions: {
@@ -270,6 +272,8 @@ export const en = {
     line: 'line',
     help: 'Help:',
     text: 'Program text',
+    askedOver: (program: string) => `${program} is not what would start any more: another program was loaded. Close this and look at it.`,
+    notShown: (reason: string) => `The loaded program cannot be shown: ${reason}`,
     failed: (reason: string) => `The upload failed: ${reason}`,
   },
   path: {

@@ -1,0 +1,162 @@
+//! The program that the core has loaded and that no upload has told pages of: another client has loaded it, or a page by its name.
+//! Pages show what START would start, and so it is read and told like an upload.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, SystemTime};
+
+use evolvent_bus::TEXT_BYTES;
+use evolvent_config::open_regular;
+
+use crate::messages::{LogKind, ProgramInfo};
+use crate::server::{Server, name_of};
+use crate::upload::{MAX_PROGRAM, look_through};
+
+/// Poll interval. A program that is loaded for two polls is told: what follows an upload may be a status from before it.
+const LOOK: Duration = Duration::from_millis(200);
+
+/// What a file looks like from outside: another look means another text.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Look {
+    bytes: u64,
+    changed: Option<SystemTime>,
+}
+
+/// A program that was told to pages here.
+struct Told {
+    number: u64,
+    look: Result<Look, String>,
+}
+
+/// Tells pages of the program of the status whenever they show another one, for as long as the server runs.
+pub(crate) async fn watch_loaded(server: Arc<Server>) {
+    let mut told: Option<Told> = None;
+    let mut before = String::new();
+    loop {
+        tokio::time::sleep(LOOK).await;
+        let Some(status) = server.hub.present() else {
+            continue;
+        };
+        let loaded = status.program_name().to_owned();
+        // An upload tells of its program by itself, and holds this from before its LOAD until then.
+        if server.receiving.available_permits() == 0 || loaded.is_empty() {
+            continue;
+        }
+        let is_settled = loaded == before;
+        before.clone_from(&loaded);
+        let (shown, beside) = server.hub.shown_program();
+        let is_shown = shown.as_ref().is_some_and(|shown| is_named(&shown.file, &loaded));
+        let is_told_here = told.as_ref().map(|told| told.number) == shown.as_ref().map(|shown| shown.upload);
+        // The text of an upload never changes, and one that was rejected is shown until something else is loaded.
+        if !is_settled || (is_shown && !is_told_here) || (!is_shown && beside.as_ref() == Some(&loaded)) {
+            continue;
+        }
+        let file = PathBuf::from(&loaded);
+        let of_thread = file.clone();
+        let Ok(look) = tokio::task::spawn_blocking(move || look_at(&of_thread)).await else {
+            continue;
+        };
+        if is_shown && told.as_ref().is_some_and(|told| told.look == look) {
+            continue;
+        }
+        let what = if is_shown {
+            "has changed"
+        } else {
+            "was loaded by another client"
+        };
+        let number = 1 + server.uploads.fetch_add(1, Ordering::Relaxed);
+        let info = info_of(&file, number, &look);
+        if server
+            .hub
+            .replace_program(shown.map(|shown| shown.upload), info.clone())
+        {
+            server.hub.log(
+                LogKind::Command,
+                None,
+                format!("{} {what}", info.name),
+                info.problem.clone(),
+            );
+            if info.problem.is_none() {
+                look_through(&server, file, info);
+            }
+            told = Some(Told { number, look });
+        }
+    }
+}
+
+/// Whether a file is the one of a status, which truncates long names at a boundary of a character.
+fn is_named(file: &str, loaded: &str) -> bool {
+    file == loaded || (file.starts_with(loaded) && loaded.len() + 4 > TEXT_BYTES)
+}
+
+fn look_at(file: &Path) -> Result<Look, String> {
+    if file.as_os_str().len() + 4 > TEXT_BYTES {
+        return Err(format!(
+            "its name has {} bytes or more, and the status truncates it",
+            TEXT_BYTES - 3
+        ));
+    }
+    let facts = open_regular(file).and_then(|opened| opened.metadata());
+    let facts = facts.map_err(|error| format!("{}: {error}", file.display()))?;
+    if facts.len() > MAX_PROGRAM {
+        return Err(format!(
+            "pages show programs of at most {} MiB",
+            MAX_PROGRAM >> 20
+        ));
+    }
+    Ok(Look {
+        bytes: facts.len(),
+        changed: facts.modified().ok(),
+    })
+}
+
+fn info_of(file: &Path, number: u64, look: &Result<Look, String>) -> ProgramInfo {
+    ProgramInfo {
+        name: name_of(file),
+        upload: number,
+        file: file.display().to_string(),
+        problem: look.as_ref().err().cloned(),
+        bytes: look.as_ref().map_or(0, |look| look.bytes),
+        errors: Vec::new(),
+        warnings: Vec::new(),
+        checked: look.is_err(),
+        planned_s: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_status_names_a_file_also_where_it_truncates_the_name() {
+        assert!(is_named("/parts/a.ngc", "/parts/a.ngc"));
+        assert!(!is_named("/parts/a.ngc", "/parts/a"));
+        let long = format!("/{}.ngc", "x".repeat(200));
+        for bytes in [TEXT_BYTES - 3, TEXT_BYTES] {
+            assert!(is_named(&long, &long[..bytes]));
+        }
+        assert!(!is_named(&long, &long[..TEXT_BYTES - 4]));
+    }
+
+    #[test]
+    fn what_cannot_be_read_is_told_with_its_reason() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("part.ngc");
+        let missing = look_at(&file);
+        assert!(info_of(&file, 1, &missing).problem.unwrap().contains("part.ngc"));
+        std::fs::write(&file, "M2\n").unwrap();
+        let found = look_at(&file);
+        let info = info_of(&file, 2, &found);
+        assert_eq!(
+            (info.problem, info.bytes, info.name.as_str()),
+            (None, 3, "part.ngc")
+        );
+        std::fs::write(&file, "M30\n").unwrap();
+        assert_ne!(look_at(&file), found);
+        assert!(look_at(folder.path()).is_err());
+        let long = folder.path().join("x".repeat(120));
+        assert!(look_at(&long).unwrap_err().contains("truncates"));
+    }
+}
