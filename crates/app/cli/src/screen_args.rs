@@ -1,6 +1,6 @@
 //! The screen in the browser: options of `evolvent serve` and `evolvent run`.
 
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
@@ -13,8 +13,8 @@ use crate::CommandError;
 /// Options of the screen.
 #[derive(Debug, Args)]
 pub(crate) struct ScreenArgs {
-    /// Serve the page for the browser. Beyond 127.0.0.1 connections are encrypted and the address is also
-    /// printed as a QR code.
+    /// Serve the page for the browser. Beyond 127.0.0.1 connections are encrypted, the fingerprint of the certificate is printed,
+    /// and on a terminal the address is also printed as a QR code.
     #[arg(
         long = "screen",
         value_name = "ADDRESS:PORT",
@@ -93,7 +93,11 @@ pub(crate) fn write_screen(err: &mut dyn Write, screen: &Screen) -> std::io::Res
         }
         None => writeln!(err, "screen: {}", screen.address())?,
     }
-    if let Some(code) = screen.code() {
+    if let Some(fingerprint) = screen.fingerprint() {
+        writeln!(err, "        certificate, SHA-256: {fingerprint}")?;
+    }
+    // Its picture holds the key to operate the machine, which has no business in a log.
+    if let Some(code) = screen.code().filter(|_| std::io::stderr().is_terminal()) {
         writeln!(err, "{code}")?;
     }
     Ok(())

@@ -23,11 +23,18 @@ pub(crate) fn public_host(local: SocketAddr) -> IpAddr {
     routed.map_or(local.ip(), |address| address.ip())
 }
 
-/// Names and addresses of this computer, for its certificate and for `Host`.
-pub(crate) fn server_names(hosts: &[String], host: IpAddr) -> Vec<String> {
+/// Names and addresses of this computer, for its certificate and for `Host`; the machine's name is the first, where a name server can
+/// have it.
+pub(crate) fn server_names(machine: &str, hosts: &[String], host: IpAddr) -> Vec<String> {
     let system = rustix::system::uname();
     let own = system.nodename().to_string_lossy().into_owned();
-    let mut names = hosts.to_vec();
+    let is_label = machine.len() < 64
+        && !machine.ends_with('-')
+        && machine
+            .bytes()
+            .all(|byte| byte.is_ascii_alphanumeric() || byte == b'-');
+    let mut names: Vec<String> = is_label.then(|| machine.to_owned()).into_iter().collect();
+    names.extend_from_slice(hosts);
     names.extend([
         format!("{own}.local"),
         own,

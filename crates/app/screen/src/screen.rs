@@ -40,6 +40,7 @@ pub struct Screen {
     address: String,
     watch_address: Option<String>,
     is_remote: bool,
+    fingerprint: Option<String>,
     stop: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
 }
@@ -85,9 +86,12 @@ impl Screen {
             ScreenScope::Watch { program } => (None, None, TraceTo::Nowhere, None, Some(program)),
         };
         let host = public_host(local);
-        let names = server_names(&config.hosts, host);
+        let names = server_names(&config.setup.machine.name, &config.hosts, host);
         let encryption = encryption(&config, state_folder.as_deref(), is_remote, &names)?;
         let is_encrypted = encryption.is_some();
+        let (acceptor, fingerprint) = encryption
+            .map(|found| (found.acceptor, found.fingerprint))
+            .unzip();
         let (operate, watch) = (random_hex()?, random_hex()?);
         let of_operate = if run.is_some() { Role::Watch } else { Role::Operate };
         let keys = vec![(operate.clone(), of_operate), (watch.clone(), Role::Watch)];
@@ -158,7 +162,7 @@ impl Screen {
         let web = std::thread::Builder::new()
             .name("screen-web".into())
             .spawn(move || {
-                runtime.block_on(serve(server, gate, listener, encryption, ending));
+                runtime.block_on(serve(server, gate, listener, acceptor, ending));
                 // A plan without a receiver ends by itself.
                 runtime.shutdown_background();
             })?;
@@ -166,6 +170,7 @@ impl Screen {
             address: url(&operate),
             watch_address: (of_operate == Role::Operate).then(|| url(&watch)),
             is_remote,
+            fingerprint,
             stop,
             threads: vec![first, second, third, bus, web],
         })
@@ -181,6 +186,12 @@ impl Screen {
     #[must_use]
     pub fn watch_address(&self) -> Option<&str> {
         self.watch_address.as_deref()
+    }
+
+    /// SHA-256 of the certificate, as browsers show it; none if connections are not encrypted.
+    #[must_use]
+    pub fn fingerprint(&self) -> Option<&str> {
+        self.fingerprint.as_deref()
     }
 
     /// The address as a QR code of block characters, if other computers can reach it.

@@ -5,14 +5,36 @@ use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use rcgen::{
+    CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, KeyPair, KeyUsagePurpose,
+};
+use time::OffsetDateTime;
 
 use tokio_rustls::TlsAcceptor;
-use tokio_rustls::rustls::ServerConfig;
 use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use tokio_rustls::rustls::{ServerConfig, SupportedCipherSuite};
 
 use crate::config::{ScreenConfig, ScreenError};
+
+const DAY_S: i64 = 86_400;
+/// Days from the beginning of a generated certificate to its end. Browsers reject more than 398 days (CA/Browser Forum, Baseline
+/// Requirements 6.3.2, before March 2026); both ends count.
+const VALID_DAYS: i64 = 396;
+/// A generated certificate begins so long before it is made: clocks of other computers differ.
+const BEFORE_DAYS: i64 = 1;
+/// With fewer days left a start generates another one.
+const LEFT_DAYS: i64 = 30;
+
+/// How connections are encrypted.
+pub(crate) struct Encryption {
+    pub(crate) acceptor: TlsAcceptor,
+    /// SHA-256 of the certificate, as browsers show it: for the operator to compare.
+    pub(crate) fingerprint: String,
+}
 
 /// The given certificate, or beyond loopback the generated one.
 pub(crate) fn encryption(
@@ -20,7 +42,7 @@ pub(crate) fn encryption(
     state_folder: Option<&Path>,
     is_remote: bool,
     names: &[String],
-) -> Result<Option<TlsAcceptor>, ScreenError> {
+) -> Result<Option<Encryption>, ScreenError> {
     if let Some((certificate, key)) = &config.certificate {
         return acceptor(certificate, key).map(Some);
     }
@@ -28,12 +50,14 @@ pub(crate) fn encryption(
         return Ok(None);
     }
     let folder = state_folder.ok_or(ScreenError::NoCertificate)?.join("screen");
-    let (certificate, key) = own_certificate(&folder, names)?;
+    let now_s = SystemTime::now().duration_since(UNIX_EPOCH);
+    let now_s = now_s.map_or(0, |since| since.as_secs().cast_signed());
+    let (certificate, key) = own_certificate(&folder, &config.setup.machine.name, names, now_s)?;
     acceptor(&certificate, &key).map(Some)
 }
 
 /// Reads a certificate chain and its key.
-fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, ScreenError> {
+fn acceptor(certificate: &Path, key: &Path) -> Result<Encryption, ScreenError> {
     let fault = |file: &Path, cause: String| ScreenError::Certificate {
         file: file.display().to_string(),
         cause,
@@ -41,6 +65,10 @@ fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, ScreenError> 
     let chain: Result<Vec<CertificateDer<'static>>, _> =
         CertificateDer::pem_file_iter(certificate).and_then(Iterator::collect);
     let chain = chain.map_err(|error| fault(certificate, error.to_string()))?;
+    let first = chain
+        .first()
+        .ok_or_else(|| fault(certificate, "it has no certificate".to_owned()))?;
+    let fingerprint = fingerprint(first);
     let private = PrivateKeyDer::from_pem_file(key).map_err(|error| fault(key, error.to_string()))?;
     let mut config = ServerConfig::builder_with_provider(Arc::new(ring::default_provider()))
         .with_safe_default_protocol_versions()
@@ -49,30 +77,72 @@ fn acceptor(certificate: &Path, key: &Path) -> Result<TlsAcceptor, ScreenError> 
         .with_single_cert(chain, private)
         .map_err(|error| fault(certificate, error.to_string()))?;
     config.alpn_protocols = vec![b"http/1.1".to_vec()];
-    Ok(TlsAcceptor::from(Arc::new(config)))
+    Ok(Encryption {
+        acceptor: TlsAcceptor::from(Arc::new(config)),
+        fingerprint,
+    })
+}
+
+/// SHA-256 of a certificate, two digits each.
+fn fingerprint(certificate: &CertificateDer<'_>) -> String {
+    let SupportedCipherSuite::Tls13(suite) = ring::cipher_suite::TLS13_AES_128_GCM_SHA256 else {
+        return String::new();
+    };
+    let digest = suite.common.hash_provider.hash(certificate);
+    let digits: Vec<String> = digest.as_ref().iter().map(|byte| format!("{byte:02X}")).collect();
+    digits.join(":")
 }
 
 /// The generated certificate, created once, so that a browser has to accept it only once; created again for
-/// other names.
-fn own_certificate(folder: &Path, names: &[String]) -> Result<(PathBuf, PathBuf), ScreenError> {
+/// other names and before it ends.
+fn own_certificate(
+    folder: &Path,
+    machine: &str,
+    names: &[String],
+    now_s: i64,
+) -> Result<(PathBuf, PathBuf), ScreenError> {
     let (certificate, key) = (folder.join("certificate.pem"), folder.join("key.pem"));
-    let of_names = folder.join("names");
-    let listed = names.join("\n");
-    let is_kept = certificate.is_file()
-        && key.is_file()
-        && fs::read_to_string(&of_names).is_ok_and(|kept| kept == listed);
-    if is_kept {
+    let made_for = folder.join("made-for");
+    let kept = fs::read_to_string(&made_for).unwrap_or_default();
+    if certificate.is_file() && key.is_file() && is_for(&kept, machine, names, now_s) {
         return Ok((certificate, key));
     }
-    let made = rcgen::generate_simple_self_signed(names).map_err(|error| ScreenError::Certificate {
+    let begin_s = now_s - BEFORE_DAYS * DAY_S;
+    let end_s = begin_s + VALID_DAYS * DAY_S;
+    let fault = |cause: &dyn std::fmt::Display| ScreenError::Certificate {
         file: certificate.display().to_string(),
-        cause: error.to_string(),
-    })?;
+        cause: cause.to_string(),
+    };
+    let mut params = CertificateParams::new(names).map_err(|error| fault(&error))?;
+    params.distinguished_name = DistinguishedName::new();
+    params.distinguished_name.push(DnType::CommonName, machine);
+    params.not_before = OffsetDateTime::from_unix_timestamp(begin_s).map_err(|error| fault(&error))?;
+    params.not_after = OffsetDateTime::from_unix_timestamp(end_s).map_err(|error| fault(&error))?;
+    params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
+    params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ServerAuth];
+    let pair = KeyPair::generate().map_err(|error| fault(&error))?;
+    let made = params.self_signed(&pair).map_err(|error| fault(&error))?;
     fs::create_dir_all(folder)?;
-    write_private(&key, &made.signing_key.serialize_pem())?;
-    fs::write(&certificate, made.cert.pem())?;
-    fs::write(&of_names, listed)?;
+    // Until all is written nothing is taken for a certificate of these names.
+    let _none = fs::remove_file(&made_for);
+    write_private(&key, &pair.serialize_pem())?;
+    fs::write(&certificate, made.pem())?;
+    fs::write(&made_for, note(end_s, machine, names))?;
     Ok((certificate, key))
+}
+
+/// What a generated certificate was made for: its end in seconds since 1970, the machine, the names.
+fn note(end_s: i64, machine: &str, names: &[String]) -> String {
+    format!("{end_s}\n{machine}\n{}", names.join("\n"))
+}
+
+fn is_for(kept: &str, machine: &str, names: &[String], now_s: i64) -> bool {
+    let end_s = kept.lines().next().and_then(|line| line.parse().ok());
+    end_s.is_some_and(|end_s: i64| {
+        let left_s = end_s - now_s;
+        // A clock that was set back has made one that begins in the future.
+        kept == note(end_s, machine, names) && (LEFT_DAYS * DAY_S..=VALID_DAYS * DAY_S).contains(&left_s)
+    })
 }
 
 /// A file readable only by its owner, complete or not at all.
@@ -87,4 +157,94 @@ fn write_private(file: &Path, text: &str) -> std::io::Result<()> {
     opened.write_all(text.as_bytes())?;
     opened.sync_all()?;
     fs::rename(part, file)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A day of 2026.
+    const NOW_S: i64 = 1_790_000_000;
+
+    fn names() -> Vec<String> {
+        vec![
+            "mill-3axis".to_owned(),
+            "shop-pc.local".to_owned(),
+            "192.168.0.5".to_owned(),
+        ]
+    }
+
+    /// What OpenSSL reads in a certificate; none without it.
+    fn told(certificate: &Path, options: &[&str]) -> Option<String> {
+        let mut command = std::process::Command::new("openssl");
+        let output = command
+            .args(["x509", "-noout", "-in"])
+            .arg(certificate)
+            .args(options)
+            .output();
+        output
+            .ok()
+            .map(|output| String::from_utf8(output.stdout).unwrap())
+    }
+
+    #[test]
+    fn a_certificate_has_the_machines_name_a_use_and_an_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let (certificate, key) = own_certificate(folder.path(), "mill-3axis", &names(), NOW_S).unwrap();
+        let encryption = acceptor(&certificate, &key).unwrap();
+        let Some(text) = told(&certificate, &["-text"]) else {
+            return;
+        };
+        assert!(
+            text.contains("Subject: CN = mill-3axis") || text.contains("Subject: CN=mill-3axis"),
+            "{text}"
+        );
+        assert!(
+            text.contains("DNS:mill-3axis, DNS:shop-pc.local, IP Address:192.168.0.5"),
+            "{text}"
+        );
+        assert!(text.contains("TLS Web Server Authentication"), "{text}");
+        // Seconds, so that no calendar is needed here.
+        let date = |option| {
+            let line = told(&certificate, &[option, "-dateopt", "iso_8601"]).unwrap();
+            let mut command = std::process::Command::new("date");
+            let date = line.trim().split_once('=').unwrap().1.to_owned();
+            let output = command.args(["+%s", "--date", &date]).output().unwrap();
+            String::from_utf8(output.stdout)
+                .unwrap()
+                .trim()
+                .parse::<i64>()
+                .unwrap()
+        };
+        let (begin_s, end_s) = (date("-startdate"), date("-enddate"));
+        assert_eq!(begin_s, NOW_S - DAY_S);
+        assert!(end_s - begin_s <= 397 * DAY_S, "{begin_s} to {end_s}");
+        let line = told(&certificate, &["-fingerprint", "-sha256"]).unwrap();
+        assert_eq!(line.trim().split_once('=').unwrap().1, encryption.fingerprint);
+    }
+
+    #[test]
+    fn it_is_kept_for_the_same_names_until_thirty_days_before_its_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = |machine: &str, names: &[String], day: i64| {
+            let made = own_certificate(folder.path(), machine, names, NOW_S + day * DAY_S).unwrap();
+            fs::read_to_string(made.0).unwrap()
+        };
+        let first = text("mill", &names(), 0);
+        let last_day = VALID_DAYS - BEFORE_DAYS - LEFT_DAYS;
+        assert_eq!(text("mill", &names(), last_day), first);
+        let second = text("mill", &names(), last_day + 1);
+        assert_ne!(second, first);
+        assert_eq!(text("mill", &names(), last_day + 2), second);
+        let third = text("mill", &names()[1..], last_day + 2);
+        assert_ne!(third, second);
+        assert_ne!(text("lathe", &names()[1..], last_day + 2), third);
+        // The clock was wrong when it was made.
+        let ahead = text("lathe", &names(), 1000);
+        assert_ne!(text("lathe", &names(), 0), ahead);
+        // One of before, without an end.
+        fs::write(folder.path().join("made-for"), names().join("\n")).unwrap();
+        let before = fs::read_to_string(folder.path().join("certificate.pem")).unwrap();
+        assert_ne!(text("lathe", &names(), 0), before);
+    }
 }
