@@ -143,6 +143,8 @@ export const de: Texts = {
   },
   views: {
     label: 'Ansichten',
+    exact: (name) => `Korrektur ${name} in Prozent`,
+    exactNote: 'Ganze Prozent, dann Eingabetaste',
     second: 'Zweite Ansicht',
     names: {
       jog: 'Hand',
@@ -177,6 +179,7 @@ export const de: Texts = {
   },
   io: {
     title: 'Ein- und Ausgänge',
+    retraceBlocks: 'Anzahl der Sätze zurück',
     inputs: 'Eingänge',
     outputs: 'Ausgänge',
     none: 'Keine in der Maschinendatei.',

@@ -148,6 +148,8 @@ export const en = {
   },
   views: {
     label: 'Views',
+    exact: (name: string) => `${name} override in percent`,
+    exactNote: 'Any whole percent, then Enter',
     second: 'Second view',
     names: {
       jog: 'Jog',
@@ -182,6 +184,7 @@ export const en = {
   },
   io: {
     title: 'Inputs and outputs',
+    retraceBlocks: 'Number of blocks back',
     inputs: 'Inputs',
     outputs: 'Outputs',
     none: 'None in the machine file.',
