@@ -202,7 +202,8 @@ fn log_changes(hub: &Hub, before: &Status, now: &Status) {
         hub.log(kind, Some(number), text, cure);
     }
     let message = now.operator_message();
-    if !message.is_empty() && message != before.operator_message() {
+    // The core has none at the start of a job: the same text in another job is another message.
+    if !message.is_empty() && (message != before.operator_message() || now.job != before.job) {
         hub.log(LogKind::Message, None, message.to_owned(), None);
     }
 }

@@ -38,7 +38,8 @@ export function changes(texts: Texts, before: Status | null, now: Status): Omit<
   if (before.activity !== 'none' && before.activity !== 'jog' && now.activity === 'none') {
     state(texts.events.ended[now.jobResult]);
   }
-  if (now.message !== '' && now.message !== before.message) entries.push({ kind: 'message', number: null, text: now.message, cure: null });
+  // The core has none at the start of a job: the same text in another job is another message.
+  if (now.message !== '' && (now.message !== before.message || now.job !== before.job)) entries.push({ kind: 'message', number: null, text: now.message, cure: null });
   if (before.program !== now.program && now.program !== '') state(texts.events.loaded(now.program.replace(/^.*\//, '')));
   return entries;
 }

@@ -94,8 +94,6 @@ class Session {
 
   #source: Source | null = null;
   #pending: Status | null = null;
-  /** the job in which the message came */
-  #messageJob = -1;
   /** the server keeps a log of alarms, commands and messages */
   #serverLogs = false;
   /** the newest status, drawn or not */
@@ -126,11 +124,10 @@ class Session {
     return program.file;
   }
 
-  /** The program's message, where it is of the job that runs. */
+  /** The message of the job that runs: the core clears it when a job begins. */
   get message(): string {
     const status = this.status;
-    if (status === null || status.activity === 'none' || status.job !== this.#messageJob) return '';
-    return status.message;
+    return status === null || status.activity === 'none' ? '' : status.message;
   }
 
   start(source: Source): void {
@@ -237,9 +234,6 @@ class Session {
           // What the server logs, too, is listed once.
           if (!this.#serverLogs || entry.kind === 'state') this.note(entry);
         }
-        // A message stays in the status after its program: what came in this job counts.
-        if (this.#seen === null) this.#messageJob = message.status.state === 'program_stop' ? message.status.job : -1;
-        else if (message.status.message !== this.#seen.message) this.#messageJob = message.status.job;
         this.#seen = message.status;
         // Of several that come within a frame only the last is drawn.
         this.#pending = message.status;
