@@ -11,7 +11,7 @@ use tokio::sync::{mpsc, watch};
 
 use crate::event_log::EventLog;
 use crate::gate::Role;
-use crate::messages::{Lease, LogKind, ProgramInfo, ToPage};
+use crate::messages::{EndOf, Lease, LogKind, ProgramInfo, ToPage};
 use crate::watcher::Frame;
 
 /// Maximum number of pages at the same time.
@@ -286,6 +286,11 @@ impl Hub {
         if let Some(program) = inner.program.clone().filter(is_it) {
             inner.put_program(ProgramInfo { planned_s, ..program });
         }
+    }
+
+    /// Says that there will be nothing more.
+    pub(crate) fn tell_end(&self, what: EndOf) {
+        self.lock().tell(&ToPage::End { what });
     }
 
     /// Sends the present macros.

@@ -20,7 +20,7 @@ use crate::hub::Hub;
 use crate::kept::watch_kept;
 use crate::listener::listen;
 use crate::loaded_program::watch_loaded;
-use crate::messages::{MachineInfo, ProgramInfo, ToPage};
+use crate::messages::{EndOf, MachineInfo, ProgramInfo, ToPage};
 use crate::names::{public_host, server_names};
 use crate::orders::Orders;
 use crate::program_store::ProgramStore;
@@ -31,6 +31,8 @@ use crate::traces::remove_copies;
 use crate::turns::Turns;
 use crate::watcher;
 
+/// Time for the last message to reach the pages.
+const FAREWELL: Duration = Duration::from_millis(150);
 /// Poll interval of the end.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -225,6 +227,12 @@ async fn serve(
     let Ok(listener) = tokio::net::TcpListener::from_std(listener) else {
         return;
     };
+    let hub = Arc::clone(&server.hub);
+    let what = if server.run.is_some() {
+        EndOf::Run
+    } else {
+        EndOf::Service
+    };
     tokio::spawn(watch_kept(Arc::clone(&server)));
     if server.run.is_none() {
         tokio::spawn(watch_loaded(Arc::clone(&server)));
@@ -233,6 +241,9 @@ async fn serve(
         while !stop.load(Ordering::Relaxed) {
             tokio::time::sleep(LOOK).await;
         }
+        // Pages tell an end from a lost connection.
+        hub.tell_end(what);
+        tokio::time::sleep(FAREWELL).await;
     };
     tokio::select! {
         never = listen(listener, router(server, gate), encryption) => match never {},

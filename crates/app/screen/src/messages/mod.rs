@@ -35,5 +35,5 @@ pub use sample::{SAMPLE_BYTES, put_sample};
 pub use screen_status::ScreenStatus;
 pub use signal_info::{SignalInfo, SignalValues};
 pub use spindle_status::SpindleStatus;
-pub use to_page::ToPage;
+pub use to_page::{EndOf, ToPage};
 pub use trace_entry::{TraceEntry, TraceJob};

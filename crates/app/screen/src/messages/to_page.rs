@@ -68,4 +68,19 @@ pub enum ToPage {
         /// The oldest first.
         entries: Vec<LogEntry>,
     },
+    /// The last message: there is nothing more to be shown, and the address is not valid any more.
+    End {
+        /// Of what.
+        what: EndOf,
+    },
+}
+
+/// What has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, TS)]
+#[serde(rename_all = "snake_case")]
+pub enum EndOf {
+    /// The run of a program.
+    Run,
+    /// The service.
+    Service,
 }

@@ -1,6 +1,7 @@
 // "What to do next": one sentence that the state of the machine calls for. The core judges every command by itself; this only
 // says beforehand what it would answer.
 import type { Texts } from '../texts/en';
+import type { LinkLoss } from '../link/incoming';
 import { excursionMoves } from './held';
 import type { Machine, ProgramInfo, Status } from './model';
 
@@ -11,6 +12,7 @@ export interface Advice {
 
 export interface AdviceInputs {
   connected: boolean;
+  loss: LinkLoss | null;
   coreAlive: boolean;
   machine: Machine | null;
   status: Status | null;
@@ -21,9 +23,9 @@ export interface AdviceInputs {
   message: string;
 }
 
-export function advise(texts: Texts, { connected, coreAlive, machine, status, program, isOtherProgram, message }: AdviceInputs): Advice {
+export function advise(texts: Texts, { connected, loss, coreAlive, machine, status, program, isOtherProgram, message }: AdviceInputs): Advice {
   const a = texts.advice;
-  if (!connected) return { text: a.noServer, tone: 'bad' };
+  if (!connected) return { text: a.noServer[loss ?? 'closed'], tone: 'bad' };
   if (!coreAlive || status === null || machine === null) return { text: a.noCore, tone: 'bad' };
   if (status.chainOpen) return { text: a.chainOpen, tone: 'bad' };
   // A fault switches off and latches its alarm; leaving the emergency stop comes first either way.

@@ -1,6 +1,6 @@
 // The one place where the page keeps what it has been told, and from which commands go out.
 import type { SignalValues } from '../generated/SignalValues';
-import type { Incoming, Sample } from '../link/incoming';
+import type { Incoming, LinkLoss, Sample } from '../link/incoming';
 import type { Source } from '../link/source';
 import type { Answer, Command, EventEntry, Lease, Machine, Macro, ProgramInfo, Status, Tool, WorkOffset } from './model';
 import { changes, newestEvents } from './journal';
@@ -72,7 +72,8 @@ function isFileOf(program: ProgramInfo | null, loaded: string): boolean {
 
 class Session {
   connection = $state<'connecting' | 'open' | 'lost' | 'refused'>('connecting');
-  reason = $state('');
+  /** why there is no connection */
+  loss = $state<LinkLoss | null>(null);
   coreAlive = $state(false);
   machine = $state.raw<Machine | null>(null);
   status = $state.raw<Status | null>(null);
@@ -214,7 +215,7 @@ class Session {
           else if (this.connection === 'open') this.note({ kind: 'link', number: null, text: events.disconnected, cure: null });
         }
         this.connection = message.state;
-        this.reason = message.reason;
+        this.loss = message.loss;
         if (message.state !== 'open') {
           this.lease = { ...this.lease, mine: false };
         }

@@ -16,9 +16,15 @@ export interface Sample {
   load: number | null;
 }
 
+/**
+ * Why there is no connection: `closed` or no reply, `silent` no reply for long, `renewed` the server knows the address no more, `run` and
+ * `service`: what it showed has ended, `refused` by the server.
+ */
+export type LinkLoss = 'closed' | 'silent' | 'renewed' | 'run' | 'service' | 'refused';
+
 /** What a source hands to the session. */
 export type Incoming =
-  | { kind: 'connection'; state: 'connecting' | 'open' | 'lost' | 'refused'; reason: string }
+  | { kind: 'connection'; state: 'connecting' | 'open' | 'lost' | 'refused'; loss: LinkLoss | null }
   | { kind: 'core'; alive: boolean }
   | { kind: 'machine'; machine: Machine }
   | { kind: 'status'; status: Status }

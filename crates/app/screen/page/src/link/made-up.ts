@@ -57,7 +57,7 @@ export class MadeUp implements Source {
 
   start(handle: (message: Incoming) => void): void {
     this.#handle = handle;
-    handle({ kind: 'connection', state: 'open', reason: '' });
+    handle({ kind: 'connection', state: 'open', loss: null });
     handle({ kind: 'machine', machine });
     handle({ kind: 'core', alive: true });
     handle({ kind: 'lease', lease: { mine: false, holder: null, readOnly: false } });

@@ -8,7 +8,7 @@ import { programText } from '../lib/program-text.svelte';
 import { settings } from '../lib/settings.svelte';
 import { path } from '../path/store.svelte';
 import { AXES, codeName, encode, systemName } from './commands';
-import type { Incoming, Sample } from './incoming';
+import type { Incoming, LinkLoss, Sample } from './incoming';
 import { Socket } from './socket';
 import type { Source } from './source';
 
@@ -47,7 +47,7 @@ export class Server implements Source {
       opened: () => {},
       text: (text) => this.#take(JSON.parse(text) as ToPage),
       binary: (buffer) => this.#samples(buffer),
-      lost: (reason, final) => this.#lost(reason, final),
+      lost: (loss, final) => this.#lost(loss, final),
     });
     this.#socket.open();
   }
@@ -95,11 +95,11 @@ export class Server implements Source {
     });
   }
 
-  #lost(reason: string, final: boolean): void {
+  #lost(loss: LinkLoss, final: boolean): void {
     const text = settings.texts.link.unknown;
     for (const resolve of this.#pending.values()) resolve({ accepted: false, alarm: 0, text });
     this.#pending.clear();
-    this.#handle({ kind: 'connection', state: final ? 'refused' : 'lost', reason });
+    this.#handle({ kind: 'connection', state: final ? 'refused' : 'lost', loss });
   }
 
   #take(message: ToPage): void {
@@ -120,7 +120,7 @@ export class Server implements Source {
           version: message.version,
         };
         this.#handle({ kind: 'machine', machine: this.#machine });
-        this.#handle({ kind: 'connection', state: 'open', reason: '' });
+        this.#handle({ kind: 'connection', state: 'open', loss: null });
         break;
       }
       case 'status':
@@ -174,6 +174,9 @@ export class Server implements Source {
         break;
       case 'macros':
         this.#handle({ kind: 'macros', macros: message.macros, problem: message.problem });
+        break;
+      case 'end':
+        this.#socket?.end(message.what);
         break;
       case 'log':
         this.#handle({ kind: 'log', entries: message.entries });

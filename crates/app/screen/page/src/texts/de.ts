@@ -48,7 +48,14 @@ export const de: Texts = {
     done: 'Fertig',
   },
   advice: {
-    noServer: 'Keine Verbindung zum Server. Die Werte sind die letzten. Verbindung wird wieder aufgebaut …',
+    noServer: {
+      closed: 'Keine Verbindung zum Server. Die Werte sind die letzten. Verbindung wird wieder aufgebaut …',
+      silent: 'Keine Verbindung zum Server. Neuer Versuch … Wurden Dienst oder Lauf beendet: neu starten und die neue Adresse öffnen.',
+      renewed: 'Der Dienst wurde neu gestartet und hat einen neuen Schlüssel: die neue Adresse vom Terminal oder QR-Code öffnen.',
+      run: 'Der Lauf ist beendet. Die Werte sind die letzten.',
+      service: 'Der Dienst ist beendet. Nach einem neuen Start seine neue Adresse vom Terminal oder QR-Code öffnen.',
+      refused: 'Der Server nimmt diese Seite nicht an. Neu laden.',
+    },
     noCore: 'Die Maschine antwortet nicht. Läuft evolvent serve?',
     chainOpen: 'Die Not-Halt-Kette ist offen. Schließen, dann zurücksetzen.',
     estop: 'Not-Halt. „Not-Halt lösen“ drücken.',
@@ -136,6 +143,8 @@ export const de: Texts = {
     rapid: 'Eilgang',
     spindle: 'Spindel',
     reset: 'Zurück auf 100 %',
+    exact: (name) => `Korrektur ${name} in Prozent`,
+    exactNote: 'Ganze Prozent, dann Eingabetaste',
     resetOf: (name) => `${name}: zurück auf 100 %`,
     off: 'aus',
     offFor: (numbers) => `aus: ${numbers}`,
@@ -143,8 +152,6 @@ export const de: Texts = {
   },
   views: {
     label: 'Ansichten',
-    exact: (name) => `Korrektur ${name} in Prozent`,
-    exactNote: 'Ganze Prozent, dann Eingabetaste',
     second: 'Zweite Ansicht',
     names: {
       jog: 'Hand',
@@ -172,6 +179,7 @@ export const de: Texts = {
     note: 'Es wird verfahren, solange die Taste gehalten wird. Finger weg, Seite verdeckt oder Verbindung verloren: Die Achsen halten an.',
     retrace: 'Satz zurück',
     retraceNote: 'Fährt auf der Bahn des angehaltenen Programms rückwärts bis zum Anfang eines Satzes.',
+    retraceBlocks: 'Anzahl der Sätze zurück',
     heldNote: 'Das Programm ist angehalten: Einzelne Achsen können es verlassen. „Rückkehr“ fährt zurück, „Weiter“ setzt dort fort.',
     touch: 'Setzen',
     touchTitle: (letter, system) => `${letter} ankratzen, ${system}`,
@@ -179,7 +187,6 @@ export const de: Texts = {
   },
   io: {
     title: 'Ein- und Ausgänge',
-    retraceBlocks: 'Anzahl der Sätze zurück',
     inputs: 'Eingänge',
     outputs: 'Ausgänge',
     none: 'Keine in der Maschinendatei.',

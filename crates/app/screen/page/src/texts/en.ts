@@ -54,7 +54,14 @@ export const en = {
     done: 'Done',
   },
   advice: {
-    noServer: 'No connection to the server. The figures are the last that came. Connecting again …',
+    noServer: {
+      closed: 'No connection to the server. The figures are the last that came. Connecting again …',
+      silent: 'No connection to the server. Connecting again … If the service or the run was ended, start it and open its new address.',
+      renewed: 'The service was started again and has a new key: open its new address from the terminal or the QR code.',
+      run: 'The run has ended. The figures are the last that came.',
+      service: 'The service has ended. When it is started again, open its new address from the terminal or the QR code.',
+      refused: 'The server does not accept this page. Load it again.',
+    },
     noCore: 'The machine does not answer. Is evolvent serve running?',
     chainOpen: 'The emergency-stop chain is open. Close it, then reset.',
     estop: 'Emergency stop. Press “Reset E-stop”.',
@@ -141,6 +148,8 @@ export const en = {
     rapid: 'Rapid',
     spindle: 'Spindle',
     reset: 'Back to 100 %',
+    exact: (name: string) => `${name} override in percent`,
+    exactNote: 'Any whole percent, then Enter',
     resetOf: (name: string) => `${name} override back to 100 %`,
     off: 'off',
     offFor: (numbers: string) => `off: ${numbers}`,
@@ -148,8 +157,6 @@ export const en = {
   },
   views: {
     label: 'Views',
-    exact: (name: string) => `${name} override in percent`,
-    exactNote: 'Any whole percent, then Enter',
     second: 'Second view',
     names: {
       jog: 'Jog',
@@ -177,6 +184,7 @@ export const en = {
     note: 'A jog lasts while the button is held. It ends when the finger leaves it, the page is hidden or the connection is lost.',
     retrace: 'Block back',
     retraceNote: 'Drives backwards along the path of the held program, to the start of a block.',
+    retraceBlocks: 'Number of blocks back',
     heldNote: 'The program is held: one axis at a time can leave it. “Return” drives back, “Resume” continues from there.',
     touch: 'Set',
     touchTitle: (letter: string, system: string) => `Touch off ${letter} in ${system}`,
@@ -184,7 +192,6 @@ export const en = {
   },
   io: {
     title: 'Inputs and outputs',
-    retraceBlocks: 'Number of blocks back',
     inputs: 'Inputs',
     outputs: 'Outputs',
     none: 'None in the machine file.',
