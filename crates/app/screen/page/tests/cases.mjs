@@ -677,6 +677,125 @@ export const cases = {
     await until('100 %', async () => (await text(page, 'feed_override')) === '100 %' || text(page, 'feed_override'));
   },
 
+  async 'an override takes any whole percent that its range has'(page) {
+    await takeControl(page);
+    const exact = page.locator(at('feed_override-exact'));
+    const reads = (wanted) => until(wanted, async () => (await text(page, 'feed_override')) === wanted || text(page, 'feed_override'));
+    await exact.fill('73');
+    await exact.press('Enter');
+    await reads('73 %');
+    assert.equal(await exact.inputValue(), '');
+    for (const wrong of ['201', '1.5', 'x']) {
+      await exact.fill(wrong);
+      assert.equal(await exact.getAttribute('aria-invalid'), 'true', wrong);
+      await exact.press('Enter');
+      await page.waitForTimeout(100);
+      await reads('73 %');
+    }
+    // Leaving the field gives it up.
+    await exact.fill('20');
+    await exact.blur();
+    await page.waitForTimeout(100);
+    await reads('73 %');
+    await page.locator(at('spindle_override-exact')).fill('9');
+    assert.equal(await page.locator(at('spindle_override-exact')).getAttribute('aria-invalid'), 'true', 'below the least');
+    await page.locator(at('feed_override')).click();
+    await reads('100 %');
+  },
+
+  async 'STOP is in sight and takes effect at any width from 360 px'(page) {
+    await ready(page);
+    for (const [width, height] of [[360, 640], [390, 844], [600, 960], [768, 1024], [1024, 600]]) {
+      await page.setViewportSize({ width, height });
+      for (const name of await viewsOf(page)) {
+        await view(page, name);
+        const cut = () =>
+          page.evaluate(() => {
+            const inside = (element) => {
+              const box = element.getBoundingClientRect();
+              return box.left >= 0 && box.top >= 0 && box.right <= innerWidth + 0.5 && box.bottom <= innerHeight + 0.5;
+            };
+            const reached = (element) => {
+              const box = element.getBoundingClientRect();
+              return element.contains(document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2));
+            };
+            const always = [...document.querySelectorAll('[data-test="estop"], footer button')];
+            const values = [...document.querySelectorAll('[data-test^="large-"], [data-test^="other-"], .values > div, .overrides button, .overrides input, footer button, .pill')];
+            const tell = (element) => element.dataset.test ?? element.textContent.trim().slice(0, 30);
+            return {
+              outside: always.filter((element) => !inside(element) || !reached(element)).map(tell),
+              cut: values.filter((element) => element.getBoundingClientRect().right > innerWidth + 0.5 || element.scrollWidth > element.clientWidth + 1 && element.clientWidth > 0).map(tell),
+              wide: document.documentElement.scrollWidth > innerWidth,
+            };
+          });
+        const nothing = { outside: [], cut: [], wide: false };
+        assert.deepEqual(await cut(), nothing, `${name}, ${width} x ${height}`);
+        // Also where the page is scrolled.
+        await page.evaluate(() => scrollTo(0, document.documentElement.scrollHeight));
+        assert.deepEqual((await cut()).outside, [], `${name}, ${width} x ${height}, scrolled`);
+        await page.evaluate(() => scrollTo(0, 0));
+      }
+      const box = await page.locator(at('estop')).boundingBox();
+      await page.mouse.click(box.x + box.width / 2, box.y + box.height / 2);
+      await until(`E-STOP at ${width} px`, async () => (await text(page, 'state')) === 'E-STOP' || text(page, 'state'));
+      await powerTo(page, 'Ready');
+    }
+  },
+
+  async 'every state of the machine is written whole, and the whole of a rejection can be read'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    const states = ['running', 'holding', 'held', 'stopping', 'stopped', 'dwell', 'program_stop', 'fault', 'done'];
+    for (const language of ['en', 'de']) {
+      await page.locator(at('menu')).click();
+      await page.locator(`dialog[open] [lang="${language}"]`).click();
+      await page.keyboard.press('Escape');
+      for (const activity of ['program', 'homing', 'mdi', 'jog']) {
+        for (const state of activity === 'program' ? states : ['running']) {
+          await page.evaluate((changes) => globalThis.changeMadeUp({ ...changes, hold: true }), { activity, state });
+          await page.waitForTimeout(80);
+          const [label, needed, given] = await page.locator(at('state')).evaluate((element) => [element.innerText, element.scrollWidth, element.clientWidth]);
+          assert.ok(needed <= given, `${language}: ${label} needs ${needed} px of ${given}`);
+        }
+      }
+      await page.evaluate(() => globalThis.changeMadeUp({ activity: 'none', state: 'idle', hold: false }));
+    }
+    await page.locator(at('menu')).click();
+    await page.locator('dialog[open] [lang="en"]').click();
+    await page.keyboard.press('Escape');
+    const reason = `${'this is why the control rejects the command, '.repeat(8)}and this is its end`;
+    await page.evaluate((reason) => globalThis.rejectMadeUp(reason), reason);
+    const places = () => page.evaluate(() => [...document.querySelectorAll('header button:not(.away), [role="tab"]')].map((element) => Math.round(element.getBoundingClientRect().top)));
+    const before = await places();
+    await page.locator('#feed_override').fill('50');
+    const rejection = page.locator(at('rejection'));
+    await rejection.waitFor();
+    assert.deepEqual(await places(), before, 'nothing moves');
+    const isWhole = await rejection.evaluate((element) => {
+      // Its last word, and whether it is what is seen there.
+      const range = document.createRange();
+      const end = [...element.childNodes].filter((node) => node.nodeType === Node.TEXT_NODE && node.data.includes('its end')).at(-1);
+      range.setStart(end, end.data.indexOf('its end'));
+      range.setEnd(end, end.data.indexOf('its end') + 7);
+      const box = range.getBoundingClientRect();
+      return box.width > 0 && box.bottom <= innerHeight && element.contains(document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2));
+    });
+    assert.equal(isWhole, true, 'its end is seen');
+    await page.evaluate(() => globalThis.rejectMadeUp(''));
+    await page.locator(at('feed_override')).click();
+    await rejection.waitFor({ state: 'detached' });
+    // A message of the program does not move its list.
+    await view(page, 'program');
+    await page.evaluate(() => globalThis.changeMadeUp({ activity: 'program', state: 'program_stop', hold: true, message: '' }));
+    await page.waitForTimeout(100);
+    const list = () => page.locator(at('program-list')).boundingBox();
+    const at_first = await list();
+    await page.evaluate(() => globalThis.changeMadeUp({ message: 'Measure the bore. '.repeat(20) }));
+    await page.locator(at('message')).waitFor();
+    assert.deepEqual(await list(), at_first, 'the list');
+    await page.evaluate(() => globalThis.changeMadeUp({ activity: 'none', state: 'idle', hold: false, message: '' }));
+  },
+
   async 'outputs are set by name, and each signal has its value'(page, context) {
     if ((await page.locator('[data-view="io"]').count()) === 0) return 'not measured';
     await ready(page);
@@ -1142,6 +1261,14 @@ export const cases = {
     await page.locator(at('return')).click();
     await until('back', async () => (await isThere()) === true && (await disabled('resume')) === false || text(page, 'advice'), 20_000);
     assert.deepEqual(await isThere(), true);
+    // By the number of blocks that is entered, of those that there are.
+    const blocks = page.locator(at('retrace-blocks'));
+    for (const wrong of ['0', '1.5', '99999']) {
+      await blocks.fill(wrong);
+      assert.equal(await disabled('retrace'), true, wrong);
+    }
+    await blocks.fill('2');
+    await until('two are possible', async () => !(await disabled('retrace')));
     await page.locator(at('retrace')).click();
     await until('backwards', async () => (await isThere()) !== true && (await disabled('return')) === false, 20_000);
     assert.match(await text(page, 'advice'), /back along the path/);
@@ -1261,6 +1388,35 @@ export const cases = {
     await upload(page, 'mine.ngc', square(20, 3000));
     await page.locator(`${at('start')}:enabled`).waitFor();
     assert.match(await text(page, 'advice'), /runs mine\.ngc/);
+  },
+
+  async 'a message of a program is shown in each of its runs'(page, context) {
+    await ready(page);
+    if (!context.real) {
+      // What the status says counts, whatever it said in the job before: pages get not every status.
+      for (const job of [1, 2]) {
+        await page.evaluate((job) => globalThis.changeMadeUp({ activity: 'program', state: 'program_stop', hold: true, job, message: 'clamp the part' }), job);
+        await until(`the message of job ${job}`, async () => (await text(page, 'advice')) === 'clamp the part' || text(page, 'advice'));
+        await page.evaluate(() => globalThis.changeMadeUp({ activity: 'none', state: 'idle', hold: false }));
+        await until('ready', async () => (await text(page, 'state')) === 'Ready');
+      }
+      await view(page, 'events');
+      assert.equal(await page.locator(`${at('events')} li.message`, { hasText: 'clamp the part' }).count(), 2);
+      return;
+    }
+    await upload(page, 'message.ngc', 'G21 G90\n(MSG, clamp the part)\nM0\nG4 P0.2\nM2\n');
+    await until('checked', async () => (await text(page, 'findings-button')) === 'no errors' || text(page, 'findings-button'), 20_000);
+    for (const run of ['first', 'second']) {
+      await page.locator(`${at('start')}:enabled`).click();
+      await until(`the ${run} run waits`, async () => (await text(page, 'state')) === 'Program stop' || text(page, 'state'));
+      await until(`the message of the ${run} run`, async () => (await text(page, 'advice')) === 'clamp the part' || text(page, 'advice'));
+      assert.equal(await text(page, 'message'), 'clamp the part', run);
+      await page.locator(`${at('resume')}:enabled`).click();
+      await until(`the ${run} run is over`, async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'), 20_000);
+    }
+    await view(page, 'events');
+    const told = page.locator(`${at('events')} li.message`, { hasText: 'clamp the part' });
+    await until('both are listed', async () => (await told.count()) >= 2 || told.count());
   },
 
   async 'errors of a program have their place and a help'(page, context) {

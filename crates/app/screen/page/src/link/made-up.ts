@@ -54,6 +54,8 @@ export class MadeUp implements Source {
   /** ms until a command takes effect */
   #delays: Partial<Record<Command['name'], number>> = {};
   #sent: string[] = [];
+  /** why every command is rejected; empty where none is */
+  #rejection = '';
 
   start(handle: (message: Incoming) => void): void {
     this.#handle = handle;
@@ -70,6 +72,7 @@ export class MadeUp implements Source {
       delayMadeUp: (name: Command['name'], ms: number) => (this.#delays[name] = ms),
       // As if another page had done it.
       changeMadeUp: (changes: Partial<Status>) => Object.assign(this.#status, changes),
+      rejectMadeUp: (text: string) => (this.#rejection = text),
       raiseMadeUpAlarm: (number: number) => Object.assign(this.#status, { alarms: [number], alarmText: 'made up' }),
     });
     setInterval(() => this.#tick(), 16);
@@ -132,6 +135,7 @@ export class MadeUp implements Source {
     if (delay > 0) await new Promise((resolve) => setTimeout(resolve, delay));
     const s = this.#status;
     const reject = (alarm: number, text: string): Answer => ({ accepted: false, alarm, text });
+    if (this.#rejection !== '') return reject(901, this.#rejection);
     switch (command.name) {
       case 'estop': this.#end(); s.machineState = 'estop'; break;
       case 'estop_reset': s.machineState = 'off'; break;
