@@ -45,7 +45,7 @@ pub use bridged_lathe::{Lathe, MesaLathe, RingLathe, Sight, Trouble};
 pub use bridges::{c_example, hold_to_the_suite};
 pub use domain::Domain;
 pub use drives::Drives;
-pub use evolvent_disturbance::{unless_disturbed, where_undisturbed};
+pub use evolvent_disturbance::{unless_disturbed, watched, where_undisturbed};
 pub use evolvent_random::Random;
 pub use hole::{Hole, Piece};
 pub use lathe::{ThreadPass, angles, phases};

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::{Domain, Finished, Operator, Served, Workshop};
+use crate::{Domain, Drives, Finished, Operator, Served, Workshop};
 
 /// A mill that is served, without drives, until it is dropped.
 #[derive(Debug)]
@@ -46,6 +46,12 @@ impl Scene {
         &self.name
     }
 
+    /// Simulated drives of it, in a process of their own.
+    #[must_use]
+    pub fn drives(&self, options: &[&str]) -> Drives {
+        Drives::start(&self.machine, &self.domain, options)
+    }
+
     /// Somebody who commands it.
     #[must_use]
     pub fn operator(&self) -> Operator {
@@ -54,8 +60,13 @@ impl Scene {
 
     /// Starts it again, with the state that it had.
     pub fn restart(&mut self) {
+        self.restart_with(&[]);
+    }
+
+    /// The same with options of `evolvent serve`.
+    pub fn restart_with(&mut self, options: &[&str]) {
         let state = self.workshop.path("state");
-        let served = Served::start(&self.machine, &self.name, &self.domain, &state, &[]);
+        let served = Served::start(&self.machine, &self.name, &self.domain, &state, options);
         self.served = Some(served);
     }
 

@@ -5,8 +5,10 @@
     reason = "tests fail and talk as tests do"
 )]
 
+use std::io::{BufRead, BufReader, Read};
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -14,7 +16,8 @@ use std::time::Duration;
 
 use evolvent_bus::MachineInputs;
 use evolvent_runtime::MonotonicClock;
-use evolvent_tests::{Domain, Scene, Served, Workshop, repository};
+use evolvent_tests::{Domain, Scene, Served, Workshop, evolvent, repository};
+use rustix::process::{Pid, Signal, kill_process};
 
 /// Runs a command at the root of the repository and hands on what it says; whether it was left out for want of npm or a browser.
 fn measured(command: &mut Command) -> bool {
@@ -37,8 +40,109 @@ fn the_committed_page_is_what_its_sources_give_and_a_browser_operates_it() {
     let _said = measured(Command::new("node").arg("crates/app/screen/page/tests/made-up.mjs"));
     let mut scene = Scene::with("screen-page", &["--screen=127.0.0.1:0", "--trace-limit=1"]);
     let [address, _] = scene.served.as_mut().expect("a core").screen();
-    let _said = measured(&mut against(&address, &scene.workshop.path("state")));
+    // What pages show has passed through drives, as on a machine.
+    let drives = scene.drives(&[]);
+    let mut operator = scene.operator();
+    operator.waits("the drives", |status| status.feedback_age_ns < 1_000_000_000);
+    drop(operator);
+    let mut command = against(&address, &scene.workshop.path("state"));
+    command.env("EVOLVENT_CTL", ctl(&scene));
+    let _said = measured(&mut command);
+    let served = scene.served.take().expect("a core");
+    served.end().expect_code(&[0, 3]);
+    drop(drives);
+}
+
+/// The words of `evolvent ctl` at a scene, as JSON: somebody else who commands it.
+fn ctl(scene: &Scene) -> String {
+    let binary = evolvent();
+    let binary = binary.get_program().to_string_lossy();
+    let words = [
+        &*binary,
+        "ctl",
+        "--machine-name",
+        scene.name(),
+        "--bus-prefix",
+        scene.domain.prefix.as_str(),
+    ];
+    serde_json::to_string(&words).expect("JSON")
+}
+
+/// A page that stays open; none without a browser. Its first line says that it is open.
+fn staying(address: &str, texts: &[&str]) -> Option<(Child, BufReader<ChildStdout>)> {
+    let mut command = Command::new("node");
+    command
+        .arg("crates/app/screen/page/tests/ending.mjs")
+        .arg(address)
+        .args(texts);
+    let mut child = command
+        .current_dir(repository())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("node to start");
+    let mut said = BufReader::new(child.stdout.take().expect("its output"));
+    let mut line = String::new();
+    said.read_line(&mut line).expect("a line");
+    if line.contains("not measured") {
+        child.wait().expect("a process that ends");
+        return None;
+    }
+    assert_eq!(line, "open\n");
+    Some((child, said))
+}
+
+fn ends((mut child, mut said): (Child, BufReader<ChildStdout>)) {
+    let mut rest = String::new();
+    said.read_to_string(&mut rest).expect("its output");
+    assert!(child.wait().expect("a process that ends").success(), "{rest}");
+    assert_eq!(rest, "ok\n");
+}
+
+/// The key of a service is new with every start: a page that is open must not connect again for ever.
+#[test]
+fn an_open_page_says_that_its_service_was_started_again_or_that_its_run_has_ended() {
+    if !measured(Command::new(repository().join("tools/build-page")).arg("--check")) {
+        return;
+    }
+    let free = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
+    let option = format!("--screen={}", free.expect("a free port"));
+    let mut scene = Scene::with("screen-again", &[&option]);
+    let [address, _] = scene.served.as_mut().expect("a core").screen();
+    let texts = ["The service has ended", "was started again and has a new key"];
+    let Some(page) = staying(&address, &texts) else {
+        return;
+    };
+    scene.served.take().expect("a core").end().expect_code(&[0, 3]);
+    std::thread::sleep(Duration::from_secs(2));
+    scene.restart_with(&[&option]);
+    let [_, _] = scene.served.as_mut().expect("a core").screen();
+    ends(page);
     scene.end();
+
+    let (workshop, domain) = (Workshop::new(), Domain::new());
+    let machine = workshop.mill("screen-run-end", &[]);
+    let mut run = evolvent()
+        .arg("run")
+        .arg(workshop.long_program(600))
+        .arg("--machine")
+        .arg(machine)
+        .args(["--bus-prefix", &domain.prefix, "--screen=127.0.0.1:0"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the binary to start");
+    let mut lines = BufReader::new(run.stderr.take().expect("its notes"))
+        .lines()
+        .map_while(Result::ok);
+    let address = lines.find_map(|line| Some(line.trim().strip_prefix("screen: ")?.to_owned()));
+    std::thread::spawn(move || lines.for_each(drop));
+    let page = staying(&address.expect("an address"), &["The run has ended"]);
+    let process = Pid::from_raw(run.id().cast_signed()).expect("a process");
+    kill_process(process, Signal::INT).expect("a living process");
+    run.wait().expect("a run that ends");
+    if let Some(page) = page {
+        ends(page);
+    }
 }
 
 /// The cases against a page; macros are written beside the service's state.

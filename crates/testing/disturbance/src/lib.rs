@@ -97,8 +97,12 @@ fn play<T>(longest: Duration, trial: impl Fn() -> T) -> Played<T> {
     }
 }
 
-/// The longest time that a thread beside the work, which sleeps for 2 ms at a time, was kept waiting.
-fn watched<T>(work: impl FnOnce() -> T) -> (T, Duration) {
+/// The longest time that a thread beside the work, which sleeps for 2 ms at a time, was kept waiting: for tests that count the trials
+/// that the host let run, and those alone.
+///
+/// # Panics
+/// As the work does.
+pub fn watched<T>(work: impl FnOnce() -> T) -> (T, Duration) {
     let over = Arc::new(AtomicBool::new(false));
     let told = Arc::clone(&over);
     let watch = std::thread::spawn(move || {
