@@ -149,7 +149,7 @@ impl Operator {
         }
         text += " (a bridge whose drives keep it says so in absolute_mask)";
         // Other alarms of a lost link come first, and their RESET ends this one: what has to be done stays.
-        self.message.clone_from(&text);
+        self.message.tell(&*text);
         self.raise(sequence, Alarm::ReferenceLost, text);
     }
 

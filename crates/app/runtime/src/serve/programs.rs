@@ -133,7 +133,12 @@ impl Operator {
     pub(super) fn load(&mut self, file: &ProgramFile) -> Result<(), Rejection> {
         self.files.checking = None;
         // It is about the program before.
-        if self.files.told.take().is_some_and(|told| told == self.message.text()) {
+        if self
+            .files
+            .told
+            .take()
+            .is_some_and(|told| told == self.message.text())
+        {
             self.message.clear();
         }
         self.program.tally = ProgramTally::default();
@@ -187,7 +192,10 @@ impl Operator {
     pub(super) fn started(&self) -> String {
         let mut text = self.desk.program().unwrap_or_default().to_owned();
         if self.files.way.is_some() {
-            text.push_str(&format!(": {}, and told by the status's message", self.message.text()));
+            text.push_str(&format!(
+                ": {}, and told by the status's message",
+                self.message.text()
+            ));
         }
         if let Some(caution) = self.files.checking.as_ref().and_then(Checking::caution) {
             text.push_str("; ");
