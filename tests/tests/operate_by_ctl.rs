@@ -204,19 +204,22 @@ fn what_is_started_is_named_and_never_the_program_before() {
     });
 }
 
-/// A start that needs another tool in the spindle.
+/// A start inside cutter compensation.
 #[test]
 fn a_start_at_a_line_that_is_not_possible_fails() {
     unless_disturbed(|| {
         let scene = Scene::new("ctl-no-way");
         let operator = up(&scene);
-        let text = "G21 G90 F3000\nT2 M6\nG1 Z-5\nG1 X5\nM2\n";
+        let text = "G21 G90 F3000\nG41.1 D2\nG1 X10\nG1 X20\nG1 X30\nG40\nG1 X0\nM2\n";
         let program = scene.workshop.write("part.ngc", text).display().to_string();
         done(&scene, &["load", &program]).expect_code(&[0]);
-        let failed = done(&scene, &["start", "--line", "4"]).expect_code(&[1]);
+        let failed = done(&scene, &["start", "--line", "5"]).expect_code(&[1]);
         let all = format!("{}{}", failed.out, failed.err);
-        assert!(all.contains("tool 2") && !all.contains("ctl resume"), "{all}");
-        let failed = done(&scene, &["--json", "start", "--line", "4"]).expect_code(&[1]);
+        assert!(
+            all.contains("compensation") && !all.contains("ctl resume"),
+            "{all}"
+        );
+        let failed = done(&scene, &["--json", "start", "--line", "5"]).expect_code(&[1]);
         let answer: serde_json::Value = serde_json::from_str(&failed.out).expect("JSON");
         assert!(answer["failure"].is_string(), "{answer}");
         drop(operator);

@@ -447,3 +447,15 @@ impl RunDrive {
         self.time = 0.0;
     }
 }
+
+impl Cursor {
+    /// Whether a rapid is driven, or comes next where the present segment has been driven to its end.
+    pub(crate) fn is_rapid(&self, segment: &Segment, queue: &mut PlanConsumer) -> bool {
+        let left = self.segment_start + segment.length - self.now().0.x;
+        if self.is_still() && left <= NEXT_PIECE {
+            let next = queue.segment(self.segment + 1);
+            return next.is_some_and(|segment| segment.marks.rapid);
+        }
+        segment.marks.rapid
+    }
+}

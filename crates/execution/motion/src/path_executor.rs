@@ -280,7 +280,7 @@ impl PathExecutor {
     ) -> Setpoint {
         self.guard.publish(&jet.position, cursor.joint);
         let marks = segment.map(|segment| segment.marks).unwrap_or_default();
-        self.is_rapid = marks.rapid;
+        self.is_rapid = segment.is_some_and(|segment| cursor.is_rapid(segment, queue));
         // At rest the front segment is that of the next move, and whether it is known yet is a matter of the planner's speed.
         let moves = !cursor.is_still();
         let mut bits = 0;

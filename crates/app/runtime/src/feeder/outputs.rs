@@ -180,6 +180,21 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
     }
 
+    /// The next action has stopped a spindle: feed does not go by it any more, or the block that changes the law could not begin.
+    fn release_feed(&mut self, spindle: u32) -> Result<(), PlanError<QueueClosed>> {
+        if self.next.feed_law.spindle() != Some(spindle) || self.periphery.outputs.spindle(spindle).turns() {
+            return Ok(());
+        }
+        self.next.feed_law = FeedLaw::Time;
+        self.next.change.feed_law = None;
+        let change = Change {
+            feed_law: Some(FeedLaw::Time),
+            ..Change::at(SignalMoment::Rest(self.actions))
+        };
+        self.schedule(|signals| signals.change(change))
+            .map_err(PlanError::Sink)
+    }
+
     /// The next action is a command to a spindle, for whose speed feed will wait.
     pub(super) fn command_spindle(&mut self, spindle: u32) {
         let index = spindle as usize;
@@ -200,6 +215,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         | Action::OrientSpindle { spindle, .. } = action
         {
             self.command_spindle(*spindle);
+            self.release_feed(*spindle)?;
         }
         self.report_periphery(self.actions);
         match describe(action) {

@@ -180,6 +180,9 @@ impl Operator {
         let steps = self.desk.is_single_step() || self.program.switches.is_single_step();
         self.switch_anew(steps);
         let job = self.plan(file, setup, None, Activity::Program)?;
+        if let Some(caution) = self.files.checking.as_ref().and_then(Checking::caution) {
+            self.message.tell(caution);
+        }
         if way.is_some() {
             self.message
                 .tell_of_stop(format!("{BEFORE_LINE}{line}; the way there is being worked out"));
