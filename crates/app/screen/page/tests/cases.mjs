@@ -582,6 +582,10 @@ export const cases = {
     if (context.real) return 'not measured';
     // The first worker never begins: what is asked for then is loaded into the page.
     let requests = 0;
+    // The page before may still ask for one.
+    page.once('framenavigated', () => {
+      requests = 0;
+    });
     await page.route(/scene\.worker.*worker_file/, (route) => {
       requests += 1;
       return requests === 1 ? route.fulfill({ body: '', contentType: 'text/javascript' }) : route.continue();
