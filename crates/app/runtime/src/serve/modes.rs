@@ -288,7 +288,7 @@ mod tests {
         // A block that calls a contour which ends compensation is a contour.
         let contour = "o<cut> sub\nG41.1 D4\nG1 F100 X10\nX20\nG40 X30\no<cut> endsub\no<cut> call\n";
         assert!(fault(contour).is_none());
-        let nurbs = fault("G5.2 P1 L3 X0 Y1\n").unwrap();
+        let nurbs = fault("F100 G5.2 P1 L3 X0 Y1\n").unwrap();
         assert!(nurbs.message.contains("cannot be written in MDI"), "{nurbs:?}");
     }
 }
