@@ -176,8 +176,8 @@ pub struct RingLathe {
 }
 
 impl RingLathe {
-    /// Runs a trial with lathes on a simulated ring, one after the other: each call makes all devices anew, because a drive that
-    /// has lost its fieldbus under power is in fault.
+    /// Runs a trial with lathes on a simulated ring, one after the other: each call creates new devices, because a drive
+    /// that has lost its fieldbus under power is in fault.
     pub fn on_ring(trial: impl FnOnce(&dyn Fn() -> Arc<dyn Lathe>) + Send + 'static) {
         on_bench(Self::devices(), move |ring| {
             trial(&|| {

@@ -271,6 +271,14 @@ impl Operator {
         self.waits("power", |status| status.machine_state == 2);
     }
 
+    /// Homes all axes, in manual mode; the status at the end.
+    #[track_caller]
+    pub fn homes(&mut self) -> Status {
+        self.says_number("MODE", 1);
+        let job = self.says("HOME").job;
+        self.sees_end(job)
+    }
+
     /// Reads setpoints until one of which something is true; every one is handed to `see`.
     ///
     /// # Panics

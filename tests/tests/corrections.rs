@@ -307,9 +307,7 @@ fn a_served_machine_homes_jogs_and_runs_with_corrections_and_is_computed_again()
         let mut operator = Operator::join("sv-corr", &domain);
         operator.waits("drives", |status| status.feedback_age_ns < 1_000_000_000);
         operator.brings_up();
-        operator.says_number("MODE", 1);
-        let job = operator.says("HOME").job;
-        let status = operator.sees_end(job);
+        let status = operator.homes();
         assert_eq!(
             (status.job_result, status.homed_mask),
             (DONE, 0b111),

@@ -525,7 +525,7 @@ fn without_homing_tables(hardware: &dyn Hardware, name: &str) {
     let status = mill.operator().now();
     assert!(
         status.position_machine[0].abs() < 0.1,
-        "the drives count anew: {status:?}"
+        "the drives count from zero again: {status:?}"
     );
     assert_eq!(
         moves(&mut mill, "G90 G1 X100 F900").alarm,

@@ -204,9 +204,7 @@ fn brings_up_again(operator: &mut Operator) -> Option<u32> {
         if status.machine_state == 2 && status.alarm_count == 0 {
             // New drives without absolute encoders: somebody has to say where the axes are.
             if status.homed_mask & 0b111 != 0b111 {
-                operator.says_number("MODE", 1);
-                let job = operator.says("HOME").job;
-                operator.sees_end(job);
+                operator.homes();
             }
             return met;
         }

@@ -273,7 +273,7 @@ fn a_short_program_with_a_long_loop_is_checked_as_a_whole_before_it_starts() {
         assert!(refused.text().contains("line 24"), "{}", refused.text());
         assert_eq!(operator.now().job, 0, "nothing moves");
 
-        // What goes on until it is stopped starts, and whoever starts it is told how far it was checked.
+        // An endless program can be started; the answer says how far it was checked.
         let endless = write("endless.ngc", "o1 while [1]", "o1 endwhile");
         operator.says_text("LOAD", endless.to_str().expect("UTF-8"));
         assert_eq!(

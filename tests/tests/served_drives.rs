@@ -88,9 +88,7 @@ fn homing_finds_machine_zero_however_wrong_the_encoders_were() {
         let mut mdi = command("MDI");
         assert!(mdi.set_text("G0 X1"));
         assert_eq!(operator.ask(&mdi).alarm, 916);
-        operator.says_number("MODE", 1);
-        let job = operator.says("HOME").job;
-        let status = operator.sees_end(job);
+        let status = operator.homes();
         assert_eq!(
             (status.job_result, status.homed_mask),
             (DONE, 0b111),
@@ -210,9 +208,7 @@ fn faults_of_the_drives_stop_the_machine_with_their_alarm_and_it_comes_back() {
             assert_eq!(status.alarm_count, 0, "{fault}: {}", status.alarm_sentence());
             // They may count from elsewhere: somebody has to say where the axes are.
             assert_eq!(status.homed_mask, 0, "{fault}");
-            operator.says_number("MODE", 1);
-            let job = operator.says("HOME").job;
-            assert_eq!(operator.sees_end(job).job_result, DONE, "{fault}");
+            assert_eq!(operator.homes().job_result, DONE, "{fault}");
             operator.says_number("MODE", 2);
             let job = operator.says_text("MDI", "G91 G0 X5").job;
             assert_eq!(operator.sees_end(job).job_result, DONE, "{fault}");
@@ -302,9 +298,7 @@ fn machine_zero_is_lost_with_the_link_unless_the_drives_keep_it() {
                 assert!(mdi.set_text("G0 X1"));
                 assert_eq!(operator.ask(&mdi).alarm, 916);
                 // X and Z search their switches; Y has none, and is where the operator says.
-                operator.says_number("MODE", 1);
-                let job = operator.says("HOME").job;
-                let status = operator.sees_end(job);
+                let status = operator.homes();
                 assert_eq!(
                     (status.job_result, status.homed_mask),
                     (DONE, 0b111),

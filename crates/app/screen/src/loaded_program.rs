@@ -13,7 +13,7 @@ use crate::messages::{LogKind, ProgramInfo};
 use crate::server::{Server, name_of};
 use crate::upload::{MAX_PROGRAM, look_through};
 
-/// Poll interval. A program that is loaded for two polls is told: what follows an upload may be a status from before it.
+/// Poll interval. Pages hear of a program when two polls in a row find it: the first status after an upload may be older.
 const LOOK: Duration = Duration::from_millis(200);
 
 /// What a file looks like from outside: another look means another text.

@@ -41,7 +41,7 @@ pub struct PathExecutor {
     /// Set where even braking on the path breaks a limit: every axis stops by itself.
     pub(crate) quick_stop: Option<QuickStop>,
     pub(crate) last: Jet,
-    is_rapid: bool,
+    pub(crate) is_rapid: bool,
     pub(crate) asking: ReplanState,
     /// What a slowdown looks at.
     pub(crate) preview: PlanPreview,

@@ -112,6 +112,7 @@ pub(crate) fn takeover_queue<T: ?Sized>() -> (TakeoverSender<T>, TakeoverReceive
 impl PathExecutor {
     /// Begins what the plan has come to.
     pub(crate) fn begin(&mut self, takeover: Takeover, queue: &mut PlanConsumer) {
+        self.is_rapid = false;
         match takeover {
             Takeover::Process => self.process.begin(queue.processes.take()),
             Takeover::Probing => self.probing = queue.probings.take(),

@@ -10,35 +10,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 
-use evolvent_bridge::{BridgeError, BridgeSettings, Hardware, run_bridge};
+use evolvent_bridge::{BridgeError, BridgeSettings, run_bridge};
 use evolvent_bus::{BusConfig, CoreBus, RUNTIME_FOLDER, remove_private_domain};
 use evolvent_machine::Machine;
-use evolvent_path::{AxisLetter, AxisMask};
 
-struct Bench<const UDP: bool>;
+mod common;
 
-impl<const UDP: bool> Hardware for Bench<UDP> {
-    type Notice = String;
-    type Failure = String;
-    const NAME: &'static str = "bench";
-    const ENTRY: &'static str = "a drive";
-    const OPENS_UDP: bool = UDP;
-
-    fn axes(&self) -> AxisMask {
-        [AxisLetter::X, AxisLetter::Y, AxisLetter::Z]
-            .into_iter()
-            .collect()
-    }
-    fn has_signals(&self) -> bool {
-        false
-    }
-    fn measures_spindles(&self) -> bool {
-        false
-    }
-    fn text(&self, notice: String) -> String {
-        notice
-    }
-}
+use common::Bench;
 
 fn socket(family: i32, kind: i32) -> bool {
     // SAFETY: no memory is passed.

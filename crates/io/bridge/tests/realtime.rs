@@ -8,36 +8,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::time::Duration;
 
-use evolvent_bridge::{BridgeSettings, Hardware, run_bridge};
+use evolvent_bridge::{BridgeSettings, run_bridge};
 use evolvent_bus::{BusConfig, CoreBus, remove_private_domain};
 use evolvent_machine::Machine;
-use evolvent_path::{AxisLetter, AxisMask};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use rustix::thread::{CapabilitySet, CapabilitySets, capabilities, set_capabilities};
 
-struct Bench;
+mod common;
 
-impl Hardware for Bench {
-    type Notice = String;
-    type Failure = String;
-    const NAME: &'static str = "bench";
-    const ENTRY: &'static str = "a drive";
-
-    fn axes(&self) -> AxisMask {
-        [AxisLetter::X, AxisLetter::Y, AxisLetter::Z]
-            .into_iter()
-            .collect()
-    }
-    fn has_signals(&self) -> bool {
-        false
-    }
-    fn measures_spindles(&self) -> bool {
-        false
-    }
-    fn text(&self, notice: String) -> String {
-        notice
-    }
-}
+use common::Bench;
 
 /// A thread's scheduling policy and real-time priority: fields 41 and 40 of its `stat`.
 fn scheduling(thread: i32) -> (String, String) {
@@ -97,7 +76,7 @@ fn run_one(machine: &Machine, name: &str, prepare: fn()) -> Seen {
                 }
                 told.lock().expect("no panic").push(text.to_owned());
             };
-            run_bridge(settings, &Bench, stop, tell, |ends| {
+            run_bridge(settings, &Bench::<false>, stop, tell, |ends| {
                 let _nobody = of_session.send(("session", this_thread()));
                 while !ends.stop.load(Ordering::Relaxed) {
                     std::thread::sleep(Duration::from_millis(1));

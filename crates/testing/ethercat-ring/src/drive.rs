@@ -4,8 +4,9 @@ use core::f64::consts::TAU;
 
 use evolvent_drive::{DriveEvents, DriveMachine, DriveState, QuickStopOption, bits};
 
+use crate::drive_settings::DriveSettings;
 use crate::homing::{Homing, HomingState, Sight};
-use crate::motor::{Mechanics, TwoMass};
+use crate::motor::TwoMass;
 use crate::object::Dictionary;
 use crate::probe::{Probe, ProbeSources};
 
@@ -37,49 +38,6 @@ mod code {
 const CSP: i8 = 8;
 const HOMING: i8 = 6;
 const CSV: i8 = 9;
-
-/// What a drive has on its shaft and how it is set up. Positions are turns of the motor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DriveSettings {
-    /// Increments of the encoder a turn.
-    pub resolution: u32,
-    /// Motor and load.
-    pub mechanics: Mechanics,
-    /// Where the axis stands at power-up.
-    pub start_turns: f64,
-    /// What the encoder names that position.
-    pub start_increments: i32,
-    /// Where the limit switches close.
-    pub limits_turns: [f64; 2],
-    /// Where the touch probe closes.
-    pub probe_turns: f64,
-    /// Where the encoder's zero impulse begins within each turn, 0 to below 1.
-    pub index_turns: f64,
-    /// By how much the speed changes in cyclic synchronous velocity, turns/s2.
-    pub velocity_ramp_turns_s2: f64,
-    /// The home switch (bit 2 of 60FDh) is on where the load is not beyond this.
-    pub home_switch_turns: f64,
-    /// The encoder knows its position when supply returns; otherwise it counts from 0 again.
-    pub absolute: bool,
-}
-
-impl Default for DriveSettings {
-    /// 2^20 increments, 400 turns between the switches, at rest in the middle.
-    fn default() -> Self {
-        Self {
-            resolution: 1 << 20,
-            mechanics: Mechanics::default(),
-            start_turns: 0.0,
-            start_increments: 0,
-            limits_turns: [-200.0, 200.0],
-            probe_turns: 1000.0,
-            index_turns: 0.0,
-            velocity_ramp_turns_s2: 2000.0 / 60.0,
-            home_switch_turns: f64::NEG_INFINITY,
-            absolute: false,
-        }
-    }
-}
 
 /// What is wrong with a drive on demand.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -168,7 +126,7 @@ impl Drive {
         }
     }
 
-    /// Supply is switched off and on: an absolute encoder keeps its position, all else begins anew.
+    /// Supply is switched off and on: only an absolute encoder keeps its position.
     pub(crate) fn restart(&mut self) {
         let (masses, settings) = (self.masses, self.settings);
         let counted = (masses.motor / TAU * f64::from(settings.resolution)).floor() as i64;

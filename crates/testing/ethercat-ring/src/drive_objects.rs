@@ -1,6 +1,6 @@
 //! The objects of a drive (CiA 402), by what they are for.
 
-use crate::drive::DriveSettings;
+use crate::drive_settings::DriveSettings;
 use crate::object::{Dictionary, Entry, ObjectCode, data_type as t};
 
 /// Adds the objects of a drive with these settings.

@@ -14,8 +14,6 @@ pub(super) struct FileWork {
     pub(super) reading: Option<Reading>,
     /// The check of a program that is long, or has a long loop.
     pub(super) checking: Option<Checking>,
-    /// The message that came from it.
-    pub(super) told: Option<String>,
     /// What of programs could not be checked, for the log.
     pub(super) cautions: Vec<String>,
     /// The way to the middle of the program, on its way.

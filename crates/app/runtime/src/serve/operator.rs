@@ -606,8 +606,7 @@ impl Operator {
                 text
             }
         };
-        self.files.told = Some(text.clone());
-        self.message.tell(text);
+        self.message.tell_of_program(text);
     }
 
     /// What of programs could not be checked since the last call.

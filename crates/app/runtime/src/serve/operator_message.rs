@@ -15,6 +15,8 @@ enum Validity {
     /// Until the next job begins.
     #[default]
     NextJob,
+    /// The same, and until another program is loaded.
+    ThisProgram,
     /// Until the job ends that it is about.
     ThisJob,
     /// Until the program goes on from where it stands, or will stand.
@@ -33,6 +35,11 @@ impl OperatorMessage {
     /// Something that has happened.
     pub(super) fn tell(&mut self, text: impl Into<String>) {
         (self.text, self.validity) = (text.into(), Validity::NextJob);
+    }
+
+    /// Something about the program that is loaded.
+    pub(super) fn tell_of_program(&mut self, text: impl Into<String>) {
+        (self.text, self.validity) = (text.into(), Validity::ThisProgram);
     }
 
     /// Something that is so for no longer than the job.
@@ -59,7 +66,14 @@ impl OperatorMessage {
     }
 
     pub(super) fn job_ends(&mut self) {
-        if self.validity != Validity::NextJob {
+        if matches!(self.validity, Validity::ThisJob | Validity::Stop { .. }) {
+            self.text.clear();
+        }
+    }
+
+    /// A program is to be loaded.
+    pub(super) fn program_changes(&mut self) {
+        if self.validity == Validity::ThisProgram {
             self.text.clear();
         }
     }
@@ -96,6 +110,12 @@ mod tests {
         assert_eq!(message.text(), "");
         message.tell("part 7 is done");
         message.job_ends();
+        message.program_changes();
         assert_eq!(message.text(), "part 7 is done");
+        message.tell_of_program("checked up to line 4");
+        message.job_ends();
+        assert_eq!(message.text(), "checked up to line 4");
+        message.program_changes();
+        assert_eq!(message.text(), "");
     }
 }

@@ -132,15 +132,7 @@ fn way_there(start: &Start) -> String {
 impl Operator {
     pub(super) fn load(&mut self, file: &ProgramFile) -> Result<(), Rejection> {
         self.files.checking = None;
-        // It is about the program before.
-        if self
-            .files
-            .told
-            .take()
-            .is_some_and(|told| told == self.message.text())
-        {
-            self.message.clear();
-        }
+        self.message.program_changes();
         self.program.tally = ProgramTally::default();
         self.check_loaded(file).or_else(|refusal| match refusal.alarm {
             // A long one is checked while no client waits.
@@ -181,7 +173,7 @@ impl Operator {
         self.switch_anew(steps);
         let job = self.plan(file, setup, None, Activity::Program)?;
         if let Some(caution) = self.files.checking.as_ref().and_then(Checking::caution) {
-            self.message.tell(caution);
+            self.message.tell_of_program(caution);
         }
         if way.is_some() {
             self.message

@@ -122,7 +122,7 @@ impl StateStore {
                 // The tool in the spindle was among them. Until the operator names it, also after another restart.
                 if change.is_none() {
                     let mark = ChangeMark::UNKNOWN;
-                    // Where this fails it is told again at the next start, if the file is still there.
+                    // If this fails, the next start finds the same damaged file and reports it again.
                     let _unwritten = mark.write(folder);
                     change = Some(mark);
                 }

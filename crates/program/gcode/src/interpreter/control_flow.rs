@@ -1,5 +1,8 @@
 //! What decides which line is next.
 
+use std::io::BufRead;
+
+use crate::Interpreter;
 use crate::interpreter::o_words::{Definition, Frame, Skip};
 use crate::parameters::names::{NameId, Names};
 use crate::syntax::lines::{Library, Lines};
@@ -46,6 +49,14 @@ impl Default for ControlFlow {
             labels: Names::default(),
             arguments: Vec::new(),
         }
+    }
+}
+
+impl<R: BufRead> Interpreter<R> {
+    /// Where the outermost loop begins that the line read last belongs to, in the program or in a subroutine.
+    #[must_use]
+    pub fn outermost_loop(&self) -> Option<LoopPlace> {
+        self.flow.outermost_loop()
     }
 }
 

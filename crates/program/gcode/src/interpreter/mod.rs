@@ -5,6 +5,7 @@ pub(crate) mod calls;
 pub(crate) mod capture;
 pub(crate) mod control_flow;
 pub(crate) mod current_line;
+mod dialect_advice;
 pub(crate) mod doubt;
 pub(crate) mod effects;
 mod error_history;
@@ -22,14 +23,13 @@ use std::io::BufRead;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use evolvent_path::{AXES, Axes, Plane};
+use evolvent_path::{AXES, Axes};
 
 use crate::diagnostics::diagnostic::{Fault, Span};
-use crate::diagnostics::foreign_line::Surroundings;
-use crate::diagnostics::{foreign, misread};
+use crate::diagnostics::foreign;
 use crate::execution::execute::{Executor, MAX_HELD_COMMANDS};
 use crate::interpreter::capture::Capture;
-use crate::interpreter::control_flow::{ControlFlow, LoopPlace};
+use crate::interpreter::control_flow::ControlFlow;
 use crate::interpreter::current_line::{CurrentLine, Place};
 use crate::interpreter::error_history::{ErrorHistory, MAX_REPEATED_ERRORS, Report};
 use crate::interpreter::o_words::Frame;
@@ -194,12 +194,6 @@ impl<R: BufRead> Interpreter<R> {
     /// without the folders.
     pub fn subroutine_files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
         self.flow.library.files()
-    }
-
-    /// Where the outermost loop begins that the line read last belongs to, in the program or in a subroutine.
-    #[must_use]
-    pub fn outermost_loop(&self) -> Option<LoopPlace> {
-        self.flow.outermost_loop()
     }
 
     pub(crate) fn state(&self) -> &State {
@@ -408,15 +402,6 @@ impl<R: BufRead> Interpreter<R> {
         })
     }
 
-    /// What advice depends on. A refused line has set neither plane nor G7.
-    fn surroundings(&self) -> Surroundings {
-        Surroundings {
-            is_lathe: self.settings.features.lathe,
-            is_zx: self.state.plane() == Some(Plane::Zx),
-            is_diameter: self.state.modes.diameter,
-        }
-    }
-
     fn locate(&self, fault: Fault) -> Box<Diagnostic> {
         let mut diagnostic = Box::new(fault.locate(self.current.number, &self.current.text));
         diagnostic.file = self.current.place.file.as_deref().map(Box::from);
@@ -608,22 +593,6 @@ impl<R: BufRead> Interpreter<R> {
             self.profile_line();
         }
         Ok(())
-    }
-
-    /// Refuses or warns of a line that is something else on other lathes.
-    fn check_lathe_forms(&mut self) -> Result<(), Fault> {
-        let (line, tools) = (&self.current.statement, self.tools.as_ref());
-        if let Some(text) = misread::on_lathe(line, &mut self.state, tools)? {
-            self.warn(text);
-        }
-        Ok(())
-    }
-
-    fn warn_of_assignments(&mut self) {
-        let block = &self.current.block;
-        if let Some(text) = misread::assignment(&block.assignments, !block.comments.is_empty()) {
-            self.warn(text);
-        }
     }
 
     /// Executes the present statement; if it fails, the state is as before.

@@ -1,0 +1,37 @@
+//! Lines that mean something else on other controls: what is warned of or refused, and what advice on errors depends on.
+
+use std::io::BufRead;
+
+use evolvent_path::Plane;
+
+use crate::Interpreter;
+use crate::diagnostics::diagnostic::Fault;
+use crate::diagnostics::foreign_line::Surroundings;
+use crate::diagnostics::misread;
+
+impl<R: BufRead> Interpreter<R> {
+    /// What advice depends on. A refused line has set neither plane nor G7.
+    pub(super) fn surroundings(&self) -> Surroundings {
+        Surroundings {
+            is_lathe: self.settings.features.lathe,
+            is_zx: self.state.plane() == Some(Plane::Zx),
+            is_diameter: self.state.modes.diameter,
+        }
+    }
+
+    /// Refuses or warns of a line that is something else on other lathes.
+    pub(super) fn check_lathe_forms(&mut self) -> Result<(), Fault> {
+        let (line, tools) = (&self.current.statement, self.tools.as_ref());
+        if let Some(text) = misread::on_lathe(line, &mut self.state, tools)? {
+            self.warn(text);
+        }
+        Ok(())
+    }
+
+    pub(super) fn warn_of_assignments(&mut self) {
+        let block = &self.current.block;
+        if let Some(text) = misread::assignment(&block.assignments, !block.comments.is_empty()) {
+            self.warn(text);
+        }
+    }
+}
