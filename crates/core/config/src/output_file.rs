@@ -191,12 +191,12 @@ mod tests {
                 .unwrap()
                 .success()
         );
-        let reader = {
-            let pipe = pipe.clone();
-            std::thread::spawn(move || std::fs::read(pipe).unwrap())
-        };
+        let (sender, received) = std::sync::mpsc::channel();
+        let source = pipe.clone();
+        std::thread::spawn(move || sender.send(std::fs::read(source).unwrap()));
         write_whole(&pipe, b"through").unwrap();
-        assert_eq!(reader.join().unwrap(), b"through");
+        let bytes = received.recv_timeout(std::time::Duration::from_secs(20));
+        assert_eq!(bytes.expect("through the pipe"), b"through");
         assert!(std::fs::metadata(&pipe).unwrap().file_type().is_fifo());
         assert_eq!(names(folder.path()), ["pipe"]);
     }
