@@ -13,10 +13,13 @@ use evolvent_ethercat_ring::{
 use evolvent_machine::Machine;
 
 pub(crate) fn devices() -> Vec<SubDevice> {
+    devices_of(DriveSettings::default())
+}
+
+/// The same with drives of other settings.
+pub(crate) fn devices_of(drives: DriveSettings) -> Vec<SubDevice> {
     let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1)];
-    devices.extend(
-        (2..5).map(|serial| SubDevice::drive(DriveSettings::default(), serial, 10.0 * f64::from(serial))),
-    );
+    devices.extend((2..5).map(|serial| SubDevice::drive(drives, serial, 10.0 * f64::from(serial))));
     devices.push(SubDevice::terminal(TerminalKind::DigitalInput, 5));
     devices
 }
