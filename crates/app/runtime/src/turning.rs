@@ -3,7 +3,9 @@
 use evolvent_gcode::{TurningCycle, TurningKind};
 use evolvent_machine::Limits;
 use evolvent_path::AxisLetter;
-use evolvent_turning::{Cone, CutFile, CutKind, ScalarLimits, TurningController, TurningSettings};
+use evolvent_turning::{
+    Cone, CutEnd, CutFile, CutKind, Job, ScalarLimits, TurningController, TurningSettings,
+};
 
 use crate::job::Setup;
 use crate::turning_motion::{TurningFrame, TurningMotion};
@@ -64,22 +66,25 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMoti
         Some([x, z]) => Cone::rising(step_mm, (x - to_x).abs(), (z - to_z).abs()),
         None => None,
     };
-    let mut length_mm = step_mm;
+    let at_wall_mm = allowance_at_wall(cycle, process, cone.as_ref());
+    let mut length_mm = step_mm + at_wall_mm;
     if let (Some(cone), Some([_, z])) = (&cone, cycle.cone_mm) {
         cone.check(&process.settings.tool)
             .map_err(|error| error.to_string())?;
         // Above the corner at which the tool stands there is nothing to be cut.
-        length_mm = (step_mm + (z - to_z).abs()).min(cone.place_mm(allowance_max_mm));
+        let end_mm = step_mm + (z - to_z).abs() + at_wall_mm;
+        length_mm = end_mm.min(cone.place_mm(allowance_max_mm));
     }
     let diameter_mm = match kind {
         CutKind::Longitudinal => cycle.diameter_mm,
-        CutKind::Facing => cycle.diameter_mm + 2.0 * length_mm,
+        CutKind::Facing => cycle.diameter_mm + 2.0 * (start.0 - to_x).abs(),
     };
     let cut = CutFile {
         kind,
         diameter_mm: diameter_mm.max(0.1),
         z_mm: start.1,
         length_mm,
+        end: process.cut.end,
         cone_from_mm: cone.map(|cone| cone.from_mm),
         cone_deg: cone.map(|cone| cone.angle_deg()),
         allowance_max_mm,
@@ -94,11 +99,32 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMoti
     };
     job.drive_with(of(frame.along.0), of(frame.out.0), setup.period_ns as f64 * 1e-9);
     let settings = job.settings;
-    check_room(&settings, &frame, &limits, length_mm, allowance_max_mm)?;
+    check_room(&settings, &frame, &limits, allowance_max_mm)?;
     let (along, out) = frame.start_mm();
     let controller =
         TurningController::starting_at(settings, along, out).map_err(|error| error.to_string())?;
     Ok(TurningMotion::new(controller, frame))
+}
+
+/// How much farther than the allowance says the passes go, mm, so that the finishing pass leaves the wall of the shoulder
+/// that they have left: it would meet what stands on the wall with its whole edge at once. The edge leaves the wall along
+/// itself, so the wall begins where contour and wall of the finished part cross, the contour raised by the allowance.
+fn allowance_at_wall(cycle: &TurningCycle, process: &Job, cone: Option<&Cone>) -> f64 {
+    if process.cut.end == CutEnd::Open {
+        return 0.0;
+    }
+    let rise = cone.map_or(0.0, |cone| cone.slope);
+    let steeper = process.settings.tool.slope() - rise;
+    // As steep as the edge: such a cone is refused.
+    if steeper <= 0.0 {
+        return 0.0;
+    }
+    let more_mm = cycle.allowance_mm * (1.0 + (1.0 + rise) / steeper);
+    match cycle.kind {
+        TurningKind::Longitudinal => more_mm,
+        // No farther than to the axis of the work.
+        TurningKind::Facing => more_mm.min(0.5 * cycle.diameter_mm + cycle.allowance_mm),
+    }
 }
 
 /// The travel has room for everywhere that the tool may come to.
@@ -106,13 +132,14 @@ fn check_room(
     settings: &TurningSettings,
     frame: &TurningFrame,
     limits: &Limits,
-    length_mm: f64,
     allowance_max_mm: f64,
 ) -> Result<(), String> {
     // Everywhere that the tool may come to, drawn out from the greatest height.
     let before = -settings.tool.overhang_mm() - settings.clear_along_mm;
     let above = allowance_max_mm + settings.clear_out_mm + settings.regime.depth_max_mm;
-    for (along, out) in [(before, 0.0), (length_mm, above)] {
+    // The highest pass goes farthest behind the end of the cut, where a shoulder is to be left.
+    let end = settings.length_mm + settings.shoulder_mm();
+    for (along, out) in [(before, 0.0), (end, above)] {
         let place = frame.position(along, out);
         for axis in [AxisLetter::X, AxisLetter::Z] {
             let (value, i) = (place[axis.index()], axis.index());

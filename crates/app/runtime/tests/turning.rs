@@ -9,7 +9,7 @@ use evolvent_motion::State;
 use evolvent_runtime::{
     CheckBounds, Controls, Job, Notice, ProgramError, RunObserver, RunOutcome, Seen, Setup, check, run_seen,
 };
-use evolvent_turning::{Job as TurningJob, TurningState};
+use evolvent_turning::{Job as TurningJob, SimulatedProcess, TurningState};
 
 /// Turns 40 mm to a radius of 30 mm, then goes on with an ordinary move.
 const PROGRAM: &str =
@@ -24,10 +24,13 @@ impl RunObserver for Silent {
     fn note(&mut self, _: &str) {}
 }
 
-fn process() -> TurningJob {
+fn process_text() -> String {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/processes/turn-shaft.toml");
-    let text = std::fs::read_to_string(file).unwrap();
-    let shorter = text
+    std::fs::read_to_string(file).unwrap()
+}
+
+fn process() -> TurningJob {
+    let shorter = process_text()
         .replace("length_mm = 200.0", "length_mm = 40.0")
         .replace("[[0.0, 10.0], [200.0, 5.0]]", "[[0.0, 4.8], [40.0, 3.0]]");
     TurningJob::parse(&shorter, "process").unwrap()
@@ -89,6 +92,52 @@ fn keeps_limits(looks: &[Look], setup: &Setup) {
                 "{second}"
             );
             assert!(third.abs() <= 1.02 * limits.jerk[axis] + 20.0, "{third}");
+        }
+    }
+}
+
+/// The largest true load of a whole program, with what stands in the end above the final size 10 mm behind the face: an
+/// own stock, cut by the positions of the setpoints.
+fn largest_load(program: &str, process: &TurningJob) -> (f64, f64) {
+    let here = setup(Some(process.clone()));
+    let mut stock = SimulatedProcess::new(process, 1.0 / here.rate_hz()).unwrap();
+    let (looks, outcome) = drive(program, here.clone(), |_, _, _| {});
+    assert!(outcome.program.is_ok(), "{program}: {:?}", outcome.program);
+    assert_eq!(
+        (outcome.summary.outcome.name(), outcome.fault),
+        ("done", None),
+        "{program}"
+    );
+    keeps_limits(&looks, &here);
+    let most = looks.iter().fold(0.0_f64, |most, look| {
+        most.max(stock.step(look.position[0], look.position[1]).0.load)
+    });
+    (most, stock.workpiece().height_mm(10.0))
+}
+
+#[test]
+fn a_shoulder_within_the_stock_overloads_neither_the_passes_nor_the_finishing_pass() {
+    for (words, heights) in [
+        ("X60 Z280", [3.0, 5.0, 7.0, 9.0]),
+        ("X60 Z280 H0.3", [3.0, 5.0, 7.0, 9.0]),
+        ("X60 Z280 H0.8", [3.0, 5.0, 7.0, 9.0]),
+        ("X60 Z280 R64 L275 H0.3", [4.0, 6.0, 8.0, 9.0]),
+    ] {
+        for height in heights {
+            let file = process_text().replace(
+                "[[0.0, 10.0], [200.0, 5.0]]",
+                &format!("[[0.0, {height}], [200.0, {height}]]"),
+            );
+            let process = TurningJob::parse(&file, "process").unwrap();
+            let corner = 30.0 + height + 0.2;
+            let program = format!(
+                "G21 G18 G90 G94 G8\nS500 M3\nG0 Z308\nG0 X{corner}\nG0 Z300\nF200\nG82 {words} Q1\nM2\n"
+            );
+            let (most, left) = largest_load(&program, &process);
+            let set = process.settings.regime.set_load;
+            println!("{words}, {height} mm: {:.2} of the set load", most / set);
+            assert!(most < 1.3 * set, "{words}, {height} mm: {}", most / set);
+            assert!(left.abs() < 0.02, "{words}, {height} mm: {left} mm left");
         }
     }
 }

@@ -36,7 +36,9 @@ fn files(address: IpAddr) -> (Machine, BoardSettings) {
         direction_setup_ns = 5000\ndirection_hold_ns = 5000\nhome_switch = { pin = 4, inverted = true }\n[axis.gantry]\nmax_difference = 1\n\n";
     let board = board.replacen("[[input]]", &format!("{u}{second}[[input]]"), 1);
     // The servo takes the spindle's generator, the only one of the board.
-    let (board, _spindle) = board.split_once("[spindle]").expect("a spindle at the end of the file");
+    let (board, _spindle) = board
+        .split_once("[spindle]")
+        .expect("a spindle at the end of the file");
     let mut board = BoardSettings::parse(board, "board.toml").expect("a board file");
     // A host that is busy may keep the bridge from running for longer than a machine would let it.
     (board.address, board.max_lost_packets, board.watchdog_s) = (address, 50, 1.0);

@@ -104,6 +104,8 @@ impl Case {
     fn usual(&self) -> TurningSettings {
         TurningSettings {
             overload_n: 9000.0,
+            // The stock of the published cases ends with the cut.
+            beyond_mm: 0.0,
             ..TurningSettings::usual(self.regime, self.tool, 500.0, LENGTH_MM)
         }
     }

@@ -45,6 +45,11 @@ impl TurningController {
         if self.places.deep_s <= confirm_s {
             return false;
         }
+        // So near to its end the cut is through before its shoulder would be felt again.
+        let rest_mm = self.stock_end_mm() - self.along.point().position;
+        if rest_mm < self.constants.detection_mm + regime.feed_min_mm_rev {
+            return false;
+        }
         let out = self.out.point().position;
         self.places.highest_felt_mm = self.places.highest_felt_mm.max(out + depth);
         let wanted = if least_time {
@@ -127,7 +132,7 @@ impl TurningController {
         let (from, depth) = self.felt.settled_mm;
         let here = self.along.point().position;
         let now = self.view.depth_mean_mm;
-        let rest = self.settings.length_mm - here;
+        let rest = (self.settings.length_mm - here).max(0.0);
         let way = here - from;
         let out = self.out.point().position;
         // Half of the rest at the present slope; and the passes that are left must make parts of it.

@@ -63,12 +63,16 @@ impl Climb {
 }
 
 impl TurningController {
-    /// Where the pass ends: at the cone if there is one, else where nothing stands any more, mm.
+    /// Where the pass ends: at the cone or the shoulder, or where nothing stands any more, mm.
     pub(crate) fn pass_end_mm(&self) -> f64 {
-        match &self.settings.cone {
-            Some(cone) => self.plan.end_mm.min(cone.place_mm(self.plan.out_mm)),
-            None => self.plan.end_mm,
-        }
+        let cone = self.settings.cone;
+        self.stock_end_mm()
+            .min(cone.map_or(f64::INFINITY, |cone| cone.place_mm(self.plan.out_mm)))
+    }
+
+    /// The same, but on the cone: the shoulder at its end, or where nothing stands any more, mm.
+    pub(crate) fn stock_end_mm(&self) -> f64 {
+        self.plan.stock_to_mm.min(self.settings.end_mm(self.plan.out_mm))
     }
 
     /// Goes up the cone if stock may stand on it behind the pass; returns whether it does.
@@ -77,7 +81,8 @@ impl TurningController {
             return false;
         };
         let from = (self.along.point().position, self.out.point().position);
-        let beyond = self.plan.end_mm - from.0;
+        let end_mm = self.plan.stock_to_mm.min(self.settings.length_mm);
+        let beyond = end_mm - from.0;
         if beyond <= self.settings.tolerance_mm || from.0 < cone.place_mm(from.1) {
             return false;
         }
@@ -88,7 +93,7 @@ impl TurningController {
         self.lose_contact();
         self.require_stock(from.0, sure);
         self.felt.shoulder_mm = from.1 + depth;
-        self.climb = Some(Climb::new(&cone, &self.settings, from, self.plan.end_mm));
+        self.climb = Some(Climb::new(&cone, &self.settings, from, end_mm));
         self.feed = 0.0;
         self.plan.end_s = 0.0;
         self.go(TurningState::Climb, Reason::ConeReached);

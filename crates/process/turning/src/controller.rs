@@ -162,13 +162,17 @@ impl TurningController {
                 settings.tool.slope(),
                 settings.tool.overhang_mm(),
             )
-            .with_cone(settings.cone, settings.tolerance_mm),
+            .with_cone(settings.cone, settings.tolerance_mm)
+            .with_shoulder(
+                settings.shoulder_mm(),
+                settings.height_at_end_mm() + settings.tolerance_mm,
+            ),
             state: TurningState::Idle,
             cycle: 0,
             transition: None,
             view: LoadView::default(),
             feed: 0.0,
-            plan: PassPlan::new(start, settings.length_mm),
+            plan: PassPlan::new(start),
             back: ReturnPath::new(start.1, home),
             climb: None,
             felt: FeltStock::new(&settings),

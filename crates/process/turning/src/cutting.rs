@@ -27,14 +27,7 @@ impl SimulatedProcess {
         let steps_per_turn = settings.turn_s() / period_s;
         Some(Self {
             cut: job.cut,
-            piece: Workpiece::new(
-                blank,
-                settings.length_mm,
-                settings.regime.law,
-                settings.tool,
-                steps_per_turn,
-            )
-            .with_cone(settings.cone),
+            piece: Workpiece::of_cut(blank, settings, settings.regime.law, steps_per_turn),
             sensor: Sensor::new(job.sensor, period_s),
             range_max: job.sensor.range_max,
             scale: settings.scale,

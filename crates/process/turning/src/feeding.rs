@@ -137,7 +137,7 @@ impl TurningController {
         let stock = self
             .record
             .next_above(here, out + 1e-9)
-            .unwrap_or(settings.length_mm)
+            .unwrap_or(f64::INFINITY)
             .min(self.pass_end_mm());
         let clear = self.record.clear_place_mm(stock, out) - settings.clear_along_mm;
         (clear - here > MIN_FREE_MM
@@ -299,7 +299,7 @@ impl TurningController {
             }
             OnThin::ReturnIfSaved => {
                 // What is this thin costs no further pass if it is left.
-                let length = settings.length_mm - here;
+                let length = (settings.length_mm - here).max(0.0);
                 let passes = |height| {
                     settings
                         .regime

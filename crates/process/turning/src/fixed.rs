@@ -66,8 +66,8 @@ impl FixedPasses {
                 }
             }
             (0, None) => return None,
-            (1, _) => {
-                self.along.aim(settings.length_mm, self.speed);
+            (1, height) => {
+                self.along.aim(settings.end_mm(height.unwrap_or(0.0)), self.speed);
                 if self.along.has_arrived() {
                     self.dwell_s += settings.period_s;
                     if self.dwell_s > 1.05 * settings.turn_s() {

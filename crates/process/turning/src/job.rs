@@ -6,7 +6,7 @@ use evolvent_timing::ScalarLimits;
 
 use crate::blank::Blank;
 use crate::cone::Cone;
-use crate::job_file::{CutFile, CutKind, JobFile, SensorKind, StrategyName};
+use crate::job_file::{CutEnd, CutFile, CutKind, JobFile, SensorKind, StrategyName};
 use crate::law::CutLaw;
 use crate::regime::{BackOff, Regime, RegimeInput};
 use crate::scale::{Lever, LoadScale, MIN_LEVER_FRACTION};
@@ -133,6 +133,7 @@ impl JobFile {
                 StrategyName::Fast => Strategy::fast(&regime, self.strategy.face_is_known),
             },
             cone: self.cone(sheet, &tool)?,
+            beyond_mm: self.cut.beyond_mm(),
             allowance_max_mm: self.cut.allowance_max_mm,
             // The literal strategy overloads by itself.
             overload_n: self
@@ -279,7 +280,10 @@ impl JobFile {
         }
         let depth_max_mm = regime.depth_max_mm;
         let lead_per_depth = 1.0 / tool.slope();
-        let end_mm = diameter_mm - 2.0 * self.cut.length_mm - depth_max_mm * lead_per_depth;
+        // Nearest to the axis come the deepest cut of the last pass and the tip of the highest one, which ends at the shoulder.
+        let shoulder_mm = (self.cut.allowance_max_mm * lead_per_depth).min(self.cut.beyond_mm());
+        let nearer_mm = (depth_max_mm * lead_per_depth).max(2.0 * shoulder_mm);
+        let end_mm = diameter_mm - 2.0 * self.cut.length_mm - nearer_mm;
         let least_mm = MIN_LEVER_FRACTION * diameter_mm;
         if end_mm < least_mm {
             return Err(sheet.error(
@@ -446,6 +450,16 @@ impl JobFile {
 }
 
 impl CutFile {
+    /// How far stock may go on behind the end of the cut, mm: when facing no farther than to the axis.
+    #[must_use]
+    pub fn beyond_mm(&self) -> f64 {
+        match (self.end, self.kind) {
+            (CutEnd::Open, _) => 0.0,
+            (CutEnd::Shoulder, CutKind::Longitudinal) => f64::INFINITY,
+            (CutEnd::Shoulder, CutKind::Facing) => (0.5 * self.diameter_mm - self.length_mm).max(0.0),
+        }
+    }
+
     /// Radius (X of the axis) and Z in mm of a place along the cut and a height.
     #[must_use]
     pub fn position_mm(&self, along_mm: f64, out_mm: f64) -> (f64, f64) {

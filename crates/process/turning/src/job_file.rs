@@ -51,6 +51,10 @@ pub struct CutFile {
     /// Length of the cut: towards lower Z (longitudinal) or towards the axis (facing).
     #[schemars(range(min = 0.1, max = 1e4))]
     pub length_mm: f64,
+    /// What stands behind the end of the cut. At a shoulder passes end the earlier the deeper they are, all at the wall that
+    /// the edge leaves along itself.
+    #[serde(default)]
+    pub end: CutEnd,
     /// Longitudinal: the place along the cut from which it is a cone, up to its end; with `cone_deg`.
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 1e4))]
@@ -78,6 +82,17 @@ pub enum CutKind {
     Longitudinal,
     /// Along X towards the axis, as G75.
     Facing,
+}
+
+/// What stands behind the end of a cut.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum CutEnd {
+    /// Stock may go on. Right everywhere, and up to a few seconds slower where it does not.
+    #[default]
+    Shoulder,
+    /// Nothing, behind any cut of the process: the end of the bar, or a recess as deep as the final size.
+    Open,
 }
 
 /// The tool.
@@ -195,7 +210,7 @@ pub struct CostFile {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StockFile {
-    /// Height above the final size over the place from the face.
+    /// Height above the final size over the place from the face. The last height goes on behind it.
     pub outline_mm: Vec<[f64; 2]>,
     /// From, to, height that is left there.
     #[serde(default)]

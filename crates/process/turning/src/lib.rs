@@ -93,7 +93,7 @@ pub use evolvent_machine::LoadSample;
 pub use evolvent_timing::ScalarLimits;
 pub use fixed::FixedPasses;
 pub use job::Job;
-pub use job_file::{CutFile, CutKind, JobFile, SensorKind, process_schema};
+pub use job_file::{CutEnd, CutFile, CutKind, JobFile, SensorKind, process_schema};
 pub use law::CutLaw;
 pub use record::SizeRecord;
 pub use regime::{BackOff, Regime, RegimeError, RegimeInput};

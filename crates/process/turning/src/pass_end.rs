@@ -49,14 +49,14 @@ impl TurningController {
         let end = self
             .record
             .last_above(self.plan.out_mm + tolerance)
-            .unwrap_or(settings.length_mm);
+            .unwrap_or(f64::INFINITY);
         let clear = self.record.clear_place_mm(from, self.plan.out_mm);
         // What stands on the cone alone is reached along the pass before it.
         let before_cone = settings
             .cone
             .map_or(f64::INFINITY, |cone| cone.place_mm(self.plan.out_mm));
         self.plan.start_mm = clear.min(before_cone) - settings.clear_along_mm;
-        self.plan.end_mm = end.min(settings.length_mm);
+        self.plan.stock_to_mm = end;
     }
 
     /// The final size, or the depth after backing off below what is known to be too deep.

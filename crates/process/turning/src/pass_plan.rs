@@ -11,8 +11,8 @@ pub(crate) struct PassPlan {
     pub(crate) highest_mm: f64,
     /// Place at which it begins, mm along the cut.
     pub(crate) start_mm: f64,
-    /// Place at which it ends, mm.
-    pub(crate) end_mm: f64,
+    /// Place up to which stock may stand that it is to take, mm; without end where that is not known.
+    pub(crate) stock_to_mm: f64,
     /// It goes over places that no pass has been over before.
     pub(crate) meets_unknown: bool,
     /// A load has been felt.
@@ -23,13 +23,13 @@ pub(crate) struct PassPlan {
 
 impl PassPlan {
     /// Before the first pass, for a tool at a place and height, mm.
-    pub(crate) fn new(start_mm: (f64, f64), length_mm: f64) -> Self {
+    pub(crate) fn new(start_mm: (f64, f64)) -> Self {
         Self {
             number: 0,
             out_mm: 0.0,
             highest_mm: start_mm.1,
             start_mm: start_mm.0,
-            end_mm: length_mm,
+            stock_to_mm: f64::INFINITY,
             meets_unknown: true,
             is_touched: false,
             end_s: 0.0,

@@ -46,27 +46,33 @@ pub struct Cell {
     pub felt: bool,
     /// The tip has passed and was cutting over its whole depth: as much as `least_mm` does stand here.
     pub sure: bool,
-    /// What may stand here at the end, mm: more than nothing on a cone.
+    /// What may stand here at the end, mm: more than nothing on a cone and on the wall.
     pub final_mm: f64,
+    /// Behind the end of the cut, on the wall that the edge leaves along itself. The tip does not come here at the final size:
+    /// what the edge has left is all that is to be known.
+    pub is_wall: bool,
     /// What stands at least where that is sure, mm. Below `top_mm` where the edge has been, but not for a whole turn.
     pub least_mm: f64,
 }
+
+/// A place of which nothing is known.
+const NOTHING: Cell = Cell {
+    top_mm: f64::INFINITY,
+    known: false,
+    felt: false,
+    sure: false,
+    final_mm: 0.0,
+    is_wall: false,
+    least_mm: 0.0,
+};
 
 impl SizeRecord {
     /// Nothing is known over a length. The edge rises by `slope` mm per mm of lead, over `overhang_mm`.
     #[must_use]
     pub fn new(length_mm: f64, slope: f64, overhang_mm: f64) -> Self {
         let cells = (length_mm / CELL_MM).ceil().clamp(1.0, CELLS as f64);
-        let nothing = Cell {
-            top_mm: f64::INFINITY,
-            known: false,
-            felt: false,
-            sure: false,
-            final_mm: 0.0,
-            least_mm: 0.0,
-        };
         Self {
-            cells: vec![nothing; cells as usize],
+            cells: vec![NOTHING; cells as usize],
             cell_mm: length_mm / cells,
             slope,
             overhang_mm,
@@ -82,6 +88,24 @@ impl SizeRecord {
                 let height = cone.height_mm((i + 1) as f64 * self.cell_mm);
                 cell.final_mm = if height > 0.0 { height + tolerance_mm } else { 0.0 };
             }
+        }
+        self
+    }
+
+    /// The same where stock may go on behind the end of the cut, over a length, and where the final contour begins with
+    /// `foot_mm` there: above it a wall is left along the edge.
+    #[must_use]
+    pub fn with_shoulder(mut self, shoulder_mm: f64, foot_mm: f64) -> Self {
+        // No cell that ends beyond the edge of the last pass, which does not reach the end of it.
+        let more = (shoulder_mm / self.cell_mm - 1e-6)
+            .floor()
+            .clamp(0.0, CELLS as f64) as usize;
+        for i in 1..=more {
+            self.cells.push(Cell {
+                final_mm: foot_mm + i as f64 * self.cell_mm * self.slope,
+                is_wall: true,
+                ..NOTHING
+            });
         }
         self
     }
@@ -151,18 +175,25 @@ impl SizeRecord {
         let first = self.ends_before(along_mm);
         for cell in self.cells.iter_mut().skip(first) {
             (cell.known, cell.felt, cell.sure) = (false, false, false);
+            if cell.is_wall {
+                cell.top_mm = f64::INFINITY;
+            }
         }
     }
 
-    /// Whether there is a place that the tip has not passed.
+    /// Whether there is a place of the cut that the tip has not passed.
     #[must_use]
     pub fn has_unknown(&self) -> bool {
-        self.cells.iter().any(|cell| !cell.known)
+        self.cells.iter().any(|cell| !cell.known && !cell.is_wall)
     }
 
     /// The most that may stand in a cell: without end where it is not known.
     fn most(cell: &Cell) -> f64 {
-        if cell.known { cell.top_mm } else { f64::INFINITY }
+        if cell.known || cell.is_wall {
+            cell.top_mm
+        } else {
+            f64::INFINITY
+        }
     }
 
     /// Whether more may stand in a cell than a height, and than stays there.
@@ -217,6 +248,7 @@ impl SizeRecord {
             felt: false,
             sure: false,
             final_mm: 0.0,
+            is_wall: false,
             least_mm: 0.0,
         };
         if along_mm < 0.0 {
@@ -262,11 +294,12 @@ impl SizeRecord {
         Some(deepest)
     }
 
-    /// Whether most of what stands above a height stands about as high as the highest of it, as far as it is known.
+    /// Whether most of what stands in the cut above a height stands about as high as the highest of it, as far as it is known.
     #[must_use]
     pub fn is_level(&self, height_mm: f64) -> bool {
         let above = || {
             self.known()
+                .filter(|cell| !cell.is_wall)
                 .map(|cell| cell.top_mm - height_mm.max(cell.final_mm))
                 .filter(|above| *above > 0.0)
         };
@@ -286,7 +319,7 @@ impl SizeRecord {
         let last = ((from_mm + self.overhang_mm).max(0.0) / self.cell_mm).ceil() as usize;
         for (i, cell) in self.cells.iter().enumerate().take(last).skip(first) {
             let above = (Self::most(cell).min(cell.top_mm.max(0.0)) - out_mm).max(0.0);
-            let lead = if cell.known {
+            let lead = if cell.known || cell.is_wall {
                 above / self.slope
             } else {
                 f64::INFINITY

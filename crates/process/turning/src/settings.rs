@@ -113,8 +113,10 @@ pub struct TurningSettings {
     pub strategy: Strategy,
     /// Speed of the spindle, rev/min.
     pub spindle_rpm: f64,
-    /// Length of the cut, mm.
+    /// Length of the cut, mm: where the last pass ends.
     pub length_mm: f64,
+    /// How far stock may go on behind the end of the cut, mm: without end at a shoulder, 0 where it ends with the cut.
+    pub beyond_mm: f64,
     /// A cone behind the cylinder, up to the end of the cut.
     pub cone: Option<Cone>,
     /// The most that the stock can stand above the final size, mm: beyond it the tool moves freely.
@@ -257,6 +259,7 @@ impl TurningSettings {
             strategy: Strategy::safe(&regime),
             spindle_rpm,
             length_mm,
+            beyond_mm: f64::INFINITY,
             cone: None,
             allowance_max_mm: tool.reach_mm(),
             clear_out_mm: 1.0,
@@ -286,6 +289,26 @@ impl TurningSettings {
             },
             period_s: 0.001,
         }
+    }
+
+    /// Where a pass at a height ends, mm along the cut. The edge leaves a wall along itself. All passes leave the same one,
+    /// or the last of them would meet what stands between their walls with its whole edge at once. Real-time safe.
+    #[must_use]
+    pub fn end_mm(&self, out_mm: f64) -> f64 {
+        let above_mm = (out_mm - self.height_at_end_mm()).max(0.0);
+        self.length_mm + (above_mm / self.tool.slope()).min(self.beyond_mm)
+    }
+
+    /// How far behind the end of the cut the highest pass may go, mm.
+    #[must_use]
+    pub fn shoulder_mm(&self) -> f64 {
+        self.end_mm(self.allowance_max_mm) - self.length_mm
+    }
+
+    /// Height of the final contour at the end of the cut, mm.
+    #[must_use]
+    pub fn height_at_end_mm(&self) -> f64 {
+        self.cone.map_or(0.0, |cone| cone.height_mm(self.length_mm))
     }
 
     /// Duration of a revolution, s.
@@ -330,13 +353,14 @@ impl TurningSettings {
     }
 
     /// Numbers of the process with their ranges.
-    fn process_numbers(&self) -> [Ranged; 19] {
+    fn process_numbers(&self) -> [Ranged; 20] {
         let regime = &self.regime;
         let most_load = 1e9;
         [
             ("the spindle's speed in rev/min", self.spindle_rpm, 0.1, 1e5),
             ("the control period in s", self.period_s, 1e-5, 0.02),
             ("the length of the cut in mm", self.length_mm, 0.1, 1e4),
+            ("the way behind the cut in mm", self.beyond_mm, 0.0, f64::INFINITY),
             ("the largest allowance in mm", self.allowance_max_mm, 0.0, 1e3),
             ("the clearance outwards in mm", self.clear_out_mm, 0.01, 100.0),
             ("the clearance along in mm", self.clear_along_mm, 0.01, 100.0),

@@ -75,8 +75,7 @@ impl Simulation {
         let steps = settings.turn_s() / settings.period_s;
         Ok(Self {
             controller,
-            piece: Workpiece::new(blank, settings.length_mm, law, settings.tool, steps)
-                .with_cone(settings.cone),
+            piece: Workpiece::of_cut(blank, &settings, law, steps),
             sensor: Sensor::new(sensor, settings.period_s),
             figures: Figures::default(),
             set_load: settings.regime.set_load,
@@ -212,13 +211,13 @@ pub fn run_fixed_at_load(
     (depth_mm, feed_mm_rev): (f64, f64),
     set_load: f64,
 ) -> Figures {
-    let height = blank.highest_mm(settings.length_mm) + blank.runout_mm;
+    let height = blank.highest_mm(settings.length_mm + settings.shoulder_mm()) + blank.runout_mm;
     let steps = settings.turn_s() / settings.period_s;
     let least = settings.regime.feed_min_mm_rev;
     let (mut depth, mut feed) = (depth_mm, feed_mm_rev);
     let mut figures = Figures::default();
     for _ in 0..MAX_TRIES {
-        let piece = Workpiece::new(blank.clone(), settings.length_mm, law, settings.tool, steps);
+        let piece = Workpiece::of_cut(blank.clone(), settings, law, steps);
         figures = run_fixed(FixedPasses::new(settings, height, depth, feed), piece, set_load);
         let over = figures.peak / set_load;
         if over <= 1.0 + PEAK_NOISE {

@@ -8,6 +8,7 @@
 use crate::blank::Blank;
 use crate::cone::Cone;
 use crate::law::CutLaw;
+use crate::settings::TurningSettings;
 use crate::tool::Tool;
 
 /// Width of a cell of the field, mm.
@@ -37,6 +38,8 @@ pub struct Workpiece {
     tool: Tool,
     blank: Blank,
     length_mm: f64,
+    /// Height of the final contour at the end of the cut, mm.
+    foot_mm: f64,
     cone: Option<Cone>,
     /// Mean height of the blank, cell by cell.
     raw: Vec<f64>,
@@ -64,6 +67,7 @@ impl Workpiece {
             tool,
             blank,
             length_mm,
+            foot_mm: 0.0,
             cone: None,
             cut: vec![f64::INFINITY; cells],
             raw,
@@ -74,16 +78,29 @@ impl Workpiece {
         }
     }
 
-    /// The same where the cut ends on a cone, above which [`Workpiece::residual_mm`] and [`Workpiece::undercut_mm`] count.
+    /// The blank of a cut. It goes on behind the end of the cut as far as the settings say, with the final contour of
+    /// [`Workpiece::residual_mm`] and [`Workpiece::undercut_mm`]: cylinder, cone, and the wall that the edge leaves.
     #[must_use]
-    pub fn with_cone(mut self, cone: Option<Cone>) -> Self {
-        self.cone = cone;
-        self
+    pub fn of_cut(blank: Blank, settings: &TurningSettings, law: CutLaw, steps_per_turn: f64) -> Self {
+        // The edge goes no farther: the highest tip, and the edge before it.
+        let farthest_mm = settings.shoulder_mm() + 2.0 * settings.tool.overhang_mm();
+        let whole_mm = settings.length_mm + settings.beyond_mm.min(farthest_mm);
+        Self {
+            length_mm: settings.length_mm,
+            foot_mm: settings.height_at_end_mm(),
+            cone: settings.cone,
+            ..Self::new(blank, whole_mm, law, settings.tool, steps_per_turn)
+        }
     }
 
-    /// The final contour over a cell, mm.
+    /// The final contour over a cell, mm: behind the end of the cut the wall that the edge leaves.
     fn contour_mm(&self, cell: usize) -> f64 {
-        self.cone.map_or(0.0, |cone| cone.height_mm(place(cell)))
+        let place_mm = place(cell);
+        let beyond_mm = place_mm - self.length_mm;
+        if beyond_mm > 0.0 {
+            return self.foot_mm + beyond_mm * self.tool.slope();
+        }
+        self.cone.map_or(0.0, |cone| cone.height_mm(place_mm))
     }
 
     /// The tool's tip is now at a place along the cut and a height, both in mm.

@@ -8,7 +8,11 @@
 
 use evolvent_turning::{Blank, Simulation, TurningSettings, run_fixed_at_load};
 
-use crate::common::{SET, TURN_S, fast, law, safe, sensor};
+use crate::common::{
+    SET, TURN_S, law,
+    open::{fast, safe},
+    sensor,
+};
 
 /// Grid of heights, mm: coarser than the cells of the stock, and rounded down.
 const HEIGHT_MM: f64 = 0.1;

@@ -11,8 +11,9 @@ use evolvent_turning::{
 };
 
 use crate::common::{
-    Limits, Random, SET, TURN_S, cases, fast, law, literal, random_rough_stock, random_stock, regime, safe,
-    sensor, stocks, tool,
+    Limits, Random, SET, TURN_S, cases, law,
+    open::{fast, literal, safe},
+    random_rough_stock, random_stock, regime, sensor, stocks, tool,
 };
 
 fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Figures {

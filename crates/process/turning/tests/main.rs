@@ -11,6 +11,7 @@ mod campaign;
 mod process_files;
 mod protection;
 mod sensors;
+mod shoulder;
 mod watch;
 
 // It counts by thread, so that tests beside each other do not count together.

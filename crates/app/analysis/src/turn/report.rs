@@ -72,10 +72,11 @@ pub(crate) fn svg(trial: &TurningTrial, machine: &str) -> String {
 }
 
 fn stock(svg: &mut Svg, trial: &TurningTrial, top: f64) -> f64 {
-    let length = trial.job.settings.length_mm;
+    let settings = &trial.job.settings;
+    let (length, whole) = (settings.length_mm, settings.length_mm + settings.shoulder_mm());
     let head = trial.samples.iter().map(|s| -s.along_mm).fold(5.0, f64::max);
     let high = 1.2 * trial.highest_mm.max(1.0);
-    let across = Scale::new(-head, 1.02 * length, LEFT, RIGHT);
+    let across = Scale::new(-head, 1.02 * whole, LEFT, RIGHT);
     let up = Scale::new(-0.06 * high, high, top + STOCK_HEIGHT, top);
     svg.text(
         (LEFT, top - 10.0),
@@ -87,10 +88,10 @@ fn stock(svg: &mut Svg, trial: &TurningTrial, top: f64) -> f64 {
     let mut blank = Pen::default();
     blank.move_to(across.at(0.0), up.at(0.0));
     for i in 0..=1000 {
-        let place = length * f64::from(i) / 1000.0;
+        let place = whole * f64::from(i) / 1000.0;
         blank.line_to(across.at(place), up.at(trial.blank.height_mm(place)));
     }
-    blank.line_to(across.at(length), up.at(0.0));
+    blank.line_to(across.at(whole), up.at(0.0));
     blank.close();
     svg.fill(&blank, "#e9e2d6");
     for &(from, to, _) in &trial.blank.hard_spots {
@@ -105,6 +106,16 @@ fn stock(svg: &mut Svg, trial: &TurningTrial, top: f64) -> f64 {
     svg.line(
         (across.at(0.0), up.at(0.0)),
         (across.at(length), up.at(0.0)),
+        "final",
+    );
+    // Up the shoulder that the edge leaves along itself.
+    let foot = settings.height_at_end_mm();
+    svg.line(
+        (across.at(length), up.at(foot)),
+        (
+            across.at(whole),
+            up.at(foot + (whole - length) * settings.tool.slope()),
+        ),
         "final",
     );
     let mut pen = Pen::default();

@@ -110,9 +110,9 @@ impl TurningTrial {
         install_process(&mut setup, job.clone(), &job.name, route.clock)?;
         let blank = job.blank.clone();
         let mut trial = Self {
-            highest_mm: blank
-                .as_ref()
-                .map_or(0.0, |blank| blank.highest_mm(job.settings.length_mm)),
+            highest_mm: blank.as_ref().map_or(0.0, |blank| {
+                blank.highest_mm(job.settings.length_mm + job.settings.shoulder_mm())
+            }),
             machine: setup.machine.name.clone(),
             is_simulated: route.clock == Clock::Virtual,
             blank: blank.unwrap_or_else(|| Blank::uniform(0.0)),

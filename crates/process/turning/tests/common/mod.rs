@@ -57,6 +57,30 @@ pub fn fast() -> TurningSettings {
     }
 }
 
+/// The same where the stock ends with the cut, as in the cases that were published.
+pub mod open {
+    use evolvent_turning::TurningSettings;
+
+    fn open(settings: TurningSettings) -> TurningSettings {
+        TurningSettings {
+            beyond_mm: 0.0,
+            ..settings
+        }
+    }
+
+    pub fn safe() -> TurningSettings {
+        open(super::safe())
+    }
+
+    pub fn fast() -> TurningSettings {
+        open(super::fast())
+    }
+
+    pub fn literal() -> TurningSettings {
+        open(super::literal())
+    }
+}
+
 /// The literal strategy overloads by itself: its protection is out of the way.
 pub fn literal() -> TurningSettings {
     TurningSettings {

@@ -1,0 +1,288 @@
+//! Cuts that end within the stock: the passes leave one wall, along the edge, and none of them meets what another has left
+//! there with its whole edge at once.
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test may fail, and prints its figures"
+)]
+
+use evolvent_turning::{
+    BackOff, Blank, Cone, Figures, Regime, RegimeInput, Simulation, Strategy, Tool, TurningInputs,
+    TurningSettings, TurningState, run_fixed_at_load,
+};
+
+use crate::common::{
+    Limits, PERIOD_S, Random, SET, TURN_S, cases, fast, law, literal, random_rough_stock, random_stock,
+    regime, safe, sensor,
+};
+
+const STEP_MM: f64 = 0.05;
+
+/// A field of heights of its own: what an edge leaves that goes where the tip went.
+struct Part {
+    tops: Vec<f64>,
+    settings: TurningSettings,
+    deepest: f64,
+    /// Where the tip was before.
+    before: (f64, f64),
+}
+
+impl Part {
+    fn new(settings: &TurningSettings, blank: &Blank) -> Self {
+        let count = ((settings.length_mm + settings.beyond_mm.min(60.0)) / STEP_MM) as usize;
+        Self {
+            tops: (0..count)
+                .map(|i| blank.height_mm(i as f64 * STEP_MM) + blank.runout_mm)
+                .collect(),
+            settings: *settings,
+            deepest: 0.0,
+            before: (f64::NEG_INFINITY, f64::INFINITY),
+        }
+    }
+
+    /// Cylinder, cone, and a straight wall at the angle of the edge.
+    fn contour(&self, along: f64) -> f64 {
+        let settings = &self.settings;
+        let cone = |at: f64| settings.cone.map_or(0.0, |cone| cone.height_mm(at));
+        let behind = along - settings.length_mm;
+        if behind > 0.0 {
+            cone(settings.length_mm) + behind * settings.tool.lead_deg().to_radians().tan()
+        } else {
+            cone(along)
+        }
+    }
+
+    fn cut(&mut self, along: f64, out: f64) {
+        self.deepest = self.deepest.max(self.contour(along) - out);
+        let tool = &self.settings.tool;
+        let (from, height) = (self.before.0.min(along), self.before.1.max(out));
+        self.before = (along, out);
+        let first = (from / STEP_MM - 1e-9).ceil().max(0.0) as usize;
+        for (i, top) in self.tops.iter_mut().enumerate().skip(first) {
+            let lead = i as f64 * STEP_MM - along;
+            if lead > tool.overhang_mm() {
+                break;
+            }
+            // What the tip has gone past since then is cut to its height.
+            *top = top.min(if lead < 0.0 {
+                height
+            } else {
+                out + lead * tool.slope()
+            });
+        }
+    }
+
+    fn left(&self) -> f64 {
+        let above = |(i, top): (usize, &f64)| top - self.contour(i as f64 * STEP_MM);
+        self.tops.iter().enumerate().map(above).fold(0.0, f64::max)
+    }
+}
+
+/// Turns it: the part is whole, at size, and every limit of motion was kept.
+fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Figures {
+    let mut limits = Limits::new(&settings);
+    let mut part = Part::new(&settings, blank);
+    let mut simulation = Simulation::new(settings, blank.clone(), law(), sensor(seed)).unwrap();
+    let mut log = String::new();
+    let (figures, _) = simulation.run(3000.0, |output, _| {
+        limits.see(output);
+        part.cut(output.along.position, output.out.position);
+        if let Some(transition) = output.transition {
+            log += &format!("{transition:?}\n");
+        }
+    });
+    let what = || format!("{settings:?}\n{blank:?}\n{log}{figures:?}");
+    assert!(figures.done && !figures.hit_holder, "{}", what());
+    assert!(
+        part.deepest < 1e-9,
+        "{} into the contour: {}",
+        part.deepest,
+        what()
+    );
+    assert!(part.left() <= 0.1, "{} left: {}", part.left(), what());
+    // The literal strategy overloads by itself.
+    let literal = settings.overload_n > 5000.0;
+    assert!(literal || figures.over_130_s <= TURN_S, "{}", what());
+    figures
+}
+
+fn shorter(settings: TurningSettings, length_mm: f64) -> TurningSettings {
+    TurningSettings {
+        length_mm,
+        ..settings
+    }
+}
+
+#[test]
+fn no_height_of_stock_overloads_at_the_shoulder() {
+    for length_mm in [20.0, 60.0] {
+        for height in 1..=10 {
+            let blank = Blank::uniform(f64::from(height));
+            for (settings, most) in [(safe(), 1.2), (fast(), 1.2), (literal(), 1.75)] {
+                let figures = turn(shorter(settings, length_mm), &blank, 3);
+                let peak = figures.peak / SET;
+                println!(
+                    "{length_mm} {height}: {:.1} s, {} passes, {peak:.2}",
+                    figures.time_s, figures.passes
+                );
+                assert!(peak <= most, "{height} mm: {peak}");
+            }
+        }
+    }
+}
+
+#[test]
+fn edges_of_any_lead_leave_one_wall() {
+    for lead_deg in [30.0, 45.0, 75.0, 85.0, 89.0] {
+        let tool = Tool::new(lead_deg, 12.0).unwrap();
+        let input = RegimeInput {
+            law: law(),
+            set_load: SET,
+            permitted_load: 10_000.0,
+            feed_min_mm_rev: 0.2,
+            feed_max_mm_rev: 0.7,
+            back_off: BackOff::Balanced,
+        };
+        let regime = Regime::new(&input, &tool).unwrap();
+        let settings = TurningSettings {
+            strategy: Strategy::safe(&regime),
+            period_s: PERIOD_S,
+            ..TurningSettings::usual(regime, tool, 500.0, 40.0)
+        };
+        // An edge at 89 degrees comes to more than the deepest cut before the load can tell it: that is the face, not the wall.
+        let shares: &[f64] = if lead_deg > 88.0 {
+            &[0.3]
+        } else {
+            &[0.3, 0.6, 0.95]
+        };
+        for share in shares {
+            let blank = Blank::uniform(share * tool.reach_mm());
+            // Steep edges come to their depth within a revolution, faster than the load tells it.
+            let most = if lead_deg > 80.0 { 2.0 } else { 1.3 };
+            let figures = turn(settings, &blank, 5);
+            assert!(
+                figures.peak <= most * SET,
+                "{lead_deg} degrees: {}",
+                figures.peak / SET
+            );
+        }
+    }
+}
+
+#[test]
+fn random_stocks_are_cut_to_a_shoulder_anywhere_in_them() {
+    let mut random = Random::from_state(0x5eed_0123_u64);
+    let mut worst = 0.0_f64;
+    for case in 0..cases(40) {
+        let blank = if case % 4 == 3 {
+            random_rough_stock(&mut random)
+        } else {
+            random_stock(&mut random)
+        };
+        let base = match case % 3 {
+            0 => safe(),
+            1 => fast(),
+            _ => literal(),
+        };
+        let length_mm = random.between(10.0, 190.0);
+        // As when facing: the axis of the work may come before the end of the wall.
+        let beyond_mm = if random.unit() < 0.3 {
+            random.between(0.0, 5.0)
+        } else {
+            f64::INFINITY
+        };
+        let top = blank.height_mm(length_mm);
+        let cone = (random.unit() < 0.3).then(|| {
+            let from = random.between(0.0, length_mm);
+            let most = ((top * 0.8).max(0.1) / (length_mm - from).max(0.1))
+                .atan()
+                .to_degrees();
+            Cone::new(from, random.between(0.2, most.clamp(0.3, 58.0)))
+        });
+        let settings = TurningSettings {
+            length_mm,
+            beyond_mm,
+            cone,
+            ..base
+        };
+        let figures = turn(settings, &blank, case as u64);
+        if case % 3 != 2 {
+            worst = worst.max(figures.peak / SET);
+        }
+    }
+    println!("largest load of safe and fast: {worst:.2} of the set one");
+    assert!(worst < 1.35, "{worst}");
+}
+
+#[test]
+fn stock_that_ends_with_the_cut_is_no_fault_where_a_shoulder_may_be() {
+    let mut random = Random::from_state(0x5eed_0456_u64);
+    for case in 0..cases(20) {
+        let length_mm = random.between(20.0, 150.0);
+        let mut blank = random_stock(&mut random);
+        let end = length_mm
+            + if case % 2 == 0 {
+                0.0
+            } else {
+                random.between(0.0, 4.0)
+            };
+        // What would be left between a groove and the end is to be no ridge: one that is thinner than the edge reaches forward
+        // looks like a cut over the whole depth.
+        blank.grooves_mm.retain(|groove| groove.1 < length_mm - 12.0);
+        blank.grooves_mm.push((end, 1e3, 0.0));
+        let base = if case % 3 == 0 { fast() } else { safe() };
+        let figures = turn(shorter(base, length_mm), &blank, case as u64);
+        assert!(figures.peak <= 1.3 * SET, "{}", figures.peak / SET);
+    }
+}
+
+#[test]
+fn a_hold_anywhere_near_the_shoulder_changes_nothing() {
+    let settings = shorter(safe(), 25.0);
+    let blank = Blank::uniform(7.0);
+    let whole = turn(settings, &blank, 1).time_s;
+    let mut random = Random::from_state(0x5eed_0789_u64);
+    for case in 0..cases(30) {
+        let at = random.between(0.0, whole);
+        let mut simulation = Simulation::new(settings, blank.clone(), law(), sensor(case as u64)).unwrap();
+        let mut part = Part::new(&settings, &blank);
+        for cycle in 0..(3.0 * whole / PERIOD_S) as u64 {
+            let now = cycle as f64 * PERIOD_S;
+            let inputs = TurningInputs {
+                hold: now >= at && now < at + 1.0,
+                ..TurningInputs::default()
+            };
+            let (output, cut) = simulation.step(inputs, None);
+            part.cut(output.along.position, output.out.position);
+            assert!(
+                cut.load <= 1.3 * SET,
+                "{} at {now} s, hold at {at} s",
+                cut.load / SET
+            );
+            if simulation.controller.is_over() {
+                break;
+            }
+        }
+        assert_eq!(
+            simulation.controller.state(),
+            TurningState::Done,
+            "hold at {at} s"
+        );
+        assert!(part.deepest < 1e-9 && part.left() <= 0.1, "hold at {at} s");
+    }
+}
+
+#[test]
+fn fixed_passes_leave_the_same_wall() {
+    let settings = shorter(safe(), 40.0);
+    let regime = regime(BackOff::Balanced);
+    let nominal = (regime.depth_back_off_mm, regime.feed_back_off_mm_rev);
+    for height in [3.0, 6.0, 9.5] {
+        let figures = run_fixed_at_load(&settings, &Blank::uniform(height), law(), nominal, SET);
+        assert!(
+            figures.peak <= 1.021 * SET && figures.residual_mm <= 0.1,
+            "{figures:?}"
+        );
+        assert!(figures.undercut_mm < 1e-9, "{figures:?}");
+    }
+}
