@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use evolvent_bus::{BusConfig, CoreBus};
+use evolvent_bus::{BusConfig, CoreBus, remove_private_domain};
 use evolvent_file_tests::shipped;
 use evolvent_mesa::{BoardSettings, RunSettings, run};
 use evolvent_mesa_board::BoardModel;
@@ -25,12 +25,12 @@ fn said_and_driven(text: &str, name: &str) -> (String, Vec<usize>) {
     let prefix = format!("mesapin_{name}{}_", std::process::id());
     let mut config = BusConfig::new("mesa-pins", "XYZ", 2_000_000);
     config.prefix = Some(prefix.clone());
-    let _core = CoreBus::open(&config).expect("a bus");
+    let core = CoreBus::open(&config).expect("a bus");
     let settings = RunSettings {
         machine: machine("router-3axis"),
         machine_name: Some("mesa-pins".to_owned()),
         board,
-        prefix: Some(prefix),
+        prefix: Some(prefix.clone()),
         duration: Some(Duration::from_secs(20)),
     };
     // The thread of a bridge gives up its rights to files, which the next text needs.
@@ -46,7 +46,10 @@ fn said_and_driven(text: &str, name: &str) -> (String, Vec<usize>) {
         .expect("a bridge that runs");
         (said, driven)
     });
-    bridge.join().expect("no panic")
+    let seen = bridge.join().expect("no panic");
+    drop(core);
+    let _swept = remove_private_domain(&prefix);
+    seen
 }
 
 #[test]
