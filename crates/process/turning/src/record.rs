@@ -380,6 +380,36 @@ mod tests {
     }
 
     #[test]
+    fn the_wall_behind_the_end_is_what_the_edge_leaves_there() {
+        let (slope, tolerance_mm) = (3.0_f64.sqrt(), 0.02);
+        let mut record = record(20.0).with_shoulder(4.0 / slope, tolerance_mm);
+        let pass = |record: &mut SizeRecord, end_mm: f64, out_mm: f64| {
+            record.lift(0.0, out_mm);
+            for i in -70..=(10.0 * end_mm).floor() as i32 {
+                record.sweep(f64::from(i) * 0.1, out_mm, true, true);
+            }
+            record.sweep(end_mm, out_mm, true, true);
+        };
+        assert!(record.has_unknown() && record.first_above(tolerance_mm) == Some(0.0));
+        // 2 mm above the final size the pass ends where its wall is that of the last one.
+        let end_mm = 20.0 + 2.0 / slope;
+        pass(&mut record, end_mm, 2.0);
+        assert!(!record.has_unknown());
+        // What stands is level: the wall does not count.
+        assert!(record.is_level(tolerance_mm));
+        let left_mm = record.last_above(tolerance_mm).unwrap();
+        assert!((end_mm - 0.2..=end_mm).contains(&left_mm), "{left_mm}");
+        pass(&mut record, 20.0, 0.0);
+        assert_eq!(record.first_above(tolerance_mm), None);
+        // A pass that ends too soon leaves something on the wall, and so does one whose load is not believed.
+        record.forget_from(15.0);
+        assert_eq!(record.first_above(tolerance_mm), Some(15.0));
+        assert!(record.last_above(tolerance_mm).unwrap() > 22.0);
+        pass(&mut record, 19.8, 0.0);
+        assert!(record.last_above(tolerance_mm).unwrap() > 22.0);
+    }
+
+    #[test]
     fn an_abandoned_shoulder_is_seen_but_not_known() {
         let mut record = record(40.0);
         for i in -20..=200 {
