@@ -46,6 +46,7 @@ fn a_signal_to_ctl_stops_the_axes_that_it_moves() {
         for (words, signal) in [
             (["mdi", "G1 X300 F1200", "", ""], Signal::INT),
             (["mdi", "G1 X-300 F1200", "", ""], Signal::TERM),
+            (["mdi", "G1 X300 F1200", "", ""], Signal::QUIT),
             (["jog", "Y+", "--distance", "250"], Signal::INT),
             (["jog", "Y-", "--distance", "250"], Signal::HUP),
         ] {

@@ -17,7 +17,7 @@ use evolvent_machine::{HomingMethod, HomingSettings, Machine, SignalKind};
 use evolvent_runtime::{InputScript, RealtimeRequest, apply_to_this_thread};
 use evolvent_turning::{Job as TurningJob, SimulatedProcess};
 use serde_json::{Value, json};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 
 use crate::bridge_ethercat as ethercat;
 use crate::bridge_mesa as mesa;
@@ -192,10 +192,10 @@ pub(crate) fn run(
     }
 }
 
-/// A flag that SIGINT, SIGTERM and SIGHUP set.
+/// A flag that SIGINT, SIGTERM, SIGHUP and SIGQUIT set.
 pub(crate) fn stop_on_signals() -> Result<Arc<AtomicBool>, CommandError> {
     let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
+    for signal in [SIGINT, SIGTERM, SIGHUP, SIGQUIT] {
         signal_hook::flag::register(signal, Arc::clone(&stop))
             .map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
     }

@@ -64,7 +64,7 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         });
         Value::Object(pairs.collect::<Map<_, _>>())
     };
-    let has_feedback = status.feedback_age_ns != u64::MAX;
+    let has_feedback = status.has_feedback();
     let mut whole = json!({
         "machine": name(&MACHINE_STATES, status.machine_state),
         "mode": name(&MODES, status.mode),
@@ -179,7 +179,7 @@ pub(crate) fn write_status(
     write_axes(out, status, axes)?;
     write_motion(out, status)?;
     write_waits(out, status, axes)?;
-    if status.feedback_age_ns != u64::MAX {
+    if status.has_feedback() {
         writeln!(
             out,
             "  drives replied {:.1} ms ago",

@@ -1,11 +1,11 @@
-//! What SIGINT, SIGTERM and SIGHUP mean to a command that moves axes.
+//! What SIGINT, SIGTERM, SIGHUP and SIGQUIT mean to a command that moves axes.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGTSTP};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGTSTP};
 
 use crate::CommandError;
 
@@ -15,7 +15,7 @@ const SIGNAL_POLL: Duration = Duration::from_millis(5);
 /// a terminal and a shell may both send theirs. To end at the second would leave axes moving.
 const SAME_REQUEST: Duration = Duration::from_millis(500);
 
-/// Calls `stop` at the first SIGINT, SIGTERM or SIGHUP. A second SIGINT or SIGTERM, [`SAME_REQUEST`] later or more, ends the
+/// Calls `stop` at the first SIGINT, SIGTERM, SIGHUP or SIGQUIT. A second SIGINT or SIGTERM, [`SAME_REQUEST`] later or more, ends the
 /// process at once, with exit code 1.
 pub(crate) fn stop_at_first(stop: impl FnOnce() + Send + 'static) -> Result<(), CommandError> {
     let (signalled, ends) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
@@ -24,6 +24,8 @@ pub(crate) fn stop_at_first(stop: impl FnOnce() + Send + 'static) -> Result<(), 
             signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&ends))?;
             signal_hook::flag::register(signal, Arc::clone(&signalled))?;
         }
+        // Who presses Ctrl-\ wants an end, but not of the process that holds the axes' request.
+        signal_hook::flag::register(SIGQUIT, Arc::clone(&signalled))?;
         // Shells and kernels may both send it: a second one is no second request.
         signal_hook::flag::register(SIGHUP, Arc::clone(&signalled))
     };

@@ -278,16 +278,20 @@ impl Picture<'_> {
             }
             let is_homed = AxisMask::from_bits(self.status.homed_mask).contains(at);
             let unit = if "ABC".contains(letter) { "deg" } else { "mm" };
+            let following = if self.status.has_feedback() {
+                format!("{:.4}", self.status.following_error[at])
+            } else {
+                "-".to_owned()
+            };
             let _ = writeln!(
                 self.text,
-                "{}{} {unit:>3} {:>14.4} {:>14.4} {:>12.4} {:>12.3} {:>12.4}",
+                "{}{} {unit:>3} {:>14.4} {:>14.4} {:>12.4} {:>12.3} {following:>12}",
                 self.paint(BOLD, &letter.to_string()),
                 if is_homed { '*' } else { ' ' },
                 self.status.position_machine[at],
                 self.status.position_work[at],
                 self.status.distance_to_go[at],
-                self.status.velocity[at],
-                self.status.following_error[at]
+                self.status.velocity[at]
             );
         }
     }
@@ -399,7 +403,7 @@ fn to_json(name: &str, status: &Status, axes: &str) -> serde_json::Value {
         "position_work": by_axis(&status.position_work),
         "distance_to_go": by_axis(&status.distance_to_go),
         "velocity": by_axis(&status.velocity),
-        "following_error": by_axis(&status.following_error),
+        "following_error": status.has_feedback().then(|| by_axis(&status.following_error)),
         "path_mm": status.path_mm,
         "longest_stop_mm": (status.longest_stop_mm > 0.0).then_some(status.longest_stop_mm),
         "longest_stop_s": (status.longest_stop_mm > 0.0).then_some(status.longest_stop_s),
@@ -479,5 +483,20 @@ mod tests {
         let value = to_json("mill", &status(), "XZ");
         assert_eq!(value["position_machine"], json!({ "X": 0.0, "Z": -7.5 }));
         assert_eq!((&value["state"], &value["line"]), (&json!("running"), &json!(17)));
+        // A deviation of 0 would say that drives follow exactly.
+        let mut alone = status();
+        alone.following_error = [0.5; 9];
+        assert_eq!(to_json("mill", &alone, "XZ")["following_error"]["X"], json!(0.5));
+        alone.feedback_age_ns = u64::MAX;
+        assert_eq!(to_json("mill", &alone, "XZ")["following_error"], json!(null));
+        let line = |status| {
+            let text = picture("mill", &status, "XZ", None, false);
+            text.lines().find(|line| line.starts_with('Z')).map(str::to_owned)
+        };
+        assert!(
+            line(alone).is_some_and(|line| line.ends_with(" -")),
+            "{:?}",
+            line(alone)
+        );
     }
 }

@@ -243,6 +243,12 @@ impl Status {
         get_text(&self.program, self.program_length)
     }
 
+    /// Whether a drive reports: without one there is no actual position and no following error.
+    #[must_use]
+    pub fn has_feedback(&self) -> bool {
+        self.feedback_age_ns != u64::MAX
+    }
+
     /// Writes the sentence of the newest alarm, truncated like the program's name.
     pub fn set_alarm_text(&mut self, text: &str) {
         self.alarm_text_length = put_text(&mut self.alarm_text, text);
