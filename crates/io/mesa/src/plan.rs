@@ -143,6 +143,13 @@ impl Plan {
         period_s: f64,
     ) -> Result<Self, PlanError> {
         check_name(board, settings)?;
+        // It is fed once per period, and a little later at times.
+        if settings.watchdog_s < 2.0 * period_s {
+            return Err(PlanError::Watchdog {
+                watchdog_ms: settings.watchdog_s * 1e3,
+                period_ms: period_s * 1e3,
+            });
+        }
         let mut plan = Self {
             watchdog: module(board, tag::WATCHDOG, "watchdog", 0, 3)?,
             port: module(board, tag::IO_PORT, "I/O port", 0, 5)?,

@@ -144,6 +144,17 @@ fn exactly_the_outputs_of_the_file_are_driven() {
     );
 }
 
+/// It would trip between two packets.
+#[test]
+fn a_watchdog_of_a_period_is_refused() {
+    let (said, driven) = said_and_driven(&router_text("watchdog_ms = 50", "watchdog_ms = 2", ""), "wd_");
+    assert!(
+        said.contains("watchdog_ms is 2, and packets come every 2.000 ms"),
+        "{said}"
+    );
+    assert!(driven.is_empty(), "{driven:?}");
+}
+
 /// Errors of the file alone: no board is needed.
 #[test]
 fn a_pin_or_unit_with_two_uses_is_told_when_the_file_is_read() {

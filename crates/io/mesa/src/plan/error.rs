@@ -92,6 +92,16 @@ pub enum PlanError {
         /// The error.
         cause: Box<PlanError>,
     },
+    /// A watchdog that would trip between two packets.
+    #[error(
+        "watchdog_ms is {watchdog_ms}, and packets come every {period_ms:.3} ms: give at least two periods, better ten"
+    )]
+    Watchdog {
+        /// Its time.
+        watchdog_ms: f64,
+        /// The period of the core.
+        period_ms: f64,
+    },
     /// A time that is too long.
     #[error(
         "{what} of {time_ns} ns is more than the step generators of this board can ({most_ns:.0} ns): \
