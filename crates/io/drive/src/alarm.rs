@@ -9,6 +9,17 @@ fn letter(axis: usize) -> char {
     LETTERS.get(axis).copied().unwrap_or('?')
 }
 
+/// What to do about an error code of a drive.
+const fn fault_advice(error_code: u32) -> &'static str {
+    match error_code {
+        // CiA 402: communication. Bridges report it of every drive whose data they do not have.
+        0x7500..=0x75FF => {
+            "its link to the bridge was lost, as may be that of other drives; see what the bridge says, check cables and supplies, reset"
+        }
+        _ => "see the drive's manual, remove the cause, reset",
+    }
+}
+
 fn ms(ns: u64) -> f64 {
     (ns / 1000) as f64 / 1000.0
 }
@@ -79,10 +90,9 @@ pub enum DriveAlarm {
     },
     /// A drive is in fault.
     #[error(
-        "the drive of axis {} is in fault (status word {status_word:#06x}, error code {error_code:#06x}): \
-         see the \
-         drive's manual, remove the cause, reset",
-        letter(*axis)
+        "the drive of axis {} is in fault (status word {status_word:#06x}, error code {error_code:#06x}): {}",
+        letter(*axis),
+        fault_advice(*error_code)
     )]
     DriveFault {
         /// The axis.

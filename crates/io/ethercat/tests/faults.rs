@@ -187,6 +187,30 @@ fn an_emergency_message_at_start_is_told_and_the_network_comes_up_after_it() {
     });
 }
 
+/// Without frames drives leave OP by their watchdogs. They still count in frames that come then.
+#[test]
+fn devices_that_have_left_op_are_named_and_no_working_counter_is() {
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            with_bridge(
+                |network| network.max_lost_cycles = 150,
+                ring,
+                |core, ring, messages| {
+                    core.bring_up();
+                    begin(ring, FaultKind::Break, 2, Some(200_000_000));
+                    core.power = PowerRequest::Off;
+                    core.until("the loss", |feedback| feedback.error_code == 0x7500);
+                    // The message about the working counter would be the first.
+                    core.until("the messages", |_| {
+                        messages.contain("`y-drive` does not reply, or has left OP")
+                    });
+                    assert!(!messages.contain("working counter"), "{messages:?}");
+                },
+            );
+        });
+    });
+}
+
 #[test]
 fn a_network_that_is_not_the_one_of_the_file_is_told_in_plain_words() {
     type Edit = fn(&mut Network);

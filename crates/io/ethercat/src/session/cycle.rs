@@ -347,7 +347,10 @@ impl<'m> Cycle<'_, 'm> {
         }
         if self.short == self.network.max_lost_cycles + 1 {
             let (found, expected) = (exchanged.working_counter, self.expected);
-            let _full = ends.bus.notices.push(Notice::Short { found, expected });
+            // Devices that have only left OP are told by name below.
+            if found != expected {
+                let _full = ends.bus.notices.push(Notice::Short { found, expected });
+            }
         }
         let (mut axis, mut spindle) = (0, 0);
         for (device, listed) in self.network.devices.iter().enumerate() {
