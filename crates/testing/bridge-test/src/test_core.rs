@@ -269,7 +269,8 @@ impl TestCore {
         }
     }
 
-    /// Waits for the bridge, goes to where the axes are, and switches the drives on.
+    /// Waits for the bridge, goes to where the axes are, resets faults of the drives, as a core does once its operator has said RESET,
+    /// and switches them on. Drives that lost their fieldbus under power, with the bridge before, are in fault.
     ///
     /// # Errors
     /// No feedback, or no operation, in time.
@@ -288,6 +289,17 @@ impl TestCore {
         })?;
         self.position = here.position;
         self.rest(0.1);
+        if states(&here).any(|state| state.is_some_and(DriveState::is_fault)) {
+            let number = self.reset_faults();
+            self.until(
+                "the reset of faults that the drives had at the start",
+                LATEST_S,
+                |feedback| {
+                    feedback.fault_reset_done == number
+                        && !states(feedback).any(|state| state.is_some_and(DriveState::is_fault))
+                },
+            )?;
+        }
         self.request(PowerRequest::On);
         self.until("drives in operation, following", LATEST_S, is_following)?;
         Ok(())
