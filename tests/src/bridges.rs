@@ -60,6 +60,9 @@ pub fn hold_to_the_suite(options: &[&str], command: &[String]) -> Vec<Value> {
         .collect();
     for case in &cases {
         assert_ne!(case["verdict"], "failed", "{}: {}", case["case"], case["why"]);
+        if case["verdict"] == "not measured" {
+            println!("not measured: {}: {}", case["case"], case["why"]);
+        }
     }
     cases
 }

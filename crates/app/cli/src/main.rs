@@ -44,7 +44,8 @@ use evolvent_analysis::AnalysisError;
 /// A real-time CNC core: part programs to setpoints in shared memory, with every cycle recorded.
 ///
 /// Exit codes: 0 done; 1 the program or the run failed; 2 wrong usage or configuration; 3 done, but data was
-/// lost (trace), setpoints were late, or a part of the program was not checked (check).
+/// lost (trace), setpoints were late, a part of the program was not checked (check), or a case could not be
+/// measured (bridge test).
 #[derive(Debug, Parser)]
 #[command(version, propagate_version = true)]
 struct Cli {

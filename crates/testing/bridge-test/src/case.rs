@@ -13,13 +13,39 @@ use crate::{cases, signal_cases};
 
 /// Why a bridge failed a case, or why the case could not be run.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-#[error("{0}")]
-pub struct CaseError(String);
+#[error("{what}")]
+pub struct CaseError {
+    what: String,
+    /// A pause of the host explains it.
+    is_unmeasured: bool,
+}
 
 impl CaseError {
     pub(crate) fn new(what: impl Into<String>) -> Self {
-        Self(what.into())
+        Self {
+            what: what.into(),
+            is_unmeasured: false,
+        }
     }
+
+    /// Something that the host may have done: it kept the bridge from running for as long.
+    pub(crate) fn unmeasured(what: impl Into<String>) -> Self {
+        Self {
+            what: what.into(),
+            is_unmeasured: true,
+        }
+    }
+}
+
+/// How a case ended in which the bridge did nothing wrong.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// The bridge does what is demanded.
+    Passed,
+    /// This bridge, or this suite, cannot be made to play it.
+    LeftOut,
+    /// The host kept the bridge from running each time, and for so long that this explains what was seen.
+    NotMeasured(String),
 }
 
 /// Where a case is played: one bridge, one bus.
@@ -117,13 +143,13 @@ pub const CASES: [Case; 22] = [
     ),
     case!(
         due,
-        "moves when setpoints are due and not when they come, and answers none before",
+        "moves when setpoints are due, not when they come and not later, and answers none before",
         false,
         false
     ),
     case!(
         begin,
-        "begins to follow within 1 mm of the axes and at rest only",
+        "begins to follow within 1 mm of the positions that it reports and at rest only",
         false,
         false
     ),
@@ -221,30 +247,38 @@ pub const CASES: [Case; 22] = [
 /// A case that failed while the host kept the core of the suite or the bridge from running proves nothing: it is played again.
 const ATTEMPTS: usize = 3;
 
-/// Runs one case on its bus, and clears the bus away. `Ok(false)` where it was left out.
+/// Runs one case on its bus, and clears the bus away.
 ///
 /// # Errors
 /// What the bridge did wrong.
-pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<bool, CaseError> {
+pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<Outcome, CaseError> {
     if (case.kills_bridge && !stage.bridge.can_be_killed())
         || (case.kills_core && stage.core_program.is_none())
         || (case.needs_signals && !stage.has_signals)
     {
-        return Ok(false);
+        return Ok(Outcome::LeftOut);
     }
     let mut result = Ok(());
     for _ in 0..ATTEMPTS {
         let before = DISTURBED.load(Ordering::Relaxed);
         result = (case.play)(stage);
         stage.bridge.end();
-        if result.is_ok() || DISTURBED.load(Ordering::Relaxed) == before {
+        let is_explained = result.as_ref().is_err_and(|error| error.is_unmeasured)
+            || DISTURBED.load(Ordering::Relaxed) != before;
+        if result.is_ok() || !is_explained {
             break;
         }
     }
+    let outcome = match result {
+        Ok(()) => Ok(Outcome::Passed),
+        Err(error) if error.is_unmeasured => Ok(Outcome::NotMeasured(error.what)),
+        Err(error) => Err(error),
+    };
     let cleared = remove_private_domain(&stage.prefix).map_err(|error| CaseError::new(error.to_string()));
-    result.and(cleared)?;
+    let outcome = outcome?;
+    cleared?;
     match remains(&stage.prefix) {
-        left if left.is_empty() => Ok(true),
+        left if left.is_empty() => Ok(outcome),
         left => Err(CaseError::new(format!(
             "left in shared memory: {}",
             left.join(", ")

@@ -23,8 +23,9 @@ mod cases;
 mod core_process;
 mod signal_cases;
 mod test_core;
+mod timing;
 
 pub use bridge::{BridgeUnderTest, ProcessBridge, StartError, ThreadBridge};
-pub use case::{CASES, Case, CaseError, Stage, run_case};
+pub use case::{CASES, Case, CaseError, Outcome, Stage, run_case};
 pub use core_process::{CoreProcess, run_core};
 pub use test_core::{Seen, TestCore};

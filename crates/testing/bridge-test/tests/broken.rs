@@ -1,13 +1,17 @@
 //! One bridge for each rule that breaks it, and it alone: the suite must find out, and have nothing against the one that
 //! breaks none.
-#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+#![expect(
+    clippy::expect_used,
+    clippy::print_stdout,
+    reason = "helpers of tests fail and talk as tests do"
+)]
 
 use core::time::Duration;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use evolvent_bridge_sim::{SimBridge, SimSettings, monotonic_ns};
-use evolvent_bridge_test::{CASES, Stage, ThreadBridge, run_case};
+use evolvent_bridge_test::{CASES, Outcome, Stage, ThreadBridge, run_case};
 use evolvent_bus::{
     ClientBus, ClientConfig, Feedback, FeedbackSender, InputSender, MachineInputs, MachineOutputs,
     OutputReader, Setpoint, SetpointReader,
@@ -33,6 +37,14 @@ enum Flaw {
     MovesOnArrival,
     AnswersOnArrival,
     FollowsLate,
+    /// It follows what comes up to 0.2 s late.
+    FollowsALittleLate,
+    /// Three periods before they are due.
+    MovesEarly,
+    /// As if setpoints were due 0.1 s later, or 0.4 s, whatever it says.
+    MovesLate,
+    MovesMuchLater,
+    RepliesLate,
     CountsNothing,
     /// Rule 4.
     QuickStopWhenDue,
@@ -40,6 +52,7 @@ enum Flaw {
     TellsNoReset,
     /// Rule 5.
     BeginsWithin3Mm,
+    BeginsWithin1Mm6,
     BeginsInMotion,
     /// Rule 6.
     SaysItFollows,
@@ -85,6 +98,7 @@ fn drives(flaw: Flaw) -> SimBridge {
     match flaw {
         Flaw::SameInstance => settings.instance = 7,
         Flaw::BeginsWithin3Mm => settings.sync_tolerance = 3.0,
+        Flaw::BeginsWithin1Mm6 => settings.sync_tolerance = 1.6,
         Flaw::FollowsJumps => {
             for axis in &mut settings.axes {
                 (axis.max_velocity, axis.max_acceleration) = (1e9, 1e12);
@@ -220,7 +234,8 @@ impl Wired {
 fn bend(flaw: Flaw, setpoint: &mut Setpoint, now_ns: u64, last_due_ns: &mut u64) {
     match flaw {
         Flaw::ActsOnArrival | Flaw::MovesOnArrival => setpoint.due_time_ns = now_ns.max(*last_due_ns + 1_000),
-        Flaw::FollowsLate if setpoint.due_time_ns < now_ns => {
+        Flaw::FollowsALittleLate if setpoint.due_time_ns + 200_000_000 < now_ns => {}
+        Flaw::FollowsLate | Flaw::FollowsALittleLate if setpoint.due_time_ns < now_ns => {
             setpoint.due_time_ns = (now_ns + 4_000_000).max(*last_due_ns + 2_000_000);
         }
         Flaw::PowerBackAfterQuickStop if setpoint.power_request == PowerRequest::QuickStop.number() => {
@@ -230,6 +245,13 @@ fn bend(flaw: Flaw, setpoint: &mut Setpoint, now_ns: u64, last_due_ns: &mut u64)
         _ => {}
     }
     *last_due_ns = setpoint.due_time_ns;
+    // All by as much: the first one decides nothing.
+    match flaw {
+        Flaw::MovesEarly => setpoint.due_time_ns -= 6_000_000,
+        Flaw::MovesLate | Flaw::RepliesLate => setpoint.due_time_ns += 100_000_000,
+        Flaw::MovesMuchLater => setpoint.due_time_ns += 400_000_000,
+        _ => {}
+    }
 }
 
 /// What a flaw makes of an answer.
@@ -240,6 +262,8 @@ fn spoil(flaw: Flaw, feedback: &mut Feedback, first_ns: u64, newest: u64) {
         Flaw::AnswersOnArrival => feedback.sequence = newest,
         // A lead of the suite's core is 100 periods.
         Flaw::MovesOnArrival => feedback.sequence = newest.saturating_sub(100),
+        Flaw::MovesEarly => feedback.sequence = feedback.sequence.saturating_sub(3),
+        Flaw::MovesLate | Flaw::MovesMuchLater => feedback.sequence = newest.saturating_sub(100),
         Flaw::CountsNothing => feedback.missed_setpoints = 0,
         Flaw::TellsNoReset => feedback.fault_reset_done = 0,
         Flaw::SaysItFollows if feedback.bridge_state == 3 || feedback.bridge_state == 4 => {
@@ -251,8 +275,19 @@ fn spoil(flaw: Flaw, feedback: &mut Feedback, first_ns: u64, newest: u64) {
     }
 }
 
-/// What the suite says of a bridge in one case.
-fn verdict(flaw: Flaw, case: &str) -> Result<(), String> {
+/// What the suite says of a bridge in one case, and again where the host was too busy for it to say anything.
+fn verdict(flaw: Flaw, case: &str) -> Result<Outcome, String> {
+    const ATTEMPTS: usize = 5;
+    for _ in 1..ATTEMPTS {
+        match play(flaw, case) {
+            Ok(Outcome::NotMeasured(why)) => println!("{flaw:?} in {case}: {why}: once more"),
+            result => return result,
+        }
+    }
+    play(flaw, case)
+}
+
+fn play(flaw: Flaw, case: &str) -> Result<Outcome, String> {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     let case = CASES.iter().find(|known| known.name == case).expect("a case");
     let mut bridge = ThreadBridge::new(move |name, prefix, stop| serve(flaw, name, prefix, stop));
@@ -269,13 +304,11 @@ fn verdict(flaw: Flaw, case: &str) -> Result<(), String> {
         moments: 2,
         has_signals: true,
     };
-    run_case(case, &mut stage)
-        .map(drop)
-        .map_err(|error| error.to_string())
+    run_case(case, &mut stage).map_err(|error| error.to_string())
 }
 
 /// The case that a flaw must fail.
-const FLAWS: [(Flaw, &str); 26] = [
+const FLAWS: [(Flaw, &str); 32] = [
     (Flaw::OneCoreOnly, "core_restart"),
     (Flaw::AnswersEverySecond, "feedback"),
     (Flaw::OldTime, "feedback"),
@@ -284,12 +317,18 @@ const FLAWS: [(Flaw, &str); 26] = [
     (Flaw::ActsOnArrival, "due"),
     (Flaw::MovesOnArrival, "due"),
     (Flaw::AnswersOnArrival, "due"),
+    (Flaw::MovesEarly, "due"),
+    (Flaw::MovesLate, "due"),
+    (Flaw::MovesMuchLater, "due"),
+    (Flaw::RepliesLate, "due"),
     (Flaw::FollowsLate, "late"),
+    (Flaw::FollowsALittleLate, "late"),
     (Flaw::CountsNothing, "late"),
     (Flaw::QuickStopWhenDue, "quick_stop"),
     (Flaw::PowerBackAfterQuickStop, "power"),
     (Flaw::TellsNoReset, "fault_reset"),
     (Flaw::BeginsWithin3Mm, "begin"),
+    (Flaw::BeginsWithin1Mm6, "begin"),
     (Flaw::BeginsInMotion, "begin"),
     (Flaw::SaysItFollows, "silence"),
     (Flaw::FollowsJumps, "jump"),
@@ -316,7 +355,7 @@ fn each_broken_bridge_fails_the_case_of_its_rule() {
                     for (flaw, case) in part {
                         let found = verdict(*flaw, case);
                         println!("{flaw:?} in {case}: {found:?}");
-                        if found.is_ok() {
+                        if found == Ok(Outcome::Passed) {
                             passed.push((*flaw, *case));
                         }
                     }
@@ -338,6 +377,7 @@ fn the_bridge_without_a_flaw_passes_all_of_these() {
     cases.sort_unstable();
     cases.dedup();
     for case in cases {
-        assert_eq!(verdict(Flaw::None, case), Ok(()), "{case}");
+        let found = verdict(Flaw::None, case).unwrap_or_else(|why| panic!("{case}: {why}"));
+        println!("{case}: {found:?}");
     }
 }

@@ -1,0 +1,213 @@
+//! When a bridge moves: the positions that it reports, against the positions and due times of the setpoints.
+//!
+//! The time by which a motion lags is fitted to all its samples (least squares), which finds a fraction of a period in a slow motion.
+
+use crate::case::{CaseError, Stage};
+use crate::cases::{Judged, demand, up};
+use crate::test_core::{Fate, LEAD, PERIOD_NS, Seen};
+
+/// Distance of the move, mm, and its time, s: 23 mm/s at most.
+const DISTANCE: f64 = 5.0;
+const MOVE_S: f64 = 0.4;
+/// How far from the fitted motion the axis may be in the mean, mm.
+const CLOSE: f64 = 0.2;
+/// How much earlier than due a setpoint may be used, ns: a period, the grid of a bridge that rounds.
+const EARLY_NS: u64 = PERIOD_NS;
+/// How late a motion may be besides the following error that the bridge declares, ns: the core permits the distance of 20 ms
+/// (`following_time_ms`) unless the machine file says otherwise.
+const LAG_NS: u64 = 20_000_000;
+/// How late it may be with the following error that the bridge declares, ns: position loops with a gain of 1 m/min per mm lag by 60 ms.
+const DECLARED_LAG_NS: u64 = 60_000_000;
+/// An axis that stands for so long at 23 mm/s is off its path.
+const STANDING_NS: u64 = 50_000_000;
+/// Lags that are tried, ns, and their step.
+const SEARCH_NS: core::ops::RangeInclusive<i64> = -(LEAD as i64 * PERIOD_NS as i64)..=700_000_000;
+const COARSE_NS: usize = 1_000_000;
+const FINE_NS: usize = 50_000;
+
+/// A setpoint that was sent.
+#[derive(Clone, Copy, Debug)]
+struct Planned {
+    due_ns: u64,
+    sequence: u64,
+    position: f64,
+}
+
+/// The planned position at a moment; before the first and after the last setpoint the axis is at rest.
+fn planned_at(plan: &[Planned], time_ns: i64) -> f64 {
+    let next = plan.partition_point(|planned| planned.due_ns as i64 <= time_ns);
+    match (next.checked_sub(1).and_then(|at| plan.get(at)), plan.get(next)) {
+        (Some(before), Some(after)) => {
+            let span = (after.due_ns - before.due_ns) as f64;
+            let part = (time_ns - before.due_ns as i64) as f64 / span;
+            before.position + part * (after.position - before.position)
+        }
+        (Some(only), None) | (None, Some(only)) => only.position,
+        (None, None) => f64::NAN,
+    }
+}
+
+/// By how much samples of time and position lag behind the plan, ns, and how far they are from the shifted plan, mm (root mean square).
+fn fitted_lag(plan: &[Planned], samples: &[(u64, f64)]) -> (i64, f64) {
+    let error = |lag_ns: i64| {
+        let squares = samples.iter().map(|(time_ns, position)| {
+            let off = position - planned_at(plan, *time_ns as i64 - lag_ns);
+            off * off
+        });
+        (squares.sum::<f64>() / samples.len().max(1) as f64).sqrt()
+    };
+    let best = |range: core::ops::RangeInclusive<i64>, step: usize| {
+        let tried = range.step_by(step).map(|lag_ns| (lag_ns, error(lag_ns)));
+        tried.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, f64::NAN))
+    };
+    let (near, _) = best(SEARCH_NS, COARSE_NS);
+    best(near - COARSE_NS as i64..=near + COARSE_NS as i64, FINE_NS)
+}
+
+/// The longest time for which the bridge was silent, beyond a period, by its own times, ns.
+fn longest_gap_ns(log: &[Seen]) -> u64 {
+    let gaps = log
+        .windows(2)
+        .map(|pair| pair[1].feedback.time_ns.saturating_sub(pair[0].feedback.time_ns));
+    gaps.max().unwrap_or(0).saturating_sub(PERIOD_NS)
+}
+
+/// A demand on times. A bridge that the host kept from running for as long as it was off by cannot be judged.
+fn demand_in_time(good: bool, off_ns: u64, log: &[Seen], what: impl FnOnce() -> String) -> Judged {
+    if good {
+        return Ok(());
+    }
+    let gap_ns = longest_gap_ns(log);
+    if gap_ns >= off_ns {
+        return Err(CaseError::unmeasured(format!(
+            "{}; the bridge was silent for {:.1} ms",
+            what(),
+            ms(gap_ns)
+        )));
+    }
+    Err(CaseError::new(what()))
+}
+
+fn ms(ns: u64) -> f64 {
+    ns as f64 * 1e-6
+}
+
+/// Which setpoints the bridge says that it has replied to: none before it is due, and none long after.
+fn judge_replies(plan: &[Planned], log: &[Seen]) -> Judged {
+    let mut delays_ns = Vec::new();
+    for seen in log {
+        let (time_ns, sequence) = (seen.feedback.time_ns, seen.feedback.sequence);
+        let Some(planned) = plan.iter().find(|planned| planned.sequence == sequence) else {
+            continue;
+        };
+        let early_ns = planned.due_ns.saturating_sub(time_ns);
+        demand(early_ns <= EARLY_NS, || {
+            format!(
+                "replies to setpoint {sequence} {:.1} ms before it is due",
+                ms(early_ns)
+            )
+        })?;
+        delays_ns.push(time_ns.saturating_sub(planned.due_ns));
+    }
+    delays_ns.sort_unstable();
+    let delay_ns = delays_ns.get(delays_ns.len() / 2).copied().unwrap_or(0);
+    demand_in_time(delay_ns <= LAG_NS, delay_ns, log, || {
+        format!("replies to setpoints {:.1} ms after they were due", ms(delay_ns))
+    })
+}
+
+fn judge_motion(plan: &[Planned], log: &[Seen]) -> Judged {
+    let samples = |declared: f64| {
+        let of = |seen: &Seen| {
+            let feedback = &seen.feedback;
+            (
+                feedback.time_ns,
+                feedback.position[0] + declared * feedback.following_error[0],
+            )
+        };
+        log.iter().map(of).collect::<Vec<_>>()
+    };
+    let (lag_ns, off) = fitted_lag(plan, &samples(0.0));
+    // A bridge that declares its following error says where its drives should be.
+    let (target_lag_ns, _) = fitted_lag(plan, &samples(1.0));
+    let late_ns = lag_ns.max(0).unsigned_abs();
+    let early_ns = lag_ns.min(0).unsigned_abs();
+    demand_in_time(early_ns <= EARLY_NS, early_ns, log, || {
+        format!("the axis moves {:.1} ms before setpoints are due", ms(early_ns))
+    })?;
+    let is_in_time = late_ns <= LAG_NS || late_ns <= DECLARED_LAG_NS && target_lag_ns <= LAG_NS as i64;
+    demand_in_time(is_in_time, late_ns, log, || {
+        format!("the axis follows {:.1} ms after setpoints were due", ms(late_ns))
+    })?;
+    demand_in_time(off <= CLOSE, STANDING_NS, log, || {
+        format!("the axis is {off:.3} from the path of the setpoints in the mean")
+    })
+}
+
+pub(crate) fn due(stage: &mut Stage<'_>) -> Judged {
+    let mut core = up(stage)?;
+    core.rest((LEAD * PERIOD_NS) as f64 * 1e-9 + 0.2);
+    let _before = core.take_log();
+    let mut plan = Vec::new();
+    let mut take = |setpoint: &mut evolvent_bus::Setpoint| {
+        plan.push(Planned {
+            due_ns: setpoint.due_time_ns,
+            sequence: setpoint.sequence,
+            position: setpoint.position[0],
+        });
+        Fate::Sent
+    };
+    core.rest_with(0.05, &mut take);
+    core.move_by(DISTANCE, MOVE_S, &mut take);
+    // The end of the move comes a lead later, and that of a bridge that is late later still.
+    core.rest_with((LEAD * PERIOD_NS) as f64 * 1e-9 + 0.7, &mut take);
+    let log = core.take_log();
+    demand(!log.is_empty(), || "no feedback".to_owned())?;
+    judge_replies(&plan, &log)?;
+    judge_motion(&plan, &log)?;
+    crate::cases::follows(&mut core)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A move to and fro, one setpoint per period from one second on.
+    fn plan() -> Vec<Planned> {
+        (0..300)
+            .map(|i| Planned {
+                due_ns: 1_000_000_000 + i * PERIOD_NS,
+                sequence: i,
+                position: 2.5 * (1.0 - (i as f64 * core::f64::consts::TAU / 300.0).cos()),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_lag_is_found_to_a_fraction_of_a_period() {
+        let plan = plan();
+        for wanted_ns in [-6_000_000, -1_300_000, 0, 700_000, 25_000_000, 480_000_000] {
+            let samples: Vec<(u64, f64)> = (0..600)
+                .map(|i| {
+                    let time_ns = 900_000_000 + i * PERIOD_NS + 123_456;
+                    // An encoder of 10 um.
+                    let position = planned_at(&plan, time_ns as i64 - wanted_ns);
+                    (time_ns, (position * 100.0).round() / 100.0)
+                })
+                .collect();
+            let (found_ns, off) = fitted_lag(&plan, &samples);
+            assert!(
+                (found_ns - wanted_ns).abs() < 300_000,
+                "{found_ns} for {wanted_ns}"
+            );
+            assert!(off < 0.01, "{off}");
+        }
+    }
+
+    #[test]
+    fn an_axis_that_does_not_move_is_far_from_the_path() {
+        let plan = plan();
+        let samples: Vec<(u64, f64)> = (0..600).map(|i| (1_000_000_000 + i * PERIOD_NS, 5.0)).collect();
+        assert!(fitted_lag(&plan, &samples).1 > CLOSE);
+    }
+}
