@@ -1,7 +1,10 @@
 //! Drive bridges: the simulated one, the one within a process, and the examples in C and Python, all held to one suite.
 
 use std::fs::read_to_string;
+use std::io::Read;
 use std::path::Path;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
 
 use evolvent_ethercat_ring::{DriveSettings, MAIN_INTERFACE, SubDevice, TerminalKind, on_bench};
 use evolvent_tests::{Workshop, c_example, evolvent, hold_to_the_suite, repository, unless_disturbed};
@@ -120,6 +123,52 @@ fn the_ethercat_bridge_may_be_killed_and_so_may_its_core() {
             });
         });
     }
+}
+
+/// The end of a suite is that of its bridge too, which would keep the bus.
+#[test]
+fn a_signal_to_the_suite_ends_the_bridge_that_it_has_started() {
+    let workshop = Workshop::new();
+    let note = workshop.folder().join("bridge.pid");
+    // The shell becomes the bridge: its number is the bridge's.
+    let script = format!("echo $$ > {}; exec sleep 60", note.display());
+    let mut suite = evolvent()
+        .args(["bridge", "test", "--only", "version", "--", "sh", "-c", &script])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the binary to start");
+    let mut bridge = String::new();
+    let begin = Instant::now();
+    while bridge.trim().is_empty() {
+        assert!(begin.elapsed() < Duration::from_secs(30), "no bridge");
+        std::thread::sleep(Duration::from_millis(20));
+        bridge = read_to_string(&note).unwrap_or_default();
+    }
+    let process = Path::new("/proc").join(bridge.trim());
+    assert!(process.exists());
+    let sent = std::process::Command::new("kill")
+        .args(["-INT", &suite.id().to_string()])
+        .status();
+    assert!(sent.expect("kill").success());
+    let begin = Instant::now();
+    let ended = loop {
+        if let Some(ended) = suite.try_wait().expect("the suite") {
+            break ended;
+        }
+        assert!(begin.elapsed() < Duration::from_secs(10), "the suite goes on");
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    let is_gone = !process.exists();
+    if !is_gone {
+        let _ended = std::process::Command::new("kill").arg(bridge.trim()).status();
+    }
+    assert!(is_gone, "the bridge goes on");
+    assert_eq!(ended.code(), Some(1), "{ended}");
+    let mut said = String::new();
+    let from = suite.stderr.as_mut().expect("its messages");
+    from.read_to_string(&mut said).expect("text");
+    assert!(said.contains("stopped by a signal"), "{said}");
 }
 
 /// A suite that finds nothing wrong with anybody proves nothing: a bridge that answers nothing fails it.

@@ -54,6 +54,7 @@ enum BridgeCommand {
     /// command the simulated bridge is tested. The first of three axes X Y Z moves by some millimetres,
     /// slowly. Exit code 1 if a case failed; 3 if none did, but this host kept the bridge from running for so
     /// long that a case could not be measured.
+    /// A signal ends the bridge too.
     Test(TestArgs),
     /// A core that moves to and fro: the one that `test` kills.
     #[command(hide = true)]
@@ -551,9 +552,10 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
         moments: args.moments,
         // The simulated bridge is wired like this.
         has_signals: args.signals || args.command.is_empty(),
+        stop: stop_on_signals()?,
     };
     let mut results: Vec<Value> = Vec::new();
-    let (mut failed, mut unmeasured) = (0, 0);
+    let (mut failed, mut unmeasured, mut stopped) = (0, 0, false);
     for case in cases {
         let begin = Instant::now();
         let (verdict, why) = match run_case(case, &mut stage) {
@@ -562,6 +564,10 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
             Ok(Outcome::NotMeasured(why)) => {
                 unmeasured += 1;
                 ("not measured", Some(why))
+            }
+            Ok(Outcome::Stopped) => {
+                stopped = true;
+                ("stopped", None)
             }
             Err(error) => {
                 failed += 1;
@@ -587,6 +593,9 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
                 written(writeln!(out, "              {why}"))?;
             }
         }
+        if stopped {
+            break;
+        }
     }
     if args.json {
         written(writeln!(
@@ -594,6 +603,9 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
             "{}",
             json!({ "seed": seed, "failed": failed, "not_measured": unmeasured, "cases": results })
         ))?;
+    }
+    if stopped {
+        written(writeln!(err, "stopped by a signal; the bridge has ended"))?;
     }
     if failed > 0 && !args.json {
         written(writeln!(
@@ -607,7 +619,7 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
             "{unmeasured} not measured: this host kept the bridge from running; test again while it is less busy"
         ))?;
     }
-    Ok(if failed > 0 {
+    Ok(if failed > 0 || stopped {
         Ending::Negative
     } else if unmeasured > 0 {
         Ending::Incomplete

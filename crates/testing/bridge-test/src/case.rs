@@ -2,7 +2,8 @@
 
 use evolvent_random::Random;
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use evolvent_bus::remove_private_domain;
 use thiserror::Error;
@@ -46,6 +47,8 @@ pub enum Outcome {
     LeftOut,
     /// The host kept the bridge from running each time, and for so long that this explains what was seen.
     NotMeasured(String),
+    /// [`Stage::stop`] was set before its end.
+    Stopped,
 }
 
 /// Where a case is played: one bridge, one bus.
@@ -64,6 +67,8 @@ pub struct Stage<'a> {
     pub moments: u32,
     /// The bridge reads inputs and sets outputs, and its digital output 0 is wired to its digital input 0.
     pub has_signals: bool,
+    /// Ends the case that is played, and the bridge with it.
+    pub stop: Arc<AtomicBool>,
 }
 
 impl Stage<'_> {
@@ -75,7 +80,9 @@ impl Stage<'_> {
     }
 
     pub(crate) fn open_core(&self) -> Result<TestCore, CaseError> {
-        TestCore::open(&self.machine_name, &self.prefix).map_err(|error| CaseError::new(error.to_string()))
+        TestCore::open(&self.machine_name, &self.prefix)
+            .map(|core| core.with_stop(&self.stop))
+            .map_err(|error| CaseError::new(error.to_string()))
     }
 
     /// A random number of `low` to `high`.
@@ -265,11 +272,12 @@ pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<Outcome, CaseError
         stage.bridge.end();
         let is_explained = result.as_ref().is_err_and(|error| error.is_unmeasured)
             || DISTURBED.load(Ordering::Relaxed) != before;
-        if result.is_ok() || !is_explained {
+        if result.is_ok() || !is_explained || stage.stop.load(Ordering::Relaxed) {
             break;
         }
     }
     let outcome = match result {
+        _ if stage.stop.load(Ordering::Relaxed) => Ok(Outcome::Stopped),
         Ok(()) => Ok(Outcome::Passed),
         Err(error) if error.is_unmeasured => Ok(Outcome::NotMeasured(error.what)),
         Err(error) => Err(error),

@@ -1,7 +1,8 @@
 //! A core that does what a case tells it: the right thing or the wrong one.
 
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use core::time::Duration;
+use std::sync::Arc;
 
 use evolvent_bridge_sim::monotonic_ns;
 use evolvent_bus::{AXES, BusConfig, BusError, CoreBus, Feedback, MachineInputs, MachineOutputs, Setpoint};
@@ -68,6 +69,8 @@ pub struct TestCore {
     outputs: Option<MachineOutputs>,
     /// Every message of inputs, and when it came.
     inputs: Vec<(u64, MachineInputs)>,
+    /// Ends whatever goes on.
+    stop: Arc<AtomicBool>,
 }
 
 impl TestCore {
@@ -93,7 +96,18 @@ impl TestCore {
             log: Vec::new(),
             outputs: None,
             inputs: Vec::new(),
+            stop: Arc::default(),
         })
+    }
+
+    /// Cycles take no time from the moment on at which `stop` is set, so that a case comes to its end.
+    pub(crate) fn with_stop(mut self, stop: &Arc<AtomicBool>) -> Self {
+        self.stop = Arc::clone(stop);
+        self
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
     }
 
     /// Every message of inputs since the last time this was asked, and when it came, ns.
@@ -121,7 +135,7 @@ impl TestCore {
     /// Says nothing for a while, and listens.
     pub(crate) fn be_silent(&mut self, seconds: f64) {
         let end_ns = monotonic_ns() + (seconds * 1e9) as u64;
-        while monotonic_ns() < end_ns {
+        while monotonic_ns() < end_ns && !self.is_stopped() {
             std::thread::sleep(Duration::from_nanos(PERIOD_NS));
             self.hear_inputs(monotonic_ns());
         }
@@ -166,6 +180,9 @@ impl TestCore {
 
     /// One cycle: publishes, naps until the next is due, collects feedback.
     pub(crate) fn cycle(&mut self, tamper: &mut dyn FnMut(&mut Setpoint) -> Fate) {
+        if self.is_stopped() {
+            return;
+        }
         let mut setpoint = Setpoint {
             sequence: self.sequence,
             due_time_ns: self.next_ns + LEAD * PERIOD_NS,
@@ -254,6 +271,9 @@ impl TestCore {
         let begin_ns = monotonic_ns();
         loop {
             self.cycle(&mut |_| Fate::Sent);
+            if self.is_stopped() {
+                return Err(CaseError::new("stopped"));
+            }
             let fresh = self
                 .feedback
                 .filter(|feedback| feedback.time_ns.saturating_add(200_000_000) > monotonic_ns());

@@ -8,6 +8,7 @@
 
 use core::time::Duration;
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use evolvent_bridge_sim::{SimBridge, SimSettings, monotonic_ns};
@@ -303,6 +304,7 @@ fn play(flaw: Flaw, case: &str) -> Result<Outcome, String> {
         seed: 1,
         moments: 2,
         has_signals: true,
+        stop: Arc::default(),
     };
     run_case(case, &mut stage).map_err(|error| error.to_string())
 }

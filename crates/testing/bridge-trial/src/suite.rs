@@ -19,6 +19,7 @@ pub fn failed_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str) -> Vec<Strin
             seed: 1,
             moments: 2,
             has_signals: true,
+            stop: Default::default(),
         };
         let result = run_case(case, &mut stage);
         println!("{}: {result:?}", case.name);
