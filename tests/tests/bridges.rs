@@ -6,8 +6,11 @@ use std::path::Path;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
+use evolvent_bus::{BusConfig, CoreBus};
 use evolvent_ethercat_ring::{DriveSettings, MAIN_INTERFACE, SubDevice, TerminalKind, on_bench};
-use evolvent_tests::{Workshop, c_example, evolvent, hold_to_the_suite, repository, unless_disturbed};
+use evolvent_tests::{
+    Domain, Workshop, c_example, evolvent, hold_to_the_suite, repository, unless_disturbed,
+};
 use serde_json::Value;
 
 /// Names of the cases of this verdict, sorted.
@@ -169,6 +172,52 @@ fn a_signal_to_the_suite_ends_the_bridge_that_it_has_started() {
     let from = suite.stderr.as_mut().expect("its messages");
     from.read_to_string(&mut said).expect("text");
     assert!(said.contains("stopped by a signal"), "{said}");
+}
+
+/// A script that tries a network for some seconds asks the exit code.
+#[test]
+fn a_network_that_did_not_come_up_is_no_success() {
+    let machine = repository()
+        .join("config/machines/mill-3axis.toml")
+        .display()
+        .to_string();
+    let network = repository()
+        .join("config/networks/sim-mill.toml")
+        .display()
+        .to_string();
+    // Nobody is at the other end of the cable.
+    on_bench(Vec::new(), move |_ring| {
+        let domain = Domain::new();
+        let finished = |has_core: bool| {
+            let mut command = evolvent();
+            command.args(["bridge", "ethercat", "--machine", &machine, "--network", &network]);
+            command.args(["--interface", MAIN_INTERFACE, "--seconds", "3"]);
+            command.args(["--machine-name", "mill-3axis", "--bus-prefix", &domain.prefix]);
+            let _core = has_core.then(|| {
+                let mut config = BusConfig::new("mill-3axis", "XYZ", 2_000_000);
+                config.prefix = Some(domain.prefix.clone());
+                CoreBus::open(&config).expect("a bus")
+            });
+            let output = command.output().expect("the binary to start");
+            (
+                output.status.code(),
+                String::from_utf8_lossy(&output.stderr).into_owned(),
+            )
+        };
+        let (code, said) = finished(false);
+        assert_eq!(code, Some(1), "{said}");
+        assert!(
+            said.contains("the network did not come up within 3 s: no core was there"),
+            "{said}"
+        );
+        let (code, said) = finished(true);
+        assert_eq!(code, Some(1), "{said}");
+        assert!(said.contains("network: no device replies"), "{said}");
+        assert!(
+            said.contains("the network did not come up within 3 s: see the messages above"),
+            "{said}"
+        );
+    });
 }
 
 /// A suite that finds nothing wrong with anybody proves nothing: a bridge that answers nothing fails it.

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand};
@@ -213,6 +213,29 @@ pub(crate) fn duration_of(seconds: Option<f64>) -> Result<Option<Duration>, Comm
             "--seconds {seconds} is out of range: choose 0 to 1000000000"
         ))),
     }
+}
+
+/// How a bridge to hardware ends: badly where its time is up and the hardware never came up.
+pub(crate) fn ending_of_bridge(
+    seconds: Option<f64>,
+    stop: &AtomicBool,
+    (connections, ready): (u32, u64),
+    hardware: &str,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let Some(seconds) = seconds.filter(|_| ready == 0 && !stop.load(Ordering::Relaxed)) else {
+        return Ok(Ending::Clean);
+    };
+    let why = if connections == 0 {
+        "no core was there, for which it waits: start `evolvent serve` or `evolvent run` for this machine"
+    } else {
+        "see the messages above"
+    };
+    written(writeln!(
+        err,
+        "{hardware} did not come up within {seconds} s: {why}"
+    ))?;
+    Ok(Ending::Negative)
 }
 
 fn written(result: io::Result<()>) -> Result<(), CommandError> {

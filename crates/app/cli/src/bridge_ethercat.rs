@@ -14,7 +14,7 @@ use evolvent_machine::Machine;
 use evolvent_path::AxisLetter;
 use serde_json::json;
 
-use crate::bridge::{duration_of, stop_on_signals};
+use crate::bridge::{duration_of, ending_of_bridge, stop_on_signals};
 use crate::{CommandError, Ending};
 
 /// Options of `evolvent bridge ethercat`.
@@ -52,7 +52,7 @@ pub(crate) struct EthercatArgs {
     /// Prefix of the bus's files, as for the core.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// End after this many seconds; without it, at Ctrl-C.
+    /// End after this many seconds; without it, at Ctrl-C. The exit code is 1 if the network did not come up in that time.
     #[arg(long, value_name = "N")]
     seconds: Option<f64>,
     /// Record the wire to this file (pcapng, for Wireshark and tshark), which is created or replaced. It keeps the most recent frames
@@ -186,6 +186,7 @@ pub(crate) fn run(
             "machine": name,
             "connections": report.connections,
             "sessions": report.sessions,
+            "ready": report.ready,
             "cycles": report.cycles,
             "lost_frames": report.lost_frames,
             "short_frames": report.short_frames,
@@ -211,5 +212,6 @@ pub(crate) fn run(
             .map_err(failed)?;
         }
     }
-    Ok(Ending::Clean)
+    let reached = (report.connections, report.ready);
+    ending_of_bridge(args.seconds, &stop, reached, "the network", err)
 }

@@ -10,7 +10,7 @@ use evolvent_machine::Machine;
 use evolvent_mesa::{BoardSettings, BridgeError, Link, RunSettings, check_fit, fit_notes, run as run_bridge};
 use serde_json::json;
 
-use crate::bridge::{duration_of, stop_on_signals};
+use crate::bridge::{duration_of, ending_of_bridge, stop_on_signals};
 use crate::{CommandError, Ending};
 
 /// Options of `evolvent bridge mesa`.
@@ -37,7 +37,7 @@ pub(crate) struct MesaArgs {
     /// Prefix of the bus's files, as for the core.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// End after this many seconds; without it, at Ctrl-C.
+    /// End after this many seconds; without it, at Ctrl-C. The exit code is 1 if the board did not come up in that time.
     #[arg(long, value_name = "N")]
     seconds: Option<f64>,
     /// Print one JSON object at the end.
@@ -105,6 +105,7 @@ pub(crate) fn run(args: &MesaArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
             "machine": name,
             "connections": report.connections,
             "sessions": report.sessions,
+            "ready": report.ready,
             "cycles": report.cycles,
             "lost_replies": report.lost_replies,
             "lost_writes": report.lost_writes,
@@ -119,5 +120,6 @@ pub(crate) fn run(args: &MesaArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         )
         .map_err(failed)?;
     }
-    Ok(Ending::Clean)
+    let reached = (report.connections, report.ready);
+    ending_of_bridge(args.seconds, &stop, reached, "the board", err)
 }

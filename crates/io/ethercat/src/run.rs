@@ -45,6 +45,8 @@ pub struct BridgeReport {
     pub connections: u32,
     /// Number of times that the network was brought up, or that it failed.
     pub sessions: u64,
+    /// Number of times that all devices came to OP.
+    pub ready: u64,
     /// Cycles of the network.
     pub cycles: u64,
     /// Frames that did not return in time.
@@ -159,6 +161,7 @@ pub fn run_measured(
         unrecorded_frames: recorded.lost.load(Ordering::Relaxed),
         connections: runs.connections,
         sessions: runs.sessions,
+        ready: counters.ready.load(Ordering::Relaxed),
         cycles: counters.cycles.load(Ordering::Relaxed),
         lost_frames: counters.lost.load(Ordering::Relaxed),
         short_frames: counters.short.load(Ordering::Relaxed),

@@ -56,6 +56,8 @@ type Group<S> = SubDeviceGroup<MAX_DEVICES, IMAGE, DefaultLock, Op, S>;
 /// Counters over all sessions.
 #[derive(Debug, Default)]
 pub(crate) struct Counters {
+    /// Times that all devices came to OP.
+    pub(crate) ready: AtomicU64,
     pub(crate) cycles: AtomicU64,
     pub(crate) lost: AtomicU64,
     pub(crate) short: AtomicU64,

@@ -35,6 +35,8 @@ pub struct BridgeReport {
     pub connections: u32,
     /// Number of attempts to set the board up.
     pub sessions: u64,
+    /// Number of times that it was set up.
+    pub ready: u64,
     /// Cycles.
     pub cycles: u64,
     /// Replies that were late or lost.
@@ -86,6 +88,7 @@ pub fn run_measured(
     Ok(BridgeReport {
         connections: runs.connections,
         sessions: runs.sessions,
+        ready: counters.ready.load(Ordering::Relaxed),
         cycles: counters.cycles.load(Ordering::Relaxed),
         lost_replies: counters.lost.load(Ordering::Relaxed),
         lost_writes: counters.unheard.load(Ordering::Relaxed),

@@ -103,6 +103,8 @@ pub enum Notice {
 /// Counters over all sessions.
 #[derive(Debug, Default)]
 pub(crate) struct Counters {
+    /// Times that the board was set up.
+    pub(crate) ready: AtomicU64,
     pub(crate) cycles: AtomicU64,
     /// Replies that were late or lost.
     pub(crate) lost: AtomicU64,
@@ -175,6 +177,7 @@ pub(crate) fn run_session(
             cycle.signals.offer(monotonic_ns(), &outputs);
         }
     }
+    ends.counters.ready.fetch_add(1, Ordering::Relaxed);
     let _full = ends.bus.notices.push(Notice::Operational);
     cycle.run(ends)
 }

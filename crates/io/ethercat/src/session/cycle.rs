@@ -331,6 +331,7 @@ impl<'m> Cycle<'_, 'm> {
             self.short = 0;
             if !self.operational {
                 self.operational = true;
+                ends.counters.ready.fetch_add(1, Ordering::Relaxed);
                 let clocks = matches!(self.devices, Devices::Clocked(_));
                 let _full = ends.bus.notices.push(Notice::Operational { clocks });
             }
