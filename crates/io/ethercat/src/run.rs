@@ -244,12 +244,12 @@ impl Hardware for RunSettings {
                 letter(axis)
             ),
             Notice::DeviceLost { device } => {
-                let name = self
-                    .network
-                    .devices
-                    .get(device)
-                    .map_or("?", |device| device.name.as_str());
+                let name = self.name_of(device);
                 format!("network: `{name}` does not reply, or has left OP: all drives stop")
+            }
+            Notice::DeviceSilent { device } => {
+                let name = self.name_of(device);
+                format!("network: `{name}` is in OP and does not exchange process data: all drives stop")
             }
             Notice::Short { found, expected } => {
                 format!("network: working counter {found} instead of {expected}: all drives stop")
@@ -259,6 +259,12 @@ impl Hardware for RunSettings {
 }
 
 impl RunSettings {
+    /// The name of a device in the network file.
+    fn name_of(&self, device: usize) -> &str {
+        let listed = self.network.devices.get(device);
+        listed.map_or("?", |device| device.name.as_str())
+    }
+
     fn on_bus(&self) -> BridgeSettings<'_> {
         BridgeSettings {
             machine: &self.machine,

@@ -195,11 +195,25 @@ pub(crate) fn run_session(
         lost: 0,
         short: 0,
         operational: false,
+        silent: 0,
         homing: [HomingProgress::Needed; MAX_DEVICES],
         reported: [0; MAX_DEVICES],
         was_apart: [false; AXES],
     };
-    match cycle.run(&mut pump, ends) {
+    let ended = cycle.run(&mut pump, ends);
+    let silent = cycle.silent;
+    match ended {
+        Err(SessionError::Broken { .. }) if silent != 0 => {
+            let mut names = Vec::new();
+            for (device, listed) in network.devices.iter().enumerate() {
+                if silent >> device & 1 == 1 {
+                    names.push(format!("`{}` did not exchange process data", listed.name));
+                }
+            }
+            Err(SessionError::Broken {
+                states: names.join(", "),
+            })
+        }
         Err(SessionError::Broken { .. }) => Err(SessionError::Broken {
             states: tell_states(&mut pump, &main, network),
         }),

@@ -301,13 +301,22 @@ fn a_cable_that_opens_stops_the_drives_before_and_behind_it() {
     );
 }
 
+/// All devices report OP, and the working counter is short by what one of them should add.
 #[test]
-fn a_device_that_does_not_count_stops_all_drives() {
+fn a_device_that_does_not_count_is_named_and_stops_all_drives() {
     while_moving(
         FaultKind::WorkingCounter,
-        1,
-        |feedback| feedback.error_code == 0x7500,
-        &["working counter"],
+        2,
+        |feedback| {
+            let states = states(feedback);
+            // The core's alarm names the first axis in fault.
+            assert_ne!(states[0], Some(DriveState::Fault), "{feedback:?}");
+            feedback.error_code == 0x7500 && states[1] == Some(DriveState::Fault)
+        },
+        &[
+            "working counter",
+            "`y-drive` is in OP and does not exchange process data",
+        ],
     );
 }
 

@@ -2,8 +2,8 @@
 
 use core::sync::atomic::Ordering;
 
-use ethercrab::MainDevice;
 use ethercrab::error::Error;
+use ethercrab::{Command, MainDevice};
 use evolvent_bridge::{Incoming, monotonic_ns};
 use evolvent_bus::AXES;
 use rustix::thread::clock_nanosleep_absolute;
@@ -11,7 +11,7 @@ use rustix::time::{ClockId, Timespec};
 
 use super::error::{Notice, SessionError};
 use super::start::Layouts;
-use super::{Devices, Ends, OPERATIONAL_NS, PHASE_GAIN, STOP_NS};
+use super::{Devices, Ends, IMAGE, OPERATIONAL_NS, PHASE_GAIN, STOP_NS};
 use crate::cycle_times::CycleTime;
 use crate::drive_set::DriveSet;
 use crate::homing::HomingProgress;
@@ -21,6 +21,9 @@ use crate::signal::NetworkInput;
 use crate::signal_set::SignalSet;
 use crate::spindle_drive::SpindleDrive;
 use crate::time_driver::thread_ns;
+
+/// Maximum time to find the device that does not exchange process data, ns: 64 round trips of 80 us.
+const SEARCH_NS: u64 = 5_000_000;
 
 pub(super) struct Exchanged {
     pub(super) working_counter: u16,
@@ -45,6 +48,8 @@ pub(super) struct Cycle<'a, 'm> {
     pub(super) short: u32,
     /// All devices have been in OP.
     pub(super) operational: bool,
+    /// Bit i set: device i reports OP, and did not exchange process data when the working counter was short.
+    pub(super) silent: u32,
     /// Progress of homing at the last check.
     pub(super) homing: [HomingProgress; MAX_DEVICES],
     /// Fault codes that were reported.
@@ -269,11 +274,14 @@ impl<'m> Cycle<'_, 'm> {
         self.lost = 0;
         let all = self.all();
         let is_whole = exchanged.working_counter == self.expected;
+        let is_last = self.operational && self.short == self.network.max_lost_cycles;
+        if is_last && !is_whole && exchanged.operational & all == all {
+            self.silent = self.find_silent(pump).map_err(internal)?;
+        }
         // If a device is missing, the inputs of the others are valid; if none is, it is unknown whose are
         // not.
-        let is_known = |device: usize| {
-            is_whole || exchanged.operational & all != all && exchanged.operational >> device & 1 == 1
-        };
+        let lost = !exchanged.operational & all | self.silent;
+        let is_known = |device: usize| is_whole || lost != 0 && lost >> device & 1 == 0;
         for (axis, (device, _)) in axes.enumerate() {
             let layout = self.layouts.axes[axis];
             let inputs = self
@@ -324,11 +332,51 @@ impl<'m> Cycle<'_, 'm> {
         Ok(exchanged.time_ns.map_or(0, |time_ns| self.correction_ns(time_ns)))
     }
 
+    /// Devices that do not exchange process data: the inputs of each are read by a frame of their own, and, if all are there, the outputs
+    /// written by another. Takes one round trip for each device, once: the drives are about to stop.
+    fn find_silent(&self, pump: &mut Pump<'_, '_>) -> Result<u32, Error> {
+        let (mut inputs, mut outputs) = ([0; MAX_DEVICES], [0; MAX_DEVICES]);
+        for device in 0..self.network.devices.len() {
+            inputs[device] = (self.devices).with_inputs(self.main, device, |image| image.len())?;
+            outputs[device] = (self.devices).with_outputs(self.main, device, |image| image.len())?;
+        }
+        let search = async {
+            let (mut silent, mut address, nothing) = (0, 0_u32, [0_u8; IMAGE]);
+            for (device, bytes) in inputs.into_iter().enumerate().filter(|(_, bytes)| *bytes > 0) {
+                // A device counts 1 for inputs that are read; nothing is written to them.
+                let read = Command::lrw(address).with_wkc(1);
+                let read = read.send_receive_slice(self.main, &nothing[..bytes]).await;
+                silent |= u32::from(is_silent(read.map(drop))?) << device;
+                address += bytes as u32;
+            }
+            // The outputs of all devices follow the inputs of all.
+            for (device, bytes) in outputs.into_iter().enumerate().filter(|(_, bytes)| *bytes > 0) {
+                if silent != 0 {
+                    break;
+                }
+                // It counts 2 for outputs that are written: the same as in the frame of this cycle.
+                let mut sent = nothing;
+                (self.devices)
+                    .with_outputs(self.main, device, |image| sent[..bytes].copy_from_slice(image))?;
+                let written = Command::lrw(address).with_wkc(2);
+                let written = written.send_receive_slice(self.main, &sent[..bytes]).await;
+                silent |= u32::from(is_silent(written.map(drop))?) << device;
+                address += bytes as u32;
+            }
+            Ok(silent)
+        };
+        // If there is no time it stays unknown, as when a frame is lost.
+        Ok(pump
+            .complete(monotonic_ns() + SEARCH_NS, search)
+            .unwrap_or(Ok::<_, Error>(0))
+            .unwrap_or(0))
+    }
+
     fn judge(&mut self, exchanged: &Exchanged, ends: &mut Ends<'_, '_>) -> Result<(), SessionError> {
         let all = self.all();
         let is_whole = exchanged.operational & all == all && exchanged.working_counter == self.expected;
         if is_whole {
-            self.short = 0;
+            (self.short, self.silent) = (0, 0);
             if !self.operational {
                 self.operational = true;
                 ends.counters.ready.fetch_add(1, Ordering::Relaxed);
@@ -346,28 +394,36 @@ impl<'m> Cycle<'_, 'm> {
         if self.short <= self.network.max_lost_cycles {
             return Ok(());
         }
-        if self.short == self.network.max_lost_cycles + 1 {
+        let is_first = self.short == self.network.max_lost_cycles + 1;
+        if is_first {
             let (found, expected) = (exchanged.working_counter, self.expected);
             // Devices that have only left OP are told by name below.
             if found != expected {
                 let _full = ends.bus.notices.push(Notice::Short { found, expected });
             }
         }
+        // If all report OP and each exchanges process data by itself, it is unknown whose data are missing.
+        let is_unknown = exchanged.operational & all == all && self.silent == 0;
         let (mut axis, mut spindle) = (0, 0);
         for (device, listed) in self.network.devices.iter().enumerate() {
-            let is_lost = exchanged.operational >> device & 1 == 0;
-            if is_lost && self.short == self.network.max_lost_cycles + 1 {
+            let (is_gone, is_silent) = (
+                exchanged.operational >> device & 1 == 0,
+                self.silent >> device & 1 == 1,
+            );
+            if is_first && is_gone {
                 let _full = ends.bus.notices.push(Notice::DeviceLost { device });
+            } else if is_first && is_silent {
+                let _full = ends.bus.notices.push(Notice::DeviceSilent { device });
             }
+            let is_lost = is_gone || is_silent || is_unknown;
             if listed.axis.is_some() {
-                // If all report OP, it is unknown whose data are missing.
-                if is_lost || exchanged.operational & all == all {
+                if is_lost {
                     self.drives.set_lost(axis);
                 }
                 axis += 1;
             }
             if listed.spindle.is_some() {
-                if is_lost || exchanged.operational & all == all {
+                if is_lost {
                     self.spindles[spindle].set_lost();
                 }
                 spindle += 1;
@@ -420,6 +476,15 @@ impl<'m> Cycle<'_, 'm> {
             phase as i64
         };
         error / PHASE_GAIN
+    }
+}
+
+/// Whether a frame for one device came back without its count.
+fn is_silent(result: Result<(), Error>) -> Result<bool, Error> {
+    match result {
+        Ok(()) => Ok(false),
+        Err(Error::WorkingCounter { .. }) => Ok(true),
+        Err(error) => Err(error),
     }
 }
 

@@ -134,6 +134,8 @@ pub enum Notice {
     Squared { axis: usize, by: f64 },
     /// A drive has found its machine zero, or has not.
     Homed { axis: usize, found: bool },
+    /// A device is in OP, and does not exchange process data.
+    DeviceSilent { device: usize },
     /// A device does not reply, or has left OP.
     DeviceLost { device: usize },
     /// Process data returned with a working counter that is too small.
