@@ -33,6 +33,7 @@ mod axis;
 mod cycle_times;
 mod drive_set;
 mod dump;
+mod emergency;
 mod esi;
 mod fault_text;
 mod fit;

@@ -10,6 +10,7 @@ use ethercrab::{PduRx, PduTx};
 use evolvent_bridge::monotonic_ns;
 
 use crate::dump::{Direction, DumpSender};
+use crate::emergency::{Emergency, EmergencyFilter, Passage};
 use crate::socket::PacketSocket;
 use crate::time_driver::{forget_timers, next_timer_ns};
 
@@ -24,6 +25,7 @@ pub(crate) struct Pump<'s, 'd> {
     /// Where frames are recorded.
     dump: Option<&'s mut DumpSender<'d>>,
     buffer: [u8; 1600],
+    emergencies: EmergencyFilter,
     /// Time that was spent waiting for frames, ns.
     waited_ns: u64,
 }
@@ -41,6 +43,7 @@ impl<'s, 'd> Pump<'s, 'd> {
             socket,
             dump,
             buffer: [0; 1600],
+            emergencies: EmergencyFilter::new(),
             waited_ns: 0,
         }
     }
@@ -48,6 +51,11 @@ impl<'s, 'd> Pump<'s, 'd> {
     /// Time that was spent waiting for frames since it was made, ns.
     pub(crate) const fn waited_ns(&self) -> u64 {
         self.waited_ns
+    }
+
+    /// The emergency messages of devices that have come so far, each once.
+    pub(crate) fn emergencies(&self) -> impl Iterator<Item = Emergency> + '_ {
+        self.emergencies.kept()
     }
 
     /// Runs a future to its end, but not beyond `until_ns`: then it is dropped, and its replies are lost.
@@ -65,6 +73,7 @@ impl<'s, 'd> Pump<'s, 'd> {
                     if let Some(dump) = &mut self.dump {
                         dump.record(Direction::Out, bytes);
                     }
+                    self.emergencies.sent(bytes);
                     self.socket.send(bytes).map_err(|_| Error::SendFrame)
                 });
             }
@@ -72,8 +81,16 @@ impl<'s, 'd> Pump<'s, 'd> {
             if now_ns >= until_ns {
                 return None;
             }
+            if let Some(bytes) = self.emergencies.take_again(now_ns) {
+                if let Some(dump) = &mut self.dump {
+                    dump.record(Direction::Out, bytes);
+                }
+                let _lost = self.socket.send(bytes);
+            }
+            let again_ns = self.emergencies.again_ns().unwrap_or(u64::MAX);
             let wait_ns = next_timer_ns()
                 .min(until_ns)
+                .min(again_ns)
                 .saturating_sub(now_ns)
                 .min(PATIENCE_NS);
             self.socket.wait(wait_ns);
@@ -81,6 +98,9 @@ impl<'s, 'd> Pump<'s, 'd> {
             while let Some(frame) = self.socket.receive(&mut self.buffer) {
                 if let Some(dump) = &mut self.dump {
                     dump.record(Direction::In, frame);
+                }
+                if self.emergencies.came(frame, monotonic_ns()) == Passage::Hold {
+                    continue;
                 }
                 // Late frames of dropped futures, and other traffic.
                 let _unknown = self.rx.receive_frame(frame);

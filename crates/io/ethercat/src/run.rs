@@ -243,6 +243,18 @@ impl Hardware for RunSettings {
                  switch power off and on",
                 letter(axis)
             ),
+            Notice::Emergency {
+                device,
+                code,
+                register,
+            } => {
+                let vendor = self.network.devices.get(device).map_or(0, |device| device.vendor);
+                format!(
+                    "network: `{}` has sent an emergency message: {code:04X}h: {} (error register {register:02X}h)",
+                    self.name_of(device),
+                    fault_text_of(vendor, code)
+                )
+            }
             Notice::DeviceLost { device } => {
                 let name = self.name_of(device);
                 format!("network: `{name}` does not reply, or has left OP: all drives stop")

@@ -13,9 +13,11 @@ use ethercrab::{
 use evolvent_bridge::monotonic_ns;
 use thiserror::Error;
 
+use crate::fault_text::fault_text_of;
 use crate::found::FoundDevice;
 use crate::network::MAX_DEVICES;
 use crate::pump::Pump;
+use crate::session::{FIRST_STATION, REPLY};
 use crate::sii::{HEAD_BYTES, MAX_BYTES, Pdo, PdoEntry, SiiContents, bytes_wanted};
 use crate::socket::PacketSocket;
 
@@ -58,8 +60,7 @@ pub enum ScanError {
     },
     /// The library failed.
     #[error(
-        "a device sent data that the EtherCAT library cannot handle (an emergency message, or a broken \
-         EEPROM): {what}; try again, or leave devices out one by one"
+        "a device sent data that the EtherCAT library cannot handle (such as a broken EEPROM): {what}; try again, or leave devices out one by one"
     )]
     Library {
         /// Its message.
@@ -105,6 +106,7 @@ fn scan_socket(socket: &PacketSocket) -> Result<Vec<FoundDevice>, ScanError> {
     let mut pump = Pump::new(tx, rx, socket, None);
     let timeouts = Timeouts {
         mailbox_response: Duration::from_secs(2),
+        pdu: REPLY,
         ..Timeouts::default()
     };
     let config = MainDeviceConfig {
@@ -112,13 +114,25 @@ fn scan_socket(socket: &PacketSocket) -> Result<Vec<FoundDevice>, ScanError> {
         ..MainDeviceConfig::default()
     };
     let main = MainDevice::new(pdus, timeouts, config);
-    pump.complete(monotonic_ns() + SCAN_NS, scan_main(&main))
+    let mut devices = pump
+        .complete(monotonic_ns() + SCAN_NS, scan_main(&main))
         .unwrap_or_else(|| {
             Err(failed(
                 "reading the devices",
                 "it took more than a minute".to_owned(),
             ))
-        })
+        })?;
+    for emergency in pump.emergencies() {
+        let found = usize::from(emergency.station.wrapping_sub(FIRST_STATION));
+        if let Some(device) = devices.get_mut(found) {
+            let text = fault_text_of(device.sii.vendor, emergency.code);
+            device.problems.push(format!(
+                "emergency message {:04X}h: {text} (error register {:02X}h)",
+                emergency.code, emergency.register
+            ));
+        }
+    }
+    Ok(devices)
 }
 
 async fn scan_main<'m>(main: &'m MainDevice<'m>) -> Result<Vec<FoundDevice>, ScanError> {

@@ -49,7 +49,10 @@ const CLOCK_WARM_UP: u32 = 2_000;
 /// The phase error is reduced by one part in this number per cycle.
 const PHASE_GAIN: i64 = 16;
 /// First station address assigned by the MainDevice.
-const FIRST_STATION: u16 = 0x1000;
+pub(crate) const FIRST_STATION: u16 = 0x1000;
+/// Maximum time for one frame while the network comes up. A mailbox from which an emergency message was read is read again until the
+/// device has replied, all within one frame of the MainDevice: drives take up to some 100 ms.
+pub(crate) const REPLY: Duration = Duration::from_millis(500);
 
 type Group<S> = SubDeviceGroup<MAX_DEVICES, IMAGE, DefaultLock, Op, S>;
 
@@ -144,6 +147,7 @@ pub(crate) fn run_session(
     let mut pump = Pump::new(tx, rx, socket, dump);
     let timeouts = Timeouts {
         mailbox_response: Duration::from_secs(2),
+        pdu: REPLY,
         ..Timeouts::default()
     };
     let config = MainDeviceConfig {
@@ -152,6 +156,13 @@ pub(crate) fn run_session(
     };
     let main = MainDevice::new(pdus, timeouts, config);
     let started = pump.complete(monotonic_ns() + START_NS, start(&main, network, period_ns));
+    for emergency in pump.emergencies() {
+        let _full = ends.bus.notices.push(Notice::Emergency {
+            device: usize::from(emergency.station.wrapping_sub(FIRST_STATION)),
+            code: emergency.code,
+            register: emergency.register,
+        });
+    }
     let (devices, layouts) = match started {
         Some(Ok(started)) => started,
         Some(Err(SessionError::State { wanted, .. })) => {

@@ -112,13 +112,16 @@ fn a_device_that_is_gone_is_not_listed_and_a_dead_wire_is_told() {
 }
 
 #[test]
-fn an_emergency_message_is_told_and_does_not_end_the_process() {
+fn an_emergency_message_is_listed_with_its_device() {
     on_bench(devices(), |ring| {
         ring.lock()
             .expect("no panic")
             .begin_fault(monotonic_ns(), FaultKind::Emergency, 1, None);
-        let error = scan(MAIN_INTERFACE).expect_err("ethercrab 0.7.1 asserts");
-        assert!(matches!(error, ScanError::Library { .. }), "{error}");
+        let found = scan(MAIN_INTERFACE).expect("a ring");
+        let said = "emergency message 7121h: motor: blocked, or commutation lost (error register 01h)";
+        assert_eq!(found[1].problems, [said]);
+        assert!(found[2].problems.is_empty(), "{found:#?}");
+        assert!(scan_text(&found).contains(said));
     });
 }
 

@@ -38,7 +38,7 @@ pub enum FaultKind {
     SdoWrong,
     /// The mailbox takes 300 ms for an answer.
     SlowMailbox,
-    /// An emergency message (7121h) comes before each answer to an SDO.
+    /// An emergency message (7121h) is in the mailbox in PRE-OP, and comes before each answer to an SDO.
     Emergency,
 }
 

@@ -371,6 +371,9 @@ impl SubDevice {
             self.replies.clear();
             self.last_counter = 0;
         }
+        if before < AlState::PreOp && after == AlState::PreOp && self.trouble.sends_emergencies {
+            self.send_emergency(now_ns);
+        }
         if before == AlState::Op && after != before {
             self.take_outputs();
         }
@@ -499,9 +502,7 @@ impl SubDevice {
         };
         let Reply::Messages(messages) = reply else { return };
         if self.trouble.sends_emergencies {
-            let counter = self.next_counter();
-            self.replies
-                .push_back((due_ns, encode(COE, counter, &EMERGENCY, usize::from(MAILBOX))));
+            self.send_emergency(due_ns);
         }
         for mut data in messages {
             if let (true, Some(low)) = (self.trouble.answers_wrong, data.get_mut(3)) {
@@ -511,6 +512,12 @@ impl SubDevice {
             self.replies
                 .push_back((due_ns, encode(COE, counter, &data, usize::from(MAILBOX))));
         }
+    }
+
+    fn send_emergency(&mut self, due_ns: u64) {
+        let counter = self.next_counter();
+        self.replies
+            .push_back((due_ns, encode(COE, counter, &EMERGENCY, usize::from(MAILBOX))));
     }
 
     fn reply_error(&mut self, error: MailboxError, due_ns: u64) {

@@ -103,10 +103,7 @@ pub enum SessionError {
         frames: u32,
     },
     /// The library failed.
-    #[error(
-        "a device sent data that the EtherCAT library cannot handle (an emergency message, or a broken \
-         EEPROM): {what}"
-    )]
+    #[error("a device sent data that the EtherCAT library cannot handle (such as a broken EEPROM): {what}")]
     Library {
         /// Its message.
         what: String,
@@ -134,6 +131,8 @@ pub enum Notice {
     Squared { axis: usize, by: f64 },
     /// A drive has found its machine zero, or has not.
     Homed { axis: usize, found: bool },
+    /// A device has sent an emergency message while the network came up.
+    Emergency { device: usize, code: u16, register: u8 },
     /// A device is in OP, and does not exchange process data.
     DeviceSilent { device: usize },
     /// A device does not reply, or has left OP.

@@ -151,8 +151,7 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
         let why = match error {
             Error::Mailbox(MailboxError::Aborted { code, .. }) => format!("the device rejects it: {code}"),
             Error::Timeout(_) => "the device does not reply".to_owned(),
-            // ethercrab's result for an emergency message, where it does not assert that there is none.
-            Error::Wire(_) => "the reply does not belong to it; possibly an emergency message".to_owned(),
+            Error::Wire(_) => "the reply does not belong to it".to_owned(),
             error => error.to_string(),
         };
         SessionError::Object {
