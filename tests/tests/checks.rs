@@ -283,3 +283,33 @@ fn a_dwell_that_is_meant_in_milliseconds_is_a_warning() {
         "{shown}"
     );
 }
+
+/// The cycles that are shipped, and those of LinuxCNC's users, test a contact in both directions.
+#[test]
+fn moves_after_a_test_of_the_contact_are_checked() {
+    let workshop = Workshop::new();
+    let mill = std::fs::read_to_string(repository().join("config/machines/mill-3axis.toml"))
+        .expect("a machine file");
+    let machine = workshop.write("probe.toml", mill + "\n[probe]\novertravel_mm = 2\n");
+    let folder = repository().join("config/probing");
+    for probing in [
+        "o<probe_corner> call [20] [20] [3] [100] [50] [2]\n",
+        "o<probe_boss> call [20] [5] [5] [3] [100] [50] [2]\n",
+        "o<probe_bore> call [20] [3] [100] [50] [2]\n",
+        "G38.2 Z-20 F100\no100 if [#5070 EQ 0]\n(ABORT, no contact)\no100 endif\n",
+        "G38.3 Z-20 F100\no100 if [#5070 EQ 1]\n(ABORT, the tool touches the part: G49 or G10)\no100 endif\n",
+        // A guard with lengths, as measuring macros of LinuxCNC's forum have it.
+        "G38.3 Z-20 F100\no<far> if [#5063 LT -15]\n(ABORT, contact too low: reset G92, check T)\no<far> endif\n",
+    ] {
+        let text = format!("G21 G90 G94 G17\nG0 X10 Y10 Z10\n{probing}G0 Z10\nG0 X9999\nG53 G0 Y-9999\nM2\n");
+        let line = 4 + probing.lines().count() as u64;
+        let program = workshop.write("guard.ngc", &text);
+        let options = ["--subroutines", folder.to_str().expect("UTF-8")];
+        let all = command("check", &program, &machine, &options, &[0, 1]);
+        assert_eq!(
+            errors(&all),
+            found(&[("G0801", line), ("G0801", line + 1)]),
+            "{probing}: {all}"
+        );
+    }
+}

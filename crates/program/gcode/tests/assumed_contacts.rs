@@ -151,3 +151,49 @@ fn positions_are_unknown_until_they_are_commanded() {
         ["Z", "Z", "", ""]
     );
 }
+
+/// The lines with moves of which the end may be unknown because of lines that had no effect.
+fn doubtful(program: &str) -> Vec<u32> {
+    let settings = Settings {
+        probes_succeed: true,
+        ..Settings::default()
+    };
+    let mut interpreter = Interpreter::new(program.as_bytes(), settings);
+    let mut lines = Vec::new();
+    while let Some(item) = interpreter.next() {
+        let is_move = item.is_ok_and(|command| matches!(command.action, Action::Move(_)));
+        if is_move && interpreter.doubtful_axes().contains(&true) {
+            lines.push(interpreter.line());
+        }
+    }
+    lines
+}
+
+#[test]
+fn an_abort_that_is_not_followed_leaves_everything_known() {
+    // Letters of the text are no words, whichever they are.
+    let texts = [
+        "(ABORT, contact too early)",
+        "(abort,TOO HIGH: X#1 Y#2 Z#3 G10 L20 = @^)",
+        "(ABORT, get the tool out)",
+    ];
+    for text in texts {
+        let program = format!("{PROBE}o1 if [#5070 NE 0]\n{text}\no1 endif\nG0 X1 Y2 Z3\nX4\nM2\n");
+        assert_eq!(doubtful(&program), [] as [u32; 0], "{text}");
+    }
+}
+
+#[test]
+fn a_line_with_an_assumed_error_leaves_unknown_what_its_words_set() {
+    let of = |line: &str| doubtful(&format!("{PROBE}{line}\nG1 X8\nG0 X4 Z9\nZ3\nM2\n"));
+    // Before it, #5063 is -5 where the probing move ends.
+    assert_eq!(of("G1 Z[1/[#5063+5]] (to the top, G92 T1)"), [5]);
+    assert_eq!(of("G1 Z[1/[#5063+5]] ; G54 and T1"), [5]);
+    assert_eq!(of("#<GOT>=[1/[#5063+5]]"), [] as [u32; 0]);
+    assert_eq!(of("G53 G0 Z[1/[#5063+5]]"), [5]);
+    // What coordinates refer to, or may refer to.
+    assert_eq!(of("G92 Z[1/[#5063+5]]"), [5, 6, 7]);
+    assert_eq!(of("g 5 5 X[1/[#5063+5]]"), [5, 6, 7]);
+    assert_eq!(of("G#100 Z[1/[#5063+5]]"), [5, 6, 7]);
+    assert_eq!(of("T1 M6 X[1/[#5063+5]]"), [5, 6, 7]);
+}

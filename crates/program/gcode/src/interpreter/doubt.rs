@@ -33,15 +33,25 @@ impl Doubt {
         self.mode || self.feed || self.contour || self.values || self.frame || self.position != [false; 3]
     }
 
-    /// Adds what a refused line would have changed: according to its words if they could be read, otherwise to the letters in its text.
+    /// Adds what a refused line would have changed: according to its words if they could be read, otherwise to the letters in its text
+    /// outside comments.
     #[cold]
     pub(crate) fn refuse(&mut self, code: Code, text: &[u8], block: &Block, state: &State) {
+        if code == Code::ActiveComment {
+            // A comment is no word: an (ABORT) that the check does not follow leaves everything as it was.
+            return;
+        }
         let is_read = is_of_words(code);
+        let plain = if is_read {
+            Vec::new()
+        } else {
+            outside_comments(text)
+        };
         let has = |letter: u8| {
             if is_read {
                 block.words.iter().any(|word| word.letter == letter)
             } else {
-                text.iter().any(|byte| byte.to_ascii_uppercase() == letter)
+                plain.contains(&letter)
             }
         };
         for (position, letter) in self.position.iter_mut().zip(*b"XYZ") {
@@ -53,9 +63,9 @@ impl Doubt {
         self.frame |= if is_read {
             block.words.iter().any(sets_frame)
         } else {
-            has(b'G') || has(b'T')
+            has(b'T') || names_frame(&plain)
         };
-        self.values |= !block.assignments.is_empty() || (!is_read && text.contains(&b'='));
+        self.values |= !block.assignments.is_empty() || has(b'=');
     }
 
     /// Removes what an executed line defines again.
@@ -117,12 +127,47 @@ fn sets_frame(word: &Word) -> bool {
     match word.letter {
         b'T' => true,
         b'M' => word.value == 6.0 || word.value == 61.0,
-        b'G' => matches!(
-            (10.0 * word.value).round() as u32,
-            70 | 80 | 100 | 200 | 210 | 280 | 300 | 430..=432 | 490 | 520 | 540..=593 | 900 | 910 | 920..=923
-        ),
+        b'G' => is_frame_code(word.value),
         _ => false,
     }
+}
+
+/// Whether a G code sets what coordinates refer to.
+fn is_frame_code(value: f64) -> bool {
+    matches!(
+        (10.0 * value).round() as u32,
+        70 | 80 | 100 | 200 | 210 | 280 | 300 | 430..=432 | 490 | 520 | 540..=593 | 900 | 910 | 920..=923
+    )
+}
+
+/// The text of a line in capitals without blanks, comments and names of parameters: letters that are not in it start no word.
+fn outside_comments(text: &[u8]) -> Vec<u8> {
+    let mut plain = Vec::new();
+    let mut end = None;
+    for byte in text {
+        match (end, byte) {
+            (Some(wanted), byte) if *byte == wanted => end = None,
+            (Some(_), _) => {}
+            (None, b';') => break,
+            (None, b'(') => end = Some(b')'),
+            (None, b'<') => end = Some(b'>'),
+            (None, byte) if byte.is_ascii_whitespace() => {}
+            (None, byte) => plain.push(byte.to_ascii_uppercase()),
+        }
+    }
+    plain
+}
+
+/// Whether a line whose words could not be read may set what coordinates refer to: by the number of a G code, or because the number
+/// is computed.
+fn names_frame(plain: &[u8]) -> bool {
+    plain.split(|byte| *byte == b'G').skip(1).any(|after| {
+        let digits = after
+            .iter()
+            .take_while(|byte| byte.is_ascii_digit() || **byte == b'.');
+        let number: String = digits.map(|byte| char::from(*byte)).collect();
+        number.parse().map_or(true, is_frame_code)
+    })
 }
 
 fn is_motion(word: &Word) -> bool {
