@@ -219,3 +219,29 @@ fn a_subroutine_file_without_its_subroutine_names_what_is_missing() {
     let (_, errors) = interpret("o<bore> call\nM2\n", settings());
     assert!(errors[0].message.contains("endsub is missing"), "{errors:?}");
 }
+
+#[test]
+fn a_percent_inside_an_open_block_is_an_error_in_its_line() {
+    // What is open at the % is missing its end, whether its lines are executed, skipped or collected.
+    for (open, named) in [
+        ("#1=0\no100 while [#1 LT 3]\n#1=[#1+1]\n", "O<100> endwhile"),
+        ("#1=0\no100 while [#1 GT 3]\n#1=[#1+1]\n", "O<100> endwhile"),
+        ("#1=0\no100 do\n#1=[#1+1]\n", "O<100> while"),
+        ("#1=0\no100 repeat [2]\n#1=[#1+1]\n", "O<100> endrepeat"),
+        ("#1=0\no100 if [#1 EQ 0]\n#1=1\n", "O<100> endif"),
+        ("#1=0\no100 if [#1 NE 0]\n#1=1\n", "O<100> endif"),
+    ] {
+        is_one_error(&format!("%\n{open}%\n"), 5, &["the text ends", named]);
+    }
+    is_one_error("%\no100 sub\n#1=1\n%\n", 3, &["the text ends", "O<100> endsub"]);
+    // A block that is complete ends with it, and so do the lines after it.
+    let (commands, errors) = interpret(
+        "%\no1 repeat [2]\nG0 X1\no1 endrepeat\n%\nG0 X?\n",
+        Settings::default(),
+    );
+    assert_eq!(errors, []);
+    assert!(matches!(
+        commands.last().map(|last| &last.action),
+        Some(evolvent_gcode::Action::ProgramEnd)
+    ));
+}

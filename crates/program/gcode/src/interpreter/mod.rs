@@ -358,6 +358,7 @@ impl<R: BufRead> Interpreter<R> {
         }
         self.current.block.clear();
         match self.next_line() {
+            Ok(true) if self.ends_by_percent() => return self.end_of_lines(),
             Ok(true) => {}
             Ok(false) => return self.end_of_lines(),
             Err(fault) => {
@@ -516,6 +517,11 @@ impl<R: BufRead> Interpreter<R> {
         fault.map_or(Ok(()), Err)
     }
 
+    /// Whether the line read is the `%` at the end of a program that started with one: the program ends as at the end of its file.
+    fn ends_by_percent(&self) -> bool {
+        self.percent == Some(true) && self.flow.frames.len() == 1 && is_percent(&self.current.text)
+    }
+
     fn interpret(&mut self) -> Result<(), Fault> {
         if first_character(&self.current.text).is_none() {
             return Ok(());
@@ -529,12 +535,8 @@ impl<R: BufRead> Interpreter<R> {
                 return Ok(());
             }
         } else {
-            let opening = self.percent.is_none();
-            if is_percent(&self.current.text) && self.percent != Some(false) {
+            if self.percent.is_none() && is_percent(&self.current.text) {
                 self.percent = Some(true);
-                if !opening {
-                    self.end();
-                }
                 return Ok(());
             }
             self.percent.get_or_insert(false);
