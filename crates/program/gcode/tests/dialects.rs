@@ -45,6 +45,20 @@ fn other_dialects_are_told_what_to_write_here() {
             "loops are O-words",
             "O1 while [#1 LT 3]",
         ),
+        (
+            "M3 P1 S500\nG0 X1\n",
+            1,
+            "M3 selects the spindle by $",
+            "write M3 $1 in place of M3 P1",
+        ),
+        ("M5 P3\nG0 X1\n", 1, "M5 selects the spindle by $", "write M5 $3"),
+        (
+            "M4 S100 P11\nG0 X1\n",
+            1,
+            "by $ in this dialect, not by P",
+            "count from 0 to 3",
+        ),
+        ("M29 S1000\nG0 X1\n", 1, "M29, rigid tapping", "G33.1 Z.. K.."),
         ("G0 X1\nEND1\n", 2, "loops end with an O-word", "O1 endwhile"),
         ("GOTO 10\nN10 G0 X1\n", 1, "no jumps", "O1 if"),
         (
@@ -894,4 +908,26 @@ fn returns_before_a_line_end_are_no_error_and_others_are_one() {
     }
     let aborted = errors("(ABORT,a\rb)\n");
     assert!(!aborted[0].render("x").contains('\r'), "{aborted:?}");
+}
+
+#[test]
+fn the_angle_of_another_dialect_beside_m19_is_a_warning() {
+    let warnings = |line: &str| {
+        let (commands, errors) = interpret(&format!("G21\n{line}\nM2\n"), Settings::default());
+        assert_eq!(errors, [], "{line}");
+        let texts = commands.into_iter().filter_map(|command| match command.action {
+            Action::Warning(text) => Some((command.line, text)),
+            _ => None,
+        });
+        texts.collect::<Vec<_>>()
+    };
+    // As in LinuxCNC, S is a speed on every line, and M19 without R turns to 0 degrees.
+    let told = warnings("M19 S90");
+    assert!(
+        matches!(&told[..], [(2, text)] if text.contains("M19 R90") && text.contains("speed")),
+        "{told:?}"
+    );
+    for line in ["M19", "M19 R90", "M19 R90 S300", "M19 S1500", "S90"] {
+        assert_eq!(warnings(line), [], "{line}");
+    }
 }

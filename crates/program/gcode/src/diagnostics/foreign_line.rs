@@ -1,9 +1,9 @@
 //! Refused lines of other dialects as a whole: what their words mean there, and what to write here.
 
-use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::diagnostics::misread::four_digits;
 use crate::syntax::block::Block;
+use crate::{Code, SPINDLES};
 
 /// The machine and the modes on which advice depends.
 #[derive(Clone, Copy, Debug)]
@@ -245,6 +245,16 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
             "write the lines as O100 sub ... O100 endsub, and O100 call in place of M97 P100",
         ));
     }
+    if fault.code == Code::UnknownM && span_of(block, b'M', 29.0).is_some() {
+        return Some(again(
+            fault,
+            "M29, rigid tapping, is not a code of this dialect",
+            "delete it: G84 and G74 follow a spindle with feedback anyway; G33.1 Z.. K.. taps with the lead K",
+        ));
+    }
+    if let Some(better) = spindle_by_p(block, fault) {
+        return Some(better);
+    }
     if let (Code::SubroutineMissing, Some(number), Some(_)) =
         (fault.code, value(block, b'P'), span_of(block, b'M', 98.0))
         && number >= 10_000.0
@@ -407,4 +417,32 @@ fn of_arc(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
         }
         _ => None,
     }
+}
+
+/// M3, M4 or M5 with P for the spindle.
+fn spindle_by_p(block: &Block, fault: &Fault) -> Option<Fault> {
+    let code = [3.0, 4.0, 5.0]
+        .into_iter()
+        .find(|code| span_of(block, b'M', *code).is_some())?;
+    let number = value(block, b'P')?;
+    let span = span_of(block, b'P', number)?;
+    if fault.code != Code::UnusedWord || fault.span != span {
+        return None;
+    }
+    let help = if number.fract() == 0.0 && (0.0..SPINDLES as f64).contains(&number) {
+        format!("write M{code} ${number} in place of M{code} P{number}; spindles count from 0")
+    } else {
+        format!(
+            "write M{code} $1 for spindle 1, for example; spindles count from 0 to {}",
+            SPINDLES - 1
+        )
+    };
+    Some(
+        Fault::new(
+            fault.code,
+            span,
+            format!("M{code} selects the spindle by $ in this dialect, not by P"),
+        )
+        .help(help),
+    )
 }

@@ -158,6 +158,15 @@ impl Executor<'_> {
             let message = format!("R{degrees}: M19 turns the spindle to 0 to 360 degrees");
             return Err(Fault::new(Code::OutOfRange, line.span(b'R'), message));
         }
+        if let Some(speed) = line.word(b'S')
+            && !line.has(b'R')
+            && (0.0..=360.0).contains(&speed)
+        {
+            // Valid, but posts for other controls write the angle like this.
+            self.out(Action::Warning(format!(
+                "M19 S{speed} turns the spindle to 0 degrees and sets its speed: write M19 R{speed} for an angle"
+            )));
+        }
         let direction = match line.whole(b'P')? {
             None | Some(0) => None,
             Some(1) => Some(SpindleDirection::Clockwise),
