@@ -18,6 +18,8 @@ const JERK_TIME_S: f64 = 0.05;
 const DEFAULT_LIMIT: f64 = 1.0;
 /// Within this the index pulse is looked for, mm and degrees, because LinuxCNC has no bound: a turn of a usual screw, or of the axis.
 const INDEX_WITHIN: (f64, f64) = (12.0, 365.0);
+/// No machine has a home switch farther away than this, mm and degrees: the bound of machine files.
+const MAX_COORDINATE: f64 = 1e9;
 /// No machine has velocities and accelerations above this, in units and seconds.
 const MAX_LIMIT: f64 = 1e5;
 
@@ -335,6 +337,13 @@ fn homing(
     let latch = ini.number(joint, "HOME_LATCH_VEL")?.unwrap_or(0.0) * unit;
     let reference = ini.number(joint, "HOME_OFFSET")?.unwrap_or(0.0) * unit;
     let sequence = ini.number(joint, "HOME_SEQUENCE")?;
+    if reference.abs() > MAX_COORDINATE {
+        let what = format!("[{joint}] HOME_OFFSET of {name} is {}", reference / unit);
+        return Err(ini.missing(
+            what,
+            "no machine is so large: enter where its home switch or index pulse is",
+        ));
+    }
     let Some(method) = homing_method(ini, joint, search, latch) else {
         return Ok(None);
     };

@@ -1,5 +1,7 @@
 //! Conversion of an INI file to the files of a machine.
 
+use std::cell::Cell;
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -18,6 +20,8 @@ use crate::settings::{Settings, drop_entry};
 use crate::tables;
 use crate::text::{self, Names};
 
+/// Maximum number of lines of a tool table that are named.
+const MAX_ODD_LINES: usize = 20;
 /// Maximum size of a tool table or parameter file.
 const MAX_TABLE_BYTES: u64 = 4 << 20;
 
@@ -53,6 +57,9 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
         tables.push((format!("{stem}.var"), String::new()));
     }
     let new_parameters = tables.first().map(|(name, _): &(String, String)| name.clone());
+    // Of the tool table: line, text and error, and how many there are.
+    let odd_lines = Cell::new(Vec::new());
+    let count_odd = Cell::new(0);
     let mut table =
         |entry: &Option<Entry>, ending: &str, convert: &dyn Fn(&str) -> Result<String, String>| {
             let entry = entry.as_ref()?;
@@ -70,8 +77,20 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
         };
     let names = Names {
         tool_table: table(&settings.tool_table, "tbl", &|text| {
-            let table = tables::tool_table(text, units.linear).map_err(|error| error.to_string())?;
-            Ok(table.0)
+            let (table, odd) = tables::tool_table(text, units.linear);
+            match odd.first() {
+                Some(error) if table.tools().is_empty() => return Err(error.to_string()),
+                _ => {}
+            }
+            let content = |line: usize| text.lines().nth(line - 1).unwrap_or_default();
+            let shown = odd.iter().take(MAX_ODD_LINES);
+            odd_lines.set(
+                shown
+                    .map(|error| (error.line(), content(error.line()).to_owned(), error.to_string()))
+                    .collect(),
+            );
+            count_odd.set(odd.len());
+            Ok(table.to_text())
         }),
         parameters: table(&settings.parameters, "var", &|text| {
             let fault = |line| format!("line {line} is no number of a parameter with its value");
@@ -80,6 +99,10 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
         .or(new_parameters),
         screws: Vec::new(),
     };
+    if let Some(entry) = &settings.tool_table {
+        let file = resolve(Some(ini.folder()), &entry.value);
+        drop_odd_lines(&mut report, entry, &file, odd_lines.take(), count_odd.get());
+    }
     let names = Names {
         screws: screw_tables(&ini, &axes, stem, &mut tables, &mut report),
         ..names
@@ -115,11 +138,56 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
             drop_entry(&mut report, &table.entry, &error);
         }
     };
+    for (letter, _) in &names.screws {
+        let axis = axes.iter().find(|axis| axis.letter == *letter);
+        for entry in axis.iter().flat_map(|axis| &axis.screws.backlash_entries) {
+            drop_entry(
+                &mut report,
+                entry,
+                "it has no effect beside COMP_FILE, as in LinuxCNC",
+            );
+        }
+    }
+    sort(&mut report);
     Ok(Import {
         machine,
         tables,
         report,
     })
+}
+
+fn sort(report: &mut Report) {
+    report
+        .dropped
+        .sort_by(|a, b| (&a.file, a.line).cmp(&(&b.file, b.line)));
+}
+
+/// Reports lines of the tool table that are none; the other lines are converted.
+fn drop_odd_lines(
+    report: &mut Report,
+    entry: &Entry,
+    file: &Path,
+    lines: Vec<(usize, String, String)>,
+    count: usize,
+) {
+    let more = count - lines.len();
+    for (line, text, reason) in lines {
+        report.dropped.push(Dropped {
+            file: file.display().to_string(),
+            line: u32::try_from(line).unwrap_or(u32::MAX),
+            section: entry.section.clone(),
+            key: entry.key.clone(),
+            value: text,
+            reason,
+        });
+    }
+    if more > 0 {
+        drop_entry(
+            report,
+            entry,
+            &format!("{more} more lines of the tool table are none"),
+        );
+    }
 }
 
 /// The tables of screw errors, converted.
@@ -192,6 +260,7 @@ fn leave_out(ini: &mut Ini, report: &mut Report) {
         };
         drop_entry(report, &entry, &reason);
     }
+    let mut seconds = BTreeMap::new();
     if let Some(entry) = ini.first("KINS", "KINEMATICS") {
         let driven = entry.value.split("coordinates=").nth(1).unwrap_or_default();
         let driven = driven
@@ -206,6 +275,9 @@ fn leave_out(ini: &mut Ini, report: &mut Report) {
                 .filter(|(_, c)| *c == letter)
                 .map(|(joint, _)| joint.to_string())
                 .collect();
+            for joint in joints.iter().skip(1) {
+                seconds.insert(format!("JOINT_{joint}"), letter);
+            }
             if joints.len() > 1 {
                 drop_entry(
                     report,
@@ -219,20 +291,35 @@ fn leave_out(ini: &mut Ini, report: &mut Report) {
         }
     }
     for entry in ini.unused() {
-        if let Some(reason) = reason(entry) {
+        let second = seconds
+            .get(&entry.section)
+            .and_then(|letter| of_second_motor(entry, *letter));
+        if let Some(reason) = second.or_else(|| reason(entry).map(str::to_owned)) {
             report.dropped.push(Dropped {
                 file: entry.file.display().to_string(),
                 line: entry.line,
                 section: entry.section.clone(),
                 key: entry.key.clone(),
                 value: entry.value.clone(),
-                reason: reason.to_owned(),
+                reason,
             });
         }
     }
-    report
-        .dropped
-        .sort_by(|a, b| (&a.file, a.line).cmp(&(&b.file, b.line)));
+}
+
+/// Why the homing of the second motor of a gantry has no effect on a machine file.
+fn of_second_motor(entry: &Entry, letter: char) -> Option<String> {
+    if !entry.key.starts_with("HOME") {
+        return None;
+    }
+    let reason = if entry.key == "HOME_OFFSET" {
+        "the difference of both HOME_OFFSETs is squaring_offset there"
+    } else {
+        "it has its own home switch there, and the beam is squared by both"
+    };
+    Some(format!(
+        "the second motor of {letter} is in the file of the bridge ([axis.gantry] or [device.axis.gantry]): {reason}"
+    ))
 }
 
 impl Import {

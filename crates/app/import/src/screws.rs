@@ -15,6 +15,8 @@ const MAX_BACKLASH: f64 = 10.0;
 pub(crate) struct ScrewValues {
     /// In mm or degrees.
     pub(crate) backlash: Option<f64>,
+    /// Its lines.
+    pub(crate) backlash_entries: Vec<Entry>,
     pub(crate) table: Option<ScrewTable>,
 }
 
@@ -60,15 +62,14 @@ pub(crate) fn screws(
     backlash.retain(|(_, value)| *value != 0.0);
     let mut screws = ScrewValues {
         backlash: None,
+        backlash_entries: Vec::new(),
         table: tables.pop(),
     };
     let Some(&(_, first)) = backlash.first() else {
         return Ok(screws);
     };
     let entries = &mut backlash.iter().map(|(entry, _)| entry);
-    if screws.table.is_some() {
-        drop_all(entries, "it has no effect beside COMP_FILE, as in LinuxCNC");
-    } else if backlash.len() < joints.len() || backlash.iter().any(|(_, value)| *value != first) {
+    if backlash.len() < joints.len() || backlash.iter().any(|(_, value)| *value != first) {
         drop_all(
             entries,
             "the joints that drive this axis have different backlash: enter that of the axis",
@@ -76,7 +77,9 @@ pub(crate) fn screws(
     } else if !(0.0..=MAX_BACKLASH).contains(&(first * unit)) {
         drop_all(entries, "this is no backlash of a machine");
     } else {
+        // Without effect beside a table, if that can be converted.
         screws.backlash = Some(first * unit);
+        screws.backlash_entries = backlash.into_iter().map(|(entry, _)| entry).collect();
     }
     Ok(screws)
 }

@@ -5,9 +5,9 @@ use std::collections::BTreeSet;
 use evolvent_gcode::{ToolTable, ToolTableError};
 use evolvent_path::AxisLetter;
 
-/// A tool table of LinuxCNC with lengths in mm.
-pub(crate) fn tool_table(text: &str, mm_per_unit: f64) -> Result<(String, usize), ToolTableError> {
-    let mut table = ToolTable::parse(text)?;
+/// A tool table of LinuxCNC with lengths in mm, and the lines of it that are none of a tool table.
+pub(crate) fn tool_table(text: &str, mm_per_unit: f64) -> (ToolTable, Vec<ToolTableError>) {
+    let (mut table, odd) = ToolTable::parse_lines(text);
     for mut tool in table.tools().to_vec() {
         for letter in AxisLetter::ALL.into_iter().filter(|letter| !letter.is_rotary()) {
             tool.offset[letter.index()] *= mm_per_unit;
@@ -15,8 +15,7 @@ pub(crate) fn tool_table(text: &str, mm_per_unit: f64) -> Result<(String, usize)
         tool.diameter_mm *= mm_per_unit;
         table.set(tool);
     }
-    let count = table.tools().len();
-    Ok((table.to_text(), count))
+    (table, odd)
 }
 
 /// Numbers of parameters that are lengths: X Y Z U V W of the homes, of G92, of the probe and of the nine work offsets.
@@ -60,11 +59,18 @@ mod tests {
 
     #[test]
     fn lengths_become_mm_and_angles_stay() {
-        let (text, count) = tool_table("T1 P1 D0.5 Z1 A30 ; drill\n", 25.4).unwrap();
+        let (table, odd) = tool_table("T1 P1 D0.5 Z1 A30 ; drill\n", 25.4);
+        assert_eq!(odd, []);
+        let text = table.to_text();
         let table = ToolTable::parse(&text).unwrap();
         let tool = table.get(1).unwrap();
         assert_eq!(
-            (count, tool.diameter_mm, tool.offset[2], tool.offset[3]),
+            (
+                table.tools().len(),
+                tool.diameter_mm,
+                tool.offset[2],
+                tool.offset[3]
+            ),
             (1, 12.7, 25.4, 30.0)
         );
         assert!(text.contains("drill"));

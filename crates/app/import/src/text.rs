@@ -48,8 +48,14 @@ pub(crate) fn machine(source: &str, settings: &Settings, axes: &[AxisValues], na
     for axis in axes {
         line(String::new());
         axis_table(axis).into_iter().for_each(&mut line);
-        if let Some((_, name)) = names.screws.iter().find(|(letter, _)| *letter == axis.letter) {
-            line(format!("screw_table = {}", quoted(name)));
+        let table = names.screws.iter().find(|(letter, _)| *letter == axis.letter);
+        match (table, axis.screws.backlash) {
+            (Some((_, name)), _) => line(format!("screw_table = {}", quoted(name))),
+            (None, Some(backlash)) => {
+                let unit = if axis.letter.is_rotary() { "deg" } else { "mm" };
+                line(format!("backlash_{unit} = {}", tidy(backlash)));
+            }
+            (None, None) => {}
         }
     }
     for axis in axes {
@@ -109,9 +115,6 @@ fn axis_table(axis: &AxisValues) -> Vec<String> {
     ];
     if let Some(error) = axis.following.0 {
         lines.push(format!("following_error_{unit} = {}", tidy(error)));
-    }
-    if let Some(backlash) = axis.screws.backlash {
-        lines.push(format!("backlash_{unit} = {}", tidy(backlash)));
     }
     if let Some(time_ms) = axis.following.1 {
         lines.push(format!("following_time_ms = {}", tidy(time_ms)));

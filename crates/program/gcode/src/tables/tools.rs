@@ -1,6 +1,6 @@
 //! The tool table.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -69,6 +69,19 @@ pub enum ToolTableError {
         /// The tool.
         tool: u32,
     },
+}
+
+impl ToolTableError {
+    /// The line, from 1.
+    #[must_use]
+    pub fn line(&self) -> usize {
+        match self {
+            Self::Word { line, .. }
+            | Self::NoTool { line }
+            | Self::Orientation { line, .. }
+            | Self::Twice { line, .. } => *line,
+        }
+    }
 }
 
 /// All tools of a machine.
@@ -161,68 +174,35 @@ impl ToolTable {
     /// # Errors
     /// [`ToolTableError`] for the first invalid word, a line without T, or a tool that occurs twice.
     pub fn parse(text: &str) -> Result<Self, ToolTableError> {
-        let mut tools: Vec<Tool> = Vec::new();
-        let mut remarks = BTreeMap::new();
+        let (table, errors) = Self::parse_lines(text);
+        errors.into_iter().next().map_or(Ok(table), Err)
+    }
+
+    /// Reads the lines that are right, and returns an error for each of the others.
+    #[must_use]
+    pub fn parse_lines(text: &str) -> (Self, Vec<ToolTableError>) {
+        let mut table = Self::default();
+        let mut known = BTreeSet::new();
+        let mut errors = Vec::new();
         for (index, content) in text.lines().enumerate() {
             let line = index + 1;
             let (content, remark) = content.split_once(';').unwrap_or((content, ""));
-            let mut tool = Tool::new(0);
-            let mut named = false;
-            let mut any = false;
-            for word in content.split_whitespace() {
-                any = true;
-                let bad = || ToolTableError::Word {
-                    line,
-                    word: word.to_owned(),
-                };
-                let letter = word.chars().next().unwrap_or_default().to_ascii_uppercase();
-                let number = word
-                    .get(letter.len_utf8()..)
-                    .and_then(|text| text.parse::<f64>().ok());
-                let value = number
-                    .filter(|value| value.is_finite() && value.abs() <= 1e6)
-                    .ok_or_else(bad)?;
-                let whole = |value: f64| {
-                    let right = value.fract() == 0.0 && value >= 0.0;
-                    right.then_some(value as u32).ok_or_else(bad)
-                };
-                match letter {
-                    'T' => (tool.number, named) = (whole(value)?, true),
-                    'P' => tool.pocket = whole(value)?,
-                    'D' => tool.diameter_mm = value,
-                    'I' => tool.front_angle_deg = value,
-                    'J' => tool.back_angle_deg = value,
-                    'Q' if value <= f64::from(MAX_ORIENTATION) => tool.orientation = whole(value)?,
-                    'Q' => {
-                        return Err(ToolTableError::Orientation {
-                            line,
-                            word: word.to_owned(),
-                        });
-                    }
-                    _ => {
-                        let axis = "XYZABCUVW".find(letter).filter(|axis| *axis < AXES);
-                        tool.offset[axis.ok_or_else(bad)?] = value;
-                    }
-                }
-            }
-            if !any {
-                continue;
-            }
-            if !named {
-                return Err(ToolTableError::NoTool { line });
-            }
-            if tools.iter().any(|known| known.number == tool.number) {
-                return Err(ToolTableError::Twice {
+            match tool_of(content, line) {
+                Ok(None) => {}
+                Ok(Some(tool)) if !known.insert(tool.number) => errors.push(ToolTableError::Twice {
                     line,
                     tool: tool.number,
-                });
+                }),
+                Ok(Some(tool)) => {
+                    if !remark.trim().is_empty() {
+                        table.remarks.insert(tool.number, remark.to_owned());
+                    }
+                    table.tools.push(tool);
+                }
+                Err(error) => errors.push(error),
             }
-            if !remark.trim().is_empty() {
-                remarks.insert(tool.number, remark.to_owned());
-            }
-            tools.push(tool);
         }
-        Ok(Self { tools, remarks })
+        (table, errors)
     }
 
     /// The tool with this number.
@@ -276,6 +256,56 @@ impl ToolTable {
         self.remarks.remove(&number);
         self.tools.len() < before
     }
+}
+
+/// The tool of a line, without its remark; none on an empty line.
+fn tool_of(content: &str, line: usize) -> Result<Option<Tool>, ToolTableError> {
+    let mut tool = Tool::new(0);
+    let mut named = false;
+    let mut any = false;
+    for word in content.split_whitespace() {
+        any = true;
+        let bad = || ToolTableError::Word {
+            line,
+            word: word.to_owned(),
+        };
+        let letter = word.chars().next().unwrap_or_default().to_ascii_uppercase();
+        let number = word
+            .get(letter.len_utf8()..)
+            .and_then(|text| text.parse::<f64>().ok());
+        let value = number
+            .filter(|value| value.is_finite() && value.abs() <= 1e6)
+            .ok_or_else(bad)?;
+        let whole = |value: f64| {
+            let right = value.fract() == 0.0 && value >= 0.0;
+            right.then_some(value as u32).ok_or_else(bad)
+        };
+        match letter {
+            'T' => (tool.number, named) = (whole(value)?, true),
+            'P' => tool.pocket = whole(value)?,
+            'D' => tool.diameter_mm = value,
+            'I' => tool.front_angle_deg = value,
+            'J' => tool.back_angle_deg = value,
+            'Q' if value <= f64::from(MAX_ORIENTATION) => tool.orientation = whole(value)?,
+            'Q' => {
+                return Err(ToolTableError::Orientation {
+                    line,
+                    word: word.to_owned(),
+                });
+            }
+            _ => {
+                let axis = "XYZABCUVW".find(letter).filter(|axis| *axis < AXES);
+                tool.offset[axis.ok_or_else(bad)?] = value;
+            }
+        }
+    }
+    if !any {
+        return Ok(None);
+    }
+    if !named {
+        return Err(ToolTableError::NoTool { line });
+    }
+    Ok(Some(tool))
 }
 
 #[cfg(test)]
