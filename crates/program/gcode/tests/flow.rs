@@ -334,6 +334,37 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
     }
 }
 
+#[test]
+fn a_restart_inside_a_subroutine_tells_where_to_start_instead() {
+    let refused = |program: &str, line: u32| {
+        let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
+        let error = interpreter.start_at(line).expect_err(program);
+        assert_eq!(error.code, Code::RestartRefused, "{program}");
+        (
+            error.message.to_string(),
+            error.help.unwrap_or_default().to_string(),
+        )
+    };
+    // Before its call it is not reached; inside the call it would lack the arguments.
+    let program = "G21\no<hole> sub\nG0 X1\nG0 X#1\no<hole> endsub\no<hole> call [5]\nG0 X9\nM2\n";
+    for line in 3..=5 {
+        let (message, help) = refused(program, line);
+        assert!(
+            message.contains("O<hole>") && message.contains("starts in line 2"),
+            "{message}"
+        );
+        assert!(help.contains("O<hole> call"), "{help}");
+    }
+    for line in [2, 6, 7] {
+        let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
+        assert_eq!(interpreter.start_at(line).map(|restart| restart.line), Ok(line));
+    }
+    // Fanuc's: after the end of the program.
+    let (message, help) = refused("G21\nM98 P100\nM30\nO100\nG0 X5\nM99\n", 5);
+    assert!(message.contains("ends in line 3, before line 5"), "{message}");
+    assert!(help.contains("M98 P"), "{help}");
+}
+
 /// Moves must chain, whatever lines fail between them. Found by damaging programs.
 #[test]
 fn a_faulty_line_restores_the_held_moves() {

@@ -7,6 +7,7 @@ use evolvent_path::{Axes, AxisLetter, Curve, Line, Plane};
 use crate::codes::modal_groups::{Compensation, FeedMode, PlaneCode};
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
+use crate::interpreter::o_words::Definition;
 use crate::state::machine_state::ProgrammedSpeed;
 use crate::state::machine_state::{INCH_MM, State};
 use crate::{
@@ -144,11 +145,14 @@ impl<R: BufRead> Interpreter<R> {
             if executed > self.settings.limits.max_lines_before_start {
                 return Err(Box::new(self.endless_loop(line)));
             }
+            if self.next_of_program() == line
+                && let Some(definition) = &self.flow.definition
+            {
+                return Err(Box::new(self.inside_subroutine(line, definition)));
+            }
             self.step_silently()?;
             if self.is_finished() {
-                return Err(Box::new(
-                    self.reject(format!("the program ends before line {line}")),
-                ));
+                return Err(Box::new(self.after_the_end(line)));
             }
         }
         self.settings.waits_succeed = waits_succeed;
@@ -210,6 +214,34 @@ impl<R: BufRead> Interpreter<R> {
             feed_mm_s: state.feed_mm_s(),
             feed_word: state.feed_word(),
         })
+    }
+
+    /// The error of a line that is not reached from above: only a call executes it, with its arguments.
+    fn inside_subroutine(&self, line: u32, definition: &Definition) -> Diagnostic {
+        let (name, begin) = (&definition.text, definition.line);
+        let message = format!("line {line} is inside the subroutine O<{name}>, which starts in line {begin}");
+        Fault::new(
+            Code::RestartRefused,
+            Span::new(0, self.current.text.len()),
+            message,
+        )
+        .help(format!(
+            "choose the line that calls it, O<{name}> call, or a line of the program outside of it"
+        ))
+        .locate(self.current.number, &self.current.text)
+    }
+
+    fn after_the_end(&self, line: u32) -> Diagnostic {
+        let end = self.current.number;
+        let message = format!("the program ends in line {end}, before line {line}");
+        let help = "lines after the end are of subroutines, if any: choose the line that calls it (M98 P.. or O<name> call)";
+        Fault::new(
+            Code::RestartRefused,
+            Span::new(0, self.current.text.len()),
+            message,
+        )
+        .help(help)
+        .locate(end, &self.current.text)
     }
 
     fn endless_loop(&self, line: u32) -> Diagnostic {
