@@ -99,6 +99,88 @@ fn every_page_is_in_the_book() {
 }
 
 #[test]
+fn every_page_is_in_the_list_of_the_documentation() {
+    let docs = repository().join("docs");
+    let listed = links(&fs::read_to_string(docs.join("README.md")).expect("the list"));
+    let own = ["README.md", "SUMMARY.md"];
+    let missing: Vec<String> = pages()
+        .iter()
+        .filter_map(|page| page.strip_prefix(&docs).ok())
+        .map(|page| page.display().to_string())
+        .filter(|page| !own.contains(&page.as_str()) && !listed.contains(page))
+        .collect();
+    assert!(missing.is_empty(), "not in docs/README.md: {missing:?}");
+}
+
+/// The crates of a folder of `crates`, each with the crates of this repository on which it depends outside of tests.
+fn dependencies() -> BTreeMap<String, Vec<String>> {
+    let mut all = BTreeMap::new();
+    for layer in LAYERS {
+        let crates = fs::read_dir(repository().join("crates").join(layer)).expect("a layer");
+        for folder in crates.flatten() {
+            let Ok(manifest) = fs::read_to_string(folder.path().join("Cargo.toml")) else {
+                continue;
+            };
+            let section = manifest
+                .split("\n[")
+                .find_map(|section| section.strip_prefix("dependencies]"));
+            let own = section.unwrap_or_default().lines();
+            let own = own.filter_map(|line| line.strip_prefix("evolvent-"));
+            let names = own.filter_map(|line| line.split(['.', ' ', '=']).next());
+            let name = format!("{layer}/{}", folder.file_name().to_string_lossy());
+            all.insert(name, names.map(str::to_owned).collect());
+        }
+    }
+    all
+}
+
+/// The layers of docs/architecture.md, from above.
+const LAYERS: [&str; 8] = [
+    "core",
+    "program",
+    "planning",
+    "process",
+    "execution",
+    "io",
+    "app",
+    "testing",
+];
+
+#[test]
+fn crates_depend_only_on_layers_above_or_are_named_in_the_architecture() {
+    let text = fs::read_to_string(repository().join("docs/architecture.md")).expect("the page");
+    let all = dependencies();
+    assert!(all.len() > 30, "{all:?}");
+    let layer = |name: &str| {
+        name.split('/')
+            .next()
+            .and_then(|own| LAYERS.iter().position(|layer| *layer == own))
+    };
+    let mut downward = Vec::new();
+    for (user, used) in &all {
+        for used in used {
+            let ending = format!("/{used}");
+            let used = all.keys().find(|name| name.ends_with(&ending)).expect("a crate");
+            if layer(used) > layer(user) {
+                downward.push((user.as_str(), used.as_str()));
+            }
+        }
+    }
+    assert_eq!(
+        downward,
+        [
+            ("app/cli", "testing/bridge-sim"),
+            ("app/cli", "testing/bridge-test"),
+            ("app/replay", "testing/verifier"),
+            ("execution/motion", "io/wire"),
+        ]
+    );
+    for name in downward.iter().flat_map(|(user, used)| [user, used]) {
+        assert!(text.contains(&format!("`{name}`")), "{name} is not named");
+    }
+}
+
+#[test]
 fn every_crate_has_a_short_readme() {
     let crates = repository().join("crates");
     for floor in fs::read_dir(&crates).expect("the floors") {
