@@ -262,6 +262,8 @@ fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
 
 /// What went wrong in a pass, and what to do; none where the program goes on.
 pub(crate) fn complaint(result: &ThreadResult, rpm: f64) -> Option<(String, String)> {
+    // Before it is in phase nothing is cut.
+    let has_begun = result.worst_mm > 0.0;
     let (message, help) = match result.verdict {
         ThreadVerdict::Done => return None,
         ThreadVerdict::Refused(objection) => {
@@ -282,7 +284,12 @@ pub(crate) fn complaint(result: &ThreadResult, rpm: f64) -> Option<(String, Stri
                 "the spindle does not keep {:.0} rpm, it has nearly stopped; so have the axes",
                 rpm.abs()
             ),
-            "see the spindle's drive, and the depth of the cut".to_owned(),
+            if has_begun {
+                "see the spindle's drive, and the depth of the cut".to_owned()
+            } else {
+                "nothing has been cut: see the spindle's drive, and whether M3 or M4 with S has turned it"
+                    .to_owned()
+            },
         ),
         ThreadVerdict::NotTurnedBack => (
             "the spindle has not turned back at the depth; the axes have stopped in the hole".to_owned(),
@@ -294,10 +301,55 @@ pub(crate) fn complaint(result: &ThreadResult, rpm: f64) -> Option<(String, Stri
             "turn more slowly, or see why the speed of the spindle changes".to_owned(),
         ),
     };
-    let message = if result.is_clear {
-        format!("{message}; the tool was drawn out of the thread")
+    if result.is_clear {
+        return Some((format!("{message}; the tool was drawn out of the thread"), help));
+    }
+    // G33 does not say in which direction its tool is free.
+    let is_in_thread =
+        has_begun && matches!(result.verdict, ThreadVerdict::Stalled | ThreadVerdict::OutOfPhase);
+    let help = if is_in_thread {
+        format!("bring the tool out before the spindle turns on; then {help}")
     } else {
-        message
+        help
     };
     Some((message, help))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn told(verdict: ThreadVerdict, worst_mm: f64, is_clear: bool) -> (String, String) {
+        let result = ThreadResult {
+            verdict,
+            stands_at: evolvent_path::Axes::zeros(),
+            is_clear,
+            worst_mm,
+        };
+        complaint(&result, 500.0).expect("a complaint")
+    }
+
+    #[test]
+    fn a_stalled_pass_tells_what_to_do_where_the_tool_stands() {
+        // G33: the axes have stopped in the thread.
+        let (_, help) = told(ThreadVerdict::Stalled, 0.01, false);
+        assert!(help.starts_with("bring the tool out"), "{help}");
+        assert!(help.contains("depth of the cut"), "{help}");
+        assert!(
+            told(ThreadVerdict::OutOfPhase, 0.01, false)
+                .1
+                .starts_with("bring the tool out")
+        );
+        // G76: the tool is out.
+        let (message, help) = told(ThreadVerdict::Stalled, 0.01, true);
+        assert!(message.ends_with("drawn out of the thread"), "{message}");
+        assert!(!help.contains("bring the tool out"), "{help}");
+        // Before the pass: a depth is no cause, and the tool is nowhere.
+        let (_, help) = told(ThreadVerdict::Stalled, 0.0, false);
+        assert!(help.contains("nothing has been cut"), "{help}");
+        assert!(
+            !help.contains("depth") && !help.contains("bring the tool"),
+            "{help}"
+        );
+    }
 }
