@@ -36,6 +36,12 @@ impl CaseError {
             is_unmeasured: true,
         }
     }
+
+    /// Whether the host explains it.
+    #[cfg(test)]
+    pub(crate) const fn is_unmeasured(&self) -> bool {
+        self.is_unmeasured
+    }
 }
 
 /// How a case ended in which the bridge did nothing wrong.
@@ -314,4 +320,52 @@ fn remains(prefix: &str) -> Vec<String> {
         }
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::AtomicUsize;
+
+    use crate::bridge::ThreadBridge;
+
+    static PLAYED: AtomicUsize = AtomicUsize::new(0);
+
+    fn outcome(play: fn(&mut Stage<'_>) -> Result<(), CaseError>) -> (Result<Outcome, CaseError>, usize) {
+        PLAYED.store(0, Ordering::Relaxed);
+        let mut bridge = ThreadBridge::new(|_, _, _| {});
+        let mut stage = Stage {
+            bridge: &mut bridge,
+            machine_name: "outcome".to_owned(),
+            prefix: format!("evo{}-", std::process::id()),
+            core_program: None,
+            seed: 1,
+            moments: 1,
+            has_signals: false,
+            stop: Arc::default(),
+        };
+        let case = Case { play, ..CASES[0] };
+        let outcome = run_case(&case, &mut stage);
+        (outcome, PLAYED.load(Ordering::Relaxed))
+    }
+
+    #[test]
+    fn what_the_host_explains_is_played_three_times_and_then_not_measured() {
+        let paused = |_: &mut Stage<'_>| {
+            PLAYED.fetch_add(1, Ordering::Relaxed);
+            Err(CaseError::unmeasured("late"))
+        };
+        assert_eq!(outcome(paused), (Ok(Outcome::NotMeasured("late".to_owned())), 3));
+        let wrong = |_: &mut Stage<'_>| {
+            PLAYED.fetch_add(1, Ordering::Relaxed);
+            Err(CaseError::new("late"))
+        };
+        assert_eq!(outcome(wrong), (Err(CaseError::new("late")), 1));
+        let stopped = |stage: &mut Stage<'_>| {
+            PLAYED.fetch_add(1, Ordering::Relaxed);
+            stage.stop.store(true, Ordering::Relaxed);
+            Err(CaseError::unmeasured("late"))
+        };
+        assert_eq!(outcome(stopped), (Ok(Outcome::Stopped), 1));
+    }
 }

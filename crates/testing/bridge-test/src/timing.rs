@@ -210,4 +210,40 @@ mod tests {
         let samples: Vec<(u64, f64)> = (0..600).map(|i| (1_000_000_000 + i * PERIOD_NS, 5.0)).collect();
         assert!(fitted_lag(&plan, &samples).1 > CLOSE);
     }
+
+    /// What a bridge reports that moves so late, with a pause of so long in the middle of the move.
+    fn log(lag_ns: i64, pause_ns: u64) -> Vec<Seen> {
+        let plan = plan();
+        let report = |i: u64| {
+            let time_ns = 900_000_000 + i * PERIOD_NS + if i > 200 { pause_ns } else { 0 };
+            let mut feedback = evolvent_bus::Feedback {
+                time_ns,
+                ..Default::default()
+            };
+            feedback.position[0] = planned_at(&plan, time_ns as i64 - lag_ns);
+            Seen {
+                now_ns: time_ns,
+                feedback,
+            }
+        };
+        (0..600).map(report).collect()
+    }
+
+    #[test]
+    fn a_pause_that_is_long_enough_explains_a_lag_and_a_shorter_one_does_not() {
+        let judged = |lag_ns, pause_ns| judge_motion(&plan(), &log(lag_ns, pause_ns));
+        assert_eq!(judged(15_000_000, 0), Ok(()));
+        assert_eq!(judged(-1_000_000, 0), Ok(()));
+        for (lag_ns, short_ns, long_ns) in [
+            (30_000_000, 10_000_000, 40_000_000),
+            (-6_000_000, 2_000_000, 8_000_000),
+        ] {
+            for pause_ns in [0, short_ns] {
+                let error = judged(lag_ns, pause_ns).expect_err("late, or early");
+                assert!(!error.is_unmeasured(), "{lag_ns}, {pause_ns}: {error}");
+            }
+            let error = judged(lag_ns, long_ns).expect_err("late, or early");
+            assert!(error.is_unmeasured(), "{lag_ns}: {error}");
+        }
+    }
 }
