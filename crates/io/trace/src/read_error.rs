@@ -74,7 +74,10 @@ impl ReadError {
 pub(crate) fn is_wrong_name(source: &io::Error) -> bool {
     matches!(
         source.kind(),
-        io::ErrorKind::NotFound | io::ErrorKind::IsADirectory | io::ErrorKind::NotADirectory
+        io::ErrorKind::NotFound
+            | io::ErrorKind::IsADirectory
+            | io::ErrorKind::NotADirectory
+            | io::ErrorKind::InvalidInput
     )
 }
 
@@ -103,6 +106,8 @@ pub(crate) fn unreadable(path: &Path, source: &io::Error) -> String {
              started, unless --trace says otherwise"
         ),
         io::ErrorKind::IsADirectory => format!("{name} is a folder; name one of the traces in it"),
+        // A pipe or a device.
+        io::ErrorKind::InvalidInput => format!("{name} is not a trace: {source}"),
         io::ErrorKind::PermissionDenied => {
             format!("{name} may not be read by you: {source}; ask its owner to make it readable, or copy it")
         }

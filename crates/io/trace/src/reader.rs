@@ -7,6 +7,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use binrw::BinReaderExt as _;
+use evolvent_config::open_regular;
 use mcap::MAGIC;
 use mcap::records::{AttachmentHeader, AttachmentIndex, ChunkIndex, Record, op};
 
@@ -90,9 +91,17 @@ pub(crate) struct Source {
     length: u64,
 }
 
+/// Opens a file without waiting, as the open of a pipe would for a writer.
+pub(crate) fn open_file(path: &Path) -> io::Result<File> {
+    if std::fs::metadata(path)?.is_dir() {
+        return Err(io::ErrorKind::IsADirectory.into());
+    }
+    open_regular(path)
+}
+
 impl Source {
     fn open(path: &Path) -> Result<Self, ReadError> {
-        let opened = File::open(path).and_then(|file| {
+        let opened = open_file(path).and_then(|file| {
             let length = file.metadata()?.len();
             Ok((file, length))
         });

@@ -15,7 +15,7 @@ use crate::checked_map::{with_checksum, without_checksum};
 use crate::chunk::{self, ChunkRecords, Damaged, MAX_CHUNK_BYTES, RECORD_HEAD};
 use crate::container::{Container, MessageHeader};
 use crate::decode;
-use crate::reader::{FOOTER_LENGTH, attachment_head};
+use crate::reader::{FOOTER_LENGTH, attachment_head, open_file};
 use crate::record::{CycleRecord, EventKind, LogLevel};
 use crate::recorder::{folder_of, log_line, sync_folder_of};
 use crate::recover_error::RecoverError;
@@ -94,7 +94,7 @@ pub fn recover(source: &Path, output: Option<&Path>) -> Result<Recovered, Recove
         path: source.to_owned(),
         source: error,
     };
-    let file = File::open(source).map_err(read)?;
+    let file = open_file(source).map_err(read)?;
     if let Err(TryLockError::WouldBlock) = file.try_lock_shared() {
         return Err(RecoverError::InUse {
             path: source.to_owned(),

@@ -67,3 +67,29 @@ fn where_a_run_was_broken_off_its_part_file_is_named() {
         "{error}"
     );
 }
+
+/// A pipe without a writer would never answer.
+#[test]
+fn a_pipe_is_refused_and_not_waited_for() {
+    let pipe = std::env::temp_dir().join(format!("evolvent-trace-pipe-{}", std::process::id()));
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.is_ok_and(|status| status.success()));
+    let (sender, receiver) = std::sync::mpsc::channel();
+    let path = pipe.clone();
+    std::thread::spawn(move || {
+        let opened = TraceFile::open(&path).map(drop);
+        let recovered = recover(&path, None).map(drop);
+        // Nobody may listen any more.
+        let _ = sender.send((
+            opened.map_err(|error| error.to_string()),
+            recovered.map_err(|error| error.to_string()),
+        ));
+    });
+    let replied = receiver.recv_timeout(std::time::Duration::from_secs(10));
+    std::fs::remove_file(&pipe).expect("the pipe");
+    let (opened, recovered) = replied.expect("a reply within 10 s");
+    for error in [opened, recovered] {
+        let text = error.expect_err("a pipe is no trace");
+        assert!(text.contains("a pipe or a device"), "{text}");
+    }
+}
