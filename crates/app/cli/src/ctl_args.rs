@@ -135,8 +135,9 @@ pub(crate) enum Action {
     },
     /// Execute one block and wait for its end; Ctrl-C stops it. The wait ends at a program stop (M0).
     Mdi {
-        /// The block.
-        block: String,
+        /// The block, quoted or as its words: `mdi G1 X50`. Quote comments, expressions and `$`, which the shell reads.
+        #[arg(required = true, value_name = "BLOCK")]
+        block: Vec<String>,
         /// Do not wait.
         #[arg(long)]
         no_wait: bool,

@@ -147,7 +147,7 @@ impl Session {
             Action::Override { percent: ratio } => percent(CommandCode::FeedOverride, *ratio)?.into(),
             Action::Rapid { percent: ratio } => percent(CommandCode::RapidOverride, *ratio)?.into(),
             Action::Spindle { percent: ratio } => percent(CommandCode::SpindleOverride, *ratio)?.into(),
-            Action::Mdi { block, no_wait } => self.mdi(status, block, *no_wait)?,
+            Action::Mdi { block, no_wait } => self.mdi(status, &block.join(" "), *no_wait)?,
             Action::Jog {
                 axes,
                 distance,
@@ -546,6 +546,30 @@ fn objection_to_loaded(tool: Option<u32>, status: &Status) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_block_is_one_argument_or_its_words() {
+        use clap::Parser as _;
+
+        for (words, expected) in [
+            (&["ctl", "mdi", "G1 X50 F100"][..], "G1 X50 F100"),
+            (&["ctl", "mdi", "G1", "X50", "F100"], "G1 X50 F100"),
+            (&["ctl", "mdi", "G91", "G1", "X-5", "--no-wait"], "G91 G1 X-5"),
+        ] {
+            let parsed = CtlCommand::try_parse_from(words).expect("words of ctl");
+            let Action::Mdi { block, no_wait } = parsed.ctl.action else {
+                panic!("{words:?}");
+            };
+            assert_eq!((block.join(" ").as_str(), no_wait), (expected, words.len() == 6));
+        }
+        assert!(CtlCommand::try_parse_from(["ctl", "mdi"]).is_err());
+    }
+
+    #[derive(Debug, clap::Parser)]
+    struct CtlCommand {
+        #[command(flatten)]
+        ctl: crate::ctl_args::CtlArgs,
+    }
 
     #[test]
     fn only_the_tool_that_is_waited_for_is_confirmed() {
