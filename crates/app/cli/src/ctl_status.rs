@@ -314,7 +314,7 @@ fn write_waits(out: &mut dyn Write, status: &Status, axes: &str) -> io::Result<(
         writeln!(out, "  the emergency-stop chain is open, or no bridge reads it")?;
     }
     if status.switches & switches::INPUT_WAIT != 0 {
-        writeln!(out, "  waits for an input (M66)")?;
+        writeln!(out, "  waits for an input or a spindle, and goes on by itself")?;
     }
     if status.away_parts > 0 {
         writeln!(

@@ -244,7 +244,10 @@ impl Picture<'_> {
             let _ = writeln!(self.text, "{}", self.paint(RED, words));
         }
         if self.status.switches & switches::INPUT_WAIT != 0 {
-            let _ = writeln!(self.text, "waits for an input (M66)");
+            let _ = writeln!(
+                self.text,
+                "waits for an input or a spindle, and goes on by itself"
+            );
         }
         if let Some(state) = probe_state(self.status) {
             let _ = writeln!(self.text, "probe {state}");
@@ -466,7 +469,7 @@ mod tests {
             "late setpoints 3",
             "ALARM 200",
             "emergency-stop chain is open",
-            "waits for an input",
+            "waits for an input or a spindle",
             "probe tripped",
         ] {
             assert!(text.contains(part), "{part} is not in\n{text}");

@@ -162,7 +162,7 @@ pub mod switches {
     pub const HOLD: u32 = 1 << 3;
     /// The emergency-stop chain is open or unknown.
     pub const CHAIN_OPEN: u32 = 1 << 4;
-    /// The program waits at rest for an input (M66).
+    /// The program waits at rest for an input (M66), or for the speed or angle of a spindle (M3, M19).
     pub const INPUT_WAIT: u32 = 1 << 5;
     /// The probe has no contact. Neither this nor the next bit is set if the state is unknown or there is no
     /// probe.

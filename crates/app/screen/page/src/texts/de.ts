@@ -70,7 +70,7 @@ export const de: Texts = {
     held: 'Angehalten. „Weiter“ setzt fort, „Stopp“ beendet.',
     away: (letters) => `${letters ? `${letters} hat das Programm verlassen` : 'Die Achsen sind auf der Bahn zurückgefahren'}. „Rückkehr“, dann „Weiter“ drücken.`,
     awayMoves: 'Die Achsen verlassen das angehaltene Programm oder kehren zurück.',
-    inputWait: 'Das Programm wartet auf einen Eingang.',
+    inputWait: 'Das Programm wartet auf einen Eingang oder eine Spindel.',
     running: (line) => (line > 0 ? `Zeile ${line} läuft.` : 'Läuft.'),
     home: (letters) => `Vor dem Start ${letters} referenzieren.`,
     noProgram: 'Ein Programm öffnen oder in MDI einen Satz eingeben.',

@@ -76,7 +76,7 @@ export const en = {
     held: 'Held. Press “Resume” to go on or “Stop” to end.',
     away: (letters: string) => `${letters ? `${letters} left the held program` : 'The axes are back along the path'}. Press “Return”, then “Resume”.`,
     awayMoves: 'The axes move away from the held program, or back to it.',
-    inputWait: 'The program waits for an input.',
+    inputWait: 'The program waits for an input or a spindle.',
     running: (line: number) => (line > 0 ? `Line ${line} is running.` : 'Running.'),
     home: (letters: string) => `Home ${letters} before starting.`,
     noProgram: 'Open a program, or enter a block in MDI.',
