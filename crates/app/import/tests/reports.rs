@@ -1,4 +1,5 @@
 //! What a configuration has is carried over or named, line by line.
+#![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::PathBuf;
 
