@@ -322,7 +322,7 @@ mod tests {
     fn told(verdict: ThreadVerdict, worst_mm: f64, is_clear: bool) -> (String, String) {
         let result = ThreadResult {
             verdict,
-            stands_at: evolvent_path::Axes::zeros(),
+            stands_at: Axes::zeros(),
             is_clear,
             worst_mm,
         };
