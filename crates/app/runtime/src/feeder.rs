@@ -226,10 +226,13 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             failed();
         }
         let line = self.end_line;
+        // Before the end can come: who hears of it hears the last messages, too.
+        self.reporter.release(Moment::Block(self.next_block));
         // A consumer that has gone needs no end.
         let _gone = self.planner.finish(line);
         self.report_blocks(true);
         self.finish_logs();
+        // What is said of them comes after the end.
         self.reporter.release(Moment::Block(self.next_block));
         // Holds and overrides are answered as long as the program runs.
         self.planner.serve_until_closed();

@@ -163,23 +163,39 @@ impl Tracks {
         self.record_outside(recorder, cycle)?;
         self.actions = sample.actions;
         self.blocks = self.blocks.max(sample.blocks_begun());
-        let ended = cycle.state == State::Done as u8;
+        self.record_notices(recorder, cycle.due_time_ns, cycle.sequence)?;
+        self.follow_block(recorder, sample)
+    }
+
+    /// What the program has announced of where it is now.
+    fn record_notices(
+        &mut self,
+        recorder: &mut Recorder,
+        time_ns: u64,
+        sequence: u64,
+    ) -> Result<(), RecordError> {
+        let ended = self.state == State::Done as u8;
         loop {
             let due = notices_due(&self.notices, self.actions, self.blocks, ended);
             if due == 0 {
-                break;
+                return Ok(());
             }
             for notice in self.notices.drain(..due) {
-                let kind = if notice.is_message {
-                    EventKind::Message
-                } else {
-                    EventKind::Command
-                };
-                // Messages and commands are marked with their line.
-                recorder.event(&event(kind, notice.line, notice.text, None))?;
+                recorder.event(&EventRecord {
+                    time_ns,
+                    sequence,
+                    kind: if notice.is_message {
+                        EventKind::Message
+                    } else {
+                        EventKind::Command
+                    },
+                    // Messages and commands are marked with their line.
+                    code: notice.line,
+                    text: notice.text,
+                    value: None,
+                })?;
             }
         }
-        self.follow_block(recorder, sample)
     }
 
     /// What came from outside, once its cycle has been recorded.
@@ -344,6 +360,7 @@ impl Tracks {
         self.write_blocks(recorder)?;
         self.attach(recorder, time_ns)?;
         self.record_switched(recorder, time_ns, end.saturating_sub(1))?;
+        self.record_notices(recorder, time_ns, end.saturating_sub(1))?;
         // What took effect with the last setpoints.
         while let Some(sequence) = self.outside.front().map(|outside| outside.sequence) {
             let last = CycleRecord {
