@@ -8,8 +8,8 @@ use evolvent_config::open_regular;
 use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move, Origin, Settings};
 use evolvent_machine::Limits;
 use evolvent_motion::ProbeMove;
-use evolvent_path::AXES;
-use evolvent_planner::{MoveValidator, PlanError};
+use evolvent_path::{AXES, AxisLetter};
+use evolvent_planner::{MoveValidator, PlanError, TRAVEL_SLACK};
 
 use crate::check_bounds::{CheckBound, CheckBounds, Unchecked};
 use crate::job::Setup;
@@ -306,9 +306,34 @@ impl<'a> ProgramCheck<'a> {
             let follows = self.has_strayed && was_there(error, motion) && !is_own;
             self.has_strayed = true;
             self.strayed_openly = is_open(axis.index());
-            return refused.filter(|_| !follows).map(Objection::Plan);
+            let own = if follows {
+                self.leaves_elsewhere(motion)
+            } else {
+                refused
+            };
+            return own.map(Objection::Plan);
         }
         refused.map(Objection::Plan)
+    }
+
+    /// The first axis that a move takes out of the travel in which it was before, where another axis was beyond it already.
+    fn leaves_elsewhere(&self, motion: &Move) -> Option<PlanError<Infallible>> {
+        let (low, high) = motion.curve.bounds(0.0, motion.curve.domain());
+        let start = motion.curve.start();
+        AxisLetter::ALL.into_iter().find_map(|axis| {
+            let i = axis.index();
+            let (lowest, highest) = (self.limits.travel_min[i], self.limits.travel_max[i]);
+            let is_known = self.limits.present[i] && !self.assumed[i] && !self.doubtful[i];
+            if !is_known || !(lowest..=highest).contains(&start[i]) {
+                return None;
+            }
+            let beyond = |reached: f64, limit: f64| PlanError::Travel { axis, reached, limit };
+            if low[i] < lowest - TRAVEL_SLACK {
+                Some(beyond(low[i], lowest))
+            } else {
+                (high[i] > highest + TRAVEL_SLACK).then(|| beyond(high[i], highest))
+            }
+        })
     }
 }
 

@@ -69,7 +69,7 @@ pub use evolvent_timing::{
 
 pub use corner::{Rounding, round_corner};
 pub use lookahead::{LookAhead, PENDING_SEGMENTS, PENDING_STEPS};
-pub use move_validator::MoveValidator;
+pub use move_validator::{MoveValidator, TRAVEL_SLACK};
 pub use path_stage::{PathItem, PathSink, PathStage};
 pub use planner::{PathRules, PlanError, Planner};
 pub use step::{

@@ -6,7 +6,7 @@ use evolvent_path::{Axes, AxisLetter, Curve, Move};
 use crate::planner::PlanError;
 
 /// Rounding of positions tolerated by the travel check, mm or degrees.
-const TRAVEL_SLACK: f64 = 1e-9;
+pub const TRAVEL_SLACK: f64 = 1e-9;
 /// Rounding of positions tolerated between two moves, mm or degrees.
 const MAX_GAP: f64 = 1e-6;
 
