@@ -79,6 +79,10 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMoti
         CutKind::Longitudinal => cycle.diameter_mm,
         CutKind::Facing => cycle.diameter_mm + 2.0 * (start.0 - to_x).abs(),
     };
+    if kind == CutKind::Facing {
+        // With an offset the sum may be beyond the axis by a rounding.
+        length_mm = length_mm.min(0.5 * diameter_mm);
+    }
     let cut = CutFile {
         kind,
         diameter_mm: diameter_mm.max(0.1),

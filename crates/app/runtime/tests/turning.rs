@@ -96,8 +96,8 @@ fn keeps_limits(looks: &[Look], setup: &Setup) {
     }
 }
 
-/// The largest true load of a whole program, with what stands in the end above the final size 10 mm behind the face: an
-/// own stock, cut by the positions of the setpoints.
+/// The largest true load of a whole program, and the stock that is left above the final size 10 mm behind the face. The stock
+/// is cut by the positions of the setpoints.
 fn largest_load(program: &str, process: &TurningJob) -> (f64, f64) {
     let here = setup(Some(process.clone()));
     let mut stock = SimulatedProcess::new(process, 1.0 / here.rate_hz()).unwrap();
@@ -132,6 +132,43 @@ fn a_shoulder_within_the_stock_overloads_neither_the_passes_nor_the_finishing_pa
             let corner = 30.0 + height + 0.2;
             let program = format!(
                 "G21 G18 G90 G94 G8\nS500 M3\nG0 Z308\nG0 X{corner}\nG0 Z300\nF200\nG82 {words} Q1\nM2\n"
+            );
+            let (most, left) = largest_load(&program, &process);
+            let set = process.settings.regime.set_load;
+            println!("{words}, {height} mm: {:.2} of the set load", most / set);
+            assert!(most < 1.3 * set, "{words}, {height} mm: {}", most / set);
+            assert!(left.abs() < 0.02, "{words}, {height} mm: {left} mm left");
+        }
+    }
+}
+
+#[test]
+fn facing_leaves_a_shoulder_or_goes_to_the_axis_without_overload() {
+    // Diameters of the end; at 0 there is nothing behind it, at 4 the axis comes before the end of the wall.
+    for (end, allowance) in [
+        (20.0, 0.0),
+        (20.0, 0.3),
+        (4.0, 0.1),
+        (4.0, 0.7),
+        (0.0, 0.0),
+        (0.0, 0.1),
+        (0.0, 0.3),
+        (0.0, 0.7),
+    ] {
+        for height in [3.0, 7.0] {
+            let file = process_text()
+                .replace("kind = \"longitudinal\"", "kind = \"facing\"")
+                .replace("z_mm = 300.0", "z_mm = 296.0")
+                .replace("length_mm = 200.0", "length_mm = 30.0")
+                .replace(
+                    "[[0.0, 10.0], [200.0, 5.0]]",
+                    &format!("[[0.0, {height}], [30.0, {height}]]"),
+                );
+            let process = TurningJob::parse(&file, "process").unwrap();
+            let corner = 296.0 + height + 0.2;
+            let words = format!("X{end} Z296 H{allowance}");
+            let program = format!(
+                "G21 G18 G90 G94 G8\nS500 M3\nG0 X38\nG0 Z{corner}\nG0 X30\nF200\nG75 {words} Q1\nM2\n"
             );
             let (most, left) = largest_load(&program, &process);
             let set = process.settings.regime.set_load;
@@ -287,6 +324,23 @@ fn what_does_not_fit_is_refused_at_its_line_before_anything_moves() {
     }
     let (line, text) = refused(PROGRAM, None);
     assert!(line == 7 && text.contains("--process"), "{text}");
+}
+
+#[test]
+fn facing_to_the_axis_is_accepted_with_any_offset() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("face.ngc");
+    let setup = setup(Some(process()));
+    for step in 0..200 {
+        let (offset, allowance) = (0.237 * f64::from(step), 0.05 + 0.01 * f64::from(step % 90));
+        let program = format!(
+            "G21 G18 G90 G94 G8\nG10 L2 P1 X{offset:.3} Z0\nG54 S500 M3\nG0 X38\nG0 Z300\nG0 X30\nF200\n\
+             G75 X0 Z296 H{allowance:.2} Q1\nM2\n"
+        );
+        std::fs::write(&file, &program).unwrap();
+        let errors = check(&file, &setup, CheckBounds::whole(5)).unwrap().errors;
+        assert!(errors.is_empty(), "{program}: {errors:?}");
+    }
 }
 
 #[test]
