@@ -53,8 +53,7 @@ enum BridgeCommand {
     /// name and the bus prefix, which are also in EVOLVENT_MACHINE_NAME and EVOLVENT_BUS_PREFIX. Without a
     /// command the simulated bridge is tested. The first of three axes X Y Z moves by some millimetres,
     /// slowly. Exit code 1 if a case failed; 3 if none did, but this host kept the bridge from running for so
-    /// long that a case could not be measured.
-    /// A signal ends the bridge too.
+    /// long that a case could not be measured. Ctrl-C and SIGTERM end the suite and its bridge.
     Test(TestArgs),
     /// A core that moves to and fro: the one that `test` kills.
     #[command(hide = true)]

@@ -294,7 +294,7 @@ impl SizeRecord {
         Some(deepest)
     }
 
-    /// Whether most of what stands in the cut above a height stands about as high as the highest of it, as far as it is known.
+    /// Whether most of the known stock of the cut above a height is about as high as its highest point.
     #[must_use]
     pub fn is_level(&self, height_mm: f64) -> bool {
         let above = || {

@@ -11,54 +11,8 @@ use evolvent_turning::{
 };
 
 use crate::common::{
-    Limits, Random, SET, cases, fast, law, literal, random_rough_stock, random_stock, safe, sensor, tool,
+    Limits, Part, Random, SET, cases, fast, law, literal, random_rough_stock, random_stock, safe, sensor,
 };
-
-/// A field of heights of its own: what an edge leaves that goes where the tip went.
-struct Part {
-    tops: Vec<f64>,
-    slope: f64,
-    reach: f64,
-    deepest: f64,
-}
-
-const STEP_MM: f64 = 0.05;
-
-impl Part {
-    fn new(settings: &TurningSettings, blank: &Blank) -> Self {
-        let count = (settings.length_mm / STEP_MM) as usize;
-        Self {
-            tops: (0..count)
-                .map(|i| blank.height_mm(i as f64 * STEP_MM) + blank.runout_mm)
-                .collect(),
-            slope: tool().slope(),
-            reach: tool().overhang_mm(),
-            deepest: 0.0,
-        }
-    }
-
-    /// The tip is here, and the edge over the places before it.
-    fn cut(&mut self, cone: &Cone, along: f64, out: f64) {
-        self.deepest = self.deepest.max(cone.height_mm(along) - out);
-        let first = (along / STEP_MM).ceil().max(0.0) as usize;
-        for (i, top) in self.tops.iter_mut().enumerate().skip(first) {
-            let lead = i as f64 * STEP_MM - along;
-            if lead > self.reach {
-                break;
-            }
-            *top = top.min(out + lead * self.slope);
-        }
-    }
-
-    /// The most that stands above the cylinder and the cone.
-    fn left(&self, cone: &Cone) -> f64 {
-        self.tops
-            .iter()
-            .enumerate()
-            .map(|(i, top)| top - cone.height_mm(i as f64 * STEP_MM))
-            .fold(0.0, f64::max)
-    }
-}
 
 /// Turns it and checks all but the load: figures, largest load on the cone, and how often it was climbed. None where the stock alone, without a cone, ends in a fault as well.
 fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Option<(Figures, f64, usize)> {
@@ -78,7 +32,7 @@ fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Option<(Figures,
             );
         }
         limits.see(output);
-        part.cut(&cone, output.along.position, output.out.position);
+        part.cut(output.along.position, output.out.position);
         if let Some(transition) = output.transition {
             log += &format!("{transition:?}\n");
             climbs += usize::from(transition.to == TurningState::Climb);
@@ -95,11 +49,11 @@ fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Option<(Figures,
         return None;
     }
     assert!(
-        part.deepest <= 1e-9,
+        part.deepest() <= 1e-9,
         "cut {} into the cone: {cone:?} {blank:?}\n{log}",
-        part.deepest
+        part.deepest()
     );
-    let left = part.left(&cone);
+    let left = part.left();
     assert!(left <= 0.1, "{left} mm left: {cone:?} {blank:?}\n{log}");
     Some((figures, peak, climbs))
 }
@@ -188,7 +142,6 @@ fn a_cone_that_the_edge_would_cut_into_is_refused() {
 #[test]
 fn a_hold_on_the_cone_stands_on_it_and_goes_on() {
     let settings = with_cone(safe(), 180.0, 20.0);
-    let cone = settings.cone.unwrap();
     let blank = Blank::uniform(7.0);
     let mut simulation = Simulation::new(settings, blank.clone(), law(), sensor(3)).unwrap();
     let mut limits = Limits::new(&settings);
@@ -202,7 +155,7 @@ fn a_hold_on_the_cone_stands_on_it_and_goes_on() {
         };
         let (output, _) = simulation.step(inputs, None);
         limits.see(&output);
-        part.cut(&cone, output.along.position, output.out.position);
+        part.cut(output.along.position, output.out.position);
         hold = (hold - 1).max(0);
         if output.state == TurningState::Climb && before == TurningState::Held {
             assert!(output.feed_mm_rev <= 0.2, "{output:?}");
@@ -223,10 +176,10 @@ fn a_hold_on_the_cone_stands_on_it_and_goes_on() {
     assert_eq!(simulation.controller.state(), TurningState::Done);
     assert!(holds >= 2, "{holds}");
     assert!(
-        part.deepest <= 1e-9 && part.left(&cone) <= 0.1,
+        part.deepest() <= 1e-9 && part.left() <= 0.1,
         "{} {}",
-        part.deepest,
-        part.left(&cone)
+        part.deepest(),
+        part.left()
     );
 }
 
@@ -307,7 +260,6 @@ fn stock_steeper_than_the_cone_causes_backing_off() {
 #[test]
 fn a_jam_on_the_cone_retracts_and_can_continue() {
     let settings = with_cone(safe(), 175.0, 15.0);
-    let cone = settings.cone.unwrap();
     let blank = Blank::uniform(6.0);
     let mut simulation = Simulation::new(settings, blank.clone(), law(), sensor(2)).unwrap();
     let mut limits = Limits::new(&settings);
@@ -321,7 +273,7 @@ fn a_jam_on_the_cone_retracts_and_can_continue() {
         };
         let (output, _) = simulation.step(inputs, None);
         limits.see(&output);
-        part.cut(&cone, output.along.position, output.out.position);
+        part.cut(output.along.position, output.out.position);
         climbing += u32::from(output.state == TurningState::Climb);
         if jammed.is_none() && climbing > 500 {
             simulation.jam(2.0 * SET);
@@ -345,5 +297,5 @@ fn a_jam_on_the_cone_retracts_and_can_continue() {
     }
     assert!(drawn_mm >= settings.clear_out_mm, "{drawn_mm}");
     assert_eq!(simulation.controller.state(), TurningState::Done);
-    assert!(part.deepest <= 1e-9 && part.left(&cone) <= 0.1);
+    assert!(part.deepest() <= 1e-9 && part.left() <= 0.1);
 }

@@ -7,76 +7,14 @@
 )]
 
 use evolvent_turning::{
-    BackOff, Blank, Cone, Figures, Regime, RegimeInput, Simulation, Strategy, Tool, TurningInputs,
-    TurningSettings, TurningState, run_fixed_at_load,
+    BackOff, Blank, Cone, Figures, Simulation, Strategy, Tool, TurningInputs, TurningSettings, TurningState,
+    run_fixed_at_load,
 };
 
 use crate::common::{
-    Limits, PERIOD_S, Random, SET, TURN_S, cases, fast, law, literal, random_rough_stock, random_stock,
-    regime, safe, sensor,
+    Limits, PERIOD_S, Part, Random, SET, TURN_S, cases, fast, law, literal, random_rough_stock, random_stock,
+    regime, regime_of, safe, sensor,
 };
-
-const STEP_MM: f64 = 0.05;
-
-/// A field of heights of its own: what an edge leaves that goes where the tip went.
-struct Part {
-    tops: Vec<f64>,
-    settings: TurningSettings,
-    deepest: f64,
-    /// Where the tip was before.
-    before: (f64, f64),
-}
-
-impl Part {
-    fn new(settings: &TurningSettings, blank: &Blank) -> Self {
-        let count = ((settings.length_mm + settings.beyond_mm.min(60.0)) / STEP_MM) as usize;
-        Self {
-            tops: (0..count)
-                .map(|i| blank.height_mm(i as f64 * STEP_MM) + blank.runout_mm)
-                .collect(),
-            settings: *settings,
-            deepest: 0.0,
-            before: (f64::NEG_INFINITY, f64::INFINITY),
-        }
-    }
-
-    /// Cylinder, cone, and a straight wall at the angle of the edge.
-    fn contour(&self, along: f64) -> f64 {
-        let settings = &self.settings;
-        let cone = |at: f64| settings.cone.map_or(0.0, |cone| cone.height_mm(at));
-        let behind = along - settings.length_mm;
-        if behind > 0.0 {
-            cone(settings.length_mm) + behind * settings.tool.lead_deg().to_radians().tan()
-        } else {
-            cone(along)
-        }
-    }
-
-    fn cut(&mut self, along: f64, out: f64) {
-        self.deepest = self.deepest.max(self.contour(along) - out);
-        let tool = &self.settings.tool;
-        let (from, height) = (self.before.0.min(along), self.before.1.max(out));
-        self.before = (along, out);
-        let first = (from / STEP_MM - 1e-9).ceil().max(0.0) as usize;
-        for (i, top) in self.tops.iter_mut().enumerate().skip(first) {
-            let lead = i as f64 * STEP_MM - along;
-            if lead > tool.overhang_mm() {
-                break;
-            }
-            // What the tip has gone past since then is cut to its height.
-            *top = top.min(if lead < 0.0 {
-                height
-            } else {
-                out + lead * tool.slope()
-            });
-        }
-    }
-
-    fn left(&self) -> f64 {
-        let above = |(i, top): (usize, &f64)| top - self.contour(i as f64 * STEP_MM);
-        self.tops.iter().enumerate().map(above).fold(0.0, f64::max)
-    }
-}
 
 /// Turns it: the part is whole, at size, and every limit of motion was kept.
 fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Figures {
@@ -94,9 +32,9 @@ fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Figures {
     let what = || format!("{settings:?}\n{blank:?}\n{log}{figures:?}");
     assert!(figures.done && !figures.hit_holder, "{}", what());
     assert!(
-        part.deepest < 1e-9,
+        part.deepest() < 1e-9,
         "{} into the contour: {}",
-        part.deepest,
+        part.deepest(),
         what()
     );
     assert!(part.left() <= 0.1, "{} left: {}", part.left(), what());
@@ -135,15 +73,7 @@ fn no_height_of_stock_overloads_at_the_shoulder() {
 fn edges_of_any_lead_leave_one_wall() {
     for lead_deg in [30.0, 45.0, 75.0, 85.0, 89.0] {
         let tool = Tool::new(lead_deg, 12.0).unwrap();
-        let input = RegimeInput {
-            law: law(),
-            set_load: SET,
-            permitted_load: 10_000.0,
-            feed_min_mm_rev: 0.2,
-            feed_max_mm_rev: 0.7,
-            back_off: BackOff::Balanced,
-        };
-        let regime = Regime::new(&input, &tool).unwrap();
+        let regime = regime_of(&tool, BackOff::Balanced);
         let settings = TurningSettings {
             strategy: Strategy::safe(&regime),
             period_s: PERIOD_S,
@@ -268,7 +198,7 @@ fn a_hold_anywhere_near_the_shoulder_changes_nothing() {
             TurningState::Done,
             "hold at {at} s"
         );
-        assert!(part.deepest < 1e-9 && part.left() <= 0.1, "hold at {at} s");
+        assert!(part.deepest() < 1e-9 && part.left() <= 0.1, "hold at {at} s");
     }
 }
 

@@ -9,7 +9,7 @@ pub struct DriveSettings {
     pub resolution: u32,
     /// Motor and load.
     pub mechanics: Mechanics,
-    /// Where the axis stands at power-up.
+    /// Position of the axis at power-up.
     pub start_turns: f64,
     /// What the encoder names that position.
     pub start_increments: i32,

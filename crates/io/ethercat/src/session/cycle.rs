@@ -397,7 +397,7 @@ impl<'m> Cycle<'_, 'm> {
         let is_first = self.short == self.network.max_lost_cycles + 1;
         if is_first {
             let (found, expected) = (exchanged.working_counter, self.expected);
-            // Devices that have only left OP are told by name below.
+            // Devices that have only left OP are named below.
             if found != expected {
                 let _full = ends.bus.notices.push(Notice::Short { found, expected });
             }

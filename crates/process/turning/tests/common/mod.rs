@@ -6,11 +6,15 @@
     reason = "a test may fail, and prints its seed"
 )]
 
+mod part;
+
 #[allow(unused_imports, reason = "each test uses a part")]
 pub use evolvent_random::{Random, cases};
 use evolvent_turning::{
     BackOff, Blank, CutLaw, Regime, RegimeInput, SensorModel, Strategy, Tool, TurningOutput, TurningSettings,
 };
+
+pub use part::Part;
 
 pub const SET: f64 = 2200.0;
 pub const TURN_S: f64 = 0.12;
@@ -30,6 +34,10 @@ pub fn tool() -> Tool {
 }
 
 pub fn regime(back_off: BackOff) -> Regime {
+    regime_of(&tool(), back_off)
+}
+
+pub fn regime_of(tool: &Tool, back_off: BackOff) -> Regime {
     let input = RegimeInput {
         law: law(),
         set_load: SET,
@@ -38,7 +46,7 @@ pub fn regime(back_off: BackOff) -> Regime {
         feed_max_mm_rev: 0.7,
         back_off,
     };
-    Regime::new(&input, &tool()).unwrap()
+    Regime::new(&input, tool).unwrap()
 }
 
 pub fn safe() -> TurningSettings {
