@@ -122,7 +122,8 @@ fn the_ethercat_bridge_may_be_killed_and_so_may_its_core() {
                     .output()
                     .expect("the binary to start");
                 let report: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-                assert_eq!(report["cases"][0]["verdict"], "passed", "{case}: {report}");
+                let cases = report["cases"].as_array().expect("cases");
+                assert_eq!(passed(cases), 1, "{case}: {report}");
             });
         });
     }

@@ -16,7 +16,10 @@ use evolvent_ethercat_ring::{
     on_bench,
 };
 use evolvent_mesa_board::{Board, BoardModel, BoardServer, FaultKind as BoardFault, now_ns};
-use evolvent_tests::{Domain, Operator, Random, Served, Workshop, command, evolvent, unless_disturbed};
+use evolvent_tests::{Domain, Operator, Random, Served, Workshop, command, evolvent, where_undisturbed};
+
+/// A bridge that is suspended for ten periods brakes by itself (`note` 2, alarm 413), as it must: three quarters of that explain it.
+const SUSPENDED: Duration = Duration::from_millis(30);
 
 /// Machine coordinates that the pulses of X and Y become, mm.
 const PULSES: [f64; 2] = [-60.0, 15.0];
@@ -274,8 +277,8 @@ impl<'a> Mill<'a> {
         let shipped = workshop.mill(
             name,
             &[
-                ("rate = \"rational\"", "rate = 500"),
-                ("# lead_ms = 2 ", "lead_cycles = 60 "),
+                ("rate = \"rational\"", "rate = 250"),
+                ("# lead_ms = 2 ", "lead_cycles = 40 "),
                 ("feedback_timeout_ms = 20 ", "feedback_timeout_ms = 300 "),
                 ("enable_timeout_ms = 2000 ", "enable_timeout_ms = 20000 "),
                 (
@@ -408,7 +411,7 @@ impl<'a> Mill<'a> {
 
 /// Runs a trial on both simulators, from random places.
 fn on_ring(trial: impl Fn(&dyn Hardware, &str) + Send + Clone + 'static) {
-    unless_disturbed(|| {
+    where_undisturbed(SUSPENDED, || {
         let mut random = Random::new();
         let phases = [random.between(0.3, 0.7), random.between(0.0, 1.0)];
         let starts = [random.between(SWITCH_TURNS - 2.0, 0.0), random.between(-5.0, 5.0)];
@@ -421,7 +424,7 @@ fn on_ring(trial: impl Fn(&dyn Hardware, &str) + Send + Clone + 'static) {
 }
 
 fn on_board(trial: impl Fn(&dyn Hardware, &str)) {
-    unless_disturbed(|| {
+    where_undisturbed(SUSPENDED, || {
         let mut random = Random::new();
         let starts = [
             random.between(SWITCH_COUNTS - 4000.0, 0.0),
@@ -608,7 +611,7 @@ fn the_shipped_router_homes_by_its_switches() {
         (BoardModel::B7i96s, "7i96s-router"),
         (BoardModel::B7i76e, "7i76e-router"),
     ] {
-        unless_disturbed(|| {
+        where_undisturbed(SUSPENDED, || {
             let (workshop, domain, address) = (Workshop::new(), Domain::new(), next_address());
             let mut board = Board::new(model, now_ns());
             for switch in ["0:0:-640", "1:1:640", "2:2:1600"] {
@@ -620,7 +623,7 @@ fn the_shipped_router_homes_by_its_switches() {
                 std::fs::read_to_string(path).expect("a shipped file")
             };
             let text = shipped("machines/router-3axis.toml")
-                .replace("rate = 1000 ", "lead_cycles = 60\nrate = 500 ")
+                .replace("rate = 1000 ", "lead_cycles = 40\nrate = 250 ")
                 .replace(
                     "travel_min_mm",
                     "following_error_mm = 3\nfollowing_time_ms = 200\ntravel_min_mm",
