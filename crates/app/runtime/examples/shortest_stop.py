@@ -2,6 +2,8 @@
 
     cargo run --release -p evolvent-runtime --example holds -- PROGRAM MACHINE 4000 20 1 | python shortest_stop.py
 
+With `--csv` it writes rows of `../tests/shortest_stops.csv` instead, which a test compares with.
+
 Needs numpy and scipy. With b = s^2, s the rate of plan time tau, an axis has the acceleration b q'' + b' q'/2, linear in b, and the
 jerk sqrt(b) (b q''' + 3/2 b' q'' + b'' q'/2). The bound J/sqrt(b) is convex, so its tangent lies below it: each linear program is
 an inner approximation, and a sequence of them leads to the shortest stop that ends at a given tau. The last part, below the rate SE,
@@ -184,7 +186,15 @@ def shortest_of(hold):
     return best
 
 
+def row(hold, least, method):
+    """A hold and its minimum, for the table of the test."""
+    names = [hold["program"].rsplit("/", 1)[-1], hold["machine"].rsplit("/", 1)[-1]]
+    rest = [f"{hold['rate_hz']:.0f}", str(hold["moment"]), str(hold["is_frozen"]).lower()]
+    return ",".join(names + rest + [f"{hold['feed_mm_s']:.3f}", f"{least:.5f}", method])
+
+
 def main():
+    as_table = "--csv" in sys.argv[1:]
     ratios, holds, over, unknown = [], 0, 0, 0
     for line in sys.stdin:
         hold = json.loads(line)
@@ -195,20 +205,28 @@ def main():
         )
         # No stop on any path is shorter than that of an axis by itself.
         if (took - EXTRA_S) / FACTOR <= least:
+            if as_table:
+                print(row(hold, least, "axis"), flush=True)
             continue
         best = shortest_of(hold)
         if best is None:
             unknown += 1
+            if as_table:
+                continue
             print(f"line {hold['line']}: {took * 1e3:.1f} ms, no stop found by the other method", flush=True)
             continue
         ratios.append(took / best)
         over += (took - EXTRA_S) / best > FACTOR
+        if as_table:
+            print(row(hold, best, "path"), flush=True)
+            continue
         print(
             f"line {hold['line']}, {hold['feed_mm_s']:.1f} mm/s: {took * 1e3:.1f} ms, other method {best * 1e3:.1f} ms: "
             f"{took / best:.3f}, minus 15 ms {(took - EXTRA_S) / best:.3f}",
             flush=True,
         )
-    print(f"{holds} holds, {len(ratios)} compared, {unknown} unknown, {over} above the bound")
+    out = sys.stderr if as_table else sys.stdout
+    print(f"{holds} holds, {len(ratios)} compared, {unknown} unknown, {over} above the bound", file=out)
     sys.exit(1 if over else 0)
 
 
