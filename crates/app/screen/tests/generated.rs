@@ -19,7 +19,7 @@ fn the_generated_types_match() {
     TraceEntry::export_all(&config).unwrap();
     RestartInfo::export_all(&config).unwrap();
     TraceJob::export_all(&config).unwrap();
-    write_alarm_numbers(target);
+    write_numbers(target);
     let list = |folder: &Path| {
         let mut files: Vec<(String, String)> = std::fs::read_dir(folder)
             .unwrap()
@@ -40,15 +40,28 @@ fn the_generated_types_match() {
 }
 
 /// The page has a text for each: a language that lacks one does not compile.
-fn write_alarm_numbers(folder: &Path) {
-    let numbers: Vec<String> = Alarm::ALL
-        .iter()
-        .filter(|alarm| alarm.kind() != AlarmKind::Rejection)
-        .map(|alarm| alarm.number().to_string())
-        .collect();
-    let text = format!(
-        "// This file is written by the test of the generated types.\n\n/** Alarms that are in force until they are cleared or a job starts. */\nexport type AlarmNumber = {};\n",
-        numbers.join(" | ")
-    );
-    assert!(std::fs::write(folder.join("AlarmNumber.ts"), text).is_ok());
+fn write_numbers(folder: &Path) {
+    for (name, what, is_rejection) in [
+        (
+            "AlarmNumber",
+            "Alarms that are in force until they are cleared or a job starts.",
+            false,
+        ),
+        (
+            "RejectionNumber",
+            "Why the core does not do what it is asked for.",
+            true,
+        ),
+    ] {
+        let numbers: Vec<String> = Alarm::ALL
+            .iter()
+            .filter(|alarm| (alarm.kind() == AlarmKind::Rejection) == is_rejection)
+            .map(|alarm| alarm.number().to_string())
+            .collect();
+        let text = format!(
+            "// This file is written by the test of the generated types.\n\n/** {what} */\nexport type {name} = {};\n",
+            numbers.join(" | ")
+        );
+        assert!(std::fs::write(folder.join(format!("{name}.ts")), text).is_ok());
+    }
 }

@@ -785,6 +785,18 @@ export const cases = {
       return box.width > 0 && box.bottom <= innerHeight && element.contains(document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2));
     });
     assert.equal(isWhole, true, 'its end is seen');
+    // In German what the number means comes first; the sentence of the server has the details.
+    const language = async (name) => {
+      await page.locator(at('menu')).click();
+      await page.locator(`dialog[open] [lang="${name}"]`).click();
+      await page.keyboard.press('Escape');
+    };
+    await language('de');
+    assert.match(await rejection.innerText(), /^Abgelehnt \(901\): Diesen Befehl gibt es nicht.*\(this is why .* its end\)/s);
+    await page.evaluate(() => globalThis.raiseMadeUpAlarm(413));
+    await until('its alarm', async () => /^die Brücke .* \(made up\)/s.test(await text(page, 'advice')) || text(page, 'advice'));
+    await page.evaluate(() => globalThis.changeMadeUp({ alarms: [], alarmText: '' }));
+    await language('en');
     await page.evaluate(() => globalThis.rejectMadeUp(''));
     await page.locator(at('feed_override')).click();
     await rejection.waitFor({ state: 'detached' });

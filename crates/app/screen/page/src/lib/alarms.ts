@@ -11,3 +11,12 @@ export function explain(texts: Texts, number: number): AlarmText {
   const [meaning, cure] = list[number] ?? [texts.alarms.unknown, texts.alarms.unknownCure];
   return { meaning, cure };
 }
+
+/** A sentence of the server. Where the page is in another language, what its number means comes first: the sentence has the details. */
+export function serverSaid(texts: Texts, number: number, sentence: string): string {
+  if (texts.rejectionTexts === null || sentence === '') return sentence;
+  const alarms: Record<number, readonly [string, string]> = texts.alarmTexts;
+  const rejections: Record<number, string> = texts.rejectionTexts;
+  const meaning = rejections[number] ?? alarms[number]?.[0];
+  return meaning === undefined ? sentence : `${meaning} (${sentence})`;
+}

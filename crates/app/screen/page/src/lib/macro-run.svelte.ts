@@ -1,4 +1,5 @@
 // Runs the blocks of a macro one after the other: each when the one before it is done.
+import { serverSaid } from './alarms';
 import type { Macro, Status } from './model';
 import { session } from './session.svelte';
 import { settings } from './settings.svelte';
@@ -35,7 +36,10 @@ class MacroRun {
     const t = settings.texts.macros;
     const before = session.status?.job ?? 0;
     if (!session.mayCommand) return t.noControl;
-    if (!(await session.inMode('mdi', { name: 'mdi', block }))) return session.rejection?.text ?? t.noControl;
+    if (!(await session.inMode('mdi', { name: 'mdi', block }))) {
+      const { rejection } = session;
+      return rejection ? serverSaid(settings.texts, rejection.alarm, rejection.text) : t.noControl;
+    }
     for (;;) {
       await new Promise((resolve) => setTimeout(resolve, LOOK_MS));
       // Whoever has lost control or connection goes on with nothing.
