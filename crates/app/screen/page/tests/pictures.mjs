@@ -46,7 +46,8 @@ async function up(page) {
 
 async function mill() {
   const service = await serve(binary, {
-    changes: [['# max_late_cycles = 1000', 'max_late_cycles = 0']],
+    // A host that draws pictures is late, and so are drives that it simulates.
+    changes: [['# max_late_cycles = 1000', 'max_late_cycles = 0'], ['feedback_timeout_ms = 20 ', 'feedback_timeout_ms = 1000 ']],
     files: { 'macros.toml': readFileSync(join(root, 'config/macros/mill.toml')) },
     options: (own) => [`--screen-macros=${join(own, 'macros.toml')}`],
     drives: () => [],
@@ -170,9 +171,9 @@ async function lathe() {
 
 /** Signals; a rejection, and its place in the documentation. */
 async function router() {
-  const service = await serve(binary, { machine: 'router-3axis' });
+  const service = await serve(binary, { machine: 'router-3axis', drives: () => [] });
   const page = await open(service.url);
-  await ready(page);
+  await up(page);
   await view(page, 'io');
   await page.locator(at('on-dust-extraction')).click();
   await page.locator(`${at('on-dust-extraction')}[aria-pressed="true"]`).waitFor();
