@@ -361,7 +361,7 @@ export const de: Texts = {
     none: 'Eine Spur in der Liste wählen.',
     trace: 'Spur',
     job: 'Auftrag',
-    jobOf: (number, name, start_s) => `${number}: ${name}, ab ${start_s.toFixed(0)} s`,
+    jobOf: (number, name, start_s) => `${number}: ${name}, bei ${start_s.toFixed(0)} s`,
     all: 'alle',
     path: 'Die gefahrene Bahn',
     lines: 'Gefahrene Zeilen',

@@ -367,7 +367,7 @@ export const en = {
     none: 'Choose a trace in the list.',
     trace: 'trace',
     job: 'Job',
-    jobOf: (number: number, name: string, start_s: number): string => `${number}: ${name}, from ${start_s.toFixed(0)} s on`,
+    jobOf: (number: number, name: string, start_s: number): string => `${number}: ${name}, at ${start_s.toFixed(0)} s`,
     all: 'all',
     path: 'The path that was driven',
     lines: 'Lines that were driven',
