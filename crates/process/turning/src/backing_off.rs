@@ -3,6 +3,7 @@
 use crate::controller::TurningController;
 use crate::settings::PassDepth;
 use crate::state::{Reason, TurningState};
+use crate::tip_contact::Front;
 
 /// Share of the deepest cut at which it is backed off from: the load is noisy.
 const DEEP: f64 = 0.98;
@@ -82,7 +83,12 @@ impl TurningController {
             let here = self.along.point().position;
             let shoulder = here + by / settings.tool.slope();
             let depth = self.felt.shoulder_mm - self.plan.out_mm;
+            let front = match self.front_left(depth + by) {
+                Front::Shoulder(_) => Front::Shoulder(shoulder),
+                other => other,
+            };
             self.lose_contact();
+            self.felt.tip.expect(front);
             self.require_stock(shoulder, depth);
             // A cut that was not felt for a whole revolution, or had slots, does not tell how high the shoulder is. What was
             // felt stands all the same, and is felt again before the job ends.

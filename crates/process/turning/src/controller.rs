@@ -15,6 +15,7 @@ use crate::record::SizeRecord;
 use crate::return_path::ReturnPath;
 use crate::settings::{SettingsError, TurningSettings};
 use crate::state::{Reason, Transition, TurningState};
+use crate::tip_contact::{CutNow, Front, UnderTip};
 use crate::trail::Trail;
 use crate::watch::{LoadView, LoadWatch};
 
@@ -245,7 +246,6 @@ impl TurningController {
             // Standing at the end of the pass the load goes as it should.
             let ends = self.plan.end_s > 0.0;
             let felt = self.feels() || (ends && self.felt.contact_mm.is_some());
-            let sure = felt && !ends && self.state == TurningState::Cut;
             let cuts = matches!(
                 self.state,
                 TurningState::Engage | TurningState::Cut | TurningState::Climb
@@ -255,7 +255,12 @@ impl TurningController {
             let meets = self.state == TurningState::Approach && self.sure_depth(0.0) > SURE_MM;
             let waits = (missed && !ends) || meets;
             if !waits {
-                self.record.sweep(cut_along, cut_out, felt, sure);
+                let under = self.under_tip(felt && !ends, cut_along);
+                self.record
+                    .sweep(cut_along, cut_out, felt, under != UnderTip::Unknown);
+                if let UnderTip::StockSince(from_mm) = under {
+                    self.record.confirm_from(from_mm);
+                }
             }
         }
         self.cycle += 1;
@@ -273,6 +278,32 @@ impl TurningController {
             pass: self.plan.number,
             transition: self.transition,
         }
+    }
+
+    /// What the load of a cut tells of the place that the tip has cut all round.
+    fn under_tip(&mut self, cuts: bool, swept_mm: f64) -> UnderTip {
+        let (Some(contact_mm), TurningState::Cut, true) = (self.felt.contact_mm, self.state, cuts) else {
+            return UnderTip::Unknown;
+        };
+        let (place_mm, out_mm) = (self.along.point().position, self.out.point().position);
+        let tool = &self.settings.tool;
+        let cut = CutNow {
+            place_mm,
+            swept_mm,
+            contact_mm,
+            depth_mm: self.view.depth_mean_mm,
+            bound_mm: self.record.highest_mm(swept_mm, place_mm + tool.overhang_mm()) - out_mm,
+        };
+        self.felt.tip.follow(cut, tool.slope(), tool.overhang_mm())
+    }
+
+    /// What is to be met again where a cut of a depth is left, mm.
+    pub(crate) fn front_left(&self, depth_mm: f64) -> Front {
+        let here = self.along.point().position;
+        let slope = self.settings.tool.slope();
+        self.felt
+            .tip
+            .front_left(here, self.felt.contact_mm, depth_mm, slope)
     }
 
     /// Whether the tool is where stock may be.
@@ -360,7 +391,9 @@ impl TurningController {
                     // The load has gone: what is cut has to be felt again.
                     TurningState::Engage | TurningState::Cut => {
                         let depth = self.felt.engagement.depth_mm();
+                        let front = self.front_left(depth);
                         self.lose_contact();
+                        self.felt.tip.expect(front);
                         self.require_stock(self.along.point().position, depth);
                         self.places.cautious_to_mm = Some(self.along.point().position + CAUTION_MM);
                         TurningState::Approach

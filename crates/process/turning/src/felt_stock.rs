@@ -2,6 +2,7 @@
 
 use crate::engagement::Engagement;
 use crate::settings::TurningSettings;
+use crate::tip_contact::TipContact;
 use crate::watch::SMOOTHING_S;
 
 /// What was felt of the stock. Places in mm along the cut, heights above the final size.
@@ -13,6 +14,8 @@ pub(crate) struct FeltStock {
     pub(crate) in_air: bool,
     /// What was felt last, and must still be there.
     pub(crate) engagement: Engagement,
+    /// Whether that stands under the tip.
+    pub(crate) tip: TipContact,
     /// Largest depth since contact and where it was reached.
     pub(crate) grown_mm: (f64, f64),
     /// Place and depth of the cut once it had settled for a revolution.
@@ -36,6 +39,7 @@ impl FeltStock {
             contact_mm: None,
             in_air: false,
             engagement: Engagement::new(settings.tool.slope()),
+            tip: TipContact::NONE,
             grown_mm: (0.0, 0.0),
             settled_mm: (0.0, 0.0),
             shoulder_mm: 0.0,
@@ -52,6 +56,7 @@ impl FeltStock {
         self.contact_mm = None;
         self.grown_mm = (0.0, 0.0);
         self.engagement.forget();
+        self.tip.lose();
         self.expected_mm = None;
     }
 }

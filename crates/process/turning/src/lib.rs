@@ -76,6 +76,7 @@ mod sensor;
 mod settings;
 mod simulation;
 mod state;
+mod tip_contact;
 mod tool;
 mod trail;
 mod watch;

@@ -76,7 +76,9 @@ impl TurningController {
             .depth_after_mm(INTERRUPTION_NOISE * self.loss.interruption_mm);
         let law = &settings.regime.law;
         let unfelt = NOISE * law.depth_mm(settings.contact_load_n, self.trail.chip_mm().max(self.feed));
-        let sure = self.sure_depth(GONE_MM);
+        // Stock must have been under the edge for the whole revolution, not only come to it in the end.
+        let revolution_mm = self.trail.chip_mm().max(GONE_MM);
+        let sure = self.sure_depth(GONE_MM).min(self.sure_depth(revolution_mm));
         if sure > SURE_MM || left > unfelt + ABRUPT_MM + DEPTH_NOISE * self.felt.grown_mm.0 {
             return LoadAfter::Broken {
                 depth_mm: sure.max(left),

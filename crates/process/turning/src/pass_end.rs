@@ -4,6 +4,7 @@ use crate::controller::TurningController;
 use crate::return_path::Leg;
 use crate::settings::PassDepth;
 use crate::state::{Reason, TurningState};
+use crate::tip_contact::Front;
 
 /// More passes than these are a fault.
 const MAX_PASSES: u32 = 1000;
@@ -140,6 +141,13 @@ impl TurningController {
                     self.plan.meets_unknown = self.record.has_unknown();
                     self.plan.end_s = 0.0;
                     self.feed = 0.0;
+                    let stock_mm = self.record.next_above(
+                        self.along.point().position,
+                        self.plan.out_mm + settings.tolerance_mm,
+                    );
+                    self.felt
+                        .tip
+                        .expect(Front::Face(stock_mm.unwrap_or(f64::INFINITY)));
                     self.go(TurningState::Approach, Reason::InPlace);
                 }
             }

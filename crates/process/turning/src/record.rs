@@ -44,7 +44,7 @@ pub struct Cell {
     pub known: bool,
     /// The tip has passed, and a load was felt.
     pub felt: bool,
-    /// The tip has passed and was cutting over its whole depth: as much as `least_mm` does stand here.
+    /// The tip has passed and was in stock, which stays below it: as much as `least_mm` does stand here.
     pub sure: bool,
     /// What may stand here at the end, mm: more than nothing on a cone and on the wall.
     pub final_mm: f64,
@@ -130,6 +130,14 @@ impl SizeRecord {
                 (cell.known, cell.felt, cell.sure) = (true, felt, sure);
                 cell.least_mm = cell.top_mm;
             }
+        }
+    }
+
+    /// What the sweep under way has passed from a place on, feeling a load, is sure after all.
+    pub fn confirm_from(&mut self, along_mm: f64) {
+        let (first, tip) = (self.ends_before(along_mm), self.ends_before(self.swept_to));
+        for cell in self.cells.iter_mut().take(tip).skip(first) {
+            cell.sure |= cell.known && cell.felt;
         }
     }
 
@@ -294,6 +302,22 @@ impl SizeRecord {
         Some(deepest)
     }
 
+    /// The highest that may stand from a place to another one, mm: without end where no part of the edge has been, where the
+    /// shoulder of a pass that was given up is only taken to go on, and behind the wall that the edge leaves.
+    #[must_use]
+    pub fn highest_mm(&self, from_mm: f64, to_mm: f64) -> f64 {
+        let first = (from_mm.max(0.0) / self.cell_mm) as usize;
+        let last = (to_mm.max(0.0) / self.cell_mm).ceil() as usize;
+        if last > self.cells.len() && self.cells.last().is_some_and(|cell| cell.is_wall) {
+            return f64::INFINITY;
+        }
+        let cells = self.cells.iter().take(last).skip(first);
+        cells.fold(0.0, |most, cell| {
+            let is_taken = cell.felt && !cell.known;
+            f64::max(most, if is_taken { f64::INFINITY } else { cell.top_mm })
+        })
+    }
+
     /// Whether most of the known stock of the cut above a height is about as high as its highest point.
     #[must_use]
     pub fn is_level(&self, height_mm: f64) -> bool {
@@ -377,6 +401,23 @@ mod tests {
         assert!(top(18.0).is_infinite());
         assert_eq!(record.first_above(0.5), Some(0.0));
         assert_eq!(record.highest_known_mm(), 3.0);
+    }
+
+    #[test]
+    fn the_highest_that_may_stand_is_told_only_where_an_edge_has_been() {
+        let mut record = record(20.0);
+        for i in -20..=100 {
+            record.sweep(f64::from(i) * 0.1, 1.0, true, false);
+        }
+        assert_eq!(record.highest_mm(0.0, 10.0), 1.0);
+        assert!((record.highest_mm(0.0, 12.0) - (1.0 + 2.0 * 3.0_f64.sqrt())).abs() < 1e-9);
+        assert!(record.highest_mm(0.0, 17.0).is_infinite());
+        // That the shoulder goes on is not known.
+        record.leave_shoulder(10.0, 2.0, false);
+        assert!(record.highest_mm(0.0, 12.0).is_infinite());
+        assert!(!record.at(4.0).sure);
+        record.confirm_from(3.0);
+        assert!(record.at(4.0).sure && !record.at(2.0).sure && !record.at(11.0).sure);
     }
 
     #[test]

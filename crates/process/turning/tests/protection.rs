@@ -621,3 +621,53 @@ fn a_job_that_is_started_again_without_load_fails_again() {
         assert!(sim.piece.residual_mm() <= 0.1, "{reading}");
     }
 }
+
+#[test]
+fn a_load_lost_between_passes_is_a_fault_on_short_stock_too() {
+    let (mut told, mut most) = (0, 0.0_f64);
+    for length_mm in [2.0, 4.0, 6.0, 9.0, 14.0, 40.0] {
+        for height in [1.5, 4.0, 7.0, 10.0] {
+            for (case, base) in [safe(), fast(), literal()].into_iter().enumerate() {
+                for beyond_mm in [0.0, f64::INFINITY] {
+                    let settings = TurningSettings {
+                        length_mm,
+                        beyond_mm,
+                        ..base
+                    };
+                    let mut sim = simulation(settings, Blank::uniform(height), case as u64);
+                    let mut limits = Limits::new(&settings);
+                    let mut before = TurningState::Idle;
+                    while !sim.controller.is_over() {
+                        let (output, _) = sim.step(RUN, None);
+                        limits.see(&output);
+                        let leaves = output.state != before
+                            && matches!(output.state, TurningState::Return | TurningState::ReEnter)
+                            && output.pass > 0;
+                        before = output.state;
+                        let stands = sim.piece.residual_mm();
+                        if !leaves || stands < 1.0 {
+                            continue;
+                        }
+                        let (reason, turns, done) = lose_load(sim.clone(), limits.clone());
+                        let what = format!(
+                            "{length_mm} mm, {height} mm high, settings {case}, wall {beyond_mm}, pass {}, {stands:.2} mm stand: \
+                             {reason:?} after {turns:.2} revolutions",
+                            output.pass
+                        );
+                        assert!(
+                            !done && matches!(reason, Some(Reason::BrokenInsert { .. })),
+                            "{what}"
+                        );
+                        // Counted from where the outer end of the edge comes into the stock, at a small feed.
+                        assert!(turns < 6.0, "{what}");
+                        told += 1;
+                        most = most.max(turns);
+                    }
+                    assert_eq!(sim.controller.state(), TurningState::Done);
+                }
+            }
+        }
+    }
+    println!("told {told} times, after {most:.2} revolutions at most");
+    assert!(told > 100, "{told}");
+}

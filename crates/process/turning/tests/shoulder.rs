@@ -145,6 +145,53 @@ fn random_stocks_are_cut_to_a_shoulder_anywhere_in_them() {
 }
 
 #[test]
+fn a_thin_ridge_before_the_end_is_no_broken_insert() {
+    // The edge cuts the ridge while the tip is in the groove before it; at the final size nothing of it may be left to be felt.
+    let ridge = |height: f64, from: f64, width: f64, low: f64| Blank {
+        grooves_mm: vec![(from - 10.0, from, 0.0), (from + width, 1e3, low)],
+        ..Blank::uniform(height)
+    };
+    let mut cases = vec![
+        (
+            TurningSettings {
+                length_mm: 92.33,
+                beyond_mm: 2.18,
+                ..safe()
+            },
+            Blank {
+                grooves_mm: vec![(83.25, 93.21, 0.0)],
+                ..Blank::outline(&[(0.0, 6.07), (94.37, 8.76), (94.37, 2.78), (200.0, 2.0)])
+            },
+        ),
+        // Bridged by the edge, in a pass of equal depths.
+        (
+            shorter(fast(), 40.0),
+            Blank {
+                grooves_mm: vec![(24.0, 26.0, 0.0), (26.4, 1e3, 3.0)],
+                ..Blank::uniform(7.0)
+            },
+        ),
+    ];
+    for height in [8.5, 10.0] {
+        for (place, width) in [
+            (-9.0, 1.2),
+            (-1.0, 1.2),
+            (-1.0, 1.8),
+            (0.5, 1.2),
+            (0.5, 1.8),
+            (1.0, 1.8),
+        ] {
+            for (settings, low) in [(safe(), 0.0), (fast(), 0.0), (safe(), 3.0), (fast(), 3.0)] {
+                cases.push((shorter(settings, 40.0), ridge(height, 40.0 + place, width, low)));
+            }
+        }
+    }
+    for (case, (settings, blank)) in cases.iter().enumerate() {
+        turn(*settings, blank, case as u64);
+    }
+}
+
+#[test]
 fn stock_that_ends_with_the_cut_is_no_fault_where_a_shoulder_may_be() {
     let mut random = Random::from_state(0x5eed_0456_u64);
     for case in 0..cases(20) {
