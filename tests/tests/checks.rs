@@ -298,6 +298,8 @@ fn moves_after_a_test_of_the_contact_are_checked() {
         "o<probe_bore> call [20] [3] [100] [50] [2]\n",
         "G38.2 Z-20 F100\no100 if [#5070 EQ 0]\n(ABORT, no contact)\no100 endif\n",
         "G38.3 Z-20 F100\no100 if [#5070 EQ 1]\n(ABORT, the tool touches the part: G49 or G10)\no100 endif\n",
+        "G38.3 Z-20 F100\no100 if [#5070 EQ 1]\nM2\no100 endif\n",
+        "G38.2 Z-20 F100\no100 if [#5063 LT -15]\n(MSG, too deep)\nM30\no100 endif\n",
         // A guard with lengths, as measuring macros of LinuxCNC's forum have it.
         "G38.3 Z-20 F100\no<far> if [#5063 LT -15]\n(ABORT, contact too low: reset G92, check T)\no<far> endif\n",
     ] {

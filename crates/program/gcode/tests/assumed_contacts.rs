@@ -89,6 +89,68 @@ fn an_abort_that_depends_on_the_result_is_a_warning_and_the_program_goes_on() {
 }
 
 #[test]
+fn an_end_that_depends_on_the_result_is_a_warning_and_the_program_goes_on() {
+    let both = [
+        "o1 if [#5070 EQ 1]\nM2\no1 endif\n",
+        "o1 if [#5070 EQ 0]\nG0 Z9\no1 else\nG0 Z8 M30\no1 endif\n",
+        "#100=#5063\no1 if [#100 LT 0]\no2 if [1 EQ 1]\nM30\no2 endif\no1 endif\n",
+        "o<s> sub\nM2\no<s> endsub\no1 if [#5070 EQ 1]\no<s> call\no1 endif\n",
+        "o<s> sub\no1 if [#1 LT 0]\nM2\no1 endif\no<s> endsub\no<s> call [#5063]\no<s> call [#5063]\n",
+        "#7=3\no1 while [#7 GT 0]\no2 if [#5070 EQ 1]\nM2\no2 endif\n#7=[#7-1]\no1 endwhile\n",
+    ];
+    for test in both {
+        let (errors, warnings) = found(&format!("{PROBE}{test}G0 Z1\nG77\nM2\nG78\n"));
+        let codes: Vec<_> = errors.iter().map(|(code, _)| *code).collect();
+        assert_eq!(codes, [Code::UnknownG], "{test}: {errors:?}");
+        assert_eq!(warnings.len(), 2, "{test}: {warnings:?}");
+        assert!(
+            warnings[1]
+                .1
+                .starts_with("no contact is known: the program ends here"),
+            "{test}: {warnings:?}"
+        );
+    }
+    // What is on the line with it is executed, and nothing that belongs to the end is.
+    let program = format!("{PROBE}M3 S100\no1 if [#5070 EQ 1]\nG0 Z8 M2\no1 endif\nG0 Z1\nM2\n");
+    let settings = Settings {
+        probes_succeed: true,
+        ..Settings::default()
+    };
+    let actions: Vec<_> = Interpreter::new(program.as_bytes(), settings)
+        .map(|item| item.unwrap().action)
+        .collect();
+    let count = |of: fn(&Action) -> bool| actions.iter().filter(|action| of(action)).count();
+    assert_eq!(count(|action| matches!(action, Action::ProgramEnd)), 1);
+    assert_eq!(count(|action| matches!(action, Action::Move(_))), 2);
+}
+
+#[test]
+fn an_end_that_does_not_depend_on_it_ends_the_program() {
+    for test in [
+        "M2\n",
+        "M30\n",
+        "#1=2\no1 if [#1 EQ 2]\nM2\no1 endif\n",
+        "o1 if [#5070 EQ 0]\nG0 Z9\no1 endif\nM2\n",
+        // The test of a contact before, in another branch.
+        "o1 if [#5070 EQ 1]\nG0 Z9\no1 endif\no2 if [1 EQ 1]\nM30\no2 endif\n",
+        "o<s> sub\nM2\no<s> endsub\no1 if [#5070 EQ 1]\nG0 Z9\no1 endif\no<s> call\n",
+    ] {
+        let (errors, warnings) = found(&format!("{PROBE}{test}G77\n"));
+        assert_eq!(
+            (errors.len(), warnings.len()),
+            (0, 1),
+            "{test}: {errors:?} {warnings:?}"
+        );
+    }
+    // An endless loop that ends with it does.
+    let program = format!("{PROBE}o1 while [#5070 EQ 1]\nG0 Z1\nM2\no1 endwhile\n");
+    assert_eq!(found(&program).0, []);
+    // Without the assumption nothing changes.
+    let program = format!("{PROBE}o1 if [#5070 EQ 0]\nM2\no1 endif\nG77\n");
+    assert!(Interpreter::new(program.as_bytes(), Settings::default()).all(|item| item.is_ok()));
+}
+
+#[test]
 fn errors_that_do_not_depend_on_it_stay_errors() {
     for (test, code) in [
         ("(ABORT, always)\n", Code::ActiveComment),

@@ -41,6 +41,8 @@ pub(crate) struct Executor<'a> {
     pub(crate) changed: &'a mut Vec<Changed>,
     /// Contours whose parts may be too close to each other.
     pub(crate) watch: &'a mut ContourWatch,
+    /// An M2 or M30 is passed by: whether it is reached depends on an assumed contact.
+    pub(crate) passes_end: bool,
     /// Line number for commands.
     pub(crate) number: u32,
     /// The line if it is in a subroutine file.
@@ -181,6 +183,7 @@ impl Executor<'_> {
             Some(MCode::Stop) => self.out(stop(false, false)),
             Some(MCode::OptionalStop) => self.out(stop(true, false)),
             Some(MCode::PalletStop) => self.out(stop(false, true)),
+            Some(_) if self.passes_end => {}
             Some(_) => self.end(),
         }
     }

@@ -4,8 +4,9 @@ use std::io::BufRead;
 
 use evolvent_path::AXES;
 
-use crate::codes::modal_groups::{Motion, NonModal};
+use crate::codes::modal_groups::{Group, MCode, Motion, NonModal};
 use crate::interpreter::Interpreter;
+use crate::interpreter::error_history::MAX_REPEATED_ERRORS;
 use crate::parameters::assumption::Assumption;
 use crate::parameters::values::{PROBE_TRIPPED, PROBED};
 use crate::syntax::statement::Statement;
@@ -53,6 +54,36 @@ impl<R: BufRead> Interpreter<R> {
     pub(super) fn calls_in_branch(&self) -> Option<usize> {
         let assumption = self.parameters.assumption.as_ref()?;
         assumption.is_in_branch.then_some(0)
+    }
+
+    /// Whether the present line ends the program only if a contact is where it is assumed to be, so that the lines after it are
+    /// executed as if it had not been reached.
+    #[inline]
+    pub(super) fn passes_end(&self) -> bool {
+        let Some(assumption) = &self.parameters.assumption else {
+            return false;
+        };
+        assumption.is_in_branch
+            && matches!(self.current.statement.m(Group::Stop), Some(MCode::End(_)))
+            && assumption.passed_again < MAX_REPEATED_ERRORS
+    }
+
+    /// The warning of such a line: a loop or a subroutine gives it once.
+    #[cold]
+    pub(super) fn warn_of_passed_end(&mut self) {
+        let file = self.origin().map(|origin| origin.file);
+        let place = (file, self.current.number);
+        let Some(assumption) = &mut self.parameters.assumption else {
+            return;
+        };
+        if assumption.passed_ends.insert(place) {
+            self.warn(
+                "no contact is known: the program ends here; the lines after it are checked as if it went on"
+                    .to_owned(),
+            );
+        } else {
+            assumption.passed_again += 1;
+        }
     }
 
     /// After a line that was executed: what it leaves unknown, or known again.

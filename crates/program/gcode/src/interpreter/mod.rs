@@ -287,6 +287,7 @@ impl<R: BufRead> Interpreter<R> {
             out: &mut self.output.pending,
             changed: &mut self.output.changed,
             watch: &mut self.output.watch,
+            passes_end: false,
             number,
         }
     }
@@ -607,6 +608,7 @@ impl<R: BufRead> Interpreter<R> {
             self.before = self.state;
         }
         let (origin, calls) = (self.origin(), self.current.place.calls.clone());
+        let passes_end = self.passes_end();
         let request = Executor {
             origin,
             calls,
@@ -619,6 +621,7 @@ impl<R: BufRead> Interpreter<R> {
             out: &mut self.output.pending,
             changed: &mut self.output.changed,
             watch: &mut self.output.watch,
+            passes_end,
             number,
         }
         .run();
@@ -636,6 +639,9 @@ impl<R: BufRead> Interpreter<R> {
         }
         self.parameters.commit();
         self.finished |= self.state.ended;
+        if passes_end {
+            self.warn_of_passed_end();
+        }
         if self.settings.probes_succeed {
             self.follow_assumption();
         }

@@ -6,6 +6,7 @@
 
 use std::cell::Cell;
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use evolvent_path::AXES;
 
@@ -39,6 +40,10 @@ pub(crate) struct Assumption {
     pub(crate) is_in_branch: bool,
     /// Whether any condition so far has depended on it: which lines are executed is not certain since then.
     pub(crate) has_branched: bool,
+    /// Places of M2 and M30, file and line, that were passed by because they depend on the result.
+    pub(crate) passed_ends: BTreeSet<(Option<Arc<str>>, u32)>,
+    /// How often that was so again: a loop ends with them after a while.
+    pub(crate) passed_again: u32,
     /// The position along each axis.
     pub(crate) position: [bool; AXES],
     /// The positions of G28 and G30.
