@@ -192,6 +192,17 @@ pub(crate) fn run(
             "short_frames": report.short_frames,
             "recorded_frames": report.recorded_frames,
             "unrecorded_frames": report.unrecorded_frames,
+            "clocks": report.clocks.map(|clocks| json!({
+                "readings": clocks.readings,
+                "max_difference_ns": clocks.max_difference_ns,
+                "max_difference_device": clocks.max_difference_device.map(|device| settings.name_of(device)),
+                "last_difference_ns": clocks.last_difference_ns,
+                "shift_ns": clocks.shift_ns,
+                "jitter_p50_ns": clocks.jitter_p50_ns,
+                "jitter_p999_ns": clocks.jitter_p999_ns,
+                "jitter_max_ns": clocks.jitter_max_ns,
+                "drift_ppm": clocks.drift_ppm,
+            })),
         });
         writeln!(out, "{object}").map_err(failed)?;
     } else {
@@ -201,6 +212,9 @@ pub(crate) fn run(
             report.cycles, report.lost_frames, report.short_frames
         )
         .map_err(failed)?;
+        if let Some(clocks) = &report.clocks {
+            writeln!(err, "{}", settings.clock_text(clocks)).map_err(failed)?;
+        }
         if let Some(path) = &args.dump {
             writeln!(
                 err,

@@ -30,6 +30,7 @@
 //! up again, under a new instance.
 
 mod axis;
+mod clock_monitor;
 mod cycle_times;
 mod drive_set;
 mod dump;
@@ -56,6 +57,7 @@ mod time_driver;
 mod touch_probe;
 mod zero_impulse;
 
+pub use clock_monitor::ClockFigures;
 pub use cycle_times::{CycleTime, CycleTimes};
 pub use dump::{DumpSettings, MIN_DUMP_BYTES};
 pub use esi::{EsiError, EsiLibrary};

@@ -10,6 +10,7 @@ use evolvent_machine::Machine;
 use evolvent_path::{AxisLetter, AxisMask};
 use thiserror::Error;
 
+use crate::clock_monitor::{ClockFigures, ClockMonitor};
 use crate::cycle_times::CycleTimes;
 use crate::dump::{self, DumpCounters, DumpSettings};
 use crate::fault_text::fault_text_of;
@@ -39,7 +40,7 @@ pub struct RunSettings {
 }
 
 /// Counts of the bridge.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BridgeReport {
     /// Number of times that a core was found.
     pub connections: u32,
@@ -57,6 +58,8 @@ pub struct BridgeReport {
     pub recorded_frames: u64,
     /// Frames that were not recorded because the disk was too slow.
     pub unrecorded_frames: u64,
+    /// Distributed clocks; none without them, or if not all devices came to OP.
+    pub clocks: Option<ClockFigures>,
 }
 
 /// Why the bridge cannot run.
@@ -112,7 +115,7 @@ pub fn run_measured(
     let interface = settings.interface.clone();
     let socket =
         PacketSocket::open(&interface).map_err(|source| RunError::Interface { interface, source })?;
-    let counters = Counters::default();
+    let (counters, mut clocks) = (Counters::default(), ClockMonitor::new());
     let (recorded, is_over) = (DumpCounters::default(), AtomicBool::new(false));
     let (mut sender, writer) = match &settings.dump {
         None => (None, None),
@@ -132,6 +135,7 @@ pub fn run_measured(
             let mut ends = Ends {
                 bus,
                 counters: &counters,
+                clocks: &mut clocks,
                 times,
             };
             // ethercrab asserts on the replies of devices; drives then stop by their watchdogs.
@@ -165,6 +169,7 @@ pub fn run_measured(
         cycles: counters.cycles.load(Ordering::Relaxed),
         lost_frames: counters.lost.load(Ordering::Relaxed),
         short_frames: counters.short.load(Ordering::Relaxed),
+        clocks: clocks.figures(),
     })
 }
 
@@ -199,6 +204,7 @@ impl Hardware for RunSettings {
             Notice::Operational { clocks: false } => {
                 "network: all devices are in OP, without distributed clocks".to_owned()
             }
+            Notice::Clocks { figures } => format!("network: {}", self.clock_text(&figures)),
             Notice::Spindle { number, notice } => match notice {
                 SpindleNotice::Encoder(fault) => format!("spindle {number}: {fault}"),
                 SpindleNotice::DriveFault(code) => {
@@ -272,9 +278,37 @@ impl Hardware for RunSettings {
 
 impl RunSettings {
     /// The name of a device in the network file.
-    fn name_of(&self, device: usize) -> &str {
+    #[must_use]
+    pub fn name_of(&self, device: usize) -> &str {
         let listed = self.network.devices.get(device);
         listed.map_or("?", |device| device.name.as_str())
+    }
+
+    /// The figures of the distributed clocks as a sentence.
+    #[must_use]
+    pub fn clock_text(&self, figures: &ClockFigures) -> String {
+        let us = |ns: u64| ns as f64 * 1e-3;
+        let difference = match figures.max_difference_device {
+            Some(device) => format!(
+                "clocks of devices within {} ns of the reference, `{}` furthest, now {} ns",
+                figures.max_difference_ns.unsigned_abs(),
+                self.name_of(device),
+                figures.last_difference_ns.unsigned_abs()
+            ),
+            None => "no clock of a device was read".to_owned(),
+        };
+        let drift = figures.drift_ppm.map_or_else(
+            || "the drift of this computer's clock is not known yet".to_owned(),
+            |ppm| format!("this computer's clock {ppm:+.1} ppm against the reference"),
+        );
+        format!(
+            "{difference}; frames {:+.1} us from the middle between two SYNC0, jitter {:.1} us (50 %), {:.1} us (99.9 %), {:.1} us \
+             (maximum); {drift}",
+            figures.shift_ns as f64 * 1e-3,
+            us(figures.jitter_p50_ns),
+            us(figures.jitter_p999_ns),
+            us(figures.jitter_max_ns),
+        )
     }
 
     fn on_bus(&self) -> BridgeSettings<'_> {

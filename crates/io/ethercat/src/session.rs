@@ -21,6 +21,7 @@ use self::cycle::{Cycle, Exchanged};
 pub(crate) use self::error::Notice;
 pub use self::error::SessionError;
 use self::start::start;
+use crate::clock_monitor::ClockMonitor;
 use crate::cycle_times::CycleTimes;
 use crate::drive_set::DriveSet;
 use crate::dump::DumpSender;
@@ -70,6 +71,7 @@ pub(crate) struct Counters {
 pub(crate) struct Ends<'a, 'b> {
     pub(crate) bus: &'a mut BusEnds<'b, Notice>,
     pub(crate) counters: &'a Counters,
+    pub(crate) clocks: &'a mut ClockMonitor,
     /// For benchmarks.
     pub(crate) times: Option<&'a CycleTimes>,
 }
@@ -97,6 +99,16 @@ impl Devices {
                 operational: mask(&response.subdevice_states),
                 time_ns: None,
             }),
+        }
+    }
+
+    /// Whether a device has a distributed clock, of those that have been set up.
+    fn has_clock<'m>(&self, main: &'m MainDevice<'m>, device: usize) -> bool {
+        match self {
+            Self::Clocked(group) => group
+                .subdevice(main, device)
+                .is_ok_and(|subdevice| subdevice.dc_support().any()),
+            Self::Free(_) => false,
         }
     }
 

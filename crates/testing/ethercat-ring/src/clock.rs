@@ -21,6 +21,8 @@ pub(crate) struct Clock {
     pub(crate) offset_ns: u64,
     pub(crate) delay_ns: u32,
     mean_difference_ns: f64,
+    /// The loop does not follow the reference.
+    pub(crate) ignores_reference: bool,
     compared_at_ns: Option<u64>,
     /// System time of the next SYNC0, where it is on.
     next_sync_ns: Option<u64>,
@@ -42,6 +44,7 @@ impl Clock {
             offset_ns: 0,
             delay_ns: 0,
             mean_difference_ns: 0.0,
+            ignores_reference: false,
             compared_at_ns: None,
             next_sync_ns: None,
             has_pulsed: false,
@@ -87,6 +90,10 @@ impl Clock {
         let Some(last_ns) = self.compared_at_ns.replace(now_ns) else {
             return;
         };
+        if self.ignores_reference {
+            (self.correction, self.integral) = (0.0, 0.0);
+            return;
+        }
         let interval_ns = now_ns.saturating_sub(last_ns).max(1) as f64;
         // A time constant of twenty intervals, critically damped: rate' = -e/T - integral(e)/(4 T^2).
         let constant_ns = 20.0 * interval_ns;
@@ -158,6 +165,24 @@ mod tests {
         let now_ns = 1_000 + 2_000 * 1_000_000;
         assert!(clock.system(now_ns).abs_diff(now_ns - 1_000) < 50, "{clock:?}");
         assert!(clock.difference() & 0x7FFF_FFFF < 50);
+    }
+
+    #[test]
+    fn a_clock_that_does_not_follow_differs_by_its_drift() {
+        for (drift_ppm, sign) in [(50.0, 0), (-50.0, 1)] {
+            let mut clock = Clock::new(0, drift_ppm);
+            clock.ignores_reference = true;
+            for millisecond in 1..=1000_u64 {
+                clock.compare(millisecond * 1_000_000, (millisecond * 1_000_000) as u32);
+            }
+            let difference = clock.difference();
+            // 50 us after a second; the mean lags by three comparisons.
+            assert!(
+                (difference & 0x7FFF_FFFF).abs_diff(50_000) < 300,
+                "{difference:x}"
+            );
+            assert_eq!(difference >> 31, sign, "bit 31: behind");
+        }
     }
 
     #[test]

@@ -32,6 +32,8 @@ pub enum FaultKind {
     Limit,
     /// A drive's encoder gives no zero impulse.
     IndexMissing,
+    /// A device's clock no longer follows the reference: it runs as fast as its crystal.
+    ClockFree,
     /// SDO requests are aborted: 0800 0000h, general error.
     SdoAbort,
     /// SDO requests are answered for another object.
@@ -44,7 +46,7 @@ pub enum FaultKind {
 
 impl FaultKind {
     /// All kinds with their names.
-    pub const ALL: [(Self, &'static str); 16] = [
+    pub const ALL: [(Self, &'static str); 17] = [
         (Self::Loss, "loss"),
         (Self::Delay, "delay"),
         (Self::Reorder, "reorder"),
@@ -57,6 +59,7 @@ impl FaultKind {
         (Self::Blocked, "blocked"),
         (Self::Limit, "limit"),
         (Self::IndexMissing, "index-missing"),
+        (Self::ClockFree, "clock-free"),
         (Self::SdoAbort, "sdo-abort"),
         (Self::SdoWrong, "sdo-wrong"),
         (Self::SlowMailbox, "slow-mailbox"),

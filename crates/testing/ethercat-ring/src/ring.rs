@@ -149,6 +149,7 @@ impl Ring {
                 is(FaultKind::Gone),
                 Trouble {
                     ignores_logical: is(FaultKind::WorkingCounter),
+                    ignores_reference: is(FaultKind::ClockFree),
                     aborts_sdo: is(FaultKind::SdoAbort),
                     answers_wrong: is(FaultKind::SdoWrong),
                     slow_mailbox: is(FaultKind::SlowMailbox),

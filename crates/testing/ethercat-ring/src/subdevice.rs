@@ -51,6 +51,7 @@ struct Layout {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Trouble {
     pub(crate) ignores_logical: bool,
+    pub(crate) ignores_reference: bool,
     pub(crate) aborts_sdo: bool,
     pub(crate) answers_wrong: bool,
     pub(crate) slow_mailbox: bool,
@@ -104,6 +105,13 @@ impl SubDevice {
             serial,
             drift_ppm,
         )
+    }
+
+    /// The same with a clock that drifts by so many millionths, where it has one. The first clock of a ring is the reference.
+    #[must_use]
+    pub fn with_drift_ppm(mut self, drift_ppm: f64) -> Self {
+        self.drift_ppm = self.drift_ppm.map(|_| drift_ppm);
+        self
     }
 
     fn new(
@@ -262,6 +270,9 @@ impl SubDevice {
     pub(crate) fn process(&mut self, datagram: &mut Datagram<'_>, passing: Passing) {
         if self.trouble.ignores_logical && datagram.is_logical() {
             return;
+        }
+        if let Some(clock) = &mut self.controller.clock {
+            clock.ignores_reference = self.trouble.ignores_reference;
         }
         self.controller.process(datagram, passing);
     }

@@ -3,7 +3,7 @@
 use core::sync::atomic::Ordering;
 
 use ethercrab::error::Error;
-use ethercrab::{Command, MainDevice};
+use ethercrab::{Command, MainDevice, RegisterAddress};
 use evolvent_bridge::{Incoming, monotonic_ns};
 use evolvent_bus::AXES;
 use rustix::thread::clock_nanosleep_absolute;
@@ -11,7 +11,7 @@ use rustix::time::{ClockId, Timespec};
 
 use super::error::{Notice, SessionError};
 use super::start::Layouts;
-use super::{Devices, Ends, IMAGE, OPERATIONAL_NS, PHASE_GAIN, STOP_NS};
+use super::{Devices, Ends, FIRST_STATION, IMAGE, OPERATIONAL_NS, PHASE_GAIN, STOP_NS};
 use crate::cycle_times::CycleTime;
 use crate::drive_set::DriveSet;
 use crate::homing::HomingProgress;
@@ -132,6 +132,29 @@ impl<'m> Cycle<'_, 'm> {
                 // Missed cycles are skipped.
                 next_ns += late_ns / self.period_ns * self.period_ns;
             }
+            self.observe_clocks(pump, next_ns, ends);
+        }
+    }
+
+    /// Reads the system time difference of a device if one is due, in the time that is left until the next cycle.
+    fn observe_clocks(&self, pump: &mut Pump<'_, '_>, next_ns: u64, ends: &mut Ends<'_, '_>) {
+        if !self.operational {
+            return;
+        }
+        let now_ns = monotonic_ns();
+        if let Some(figures) = ends.clocks.first_report(now_ns) {
+            let _full = ends.bus.notices.push(Notice::Clocks { figures });
+        }
+        // A quarter of the period is enough for a frame, and another one is left to be asleep in time for the next cycle.
+        let until_ns = next_ns.saturating_sub(self.period_ns / 4);
+        if now_ns + self.period_ns / 4 > until_ns {
+            return;
+        }
+        if let Some(device) = ends.clocks.due(now_ns) {
+            let register: u16 = RegisterAddress::DcSystemTimeDifference.into();
+            let read = Command::fprd(FIRST_STATION + device as u16, register).receive::<u32>(self.main);
+            let value = pump.complete(until_ns, read).and_then(Result::ok);
+            ends.clocks.take_difference(device, value, now_ns);
         }
     }
 
@@ -250,6 +273,7 @@ impl<'m> Cycle<'_, 'm> {
                     .map_err(internal)?;
             }
         }
+        let sent_ns = monotonic_ns();
         let answer = pump.complete(now_ns + self.period_ns * 9 / 10, self.devices.exchange(self.main));
         let exchanged = match answer {
             Some(Ok(exchanged)) => exchanged,
@@ -329,7 +353,15 @@ impl<'m> Cycle<'_, 'm> {
             }
         }
         judged?;
-        Ok(exchanged.time_ns.map_or(0, |time_ns| self.correction_ns(time_ns)))
+        let Some(time_ns) = exchanged.time_ns else {
+            return Ok(0);
+        };
+        let phase_ns = self.phase_ns(time_ns);
+        if self.operational {
+            ends.clocks.take_frame(sent_ns, time_ns, phase_ns);
+        }
+        // The difference is reduced gradually.
+        Ok(phase_ns / PHASE_GAIN)
     }
 
     /// Devices that do not exchange process data: the inputs of each are read by a frame of their own, and, if all are there, the outputs
@@ -381,6 +413,11 @@ impl<'m> Cycle<'_, 'm> {
                 self.operational = true;
                 ends.counters.ready.fetch_add(1, Ordering::Relaxed);
                 let clocks = matches!(self.devices, Devices::Clocked(_));
+                if clocks {
+                    let devices = 0..self.network.devices.len();
+                    let clocked = devices.filter(|device| self.devices.has_clock(self.main, *device));
+                    ends.clocks.begin(clocked, monotonic_ns());
+                }
                 let _full = ends.bus.notices.push(Notice::Operational { clocks });
             }
             self.tell_faults(ends);
@@ -466,16 +503,15 @@ impl<'m> Cycle<'_, 'm> {
         }
     }
 
-    /// Frames pass the reference half a period after SYNC0. The difference is reduced gradually.
-    fn correction_ns(&self, time_ns: u64) -> i64 {
+    /// Frames pass the reference half a period after SYNC0, which comes at whole periods of the system time: by how much one was late.
+    const fn phase_ns(&self, time_ns: u64) -> i64 {
         let half = self.period_ns / 2;
         let phase = (time_ns.wrapping_sub(half)) % self.period_ns;
-        let error = if phase > half {
+        if phase > half {
             phase as i64 - self.period_ns as i64
         } else {
             phase as i64
-        };
-        error / PHASE_GAIN
+        }
     }
 }
 

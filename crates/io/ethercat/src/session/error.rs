@@ -3,6 +3,7 @@
 use evolvent_drive::{GantryFault, InterpolationError, SettingsError};
 use thiserror::Error;
 
+use crate::clock_monitor::ClockFigures;
 use crate::pdo::PdoError;
 use crate::spindle_drive::SpindleNotice;
 
@@ -121,6 +122,8 @@ pub enum SessionError {
 pub enum Notice {
     /// All devices are in OP.
     Operational { clocks: bool },
+    /// What the clocks have shown since then.
+    Clocks { figures: ClockFigures },
     /// A drive is in fault.
     DriveFault { axis: usize, code: u16 },
     /// A spindle, by its number.

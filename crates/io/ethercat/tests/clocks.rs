@@ -1,0 +1,138 @@
+//! What the bridge reports of the distributed clocks, against clocks of the simulated ring with known drifts, over real sockets.
+//!
+//! Needs the right to make a network namespace.
+
+use std::time::{Duration, Instant};
+
+use evolvent_bridge_trial::PERIOD_NS;
+use evolvent_disturbance::unless_disturbed;
+use evolvent_ethercat::ClockFigures;
+use evolvent_ethercat_ring::{
+    DriveSettings, FaultKind, Ring, SubDevice, TerminalKind, monotonic_ns, on_bench,
+};
+
+mod support;
+
+use support::*;
+
+const Y_DRIVE: usize = 2;
+
+/// The shipped mill with a reference clock (the coupler's) that is so much faster than this computer's, and drives that are slower than
+/// the reference by 0, 50 and 100 millionths.
+fn drifting(reference_ppm: f64) -> Vec<SubDevice> {
+    let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1).with_drift_ppm(reference_ppm)];
+    devices.extend((2..5).map(|serial| {
+        let slower = 50.0 * f64::from(serial - 2);
+        SubDevice::drive(DriveSettings::default(), serial, reference_ppm - slower)
+    }));
+    devices.push(SubDevice::terminal(TerminalKind::DigitalInput, 5));
+    devices
+}
+
+/// The system time of a device less that of the reference, as the ring has them at one instant, ns.
+fn true_difference_ns(ring: &Ring, device: usize) -> f64 {
+    let now_ns = monotonic_ns();
+    let [own, reference] = [device, 0].map(|device| {
+        let time = ring.devices()[device].system_time_ns(now_ns);
+        time.expect("a clock").cast_signed()
+    });
+    own.wrapping_sub(reference) as f64
+}
+
+#[test]
+fn shift_jitter_and_drift_are_those_of_the_clocks() {
+    for reference_ppm in [400.0, -250.0] {
+        unless_disturbed(|| {
+            on_bench(drifting(reference_ppm), move |ring| {
+                let report = with_bridge(
+                    |_| {},
+                    ring,
+                    |core, _, _| {
+                        core.bring_up();
+                        let since = Instant::now();
+                        while since.elapsed() < Duration::from_secs(5) {
+                            core.cycle();
+                        }
+                    },
+                );
+                println!("{report:?}");
+                let clocks = report.clocks.expect("distributed clocks");
+                let drift_ppm = clocks.drift_ppm.expect("a drift after five seconds");
+                // A computer whose reference gains is slow.
+                assert!((drift_ppm + reference_ppm).abs() < 10.0, "{drift_ppm} ppm");
+                // The loop shortens each period by a sixteenth of the phase: in the mean that is what the reference gains per period.
+                let shift_ns = 16.0 * reference_ppm * 1e-6 * PERIOD_NS as f64;
+                let off = clocks.shift_ns as f64 - shift_ns;
+                assert!(off.abs() < 3_000.0, "{} of {shift_ns} ns", clocks.shift_ns);
+                let half_ns = PERIOD_NS / 2;
+                let ClockFigures {
+                    jitter_p50_ns,
+                    jitter_p999_ns,
+                    jitter_max_ns,
+                    ..
+                } = clocks;
+                assert!(
+                    jitter_p50_ns > 0 && jitter_p50_ns <= jitter_p999_ns && jitter_p999_ns <= jitter_max_ns
+                );
+                assert!(jitter_p50_ns < half_ns / 4, "{clocks:?}");
+                // Five seconds of a reading each 20 ms.
+                assert!((100..=400).contains(&clocks.readings), "{clocks:?}");
+            });
+        });
+    }
+}
+
+#[test]
+fn the_device_whose_clock_does_not_follow_is_named_with_its_difference() {
+    unless_disturbed(|| {
+        on_bench(drifting(0.0), |ring| {
+            let mut truth_ns = (0.0, 0.0);
+            let report = with_bridge(
+                |_| {},
+                ring,
+                |core, ring, _| {
+                    core.bring_up();
+                    for _ in 0..500 {
+                        core.cycle();
+                    }
+                    truth_ns.0 = true_difference_ns(&ring.lock().expect("no panic"), Y_DRIVE);
+                    begin(ring, FaultKind::ClockFree, Y_DRIVE, None);
+                    let since = Instant::now();
+                    while since.elapsed() < Duration::from_secs(2) {
+                        core.cycle();
+                    }
+                    truth_ns.1 = true_difference_ns(&ring.lock().expect("no panic"), Y_DRIVE);
+                },
+            );
+            println!("{truth_ns:?} {report:?}");
+            let clocks = report.clocks.expect("distributed clocks");
+            assert_eq!(clocks.max_difference_device, Some(Y_DRIVE));
+            // 50 millionths for two seconds: 100 us behind, which is bit 31 of the register.
+            assert!(
+                (truth_ns.1 - truth_ns.0 + 100_000.0).abs() < 2_000.0,
+                "{truth_ns:?}"
+            );
+            // The last reading is up to three readings and a half old, and the filter of the register four periods.
+            let found_ns = f64::from(clocks.max_difference_ns);
+            assert!(
+                (found_ns - truth_ns.1).abs() < 8_000.0,
+                "{found_ns} of {truth_ns:?}"
+            );
+            assert_eq!(clocks.last_difference_ns, clocks.max_difference_ns);
+        });
+    });
+}
+
+#[test]
+fn without_distributed_clocks_there_are_no_figures() {
+    unless_disturbed(|| {
+        on_bench(drifting(0.0), |ring| {
+            let report = with_bridge(
+                |network| network.distributed_clocks = false,
+                ring,
+                |core, _, _| drop(core.bring_up()),
+            );
+            assert!(report.ready > 0 && report.clocks.is_none(), "{report:?}");
+        });
+    });
+}
