@@ -219,10 +219,15 @@ impl DriveAxis {
             let step = inputs.position.wrapping_sub(self.inputs.position);
             self.increments += i64::from(step);
             let way = self.sign() * self.settings.scale.position(i64::from(step));
-            self.velocity = way / period_s;
-            // A homed drive counts from another zero: this step is not a motion.
             if way.abs() <= max_velocity * period_s {
+                self.velocity = way / period_s;
                 self.moved += way;
+            } else if matches!(self.homing, HomingProgress::Running(_)) {
+                // The drive has found its zero and counts from there: this step is not a motion. It may come before the drive reports
+                // that it has homed; until then the coordinates go on as they were.
+                self.offset -= way;
+            } else {
+                self.velocity = way / period_s;
             }
         } else {
             self.increments = i64::from(inputs.position);
@@ -410,6 +415,7 @@ impl DriveAxis {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::homing::HomingOnDrive;
     use crate::scale::Scale;
     use crate::zero_impulse::ProbeNumber;
 
@@ -462,6 +468,56 @@ mod tests {
             );
             assert!((axis.velocity() - sign * 1000.0).abs() < 1e-6);
         }
+    }
+
+    /// A drive whose counter goes back to 0 as it finds its zero, some periods before it reports that it has homed.
+    #[test]
+    fn the_step_to_the_zero_that_the_drive_found_is_no_motion() {
+        let (period_s, max_velocity) = (1e-3, 400.0);
+        let mut homed = axis(false);
+        homed.homing = HomingProgress::Needed;
+        homed.settings.homing = Some(HomingOnDrive {
+            method: 18,
+            search: 1000,
+            latch: 100,
+            acceleration: None,
+            position: 605.0,
+            order: 0,
+            timeout_s: 10.0,
+        });
+        let (mut positions, mut velocities) = (Vec::new(), Vec::new());
+        for period in 0..40 {
+            let is_found = period >= 20;
+            let attained = if period >= 24 { 1 << 10 | 1 << 12 } else { 0 };
+            let inputs = DriveInputs {
+                status_word: DriveState::OperationEnabled.code() | attained,
+                mode: HOMING_MODE,
+                // 200 increments are 1 mm.
+                position: if is_found { 0 } else { 100_000 },
+                ..DriveInputs::default()
+            };
+            homed.take(inputs, period_s, max_velocity);
+            positions.push(homed.position());
+            velocities.push(homed.velocity());
+            let _outputs = homed.outputs(None, PowerRequest::On, Some(0), period_s);
+        }
+        assert_eq!(homed.homing(), HomingProgress::Done);
+        assert_eq!(velocities, [0.0; 40]);
+        assert!(
+            positions[..24].iter().all(|position| *position == 510.0),
+            "{positions:?}"
+        );
+        assert_eq!(positions.last(), Some(&605.0));
+        // Without homing such a step is told: the core does not believe it.
+        let mut axis = axis(false);
+        for position in [0, 100_000] {
+            let inputs = DriveInputs {
+                position,
+                ..DriveInputs::default()
+            };
+            axis.take(inputs, period_s, max_velocity);
+        }
+        assert_eq!(axis.velocity(), 500_000.0);
     }
 
     #[test]
