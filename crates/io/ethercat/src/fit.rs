@@ -1,6 +1,6 @@
 //! Comparison of a network with a machine.
 
-use evolvent_machine::{HomingMethod, Machine, SignalKind};
+use evolvent_machine::{HomingMethod, HomingSettings, Machine, SignalKind};
 use evolvent_path::AxisLetter;
 use thiserror::Error;
 
@@ -70,8 +70,8 @@ pub enum FitError {
     },
     /// Both the core and the drive would home it.
     #[error(
-        "{letter} is homed by its drive and has [[homing]] in the machine file: remove one of them, and set \
-         drives.enable_timeout_ms there as long as homing takes"
+        "{letter} is homed by its drive and also by the core: write method = \"absolute\" in its [[homing]] of the machine file, or remove \
+         [device.axis.homing] here"
     )]
     HomedTwice {
         /// The axis.
@@ -166,7 +166,11 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
             return Err(FitError::NoDevice { letter });
         }
         for axis in drives {
-            if axis.homing.is_some() && machine.homing.iter().any(|homing| homing.axis == listed.letter) {
+            // Once it has homed, its drive is as good as one with an absolute encoder.
+            let by_core = |homing: &HomingSettings| {
+                homing.axis == listed.letter && homing.method != HomingMethod::Absolute
+            };
+            if axis.homing.is_some() && machine.homing.iter().any(by_core) {
                 return Err(FitError::HomedTwice { letter });
             }
             let by_index = machine.homing.iter().any(|homing| {
@@ -227,6 +231,23 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
 #[must_use]
 pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
     let mut notes = Vec::new();
+    let homed_by_drive = network
+        .devices
+        .iter()
+        .filter_map(|device| device.axis)
+        .filter(|axis| axis.homing.is_some() && axis.gantry.is_none());
+    for axis in homed_by_drive {
+        let Some(letter) = AxisLetter::ALL.iter().find(|letter| letter.index() == axis.axis) else {
+            continue;
+        };
+        if !machine.homing.iter().any(|homing| homing.axis == *letter) {
+            let letter = letter.letter();
+            notes.push(format!(
+                "{letter} is homed by its drive and has no [[homing]] in the machine file: its coordinates jump as the drive finds its \
+                 zero, and the core no longer counts it as homed; write [[homing]] with axis = \"{letter}\" and method = \"absolute\""
+            ));
+        }
+    }
     for listed in &machine.signals.spindles {
         let number = listed.number;
         let mut drives = network.devices.iter().filter_map(|device| device.spindle);

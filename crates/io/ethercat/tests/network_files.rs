@@ -73,6 +73,16 @@ fn the_shipped_lathe_fits_its_network() {
     let network = Network::parse(&shipped("networks/sim-lathe.toml"), "sim-lathe.toml").expect("a network");
     assert_eq!(check_fit(&machine, &network), Ok(()));
     assert!(network.has_signals());
+    // Its drives home, and the core takes over their positions.
+    let notes = fit_notes(&machine, &network).join("\n");
+    assert!(!notes.contains("homed by its drive"), "{notes}");
+    let mut bare = machine;
+    bare.homing.clear();
+    let notes = fit_notes(&bare, &network).join("\n");
+    assert!(
+        notes.contains("X is homed by its drive") && notes.contains("Z is homed"),
+        "{notes}"
+    );
 }
 
 /// Whole sections: the place is the beginning of the section.
