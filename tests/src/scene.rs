@@ -28,10 +28,7 @@ impl Scene {
     #[must_use]
     pub fn with(name: &str, options: &[&str]) -> Self {
         let (workshop, domain) = (Workshop::new(), Domain::new());
-        let machine = workshop.mill(
-            name,
-            &[("feedback_timeout_ms = 20 ", "feedback_timeout_ms = 200 ")],
-        );
+        let machine = workshop.mill(name, &[]);
         let state = workshop.path("state");
         let served = Served::start(&machine, name, &domain, &state, options);
         Self {

@@ -215,10 +215,7 @@ fn outputs_and_the_handwheel_are_set_at_the_page() {
         return;
     }
     let (workshop, domain, name) = (Workshop::new(), Domain::new(), "screen-signals");
-    let mill = workshop.mill(
-        name,
-        &[("feedback_timeout_ms = 20 ", "feedback_timeout_ms = 200 ")],
-    );
+    let mill = workshop.mill(name, &[]);
     let text = std::fs::read_to_string(&mill).expect("the mill");
     let machine = workshop.write("signals.toml", format!("{text}{SIGNALS}"));
     let counts = workshop.write("counts", "123456");
