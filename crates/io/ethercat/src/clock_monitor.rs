@@ -1,5 +1,7 @@
 //! The quality of the distributed clocks: how far those of the devices are from the reference clock, where in the period of SYNC0 the
-//! frames pass, and how fast this computer's clock is. Neither allocates nor waits.
+//! frames pass, and how fast this computer's clock is. Only its construction allocates; nothing waits.
+
+use evolvent_trace::Histogram;
 
 use crate::network::MAX_DEVICES;
 
@@ -25,7 +27,7 @@ pub struct ClockFigures {
     pub last_difference_ns: i32,
     /// Mean distance of frames, as they pass the reference clock, from the middle between two SYNC0, ns: positive if they are late.
     pub shift_ns: i64,
-    /// Distance from that mean which half of the frames do not exceed, ns, too large by at most an eighth.
+    /// Distance from that mean which half of the frames do not exceed, ns, too large by at most a sixteenth.
     pub jitter_p50_ns: u64,
     /// The same for 99.9 % of them.
     pub jitter_p999_ns: u64,
@@ -60,7 +62,7 @@ pub(crate) struct ClockMonitor {
     mean_ns: f64,
     sum_ns: i64,
     cycles: i64,
-    jitter: Jitter,
+    jitter: Histogram,
     drift: Drift,
     report_at_ns: Option<u64>,
     is_used: bool,
@@ -78,7 +80,7 @@ impl ClockMonitor {
             mean_ns: 0.0,
             sum_ns: 0,
             cycles: 0,
-            jitter: Jitter::new(),
+            jitter: Histogram::default(),
             drift: Drift::default(),
             report_at_ns: None,
             is_used: false,
@@ -139,7 +141,7 @@ impl ClockMonitor {
         if self.settled_cycles > SETTLING_CYCLES {
             self.sum_ns += phase_ns;
             self.cycles += 1;
-            self.jitter.record(deviation_ns.abs() as u64);
+            self.jitter.record(deviation_ns.abs() as i64);
         }
         self.drift.take(sent_ns, reference_ns);
     }
@@ -156,67 +158,12 @@ impl ClockMonitor {
         self.is_used.then(|| ClockFigures {
             last_difference_ns: last.copied().unwrap_or(0),
             shift_ns: self.sum_ns / self.cycles.max(1),
-            jitter_p50_ns: self.jitter.percentile_ns(0.5),
-            jitter_p999_ns: self.jitter.percentile_ns(0.999),
-            jitter_max_ns: self.jitter.max_ns,
+            jitter_p50_ns: self.jitter.percentile_ns(50.0).unsigned_abs(),
+            jitter_p999_ns: self.jitter.percentile_ns(99.9).unsigned_abs(),
+            jitter_max_ns: self.jitter.max_ns().unsigned_abs(),
             drift_ppm: self.drift.ppm(),
             ..self.figures
         })
-    }
-}
-
-/// Buckets per power of two.
-const SUB_BITS: u32 = 3;
-const SUB: usize = 1 << SUB_BITS;
-/// Larger times, a quarter of a second, share the last bucket.
-const MAX_BITS: u32 = 28;
-const BUCKETS: usize = (MAX_BITS - SUB_BITS + 1) as usize * SUB;
-
-/// Counts of deviations in buckets whose values differ by at most an eighth.
-#[derive(Debug)]
-struct Jitter {
-    counts: [u64; BUCKETS],
-    total: u64,
-    max_ns: u64,
-}
-
-impl Jitter {
-    const fn new() -> Self {
-        Self {
-            counts: [0; BUCKETS],
-            total: 0,
-            max_ns: 0,
-        }
-    }
-
-    fn record(&mut self, ns: u64) {
-        let bucket = match ns.checked_ilog2() {
-            Some(top) if top >= SUB_BITS => {
-                let sub = (ns >> (top - SUB_BITS)) as usize & (SUB - 1);
-                (top - SUB_BITS + 1) as usize * SUB + sub
-            }
-            _ => ns as usize,
-        };
-        self.counts[bucket.min(BUCKETS - 1)] += 1;
-        self.total += 1;
-        self.max_ns = self.max_ns.max(ns);
-    }
-
-    /// The time that this fraction of all do not exceed.
-    fn percentile_ns(&self, fraction: f64) -> u64 {
-        let wanted = (self.total as f64 * fraction).ceil() as u64;
-        let mut seen = 0;
-        for (bucket, count) in self.counts.iter().enumerate() {
-            seen += count;
-            if seen >= wanted && bucket < BUCKETS - 1 {
-                let upper = match bucket.checked_sub(SUB) {
-                    None => bucket as u64,
-                    Some(above) => (((SUB + bucket % SUB + 1) as u64) << (above / SUB)) - 1,
-                };
-                return upper.min(self.max_ns);
-            }
-        }
-        self.max_ns
     }
 }
 
@@ -306,19 +253,6 @@ mod tests {
             assert!(monitor.first_report(begin_ns + FIRST_REPORT_NS).is_some());
             assert!(monitor.first_report(u64::MAX).is_none());
         }
-    }
-
-    #[test]
-    fn percentiles_are_at_most_an_eighth_too_large() {
-        let mut jitter = Jitter::new();
-        assert_eq!(jitter.percentile_ns(0.999), 0);
-        (1..=100_000).for_each(|ns| jitter.record(ns));
-        for (fraction, exact) in [(1e-5, 1), (0.0001, 10), (0.5, 50_000), (0.999, 99_900)] {
-            let found = jitter.percentile_ns(fraction);
-            assert!((exact..=exact * 9 / 8).contains(&found), "{found} for {exact}");
-        }
-        jitter.record(u64::MAX / 2);
-        assert_eq!(jitter.percentile_ns(1.0), u64::MAX / 2);
     }
 
     /// A computer whose clock is 37 millionths fast, with frames that are up to half a millisecond late.
