@@ -27,8 +27,14 @@ impl Scene {
     /// The same with options of `evolvent serve`.
     #[must_use]
     pub fn with(name: &str, options: &[&str]) -> Self {
+        Self::with_changes(name, &[], options)
+    }
+
+    /// The same with changes to the machine file, as of [`Workshop::mill`].
+    #[must_use]
+    pub fn with_changes(name: &str, changes: &[(&str, &str)], options: &[&str]) -> Self {
         let (workshop, domain) = (Workshop::new(), Domain::new());
-        let machine = workshop.mill(name, &[]);
+        let machine = workshop.mill(name, changes);
         let state = workshop.path("state");
         let served = Served::start(&machine, name, &domain, &state, options);
         Self {

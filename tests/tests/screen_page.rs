@@ -38,7 +38,10 @@ fn the_committed_page_is_what_its_sources_give_and_a_browser_operates_it() {
         return;
     }
     let _said = measured(Command::new("node").arg("crates/app/screen/page/tests/made-up.mjs"));
-    let mut scene = Scene::with("screen-page", &["--screen=127.0.0.1:0", "--trace-limit=1"]);
+    // Browser and tests beside it keep the simulated drives waiting; how soon their silence is noticed is tested elsewhere.
+    let patience = [("feedback_timeout_ms = 20 ", "feedback_timeout_ms = 200 ")];
+    let options = ["--screen=127.0.0.1:0", "--trace-limit=1"];
+    let mut scene = Scene::with_changes("screen-page", &patience, &options);
     let [address, _] = scene.served.as_mut().expect("a core").screen();
     // What pages show has passed through drives, as on a machine.
     let drives = scene.drives(&[]);
