@@ -1,4 +1,4 @@
-//! Holds come to rest within 1.15 times the shortest stop on that path and 15 ms, whether anybody plans or not. The shortest stops were
+//! A hold takes at most 1.15 times the shortest stop on that path plus 15 ms, with the planner running or frozen. The shortest stops were
 //! computed by another method (`examples/shortest_stop.py`, linear programs that know the whole path).
 #![expect(
     clippy::expect_used,

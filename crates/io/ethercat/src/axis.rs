@@ -219,15 +219,16 @@ impl DriveAxis {
             let step = inputs.position.wrapping_sub(self.inputs.position);
             self.increments += i64::from(step);
             let way = self.sign() * self.settings.scale.position(i64::from(step));
-            if way.abs() <= max_velocity * period_s {
-                self.velocity = way / period_s;
-                self.moved += way;
-            } else if matches!(self.homing, HomingProgress::Running(_)) {
+            let is_possible = way.abs() <= max_velocity * period_s;
+            if !is_possible && matches!(self.homing, HomingProgress::Running(_)) {
                 // The drive has found its zero and counts from there: this step is not a motion. It may come before the drive reports
                 // that it has homed; until then the coordinates go on as they were.
                 self.offset -= way;
             } else {
                 self.velocity = way / period_s;
+            }
+            if is_possible {
+                self.moved += way;
             }
         } else {
             self.increments = i64::from(inputs.position);
@@ -508,7 +509,7 @@ mod tests {
             "{positions:?}"
         );
         assert_eq!(positions.last(), Some(&605.0));
-        // Without homing such a step is told: the core does not believe it.
+        // Outside homing such a step is passed on as a velocity, and the core rejects it (alarm 417).
         let mut axis = axis(false);
         for position in [0, 100_000] {
             let inputs = DriveInputs {

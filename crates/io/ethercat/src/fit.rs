@@ -231,17 +231,12 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
 #[must_use]
 pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
     let mut notes = Vec::new();
-    let homed_by_drive = network
-        .devices
-        .iter()
-        .filter_map(|device| device.axis)
-        .filter(|axis| axis.homing.is_some() && axis.gantry.is_none());
-    for axis in homed_by_drive {
-        let Some(letter) = AxisLetter::ALL.iter().find(|letter| letter.index() == axis.axis) else {
-            continue;
-        };
-        if !machine.homing.iter().any(|homing| homing.axis == *letter) {
-            let letter = letter.letter();
+    for listed in &machine.axes {
+        let mut drives = network.devices.iter().filter_map(|device| device.axis);
+        let is_homed_by_drive = drives
+            .any(|axis| axis.axis == listed.letter.index() && axis.homing.is_some() && axis.gantry.is_none());
+        if is_homed_by_drive && !machine.homing.iter().any(|homing| homing.axis == listed.letter) {
+            let letter = listed.letter.letter();
             notes.push(format!(
                 "{letter} is homed by its drive and has no [[homing]] in the machine file: its coordinates jump as the drive finds its \
                  zero, and the core no longer counts it as homed; write [[homing]] with axis = \"{letter}\" and method = \"absolute\""

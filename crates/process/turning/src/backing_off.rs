@@ -88,7 +88,7 @@ impl TurningController {
                 other => other,
             };
             self.lose_contact();
-            self.felt.tip.expect(front);
+            self.felt.tip.set_front(front);
             self.require_stock(shoulder, depth);
             // A cut that was not felt for a whole revolution, or had slots, does not tell how high the shoulder is. What was
             // felt stands all the same, and is felt again before the job ends.

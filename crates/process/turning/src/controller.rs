@@ -393,7 +393,7 @@ impl TurningController {
                         let depth = self.felt.engagement.depth_mm();
                         let front = self.front_left(depth);
                         self.lose_contact();
-                        self.felt.tip.expect(front);
+                        self.felt.tip.set_front(front);
                         self.require_stock(self.along.point().position, depth);
                         self.places.cautious_to_mm = Some(self.along.point().position + CAUTION_MM);
                         TurningState::Approach

@@ -147,7 +147,7 @@ impl TurningController {
                     );
                     self.felt
                         .tip
-                        .expect(Front::Face(stock_mm.unwrap_or(f64::INFINITY)));
+                        .set_front(Front::Face(stock_mm.unwrap_or(f64::INFINITY)));
                     self.go(TurningState::Approach, Reason::InPlace);
                 }
             }

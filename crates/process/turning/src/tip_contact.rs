@@ -1,4 +1,4 @@
-//! Whether the stock that is felt stands under the tip, or only farther up the edge.
+//! Whether the measured load comes from stock under the tip, or only from stock farther up the edge.
 
 /// Change of the depth, as a fraction of it, that may be noise.
 const LEVEL: f64 = 0.2;
@@ -13,7 +13,7 @@ const LATE_MM: f64 = 0.5;
 /// What a hard spot adds to a depth, as a fraction.
 const HARD: f64 = 0.35;
 
-/// What a load tells of the tip.
+/// Decides from the load whether there is stock under the tip.
 ///
 /// The outer end of the edge leads. It cuts a ridge beyond a groove while the tip is still in the groove, and if the ridge is
 /// thinner than the edge reaches forward, the load is as steady as that of a cut over the whole depth. Stock where it was
@@ -101,7 +101,7 @@ impl TipContact {
     }
 
     /// Where the next contact is expected.
-    pub(crate) fn expect(&mut self, front: Front) {
+    pub(crate) fn set_front(&mut self, front: Front) {
         self.front = front;
     }
 
@@ -201,7 +201,7 @@ mod tests {
     /// Places at which stock is sure to stand, in steps of 0.1 mm.
     fn sure(stock: &[(f64, f64, f64)], front: Front) -> Vec<f64> {
         let mut tip = TipContact::NONE;
-        tip.expect(front);
+        tip.set_front(front);
         let mut contact = None;
         let mut sure: Vec<f64> = Vec::new();
         for k in 0..400 {

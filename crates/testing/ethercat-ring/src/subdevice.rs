@@ -107,7 +107,7 @@ impl SubDevice {
         )
     }
 
-    /// The same with a clock that drifts by so many millionths, where it has one. The first clock of a ring is the reference.
+    /// Sets the drift of its distributed clock, ppm; without effect on a device without one. The first clock of a ring is the reference.
     #[must_use]
     pub fn with_drift_ppm(mut self, drift_ppm: f64) -> Self {
         self.drift_ppm = self.drift_ppm.map(|_| drift_ppm);

@@ -65,7 +65,7 @@ impl Part {
         self.deepest
     }
 
-    /// The most that stands above the contour, mm.
+    /// The maximum height of stock left above the contour, mm.
     pub fn left(&self) -> f64 {
         let above = |(i, top): (usize, &f64)| top - self.contour(i as f64 * STEP_MM);
         self.tops.iter().enumerate().map(above).fold(0.0, f64::max)
