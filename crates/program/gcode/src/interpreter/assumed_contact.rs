@@ -7,8 +7,12 @@ use evolvent_path::AXES;
 use crate::codes::modal_groups::{Group, MCode, Motion, NonModal};
 use crate::interpreter::Interpreter;
 use crate::interpreter::error_history::MAX_REPEATED_ERRORS;
+use crate::interpreter::o_words::Open;
 use crate::parameters::assumption::Assumption;
 use crate::parameters::values::{PROBE_TRIPPED, PROBED};
+use crate::state::scope::Scope;
+use crate::syntax::block::{Keyword, OWord};
+use crate::syntax::parser::parse;
 use crate::syntax::statement::Statement;
 use crate::{Action, Command, Diagnostic};
 
@@ -34,7 +38,55 @@ impl<R: BufRead> Interpreter<R> {
             return;
         };
         frame.assumed_from = frame.assumed_from.filter(|from| *from <= frame.open.len());
+        frame.exit_from = frame.exit_from.filter(|from| *from <= frame.open.len());
         assumption.is_in_branch = frame.assumed_from.is_some();
+    }
+
+    /// Whether the present line has read a value that depends on the result.
+    pub(super) fn reads_assumed(&self) -> bool {
+        let assumption = self.parameters.assumption.as_ref();
+        assumption.is_some_and(|assumption| assumption.is_read())
+    }
+
+    /// A line that is skipped because of the result: with another one it might leave the subroutine or a loop, and what is left of
+    /// that is executed only if it does not.
+    #[cold]
+    pub(super) fn note_skipped_exit(&mut self, word: Option<&OWord>) {
+        let leaves_subroutine = self.flow.frames.len() > 1
+            && match word {
+                Some(word) => word.keyword == Keyword::Return,
+                None => self.returns_by_number(),
+            };
+        let from = match word {
+            _ if leaves_subroutine => Some(0),
+            Some(word) if matches!(word.keyword, Keyword::Break | Keyword::Continue) => {
+                let Ok(name) = self.label(word) else { return };
+                let is_loop = |open: &Open| open.is_loop() && open.name() == name;
+                self.frame().open.iter().rposition(is_loop).map(|at| at + 1)
+            }
+            _ => None,
+        };
+        let frame = self.frame();
+        frame.exit_from = match (frame.exit_from, from) {
+            (Some(before), Some(from)) => Some(before.min(from)),
+            (before, from) => before.or(from),
+        };
+    }
+
+    /// Whether a line that is skipped has M99.
+    fn returns_by_number(&mut self) -> bool {
+        let scope = Scope {
+            parameters: &self.parameters,
+            state: &self.state,
+            settings: &self.settings,
+            line: self.current.number,
+        };
+        let block = &mut self.current.block;
+        parse(&self.current.text, block, &scope).is_ok()
+            && block
+                .words
+                .iter()
+                .any(|word| word.letter == b'M' && word.value == 99.0)
     }
 
     /// After a condition: what it opens depends on the result if it has read it.
@@ -63,7 +115,9 @@ impl<R: BufRead> Interpreter<R> {
         let Some(assumption) = &self.parameters.assumption else {
             return false;
         };
-        assumption.is_in_branch
+        let is_uncertain =
+            assumption.is_in_branch || self.flow.frames.iter().any(|frame| frame.exit_from.is_some());
+        is_uncertain
             && matches!(self.current.statement.m(Group::Stop), Some(MCode::End(_)))
             && assumption.passed_again < MAX_REPEATED_ERRORS
     }

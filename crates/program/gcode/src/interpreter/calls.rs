@@ -163,6 +163,7 @@ impl<R: BufRead> Interpreter<R> {
             frame.again -= 1;
             frame.at = frame.first;
             frame.open.clear();
+            frame.exit_from = None;
             return;
         }
         let Some(frame) = self.flow.frames.pop() else {

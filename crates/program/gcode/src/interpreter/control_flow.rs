@@ -26,6 +26,8 @@ pub(crate) struct ControlFlow {
     /// The program, and on top of it the active subroutines.
     pub(crate) frames: Vec<Frame>,
     pub(crate) skip: Option<Skip>,
+    /// Whether lines are skipped only because of an assumed contact.
+    pub(crate) skips_assumed: bool,
     pub(crate) definition: Option<Definition>,
     /// Subroutines whose beginning was refused: what follows from that is no error of its own.
     pub(crate) refused_subs: Vec<NameId>,
@@ -43,6 +45,7 @@ impl Default for ControlFlow {
             on_tape: false,
             frames: vec![Frame::default()],
             skip: None,
+            skips_assumed: false,
             definition: None,
             refused_subs: Vec::new(),
             library: Library::default(),

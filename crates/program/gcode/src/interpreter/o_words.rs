@@ -27,6 +27,8 @@ pub(crate) struct Frame {
     pub(crate) open: Vec<Open>,
     /// From which of them on, counted from 1, lines depend on an assumed contact; 0 for all lines.
     pub(crate) assumed_from: Option<usize>,
+    /// From which of them on, counted likewise, lines come after an exit that was skipped because of an assumed contact.
+    pub(crate) exit_from: Option<usize>,
     /// The subroutine, and its first line.
     pub(crate) name: NameId,
     pub(crate) first: usize,
@@ -52,8 +54,13 @@ impl Frame {
 /// An open condition or loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Open {
-    /// Whether one of its branches has been executed, and its line.
-    If { name: NameId, taken: bool, line: u32 },
+    /// Whether one of its branches has been executed, its line, and whether a condition has read an assumed contact.
+    If {
+        name: NameId,
+        taken: bool,
+        line: u32,
+        assumed: bool,
+    },
     /// `start` is the index of the line with `while`.
     While { name: NameId, start: usize },
     /// `start` is the first line of the body.
@@ -72,7 +79,7 @@ impl Open {
         }
     }
 
-    fn is_loop(self) -> bool {
+    pub(crate) fn is_loop(self) -> bool {
         !matches!(self, Self::If { .. })
     }
 
@@ -129,8 +136,13 @@ impl<R: BufRead> Interpreter<R> {
         let word = o_word(&self.current.text, &self.scope()).unwrap_or_default();
         if self.flow.definition.is_some() {
             self.define(word.as_ref())?;
-        } else if let (Some(skip), Some(word)) = (self.flow.skip, word) {
-            self.skipped(skip, &word)?;
+        } else if let Some(skip) = self.flow.skip {
+            if self.flow.skips_assumed {
+                self.note_skipped_exit(word.as_ref());
+            }
+            if let Some(word) = word {
+                self.skipped(skip, &word)?;
+            }
         }
         Ok(true)
     }
@@ -185,10 +197,10 @@ impl<R: BufRead> Interpreter<R> {
             Keyword::If => self.if_(word, name)?,
             Keyword::ElseIf | Keyword::Else => {
                 // Reached from above, so a branch has been executed.
-                match self.frame().open.last() {
-                    Some(Open::If { name: open, .. }) if *open == name => {
-                        self.flow.skip = Some(Skip::Branch(name));
-                    }
+                match self.frame().open.last().copied() {
+                    Some(Open::If {
+                        name: open, assumed, ..
+                    }) if open == name => self.skip(Skip::Branch(name), assumed),
                     _ => return Err(order(word, "has no if before it")),
                 }
             }
@@ -253,24 +265,28 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     fn if_(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
-        let taken = match self.condition(word) {
+        let condition = self.condition(word);
+        let (line, assumed) = (self.current.number, self.reads_assumed());
+        let open = |taken| Open::If {
+            name,
+            taken,
+            line,
+            assumed,
+        };
+        let taken = match condition {
             Ok(taken) => taken,
             Err(fault) => {
                 // So that one mistake is one error.
-                let line = self.current.number;
-                self.frame().open.push(Open::If {
-                    name,
-                    taken: true,
-                    line,
-                });
-                self.flow.skip = Some(Skip::Branch(name));
+                self.frame().open.push(open(true));
+                self.skip(Skip::Branch(name), assumed);
                 return Err(fault);
             }
         };
-        let line = self.current.number;
-        self.frame().open.push(Open::If { name, taken, line });
+        self.frame().open.push(open(taken));
         self.follow_condition();
-        self.flow.skip = (!taken).then_some(Skip::Branch(name));
+        if !taken {
+            self.skip(Skip::Branch(name), assumed);
+        }
         Ok(())
     }
 
@@ -278,12 +294,12 @@ impl<R: BufRead> Interpreter<R> {
         let times = match self.value(word) {
             Ok(times) => times.round(),
             Err(fault) => {
-                self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat, self.current.number));
+                self.skip_loop(name, Keyword::EndRepeat);
                 return Err(fault);
             }
         };
         if times < 1.0 {
-            self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat, self.current.number));
+            self.skip_loop(name, Keyword::EndRepeat);
         } else {
             let start = self.mark() + 1;
             let left = times;
@@ -316,10 +332,21 @@ impl<R: BufRead> Interpreter<R> {
                 Ok(())
             }
             other => {
-                self.flow.skip = Some(Skip::End(name, Keyword::EndWhile, self.current.number));
+                self.skip_loop(name, Keyword::EndWhile);
                 other.map(drop)
             }
         }
+    }
+
+    /// From here on lines are skipped; `assumed` if this depends on an assumed contact.
+    fn skip(&mut self, skip: Skip, assumed: bool) {
+        (self.flow.skip, self.flow.skips_assumed) = (Some(skip), assumed);
+    }
+
+    /// The body of the loop that begins on the present line is skipped.
+    fn skip_loop(&mut self, name: NameId, end: Keyword) {
+        let assumed = self.reads_assumed();
+        self.skip(Skip::End(name, end, self.current.number), assumed);
     }
 
     /// Starts the next repetition of a repeat, or ends it; the present line is after or in its body.
@@ -346,11 +373,12 @@ impl<R: BufRead> Interpreter<R> {
         let line = self.line_of(found);
         self.frame().open.truncate(place + 1);
         let stop = word.keyword == Keyword::Break;
+        let assumed = self.calls_in_branch().is_some();
         match found {
             Open::While { start, .. } => {
                 self.frame().open.pop();
                 if stop {
-                    self.flow.skip = Some(Skip::End(name, Keyword::EndWhile, line));
+                    self.skip(Skip::End(name, Keyword::EndWhile, line), assumed);
                 } else {
                     self.jump(start);
                 }
@@ -358,17 +386,17 @@ impl<R: BufRead> Interpreter<R> {
             Open::Repeat { start, left, .. } => {
                 if stop {
                     self.frame().open.pop();
-                    self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat, line));
+                    self.skip(Skip::End(name, Keyword::EndRepeat, line), assumed);
                 } else if !self.repeat(name, start, left) {
-                    self.flow.skip = Some(Skip::End(name, Keyword::EndRepeat, line));
+                    self.skip(Skip::End(name, Keyword::EndRepeat, line), assumed);
                 }
             }
             Open::Do { .. } => {
                 if stop {
                     self.frame().open.pop();
-                    self.flow.skip = Some(Skip::End(name, Keyword::While, line));
+                    self.skip(Skip::End(name, Keyword::While, line), assumed);
                 } else {
-                    self.flow.skip = Some(Skip::Test(name));
+                    self.skip(Skip::Test(name), assumed);
                 }
             }
             Open::If { .. } => {}
@@ -396,13 +424,15 @@ impl<R: BufRead> Interpreter<R> {
                     Keyword::ElseIf => {
                         let enter = !taken && self.condition(word)?;
                         self.follow_condition();
+                        self.flow.skips_assumed |= self.reads_assumed();
                         enter
                     }
                     _ => false,
                 };
                 if enter {
-                    if let Some(Open::If { taken, .. }) = self.frame().open.last_mut() {
-                        *taken = true;
+                    let depends = self.flow.skips_assumed;
+                    if let Some(Open::If { taken, assumed, .. }) = self.frame().open.last_mut() {
+                        (*taken, *assumed) = (true, depends);
                     }
                     self.flow.skip = None;
                 }
