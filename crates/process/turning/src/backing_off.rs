@@ -43,7 +43,7 @@ impl TurningController {
         } else {
             0.0
         };
-        if self.places.deep_s <= confirm_s {
+        if self.places.deep_s <= confirm_s || self.is_load_going() {
             return false;
         }
         // So near to its end the cut is through before its shoulder would be felt again.

@@ -8,6 +8,7 @@ mod adaptive_files;
 mod allocation;
 mod bound;
 mod campaign;
+mod lost_loads;
 mod process_files;
 mod protection;
 mod sensors;
