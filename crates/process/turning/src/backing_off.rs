@@ -11,8 +11,9 @@ const DEEP: f64 = 0.98;
 const LEVEL_MM: f64 = 6.0;
 /// Least part of a depth that is worth backing off by.
 const MIN_PART: f64 = 0.25;
-/// Hard spots up to this factor of the load are not taken for higher stock where passes are counted.
-const HARDEST: f64 = 1.35;
+/// Hard spots up to this factor of the load are not taken for higher stock where passes are counted, nor for a lost load where
+/// they end.
+pub(crate) const HARDEST: f64 = 1.35;
 /// Way beyond where contact is expected after which caution ends, mm.
 const CAUTION_MM: f64 = 1.5;
 

@@ -3,7 +3,8 @@
 /// The stock that was felt, and the least of it that must still stand before the tip.
 ///
 /// A gap shows in the load before it is there. The outer end of the edge leads, so at a wall square to the feed the depth
-/// falls by the tangent of the lead angle for each mm of feed, and never faster. A load that goes away faster than that
+/// falls by the tangent of the lead angle for each mm of feed, and never faster. In material that is harder than the law of
+/// the load says the depth reads higher by a factor, and falls faster by the same. A load that goes away faster than that
 /// belongs to stock which still stands: the insert is broken, or the sensor does not show the load any more.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Engagement {
@@ -13,12 +14,12 @@ pub(crate) struct Engagement {
     top_mm: f64,
     /// Height of the tip at that place, mm.
     out_mm: f64,
-    /// Tangent of the lead angle.
+    /// The most by which the depth falls per mm of feed.
     slope: f64,
 }
 
 impl Engagement {
-    /// Nothing has been felt by an edge that rises by `slope` mm per mm of lead.
+    /// Nothing has been felt. At the end of stock the depth falls by at most `slope` mm per mm of feed.
     pub(crate) fn new(slope: f64) -> Self {
         Self {
             slope,

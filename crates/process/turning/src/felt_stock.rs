@@ -1,5 +1,6 @@
 //! The stock that the load tells of: contact, depth, and what must still stand.
 
+use crate::backing_off::HARDEST;
 use crate::engagement::Engagement;
 use crate::settings::TurningSettings;
 use crate::tip_contact::TipContact;
@@ -38,7 +39,7 @@ impl FeltStock {
         Self {
             contact_mm: None,
             in_air: false,
-            engagement: Engagement::new(settings.tool.slope()),
+            engagement: Engagement::new(HARDEST * settings.tool.slope()),
             tip: TipContact::NONE,
             grown_mm: (0.0, 0.0),
             settled_mm: (0.0, 0.0),

@@ -192,6 +192,34 @@ fn a_thin_ridge_before_the_end_is_no_broken_insert() {
 }
 
 #[test]
+fn hard_stock_that_ends_before_the_cut_is_no_lost_load() {
+    // In material that is harder the load of a cut that is left falls faster than the lead angle and the law of the load say.
+    let mut faults = Vec::new();
+    for case in 0..cases(96) {
+        let hard = [1.2, 1.34][case % 2];
+        let height = 1.5 + 0.25 * (case / 2 % 12) as f64;
+        let cone = (case / 24 % 2 == 0).then(|| Cone::new(20.0, 0.3));
+        let base = if case / 48 == 0 { safe() } else { fast() };
+        let settings = TurningSettings {
+            cone,
+            ..shorter(base, 48.0)
+        };
+        let blank = Blank {
+            grooves_mm: vec![(39.0, 63.0, 0.0)],
+            hard_spots: vec![(24.5, 70.0, hard)],
+            ..Blank::uniform(height)
+        };
+        let (figures, _) = Simulation::new(settings, blank, law(), sensor(case as u64))
+            .unwrap()
+            .run(3000.0, |_, _| {});
+        if !figures.done {
+            faults.push((hard, height, cone.is_some(), case));
+        }
+    }
+    assert!(faults.is_empty(), "{faults:?}");
+}
+
+#[test]
 fn stock_that_ends_with_the_cut_is_no_fault_where_a_shoulder_may_be() {
     let mut random = Random::from_state(0x5eed_0456_u64);
     for case in 0..cases(20) {
