@@ -246,7 +246,7 @@ impl Balance {
                 self.rhs[2 * k + 1] = 0.0;
             }
             self.rhs[2 * size + 1] = 1.0;
-            if !solve(&mut self.matrix, &mut self.rhs, full, 2) {
+            if !solve::<2>(&mut self.matrix, &mut self.rhs, full) {
                 return Ok(None);
             }
             for k in 0..full {
@@ -372,13 +372,12 @@ impl Balance {
         );
         let tool = model.tool();
         let (speed, depth) = (tool.speed_m_min, tool.depth_mm);
-        for j in 0..samples {
-            let waves = &self.waves[j * 2 * size..(j + 1) * 2 * size];
+        for waves in self.waves.chunks_exact(2 * size) {
             let (mut y, mut w) = (0.0, 0.0);
-            for n in 0..=harmonics {
-                let (c, s) = (waves[2 * n], waves[2 * n + 1]);
-                y += motion[n][0].re * c - motion[n][0].im * s;
-                w += motion[n][1].re * c - motion[n][1].im * s;
+            for ([by_y, by_w], wave) in motion[..=harmonics].iter().zip(waves.chunks_exact(2)) {
+                let (c, s) = (wave[0], wave[1]);
+                y += by_y.re * c - by_y.im * s;
+                w += by_w.re * c - by_w.im * s;
             }
             let (actual_speed, actual_depth) = (speed + 60.0 * w, depth - 1000.0 * y);
             if !(actual_speed.is_finite() && actual_depth.is_finite()) {

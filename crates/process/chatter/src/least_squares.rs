@@ -277,7 +277,7 @@ impl Search<'_, '_> {
                 }
                 let mut step = gradient.clone();
                 let mut trial = unknowns.clone();
-                if solve(&mut matrix, &mut step, count, 1) {
+                if solve::<1>(&mut matrix, &mut step, count) {
                     for (unknown, step) in free.iter().zip(&step) {
                         trial[*unknown] += step;
                     }
