@@ -40,6 +40,9 @@ pub struct SizeRecord {
 pub struct Cell {
     /// The most that can stand here, mm; infinite where no part of the edge has been.
     pub top_mm: f64,
+    /// The height at which the shoulder of a pass that was given up is taken to go on until the tip has been here, mm: no part of the
+    /// edge has made sure of it.
+    pub shoulder_mm: f64,
     /// The tip has passed.
     pub known: bool,
     /// The tip has passed, and a load was felt.
@@ -58,6 +61,7 @@ pub struct Cell {
 /// A place of which nothing is known.
 const NOTHING: Cell = Cell {
     top_mm: f64::INFINITY,
+    shoulder_mm: f64::INFINITY,
     known: false,
     felt: false,
     sure: false,
@@ -128,7 +132,7 @@ impl SizeRecord {
             cell.least_mm = cell.least_mm.min(cell.top_mm);
             if i < tip {
                 (cell.known, cell.felt, cell.sure) = (true, felt, sure);
-                cell.least_mm = cell.top_mm;
+                (cell.least_mm, cell.shoulder_mm) = (cell.top_mm, f64::INFINITY);
             }
         }
     }
@@ -170,10 +174,10 @@ impl SizeRecord {
         let sure_to = self.ends_before(along_mm + height_mm.max(0.0) / self.slope) + 2;
         for (i, cell) in self.cells.iter_mut().enumerate().take(last).skip(first) {
             if !cell.known {
-                cell.top_mm = cell.top_mm.min(height_mm);
+                cell.shoulder_mm = cell.shoulder_mm.min(height_mm);
                 cell.felt = true;
                 cell.sure |= sure && i <= sure_to;
-                cell.least_mm = cell.top_mm;
+                cell.least_mm = cell.top_mm.min(cell.shoulder_mm);
             }
         }
     }
@@ -183,6 +187,7 @@ impl SizeRecord {
         let first = self.ends_before(along_mm);
         for cell in self.cells.iter_mut().skip(first) {
             (cell.known, cell.felt, cell.sure) = (false, false, false);
+            cell.shoulder_mm = f64::INFINITY;
             if cell.is_wall {
                 cell.top_mm = f64::INFINITY;
             }
@@ -252,6 +257,7 @@ impl SizeRecord {
     pub fn at(&self, along_mm: f64) -> Cell {
         let air = Cell {
             top_mm: 0.0,
+            shoulder_mm: f64::INFINITY,
             known: true,
             felt: false,
             sure: false,
@@ -277,7 +283,8 @@ impl SizeRecord {
         let last = ((at + self.overhang_mm).max(0.0) / self.cell_mm).ceil() as usize;
         let mut deepest = 0.0;
         for (i, cell) in self.cells.iter().enumerate().take(last).skip(first) {
-            let above = if sure { cell.least_mm } else { cell.top_mm } - out_mm;
+            let top_mm = cell.top_mm.min(cell.shoulder_mm);
+            let above = if sure { cell.least_mm } else { top_mm } - out_mm;
             let lead = (i + 1) as f64 * self.cell_mm - at;
             if (cell.sure || (cell.felt && !sure)) && above > lead * self.slope {
                 deepest = f64::max(deepest, above);
@@ -463,6 +470,24 @@ mod tests {
         record.leave_shoulder(20.0, 3.5, true);
         assert_eq!(record.depth_ahead_mm(19.5, 0.0, 0.5, true), 3.5);
         assert!(!record.at(21.0).known && record.first_above(2.5) == Some(20.0));
+    }
+
+    #[test]
+    fn stock_behind_a_shoulder_is_as_high_as_the_tip_has_left_it() {
+        let mut record = record(40.0);
+        for i in -20..=100 {
+            record.sweep(f64::from(i) * 0.1, 2.0, true, true);
+        }
+        // Given up in the air of a gap; behind it the tool has to climb.
+        record.leave_shoulder(10.0, 2.0, false);
+        record.lift(10.0, 2.0);
+        for i in 90..=200 {
+            record.sweep(f64::from(i) * 0.1, if i < 120 { 2.0 } else { 6.0 }, true, true);
+        }
+        assert_eq!((record.at(10.5).top_mm, record.at(15.0).top_mm), (2.0, 6.0));
+        // The edge has cut as far as it leads before it climbed.
+        let from_mm = record.first_above(4.0).unwrap();
+        assert!((12.0..13.5).contains(&from_mm), "{from_mm}");
     }
 
     #[test]

@@ -192,6 +192,46 @@ fn a_thin_ridge_before_the_end_is_no_broken_insert() {
 }
 
 #[test]
+fn no_way_back_leads_through_stock_behind_a_groove() {
+    // Where a pass ends in the groove, within two overhangs of the stock behind it, that is not known to be as low as the pass.
+    for case in 0..cases(24) {
+        let settings = shorter([fast(), safe()][case % 2], 90.0);
+        let width = 8.0 + (case / 2 % 6) as f64;
+        let height = [8.0, 9.5][case / 12 % 2];
+        let blank = Blank {
+            grooves_mm: vec![(40.0, 40.0 + width, 0.0)],
+            ..Blank::outline(&[
+                (0.0, 1.5),
+                (15.0, height),
+                (90.0, height + 0.1),
+                (200.0, height + 0.1),
+            ])
+        };
+        let mut simulation = Simulation::new(settings, blank, law(), sensor(case as u64)).unwrap();
+        while !simulation.controller.is_over() {
+            let (output, cut) = simulation.step(TurningInputs::default(), None);
+            let goes_back = matches!(output.state, TurningState::Return | TurningState::ReEnter);
+            // A tool that draws out of a cut still cuts for a moment.
+            let is_cut = cut.depth_mm > 0.5 && (output.along.velocity < -1.0 || output.out.velocity < -1.0);
+            assert!(
+                !(goes_back && is_cut),
+                "case {case}: {:.2} mm deep at {:.2} mm, {:.2} mm high, pass {}",
+                cut.depth_mm,
+                output.along.position,
+                output.out.position,
+                output.pass
+            );
+        }
+        assert_eq!(simulation.controller.state(), TurningState::Done, "case {case}");
+        assert!(
+            simulation.figures.peak <= 1.3 * SET,
+            "case {case}: {:?}",
+            simulation.figures
+        );
+    }
+}
+
+#[test]
 fn hard_stock_that_ends_before_the_cut_is_no_lost_load() {
     // In material that is harder the load of a cut that is left falls faster than the lead angle and the law of the load say.
     let mut faults = Vec::new();
