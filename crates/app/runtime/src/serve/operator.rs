@@ -35,7 +35,7 @@ use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
 use crate::periphery_track::PeripheryOrder;
 
 /// By how much later than the cycle's watch the desk finds that drives do not come into operation, ns.
-const ENABLE_MARGIN_NS: u64 = 100_000_000;
+const ENABLE_MARGIN_NS: u64 = 600_000_000;
 
 pub(super) enum Job {
     None,
@@ -74,6 +74,8 @@ pub(crate) struct Operator {
     /// Unlimited rotary axes.
     pub(super) unlimited: AxisMask,
     pub(super) view: CycleView,
+    /// Number of the last order for power.
+    power_order: u64,
     /// Events of cycles whose view has not come.
     inbox: VecDeque<CycleEvent>,
     pub(super) drives: DriveView,
@@ -155,6 +157,7 @@ impl Operator {
             present,
             unlimited,
             view,
+            power_order: 0,
             inbox: VecDeque::new(),
             drives: DriveView::new(bounds),
             book: OrderBook::new(orders, recorder),
@@ -315,7 +318,11 @@ impl Operator {
         now_ns: u64,
     ) -> Result<u64, Rejection> {
         if let Some(order) = self.order_of(command)? {
-            self.send(order, command);
+            let is_of_power = matches!(order, CycleCommand::Power(_));
+            let id = self.send(order, command);
+            if is_of_power {
+                self.power_order = id;
+            }
             return Ok(0);
         }
         let mut job = 0;
@@ -570,7 +577,8 @@ impl Operator {
                 self.step_homing(&homing_sample(&feedback));
             }
         }
-        let is_powered = self.view.power == PowerRequest::On;
+        // A view from before the order says nothing of the power that was asked for.
+        let is_powered = self.view.power == PowerRequest::On && self.view.power_order == self.power_order;
         let are_ready = matches!(self.view.presence, Presence::Operational | Presence::Absent);
         self.desk.enable(is_powered && are_ready, now_ns);
         let is_at_rest = matches!(self.view.setpoint.state, State::Held | State::ProgramStop);

@@ -196,6 +196,8 @@ pub(crate) struct CycleView {
     pub work_ns: u64,
     pub presence: Presence,
     pub power: PowerRequest,
+    /// Number of the last order for power that has been carried out; 0 before the first.
+    pub power_order: u64,
     pub datum: u64,
     pub late_cycles: u64,
     pub dropped_records: u64,

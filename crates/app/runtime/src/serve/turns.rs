@@ -109,6 +109,7 @@ mod tests {
             work_ns: 0,
             presence: Presence::Absent,
             power: PowerRequest::On,
+            power_order: 0,
             datum,
             late_cycles: 0,
             dropped_records: 0,

@@ -89,10 +89,7 @@ impl ServedParts {
                     signals.set_by_hand(&change);
                 }
             }
-            CycleCommand::Power(request) => {
-                now.drive.power = request;
-                now.power_off_at_rest = false;
-            }
+            CycleCommand::Power(request) => Self::request_power(now, id, request),
             CycleCommand::Clear => {
                 now.faulted = false;
                 now.drive.fault_reset = now.drive.fault_reset.wrapping_add(1);

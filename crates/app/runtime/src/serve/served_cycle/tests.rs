@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use evolvent_counting::{CountingAllocator, calls};
-use evolvent_drive::WatchSettings;
+use evolvent_drive::{BridgeState, DriveState, WatchSettings};
 use evolvent_machine::{Machine, SignalKind, SignalSettings};
 use evolvent_path::Axes;
 use evolvent_signals::{Change, InputImage, Moment, Signals};
@@ -11,7 +11,7 @@ use evolvent_transfer::{AxesState, Sync, Transfer};
 use rtrb::{Consumer, RingBuffer};
 
 use super::*;
-use crate::core_loop::CoreLoop;
+use crate::core_loop::{CoreLoop, CycleCounts};
 use crate::job::Clock;
 use crate::serve::orders::CycleCommand;
 use crate::signal_loop::InputSource;
@@ -266,4 +266,104 @@ fn a_datum_is_published_at_rest_before_the_next_motion() {
     assert_eq!(first.setpoint.position, renamed);
     let last = computed.last().unwrap();
     assert!(last.setpoint.velocity[0] > 1.0, "{:?}", last.setpoint);
+}
+
+/// A bridge replies two setpoints later, and its drive takes three more to leave operation.
+#[test]
+fn power_returns_once_the_drives_have_been_without_it() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+    let machine = Machine::load(&file).unwrap();
+    let limits = machine.limits();
+    let period_ns = 1_000_000;
+    let (mut orders, cycle_orders) = RingBuffer::new(64);
+    let (mut to_cycle, feedback) = RingBuffer::new(64);
+    let (parts, _events, mut views) = parts_at_home(limits, period_ns, (cycle_orders, feedback));
+    let mut cycle = ServedCycle::new(ServedParts {
+        watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::one(0))),
+        ..parts
+    });
+    let mut requests: Vec<PowerRequest> = Vec::new();
+    let mut run = |orders: &mut Producer<Order>, given: &[(u64, PowerRequest)], cycles: usize| {
+        for (id, request) in given {
+            let what = CycleCommand::Power(*request);
+            assert!(orders.push(Order { id: *id, what }).is_ok(), "no room");
+        }
+        let first = requests.len();
+        for _ in 0..cycles {
+            let number = requests.len() as u64;
+            // What was requested two setpoints ago is what the drives do another three later.
+            let of = |ago: usize| requests.len().checked_sub(ago).map(|at| requests[at]);
+            let is_on = (2..=5).any(|ago| of(ago) == Some(PowerRequest::On));
+            let (state, bridge) = if is_on {
+                (DriveState::OperationEnabled, BridgeState::Following)
+            } else {
+                (DriveState::SwitchedOn, BridgeState::Off)
+            };
+            let mut reply = Feedback {
+                sequence: number.saturating_sub(2),
+                time_ns: MonotonicClock::now_ns(),
+                axes_mask: 1,
+                bridge_state: bridge.number(),
+                ..Feedback::default()
+            };
+            reply.status_word[0] = u32::from(state.code());
+            to_cycle.push(reply).unwrap();
+            let computed = cycle.step(&CycleBegin {
+                number,
+                deadline_ns: number * period_ns,
+            });
+            requests.push(computed.drive.power);
+            let counts = CycleCounts::default();
+            let _next = cycle.finish(&CycleEnd {
+                setpoint: &computed.setpoint,
+                lateness_ns: 0,
+                work_ns: 0,
+                counts: &counts,
+            });
+        }
+        let view = std::iter::from_fn(|| views.pop().ok()).last().unwrap();
+        (requests[first..].to_vec(), view.power_order)
+    };
+    let (on, off) = (PowerRequest::On, PowerRequest::Off);
+    assert_eq!(run(&mut orders, &[(1, on)], 20).1, 1);
+    // Both orders within one cycle, and ON one cycle after OFF.
+    for (number, given) in [(3, vec![(2, off), (3, on)]), (5, vec![(4, off)])] {
+        let (first, order) = run(&mut orders, &given, 1);
+        assert_eq!(first, [off], "off is sent");
+        assert!(order < number, "power has not been requested yet");
+        let rest = if number == 5 { vec![(5, on)] } else { Vec::new() };
+        let (after, order) = run(&mut orders, &rest, 30);
+        let is_off = after.iter().take_while(|power| **power == off).count();
+        // Two until the reply, three until the drive has left operation, one for the look.
+        assert!((5..=7).contains(&is_off), "{is_off}: {after:?}");
+        assert!(after[is_off..].iter().all(|power| *power == on), "{after:?}");
+        assert_eq!(order, number);
+    }
+    // An emergency takes a request back.
+    assert!(
+        orders
+            .push(Order {
+                id: 6,
+                what: CycleCommand::Power(off)
+            })
+            .is_ok()
+    );
+    assert!(
+        orders
+            .push(Order {
+                id: 7,
+                what: CycleCommand::Power(on)
+            })
+            .is_ok()
+    );
+    assert!(
+        orders
+            .push(Order {
+                id: 8,
+                what: CycleCommand::Emergency
+            })
+            .is_ok()
+    );
+    let (after, _) = run(&mut orders, &[], 30);
+    assert!(!after.contains(&on), "{after:?}");
 }
