@@ -211,21 +211,21 @@ impl DriveAxis {
         self.offset += shift;
     }
 
-    /// Reads the inputs, `period_s` after the last ones. The axis cannot move faster than `max_velocity`. Returns what has become
+    /// Reads the inputs, `elapsed_s` after the last ones. The axis cannot move faster than `max_velocity`. Returns what has become
     /// of the zero impulse.
-    pub(crate) fn take(&mut self, inputs: DriveInputs, period_s: f64, max_velocity: f64) -> IndexProgress {
+    pub(crate) fn take(&mut self, inputs: DriveInputs, elapsed_s: f64, max_velocity: f64) -> IndexProgress {
         if self.has_position {
             // 32-bit counters wrap around.
             let step = inputs.position.wrapping_sub(self.inputs.position);
             self.increments += i64::from(step);
             let way = self.sign() * self.settings.scale.position(i64::from(step));
-            let is_possible = way.abs() <= max_velocity * period_s;
+            let is_possible = way.abs() <= max_velocity * elapsed_s;
             if !is_possible && matches!(self.homing, HomingProgress::Running(_)) {
                 // The drive has found its zero and counts from there: this step is not a motion. It may come before the drive reports
                 // that it has homed; until then the coordinates go on as they were.
                 self.offset -= way;
             } else {
-                self.velocity = way / period_s;
+                self.velocity = way / elapsed_s;
             }
             if is_possible {
                 self.moved += way;

@@ -39,6 +39,9 @@ struct Pair {
 pub(crate) struct DriveSet {
     follower: Follower,
     axes: Vec<DriveAxis>,
+    /// When the inputs of each drive were read last.
+    taken_ns: Vec<Option<u64>>,
+    period_ns: u64,
     period_s: f64,
     instance: u64,
     axes_mask: u32,
@@ -97,7 +100,9 @@ impl DriveSet {
             index_request: IndexRequest::NONE,
             index: IndexLatch::default(),
             follower: Follower::new(settings)?,
+            taken_ns: vec![None; axes.len()],
             axes,
+            period_ns,
             period_s: period_ns as f64 * 1e-9,
             instance,
             axes_mask: network.axes_mask().bits(),
@@ -151,9 +156,15 @@ impl DriveSet {
         self.axes.iter().any(gives)
     }
 
-    pub(crate) fn take(&mut self, axis: usize, inputs: DriveInputs) {
+    /// The inputs of a drive, read in the cycle of `now_ns`.
+    pub(crate) fn take(&mut self, now_ns: u64, axis: usize, inputs: DriveInputs) {
+        // Drives sample once a period; frames are lost, and a bridge that the computer suspends skips cycles.
+        let elapsed_ns = self.taken_ns[axis].map_or(0, |taken_ns| now_ns.saturating_sub(taken_ns));
+        let periods = ((elapsed_ns + self.period_ns / 2) / self.period_ns).max(1);
+        self.taken_ns[axis] = Some(now_ns);
         let drive = &mut self.axes[axis];
-        match drive.take(inputs, self.period_s, self.max_velocity[drive.index()]) {
+        let elapsed_s = periods as f64 * self.period_s;
+        match drive.take(inputs, elapsed_s, self.max_velocity[drive.index()]) {
             IndexProgress::Nothing => {}
             // Taken over, for the core, once the drive would latch the impulse.
             IndexProgress::Armed => {
@@ -398,5 +409,37 @@ impl DriveSet {
         }
         self.index.describe(&mut feedback);
         Some(feedback)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// At 300 mm/s, with a sample of each period, after four lost frames, and after ten periods in which the bridge was suspended.
+    #[test]
+    fn the_velocity_after_lost_frames_is_that_of_the_time_between_the_samples() {
+        let shipped = evolvent_file_tests::shipped;
+        let machine = Machine::parse(&shipped("machines/mill-3axis.toml"), "mill.toml").expect("a machine");
+        let network = Network::parse(&shipped("networks/sim-mill.toml"), "mill.toml").expect("a network");
+        let period_ns = 1_000_000;
+        let mut drives = DriveSet::new(&machine, &network, period_ns, 1).expect("settings");
+        let mut period = 0;
+        for periods in [1, 1, 5, 1, 10, 1] {
+            period += periods;
+            // 2^20 increments a turn of 5 mm; frames are not exactly a period apart.
+            let position = (0.3 * period as f64 * 1_048_576.0 / 5.0) as i32;
+            let inputs = DriveInputs {
+                position,
+                ..DriveInputs::default()
+            };
+            let jitter_ns = 300_000 * (period % 2);
+            drives.take(period * period_ns + jitter_ns, 0, inputs);
+            let velocity = drives.axes()[0].velocity();
+            assert!(
+                period == 1 || (velocity - 300.0).abs() < 0.01,
+                "{periods}: {velocity} mm/s"
+            );
+        }
     }
 }

@@ -313,7 +313,7 @@ impl<'m> Cycle<'_, 'm> {
                 .with_inputs(self.main, device, |image| layout.read(image))
                 .map_err(internal)?;
             if is_known(device) {
-                self.drives.take(axis, inputs);
+                self.drives.take(now_ns, axis, inputs);
             }
         }
         for (device, listed) in self.network.devices.iter().enumerate() {
