@@ -1,8 +1,9 @@
 //! Lathes behind the bridges to hardware, simulated over real sockets: two axes, and a spindle with an encoder. The truth is the
 //! simulator's own angle and its own carriage, read at the same instant; no bridge sees either.
 
-use std::sync::Arc;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU8, Ordering};
+use std::sync::{Arc, Mutex};
 
 use evolvent_ethercat_ring::{
     DriveSettings, FaultKind as RingFault, MAIN_INTERFACE, Ring, SharedRing, SubDevice, TerminalKind,
@@ -11,7 +12,7 @@ use evolvent_ethercat_ring::{
 use evolvent_mesa_board::{Board, BoardModel, BoardServer, FaultKind, Spindle, SpindleCommand, now_ns};
 use evolvent_random::Random;
 
-use crate::Workshop;
+use crate::{Workshop, repository};
 
 /// Start positions of the axes, mm.
 const HOME: [f64; 2] = [20.0, 10.0];
@@ -48,6 +49,16 @@ pub enum Trouble {
 
 /// A lathe behind a bridge.
 pub trait Lathe: Send + Sync {
+    /// Its machine file under a name, with these spindles.
+    fn machine(&self, workshop: &Workshop, name: &str, spindles: &str) -> PathBuf {
+        workshop.lathe(name, spindles)
+    }
+    /// Where X and Z are when its drives have homed by themselves, which they do when power is first requested.
+    fn homed_at(&self) -> Option<[f64; 2]> {
+        None
+    }
+    /// Z stands at this coordinate: where the drive finds its zero, a moment after the edge of its switch, is its own affair.
+    fn stands_at(&self, _z: f64) {}
     /// Arguments of the bridge behind `evolvent bridge`.
     fn bridge(&self, workshop: &Workshop) -> Vec<String>;
     /// How it truly is now.
@@ -267,5 +278,129 @@ impl Lathe for RingLathe {
 
     fn step_mm(&self) -> f64 {
         LEAD_MM / f64::from(RESOLUTION)
+    }
+}
+
+/// The lathe that ships, `config/machines/lathe-ethercat.toml` with `config/networks/sim-lathe.toml`, on the ring that the network file
+/// names. Only what a busy host needs is changed.
+pub struct ShippedLathe {
+    ring: SharedRing,
+    /// The coordinate of Z where its motor is at 0, mm.
+    zero: Mutex<f64>,
+}
+
+/// Turns from the start of each axis to its limit switches, which are at these machine coordinates, and mm per turn of Z.
+const LIMITS: [f64; 2] = [-90.0, 10.0];
+const SWITCHES: [f64; 2] = [205.0, 605.0];
+const SHIPPED_LEAD_MM: f64 = 10.0;
+
+impl ShippedLathe {
+    /// Runs a trial with such lathes, as [`RingLathe::on_ring`].
+    pub fn on_ring(trial: impl FnOnce(&dyn Fn() -> Arc<dyn Lathe>) + Send + 'static) {
+        on_bench(Self::devices(), move |ring| {
+            trial(&|| {
+                *ring.lock().expect("no panic") = Ring::new(Self::devices(), monotonic_ns());
+                let ring = Arc::clone(ring);
+                let zero = Mutex::new(SWITCHES[1] - LIMITS[1] * SHIPPED_LEAD_MM);
+                Arc::new(Self { ring, zero })
+            });
+        });
+    }
+
+    fn devices() -> Vec<SubDevice> {
+        let axis = DriveSettings {
+            limits_turns: LIMITS,
+            ..DriveSettings::default()
+        };
+        let spindle = DriveSettings {
+            limits_turns: [f64::NEG_INFINITY, f64::INFINITY],
+            probe_turns: f64::INFINITY,
+            index_turns: IMPULSE,
+            ..DriveSettings::default()
+        };
+        vec![
+            SubDevice::terminal(TerminalKind::Coupler, 1),
+            SubDevice::drive(axis, 2, 10.0),
+            SubDevice::drive(axis, 3, 20.0),
+            SubDevice::drive(spindle, 4, -15.0),
+            SubDevice::terminal(TerminalKind::DigitalInput, 5),
+            SubDevice::terminal(TerminalKind::DigitalOutput, 6),
+            SubDevice::terminal(TerminalKind::AnalogInput, 7),
+        ]
+    }
+
+    /// A file that ships, with pieces of its text replaced.
+    fn changed(name: &str, changes: &[(&str, &str)]) -> String {
+        let shipped = repository().join("config").join(name);
+        let mut text = std::fs::read_to_string(shipped).expect("a file that ships");
+        for (from, to) in changes {
+            assert!(text.contains(from), "{from} is not in {name}");
+            text = text.replacen(from, to, 1);
+        }
+        text
+    }
+}
+
+impl Lathe for ShippedLathe {
+    fn machine(&self, workshop: &Workshop, name: &str, _spindles: &str) -> PathBuf {
+        let own_name = format!("name = {name:?}");
+        let changes = [
+            ("name = \"lathe-ethercat\"", own_name.as_str()),
+            ("rate = 1000 ", "rate = 1000\n"),
+            ("[drives]\n", "[signals]\ninput_timeout_ms = 500\n[drives]\n"),
+            ("feedback = \"required\"", "feedback_timeout_ms = 1000"),
+            ("enable_timeout_ms = 30000 ", ""),
+        ];
+        workshop.write(
+            "lathe.toml",
+            Self::changed("machines/lathe-ethercat.toml", &changes),
+        )
+    }
+
+    fn homed_at(&self) -> Option<[f64; 2]> {
+        Some(SWITCHES)
+    }
+
+    fn stands_at(&self, z: f64) {
+        let seen = self.look().z;
+        *self.zero.lock().expect("no panic") += z - seen;
+    }
+
+    fn bridge(&self, workshop: &Workshop) -> Vec<String> {
+        let changes = [("interface = \"ec0\"", "max_lost_cycles = 40")];
+        let network = workshop.write("network.toml", Self::changed("networks/sim-lathe.toml", &changes));
+        let network = network.to_str().expect("UTF-8").to_owned();
+        ["ethercat", "--network", &network, "--interface", MAIN_INTERFACE]
+            .map(str::to_owned)
+            .to_vec()
+    }
+
+    fn look(&self) -> Sight {
+        let mut ring = self.ring.lock().expect("no panic");
+        let time_ns = monotonic_ns();
+        ring.advance(time_ns);
+        let turns = |device: usize| {
+            let drive = ring.devices()[device].as_drive().expect("a drive");
+            drive.motor_turns()
+        };
+        Sight {
+            packets: ring.frames(),
+            turns: turns(SPINDLE_DRIVE) - IMPULSE,
+            z: *self.zero.lock().expect("no panic") + turns(Z_DRIVE) * SHIPPED_LEAD_MM,
+            time_ns,
+        }
+    }
+
+    fn trouble(&self, _trouble: Trouble) {
+        let mut ring = self.ring.lock().expect("no panic");
+        ring.begin_fault(monotonic_ns(), RingFault::Drive, SPINDLE_DRIVE, None);
+    }
+
+    fn resolution(&self) -> f64 {
+        1.0 / f64::from(RESOLUTION)
+    }
+
+    fn step_mm(&self) -> f64 {
+        SHIPPED_LEAD_MM / f64::from(RESOLUTION)
     }
 }

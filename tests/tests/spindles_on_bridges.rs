@@ -7,17 +7,16 @@
     reason = "tests fail and talk as tests do"
 )]
 
-use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use evolvent_bus::Status;
+use evolvent_bus::{ControlRequest, Status};
 use evolvent_tests::{
-    Cycle, Domain, Lathe, MesaLathe, Operator, RingLathe, Served, Sight, Trouble, Workshop, cycles, evolvent,
-    verifies, where_undisturbed,
+    Cycle, Domain, HardwareBridge, Lathe, MesaLathe, Operator, RingLathe, Served, ShippedLathe, Sight,
+    Trouble, Workshop, command, cycles, verifies, where_undisturbed,
 };
 
 const SPINDLE_ALARM: u32 = 440;
@@ -29,31 +28,6 @@ const SHORT_LEAD: u32 = 3;
 const LATE: Duration = Duration::from_millis(3);
 const LONG_LEAD: u32 = 120;
 const SPINDLES: &str = "[[spindle]]\nmax_rpm = 3000\nfeedback = true\nacceleration_rpm_s = 2000\n";
-
-/// A bridge in a process of its own, killed at the end.
-struct Bridge(Child);
-
-impl Bridge {
-    fn start(lathe: &dyn Lathe, workshop: &Workshop, machine: &Path, domain: &Domain) -> Self {
-        let child = evolvent()
-            .arg("bridge")
-            .args(lathe.bridge(workshop))
-            .args(["--bus-prefix", &domain.prefix, "--machine"])
-            .arg(machine)
-            .stdout(Stdio::null())
-            .stderr(Stdio::inherit())
-            .spawn()
-            .expect("the binary to start");
-        Self(child)
-    }
-}
-
-impl Drop for Bridge {
-    fn drop(&mut self) {
-        let _gone = self.0.kill();
-        let _gone = self.0.wait();
-    }
-}
 
 /// Looks at a lathe all the time, and makes trouble once its carriage has come to a place.
 struct Watcher {
@@ -109,6 +83,35 @@ impl Cut {
 /// One lathe at a time: core, bridge and simulator of each want a processor of their own.
 static TURN: Mutex<()> = Mutex::new(());
 
+/// As docs/ethercat.md says: power, which makes the drives home; off and on again; HOME takes over their positions; jogs from the
+/// switches into the travel.
+fn homes_by_drives(operator: &mut Operator, places: [f64; 2]) {
+    const AXES: [usize; 2] = [0, 2];
+    operator.says("ESTOP_RESET");
+    operator.says("ON");
+    operator.waits("machine zero of the drives", |status| {
+        let near = |(axis, place): (usize, f64)| (status.position_actual[axis] - place).abs() < 0.05;
+        AXES.into_iter().zip(places).all(near)
+    });
+    operator.says("OFF");
+    operator.says("ON");
+    operator.waits("power", |status| status.machine_state == 2);
+    let homed = operator.homes();
+    let mask = AXES.iter().fold(0, |mask, axis| mask | 1 << axis);
+    assert_eq!(homed.homed_mask & mask, mask, "{}", homed.alarm_sentence());
+    for axis in AXES {
+        let mut jog = ControlRequest {
+            axes_mask: 1 << axis,
+            index: 1,
+            amount: 10.0,
+            ..command("JOG")
+        };
+        jog.values[axis] = -10.0;
+        let job = operator.does(&jog).job;
+        assert_eq!(operator.sees_end(job).job_result, DONE);
+    }
+}
+
 /// Runs a program on a served lathe.
 fn cut(
     lathe: &Arc<dyn Lathe>,
@@ -119,7 +122,7 @@ fn cut(
 ) -> Cut {
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     let domain = Domain::new();
-    let machine = workshop.lathe(NAME, SPINDLES);
+    let machine = lathe.machine(workshop, NAME, SPINDLES);
     let text = std::fs::read_to_string(&machine).expect("a machine file");
     // A bridge on a busy host may take its time.
     let text = text
@@ -140,9 +143,15 @@ fn cut(
         &["--trace", &to],
     );
     let mut operator = Operator::join(NAME, &domain);
-    let bridge = Bridge::start(&**lathe, workshop, &machine, &domain);
+    let bridge = HardwareBridge::start(&lathe.bridge(workshop), &machine, &domain);
     operator.waits("drives", |status| status.feedback_age_ns < 100_000_000);
-    operator.brings_up();
+    if let Some(places) = lathe.homed_at() {
+        homes_by_drives(&mut operator, places);
+        std::thread::sleep(Duration::from_millis(200));
+        lathe.stands_at(operator.now().position_actual[2]);
+    } else {
+        operator.brings_up();
+    }
     operator.says_number("MODE", 0);
     operator.says_text("LOAD", program.to_str().expect("a path"));
     let watcher = Watcher::start(lathe, trouble);
@@ -467,5 +476,26 @@ fn troubles_of_an_ethercat_spindle_end_the_pass() {
                 Trouble::LinkLost,
             ],
         );
+    });
+}
+
+/// The pair of files that ships: its drives home, and a thread of two depths and a spring pass is in phase.
+#[test]
+fn the_shipped_lathe_on_ethercat_homes_and_cuts_a_thread() {
+    ShippedLathe::on_ring(|lathe| {
+        where_undisturbed(LATE, || {
+            let (lathe, workshop) = (lathe(), Workshop::new());
+            let program =
+                "G21 G18 G90 G8\nS600 M3\nG0 X15 Z55\nG76 P1.5 Z30 I-1 J0.4 K0.8 R1 H1\nG0 X20\nM5\nM2\n";
+            let cut = cut(&lathe, &workshop, program, SHORT_LEAD, None);
+            cut.is_done();
+            let passes = passes(&cut, 1.5, 55.0, 33.0..52.0);
+            println!("error of half, 99 % and all looks, mm: {passes:?}");
+            assert_eq!(passes.len(), 3, "{passes:?}");
+            for (errors, _) in &passes {
+                assert_in_phase("the shipped lathe", *errors, 1.5, &*lathe);
+            }
+            verifies(&cut.trace);
+        });
     });
 }

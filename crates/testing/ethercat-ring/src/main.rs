@@ -39,6 +39,15 @@ struct Arguments {
         allow_negative_numbers = true
     )]
     drift_ppm: f64,
+    /// Turns of the motor from the start of each drive to its limit switches, negative and positive end.
+    #[arg(
+        long,
+        value_name = "LOW:HIGH",
+        default_value = "-200:200",
+        allow_hyphen_values = true,
+        value_parser = parse_limits
+    )]
+    limit_turns: [f64; 2],
     /// The drives have absolute encoders, which keep their position while a device is `gone`; others count from 0 again.
     #[arg(long)]
     absolute: bool,
@@ -48,6 +57,8 @@ struct Arguments {
 enum Kind {
     /// CiA 402 drive, 2^20 increments a turn.
     Drive,
+    /// The same without limit switches, to turn a spindle.
+    Spindle,
     /// Coupler without process data.
     Coupler,
     /// 8 digital inputs.
@@ -61,16 +72,21 @@ enum Kind {
 }
 
 impl Kind {
-    fn device(self, position: usize, drift_ppm: f64, absolute: bool) -> SubDevice {
+    fn device(self, position: usize, arguments: &Arguments) -> SubDevice {
         let serial = position as u32 + 1;
         let terminal = |kind| SubDevice::terminal(kind, serial);
         match self {
-            Self::Drive => {
-                let settings = DriveSettings {
-                    absolute,
+            Self::Drive | Self::Spindle => {
+                let mut settings = DriveSettings {
+                    absolute: arguments.absolute,
+                    limits_turns: arguments.limit_turns,
                     ..DriveSettings::default()
                 };
-                SubDevice::drive(settings, serial, drift_ppm * position as f64)
+                if matches!(self, Self::Spindle) {
+                    settings.limits_turns = [f64::NEG_INFINITY, f64::INFINITY];
+                    settings.probe_turns = f64::INFINITY;
+                }
+                SubDevice::drive(settings, serial, arguments.drift_ppm * position as f64)
             }
             Self::Coupler => terminal(TerminalKind::Coupler),
             Self::DigitalIn => terminal(TerminalKind::DigitalInput),
@@ -85,6 +101,13 @@ fn parse_wire(text: &str) -> Result<(usize, usize), String> {
     text.split_once(':')
         .and_then(|(from, to)| Some((from.parse().ok()?, to.parse().ok()?)))
         .ok_or_else(|| format!("`{text}` is no wire: expected FROM:TO, for example 5:4"))
+}
+
+fn parse_limits(text: &str) -> Result<[f64; 2], String> {
+    text.split_once(':')
+        .and_then(|(low, high)| Some([low.parse().ok()?, high.parse().ok()?]))
+        .filter(|[low, high]: &[f64; 2]| low < high)
+        .ok_or_else(|| format!("`{text}` are no limits: expected LOW:HIGH, for example -90:10"))
 }
 
 fn main() -> ExitCode {
@@ -107,7 +130,7 @@ fn serve(arguments: &Arguments) -> std::io::Result<()> {
     let devices: Vec<SubDevice> = kinds
         .iter()
         .enumerate()
-        .map(|(i, kind)| kind.device(i, arguments.drift_ppm, arguments.absolute))
+        .map(|(i, kind)| kind.device(i, arguments))
         .collect();
     let count = devices.len();
     let mut ring = Ring::new(devices, monotonic_ns());
