@@ -28,6 +28,7 @@ mod operate_jogs;
 mod operate_programs;
 mod operate_service;
 mod operator_messages;
+mod power_cycles;
 mod probing;
 mod real_programs;
 mod same_bits;
