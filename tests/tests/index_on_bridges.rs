@@ -5,7 +5,6 @@
 #![expect(clippy::expect_used, clippy::panic, reason = "tests fail as tests do")]
 
 use std::path::PathBuf;
-use std::process::{Child, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::time::Duration;
@@ -16,7 +15,9 @@ use evolvent_ethercat_ring::{
     on_bench,
 };
 use evolvent_mesa_board::{Board, BoardModel, BoardServer, FaultKind as BoardFault, now_ns};
-use evolvent_tests::{Domain, Operator, Random, Served, Workshop, command, evolvent, where_undisturbed};
+use evolvent_tests::{
+    Domain, HardwareBridge, Operator, Random, Served, Workshop, command, where_undisturbed,
+};
 
 /// A bridge that is suspended for ten periods brakes by itself (`note` 2, alarm 413), as it must: three quarters of that explain it.
 const SUSPENDED: Duration = Duration::from_millis(30);
@@ -250,22 +251,12 @@ impl Hardware for BoardHardware {
     }
 }
 
-/// A bridge in a process of its own, killed at the end.
-struct Bridge(Child);
-
-impl Drop for Bridge {
-    fn drop(&mut self) {
-        let _gone = self.0.kill();
-        let _gone = self.0.wait();
-    }
-}
-
 /// Core, bridge and hardware.
 struct Mill<'a> {
     hardware: &'a dyn Hardware,
     workshop: Workshop,
     machine: PathBuf,
-    bridge: Option<Bridge>,
+    bridge: Option<HardwareBridge>,
     operator: Option<Operator>,
     served: Option<Served>,
     domain: Domain,
@@ -312,16 +303,8 @@ impl<'a> Mill<'a> {
 
     fn start_bridge(&mut self) {
         self.bridge = None;
-        let child = evolvent()
-            .arg("bridge")
-            .args(self.hardware.bridge(&self.workshop))
-            .args(["--bus-prefix", &self.domain.prefix, "--machine"])
-            .arg(&self.machine)
-            .stdout(Stdio::null())
-            .stderr(Stdio::inherit())
-            .spawn()
-            .expect("the binary to start");
-        self.bridge = Some(Bridge(child));
+        let arguments = self.hardware.bridge(&self.workshop);
+        self.bridge = Some(HardwareBridge::start(&arguments, &self.machine, &self.domain));
         self.operator()
             .waits("drives", |status| status.feedback_age_ns < 100_000_000);
     }
@@ -604,71 +587,100 @@ fn a_link_or_bridge_that_goes_while_armed_leaves_no_zero_on_mesa() {
     on_board(broken_off);
 }
 
-/// The shipped files of the routers fit together: HOME finds the switches that both board files connect, and the axes go home.
+/// A machine file and a board file that ship as a pair.
+struct ShippedPair {
+    model: BoardModel,
+    machine: &'static str,
+    board: &'static str,
+    /// As `mesa-board --switch` has them: 2 mm from where the motors are at first, which is home.
+    switches: &'static [&'static str],
+    /// Axis of each motor, and its steps per mm.
+    motors: &'static [(usize, f64)],
+}
+
+/// The files fit together: HOME finds the switches that the board file connects, and the axes go home.
+fn homes_by_its_switches(pair: &ShippedPair) {
+    let (name, file) = (pair.machine, pair.board);
+    where_undisturbed(SUSPENDED, || {
+        let (workshop, domain, address) = (Workshop::new(), Domain::new(), next_address());
+        let mut board = Board::new(pair.model, now_ns());
+        for switch in pair.switches {
+            board.add_switch(switch.parse().expect("a switch"));
+        }
+        let server = BoardServer::start(board, address).expect("an address");
+        let shipped = |path: &str| {
+            let path = evolvent_tests::repository().join("config").join(path);
+            std::fs::read_to_string(path).expect("a shipped file")
+        };
+        let drives = "\n[drives]\nfeedback_timeout_ms = 300\nenable_timeout_ms = 20000\n";
+        let text = shipped(&format!("machines/{name}.toml"))
+            .replace("rate = 1000 ", "lead_cycles = 40\nrate = 250 ")
+            .replace(
+                "travel_min_mm",
+                "following_error_mm = 3\nfollowing_time_ms = 200\ntravel_min_mm",
+            )
+            .replace("\n[drives]\nfeedback = \"required\"\n", "");
+        let machine = workshop.write("machine.toml", text + drives);
+        let text = shipped(&format!("boards/{file}.toml"))
+            .replace("10.10.10.10\"", &format!("{address}\""))
+            .replace("max_lost_packets = 5 ", "max_lost_packets = 40 ")
+            .replace("watchdog_ms = 50 ", "watchdog_ms = 400 ");
+        let board_file = workshop.write("board.toml", text);
+        let served = Served::start(&machine, name, &domain, &workshop.path("state"), &[]);
+        let mut operator = Operator::join(name, &domain);
+        let arguments = ["mesa", "--board", board_file.to_str().expect("UTF-8")].map(str::to_owned);
+        let bridge = HardwareBridge::start(&arguments, &machine, &domain);
+        operator.waits("drives", |status| status.feedback_age_ns < 100_000_000);
+        operator.brings_up();
+        operator.says_number("MODE", 1);
+        let before = operator.now();
+        assert_eq!(before.homed_mask, 0);
+        let job = operator.says("HOME").job;
+        let status = operator.sees_end(job);
+        let all = pair.motors.iter().fold(0, |mask, (axis, _)| mask | 1 << axis);
+        assert_eq!(
+            (status.job_result, status.homed_mask),
+            (1, all),
+            "{file}: {}",
+            status.alarm_sentence()
+        );
+        operator.waits("the motors at home", |status| {
+            let away = |axis: usize| status.position_actual[axis] - before.position_actual[axis];
+            pair.motors.iter().all(|(axis, _)| away(*axis).abs() < 0.05)
+        });
+        // Within the way of a sample and the bus at 4 mm/s.
+        for (unit, (_, per_mm)) in pair.motors.iter().enumerate() {
+            let off = server.lock().motor_steps(unit) / per_mm;
+            assert!(off.abs() < 0.15, "{file}: motor {unit} is {off} mm off");
+        }
+        drop((operator, bridge));
+        served.end().expect_code(&[0, 3]);
+    });
+}
+
 #[test]
 fn the_shipped_router_homes_by_its_switches() {
-    for (model, file) in [
+    for (model, board) in [
         (BoardModel::B7i96s, "7i96s-router"),
         (BoardModel::B7i76e, "7i76e-router"),
     ] {
-        where_undisturbed(SUSPENDED, || {
-            let (workshop, domain, address) = (Workshop::new(), Domain::new(), next_address());
-            let mut board = Board::new(model, now_ns());
-            for switch in ["0:0:-640", "1:1:640", "2:2:1600"] {
-                board.add_switch(switch.parse().expect("a switch"));
-            }
-            let server = BoardServer::start(board, address).expect("an address");
-            let shipped = |path: &str| {
-                let path = evolvent_tests::repository().join("config").join(path);
-                std::fs::read_to_string(path).expect("a shipped file")
-            };
-            let text = shipped("machines/router-3axis.toml")
-                .replace("rate = 1000 ", "lead_cycles = 40\nrate = 250 ")
-                .replace(
-                    "travel_min_mm",
-                    "following_error_mm = 3\nfollowing_time_ms = 200\ntravel_min_mm",
-                );
-            let drives = "\n[drives]\nfeedback_timeout_ms = 300\nenable_timeout_ms = 20000\n";
-            let machine = workshop.write("router.toml", text + drives);
-            let text = shipped(&format!("boards/{file}.toml"))
-                .replace("10.10.10.10\"", &format!("{address}\""))
-                .replace("max_lost_packets = 5 ", "max_lost_packets = 40 ")
-                .replace("watchdog_ms = 50 ", "watchdog_ms = 400 ");
-            let board_file = workshop.write("board.toml", text);
-            let served = Served::start(&machine, "router-3axis", &domain, &workshop.path("state"), &[]);
-            let mut operator = Operator::join("router-3axis", &domain);
-            let child = evolvent()
-                .args(["bridge", "mesa", "--bus-prefix", &domain.prefix, "--machine"])
-                .arg(&machine)
-                .arg("--board")
-                .arg(&board_file)
-                .stdout(Stdio::null())
-                .stderr(Stdio::inherit())
-                .spawn()
-                .expect("the binary to start");
-            let bridge = Bridge(child);
-            operator.waits("drives", |status| status.feedback_age_ns < 100_000_000);
-            operator.brings_up();
-            operator.says_number("MODE", 1);
-            assert_eq!(operator.now().homed_mask, 0);
-            let job = operator.says("HOME").job;
-            let status = operator.sees_end(job);
-            assert_eq!(
-                (status.job_result, status.homed_mask),
-                (1, 0b111),
-                "{file}: {}",
-                status.alarm_sentence()
-            );
-            operator.waits("the motors at home", |status| {
-                (0..3).all(|axis| status.position_actual[axis].abs() < 0.05)
-            });
-            // 2 mm from each switch, within the way of a sample and the bus at 4 mm/s.
-            for (unit, per_mm) in [320.0, 320.0, 800.0].into_iter().enumerate() {
-                let off = server.lock().motor_steps(unit) / per_mm;
-                assert!(off.abs() < 0.15, "{file}: motor {unit} is {off} mm off");
-            }
-            drop((operator, bridge));
-            served.end().expect_code(&[0, 3]);
+        homes_by_its_switches(&ShippedPair {
+            model,
+            machine: "router-3axis",
+            board,
+            switches: &["0:0:-640", "1:1:640", "2:2:1600"],
+            motors: &[(0, 320.0), (1, 320.0), (2, 800.0)],
         });
     }
+}
+
+#[test]
+fn the_shipped_lathe_on_a_mesa_board_homes_by_its_switches() {
+    homes_by_its_switches(&ShippedPair {
+        model: BoardModel::B7i96s,
+        machine: "lathe-mesa",
+        board: "7i96s-lathe",
+        switches: &["0:0:3200", "1:1:2560"],
+        motors: &[(0, 1600.0), (2, 1280.0)],
+    });
 }

@@ -23,7 +23,8 @@ struct Arguments {
     #[arg(long, value_enum, default_value = "7i96s")]
     model: Model,
     /// A spindle of this speed, rpm, at full output: encoder 0 with 4096 counts on its shaft, its speed on PWM generator 0, or of a 7i76e
-    /// on smart serial; with contacts for the directions at pins 15 and 16 of a 7i96s, else by the sign.
+    /// on smart serial; of a 7i96s with contacts for the directions at pins 15 and 16, and one at pin 3 that is closed while its drive is in
+    /// order; else by the sign.
     #[arg(long, value_name = "RPM")]
     spindle: Option<f64>,
     /// A fault, and its time in seconds after the watchdog was first fed: loss-in, loss-out, half, delay, reorder, bite, reset, cookie, short,
@@ -72,6 +73,10 @@ fn run(arguments: &Arguments) -> std::io::Result<()> {
     };
     let mut board = Board::new(model, now_ns());
     if let Some(full_rpm) = arguments.spindle {
+        if model == BoardModel::B7i96s {
+            // Current through an isolated input makes it low.
+            board.set_level(3, false);
+        }
         let command = match model {
             BoardModel::B7i76e => SpindleCommand::Field,
             BoardModel::B7i96s => SpindleCommand::Contacts {
