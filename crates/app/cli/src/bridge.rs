@@ -130,7 +130,7 @@ struct SimArgs {
     /// lost=MS after which it stops sending, latched if the drives latch their positions.
     #[arg(long, value_name = "SURFACES[;...]")]
     probe: Option<ProbeSettings>,
-    /// Wire each output to the input of the same number; the emergency-stop chain is closed.
+    /// Wire each output to the input of the same number; the emergency-stop chain is closed. Without a machine file spindle 0 is simulated.
     #[arg(long, conflicts_with = "inputs")]
     loopback: bool,
     /// Print one JSON object at the end.
@@ -156,6 +156,9 @@ struct TestArgs {
     /// wired to its digital input 0.
     #[arg(long)]
     signals: bool,
+    /// Run the cases of a spindle too: the bridge sends the angle of spindle 0, which TURNS AT 300 RPM, either way.
+    #[arg(long)]
+    spindle: bool,
     /// List the cases and their requirements.
     #[arg(long)]
     list: bool,
@@ -258,9 +261,12 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         .clone()
         .or_else(|| machine.as_ref().map(|machine| machine.name.clone()))
         .unwrap_or_default();
-    let spindles = machine
-        .as_ref()
-        .map_or_else(Vec::new, |machine| spindles_of(machine, args));
+    let spindles = match &machine {
+        Some(machine) => spindles_of(machine, args),
+        // As the suite of all bridges wants it.
+        None if args.loopback => vec![SpindleSimulation::usual(0)],
+        None => Vec::new(),
+    };
     let settings = RunSettings {
         spindles,
         machine_name: name.clone(),
@@ -574,6 +580,7 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
         moments: args.moments,
         // The simulated bridge is wired like this.
         has_signals: args.signals || args.command.is_empty(),
+        has_spindle: args.spindle || args.command.is_empty(),
         stop: stop_on_signals()?,
     };
     let mut results: Vec<Value> = Vec::new();

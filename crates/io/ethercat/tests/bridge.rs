@@ -5,7 +5,7 @@
 #![expect(clippy::expect_used, clippy::print_stdout, reason = "a test")]
 
 use evolvent_bridge_test::ThreadBridge;
-use evolvent_bridge_trial::failed_cases;
+use evolvent_bridge_trial::{failed_cases, failed_spindle_cases};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_ethercat::{Network, RunSettings, run};
 use evolvent_ethercat_ring::{DriveSettings, MAIN_INTERFACE, SubDevice, TerminalKind, on_bench};
@@ -42,10 +42,23 @@ input = [{ name = "echo", number = 0 }]
 output = [{ name = "lamp", number = 0 }]
 "#;
 
-/// The bridge on a thread of this process.
-fn ethercat_bridge(machine: Machine) -> ThreadBridge {
+/// A spindle drive behind the axes and the inputs.
+const SPINDLE: &str = r#"
+[[device]]
+name = "spindle"
+vendor = 0x4556534D
+product = 0x402
+
+[device.spindle]
+increments_per_turn = 1048576
+index_probe = 2
+"#;
+const MACHINE_SPINDLE: &str = "\n[[spindle]]\nmax_rpm = 3000\nfeedback = true\n";
+
+/// The bridge on a thread of this process, with these devices behind those of the mill.
+fn ethercat_bridge(machine: Machine, more: &'static str) -> ThreadBridge {
     ThreadBridge::new(move |machine_name, prefix, stop| {
-        let mut network = Network::parse(&format!("{NETWORK}{SIGNALS}"), "sim-mill.toml").expect("a network");
+        let mut network = Network::parse(&format!("{NETWORK}{more}"), "sim-mill.toml").expect("a network");
         // The suite's period is 2 ms, the devices' watchdog 100 ms; a host that is busy may be late for so long.
         network.max_lost_cycles = 40;
         let settings = RunSettings {
@@ -69,8 +82,29 @@ fn it_does_what_every_bridge_must() {
             ring.lock().expect("no panic").wire(5, 4);
             let text = evolvent_file_tests::shipped("machines/mill-3axis.toml");
             let machine = Machine::parse(&format!("{MACHINE_SIGNALS}{text}"), "mill-3axis.toml");
-            let mut bridge = ethercat_bridge(machine.expect("a machine"));
+            let mut bridge = ethercat_bridge(machine.expect("a machine"), SIGNALS);
             let failures = failed_cases(&mut bridge, &format!("ecbt{}_", std::process::id()));
+            assert!(failures.is_empty(), "{failures:#?}");
+        });
+    });
+}
+
+#[test]
+fn its_spindle_does_what_every_spindle_must() {
+    unless_disturbed(|| {
+        let mut devices = devices();
+        let spindle = DriveSettings {
+            limits_turns: [f64::NEG_INFINITY, f64::INFINITY],
+            probe_turns: f64::INFINITY,
+            index_turns: 0.3,
+            ..DriveSettings::default()
+        };
+        devices[5] = SubDevice::drive(spindle, 6, -15.0);
+        on_bench(devices, |_| {
+            let text = evolvent_file_tests::shipped("machines/mill-3axis.toml");
+            let machine = Machine::parse(&format!("{text}{MACHINE_SPINDLE}"), "mill-3axis.toml");
+            let mut bridge = ethercat_bridge(machine.expect("a machine"), SPINDLE);
+            let failures = failed_spindle_cases(&mut bridge, &format!("ecbs{}_", std::process::id()));
             assert!(failures.is_empty(), "{failures:#?}");
         });
     });

@@ -3,12 +3,12 @@
 use std::time::{Duration, Instant};
 
 use evolvent_bridge_test::BridgeUnderTest;
-use evolvent_bridge_trial::failed_cases;
+use evolvent_bridge_trial::{failed_cases, failed_spindle_cases};
 use evolvent_bus::{BusConfig, CoreBus, remove_private_domain};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_machine::Machine;
 use evolvent_mesa::{BoardSettings, InputPin, InputSource, OutputTarget};
-use evolvent_mesa_board::BoardModel;
+use evolvent_mesa_board::{BoardModel, Spindle, SpindleCommand};
 
 use crate::common::{field_router, machine, mesa_bridge, router, serve};
 
@@ -52,6 +52,33 @@ fn it_does_what_every_bridge_must() {
 #[test]
 fn it_does_so_by_smart_serial() {
     suite(field_router, BoardModel::B7i76e);
+}
+
+#[test]
+fn its_spindle_does_what_every_spindle_must() {
+    unless_disturbed(|| {
+        let (server, address) = serve(BoardModel::B7i96s);
+        let contacts = SpindleCommand::Contacts {
+            unit: 0,
+            forward: 15,
+            reverse: 16,
+        };
+        server.lock().set_spindle(Spindle::usual(0, contacts));
+        let text = evolvent_file_tests::shipped("machines/router-3axis.toml");
+        let text = text.replacen("[[spindle]]\n", "[[spindle]]\nfeedback = true\n", 1);
+        let machine = Machine::parse(&text, "router-3axis.toml").expect("a machine");
+        let text = evolvent_file_tests::shipped("boards/7i96s-router.toml");
+        let begin = text.find("[spindle]").expect("a spindle");
+        let spindle = "[[spindle]]\npwm = 0\nfull_rpm = 3000\nforward = { pin = 15 }\nreverse = { pin = 16 }\nencoder = 0\n\
+                       counts_per_rev = 4096\n";
+        let mut board =
+            BoardSettings::parse(&format!("{}{spindle}", &text[..begin]), "b.toml").expect("a board");
+        // The suite's period is 2 ms; a host that is busy may be late for so long.
+        (board.address, board.max_lost_packets, board.watchdog_s) = (address, 40, 0.5);
+        let mut bridge = mesa_bridge(machine, board);
+        let failures = failed_spindle_cases(&mut bridge, &format!("mesabs{}_", std::process::id()));
+        assert!(failures.is_empty(), "{failures:#?}");
+    });
 }
 
 #[test]

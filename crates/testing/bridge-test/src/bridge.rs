@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use evolvent_bridge_sim::{LoopbackInputs, RunSettings, loopback, run_cutting};
+use evolvent_bridge_sim::{LoopbackInputs, RunSettings, SpindleSimulation, loopback, run_cutting};
 use thiserror::Error;
 
 /// Why a bridge was not started.
@@ -141,7 +141,7 @@ impl ThreadBridge {
     pub fn simulated() -> Self {
         Self::new(|machine_name, prefix, stop| {
             let settings = RunSettings {
-                spindles: Vec::new(),
+                spindles: vec![SpindleSimulation::usual(0)],
                 machine_name: machine_name.to_owned(),
                 prefix: Some(prefix.to_owned()),
                 drives: None,

@@ -10,7 +10,7 @@ use thiserror::Error;
 
 use crate::bridge::BridgeUnderTest;
 use crate::test_core::{DISTURBED, TestCore};
-use crate::{cases, signal_cases};
+use crate::{cases, signal_cases, spindle_cases};
 
 /// Why a bridge failed a case, or why the case could not be run.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -73,6 +73,8 @@ pub struct Stage<'a> {
     pub moments: u32,
     /// The bridge reads inputs and sets outputs, and its digital output 0 is wired to its digital input 0.
     pub has_signals: bool,
+    /// The bridge turns spindle 0 and sends its angle, and the spindle may turn at 300 rpm either way.
+    pub has_spindle: bool,
     /// Ends the case that is played, and the bridge with it.
     pub stop: Arc<AtomicBool>,
 }
@@ -113,6 +115,8 @@ pub struct Case {
     pub kills_core: bool,
     /// Whether it is about outputs and inputs.
     pub needs_signals: bool,
+    /// Whether it is about a spindle.
+    pub needs_spindle: bool,
     pub(crate) play: fn(&mut Stage<'_>) -> Result<(), CaseError>,
 }
 
@@ -124,7 +128,19 @@ macro_rules! case {
             kills_bridge: false,
             kills_core: false,
             needs_signals: true,
+            needs_spindle: false,
             play: signal_cases::$name,
+        }
+    };
+    ($name:ident, $demand:literal, spindle) => {
+        Case {
+            name: stringify!($name),
+            demand: $demand,
+            kills_bridge: false,
+            kills_core: false,
+            needs_signals: false,
+            needs_spindle: true,
+            play: spindle_cases::$name,
         }
     };
     ($name:ident, $demand:literal, $kills_bridge:literal, $kills_core:literal) => {
@@ -134,13 +150,14 @@ macro_rules! case {
             kills_bridge: $kills_bridge,
             kills_core: $kills_core,
             needs_signals: false,
+            needs_spindle: false,
             play: cases::$name,
         }
     };
 }
 
 /// Every case.
-pub const CASES: [Case; 22] = [
+pub const CASES: [Case; 24] = [
     case!(
         bridge_first,
         "started before its core it waits, then follows",
@@ -255,6 +272,16 @@ pub const CASES: [Case; 22] = [
         "sets the safe values by itself where its core falls silent, and follows the next one",
         signals
     ),
+    case!(
+        spindle_angle,
+        "sends the angle of its spindle with the time, of one sign with the speed, and says at speed only when it is",
+        spindle
+    ),
+    case!(
+        spindle_safe,
+        "stops its spindle where the core falls silent, and turns it for the next one",
+        spindle
+    ),
 ];
 
 /// A case that failed while the host kept the core of the suite or the bridge from running proves nothing: it is played again.
@@ -268,6 +295,7 @@ pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<Outcome, CaseError
     if (case.kills_bridge && !stage.bridge.can_be_killed())
         || (case.kills_core && stage.core_program.is_none())
         || (case.needs_signals && !stage.has_signals)
+        || (case.needs_spindle && !stage.has_spindle)
     {
         return Ok(Outcome::LeftOut);
     }
@@ -342,6 +370,7 @@ mod tests {
             seed: 1,
             moments: 1,
             has_signals: false,
+            has_spindle: false,
             stop: Arc::default(),
         };
         let case = Case { play, ..CASES[0] };

@@ -5,7 +5,9 @@ use core::time::Duration;
 use std::sync::Arc;
 
 use evolvent_bridge_sim::monotonic_ns;
-use evolvent_bus::{AXES, BusConfig, BusError, CoreBus, Feedback, MachineInputs, MachineOutputs, Setpoint};
+use evolvent_bus::{
+    AXES, BusConfig, BusError, CoreBus, Feedback, MachineInputs, MachineOutputs, Setpoint, SpindleFeedback,
+};
 use evolvent_drive::{BridgeState, DriveState, PowerRequest};
 
 use crate::case::CaseError;
@@ -69,6 +71,8 @@ pub struct TestCore {
     outputs: Option<MachineOutputs>,
     /// Every message of inputs, and when it came.
     inputs: Vec<(u64, MachineInputs)>,
+    /// Every message of spindle 0, and when it came.
+    spindle: Vec<(u64, SpindleFeedback)>,
     /// Ends whatever goes on.
     stop: Arc<AtomicBool>,
 }
@@ -96,6 +100,7 @@ impl TestCore {
             log: Vec::new(),
             outputs: None,
             inputs: Vec::new(),
+            spindle: Vec::new(),
             stop: Arc::default(),
         })
     }
@@ -117,14 +122,35 @@ impl TestCore {
 
     /// Sets digital output 0, which is safe when it is off, from the setpoint of the next cycle on; when that is due.
     pub(crate) fn set_output(&mut self, on: bool) -> MachineOutputs {
+        self.send_outputs(MachineOutputs {
+            digital_mask: 1,
+            digital: u64::from(on),
+            ..MachineOutputs::default()
+        })
+    }
+
+    /// Turns spindle 0 at a speed, counter-clockwise where it is negative, from the setpoint of the next cycle on; when that is due.
+    pub(crate) fn set_spindle(&mut self, rpm: f64) -> MachineOutputs {
+        let mut outputs = MachineOutputs {
+            spindle_mask: 1,
+            ..MachineOutputs::default()
+        };
+        outputs.spindle_direction[0] = match rpm {
+            rpm if rpm > 0.0 => 1,
+            rpm if rpm < 0.0 => 2,
+            _ => 0,
+        };
+        outputs.spindle_rpm[0] = rpm.abs();
+        self.send_outputs(outputs)
+    }
+
+    fn send_outputs(&mut self, wanted: MachineOutputs) -> MachineOutputs {
         let before = self.outputs.map_or(0, |outputs| outputs.sequence);
         let outputs = MachineOutputs {
             sequence: before + 1,
             cycle: self.sequence,
             due_time_ns: self.next_ns + LEAD * PERIOD_NS,
-            digital_mask: 1,
-            digital: u64::from(on),
-            ..MachineOutputs::default()
+            ..wanted
         };
         // One that does not leave is followed by the next.
         let _reached = self.bus.publish_outputs(&outputs);
@@ -146,6 +172,16 @@ impl TestCore {
         while let Ok(Some(message)) = self.bus.unchecked_inputs() {
             self.inputs.push((now_ns, message));
         }
+        while let Ok(Some(message)) = self.bus.unchecked_spindle() {
+            if message.spindle == 0 {
+                self.spindle.push((now_ns, message));
+            }
+        }
+    }
+
+    /// Every message of spindle 0 since the last time this was asked, and when it came, ns.
+    pub(crate) fn take_spindle(&mut self) -> Vec<(u64, SpindleFeedback)> {
+        std::mem::take(&mut self.spindle)
     }
 
     /// The newest feedback.

@@ -11,11 +11,11 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use evolvent_bridge_sim::{SimBridge, SimSettings, monotonic_ns};
+use evolvent_bridge_sim::{SimBridge, SimSettings, SimSpindle, SpindleSimulation, monotonic_ns};
 use evolvent_bridge_test::{CASES, Outcome, Stage, ThreadBridge, run_case};
 use evolvent_bus::{
     ClientBus, ClientConfig, Feedback, FeedbackSender, InputSender, MachineInputs, MachineOutputs,
-    OutputReader, Setpoint, SetpointReader,
+    OutputReader, Setpoint, SetpointReader, SpindleFeedback, SpindleSender, spindle_flags,
 };
 use evolvent_drive::{OutputFollower, PowerRequest};
 
@@ -70,6 +70,15 @@ enum Flaw {
     FewInputs,
     OldInputs,
     OneInputMore,
+    /// Of a spindle: its angle goes the other way than its speed.
+    AngleBackwards,
+    /// Samples go by the time at which they are sent, and are up to 20 ms old.
+    AngleLate,
+    AngleWithoutTime,
+    SpeedWrong,
+    AlwaysAtSpeed,
+    SpindleGoesOn,
+    SpindleStaysOff,
 }
 
 type Ports = (
@@ -78,6 +87,7 @@ type Ports = (
     ClientBus,
     OutputReader,
     InputSender,
+    SpindleSender,
 );
 
 fn connect(name: &str, prefix: &str) -> Option<Ports> {
@@ -89,7 +99,8 @@ fn connect(name: &str, prefix: &str) -> Option<Ports> {
     let client = ClientBus::open(&config).ok()?;
     let (setpoints, feedback) = (client.bridge_setpoints().ok()?, client.feedback_sender().ok()?);
     let (outputs, inputs) = (client.outputs().ok()?, client.input_sender().ok()?);
-    Some((setpoints, feedback, client, outputs, inputs))
+    let spindle = client.spindle_sender().ok()?;
+    Some((setpoints, feedback, client, outputs, inputs, spindle))
 }
 
 fn drives(flaw: Flaw) -> SimBridge {
@@ -118,6 +129,7 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
     let (mut last_due_ns, mut newest, first_ns) = (0, 0, monotonic_ns());
     let (mut tick_ns, mut is_blind) = (first_ns, false);
     let mut wired = Wired::default();
+    let mut turning = Turning::new();
     while !stop.load(Ordering::Relaxed) {
         if ports.is_none() {
             ports = connect(name, prefix);
@@ -156,8 +168,9 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
                 let _lost = sender.send(&feedback);
             }
         }
-        if let Some((.., outputs, inputs)) = &mut ports {
-            wired.step(flaw, outputs, inputs);
+        if let Some((.., outputs, inputs, spindle)) = &mut ports {
+            let in_force = wired.step(flaw, outputs, inputs);
+            turning.step(flaw, &in_force, spindle);
         }
         if monotonic_ns().saturating_sub(heard_ns) > GONE_NS {
             ports = None;
@@ -183,7 +196,8 @@ struct Wired {
 }
 
 impl Wired {
-    fn step(&mut self, flaw: Flaw, reader: &mut OutputReader, sender: &mut InputSender) {
+    /// The outputs in force.
+    fn step(&mut self, flaw: Flaw, reader: &mut OutputReader, sender: &mut InputSender) -> MachineOutputs {
         let now_ns = monotonic_ns();
         while let Ok(Some(message)) = reader.receive() {
             self.newest = message;
@@ -208,7 +222,7 @@ impl Wired {
         };
         self.sequence += 1;
         if flaw == Flaw::FewInputs && !self.sequence.is_multiple_of(200) {
-            return;
+            return in_force;
         }
         let message = MachineInputs {
             sequence: self.sequence,
@@ -227,6 +241,69 @@ impl Wired {
             },
             ..MachineInputs::default()
         };
+        let _lost = sender.send(&message);
+        in_force
+    }
+}
+
+/// Spindle 0.
+struct Turning {
+    spindle: SimSpindle,
+    /// What it did last under a command.
+    ordered: MachineOutputs,
+    was_safe: bool,
+    shown: SpindleFeedback,
+}
+
+impl Turning {
+    fn new() -> Self {
+        Self {
+            spindle: SimSpindle::new(SpindleSimulation::usual(0), monotonic_ns()),
+            ordered: MachineOutputs::default(),
+            was_safe: false,
+            shown: SpindleFeedback::default(),
+        }
+    }
+
+    fn step(&mut self, flaw: Flaw, in_force: &MachineOutputs, sender: &mut SpindleSender) {
+        let is_ordered = in_force.spindle_mask != 0 && in_force.spindle_rpm[0] > 0.0;
+        // A stop by the core says so; the safe values have no number of its own.
+        self.was_safe |= !is_ordered && self.ordered.spindle_rpm[0] > 0.0;
+        if is_ordered {
+            self.ordered = *in_force;
+        }
+        let mut outputs = *in_force;
+        match flaw {
+            Flaw::SpindleGoesOn if !is_ordered => {
+                outputs = MachineOutputs {
+                    sequence: in_force.sequence,
+                    ..self.ordered
+                };
+            }
+            Flaw::SpindleStaysOff if self.was_safe => outputs.spindle_direction[0] = 0,
+            _ => {}
+        }
+        let now_ns = monotonic_ns();
+        let Some(mut message) = self.spindle.step(now_ns, &outputs, &[]) else {
+            return;
+        };
+        match flaw {
+            Flaw::AngleBackwards => {
+                let angle = -(message.turns as f64 + message.fraction);
+                message.turns = angle.floor() as i64;
+                message.fraction = angle - angle.floor();
+            }
+            Flaw::AngleLate => {
+                if now_ns.saturating_sub(self.shown.time_ns) > 20_000_000 {
+                    self.shown = message;
+                }
+                (message.turns, message.fraction) = (self.shown.turns, self.shown.fraction);
+            }
+            Flaw::AngleWithoutTime => message.time_ns = 1,
+            Flaw::SpeedWrong => message.speed_rpm *= 1.08,
+            Flaw::AlwaysAtSpeed => message.flags |= spindle_flags::AT_SPEED,
+            _ => {}
+        }
         let _lost = sender.send(&message);
     }
 }
@@ -304,13 +381,14 @@ fn play(flaw: Flaw, case: &str) -> Result<Outcome, String> {
         seed: 1,
         moments: 2,
         has_signals: true,
+        has_spindle: true,
         stop: Arc::default(),
     };
     run_case(case, &mut stage).map_err(|error| error.to_string())
 }
 
 /// The case that a flaw must fail.
-const FLAWS: [(Flaw, &str); 32] = [
+const FLAWS: [(Flaw, &str); 39] = [
     (Flaw::OneCoreOnly, "core_restart"),
     (Flaw::AnswersEverySecond, "feedback"),
     (Flaw::OldTime, "feedback"),
@@ -343,6 +421,13 @@ const FLAWS: [(Flaw, &str); 32] = [
     (Flaw::FewInputs, "inputs"),
     (Flaw::OldInputs, "inputs"),
     (Flaw::OneInputMore, "inputs"),
+    (Flaw::AngleBackwards, "spindle_angle"),
+    (Flaw::AngleLate, "spindle_angle"),
+    (Flaw::AngleWithoutTime, "spindle_angle"),
+    (Flaw::SpeedWrong, "spindle_angle"),
+    (Flaw::AlwaysAtSpeed, "spindle_angle"),
+    (Flaw::SpindleGoesOn, "spindle_safe"),
+    (Flaw::SpindleStaysOff, "spindle_safe"),
 ];
 
 #[test]

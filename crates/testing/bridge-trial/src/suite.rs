@@ -2,13 +2,23 @@
 
 use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, run_case};
 
-/// Plays every case, or the one that the environment variable `EVOLVENT_CASE` names, on a bridge whose digital output 0 is wired to its
-/// digital input 0; the cases that it fails, each with the reason.
+/// Plays every case but those of a spindle, or the one that the environment variable `EVOLVENT_CASE` names, on a bridge whose digital
+/// output 0 is wired to its digital input 0; the cases that it fails, each with the reason.
 pub fn failed_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str) -> Vec<String> {
+    play(bridge, prefix, false)
+}
+
+/// The same with the cases of a spindle only, on a bridge that turns spindle 0.
+pub fn failed_spindle_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str) -> Vec<String> {
+    play(bridge, prefix, true)
+}
+
+fn play(bridge: &mut dyn BridgeUnderTest, prefix: &str, of_spindle: bool) -> Vec<String> {
     let wanted = std::env::var("EVOLVENT_CASE").ok();
     let mut failures = Vec::new();
     for case in CASES
         .iter()
+        .filter(|case| case.needs_spindle == of_spindle)
         .filter(|case| wanted.as_ref().is_none_or(|wanted| case.name == wanted))
     {
         let mut stage = Stage {
@@ -19,6 +29,7 @@ pub fn failed_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str) -> Vec<Strin
             seed: 1,
             moments: 2,
             has_signals: true,
+            has_spindle: of_spindle,
             stop: Default::default(),
         };
         let result = run_case(case, &mut stage);
