@@ -9,9 +9,7 @@
 
 use std::path::{Path, PathBuf};
 
-use common::driven::{Driven, set_up};
-
-mod common;
+use crate::common::driven::{Driven, set_up};
 
 /// `program,machine,rate_hz,moment,is_frozen,feed_mm_s,shortest_s,method`; where the bound holds for the slowest axis by itself, its
 /// time stands for the shortest (method `axis`).

@@ -13,9 +13,7 @@ use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_ethercat_ring::{DriveSettings, FaultKind, SharedRing, on_bench};
 use evolvent_random::{Random, cases};
 
-mod support;
-
-use support::*;
+use crate::support::*;
 
 /// Travel in use and maximum velocity of X, mm and mm/s.
 const REACH: f64 = 100.0;

@@ -12,9 +12,7 @@ use evolvent_ethercat_ring::{
     DriveSettings, FaultKind, Ring, SubDevice, TerminalKind, monotonic_ns, on_bench,
 };
 
-mod support;
-
-use support::*;
+use crate::support::*;
 
 const Y_DRIVE: usize = 2;
 

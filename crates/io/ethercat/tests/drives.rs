@@ -12,9 +12,7 @@ use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_ethercat::{HomingOnDrive, Network};
 use evolvent_ethercat_ring::{DriveSettings, FaultKind, SharedRing, SubDevice, TerminalKind, on_bench};
 
-mod support;
-
-use support::*;
+use crate::support::*;
 
 /// X has its lower limit switch 3 turns away, Y 2, Z none near; the probe of X closes 2 turns away.
 fn devices() -> Vec<SubDevice> {

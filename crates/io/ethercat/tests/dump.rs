@@ -8,9 +8,7 @@ use evolvent_disturbance::unless_disturbed;
 use evolvent_ethercat::{DumpSettings, MIN_DUMP_BYTES};
 use evolvent_ethercat_ring::on_bench;
 
-mod support;
-
-use support::*;
+use crate::support::*;
 
 #[test]
 fn tshark_reads_what_went_over_the_wire() {

@@ -11,9 +11,7 @@ use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_ethercat::Network;
 use evolvent_ethercat_ring::{FaultKind, on_bench};
 
-mod support;
-
-use support::*;
+use crate::support::*;
 
 /// An axis goes where the setpoints say, with the scale of its gear, and against its motor where that is inverted.
 #[test]

@@ -13,9 +13,7 @@ use evolvent_ethercat::{GantrySettings, HomingOnDrive, Network, NetworkAxis};
 use evolvent_ethercat_ring::{DriveSettings, FaultKind, SharedRing, SubDevice, TerminalKind, on_bench};
 use evolvent_random::{Random, cases};
 
-mod support;
-
-use support::*;
+use crate::support::*;
 
 /// X, Y, Z and a second drive of X; lower limit switches of the two of X at -2 and -2.5 turns.
 fn devices() -> Vec<SubDevice> {

@@ -10,9 +10,7 @@ use evolvent_ethercat::{GantrySettings, Network, NetworkAxis, ProbeNumber};
 use evolvent_ethercat_ring::{DriveSettings, FaultKind, SharedRing, SubDevice, TerminalKind, on_bench};
 use evolvent_random::Random;
 
-mod support;
-
-use support::*;
+use crate::support::*;
 
 /// Where the impulse of X, Y and Z, and of the second drive of X, is within a turn.
 const PHASES: [f64; 4] = [0.3, 0.55, 0.8, 0.05];

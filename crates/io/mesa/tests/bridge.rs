@@ -1,8 +1,9 @@
 //! The bridge on the simulated board, over real sockets: what every bridge must do.
 
+use core::ops::Range;
 use std::time::{Duration, Instant};
 
-use evolvent_bridge_test::BridgeUnderTest;
+use evolvent_bridge_test::{BridgeUnderTest, CASES};
 use evolvent_bridge_trial::{failed_cases, failed_spindle_cases};
 use evolvent_bus::{BusConfig, CoreBus, remove_private_domain};
 use evolvent_disturbance::unless_disturbed;
@@ -12,8 +13,8 @@ use evolvent_mesa_board::{BoardModel, Spindle, SpindleCommand};
 
 use crate::common::{field_router, machine, mesa_bridge, router, serve};
 
-/// The suite of all bridges, on a board with the axes X, Y and Z.
-pub(crate) fn suite(board: impl Fn(std::net::IpAddr) -> BoardSettings, model: BoardModel) {
+/// Cases of the suite of all bridges, on a board with the axes X, Y and Z.
+fn suite(cases: Range<usize>, board: impl Fn(std::net::IpAddr) -> BoardSettings, model: BoardModel) {
     unless_disturbed(|| {
         let (server, address) = serve(model);
         let mut settings = board(address);
@@ -28,9 +29,9 @@ pub(crate) fn suite(board: impl Fn(std::net::IpAddr) -> BoardSettings, model: Bo
         server.lock().wire(14, 3);
         server.lock().wire_field(3, 3);
         let mut bridge = mesa_bridge(machine("router-3axis"), settings);
-        // Both suites may run at the same time.
-        let prefix = format!("mesabt{}_{}", std::process::id(), model as u8);
-        let failures = failed_cases(&mut bridge, &prefix);
+        // Suites run at the same time.
+        let prefix = format!("mesabt{}_{}{}", std::process::id(), model as u8, cases.start);
+        let failures = failed_cases(&mut bridge, &prefix, &CASES[cases.clone()]);
         let board = server.lock();
         println!("{:?}", board.traffic());
         assert_eq!(board.traffic().refused, 0, "every command makes sense");
@@ -43,15 +44,28 @@ pub(crate) fn suite(board: impl Fn(std::net::IpAddr) -> BoardSettings, model: Bo
     });
 }
 
+/// In halves that run at the same time, because each waits for something most of it.
+const HALF: usize = CASES.len() / 2;
+
 #[test]
 fn it_does_what_every_bridge_must() {
-    suite(router, BoardModel::B7i96s);
+    suite(0..HALF, router, BoardModel::B7i96s);
 }
 
-/// The same with enables, switches, input and output on the field I/O of a 7I76E.
+#[test]
+fn it_does_the_rest_of_what_every_bridge_must() {
+    suite(HALF..CASES.len(), router, BoardModel::B7i96s);
+}
+
+// The same with enables, switches, input and output on the field I/O of a 7I76E.
 #[test]
 fn it_does_so_by_smart_serial() {
-    suite(field_router, BoardModel::B7i76e);
+    suite(0..HALF, field_router, BoardModel::B7i76e);
+}
+
+#[test]
+fn it_does_the_rest_by_smart_serial() {
+    suite(HALF..CASES.len(), field_router, BoardModel::B7i76e);
 }
 
 #[test]

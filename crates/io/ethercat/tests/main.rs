@@ -1,0 +1,17 @@
+//! The tests of the bridge to EtherCAT drives, in one executable.
+
+mod support;
+
+mod bridge;
+mod campaign;
+mod clocks;
+mod drives;
+mod dump;
+mod esi;
+mod faults;
+mod gantry;
+mod index;
+mod network_files;
+mod round_trips;
+mod scan;
+mod signals;
