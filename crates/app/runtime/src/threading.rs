@@ -229,7 +229,7 @@ fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
             needed,
             permitted,
         } => {
-            let letter = AxisLetter::ALL.get(axis).map_or('?', |axis| axis.letter());
+            let letter = AxisLetter::letter_of(axis);
             (
                 format!(
                     "at {:.0} rpm the pitch needs {:.0} mm/min of {letter} (5 % of reserve included), which may do {:.0} mm/min",

@@ -59,6 +59,17 @@ impl AxisLetter {
         b"XYZABCUVW"[self as usize] as char
     }
 
+    /// The letter of the axis with this index, or `?` if there is none: for messages about what others sent.
+    ///
+    /// ```
+    /// assert_eq!(evolvent_path::AxisLetter::letter_of(4), 'B');
+    /// assert_eq!(evolvent_path::AxisLetter::letter_of(9), '?');
+    /// ```
+    #[must_use]
+    pub fn letter_of(index: usize) -> char {
+        Self::ALL.get(index).map_or('?', |axis| axis.letter())
+    }
+
     /// The axis with this letter in either case, or `None`.
     ///
     /// ```

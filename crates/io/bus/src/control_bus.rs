@@ -14,7 +14,7 @@ use crate::domain::{
 };
 use crate::error::{BusError, ReceiveError};
 use crate::name::Channel;
-use evolvent_wire::{ControlAnswer, ControlRequest, Payload};
+use evolvent_wire::{ControlAnswer, ControlRequest};
 
 type ServerPort = Server<Ipc, ControlRequest, (), ControlAnswer, ()>;
 type Active = ActiveRequest<Ipc, ControlRequest, (), ControlAnswer, ()>;
@@ -52,7 +52,6 @@ impl ControlCall {
 pub struct ControlServer {
     server: ServerPort,
     _service: ControlService,
-    foreign: u64,
     _domain: Domain,
 }
 
@@ -94,7 +93,6 @@ impl ControlServer {
         Ok(Self {
             server,
             _service: service,
-            foreign: 0,
             _domain: domain,
         })
     }
@@ -115,34 +113,7 @@ impl ControlServer {
         })?;
         let Some(active) = request else { return Ok(None) };
         let request = *active.payload();
-        if !request.is_compatible() {
-            self.foreign += 1;
-        }
         Ok(Some(ControlCall { request, active }))
-    }
-
-    /// Answers the oldest waiting request with the result of `judge`; `false` if there is none. `judge` also
-    /// receives requests of another version, which it has to reject. A client that has ended meanwhile misses
-    /// its answer.
-    ///
-    /// # Errors
-    /// The connection is damaged.
-    pub fn serve(
-        &mut self,
-        judge: impl FnOnce(&ControlRequest) -> ControlAnswer,
-    ) -> Result<bool, ReceiveError> {
-        let Some(call) = self.receive()? else {
-            return Ok(false);
-        };
-        let answer = judge(call.request());
-        call.answer(answer);
-        Ok(true)
-    }
-
-    /// Number of requests with another version or size than this build.
-    #[must_use]
-    pub const fn foreign_requests(&self) -> u64 {
-        self.foreign
     }
 }
 

@@ -1,13 +1,7 @@
 //! Faults of drives or bridge, with their alarm numbers.
 
+use evolvent_path::AxisLetter;
 use thiserror::Error;
-
-/// Letters in the order of the axes.
-const LETTERS: [char; 9] = ['X', 'Y', 'Z', 'A', 'B', 'C', 'U', 'V', 'W'];
-
-fn letter(axis: usize) -> char {
-    LETTERS.get(axis).copied().unwrap_or('?')
-}
 
 /// What to do about an error code of a drive.
 const fn fault_advice(error_code: u32) -> &'static str {
@@ -66,7 +60,7 @@ pub enum DriveAlarm {
     #[error(
         "axis {} was moved by {commanded:.3} and its feedback stayed at {position:.3} to the last bit: \
          check its encoder",
-        letter(*axis)
+        AxisLetter::letter_of(*axis)
     )]
     FrozenAxis {
         /// The axis.
@@ -77,13 +71,13 @@ pub enum DriveAlarm {
         position: f64,
     },
     /// A value is not a number.
-    #[error("the feedback of axis {} is not a number: check its encoder and the bridge", letter(*axis))]
+    #[error("the feedback of axis {} is not a number: check its encoder and the bridge", AxisLetter::letter_of(*axis))]
     NotFinite {
         /// The axis.
         axis: usize,
     },
     /// The bridge sends no values for an axis of the machine.
-    #[error("the bridge sends no values for axis {}: configure it for the machine's axes", letter(*axis))]
+    #[error("the bridge sends no values for axis {}: configure it for the machine's axes", AxisLetter::letter_of(*axis))]
     AxisMissing {
         /// The axis.
         axis: usize,
@@ -91,7 +85,7 @@ pub enum DriveAlarm {
     /// A drive is in fault.
     #[error(
         "the drive of axis {} is in fault (status word {status_word:#06x}, error code {error_code:#06x}): {}",
-        letter(*axis),
+        AxisLetter::letter_of(*axis),
         fault_advice(*error_code)
     )]
     DriveFault {
@@ -106,7 +100,7 @@ pub enum DriveAlarm {
     #[error(
         "the drive of axis {} has switched itself off (status word {status_word:#06x}): check its enable \
          input and its supply",
-        letter(*axis)
+        AxisLetter::letter_of(*axis)
     )]
     DriveOff {
         /// The axis.
@@ -119,7 +113,7 @@ pub enum DriveAlarm {
         "the drive of axis {} was not ready within {:.0} ms (status word {status_word:#06x}): check supply, \
          safety \
          circuit and bridge",
-        letter(*axis), ms(*waited_ns)
+        AxisLetter::letter_of(*axis), ms(*waited_ns)
     )]
     NotEnabled {
         /// The axis.
@@ -134,7 +128,7 @@ pub enum DriveAlarm {
         "the feedback of axis {} jumped by {step:.3} in {:.2} ms, {bound:.3} are possible: check encoder \
          and cable, and \
          home again",
-        letter(*axis), ms(*interval_ns)
+        AxisLetter::letter_of(*axis), ms(*interval_ns)
     )]
     Jump {
         /// The axis.
@@ -150,7 +144,7 @@ pub enum DriveAlarm {
     #[error(
         "axis {} is {error:.3} off its setpoint, {bound:.3} is permitted at {velocity:.1} per second: check \
          for a blocked axis or a weak drive, or permit more (following_error_* in the machine file)",
-        letter(*axis)
+        AxisLetter::letter_of(*axis)
     )]
     FollowingError {
         /// The axis.
@@ -165,7 +159,7 @@ pub enum DriveAlarm {
     /// The axis has run onto a limit switch.
     #[error(
         "axis {} has run onto its {} limit switch: jog it off the other way",
-        letter(*axis), if *positive { "positive" } else { "negative" }
+        AxisLetter::letter_of(*axis), if *positive { "positive" } else { "negative" }
     )]
     LimitSwitch {
         /// The axis.
@@ -216,7 +210,7 @@ pub enum DriveAlarm {
         "the feedback's {field}{} is {value:.6e}, at most {bound:.6e} is possible: check encoder and \
          bridge, nothing of \
          this message was used",
-        axis.map(|axis| format!(" of axis {}", letter(axis))).unwrap_or_default()
+        axis.map(|axis| format!(" of axis {}", AxisLetter::letter_of(axis))).unwrap_or_default()
     )]
     Unbelievable {
         /// Its name on the bus.

@@ -223,7 +223,7 @@ impl Hardware for RunSettings {
                 ),
             },
             Notice::DriveFault { axis, code } => {
-                let letter = letter(axis);
+                let letter = AxisLetter::letter_of(axis);
                 let mut devices = self.network.devices.iter();
                 let device = devices.find(|device| device.axis.is_some_and(|listed| listed.axis == axis));
                 let vendor = device.map_or(0, |device| device.vendor);
@@ -232,22 +232,22 @@ impl Hardware for RunSettings {
                     fault_text_of(vendor, code)
                 )
             }
-            Notice::Gantry { axis, fault } => format!("gantry of {}: {fault}", letter(axis)),
+            Notice::Gantry { axis, fault } => format!("gantry of {}: {fault}", AxisLetter::letter_of(axis)),
             Notice::Squared { axis, by } => format!(
                 "gantry of {}: homed by both switches; the second drive was {by:.3} from where it is on a square \
                  beam, and is moved there",
-                letter(axis)
+                AxisLetter::letter_of(axis)
             ),
             Notice::Homed { axis, found: true } => {
                 format!(
                     "drive of {}: machine zero found; when all have, switch power off and on",
-                    letter(axis)
+                    AxisLetter::letter_of(axis)
                 )
             }
             Notice::Homed { axis, found: false } => format!(
                 "drive of {}: homing failed: all drives stop; check its switch, method and timeout_s, then \
                  switch power off and on",
-                letter(axis)
+                AxisLetter::letter_of(axis)
             ),
             Notice::Emergency {
                 device,
@@ -319,11 +319,4 @@ impl RunSettings {
             duration: self.duration,
         }
     }
-}
-
-fn letter(axis: usize) -> char {
-    AxisLetter::ALL
-        .iter()
-        .find(|letter| letter.index() == axis)
-        .map_or('?', |letter| letter.letter())
 }

@@ -135,11 +135,11 @@ impl Hardware for RunSettings {
                 ),
             },
             Notice::Operational => format!("board at {}: set up", self.board.address),
-            Notice::Gantry { axis, fault } => format!("gantry of {}: {fault}", letter(axis)),
+            Notice::Gantry { axis, fault } => format!("gantry of {}: {fault}", AxisLetter::letter_of(axis)),
             Notice::Squared { axis, by } => format!(
                 "gantry of {}: homed by both switches; the second drive was {by:.3} from where it is on a square \
                  beam, and is moved there",
-                letter(axis)
+                AxisLetter::letter_of(axis)
             ),
             Notice::DriveFault {
                 axis,
@@ -153,7 +153,7 @@ impl Hardware for RunSettings {
                     _ => "fault",
                 };
                 let second = if is_second { ", second drive" } else { "" };
-                format!("{}{second}: {code:04X}h: {what}", letter(axis))
+                format!("{}{second}: {code:04X}h: {what}", AxisLetter::letter_of(axis))
             }
         }
     }
@@ -168,11 +168,4 @@ impl RunSettings {
             duration: self.duration,
         }
     }
-}
-
-fn letter(axis: usize) -> char {
-    AxisLetter::ALL
-        .iter()
-        .find(|letter| letter.index() == axis)
-        .map_or('?', |letter| letter.letter())
 }

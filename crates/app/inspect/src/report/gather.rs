@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use evolvent_motion::flags;
 use evolvent_path::AxisLetter;
 use evolvent_trace::{CycleRecord, EventKind, EventRecord, inputs};
 
@@ -23,7 +24,6 @@ const MAX_SPANS: usize = 20_000;
 const MAX_EVENTS: usize = 5000;
 /// Maximum number of jobs of a served machine that are distinguished.
 const MAX_JOBS: usize = 2000;
-const FLAG_RAPID: u32 = evolvent_motion::flags::RAPID;
 /// Text of the recorded command.
 const EMERGENCY_STOP: &str = "emergency stop";
 /// Bars of a histogram per power of ten of nanoseconds.
@@ -356,8 +356,8 @@ impl Gathered {
         }
         self.counts.last_sequence = record.sequence;
         self.counts.cycles += 1;
-        self.counts.late += u64::from(record.flags & 1 != 0);
-        self.counts.starved += u64::from(record.flags & 32 != 0);
+        self.counts.late += u64::from(record.flags & flags::LATE != 0);
+        self.counts.starved += u64::from(record.flags & flags::STARVED != 0);
         curves.push(record, axes);
         while self
             .travels
@@ -372,7 +372,7 @@ impl Gathered {
         self.times.cycle(record);
         self.note_job(record);
         self.line_runs.push(record.sequence, record.line);
-        let is_rapid = record.flags & FLAG_RAPID != 0 || record.inputs & inputs::STEERS != 0;
+        let is_rapid = record.flags & flags::RAPID != 0 || record.inputs & inputs::STEERS != 0;
         if !is_rapid {
             self.fastest_cut_mm_s = self.fastest_cut_mm_s.max(record.feed_mm_s);
         }

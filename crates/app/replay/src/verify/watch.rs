@@ -10,10 +10,10 @@ use evolvent_verifier::{Allowances, Judge, Kind, Verdict};
 use super::Verified;
 use evolvent_inspect::LimitCheck;
 use evolvent_inspect::TravelFrom;
+use evolvent_motion::flags;
 
 /// What a feed may have: on the way down from a rapid a period lies on both sides of the joint.
 const FEED: f64 = 1.002;
-const FLAG_STARVED: u32 = 32;
 pub(super) const STATE_DONE: u8 = 9;
 
 /// Independent checks of what was recorded.
@@ -79,7 +79,7 @@ impl<'a> Watch<'a> {
         }
         self.most_override = self.most_override.max(record.override_);
         self.last_state = record.state;
-        if record.flags & FLAG_STARVED != 0 {
+        if record.flags & flags::STARVED != 0 {
             self.first_starved.get_or_insert(record.sequence);
         }
         if record.inputs & (bits::WAITED | bits::REFUSED) != 0 && record.feed_mm_s > 0.0 {
