@@ -31,6 +31,8 @@ use std::time::{Duration, Instant};
 /// suspended for ten periods of 2 ms brakes by itself.
 const PAUSE: Duration = Duration::from_millis(15);
 const ATTEMPTS: u32 = 5;
+/// On a host that is never quiet for so long each attempt fails, and nothing is lost by giving up.
+const QUIET_ATTEMPTS: u32 = 3;
 
 thread_local! {
     static TOLD_NS: Cell<u64> = const { Cell::new(0) };
@@ -47,19 +49,19 @@ pub fn tell_pause(pause_ns: u64) {
 /// # Panics
 /// As the trial does.
 pub fn unless_disturbed<T>(trial: impl Fn() -> T) -> T {
-    match play(PAUSE, trial) {
+    match play(PAUSE, ATTEMPTS, trial) {
         Played::Passed(result) => result,
         Played::Failed(panic) | Played::Disturbed(panic) => resume_unwind(panic),
     }
 }
 
-/// As [`unless_disturbed`], for what holds only while the host lets each cycle run in time: no pause may be longer than `pause`. `None`,
+/// As [`unless_disturbed`] with at most three attempts, for what holds only while the host lets each cycle run in time: no pause may be longer than `pause`. `None`,
 /// after printing "not measured", if every attempt failed while the host was busy.
 ///
 /// # Panics
 /// As the trial does, where the host let it run.
 pub fn where_undisturbed<T>(pause: Duration, trial: impl Fn() -> T) -> Option<T> {
-    match play(pause, trial) {
+    match play(pause, QUIET_ATTEMPTS, trial) {
         Played::Passed(result) => Some(result),
         Played::Failed(panic) => resume_unwind(panic),
         Played::Disturbed(_) => {
@@ -77,7 +79,7 @@ enum Played<T> {
     Disturbed(Box<dyn Any + Send>),
 }
 
-fn play<T>(longest: Duration, trial: impl Fn() -> T) -> Played<T> {
+fn play<T>(longest: Duration, attempts: u32, trial: impl Fn() -> T) -> Played<T> {
     let mut attempt = 1;
     loop {
         TOLD_NS.with(|told| told.set(0));
@@ -90,7 +92,7 @@ fn play<T>(longest: Duration, trial: impl Fn() -> T) -> Played<T> {
         if pause < longest {
             return Played::Failed(panic);
         }
-        if attempt == ATTEMPTS {
+        if attempt == attempts {
             return Played::Disturbed(panic);
         }
         println!("attempt {attempt} was kept from running for {pause:?}: once more");

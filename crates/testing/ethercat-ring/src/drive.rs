@@ -261,9 +261,10 @@ impl Drive {
             self.stride = (0.0, 0);
             self.integral_n_m = 0.0;
         }
+        // Demand and motor of the same instant: with that of the step's end the motor would run a step ahead.
+        self.torque_n_m = self.torque(state);
         self.advance_demand(objects, state);
         self.watch_following(objects, state);
-        self.torque_n_m = self.torque(state);
         let load = self.masses.load;
         self.masses
             .step(&self.settings.mechanics, self.torque_n_m, STEP_S);
