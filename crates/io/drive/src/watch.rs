@@ -206,6 +206,12 @@ impl FeedbackWatch {
         self.settings.bounds.check(now_ns, feedback).is_ok()
     }
 
+    /// Whether a bridge was heard and its samples are older now than they may be. Messages of nonsense do not count.
+    #[must_use]
+    pub fn is_silent(&self, now_ns: u64) -> bool {
+        self.last.is_some() && now_ns.saturating_sub(self.sampled_ns) > self.settings.stale_ns
+    }
+
     /// Bit i set: since the last call the link was lost or axis i was moved faster than it can, so that its
     /// positions may refer to another zero. Axes that their bridge reports as absolute are excluded, unless
     /// they jumped.

@@ -34,7 +34,8 @@ use crate::job::Setup;
 use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
 use crate::periphery_track::PeripheryOrder;
 
-/// By how much later than the cycle's watch the desk finds that drives do not come into operation, ns.
+/// By how much later than the cycle's watch the desk finds that drives do not come into operation, ns: the watch begins when power is
+/// requested, which may be 0.5 s after the command.
 const ENABLE_MARGIN_NS: u64 = 600_000_000;
 
 pub(super) enum Job {
@@ -577,10 +578,15 @@ impl Operator {
                 self.step_homing(&homing_sample(&feedback));
             }
         }
-        // A view from before the order says nothing of the power that was asked for.
+        // A view from before the order does not show what the order does.
         let is_powered = self.view.power == PowerRequest::On && self.view.power_order == self.power_order;
         let are_ready = matches!(self.view.presence, Presence::Operational | Presence::Absent);
+        let wanted_power = self.desk.wants_power();
         self.desk.enable(is_powered && are_ready, now_ns);
+        if wanted_power && !self.desk.wants_power() {
+            // Too late: power does not come by itself afterwards.
+            self.power_order = self.book.order(CycleCommand::Power(PowerRequest::Off));
+        }
         let is_at_rest = matches!(self.view.setpoint.state, State::Held | State::ProgramStop);
         self.program
             .tally

@@ -20,7 +20,7 @@ use evolvent_trace::inputs as recorded;
 use rtrb::{Consumer, Producer};
 
 use notes::CycleNotes;
-use power::PowerReturn;
+use power::PowerOrders;
 
 use super::orders::{ActiveJob, CycleEvent, CycleView, Order};
 use crate::core_loop::{Computed, CycleBegin, CycleEnd, Next, SetpointSource};
@@ -52,7 +52,7 @@ impl ServedCycle {
             drive: DriveRequest::OFF,
             faulted: false,
             power_off_at_rest: false,
-            power_return: PowerReturn::default(),
+            power_orders: PowerOrders::default(),
             keep_until_ns: 0,
             switches_expected: AxisMask::NONE,
             presence: Presence::Absent,
@@ -130,8 +130,8 @@ struct CycleState {
     faulted: bool,
     /// Where it stops the drives lose power.
     power_off_at_rest: bool,
-    /// Power that is wanted, and given once the drives have been without it.
-    power_return: PowerReturn,
+    /// An ON that waits for the drives, and what they were asked before.
+    power_orders: PowerOrders,
     keep_until_ns: u64,
     switches_expected: AxisMask,
     presence: Presence,
@@ -205,7 +205,7 @@ impl SetpointSource for ServedCycle {
         if let Some(feedback) = &feedback {
             parts.rebase_to_drives(now, feedback, taken_ns);
         }
-        parts.return_power(now);
+        parts.carry_out_on(now, taken_ns);
         let mut setpoint = parts.step(now, begin.deadline_ns);
         let of_program = now.plan_setpoint.unwrap_or(setpoint);
         now.last = Some(of_program);
@@ -221,7 +221,8 @@ impl SetpointSource for ServedCycle {
             setpoint.flags |= flags::LAST;
             now.drive.power = PowerRequest::Off;
         }
-        now.power_return.note(now.drive.power, setpoint.sequence);
+        now.power_orders
+            .record_request(now.drive.power, setpoint.sequence);
         now.notes.phase_error_ns = feedback
             .filter(|_| now.presence == Presence::Operational)
             .map(|feedback| feedback.phase_error_ns);
@@ -258,7 +259,7 @@ impl SetpointSource for ServedCycle {
             work_ns: end.work_ns,
             presence: now.presence,
             power: now.drive.power,
-            power_order: now.power_return.order(),
+            power_order: now.power_orders.settled(),
             datum: now.drive.datum,
             late_cycles: end.counts.late_cycles,
             dropped_records: end.counts.dropped_records,

@@ -168,7 +168,7 @@ impl ServedParts {
         self.station.emergency();
         now.drive.power = PowerRequest::QuickStop;
         now.power_off_at_rest = true;
-        now.power_return.cancel();
+        now.power_orders.cancel();
         self.drop_turn(now);
         self.end_excursion(now);
         let work = std::mem::replace(&mut now.work, ActiveJob::None);

@@ -4,45 +4,53 @@
 //! right after OFF would come before either: the bridge would miss the *off* between two of its periods, or take the drive that leaves
 //! operation late for one that has failed.
 
+use evolvent_bus::Feedback;
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_path::AxisMask;
 
 use super::{CycleState, ServedParts};
 
-/// How long *off* lasts at most for drives that stay in operation without power being requested, ns. A drive stops and closes its brake
-/// in less.
+/// How long ON waits at most for the drives, ns: then power is requested, and what hinders it raises its alarm. A brake closes in less
+/// (60 to 250 ms by the data sheets of servo motors).
 const MAX_OFF_NS: u64 = 500_000_000;
 
-/// Power that is wanted and not yet requested.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct PowerReturn {
-    /// Number of the order.
-    wanted: Option<u64>,
-    /// The setpoint since which the drives are requested to be off.
-    off_since: Option<u64>,
-    /// Since when the bridge has replied to it, in periods.
-    replied_periods: u64,
-    /// The last order that has been carried out.
+/// An ON that waits.
+#[derive(Clone, Copy, Debug)]
+struct PendingOn {
     order: u64,
+    /// Periods for which it has waited without power.
+    periods: u64,
 }
 
-impl PowerReturn {
-    /// An emergency: whoever wanted power has to ask again.
+/// ON that waits for the drives, and what they were asked before.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct PowerOrders {
+    pending: Option<PendingOn>,
+    /// The setpoint since which the drives are requested to be off.
+    off_since: Option<u64>,
+    /// The last order that was carried out or refused.
+    settled: u64,
+}
+
+impl PowerOrders {
+    /// After an emergency or a fault power has to be ordered again.
     pub(super) fn cancel(&mut self) {
-        self.wanted = None;
+        if let Some(pending) = self.pending.take() {
+            self.settled = pending.order;
+        }
     }
 
-    /// The last order that has been carried out.
-    pub(super) const fn order(&self) -> u64 {
-        self.order
+    /// The last order that was carried out or refused.
+    pub(super) const fn settled(&self) -> u64 {
+        self.settled
     }
 
-    /// What the drives are requested to do with a setpoint.
-    pub(super) fn note(&mut self, power: PowerRequest, sequence: u64) {
+    /// Remembers what is requested with a setpoint.
+    pub(super) fn record_request(&mut self, power: PowerRequest, sequence: u64) {
         if power == PowerRequest::Off {
             self.off_since.get_or_insert(sequence);
         } else {
-            (self.off_since, self.replied_periods) = (None, 0);
+            self.off_since = None;
         }
     }
 }
@@ -51,46 +59,59 @@ impl ServedParts {
     pub(super) fn request_power(now: &mut CycleState, id: u64, request: PowerRequest) {
         match request {
             PowerRequest::On if now.drive.power != PowerRequest::On || now.power_off_at_rest => {
-                now.power_return.wanted = Some(id);
+                now.power_orders.pending = Some(PendingOn {
+                    order: id,
+                    periods: 0,
+                });
             }
-            PowerRequest::On => now.power_return.order = id,
+            PowerRequest::On => now.power_orders.settled = id,
             PowerRequest::Off | PowerRequest::QuickStop => {
                 now.drive.power = request;
                 now.power_off_at_rest = false;
-                now.power_return.wanted = None;
-                now.power_return.order = id;
+                now.power_orders.pending = None;
+                now.power_orders.settled = id;
             }
         }
     }
 
-    /// Requests power that is wanted, once the bridge has replied to a setpoint without it and no drive has torque.
-    pub(super) fn return_power(&mut self, now: &mut CycleState) {
-        let power = &mut now.power_return;
-        let Some(order) = power.wanted else { return };
+    /// Carries out an ON that waits: once the bridge has replied to a setpoint without power and no drive has torque, and at once where
+    /// no bridge is heard, because waiting would hide its alarm.
+    pub(super) fn carry_out_on(&mut self, now: &mut CycleState, taken_ns: u64) {
+        if now.is_estop || now.faulted {
+            now.power_orders.cancel();
+            return;
+        }
+        let orders = &mut now.power_orders;
+        let Some(pending) = &mut orders.pending else {
+            return;
+        };
         if now.drive.power != PowerRequest::Off {
             return;
         }
-        if let Some(last) = self.watch.last() {
-            if power.off_since.is_none_or(|off_since| last.sequence < off_since) {
-                return;
-            }
-            power.replied_periods += 1;
-            let axes = AxisMask::from_bits(last.axes_mask);
-            let has_torque = axes.axes().any(|axis| {
-                matches!(
-                    DriveState::decode((last.status_word[axis] & 0xFFFF) as u16),
-                    Some(
-                        DriveState::OperationEnabled
-                            | DriveState::QuickStopActive
-                            | DriveState::FaultReactionActive
-                    )
-                )
-            });
-            if has_torque && power.replied_periods * self.period_ns < MAX_OFF_NS {
-                return;
-            }
+        pending.periods += 1;
+        let pending = *pending;
+        let newest = self.station.sequence();
+        let is_answered = |last: &Feedback| {
+            let is_reply =
+                (orders.off_since).is_some_and(|off_since| (off_since..=newest).contains(&last.sequence));
+            is_reply && !has_torque(last)
+        };
+        let is_settled = self.watch.is_silent(taken_ns) || self.watch.last().is_none_or(is_answered);
+        if is_settled || pending.periods * self.period_ns >= MAX_OFF_NS {
+            (orders.pending, orders.settled) = (None, pending.order);
+            now.drive.power = PowerRequest::On;
         }
-        (power.wanted, power.order) = (None, order);
-        now.drive.power = PowerRequest::On;
     }
+}
+
+fn has_torque(feedback: &Feedback) -> bool {
+    let axes = AxisMask::from_bits(feedback.axes_mask);
+    axes.axes().any(|axis| {
+        matches!(
+            DriveState::decode((feedback.status_word[axis] & 0xFFFF) as u16),
+            Some(
+                DriveState::OperationEnabled | DriveState::QuickStopActive | DriveState::FaultReactionActive
+            )
+        )
+    })
 }

@@ -268,102 +268,182 @@ fn a_datum_is_published_at_rest_before_the_next_motion() {
     assert!(last.setpoint.velocity[0] > 1.0, "{:?}", last.setpoint);
 }
 
-/// A bridge replies two setpoints later, and its drive takes three more to leave operation.
-#[test]
-fn power_returns_once_the_drives_have_been_without_it() {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
-    let machine = Machine::load(&file).unwrap();
-    let limits = machine.limits();
-    let period_ns = 1_000_000;
-    let (mut orders, cycle_orders) = RingBuffer::new(64);
-    let (mut to_cycle, feedback) = RingBuffer::new(64);
-    let (parts, _events, mut views) = parts_at_home(limits, period_ns, (cycle_orders, feedback));
-    let mut cycle = ServedCycle::new(ServedParts {
-        watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::one(0))),
-        ..parts
-    });
-    let mut requests: Vec<PowerRequest> = Vec::new();
-    let mut run = |orders: &mut Producer<Order>, given: &[(u64, PowerRequest)], cycles: usize| {
-        for (id, request) in given {
-            let what = CycleCommand::Power(*request);
-            assert!(orders.push(Order { id: *id, what }).is_ok(), "no room");
-        }
-        let first = requests.len();
+/// A served cycle whose bridge replies two setpoints later, with a drive that takes three more to leave operation.
+struct PowerTrial {
+    cycle: ServedCycle,
+    orders: Producer<Order>,
+    to_cycle: Producer<Feedback>,
+    views: Consumer<CycleView>,
+    requests: Vec<PowerRequest>,
+    /// Whether the bridge replies to new setpoints, and whether it sends anything.
+    replies: bool,
+    sends: bool,
+}
+
+impl PowerTrial {
+    fn new() -> Self {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let limits = Machine::load(&file).unwrap().limits();
+        let period_ns = 1_000_000;
+        let (orders, cycle_orders) = RingBuffer::new(64);
+        let (to_cycle, feedback) = RingBuffer::new(64);
+        let (parts, _events, views) = parts_at_home(limits, period_ns, (cycle_orders, feedback));
+        let cycle = ServedCycle::new(ServedParts {
+            watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::one(0))),
+            ..parts
+        });
+        let mut trial = Self {
+            cycle,
+            orders,
+            to_cycle,
+            views,
+            requests: Vec::new(),
+            replies: true,
+            sends: true,
+        };
+        trial.order(0, CycleCommand::LeaveEstop);
+        trial
+    }
+
+    fn order(&mut self, id: u64, what: CycleCommand) {
+        assert!(self.orders.push(Order { id, what }).is_ok(), "no room");
+    }
+
+    fn power(&mut self, id: u64, request: PowerRequest) {
+        self.order(id, CycleCommand::Power(request));
+    }
+
+    fn reply(&self) -> Feedback {
+        let number = self.requests.len();
+        let sequence = if self.replies { number.saturating_sub(2) } else { 0 };
+        // What was requested two setpoints ago is what the drives do another three later.
+        let of = |ago: usize| number.checked_sub(ago).map(|at| self.requests[at]);
+        let is_on = (2..=5).any(|ago| of(ago) == Some(PowerRequest::On));
+        let (state, bridge) = if is_on {
+            (DriveState::OperationEnabled, BridgeState::Following)
+        } else {
+            (DriveState::SwitchedOn, BridgeState::Off)
+        };
+        let mut reply = Feedback {
+            sequence: sequence as u64,
+            time_ns: MonotonicClock::now_ns(),
+            axes_mask: 1,
+            bridge_state: bridge.number(),
+            ..Feedback::default()
+        };
+        reply.status_word[0] = u32::from(state.code());
+        reply
+    }
+
+    /// What these cycles request, and the last order that they have settled.
+    fn run(&mut self, cycles: usize) -> (Vec<PowerRequest>, u64) {
+        let first = self.requests.len();
         for _ in 0..cycles {
-            let number = requests.len() as u64;
-            // What was requested two setpoints ago is what the drives do another three later.
-            let of = |ago: usize| requests.len().checked_sub(ago).map(|at| requests[at]);
-            let is_on = (2..=5).any(|ago| of(ago) == Some(PowerRequest::On));
-            let (state, bridge) = if is_on {
-                (DriveState::OperationEnabled, BridgeState::Following)
-            } else {
-                (DriveState::SwitchedOn, BridgeState::Off)
-            };
-            let mut reply = Feedback {
-                sequence: number.saturating_sub(2),
-                time_ns: MonotonicClock::now_ns(),
-                axes_mask: 1,
-                bridge_state: bridge.number(),
-                ..Feedback::default()
-            };
-            reply.status_word[0] = u32::from(state.code());
-            to_cycle.push(reply).unwrap();
-            let computed = cycle.step(&CycleBegin {
+            if self.sends {
+                let reply = self.reply();
+                self.to_cycle.push(reply).unwrap();
+            }
+            let number = self.requests.len() as u64;
+            let computed = self.cycle.step(&CycleBegin {
                 number,
-                deadline_ns: number * period_ns,
+                deadline_ns: number * 1_000_000,
             });
-            requests.push(computed.drive.power);
+            self.requests.push(computed.drive.power);
             let counts = CycleCounts::default();
-            let _next = cycle.finish(&CycleEnd {
+            let _next = self.cycle.finish(&CycleEnd {
                 setpoint: &computed.setpoint,
                 lateness_ns: 0,
                 work_ns: 0,
                 counts: &counts,
             });
         }
-        let view = std::iter::from_fn(|| views.pop().ok()).last().unwrap();
-        (requests[first..].to_vec(), view.power_order)
-    };
-    let (on, off) = (PowerRequest::On, PowerRequest::Off);
-    assert_eq!(run(&mut orders, &[(1, on)], 20).1, 1);
+        let view = std::iter::from_fn(|| self.views.pop().ok()).last().unwrap();
+        (self.requests[first..].to_vec(), view.power_order)
+    }
+}
+
+const ON: PowerRequest = PowerRequest::On;
+const OFF: PowerRequest = PowerRequest::Off;
+
+#[test]
+fn power_returns_once_the_drives_have_been_without_it() {
+    let mut trial = PowerTrial::new();
+    trial.power(1, ON);
+    assert_eq!(trial.run(20).1, 1);
     // Both orders within one cycle, and ON one cycle after OFF.
-    for (number, given) in [(3, vec![(2, off), (3, on)]), (5, vec![(4, off)])] {
-        let (first, order) = run(&mut orders, &given, 1);
-        assert_eq!(first, [off], "off is sent");
-        assert!(order < number, "power has not been requested yet");
-        let rest = if number == 5 { vec![(5, on)] } else { Vec::new() };
-        let (after, order) = run(&mut orders, &rest, 30);
-        let is_off = after.iter().take_while(|power| **power == off).count();
+    for (off, on, is_later) in [(2, 3, false), (4, 5, true)] {
+        trial.power(off, OFF);
+        if !is_later {
+            trial.power(on, ON);
+        }
+        let (first, order) = trial.run(1);
+        assert_eq!(first, [OFF], "off is sent");
+        assert!(order < on, "power has not been requested yet");
+        if is_later {
+            trial.power(on, ON);
+        }
+        let (after, order) = trial.run(30);
+        let is_off = after.iter().take_while(|power| **power == OFF).count();
         // Two until the reply, three until the drive has left operation, one for the look.
         assert!((5..=7).contains(&is_off), "{is_off}: {after:?}");
-        assert!(after[is_off..].iter().all(|power| *power == on), "{after:?}");
-        assert_eq!(order, number);
+        assert!(after[is_off..].iter().all(|power| *power == ON), "{after:?}");
+        assert_eq!(order, on);
     }
-    // An emergency takes a request back.
-    assert!(
-        orders
-            .push(Order {
-                id: 6,
-                what: CycleCommand::Power(off)
-            })
-            .is_ok()
-    );
-    assert!(
-        orders
-            .push(Order {
-                id: 7,
-                what: CycleCommand::Power(on)
-            })
-            .is_ok()
-    );
-    assert!(
-        orders
-            .push(Order {
-                id: 8,
-                what: CycleCommand::Emergency
-            })
-            .is_ok()
-    );
-    let (after, _) = run(&mut orders, &[], 30);
-    assert!(!after.contains(&on), "{after:?}");
+}
+
+/// A bridge that sends what it last heard of, for ever: its alarm comes from the watch, not from a wait without an end.
+#[test]
+fn power_that_nobody_replies_to_is_requested_in_half_a_second() {
+    let mut trial = PowerTrial::new();
+    trial.power(1, ON);
+    trial.run(20);
+    trial.replies = false;
+    trial.power(2, OFF);
+    trial.power(3, ON);
+    let (after, order) = trial.run(600);
+    assert_eq!(after.iter().take_while(|power| **power == OFF).count(), 499);
+    assert_eq!(order, 3);
+}
+
+/// Waiting for it would hide its alarm.
+#[test]
+fn power_is_requested_at_once_of_a_bridge_that_has_fallen_silent() {
+    let mut trial = PowerTrial::new();
+    trial.power(1, ON);
+    trial.run(20);
+    trial.power(2, OFF);
+    trial.sends = false;
+    trial.run(3);
+    std::thread::sleep(core::time::Duration::from_millis(300));
+    trial.power(3, ON);
+    assert_eq!(trial.run(1), (vec![ON], 3));
+}
+
+/// Also where ON comes in the cycle after it, when nobody else knows of it yet.
+#[test]
+fn an_emergency_or_a_fault_takes_a_waiting_on_back() {
+    let troubles: [fn(&mut PowerTrial); 2] = [
+        |trial| trial.order(9, CycleCommand::Emergency),
+        |trial| trial.cycle.now.faulted = true,
+    ];
+    for trouble in troubles {
+        for is_before in [false, true] {
+            let mut trial = PowerTrial::new();
+            trial.power(1, ON);
+            trial.run(20);
+            trial.power(2, OFF);
+            if is_before {
+                trouble(&mut trial);
+                trial.run(1);
+                trial.power(3, ON);
+            } else {
+                trial.power(3, ON);
+                trial.run(1);
+                trouble(&mut trial);
+            }
+            let (after, order) = trial.run(700);
+            assert!(!after.contains(&ON), "{after:?}");
+            assert_eq!(order, 3, "refused");
+        }
+    }
 }
