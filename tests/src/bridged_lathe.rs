@@ -348,7 +348,10 @@ impl Lathe for ShippedLathe {
             ("name = \"lathe-ethercat\"", own_name.as_str()),
             ("rate = 1000 ", "rate = 1000\n"),
             ("[drives]\n", "[signals]\ninput_timeout_ms = 500\n[drives]\n"),
-            ("feedback = \"required\"", "feedback_timeout_ms = 1000"),
+            (
+                "feedback = \"required\"",
+                "feedback = \"required\"\nfeedback_timeout_ms = 1000",
+            ),
             ("enable_timeout_ms = 30000 ", ""),
         ];
         workshop.write(

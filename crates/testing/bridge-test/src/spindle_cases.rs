@@ -78,7 +78,7 @@ fn judge_at_speed(log: &[(u64, SpindleFeedback)], since: u64, rpm: f64) -> Judge
         demand(near(message.speed_rpm), || {
             format!("at speed at {:.1} rpm of {rpm}", message.speed_rpm)
         })?;
-        while log[past].1.time_ns + SPAN_NS < message.time_ns && past + 1 < i {
+        while log[past].1.time_ns.saturating_add(SPAN_NS) < message.time_ns && past + 1 < i {
             past += 1;
         }
         let from = &log[past].1;
@@ -89,7 +89,7 @@ fn judge_at_speed(log: &[(u64, SpindleFeedback)], since: u64, rpm: f64) -> Judge
                 && is_indexed(other) == is_indexed(message)
         };
         let is_whole = log[past..i].iter().all(|(_, other)| is_alike(other));
-        if is_whole && message.time_ns - from.time_ns > SPAN_NS / 2 {
+        if is_whole && message.time_ns.saturating_sub(from.time_ns) > SPAN_NS / 2 {
             let speed = speed_between(from, message);
             let is_close = (speed - rpm).abs() <= (2.0 * NEAR * rpm.abs()).max(2.0 * STANDING_RPM);
             demand(is_close, || {
@@ -149,7 +149,7 @@ fn judge_steady(log: &[(u64, SpindleFeedback)], rpm: f64) -> Judged {
         format!("speed_rpm is {said:.1}, and the angle goes by {mean:.1} rpm")
     })?;
     let off = |message: &SpindleFeedback| {
-        let seconds = (message.time_ns - first.time_ns) as f64 * 1e-9;
+        let seconds = message.time_ns.saturating_sub(first.time_ns) as f64 * 1e-9;
         (turns(message) - turns(first) - mean / 60.0 * seconds).abs()
     };
     let unsteady = log.iter().filter(|(_, message)| off(message) > STEADY).count();
@@ -193,6 +193,7 @@ pub(crate) fn spindle_angle(stage: &mut Stage<'_>) -> Judged {
 pub(crate) fn spindle_safe(stage: &mut Stage<'_>) -> Judged {
     let mut core = standing(stage)?;
     let (since, log) = turn(&mut core, RPM)?;
+    judge_messages(&log)?;
     judge_at_speed(&log, since, RPM)?;
     let begin_ns = monotonic_ns();
     let mut log = Vec::new();
@@ -206,7 +207,7 @@ pub(crate) fn spindle_safe(stage: &mut Stage<'_>) -> Judged {
         };
         let before = log
             .iter()
-            .rfind(|(_, message)| message.time_ns + 200_000_000 < last.time_ns);
+            .rfind(|(_, message)| message.time_ns.saturating_add(200_000_000) < last.time_ns);
         let stands = |(_, before): &(u64, SpindleFeedback)| {
             last.speed_rpm.abs() <= STANDING_RPM && speed_between(before, &last).abs() <= STANDING_RPM
         };
@@ -220,5 +221,6 @@ pub(crate) fn spindle_safe(stage: &mut Stage<'_>) -> Judged {
     }
     core.until("feedback after the silence", LATEST_S, |_| true)?;
     let (since, log) = turn(&mut core, RPM)?;
+    judge_messages(&log)?;
     judge_at_speed(&log, since, RPM)
 }

@@ -458,7 +458,7 @@ fn verdicts<'a>(plays: &[(Flaw, &'a str)]) -> Vec<(Flaw, &'a str, Result<Outcome
 fn each_broken_bridge_fails_the_case_of_its_rule() {
     let passed: Vec<_> = verdicts(&FLAWS)
         .into_iter()
-        .filter(|(.., found)| *found == Ok(Outcome::Passed))
+        .filter(|(.., found)| matches!(found, Ok(Outcome::Passed | Outcome::LeftOut | Outcome::Stopped)))
         .collect();
     assert!(passed.is_empty(), "not found out: {passed:?}");
 }
@@ -470,7 +470,7 @@ fn the_bridge_without_a_flaw_passes_all_of_these() {
     cases.dedup();
     let failed: Vec<_> = verdicts(&cases)
         .into_iter()
-        .filter(|(.., found)| found.is_err())
+        .filter(|(.., found)| !matches!(found, Ok(Outcome::Passed | Outcome::NotMeasured(_))))
         .collect();
     assert!(failed.is_empty(), "{failed:?}");
 }
