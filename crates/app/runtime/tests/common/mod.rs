@@ -1,4 +1,6 @@
 //! What tests of holds share.
 
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
 #[expect(dead_code, reason = "the example `holds` uses the rest")]
 pub(crate) mod driven;
