@@ -59,10 +59,7 @@ impl DriveMachine {
     /// Whether the power stage gives torque: in operation and while it brakes.
     #[must_use]
     pub const fn has_torque(&self) -> bool {
-        matches!(
-            self.state,
-            DriveState::OperationEnabled | DriveState::QuickStopActive | DriveState::FaultReactionActive
-        )
+        self.state.has_torque()
     }
 
     /// One period: at most one transition.

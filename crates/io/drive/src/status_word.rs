@@ -86,6 +86,15 @@ impl DriveState {
         }
     }
 
+    /// Whether the power stage gives torque: in operation and while it brakes.
+    #[must_use]
+    pub const fn has_torque(self) -> bool {
+        matches!(
+            self,
+            Self::OperationEnabled | Self::QuickStopActive | Self::FaultReactionActive
+        )
+    }
+
     /// Whether the drive is in a fault, or braking because of one.
     #[must_use]
     pub const fn is_fault(self) -> bool {

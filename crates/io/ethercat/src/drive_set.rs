@@ -143,16 +143,7 @@ impl DriveSet {
 
     /// Whether a drive has torque, or may have: one that does not reply is ignored.
     pub(crate) fn has_torque(&self) -> bool {
-        let gives = |axis: &DriveAxis| {
-            matches!(
-                axis.state(),
-                Some(
-                    DriveState::OperationEnabled
-                        | DriveState::QuickStopActive
-                        | DriveState::FaultReactionActive
-                )
-            )
-        };
+        let gives = |axis: &DriveAxis| axis.state().is_some_and(DriveState::has_torque);
         self.axes.iter().any(gives)
     }
 

@@ -100,12 +100,7 @@ impl SpindleDrive {
 
     pub(crate) fn has_torque(&self) -> bool {
         let state = DriveState::decode(self.inputs.status_word).filter(|_| !self.is_lost);
-        matches!(
-            state,
-            Some(
-                DriveState::OperationEnabled | DriveState::QuickStopActive | DriveState::FaultReactionActive
-            )
-        )
+        state.is_some_and(DriveState::has_torque)
     }
 
     /// Takes the inputs of a period, and the time at which the drive had sampled them.

@@ -196,7 +196,7 @@ pub(crate) struct CycleView {
     pub work_ns: u64,
     pub presence: Presence,
     pub power: PowerRequest,
-    /// Number of the last order for power that has been carried out; 0 before the first.
+    /// Number of the last order for power that has been carried out or refused; 0 before the first.
     pub power_order: u64,
     pub datum: u64,
     pub late_cycles: u64,

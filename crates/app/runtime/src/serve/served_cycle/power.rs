@@ -107,11 +107,7 @@ impl ServedParts {
 fn has_torque(feedback: &Feedback) -> bool {
     let axes = AxisMask::from_bits(feedback.axes_mask);
     axes.axes().any(|axis| {
-        matches!(
-            DriveState::decode((feedback.status_word[axis] & 0xFFFF) as u16),
-            Some(
-                DriveState::OperationEnabled | DriveState::QuickStopActive | DriveState::FaultReactionActive
-            )
-        )
+        let status_word = (feedback.status_word[axis] & 0xFFFF) as u16;
+        DriveState::decode(status_word).is_some_and(DriveState::has_torque)
     })
 }
