@@ -57,7 +57,7 @@ pub trait Lathe: Send + Sync {
     fn homed_at(&self) -> Option<[f64; 2]> {
         None
     }
-    /// Z stands at this coordinate: where the drive finds its zero, a moment after the edge of its switch, is its own affair.
+    /// Z stands at this coordinate. A drive finds its zero some moments after the edge of its switch, which no setting states.
     fn stands_at(&self, _z: f64) {}
     /// Arguments of the bridge behind `evolvent bridge`.
     fn bridge(&self, workshop: &Workshop) -> Vec<String>;
@@ -220,6 +220,23 @@ impl RingLathe {
     }
 }
 
+/// How a lathe on a ring is now, with Z by the turns of its motor.
+fn ring_sight(ring: &SharedRing, z_of_turns: impl Fn(f64) -> f64) -> Sight {
+    let mut ring = ring.lock().expect("no panic");
+    let time_ns = monotonic_ns();
+    ring.advance(time_ns);
+    let turns = |device: usize| {
+        let drive = ring.devices()[device].as_drive().expect("a drive");
+        drive.motor_turns()
+    };
+    Sight {
+        packets: ring.frames(),
+        turns: turns(SPINDLE_DRIVE) - IMPULSE,
+        z: z_of_turns(turns(Z_DRIVE)),
+        time_ns,
+    }
+}
+
 impl Lathe for RingLathe {
     fn bridge(&self, workshop: &Workshop) -> Vec<String> {
         let device = |name: &str, product: u32| {
@@ -246,19 +263,7 @@ impl Lathe for RingLathe {
     }
 
     fn look(&self) -> Sight {
-        let mut ring = self.ring.lock().expect("no panic");
-        let time_ns = monotonic_ns();
-        ring.advance(time_ns);
-        let turns = |device: usize| {
-            let drive = ring.devices()[device].as_drive().expect("a drive");
-            drive.motor_turns()
-        };
-        Sight {
-            packets: ring.frames(),
-            turns: turns(SPINDLE_DRIVE) - IMPULSE,
-            z: HOME[1] + turns(Z_DRIVE) * LEAD_MM,
-            time_ns,
-        }
+        ring_sight(&self.ring, |turns| HOME[1] + turns * LEAD_MM)
     }
 
     fn trouble(&self, trouble: Trouble) {
@@ -379,19 +384,8 @@ impl Lathe for ShippedLathe {
     }
 
     fn look(&self) -> Sight {
-        let mut ring = self.ring.lock().expect("no panic");
-        let time_ns = monotonic_ns();
-        ring.advance(time_ns);
-        let turns = |device: usize| {
-            let drive = ring.devices()[device].as_drive().expect("a drive");
-            drive.motor_turns()
-        };
-        Sight {
-            packets: ring.frames(),
-            turns: turns(SPINDLE_DRIVE) - IMPULSE,
-            z: *self.zero.lock().expect("no panic") + turns(Z_DRIVE) * SHIPPED_LEAD_MM,
-            time_ns,
-        }
+        let zero = *self.zero.lock().expect("no panic");
+        ring_sight(&self.ring, |turns| zero + turns * SHIPPED_LEAD_MM)
     }
 
     fn trouble(&self, _trouble: Trouble) {

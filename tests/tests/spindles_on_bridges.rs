@@ -271,10 +271,10 @@ impl ConstantError {
 
     /// The largest error of half the looks, relative to its bound, in one attempt.
     fn add(&self, errors: impl IntoIterator<Item = [f64; 3]>, bound: f64) {
-        let largest = errors
-            .into_iter()
-            .map(|[half, ..]| half / bound)
-            .fold(0.0, f64::max);
+        // An attempt in which nothing was measured proves nothing.
+        let Some(largest) = errors.into_iter().map(|[half, ..]| half / bound).reduce(f64::max) else {
+            return;
+        };
         self.0
             .set(Some(self.0.get().map_or(largest, |least| least.min(largest))));
     }
