@@ -44,7 +44,7 @@ impl TurningController {
         } else {
             0.0
         };
-        if self.places.deep_s <= confirm_s || self.is_load_going() {
+        if self.places.deep_s <= confirm_s || self.is_load_falling() {
             return false;
         }
         // So near to its end the cut is through before its shoulder would be felt again.

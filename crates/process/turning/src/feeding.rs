@@ -288,7 +288,7 @@ impl TurningController {
             }
         };
         self.places.thin_from_mm = Some(from);
-        if here - from <= settings.thin_mm || out <= settings.tolerance_mm || self.is_load_going() {
+        if here - from <= settings.thin_mm || out <= settings.tolerance_mm || self.is_load_falling() {
             return false;
         }
         let leaves = match settings.strategy.on_thin {

@@ -21,8 +21,8 @@ const DEPTH_NOISE: f64 = 0.06;
 const INTERRUPTED_REV: f64 = 3.0;
 /// What the sensor's lag may make of the way of an interruption.
 const INTERRUPTION_NOISE: f64 = 1.3;
-/// Fraction of the mean load of a revolution below which the load is going away.
-const GOING: f64 = 0.5;
+/// Fraction of the mean load of a revolution below which the load is falling to zero.
+const FALLING: f64 = 0.5;
 /// Loads of contact that a chip must make to be missed.
 const CLEAR_LOADS: f64 = 2.0;
 
@@ -95,11 +95,11 @@ impl TurningController {
     }
 
     /// Whether the load is missing, or on its way to zero. The depths of a revolution are no depths of the stock then: the
-    /// mean falls as if the place were thin, and the deepest part stands out of it as if the cut had grown. A pass that
+    /// mean falls as if the place were thin, and the deepest part exceeds it as if the cut had grown. A pass that
     /// ended on them would hide a broken insert until the stock is met again.
-    pub(crate) fn is_load_going(&self) -> bool {
+    pub(crate) fn is_load_falling(&self) -> bool {
         let is_cut = self.felt.contact_mm.is_some();
-        is_cut && (self.loss.air_s > 0.0 || self.view.now < GOING * self.view.mean)
+        is_cut && (self.loss.air_s > 0.0 || self.view.now < FALLING * self.view.mean)
     }
 
     /// Whether the tool advances fast enough for a depth to show in the load.

@@ -24,7 +24,7 @@ fn lose_load(mut sim: Simulation, mut limits: Limits) -> (Option<Reason>, f64, b
         limits.see(&output);
         let cuts = cut.depth_mm > 0.5 && output.along.velocity > 0.0 && reason.is_none();
         turns += f64::from(u8::from(cuts)) * PERIOD_S / turn_s;
-        // What has gone back comes in again, and is told by then.
+        // The tool has been drawn back; it is counted anew from where it comes in again.
         if matches!(output.state, TurningState::Return | TurningState::ReEnter) {
             turns = 0.0;
         }
@@ -136,7 +136,7 @@ fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
 
 #[test]
 fn a_load_lost_just_before_a_cut_is_left_is_a_fault_in_a_turn() {
-    // A mean depth that falls with the load is no thin place, and one part of a revolution that stands out of it is no deeper cut.
+    // A mean depth that falls with the load is no thin place, and a part of a revolution that exceeds it is no deeper cut.
     let stocks = [
         (
             fast(),

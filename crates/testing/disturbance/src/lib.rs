@@ -55,8 +55,8 @@ pub fn unless_disturbed<T>(trial: impl Fn() -> T) -> T {
     }
 }
 
-/// As [`unless_disturbed`] with at most three attempts, for what holds only while the host lets each cycle run in time: no pause may be longer than `pause`. `None`,
-/// after printing "not measured", if every attempt failed while the host was busy.
+/// As [`unless_disturbed`] with at most three attempts, for what holds only while the host lets each cycle run in time: no pause may be
+/// longer than `pause`. `None`, after printing "not measured", if every attempt failed while the host was busy.
 ///
 /// # Panics
 /// As the trial does, where the host let it run.
