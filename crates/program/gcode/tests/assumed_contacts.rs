@@ -140,6 +140,11 @@ fn an_end_after_an_exit_that_depends_on_the_result_is_a_warning() {
         // A loop is left, or the rest of its body.
         "o9 repeat [2]\no1 if [#5070 EQ 0]\no9 break\no1 endif\nM2\no9 endrepeat\n",
         "o9 repeat [2]\no1 if [#5070 EQ 0]\no9 continue\no1 endif\nM2\no9 endrepeat\n",
+        // What a loop passes over to go on might leave the subroutine.
+        "o<s> sub\n#1=0\no9 while [#1 LT 2]\n#1=[#1+1]\no1 if [#5070 EQ 1]\no9 continue\no1 endif\no<s> return\no9 endwhile\nM2\no<s> endsub\no<s> call\n",
+        "o<s> sub\no9 repeat [2]\no1 if [#5070 EQ 1]\no9 continue\no1 endif\no<s> return\no9 endrepeat\nM2\no<s> endsub\no<s> call\n",
+        // A value that only another result sets.
+        "o100 sub\no1 if [#5070 EQ 0]\nm 99 P#<none>\no1 endif\nM2\no100 endsub\nM98 P100\n",
         "o<s> sub\no9 do\no1 if [#5070 EQ 1]\no9 break\no1 endif\no<s> return\no9 while [1]\nM2\no<s> endsub\no<s> call\n",
     ] {
         let (errors, warnings) = found(&format!("{PROBE}{test}G0 Z1\nG77\nM2\nG78\n"));

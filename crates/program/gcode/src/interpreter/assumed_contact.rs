@@ -82,11 +82,15 @@ impl<R: BufRead> Interpreter<R> {
             line: self.current.number,
         };
         let block = &mut self.current.block;
-        parse(&self.current.text, block, &scope).is_ok()
-            && block
-                .words
-                .iter()
-                .any(|word| word.letter == b'M' && word.value == 99.0)
+        if parse(&self.current.text, block, &scope).is_err() {
+            // A value on the line may exist with another result only.
+            let code = self.current.text.split(|byte| matches!(byte, b'(' | b';')).next();
+            return code.is_some_and(|code| without_spaces(code).windows(3).any(|word| word == b"M99"));
+        }
+        block
+            .words
+            .iter()
+            .any(|word| word.letter == b'M' && word.value == 99.0)
     }
 
     /// After a condition: what it opens depends on the result if it has read it.
@@ -223,6 +227,14 @@ impl<R: BufRead> Interpreter<R> {
     pub(super) fn warn_of_assumed(&mut self, diagnostic: &Diagnostic) {
         self.warn(format!("no contact is known: {}", diagnostic.message));
     }
+}
+
+/// As words are compared: in capitals.
+fn without_spaces(code: &[u8]) -> Vec<u8> {
+    code.iter()
+        .filter(|byte| !byte.is_ascii_whitespace())
+        .map(u8::to_ascii_uppercase)
+        .collect()
 }
 
 /// The positions and offsets that an executed line leaves unknown.

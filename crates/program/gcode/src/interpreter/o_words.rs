@@ -100,8 +100,8 @@ pub(crate) enum Skip {
     Branch(NameId),
     /// The end of a finished loop, and the line with which the loop begins.
     End(NameId, Keyword, u32),
-    /// The `while` at the end of a `do`.
-    Test(NameId),
+    /// The end of a loop that goes on: its `endwhile`, `endrepeat` or, of a `do`, `while`, which is executed.
+    Next(NameId, Keyword),
 }
 
 /// A subroutine whose lines are being collected.
@@ -349,15 +349,14 @@ impl<R: BufRead> Interpreter<R> {
         self.skip(Skip::End(name, end, self.current.number), assumed);
     }
 
-    /// Starts the next repetition of a repeat, or ends it; the present line is after or in its body.
-    fn repeat(&mut self, name: NameId, start: usize, left: f64) -> bool {
+    /// Starts the next repetition of a repeat, or ends it; the present line is the end of its body.
+    fn repeat(&mut self, name: NameId, start: usize, left: f64) {
         self.frame().open.pop();
         if left > 1.0 {
             let left = left - 1.0;
             self.frame().open.push(Open::Repeat { name, start, left });
             self.jump(start);
         }
-        left > 1.0
     }
 
     fn leave_loop(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
@@ -372,34 +371,17 @@ impl<R: BufRead> Interpreter<R> {
         let found = open[place];
         let line = self.line_of(found);
         self.frame().open.truncate(place + 1);
-        let stop = word.keyword == Keyword::Break;
+        let end = match found {
+            Open::While { .. } => Keyword::EndWhile,
+            Open::Repeat { .. } => Keyword::EndRepeat,
+            Open::Do { .. } | Open::If { .. } => Keyword::While,
+        };
         let assumed = self.calls_in_branch().is_some();
-        match found {
-            Open::While { start, .. } => {
-                self.frame().open.pop();
-                if stop {
-                    self.skip(Skip::End(name, Keyword::EndWhile, line), assumed);
-                } else {
-                    self.jump(start);
-                }
-            }
-            Open::Repeat { start, left, .. } => {
-                if stop {
-                    self.frame().open.pop();
-                    self.skip(Skip::End(name, Keyword::EndRepeat, line), assumed);
-                } else if !self.repeat(name, start, left) {
-                    self.skip(Skip::End(name, Keyword::EndRepeat, line), assumed);
-                }
-            }
-            Open::Do { .. } => {
-                if stop {
-                    self.frame().open.pop();
-                    self.skip(Skip::End(name, Keyword::While, line), assumed);
-                } else {
-                    self.skip(Skip::Test(name), assumed);
-                }
-            }
-            Open::If { .. } => {}
+        if word.keyword == Keyword::Break {
+            self.frame().open.pop();
+            self.skip(Skip::End(name, end, line), assumed);
+        } else {
+            self.skip(Skip::Next(name, end), assumed);
         }
         Ok(())
     }
@@ -438,9 +420,9 @@ impl<R: BufRead> Interpreter<R> {
                 }
             }
             Skip::End(waited, end, _) if waited == name && word.keyword == end => self.flow.skip = None,
-            Skip::Test(waited) if waited == name && word.keyword == Keyword::While => {
+            Skip::Next(waited, end) if waited == name && word.keyword == end => {
                 self.flow.skip = None;
-                return self.while_(word, name);
+                return self.execute_o_word(word);
             }
             _ => {}
         }
