@@ -317,6 +317,18 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
         Err((Code::UnexpectedCharacter, 2))
     );
     assert!(refused("G0 X1\nX3\n", 1).is_ok());
+    // A contact that nobody knows: in the program, and in a subroutine.
+    let probing = "G0 Z10\nG38.2 Z-40 F100\nG10 L20 P1 Z0\nG0 Z10\n";
+    assert_eq!(
+        refused(&format!("{probing}G0 X1\nM2\n"), 5),
+        Err((Code::RestartRefused, 2))
+    );
+    let program = format!("o1 sub\n{probing}o1 endsub\no1 call\nG0 X1\nM2\n");
+    assert_eq!(
+        refused(&program, 8).map_err(|(code, _)| code),
+        Err(Code::RestartRefused)
+    );
+    assert!(refused(&format!("{probing}G0 X1\nM2\n"), 2).is_ok());
     // Loops before the line that never end, with and without something to do.
     for body in ["G0 X1\nG0 X0\n", "#1=[#1+1]\n"] {
         let program = format!("O1 while [1]\n{body}O1 endwhile\nG0 X5\n");

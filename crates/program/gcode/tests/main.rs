@@ -16,6 +16,7 @@ mod probing_cycles;
 mod programs;
 mod random;
 mod reference;
+mod saved_modes;
 mod spindles;
 mod surface_speed;
 mod tool_change;

@@ -110,6 +110,7 @@ pub(crate) fn simulate_modes(
             restored: Restored::default(),
             offsets: StartOffsets {
                 work: std::array::from_fn(|index| kept.work_offset(index)),
+                active: kept.active_offset(),
                 ..settings.offsets
             },
             ..settings

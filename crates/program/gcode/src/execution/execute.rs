@@ -116,7 +116,7 @@ impl Executor<'_> {
         if let Some(motion) = line.motion_code() {
             self.state.motion = motion;
         }
-        if self.state.sticky.running.is_some() && self.state.sticky.running != Some(self.state.motion) {
+        if !matches!(self.state.motion, Motion::Cycle(_)) {
             self.state.sticky.running = None;
         }
         let mut called = self.called()?;
@@ -195,9 +195,12 @@ impl Executor<'_> {
         self.out(Action::ProgramEnd);
     }
 
-    /// M2: spindle and coolant off, then the end.
+    /// M2: spindle and coolant off, back to G54, then the end.
     pub(crate) fn end(&mut self) {
         self.leave_compensation();
+        if self.state.modes.work_index != 0 {
+            self.select_work(0);
+        }
         let modes = &mut self.state.modes;
         let cooling = modes.mist || modes.flood;
         (modes.mist, modes.flood) = (false, false);
@@ -222,6 +225,12 @@ impl Executor<'_> {
         }
         self.state.ended = true;
         self.out(Action::ProgramEnd);
+    }
+
+    fn select_work(&mut self, index: usize) {
+        self.state.modes.work_index = index;
+        self.parameters.set_numbered(WORK_OFFSET, (index + 1) as f64);
+        self.state.load_work(self.parameters);
     }
 
     fn set_feed(&mut self, feed: f64) -> Result<(), Fault> {
@@ -317,9 +326,7 @@ impl Executor<'_> {
                 )
                 .help("write G40 first"));
             }
-            self.state.modes.work_index = index;
-            self.parameters.set_numbered(WORK_OFFSET, (index + 1) as f64);
-            self.state.load_work(self.parameters);
+            self.select_work(index);
         }
         let unit = self.state.unit_mm();
         let modes = &mut self.state.modes;
@@ -346,40 +353,6 @@ impl Executor<'_> {
             modes.retract_to_old = old;
         }
         Ok(())
-    }
-
-    /// Restores saved modes, and outputs what has changed.
-    pub(crate) fn restore(&mut self, mut saved: crate::state::machine_state::Modes) {
-        let before = self.state.modes;
-        // As in LinuxCNC only spindle 0 is saved.
-        saved.spindles[1..].copy_from_slice(&before.spindles[1..]);
-        saved.active_spindle = before.active_spindle;
-        // No spindle is turned to an angle again.
-        saved.spindles[0].orientation = before.spindles[0].orientation;
-        self.state.modes = saved;
-        if saved.work_index != before.work_index {
-            self.parameters
-                .set_numbered(WORK_OFFSET, (saved.work_index + 1) as f64);
-            self.state.load_work(self.parameters);
-        }
-        let (now, was) = (&saved.spindles[0], &before.spindles[0]);
-        if (now.direction, now.speed) != (was.direction, was.speed) {
-            self.spindle(0);
-        }
-        if (saved.mist, saved.flood) != (before.mist, before.flood) {
-            self.coolant();
-        }
-        let switches = |modes: &crate::state::machine_state::Modes| {
-            (
-                modes.feed_override,
-                modes.spindle_override,
-                modes.adaptive,
-                modes.feed_stop,
-            )
-        };
-        if switches(&saved) != switches(&before) {
-            self.put_overrides(None);
-        }
     }
 
     /// Executes the motion of the line.

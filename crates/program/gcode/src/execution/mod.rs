@@ -8,6 +8,7 @@ pub(crate) mod execute;
 pub(crate) mod hole;
 pub(crate) mod offset_path;
 pub(crate) mod offsets;
+pub(crate) mod saved_modes;
 pub(crate) mod spline;
 pub(crate) mod straight;
 pub(crate) mod unlimited;

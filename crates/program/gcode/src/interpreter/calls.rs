@@ -96,12 +96,12 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// M99: returns to the caller. False in the program itself.
-    pub(crate) fn return_number(&mut self) -> bool {
+    pub(crate) fn return_number(&mut self) -> Result<bool, Fault> {
         if self.flow.frames.len() == 1 {
-            return false;
+            return Ok(false);
         }
-        self.return_from(None);
-        true
+        self.return_from(None)?;
+        Ok(true)
     }
 
     pub(crate) fn enter(
@@ -157,29 +157,32 @@ impl<R: BufRead> Interpreter<R> {
         Ok(())
     }
 
-    pub(crate) fn return_from(&mut self, value: Option<f64>) {
+    /// Leaves a subroutine, or begins its next repetition. It is left even where its modes cannot be restored.
+    pub(crate) fn return_from(&mut self, value: Option<f64>) -> Result<(), Fault> {
         if self.frame().again > 0 {
             let frame = self.frame();
             frame.again -= 1;
             frame.at = frame.first;
             frame.open.clear();
             frame.exit_from = None;
-            return;
+            return Ok(());
         }
         let Some(frame) = self.flow.frames.pop() else {
-            return;
+            return Ok(());
         };
         self.flow.has_moved = true;
         if frame.own_parameters {
             self.parameters.leave();
             self.parameters.returned = value;
         }
-        if let Some((modes, true)) = frame.saved {
-            self.restore(modes);
-        }
+        let restored = match frame.saved {
+            Some((saved, true)) => self.restore_saved(saved),
+            _ => Ok(()),
+        };
         if let Some(change) = frame.change {
             self.resumed = Some(Resumed::Changed(change));
         }
+        restored
     }
 
     /// Searches a subroutine in files, then further on in the program.

@@ -6,12 +6,15 @@ use evolvent_path::{AXES, Axes, MAX_COORDINATE};
 
 use crate::codes::modal_groups::MCode;
 use crate::diagnostics::diagnostic::{Fault, Span};
-use crate::execution::execute::Request;
+use crate::execution::execute::{Executor, Request};
+use crate::execution::saved_modes::SavedModes;
 use crate::interpreter::Interpreter;
 use crate::parameters::names::Normal;
 use crate::parameters::values::{DEBUG, INPUT_RESULT, PROBE_TRIPPED, PROBED};
+use crate::state::machine_state::Modes;
 use crate::syntax::comment::{self, Remark};
 use crate::syntax::expression::Target;
+use crate::syntax::statement::Statement;
 use crate::{Action, Code, Command, LogAction};
 
 impl<R: BufRead> Interpreter<R> {
@@ -52,13 +55,13 @@ impl<R: BufRead> Interpreter<R> {
             Request::Profile(call) => self.begin_profile(call),
             Request::ToolChange(call, span) => self.call_tool_change_subroutine(&call, span),
             Request::Return => {
-                if !self.return_number() {
+                if !self.return_number()? {
                     self.end();
                 }
                 Ok(())
             }
             Request::Modes(code) => {
-                let modes = self.state.modes;
+                let modes = SavedModes::new(&self.state, self.tools.as_ref());
                 let Some(frame) = self.flow.frames.last_mut() else {
                     return Ok(());
                 };
@@ -76,12 +79,34 @@ impl<R: BufRead> Interpreter<R> {
                             )
                             .help("write M70 before"));
                         };
-                        self.restore(saved);
+                        self.restore_saved(saved)?;
                     }
                 }
                 Ok(())
             }
         }
+    }
+
+    /// Restores the modes of a line that a tool change has divided.
+    pub(crate) fn restore(&mut self, modes: Modes) {
+        self.with_executor(|executor| executor.restore(modes));
+    }
+
+    /// M72, and the end of a subroutine after M73.
+    pub(crate) fn restore_saved(&mut self, saved: SavedModes) -> Result<(), Fault> {
+        let place = Span::new(0, self.current.text.len());
+        self.with_executor(|executor| executor.restore_saved(saved, place))
+    }
+
+    /// Changes the state outside of a line.
+    fn with_executor<T>(&mut self, change: impl FnOnce(&mut Executor<'_>) -> T) -> T {
+        let mut state = self.state;
+        let statement = Statement::default();
+        let number = self.shown_line();
+        let result = change(&mut self.executor(&statement, &mut state, number));
+        self.parameters.commit();
+        self.state = state;
+        result
     }
 
     /// Writes the parameters that the line sets.

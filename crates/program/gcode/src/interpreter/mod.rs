@@ -37,7 +37,7 @@ use crate::interpreter::output::Output;
 use crate::interpreter::surface_feed::SurfaceFeed;
 use crate::interpreter::tool_change::Resumed;
 use crate::parameters::values::Parameters;
-use crate::state::machine_state::{Modes, State};
+use crate::state::machine_state::State;
 use crate::state::scope::Scope;
 use crate::syntax::parser::{first_character, is_block_delete, is_percent, parse};
 use crate::syntax::reader::LineReader;
@@ -226,8 +226,9 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// Executes a line and discards its commands.
-    pub(crate) fn step_silently(&mut self) -> Result<(), Box<Diagnostic>> {
+    /// Executes a line and discards its commands. The line number of a probing move among them, whose result is unknown.
+    pub(crate) fn step_silently(&mut self) -> Result<Option<u32>, Box<Diagnostic>> {
+        let mut probed = None;
         self.advance()?;
         if self.state.cutter.held.is_none() && self.capture.is_none() {
             for command in self.output.pending.drain(..) {
@@ -250,13 +251,14 @@ impl<R: BufRead> Interpreter<R> {
                         };
                         self.outputs_left.insert((true, index), action);
                     }
+                    Action::Probe { .. } => probed = Some(command.line),
                     _ => {}
                 }
             }
             self.output.watch.skip();
             self.output.lines_without_command = 0;
         }
-        Ok(())
+        Ok(probed)
     }
 
     pub(crate) fn scope(&self) -> Scope<'_> {
@@ -290,16 +292,6 @@ impl<R: BufRead> Interpreter<R> {
             passes_end: false,
             number,
         }
-    }
-
-    /// Restores saved modes at the end of a subroutine.
-    pub(crate) fn restore(&mut self, modes: Modes) {
-        let mut state = self.state;
-        let statement = Statement::default();
-        let number = self.shown_line();
-        self.executor(&statement, &mut state, number).restore(modes);
-        self.parameters.commit();
-        self.state = state;
     }
 
     /// The line number for commands: of the program, not of another file.
@@ -507,8 +499,8 @@ impl<R: BufRead> Interpreter<R> {
                 .map(|fault| self.locate(fault));
             self.flow.skip = None;
             self.flow.definition = None;
-            self.return_from(None);
-            return fault.map_or(Ok(()), Err);
+            let returned = self.return_from(None).map_err(|fault| self.locate(fault));
+            return fault.map_or(returned, Err);
         }
         let fault = open.map(|fault| self.locate(fault));
         self.flow.skip = None;
@@ -671,6 +663,7 @@ impl<R: BufRead> Interpreter<R> {
         } else {
             executor.end();
         }
+        self.parameters.commit();
         self.state = state;
         self.finished = true;
     }

@@ -7,10 +7,10 @@ use std::io::BufRead;
 use std::sync::Arc as Shared;
 
 use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::execution::saved_modes::SavedModes;
 use crate::interpreter::Interpreter;
 use crate::interpreter::tool_change::DividedLine;
 use crate::parameters::names::NameId;
-use crate::state::machine_state::Modes;
 use crate::syntax::block::{Keyword, OWord};
 use crate::syntax::expression::Evaluator;
 use crate::syntax::lexer::Lexer;
@@ -39,7 +39,7 @@ pub(crate) struct Frame {
     /// Whether it has its own parameters.
     pub(crate) own_parameters: bool,
     /// The modes saved by M70 or M73, and whether they are restored automatically.
-    pub(crate) saved: Option<(Modes, bool)>,
+    pub(crate) saved: Option<(SavedModes, bool)>,
     /// The line with M6 for which it changes the tool.
     pub(crate) change: Option<Box<DividedLine>>,
 }
@@ -191,7 +191,7 @@ impl<R: BufRead> Interpreter<R> {
                     return Err(order(word, "is outside of any subroutine"));
                 }
                 let value = self.optional_value(word)?;
-                self.return_from(value);
+                self.return_from(value)?;
             }
             Keyword::Call => self.call(word, name)?,
             Keyword::If => self.if_(word, name)?,
@@ -260,8 +260,7 @@ impl<R: BufRead> Interpreter<R> {
             return Err(self.wrong_end_of_active(word));
         }
         let value = self.optional_value(word)?;
-        self.return_from(value);
-        Ok(())
+        self.return_from(value)
     }
 
     fn if_(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {

@@ -149,8 +149,8 @@ impl<R: BufRead> Interpreter<R> {
         let name = self.frame().name;
         let (text, line) = (self.name_of(name), self.line_of_sub());
         let (fault, ends_here) = self.wrong_end(word, name, &text, line);
-        if ends_here {
-            self.return_from(None);
+        if ends_here && let Err(unrestored) = self.return_from(None) {
+            return unrestored;
         }
         fault
     }
@@ -217,8 +217,10 @@ impl<R: BufRead> Interpreter<R> {
             return nested(word, &text, line);
         }
         self.refuse_sub(outer);
-        self.return_from(None);
-        unended(word, &text, line)
+        match self.return_from(None) {
+            Ok(()) => unended(word, &text, line),
+            Err(unrestored) => unrestored,
+        }
     }
 
     fn refuse_sub(&mut self, name: NameId) {

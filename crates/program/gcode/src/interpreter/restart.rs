@@ -135,7 +135,8 @@ impl<R: BufRead> Interpreter<R> {
     ///
     /// # Errors
     /// The first error of the lines before; [`Code::TooManySteps`] if they loop without end; [`Code::RestartRefused`] if the program
-    /// ends before the line, or the line is inside cutter compensation or a NURBS.
+    /// ends before the line, the line is inside cutter compensation or a NURBS, or a probing move comes before it: offsets and
+    /// positions may depend on a contact that nobody knows.
     pub fn start_at(&mut self, line: u32) -> Result<Restart, Box<Diagnostic>> {
         let tool = self.state().tool;
         let mut executed = 0_u64;
@@ -150,7 +151,10 @@ impl<R: BufRead> Interpreter<R> {
             {
                 return Err(Box::new(self.inside_subroutine(line, definition)));
             }
-            self.step_silently()?;
+            let probed = self.step_silently()?;
+            if let Some(probing) = probed.filter(|_| !self.settings.is_block) {
+                return Err(Box::new(self.depends_on_contact(line, probing)));
+            }
             if self.is_finished() {
                 return Err(Box::new(self.after_the_end(line)));
             }
@@ -228,6 +232,21 @@ impl<R: BufRead> Interpreter<R> {
         .help(format!(
             "choose the line that calls it, O<{name}> call, or a line of the program outside of it"
         ))
+        .locate(self.current.number, &self.current.text)
+    }
+
+    fn depends_on_contact(&self, line: u32, probing: u32) -> Diagnostic {
+        let message = format!(
+            "line {line} comes after the probing move of line {probing}, whose contact sets what follows and is not known"
+        );
+        Fault::new(
+            Code::RestartRefused,
+            Span::new(0, self.current.text.len()),
+            message,
+        )
+        .help(
+            "start at the probing move or before it; or set the offsets by MDI and run a copy of the program without the probing",
+        )
         .locate(self.current.number, &self.current.text)
     }
 

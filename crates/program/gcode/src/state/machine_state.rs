@@ -220,8 +220,10 @@ pub(crate) struct CycleModal {
     pub(crate) depth: Option<f64>,
     pub(crate) q: Option<f64>,
     pub(crate) p: Option<f64>,
-    /// Position of the tool before the first line of the cycle.
+    /// Height of the tool before the first line of this and other cycles without another motion between them.
     pub(crate) old: f64,
+    /// Index of the axis of the holes.
+    pub(crate) along: usize,
     /// The active cycle.
     pub(crate) running: Option<Motion>,
 }

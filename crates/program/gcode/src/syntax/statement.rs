@@ -482,7 +482,12 @@ impl Statement {
             }
             return Ok(());
         }
-        let round = self.present & (CENTRE_BITS | bit(b'R')) != 0;
+        // R of M19 is its angle.
+        let radius = match self.m(Group::Spindle) {
+            Some(MCode::SpindleOrient) => 0,
+            _ => bit(b'R'),
+        };
+        let round = self.present & (CENTRE_BITS | radius) != 0;
         let wanted = self.has_axes() || modal.is_round() && round && self.once().is_none();
         let motion = code
             .or(wanted.then_some(modal))
@@ -495,6 +500,23 @@ impl Statement {
                 message,
             )
             .help("write G4 P1.5 for 1.5 seconds"));
+        }
+        if let Some(
+            once @ (NonModal::SetHome(_)
+            | NonModal::ClearOffset
+            | NonModal::SuspendOffset
+            | NonModal::RestoreOffset),
+        ) = self.once()
+            && self.has_axes()
+            && code.is_none()
+        {
+            let message = format!(
+                "{} takes no axis words: they would be a move in the active mode",
+                once.name()
+            );
+            let place = self.first_span(self.present & AXIS_BITS);
+            return Err(Fault::new(Code::UnusedWord, place, message)
+                .help("write the move on a line of its own, with its code"));
         }
         if motion.is_none() && self.has_axes() {
             let message = "axis words, but no motion mode is active";
@@ -643,13 +665,6 @@ impl Statement {
                     return Err(negative(char::from(letter), value, self.span(letter)));
                 }
             }
-        }
-        if let Some(NonModal::SetHome(_)) = self.once()
-            && self.has_axes()
-            && self.motion_code().is_none()
-        {
-            // LinuxCNC uses the axis words for a motion in the active mode, which is rarely intended.
-            return Ok(());
         }
         Ok(())
     }

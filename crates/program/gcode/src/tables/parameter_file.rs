@@ -349,13 +349,33 @@ mod tests {
         let text = kept.to_text();
         let mut kept = KeptParameters::parse(&text).unwrap();
         // G55 rotated by 90 degrees: X1 of the work is one beyond Y20 of the machine.
-        let end = end_of(&run("G0 X1 Y0 Z0\nM2\n", &mut kept));
+        let end = end_of(&run("G55 G0 X1 Y0 Z0\nM2\n", &mut kept));
         assert!(
             (end[0] - 10.0).abs() < 1e-12 && (end[1] - 21.0).abs() < 1e-12,
             "{end}"
         );
         assert_eq!(end[2], -5.0);
         assert_eq!(kept.to_text(), text, "a run that writes nothing keeps everything");
+    }
+
+    #[test]
+    fn the_next_program_begins_in_g54() {
+        for end in ["M2\n", "M30\n", ""] {
+            let mut kept = KeptParameters::default();
+            run(&format!("G10 L2 P2 X50\nG55 G0 X1\n{end}"), &mut kept);
+            assert_eq!((kept.active_offset(), kept.work_offset(1)[0]), (0, 50.0));
+            assert_eq!(end_of(&run("G0 X1\nM2\n", &mut kept))[0], 1.0);
+        }
+        // Without an end, as after a block of MDI, it stays.
+        let mut kept = KeptParameters::default();
+        let settings = Settings {
+            is_block: true,
+            ..Settings::default()
+        };
+        let mut block = Interpreter::new("G55\n".as_bytes(), settings);
+        while block.next().is_some() {}
+        kept.update(&block);
+        assert_eq!(kept.active_offset(), 1);
     }
 
     #[test]

@@ -72,9 +72,13 @@ impl Executor<'_> {
         }
         self.check_feed(name)?;
         let here = self.state.program_of(self.state.position);
-        if self.state.sticky.running != Some(motion) {
+        let before = self.state.sticky;
+        if before.running != Some(motion) {
+            // The next cycle of a series keeps the height from which the series began.
+            let goes_on = before.running.is_some() && before.along == along;
             self.state.sticky = crate::state::machine_state::CycleModal {
-                old: here[along],
+                old: if goes_on { before.old } else { here[along] },
+                along,
                 running: Some(motion),
                 ..crate::state::machine_state::CycleModal::default()
             };
@@ -128,8 +132,10 @@ impl Executor<'_> {
                     };
                 }
             }
-            // Sideways at the present height, but not below R.
-            at[along] = at[along].max(hole.r);
+            // Sideways at the present height; at R or below it, at the height to which the cycle retracts.
+            if at[along] <= hole.r {
+                at[along] = hole.clear;
+            }
             self.rapid_to(at, &hole)?;
             at[along] = hole.r;
             self.rapid_to(at, &hole)?;
@@ -352,8 +358,9 @@ impl Executor<'_> {
                     optional: false,
                     pallet: false,
                 });
+                // Resuming needs the axes back at the bottom, so it is this cycle that retracts.
+                to(self, hole.clear, rapid)?;
                 self.turn_spindle(turning);
-                // The operator has retracted the tool.
                 return Ok(());
             }
             Cycle::Tap | Cycle::TapLeft

@@ -1,0 +1,122 @@
+//! The modes that M70 and M73 save and that M72 and the end of the subroutine restore.
+
+use evolvent_path::Axes;
+
+use crate::codes::modal_groups::Compensation;
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::execution::execute::Executor;
+use crate::parameters::values::WORK_OFFSET;
+use crate::state::machine_state::{Modes, State};
+use crate::{Code, ToolTable};
+
+/// The modes of a line, with tool length and cutter compensation.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SavedModes {
+    modes: Modes,
+    length: SavedLength,
+    compensation: Compensation,
+}
+
+/// The tool length that is in force.
+#[derive(Clone, Copy, Debug)]
+enum SavedLength {
+    /// G49.
+    Off,
+    /// That of the tool in the spindle by the tool table, whatever tool that is.
+    OfTool,
+    /// Another one, for this tool.
+    Of { tool: u32, offset: Axes },
+}
+
+impl SavedModes {
+    /// What M70 saves.
+    pub(crate) fn new(state: &State, tools: Option<&ToolTable>) -> Self {
+        let State {
+            tool, tool_offset, ..
+        } = *state;
+        let length = if tool_offset == Axes::zeros() {
+            SavedLength::Off
+        } else if tool_offset == length_of(tool, tools) {
+            SavedLength::OfTool
+        } else {
+            SavedLength::Of {
+                tool,
+                offset: tool_offset,
+            }
+        };
+        Self {
+            modes: state.modes,
+            length,
+            compensation: state.cutter.code,
+        }
+    }
+}
+
+/// The offset of a tool in the tool table, as G43 applies it.
+fn length_of(tool: u32, tools: Option<&ToolTable>) -> Axes {
+    let tool = tools.and_then(|tools| tools.get(tool));
+    tool.map_or(Axes::zeros(), |tool| tool.offset)
+}
+
+impl Executor<'_> {
+    /// Restores all that M70 has saved.
+    ///
+    /// As in LinuxCNC, a length that is in force is not replaced by another one: a subroutine may choose the length of its tool.
+    pub(crate) fn restore_saved(&mut self, saved: SavedModes, place: Span) -> Result<(), Fault> {
+        let is_on = self.state.cutter.is_on();
+        match saved.compensation {
+            Compensation::Off if is_on => self.leave_compensation(),
+            Compensation::Off => {}
+            _ if is_on => {}
+            _ => {
+                let message = "cutter compensation was on when the modes were saved, and G40 came since";
+                return Err(Fault::new(Code::CompensationActive, place, message)
+                    .help("it begins with a lead-in: write G40 before the call, and G41 or G42 after it"));
+            }
+        }
+        let is_applied = self.state.tool_offset != Axes::zeros();
+        let present = self.state.tool;
+        self.state.tool_offset = match saved.length {
+            SavedLength::Off => Axes::zeros(),
+            _ if is_applied => self.state.tool_offset,
+            SavedLength::Of { tool, offset } if tool == present => offset,
+            SavedLength::OfTool | SavedLength::Of { .. } => length_of(present, self.tools.as_ref()),
+        };
+        self.restore(saved.modes);
+        Ok(())
+    }
+
+    /// Restores saved modes, and outputs what has changed.
+    pub(crate) fn restore(&mut self, mut saved: Modes) {
+        let before = self.state.modes;
+        // As in LinuxCNC only spindle 0 is saved.
+        saved.spindles[1..].copy_from_slice(&before.spindles[1..]);
+        saved.active_spindle = before.active_spindle;
+        // No spindle is turned to an angle again.
+        saved.spindles[0].orientation = before.spindles[0].orientation;
+        self.state.modes = saved;
+        if saved.work_index != before.work_index {
+            self.parameters
+                .set_numbered(WORK_OFFSET, (saved.work_index + 1) as f64);
+            self.state.load_work(self.parameters);
+        }
+        let (now, was) = (&saved.spindles[0], &before.spindles[0]);
+        if (now.direction, now.speed) != (was.direction, was.speed) {
+            self.spindle(0);
+        }
+        if (saved.mist, saved.flood) != (before.mist, before.flood) {
+            self.coolant();
+        }
+        let switches = |modes: &Modes| {
+            (
+                modes.feed_override,
+                modes.spindle_override,
+                modes.adaptive,
+                modes.feed_stop,
+            )
+        };
+        if switches(&saved) != switches(&before) {
+            self.put_overrides(None);
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! M70, M72 and M73 with tool lengths and cutter compensation.
+
+use evolvent_gcode::{Action, Code, Interpreter, Settings, ToolTable};
+
+const TOOLS: &str = "T1 Z10 D6\nT2 Z20 D8\n";
+
+/// Z of the last move in machine coordinates, and the code and the line of the first error.
+fn last(program: &str) -> (f64, Option<(Code, u32)>) {
+    let settings = Settings {
+        tools: ToolTable::parse(TOOLS).ok(),
+        ..Settings::default()
+    };
+    let (mut z, mut error) = (f64::NAN, None);
+    for command in Interpreter::new(program.as_bytes(), settings) {
+        match command {
+            Ok(command) => {
+                if let Action::Move(step) = command.action {
+                    z = step.curve.end()[2];
+                }
+            }
+            Err(fault) => {
+                error.get_or_insert((fault.code, fault.line));
+            }
+        }
+    }
+    (z, error)
+}
+
+#[test]
+fn a_subroutine_that_cancels_the_length_gives_it_back() {
+    for (before, within, z) in [
+        ("G43", "G49", 11.0),
+        ("G43 H2", "G49", 21.0),
+        ("G43.1 Z7", "G49", 8.0),
+        ("G49", "G43", 1.0),
+        ("G49", "G43.1 Z7", 1.0),
+        // As in LinuxCNC, one length does not replace another.
+        ("G43", "G43 H2", 21.0),
+        // A length that was measured meanwhile.
+        ("G43", "G49\nG10 L1 P1 Z15", 16.0),
+        // Of the tool that came meanwhile.
+        ("G43", "G49\nT2 M6", 21.0),
+        ("G43.1 Z7", "G49\nT2 M6", 21.0),
+    ] {
+        let program = format!("T1 M6\no1 sub\nM73\n{within}\no1 endsub\n{before}\no1 call\nG0 Z1\nM2\n");
+        assert_eq!(last(&program), (z, None), "{before}, {within}");
+        let program = format!("T1 M6\n{before}\nM70\n{within}\nM72\nG0 Z1\nM2\n");
+        assert_eq!(last(&program), (z, None), "{before}, {within}");
+    }
+}
+
+#[test]
+fn compensation_that_was_on_is_not_switched_on_again() {
+    let contour = "G21 F100\nG41.1 D2\nG1 X10\n";
+    let program = format!("o1 sub\nM73\nG40\no1 endsub\n{contour}o1 call\nG1 X20\nM2\n");
+    assert_eq!(last(&program).1, Some((Code::CompensationActive, 4)));
+    let program = format!("{contour}M70\nG40\nG1 X12 Y5\nM72\nG1 X20\nM2\n");
+    assert_eq!(last(&program).1, Some((Code::CompensationActive, 7)));
+    // It goes on where it was not cancelled.
+    let program = format!("{contour}M70\nG1 X12\nM72\nG1 X20\nG40\nM2\n");
+    assert_eq!(last(&program).1, None);
+}
