@@ -626,3 +626,35 @@ fn outputs_and_path_modes_have_their_place_in_a_compensated_contour() {
         assert_eq!(left.path_mode == right.path_mode, index < before, "move {index}");
     }
 }
+
+#[test]
+fn the_tool_leaves_a_contour_straight_up_after_g40() {
+    let contour = "G21 G90 F100\nG0 X-20 Y0 Z5\nG0 Z-5\nG41.1 D10\nG1 X0 Y0\nG1 Y50\nG40\n";
+    for up in [
+        "G0 Z50",
+        "G53 G0 Z50",
+        "G91 G0 Z55\nG90",
+        "G1 Z0\nG0 Z50",
+        "G28 Z50",
+    ] {
+        let steps = moves(&format!("{contour}{up}\nG0 Y60\nG0 X1\nM2\n"));
+        let ends: Vec<_> = steps.iter().map(|step| step.curve.end()).collect();
+        let at = |index: usize| [ends[index][0], ends[index][1]];
+        assert_eq!(at(3), [-5.0, 50.0]);
+        for up in 4..ends.len() - 2 {
+            assert_eq!(at(up), [-5.0, 50.0], "{ends:?}");
+        }
+        // The next move in the plane leads to the programmed path, of both axes.
+        assert_eq!(at(ends.len() - 2), [0.0, 60.0]);
+        assert_eq!(at(ends.len() - 1), [1.0, 60.0]);
+    }
+    assert_eq!(
+        fault(&format!("{contour}G38.2 Z-9\nM2\n")),
+        (Code::CompensationActive, 8)
+    );
+    assert!(run(&format!("{contour}G0 Z50\nG0 X0\nG38.2 Z-9\nM2\n")).is_ok());
+    // In the time that the programmed way takes: 5 mm up in a tenth of a minute.
+    let steps = moves(&format!("{contour}G93 G1 Z0 F10\nM2\n"));
+    let last = steps.last().map_or(f64::NAN, |step| step.feed_mm_s);
+    assert!((last - 50.0 / 60.0).abs() < 1e-9, "{last}");
+}

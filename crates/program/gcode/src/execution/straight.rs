@@ -56,10 +56,42 @@ impl Executor<'_> {
         if !state.modes.incremental && state.unlimited.contains(&true) {
             self.unwrap_angles(&from, &mut target)?;
         }
+        if self.pending_cancel().is_some() {
+            for index in state.plane_axes() {
+                target[index] = state.position[index];
+            }
+        }
         for axis in AxisLetter::ALL {
             check_coordinate(target[axis.index()], axis, line)?;
         }
         Ok(target)
+    }
+
+    /// The programmed position to which the next move in the plane leads after G40, if this line names no axis of the plane. It
+    /// moves the other axes alone: a tool that is raised after G40 stays beside the contour.
+    fn pending_cancel(&self) -> Option<Axes> {
+        let (state, line) = (&*self.state, self.line);
+        let programmed = state.cutter.programmed.filter(|_| !state.cutter.is_on())?;
+        let is_level = line.has_polar() || state.plane_axes().iter().any(|index| line.axis(*index).is_some());
+        (!is_level).then_some(programmed)
+    }
+
+    /// Moves that leave a pending position in the plane as it is.
+    fn without_cancel(&mut self, moves: impl FnOnce(&mut Self) -> Result<(), Fault>) -> Result<(), Fault> {
+        let Some(mut pending) = self.pending_cancel() else {
+            return moves(self);
+        };
+        let plane = self.state.plane_axes();
+        self.state.cutter.programmed = Some(self.state.position);
+        moves(self)?;
+        for axis in AxisLetter::ALL {
+            let index = axis.index();
+            if !plane.contains(&index) {
+                pending[index] = self.state.position[index];
+            }
+        }
+        self.state.cutter.programmed = Some(pending);
+        Ok(())
     }
 
     /// `@` is the distance from the program zero, `^` the angle from X in degrees.
@@ -132,7 +164,7 @@ impl Executor<'_> {
         if self.state.cutter.is_on() {
             return self.compensated_line(target, kind);
         }
-        self.put_line(target, kind)
+        self.without_cancel(|this| this.put_line(target, kind))
     }
 
     /// A straight move from the present position.
@@ -314,6 +346,13 @@ impl Executor<'_> {
     /// G28, G30: via the point of the axis words to the stored position. Without axis words all axes move there, else only those
     /// named.
     pub(crate) fn home(&mut self, first: usize) -> Result<(), Fault> {
+        if !self.line.has_axes() {
+            return self.go_home(first);
+        }
+        self.without_cancel(|this| this.go_home(first))
+    }
+
+    fn go_home(&mut self, first: usize) -> Result<(), Fault> {
         let line = self.line;
         let stored = self.parameters.axes(first);
         let mut place = stored;
@@ -450,6 +489,11 @@ impl Executor<'_> {
             return Err(
                 Fault::new(Code::CompensationActive, line.motion_span(), message).help("write G40 first")
             );
+        }
+        if self.pending_cancel().is_some() {
+            let message = "G38 right after G40, which the next move in the plane completes";
+            return Err(Fault::new(Code::CompensationActive, line.motion_span(), message)
+                .help("write a straight move in the plane between them"));
         }
         self.check_feed("G38")?;
         let target = self.target()?;

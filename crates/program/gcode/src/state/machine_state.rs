@@ -481,6 +481,19 @@ impl State {
     }
 
     /// The reference of a program's words: the programmed point, not the centre of a compensated tool.
+    /// Indices of the axes of the plane.
+    pub(crate) fn plane_axes(&self) -> [usize; 2] {
+        match self.modes.plane {
+            PlaneCode::Main(plane) => {
+                let (first, second, _) = plane.axes();
+                [first, second]
+            }
+            PlaneCode::Secondary(Plane::Xy) => [6, 7],
+            PlaneCode::Secondary(Plane::Zx) => [6, 8],
+            PlaneCode::Secondary(Plane::Yz) => [7, 8],
+        }
+    }
+
     pub(crate) fn programmed(&self) -> Axes {
         self.cutter.programmed.unwrap_or(self.position)
     }
