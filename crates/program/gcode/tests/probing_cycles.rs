@@ -145,11 +145,13 @@ fn probing_cycles_work_in_all_units_and_modes() {
         let start = [corner[0] - signs[0] * 10.0, corner[1] - signs[1] * 10.0, 0.0];
         let (code, unit) = either(&mut random, ("G21", 1.0), ("G20", 25.4));
         let way = either(&mut random, "G90", "G91");
+        // Ways and results are radii, also in G7.
+        let radius = either(&mut random, "G7", "G8");
         let zero = [0, 1].map(|_| random.between(-20.0, 20.0));
         let words = [signs[0] * 20.0, signs[1] * 20.0, tip, 200.0, 30.0, 1.0]
             .map(|word| format!("[{}]", word / unit));
         let program = format!(
-            "G21 G10 L2 P2 X{} Y{}\nG55\n{code} {way} F7\no<probe_corner> call {}\n(PRINT,%.6f#<_probe_x> %.6f#<_probe_y>)\nM2\n",
+            "G21 G10 L2 P2 X{} Y{}\nG55\n{code} {way} {radius} F7\no<probe_corner> call {}\n(PRINT,%.6f#<_probe_x> %.6f#<_probe_y>)\nM2\n",
             zero[0],
             zero[1],
             words.join(" ")

@@ -223,6 +223,31 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
                 "write the circles: G3 I.. with the radius, or G13.2, which mills a hole",
             ),
             (
+                9.0,
+                "G9, an exact stop for one line, is not a code of this dialect",
+                "write G61.1 before the line and G64 after it",
+            ),
+            (
+                27.0,
+                "G27, the check of the reference position, is not a code of this dialect",
+                "delete the line; the core knows whether an axis is homed",
+            ),
+            (
+                29.0,
+                "G29, the return from the reference position, is not a code of this dialect",
+                "write the moves back: G0 X.. Y.., then G0 Z..",
+            ),
+            (
+                44.0,
+                "G44, a length that is subtracted, is not a code of this dialect",
+                "write G43, with the length as a negative number in the tool table",
+            ),
+            (
+                154.0,
+                "G154 is not a code of this dialect: there are nine work offsets",
+                "write G54 to G59, G59.1, G59.2 or G59.3",
+            ),
+            (
                 68.2,
                 "tilted planes (G68.2) are not available",
                 "write the program for the axes of the machine",
@@ -251,6 +276,9 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
             "M29, rigid tapping, is not a code of this dialect",
             "delete it: G84 and G74 follow a spindle with feedback anyway; G33.1 Z.. K.. taps with the lead K",
         ));
+    }
+    if let Some(better) = machine_code(block, fault).or_else(|| unused_p(block, fault)) {
+        return Some(better);
     }
     if let Some(better) = spindle_by_p(block, fault) {
         return Some(better);
@@ -417,6 +445,81 @@ fn of_arc(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
         }
         _ => None,
     }
+}
+
+/// M codes of other dialects.
+fn machine_code(block: &Block, fault: &Fault) -> Option<Fault> {
+    if fault.code != Code::UnknownM {
+        return None;
+    }
+    let as_user = "give it a number from 100 to 199 in user_codes of the machine file, and write that";
+    [
+        (
+            10.0..=11.0,
+            "a clamp (M10, M11) is a command of the machine in other dialects",
+            as_user,
+        ),
+        (
+            13.0..=13.0,
+            "M13, spindle and coolant, is not a code of this dialect",
+            "write M3 M8",
+        ),
+        (
+            14.0..=14.0,
+            "M14, spindle and coolant, is not a code of this dialect",
+            "write M4 M8",
+        ),
+        (
+            17.0..=17.0,
+            "M17, the end of a subroutine, is not a code of this dialect",
+            "write O100 endsub, or M99 in a file that M98 calls",
+        ),
+        (
+            40.0..=45.0,
+            "a gear (M40 to M45) is a command of the machine in other dialects",
+            as_user,
+        ),
+    ]
+    .into_iter()
+    .find_map(|(numbers, message, help)| {
+        let mut words = block.words.iter();
+        let word = words.find(|word| word.letter == b'M' && numbers.contains(&word.value))?;
+        Some(Fault::new(fault.code, word.span, message).help(help))
+    })
+}
+
+/// A P that chooses something in other dialects.
+fn unused_p(block: &Block, fault: &Fault) -> Option<Fault> {
+    let p = value(block, b'P').filter(|_| fault.code == Code::UnusedWord)?;
+    let g = |number: f64| span_of(block, b'G', number).is_some();
+    if span_of(block, b'M', 99.0).is_some() {
+        return Some(again(
+            fault,
+            "M99 P, a return to another line, is not part of this dialect",
+            "write the lines that it jumps to as a subroutine, and decide with O1 if [..] ... O1 endif",
+        ));
+    }
+    if g(30.0) || g(28.0) {
+        return Some(again(
+            fault,
+            "P of G28 and G30 chooses a reference position in other dialects; here each has one",
+            "delete P; G28.1 and G30.1 store the present position",
+        ));
+    }
+    if g(8.0) {
+        return Some(again(
+            fault,
+            "G8 P, look-ahead, is G64 in this dialect, and always on",
+            "delete the line; G8 is the radius of a lathe here",
+        ));
+    }
+    (54..=59).any(|number| g(f64::from(number))).then(|| {
+        again(
+            fault,
+            format!("G54 P{p} chooses a further work offset in other dialects; here there are nine"),
+            "write G54 to G59, G59.1, G59.2 or G59.3",
+        )
+    })
 }
 
 /// M3, M4 or M5 with P for the spindle.
