@@ -5,6 +5,7 @@ mod bad_input;
 mod contours;
 mod curves;
 mod cutters;
+mod dialect_values;
 mod dialects;
 mod fanuc_threads;
 mod flow;

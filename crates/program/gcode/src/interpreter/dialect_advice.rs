@@ -28,6 +28,12 @@ impl<R: BufRead> Interpreter<R> {
         Ok(())
     }
 
+    pub(super) fn warn_of_foreign_reads(&mut self) {
+        if let Some(text) = self.parameters.foreign_reads.take() {
+            self.warn(text);
+        }
+    }
+
     pub(super) fn warn_of_assignments(&mut self) {
         let block = &self.current.block;
         if let Some(text) = misread::assignment(&block.assignments, !block.comments.is_empty()) {

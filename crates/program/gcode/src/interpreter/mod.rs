@@ -546,6 +546,7 @@ impl<R: BufRead> Interpreter<R> {
             *executed += 1;
         }
         if self.flow()? {
+            self.warn_of_foreign_reads();
             return Ok(());
         }
         let scope = Scope {
@@ -555,6 +556,7 @@ impl<R: BufRead> Interpreter<R> {
             line: self.current.number,
         };
         parse(&self.current.text, &mut self.current.block, &scope)?;
+        self.warn_of_foreign_reads();
         let profile = self.capture.is_some();
         if profile {
             self.take_corner()?;

@@ -6,6 +6,7 @@
 use evolvent_path::{AXES, Axes};
 
 use crate::parameters::assumption::Assumption;
+use crate::parameters::foreign_reads::ForeignReads;
 use crate::parameters::names::{NameId, NameKind, Names, Normal};
 
 /// The largest parameter number plus one.
@@ -73,6 +74,7 @@ pub(crate) struct Parameters {
     pub(crate) returned: Option<f64>,
     /// What depends on assumed contacts; none before the first.
     pub(crate) assumption: Option<Box<Assumption>>,
+    pub(crate) foreign_reads: ForeignReads,
 }
 
 impl Parameters {
@@ -87,6 +89,7 @@ impl Parameters {
             undo: Vec::new(),
             returned: None,
             assumption: None,
+            foreign_reads: ForeignReads::default(),
         }
     }
 

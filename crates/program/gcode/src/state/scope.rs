@@ -25,7 +25,11 @@ impl Scope<'_> {
         if (POSITION..=POSITION + 8).contains(&index) {
             return self.state.program_position(index - POSITION);
         }
-        self.parameters.numbered(index)
+        let value = self.parameters.numbered(index);
+        if value == 0.0 {
+            self.parameters.foreign_reads.read(index);
+        }
+        value
     }
 
     /// A named parameter; `None` if not set.

@@ -17,6 +17,9 @@ const CHIP_MM: f64 = 0.254;
 /// Maximum number of holes of one line.
 pub(super) const MAX_REPEATS: u32 = 100_000;
 
+/// From this Q on a peck that is deeper than its hole is probably in micrometres, as other dialects write it.
+const LONG_PECK: f64 = 100.0;
+
 /// Maximum number of pecks of one hole.
 const MAX_PECKS: f64 = 100_000.0;
 
@@ -99,6 +102,9 @@ impl Executor<'_> {
             let message = format!("L{repeats}: a cycle is repeated 1 to {MAX_REPEATS} times");
             return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
         }
+        if matches!(cycle, Cycle::ChipBreak | Cycle::Peck) && line.has(b'Q') {
+            self.warn_of_peck(name, &hole);
+        }
         let pecks = match cycle {
             Cycle::ChipBreak | Cycle::Peck => (hole.r - hole.bottom) / hole.q,
             _ => 1.0,
@@ -143,6 +149,18 @@ impl Executor<'_> {
             at = self.state.program_of(self.state.position);
         }
         Ok(())
+    }
+
+    /// Warns of a peck that is probably meant in micrometres.
+    fn warn_of_peck(&mut self, name: &str, hole: &Hole) {
+        let Some(q) = self.line.word(b'Q') else { return };
+        if q >= LONG_PECK && q.fract() == 0.0 && hole.q > hole.r - hole.bottom {
+            self.out(Action::Warning(format!(
+                "{name} Q{q} is deeper than the hole, which is drilled without a peck, because Q is a length in the unit of the \
+                 program in this dialect; {q} micrometres are Q{}",
+                q / 1000.0
+            )));
+        }
     }
 
     /// R, depth, Q and P, from the line or from earlier lines.

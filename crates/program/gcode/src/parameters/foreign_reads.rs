@@ -1,0 +1,55 @@
+//! Reads of numbers that are system variables of macro programs of other dialects: ordinary parameters here, 0 if nobody sets them.
+
+use std::cell::Cell;
+use std::collections::BTreeSet;
+
+/// The variables read so far.
+#[derive(Debug, Default)]
+pub(crate) struct ForeignReads {
+    /// Of the present line.
+    last: Cell<Option<usize>>,
+    /// Those that have been told.
+    told: BTreeSet<usize>,
+}
+
+impl ForeignReads {
+    /// Records that an expression reads a parameter that is 0.
+    #[inline]
+    pub(crate) fn read(&self, index: usize) {
+        if (3001..=5046).contains(&index) && name_here(index).is_some() {
+            self.last.set(Some(index));
+        }
+    }
+
+    /// The warning of the present line, once for each variable.
+    #[inline]
+    pub(crate) fn take(&mut self) -> Option<String> {
+        self.last.take().and_then(|index| self.tell(index))
+    }
+
+    #[cold]
+    fn tell(&mut self, index: usize) -> Option<String> {
+        let (what, here) = name_here(index).filter(|_| self.told.insert(index))?;
+        Some(format!(
+            "#{index}, {what} in other dialects, is an ordinary parameter here, and 0 because nothing has set it; {here}"
+        ))
+    }
+}
+
+/// What a system variable is, and what it is here.
+fn name_here(index: usize) -> Option<(&'static str, &'static str)> {
+    Some(match index {
+        3001 | 3002 => ("a clock", "there is none"),
+        3011 | 3012 => ("date and time", "there is none"),
+        4001..=4130 => (
+            "an active code or word",
+            "#<_motion_mode>, #<_plane>, #<_metric>, #<_absolute>, #<_feed>, #<_rpm> and similar names tell the modes",
+        ),
+        5001..=5006 | 5041..=5046 => ("a position", "write #5420 for X to #5428 for W"),
+        5021..=5026 => (
+            "a position of the machine",
+            "write #<_abs_x>, #<_abs_y>, #<_abs_z>",
+        ),
+        _ => return None,
+    })
+}

@@ -1,0 +1,54 @@
+//! Values that other dialects write in other units or read from other places: warned of, because the line runs.
+
+use evolvent_gcode::{Action, Interpreter, Settings};
+
+fn warnings_with(program: &str, settings: Settings) -> Vec<(u32, String)> {
+    let found = Interpreter::new(program.as_bytes(), settings).filter_map(Result::ok);
+    let texts = found.filter_map(|command| match command.action {
+        Action::Warning(text) => Some((command.line, text)),
+        _ => None,
+    });
+    texts.collect()
+}
+
+fn warnings(program: &str) -> Vec<(u32, String)> {
+    warnings_with(program, Settings::default())
+}
+
+#[test]
+fn system_variables_of_macro_programs_are_told_once() {
+    for (line, means) in [
+        ("G0 Z[#5043+5]", "#5420"),
+        ("G10 L2 P1 X[#5221+#5041]", "#5420"),
+        ("#1=#5021", "#<_abs_x>"),
+        ("#2=#4001", "#<_motion_mode>"),
+        ("o1 if [#4003 EQ 90]\no1 endif", "#<_absolute>"),
+        ("#3=#3012", "there is none"),
+    ] {
+        let found =
+            warnings(&format!("G0 X1\n{line}\n{line}\nM2\n").replace("\no1 endif\no1", "\no1 endif\no2"));
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].0 == 2 && found[0].1.contains(means), "{found:?}");
+    }
+    // What is set here, or was kept; numbers that other dialects do not use; what this dialect has there.
+    assert_eq!(
+        warnings("#4001=3\nG0 X#4001\nG0 X[#5420+#5220+#5061+#2000+#5000]\nM2\n"),
+        []
+    );
+    let settings = Settings {
+        parameters: vec![(5043, 2.0)],
+        ..Settings::default()
+    };
+    assert_eq!(warnings_with("G0 X#5043\nM2\n", settings), []);
+}
+
+#[test]
+fn a_peck_in_micrometres_is_told() {
+    let hole = |words: &str| warnings(&format!("G21 F100\nG0 Z5\nG83 X1 Z-20 R2 {words}\nG80\nM2\n"));
+    let found = hole("Q5000");
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(found[0].1.contains("5000 micrometres are Q5"), "{found:?}");
+    for words in ["Q5", "Q25", "Q22.5"] {
+        assert_eq!(hole(words), [], "{words}");
+    }
+}
