@@ -11,7 +11,7 @@ use evolvent_bridge_sim::{
     Cutting, Fault, LoopbackInputs, ProbeSettings, RunError, RunSettings, ServoSettings, Signalling, SimAxis,
     SimIndex, SimReport, SimSettings, SpindleSimulation, loopback, run_cutting,
 };
-use evolvent_bridge_test::{CASES, Outcome, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
+use evolvent_bridge_test::{CASES, Outcome, Part, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
 use evolvent_bus::{AXES, BusError, MachineInputs, MachineOutputs, Setpoint};
 use evolvent_machine::{HomingMethod, HomingSettings, Machine, SignalKind};
 use evolvent_runtime::{InputScript, RealtimeRequest, apply_to_this_thread};
@@ -159,6 +159,10 @@ struct TestArgs {
     /// Run the cases of a spindle too: the bridge sends the angle of spindle 0, which TURNS AT 300 RPM, either way.
     #[arg(long)]
     spindle: bool,
+    /// Run the case of a touch probe too: the FIRST AXIS MOVES in its positive direction, at 0.5 and at 3 mm/s, until the probe
+    /// touches what is 1 to 4 mm away, and about 1 mm beyond.
+    #[arg(long)]
+    probe: bool,
     /// List the cases and their requirements.
     #[arg(long)]
     list: bool,
@@ -530,6 +534,8 @@ fn command_under_test(args: &TestArgs, program: Option<&Path>) -> Vec<String> {
             "--bus-prefix",
             "{prefix}",
             "--loopback",
+            "--probe",
+            "plane:X>2;delay=1;latched",
         ]
         .map(str::to_owned)
         .to_vec();
@@ -571,6 +577,16 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
     let seed = args
         .seed
         .unwrap_or_else(|| now.map_or(1, |since| since.as_nanos() as u64));
+    // The simulated bridge has all of them.
+    let is_simulated = args.command.is_empty();
+    let parts: Vec<Part> = [
+        (Part::Signals, args.signals),
+        (Part::Spindle, args.spindle),
+        (Part::Probe, args.probe),
+    ]
+    .into_iter()
+    .filter_map(|(part, is_asked)| (is_asked || is_simulated).then_some(part))
+    .collect();
     let mut stage = Stage {
         bridge,
         machine_name: "bridge-test".to_owned(),
@@ -578,9 +594,7 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
         core_program: program,
         seed: seed | 1,
         moments: args.moments,
-        // The simulated bridge is wired like this.
-        has_signals: args.signals || args.command.is_empty(),
-        has_spindle: args.spindle || args.command.is_empty(),
+        parts: &parts,
         stop: stop_on_signals()?,
     };
     let mut results: Vec<Value> = Vec::new();

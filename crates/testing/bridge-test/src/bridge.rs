@@ -119,6 +119,9 @@ impl Drop for ProcessBridge {
     }
 }
 
+/// What the probe of the simulated bridge touches.
+const PROBE: &str = "plane:X>2;delay=1;latched";
+
 type RunBridge = dyn Fn(&str, &str, &AtomicBool) + Send + Sync;
 
 /// A bridge on a thread of this process. It cannot be killed.
@@ -146,7 +149,7 @@ impl ThreadBridge {
                 prefix: Some(prefix.to_owned()),
                 drives: None,
                 faults: Vec::new(),
-                probe: None,
+                probe: PROBE.parse().ok(),
                 drift_ppm: 50.0,
                 duration: None,
             };

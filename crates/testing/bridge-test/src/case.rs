@@ -10,7 +10,7 @@ use thiserror::Error;
 
 use crate::bridge::BridgeUnderTest;
 use crate::test_core::{DISTURBED, TestCore};
-use crate::{cases, signal_cases, spindle_cases};
+use crate::{cases, probe_case, signal_cases, spindle_cases};
 
 /// Why a bridge failed a case, or why the case could not be run.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -71,10 +71,8 @@ pub struct Stage<'a> {
     pub seed: u64,
     /// Random moments for each case that has some.
     pub moments: u32,
-    /// The bridge reads inputs and sets outputs, and its digital output 0 is wired to its digital input 0.
-    pub has_signals: bool,
-    /// The bridge turns spindle 0 and sends its angle, and the spindle may turn at 300 rpm either way.
-    pub has_spindle: bool,
+    /// What the bridge has besides axes.
+    pub parts: &'a [Part],
     /// Ends the case that is played, and the bridge with it.
     pub stop: Arc<AtomicBool>,
 }
@@ -102,6 +100,19 @@ impl Stage<'_> {
     }
 }
 
+/// What a case is about. Every bridge has axes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// Drives that follow setpoints.
+    Axes,
+    /// The bridge reads inputs and sets outputs, and its digital output 0 is wired to its digital input 0.
+    Signals,
+    /// The bridge turns spindle 0 and sends its angle, and the spindle may turn at 300 rpm either way.
+    Spindle,
+    /// The bridge reports a touch probe, and the first axis may drive it against something 1 to 4 mm away in its positive direction.
+    Probe,
+}
+
 /// One demand on a bridge.
 #[derive(Clone, Copy)]
 pub struct Case {
@@ -113,10 +124,8 @@ pub struct Case {
     pub kills_bridge: bool,
     /// Whether a core process is killed in it.
     pub kills_core: bool,
-    /// Whether it is about outputs and inputs.
-    pub needs_signals: bool,
-    /// Whether it is about a spindle.
-    pub needs_spindle: bool,
+    /// What it is about: a bridge without it is not judged.
+    pub part: Part,
     pub(crate) play: fn(&mut Stage<'_>) -> Result<(), CaseError>,
 }
 
@@ -127,8 +136,7 @@ macro_rules! case {
             demand: $demand,
             kills_bridge: false,
             kills_core: false,
-            needs_signals: true,
-            needs_spindle: false,
+            part: Part::Signals,
             play: signal_cases::$name,
         }
     };
@@ -138,9 +146,18 @@ macro_rules! case {
             demand: $demand,
             kills_bridge: false,
             kills_core: false,
-            needs_signals: false,
-            needs_spindle: true,
+            part: Part::Spindle,
             play: spindle_cases::$name,
+        }
+    };
+    ($name:ident, $demand:literal, probe) => {
+        Case {
+            name: stringify!($name),
+            demand: $demand,
+            kills_bridge: false,
+            kills_core: false,
+            part: Part::Probe,
+            play: probe_case::$name,
         }
     };
     ($name:ident, $demand:literal, $kills_bridge:literal, $kills_core:literal) => {
@@ -149,15 +166,14 @@ macro_rules! case {
             demand: $demand,
             kills_bridge: $kills_bridge,
             kills_core: $kills_core,
-            needs_signals: false,
-            needs_spindle: false,
+            part: Part::Axes,
             play: cases::$name,
         }
     };
 }
 
 /// Every case.
-pub const CASES: [Case; 24] = [
+pub const CASES: [Case; 25] = [
     case!(
         bridge_first,
         "started before its core it waits, then follows",
@@ -282,6 +298,11 @@ pub const CASES: [Case; 24] = [
         "stops its spindle where the core falls silent, and turns it for the next one",
         spindle
     ),
+    case!(
+        probe,
+        "tells when its probe has tripped, how often, and where the drives have latched it, and when it opens",
+        probe
+    ),
 ];
 
 /// A case that failed while the host kept the core of the suite or the bridge from running proves nothing: it is played again.
@@ -294,8 +315,7 @@ const ATTEMPTS: usize = 3;
 pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<Outcome, CaseError> {
     if (case.kills_bridge && !stage.bridge.can_be_killed())
         || (case.kills_core && stage.core_program.is_none())
-        || (case.needs_signals && !stage.has_signals)
-        || (case.needs_spindle && !stage.has_spindle)
+        || !(case.part == Part::Axes || stage.parts.contains(&case.part))
     {
         return Ok(Outcome::LeftOut);
     }
@@ -369,8 +389,7 @@ mod tests {
             core_program: None,
             seed: 1,
             moments: 1,
-            has_signals: false,
-            has_spindle: false,
+            parts: &[],
             stop: Arc::default(),
         };
         let case = Case { play, ..CASES[0] };

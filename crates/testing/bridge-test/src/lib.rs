@@ -14,19 +14,20 @@
 //! [`ProcessBridge`] is any command. `evolvent bridge test -- COMMAND` runs the suite against it. [`ThreadBridge`] is
 //! a bridge within this process, the simulated one or another; it cannot be killed, so cases with a kill leave it out.
 //!
-//! The first axis moves by some millimetres to and fro, slowly, and the cases of the spindle turn it at 300 rpm either way: do not run the
-//! suite against a machine whose axes or spindle may not.
+//! The first axis moves by some millimetres to and fro, slowly, the cases of the spindle turn it at 300 rpm either way, and that of the
+//! probe drives it against something: do not run the suite against a machine whose axes or spindle may not.
 
 mod bridge;
 mod case;
 mod cases;
 mod core_process;
+mod probe_case;
 mod signal_cases;
 mod spindle_cases;
 mod test_core;
 mod timing;
 
 pub use bridge::{BridgeUnderTest, ProcessBridge, StartError, ThreadBridge};
-pub use case::{CASES, Case, CaseError, Outcome, Stage, run_case};
+pub use case::{CASES, Case, CaseError, Outcome, Part, Stage, run_case};
 pub use core_process::{CoreProcess, run_core};
 pub use test_core::{Seen, TestCore};

@@ -385,6 +385,26 @@ impl TestCore {
         (self.velocity, self.acceleration) = (0.0, 0.0);
     }
 
+    /// Moves the first axis at a speed while `goes_on`, asked after every cycle, says so; with a tenth of a second to reach the speed
+    /// and to stop.
+    pub(crate) fn creep(&mut self, speed: f64, goes_on: &mut dyn FnMut(&mut Self) -> bool) {
+        let ramp = cycles(0.1);
+        let period_s = PERIOD_NS as f64 * 1e-9;
+        let (mut step, mut ends) = (0, false);
+        while !(ends && step == 0) && !self.is_stopped() {
+            if ends {
+                step -= 1;
+            } else {
+                step = (step + 1).min(ramp);
+            }
+            self.velocity = speed * step as f64 / ramp as f64;
+            self.position[0] += self.velocity * period_s;
+            self.cycle(&mut |_| Fate::Sent);
+            ends |= !goes_on(self);
+        }
+        (self.velocity, self.acceleration) = (0.0, 0.0);
+    }
+
     /// The state of affairs in words, for errors.
     pub(crate) fn describe(&self) -> String {
         self.feedback.map_or("no feedback".to_owned(), |feedback| {

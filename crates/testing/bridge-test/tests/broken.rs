@@ -11,8 +11,8 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use evolvent_bridge_sim::{SimBridge, SimSettings, SimSpindle, SpindleSimulation, monotonic_ns};
-use evolvent_bridge_test::{CASES, Outcome, Stage, ThreadBridge, run_case};
+use evolvent_bridge_sim::{SimBridge, SimProbe, SimSettings, SimSpindle, SpindleSimulation, monotonic_ns};
+use evolvent_bridge_test::{CASES, Outcome, Part, Stage, ThreadBridge, run_case};
 use evolvent_bus::{
     ClientBus, ClientConfig, Feedback, FeedbackSender, InputSender, MachineInputs, MachineOutputs,
     OutputReader, Setpoint, SetpointReader, SpindleFeedback, SpindleSender, spindle_flags,
@@ -79,6 +79,13 @@ enum Flaw {
     AlwaysAtSpeed,
     SpindleGoesOn,
     SpindleStaysOff,
+    /// Of a probe.
+    ProbeNeverTrips,
+    ProbeStaysTripped,
+    ProbeCountsAnew,
+    ProbeTimeOfMessage,
+    ProbeTimeLate,
+    LatchedElsewhere,
 }
 
 type Ports = (
@@ -130,6 +137,13 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
     let (mut tick_ns, mut is_blind) = (first_ns, false);
     let mut wired = Wired::default();
     let mut turning = Turning::new();
+    // What is late is told late, so that only two speeds find it out.
+    let touched = if flaw == Flaw::ProbeTimeLate {
+        "plane:X>2;late=40"
+    } else {
+        "plane:X>2;latched"
+    };
+    let mut probe = SimProbe::new(touched.parse().expect("a probe"));
     while !stop.load(Ordering::Relaxed) {
         if ports.is_none() {
             ports = connect(name, prefix);
@@ -169,7 +183,8 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
             }
         }
         if let Some((.., outputs, inputs, spindle)) = &mut ports {
-            let in_force = wired.step(flaw, outputs, inputs);
+            probe.step(tick_ns, &bridge.true_positions(), &bridge.shown_positions());
+            let in_force = wired.step(flaw, outputs, inputs, &mut probe);
             turning.step(flaw, &in_force, spindle);
         }
         if monotonic_ns().saturating_sub(heard_ns) > GONE_NS {
@@ -193,11 +208,19 @@ struct Wired {
     newest: MachineOutputs,
     sequence: u64,
     was_safe: bool,
+    /// When the probe tripped last; 0 for never.
+    tripped_ns: u64,
 }
 
 impl Wired {
     /// The outputs in force.
-    fn step(&mut self, flaw: Flaw, reader: &mut OutputReader, sender: &mut InputSender) -> MachineOutputs {
+    fn step(
+        &mut self,
+        flaw: Flaw,
+        reader: &mut OutputReader,
+        sender: &mut InputSender,
+        probe: &mut SimProbe,
+    ) -> MachineOutputs {
         let now_ns = monotonic_ns();
         while let Ok(Some(message)) = reader.receive() {
             self.newest = message;
@@ -224,7 +247,7 @@ impl Wired {
         if flaw == Flaw::FewInputs && !self.sequence.is_multiple_of(200) {
             return in_force;
         }
-        let message = MachineInputs {
+        let mut message = MachineInputs {
             sequence: self.sequence,
             time_ns: if flaw == Flaw::OldInputs {
                 now_ns - 150_000_000
@@ -241,6 +264,21 @@ impl Wired {
             },
             ..MachineInputs::default()
         };
+        probe.advance();
+        probe.describe(&mut message);
+        if message.probe == 2 {
+            self.tripped_ns = message.probe_time_ns;
+        }
+        match flaw {
+            Flaw::ProbeNeverTrips => (message.probe, message.probe_time_ns) = (1, 0),
+            Flaw::ProbeStaysTripped if self.tripped_ns > 0 => {
+                (message.probe, message.probe_time_ns) = (2, self.tripped_ns);
+            }
+            Flaw::ProbeCountsAnew => message.probe_trips = u64::from(message.probe == 2),
+            Flaw::ProbeTimeOfMessage => message.probe_time_ns = message.time_ns,
+            Flaw::LatchedElsewhere => message.probe_position[0] += 0.2,
+            _ => {}
+        }
         let _lost = sender.send(&message);
         in_force
     }
@@ -380,15 +418,14 @@ fn play(flaw: Flaw, case: &str) -> Result<Outcome, String> {
         core_program: None,
         seed: 1,
         moments: 2,
-        has_signals: true,
-        has_spindle: true,
+        parts: &[Part::Signals, Part::Spindle, Part::Probe],
         stop: Arc::default(),
     };
     run_case(case, &mut stage).map_err(|error| error.to_string())
 }
 
 /// The case that a flaw must fail.
-const FLAWS: [(Flaw, &str); 39] = [
+const FLAWS: [(Flaw, &str); 45] = [
     (Flaw::OneCoreOnly, "core_restart"),
     (Flaw::AnswersEverySecond, "feedback"),
     (Flaw::OldTime, "feedback"),
@@ -428,6 +465,12 @@ const FLAWS: [(Flaw, &str); 39] = [
     (Flaw::AlwaysAtSpeed, "spindle_angle"),
     (Flaw::SpindleGoesOn, "spindle_safe"),
     (Flaw::SpindleStaysOff, "spindle_safe"),
+    (Flaw::ProbeNeverTrips, "probe"),
+    (Flaw::ProbeStaysTripped, "probe"),
+    (Flaw::ProbeCountsAnew, "probe"),
+    (Flaw::ProbeTimeOfMessage, "probe"),
+    (Flaw::ProbeTimeLate, "probe"),
+    (Flaw::LatchedElsewhere, "probe"),
 ];
 
 /// What the suite says of each. Each waits for something most of the time: several at once, each on a bus of its own.

@@ -1,24 +1,24 @@
 //! The suite of all bridges, on one bridge.
 
-use evolvent_bridge_test::{BridgeUnderTest, CASES, Case, Stage, run_case};
+use evolvent_bridge_test::{BridgeUnderTest, CASES, Case, Part, Stage, run_case};
 
-/// Plays those of these cases that need no spindle, or the one that the environment variable `EVOLVENT_CASE` names, on a bridge whose
+/// Plays those of these cases that need neither a spindle nor a probe, or the one that the environment variable `EVOLVENT_CASE` names, on a bridge whose
 /// digital output 0 is wired to its digital input 0; the cases that it fails, each with the reason.
 pub fn failed_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str, cases: &[Case]) -> Vec<String> {
-    play(bridge, prefix, cases, false)
+    play(bridge, prefix, cases, &[Part::Axes, Part::Signals])
 }
 
 /// Plays the cases of a spindle only, on a bridge that turns spindle 0.
 pub fn failed_spindle_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str) -> Vec<String> {
-    play(bridge, prefix, &CASES, true)
+    play(bridge, prefix, &CASES, &[Part::Spindle])
 }
 
-fn play(bridge: &mut dyn BridgeUnderTest, prefix: &str, cases: &[Case], of_spindle: bool) -> Vec<String> {
+fn play(bridge: &mut dyn BridgeUnderTest, prefix: &str, cases: &[Case], parts: &[Part]) -> Vec<String> {
     let wanted = std::env::var("EVOLVENT_CASE").ok();
     let mut failures = Vec::new();
     for case in cases
         .iter()
-        .filter(|case| case.needs_spindle == of_spindle)
+        .filter(|case| parts.contains(&case.part))
         .filter(|case| wanted.as_ref().is_none_or(|wanted| case.name == wanted))
     {
         let mut stage = Stage {
@@ -28,8 +28,7 @@ fn play(bridge: &mut dyn BridgeUnderTest, prefix: &str, cases: &[Case], of_spind
             core_program: None,
             seed: 1,
             moments: 2,
-            has_signals: true,
-            has_spindle: of_spindle,
+            parts,
             stop: Default::default(),
         };
         let result = run_case(case, &mut stage);
