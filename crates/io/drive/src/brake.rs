@@ -85,6 +85,11 @@ impl Brake {
         }
     }
 
+    /// Adds to the coordinates of the axis.
+    pub(crate) fn rename(&mut self, shift: f64) {
+        self.start.position += shift;
+    }
+
     /// Its duration, s.
     #[must_use]
     pub fn duration_s(&self) -> f64 {

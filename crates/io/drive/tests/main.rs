@@ -8,6 +8,7 @@ mod follower;
 mod gantry;
 mod input_entry;
 mod phase;
+mod renaming;
 mod watch;
 
 // It counts by thread, so that tests beside each other do not count together.

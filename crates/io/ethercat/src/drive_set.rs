@@ -341,7 +341,7 @@ impl DriveSet {
             fault_reset_done: u32::MAX,
             missed_setpoints: self.follower.missed(),
             datum: target.datum,
-            instance: self.instance,
+            instance: target.instance(self.instance),
             ..Feedback::default()
         };
         let mut has_word = [false; AXES];

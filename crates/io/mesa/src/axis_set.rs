@@ -291,7 +291,7 @@ impl AxisSet {
             fault_reset_done: u32::MAX,
             missed_setpoints: self.follower.missed(),
             datum: target.datum,
-            instance: self.instance,
+            instance: target.instance(self.instance),
             ..Feedback::default()
         };
         for axis in &self.axes {

@@ -274,7 +274,7 @@ impl SimBridge {
             fault_reset_done: u32::MAX,
             missed_setpoints: self.follower.missed(),
             datum: target.datum,
-            instance: self.instance,
+            instance: target.instance(self.instance),
             absolute_mask: if self.absolute {
                 self.axes.bits() & !self.without_absolute(now_ns).bits()
             } else {
