@@ -7,12 +7,31 @@ use evolvent_path::{Axes, AxisMask};
 
 use super::orders::CycleView;
 
+/// New coordinates of axes at rest.
+pub(super) struct Renaming {
+    pub(super) datum: u64,
+    /// Axes to which they give machine zero.
+    pub(super) zeroed: AxisMask,
+    /// Where the axes stand by them.
+    pub(super) stand: Axes,
+    /// [`DriveView::home_offset`] with them.
+    pub(super) home_offset: Axes,
+}
+
 /// The newest feedback that can be true, and by which coordinates the drives count.
 pub(super) struct DriveView {
     pub(super) feedback: Option<Feedback>,
     bounds: FeedbackBounds,
-    /// The datum that the last renaming has led to.
+    /// The datum that the last renaming leads to.
     pub(super) datum: u64,
+    /// Axes to which that renaming gives machine zero: they are homed once the drives show it.
+    pub(super) zeroed: AxisMask,
+    /// Where the axes stand by the new coordinates.
+    stand: Axes,
+    /// The order to rename, until the cycle has taken it.
+    order: Option<u64>,
+    /// `home_offset` before that order.
+    before: Axes,
     /// What was ordered to be added to the axes' coordinates, until that has been done.
     pub(super) renaming: Axes,
     /// Machine coordinates of the drives' first datum, less those of now.
@@ -28,6 +47,10 @@ impl DriveView {
             feedback: None,
             bounds,
             datum: 0,
+            zeroed: AxisMask::NONE,
+            stand: Axes::zeros(),
+            order: None,
+            before: Axes::zeros(),
             renaming: Axes::zeros(),
             home_offset: Axes::zeros(),
             next_index: 1,
@@ -51,6 +74,35 @@ impl DriveView {
         }
         self.feedback = Some(feedback);
         Some(feedback)
+    }
+
+    /// New coordinates were ordered, which change `home_offset`.
+    pub(super) fn renames(&mut self, order: u64, renaming: &Renaming) {
+        (self.order, self.datum) = (Some(order), renaming.datum);
+        (self.zeroed, self.stand) = (renaming.zeroed, renaming.stand);
+        self.before = std::mem::replace(&mut self.home_offset, renaming.home_offset);
+    }
+
+    /// The cycle has taken an order, and has this datum. Returns `true` if it was an order to rename that had no effect, because
+    /// something stopped the axes at that moment: the coordinates are as before.
+    pub(super) fn is_refused(&mut self, order: u64, datum: u64) -> bool {
+        if self.order.take_if(|renaming| *renaming == order).is_none() || datum >= self.datum {
+            return false;
+        }
+        (self.datum, self.zeroed, self.renaming) = (datum, AxisMask::NONE, Axes::zeros());
+        self.home_offset = self.before;
+        true
+    }
+
+    /// Axes whose new zero the drives show, once.
+    pub(super) fn take_zeroed(&mut self, feedback: &Feedback, tolerance: impl Fn(usize) -> f64) -> AxisMask {
+        // Not where the core is: without power it stands wherever the drives say.
+        let is_shown = |axis: usize| (feedback.position[axis] - self.stand[axis]).abs() <= tolerance(axis);
+        if self.zeroed.axes().all(is_shown) {
+            std::mem::replace(&mut self.zeroed, AxisMask::NONE)
+        } else {
+            AxisMask::NONE
+        }
     }
 
     /// Whether the drives count as the core does.

@@ -75,6 +75,9 @@ impl Operator {
 
     fn applied(&mut self, id: u64, sequence: u64) {
         self.book.applied(id, sequence);
+        if self.drives.is_refused(id, self.view.datum) {
+            self.end_homing();
+        }
         if let Some(steered) = self.steered() {
             steered.applied(id, sequence);
         }

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use evolvent_bus::Feedback;
 use evolvent_control::{
     Activity, Alarm, CommandCode, Homing, HomingAction, HomingAxis, HomingSample, JobResult, Rejection,
 };
@@ -10,6 +11,7 @@ use evolvent_machine::HomingMethod;
 use evolvent_path::{Axes, AxisLetter, AxisMask, TURN_DEG};
 use evolvent_transfer::AxesState;
 
+use super::drive_view::Renaming;
 use super::jog::{FOR_EVER, JogWay, limits_here};
 use super::jog_intent::JogIntent;
 use super::operator::{Job, Operator};
@@ -51,11 +53,12 @@ impl Operator {
         // What is homed again is not homed before it is done.
         let unknown = axes.iter().map(|axis| axis.axis.index()).collect::<AxisMask>();
         self.desk.set_homed(self.desk.homed().without(unknown));
+        self.drives.zeroed = AxisMask::NONE;
         self.relocate(self.view.setpoint.position, false);
         self.declare_zero(wanted);
         self.order(CycleCommand::ExpectSwitches(unknown));
         let number = self.desk.job_begins(Activity::Homing);
-        if axes.is_empty() {
+        if axes.is_empty() && self.drives.zeroed.is_empty() {
             self.desk.job_ends(JobResult::Done);
         } else {
             let requests = u32::try_from(axes.len()).unwrap_or(u32::MAX);
@@ -82,6 +85,14 @@ impl Operator {
         }
     }
 
+    /// Homing cannot go on: its motion stops.
+    pub(super) fn end_homing(&mut self) {
+        if matches!(self.job, Job::Homing { .. }) {
+            self.cancel_homing();
+            self.order(CycleCommand::Stop);
+        }
+    }
+
     /// Axes that the machine file does not home.
     fn without_homing(&self) -> AxisMask {
         let homing = self.setup.machine.homing.iter();
@@ -99,11 +110,11 @@ impl Operator {
         if declared.is_empty() {
             return;
         }
-        let mut renamed = self.view.setpoint.position;
+        let (mut renamed, mut home_offset) = (self.view.setpoint.position, self.drives.home_offset);
         for axis in declared.axes() {
             let shift = self.limits.home[axis] - renamed[axis];
             renamed[axis] += shift;
-            self.drives.home_offset[axis] -= shift;
+            home_offset[axis] -= shift;
             let letter = AxisLetter::ALL[axis].letter();
             self.record(
                 ExternalEventKind::Command,
@@ -112,19 +123,51 @@ impl Operator {
                 Some(shift),
             );
         }
-        self.drives.datum = self.view.datum + 1;
         self.view.setpoint.position = renamed;
-        self.desk.set_homed(self.desk.homed() | declared);
-        self.relocate(renamed, true);
+        if self.view.presence == Presence::Absent {
+            // Nobody else counts.
+            self.desk.set_homed(self.desk.homed() | declared);
+        }
+        self.rename(renamed, declared.without(self.desk.homed()), home_offset);
+    }
+
+    /// The axes stand at `position` by new coordinates, which give machine zero to `zeroed`.
+    pub(super) fn rename(&mut self, position: Axes, zeroed: AxisMask, home_offset: Axes) {
+        let renaming = Renaming {
+            datum: self.view.datum + 1,
+            zeroed,
+            stand: position,
+            home_offset,
+        };
+        let order = self.relocate(position, true);
+        self.drives.renames(order, &renaming);
+    }
+
+    /// The drives may show the new coordinates: only then are their axes homed, because an emergency stop or a fault may have come
+    /// before them.
+    pub(super) fn take_zeroed(&mut self, feedback: &Feedback) {
+        let machine = &self.setup.machine;
+        let tolerance = |axis: usize| {
+            let axis = machine.axes.iter().find(|known| known.letter.index() == axis);
+            axis.map_or(0.0, |axis| axis.following_error)
+        };
+        let zeroed = self.drives.take_zeroed(feedback, tolerance);
+        if !zeroed.is_empty() {
+            self.desk.set_homed(self.desk.homed() | zeroed);
+            let here = self.view.setpoint.position;
+            let limits = limits_here(&self.limits, &here, self.desk.homed());
+            self.order(CycleCommand::Within(limits));
+        }
     }
 
     /// The drives' positions of these axes may count from another zero.
     pub(super) fn lose_reference(&mut self, sequence: u64, axes: AxisMask) {
-        let lost = axes & self.desk.homed();
+        let lost = axes & (self.desk.homed() | self.drives.zeroed);
         if lost.is_empty() {
             return;
         }
         self.desk.set_homed(self.desk.homed().without(lost));
+        self.drives.zeroed = self.drives.zeroed.without(lost);
         self.cancel_homing();
         if matches!(self.job, Job::None) {
             self.relocate(self.view.setpoint.position, false);
@@ -167,13 +210,13 @@ impl Operator {
     }
 
     /// The axes stand at `position`, by names of the present or a new datum.
-    pub(super) fn relocate(&mut self, position: Axes, renames: bool) {
+    pub(super) fn relocate(&mut self, position: Axes, renames: bool) -> u64 {
         let limits = limits_here(&self.limits, &position, self.desk.homed());
         self.order(CycleCommand::Relocate {
             position,
             limits,
             renames,
-        });
+        })
     }
 
     pub(super) fn step_homing(&mut self, sample: &HomingSample) {
@@ -225,11 +268,10 @@ impl Operator {
                 let shift = coordinate - position;
                 let mut renamed = here;
                 renamed[i] += shift;
-                self.drives.home_offset[i] -= shift;
-                self.drives.datum = self.view.datum + 1;
+                let mut home_offset = self.drives.home_offset;
+                home_offset[i] -= shift;
                 self.view.setpoint.position = renamed;
-                self.desk.set_homed(self.desk.homed() | AxisMask::one(i));
-                self.relocate(renamed, true);
+                self.rename(renamed, AxisMask::one(i), home_offset);
                 let mut text = format!("axis {}: machine zero set, shifted by {shift:.6}", axis.letter());
                 if let Some(from_switch) = from_switch {
                     // Near 0 and near the distance of two pulses the switch may choose another pulse the next time.

@@ -11,6 +11,8 @@ mod file_work;
 mod files;
 mod handwheel;
 mod homing;
+#[cfg(test)]
+mod homing_trials;
 mod jobs;
 mod jog;
 mod jog_intent;

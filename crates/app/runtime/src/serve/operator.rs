@@ -575,7 +575,10 @@ impl Operator {
             };
             self.watch_absolute(AxisMask::from_bits(feedback.absolute_mask));
             if self.drives.counts_as(&self.view, &feedback) {
-                self.step_homing(&homing_sample(&feedback));
+                self.take_zeroed(&feedback);
+                if self.drives.zeroed.is_empty() {
+                    self.step_homing(&homing_sample(&feedback));
+                }
             }
         }
         // A view from before the order does not show what the order does.

@@ -27,23 +27,22 @@ impl Operator {
             return;
         }
         let here = view.setpoint.position;
-        let mut renamed = here;
+        let (mut renamed, mut home_offset) = (here, self.drives.home_offset);
         let mut removed = Vec::new();
         for axis in self.unlimited.axes() {
             if here[axis].abs() > FAR_DEG {
                 let turns = whole_turns(here[axis]);
                 renamed[axis] -= turns;
-                self.drives.home_offset[axis] += turns;
+                home_offset[axis] += turns;
                 removed.push(format!("{turns} degrees off {}", AxisLetter::ALL[axis].letter()));
             }
         }
         if renamed == here {
             return;
         }
-        self.drives.datum = view.datum + 1;
         self.drives.renaming = renamed - here;
         self.view.setpoint.position = renamed;
-        self.relocate(renamed, true);
+        self.rename(renamed, self.drives.zeroed, home_offset);
         let text = format!("whole turns: {}", removed.join(", "));
         self.record(ExternalEventKind::Command, NO_COMMAND, text, None);
     }
