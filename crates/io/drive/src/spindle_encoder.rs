@@ -75,6 +75,15 @@ pub enum SpindleEncoderFault {
         /// Counts away, in the direction of the spindle.
         counts: i64,
     },
+    /// It turned for so long without a reading that its counter may have turned over unseen.
+    #[error(
+        "its encoder was not read for {ms} ms, so its angle is unknown; check what suspended this computer's processes (`evolvent \
+         doctor`)"
+    )]
+    Unread {
+        /// How long.
+        ms: u64,
+    },
 }
 
 /// What a message says beside the encoder's readings.
@@ -202,6 +211,11 @@ impl SpindleEncoder {
         }
         self.keep_edge(is_first);
         self.look_for_index();
+    }
+
+    /// The counter may have turned over since the last reading, which was so long ago.
+    pub fn set_unread(&mut self, ms: u64) {
+        self.fault.get_or_insert(SpindleEncoderFault::Unread { ms });
     }
 
     /// The index latch is armed: from now on a pulse is expected.
@@ -589,6 +603,24 @@ mod tests {
         }
         assert!(!shaft.encoder.is_indexed() && shaft.encoder.fault().is_none());
         assert!((shaft.encoder.speed_rpm() - 600.0).abs() < 3.0);
+    }
+
+    /// The angle of the time before is worth nothing: the zero is that of the next pulse.
+    #[test]
+    fn an_encoder_that_was_not_read_for_too_long_looks_for_its_zero_again() {
+        let mut shaft = Shaft::new(SETTINGS, 0.0);
+        for _ in 0..300 {
+            shaft.step(600.0, MS);
+        }
+        assert!(shaft.encoder.is_indexed());
+        shaft.encoder.set_unread(80);
+        shaft.step(600.0, MS);
+        assert_eq!(
+            shaft.encoder.fault(),
+            Some(SpindleEncoderFault::Unread { ms: 80 })
+        );
+        shaft.encoder.reset();
+        assert!(shaft.encoder.fault().is_none() && !shaft.encoder.is_indexed());
     }
 
     /// Three turns of the encoder per turn of the spindle: a pulse each third of a turn, and the zero is the first of them.

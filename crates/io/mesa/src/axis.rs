@@ -17,6 +17,20 @@ const HIGHEST: f64 = 1.2;
 /// Maximum contribution of the integral, as a fraction of the maximum velocity.
 const INTEGRAL: f64 = 0.2;
 
+/// Maximum counts of an encoder between two readings: a counter of 16 bits cannot tell 32 768 from none.
+pub(crate) const MAX_COUNTS: f64 = 30_000.0;
+/// Maximum steps between two readings, as accumulators count them: 16 bits of steps.
+const MAX_STEPS: f64 = 32_000.0;
+
+/// How long an axis may go without a reading, s: at its highest velocity its counter would then turn over unseen.
+pub(crate) fn longest_gap_s(axis: &BoardAxis, max_velocity: f64) -> f64 {
+    let most = match axis.actuator {
+        Actuator::Steps { .. } => MAX_STEPS,
+        Actuator::Servo { .. } => MAX_COUNTS,
+    };
+    most / (HIGHEST * max_velocity * axis.per_unit)
+}
+
 /// Object 603Fh: external error, by the drive's fault output.
 pub(crate) const EXTERNAL: u16 = 0x9000;
 /// Object 603Fh: following error, of the motors of a gantry that differ too much.
@@ -194,6 +208,19 @@ impl MesaAxis {
         let away = count.wrapping_sub(self.raw.unwrap_or(0) as u16) as i16;
         let counts = self.total + i64::from(away);
         self.sign() * counts as f64 / self.counts_per_unit() + self.offset
+    }
+
+    /// How long it may go without a reading, s.
+    pub(crate) fn longest_gap_s(&self) -> f64 {
+        longest_gap_s(&self.settings, self.limits.max_velocity)
+    }
+
+    /// Time from the last reading to one at this time, s.
+    pub(crate) fn gap_s(&self, measured_ns: u64) -> f64 {
+        match self.raw {
+            Some(_) => measured_ns.saturating_sub(self.measured_ns) as f64 * 1e-9,
+            None => 0.0,
+        }
     }
 
     /// Evaluates a reading.

@@ -14,6 +14,7 @@ use crate::board_settings::{Actuator, BoardAxis, BoardSettings, Pin};
 use crate::encoder_index::{EncoderIndex, IndexReading};
 use crate::field_pins::{InputPlace, OutputPlace};
 use crate::plan::{Inputs, Outputs, Plan};
+use crate::session::SessionError;
 use crate::smart_serial::{bit_of, set_bit};
 
 /// Two entries of one axis.
@@ -112,10 +113,31 @@ impl AxisSet {
         self.axes.iter().any(MesaAxis::has_torque)
     }
 
-    pub(crate) fn take(&mut self, plan: &Plan, inputs: &Inputs, measured_ns: u64) {
+    /// Evaluates a reading.
+    ///
+    /// # Errors
+    /// It came so late that a counter may have turned over unseen: the session has to end, because the coordinates of the axis are no
+    /// longer true. The axes can still brake by the reading.
+    pub(crate) fn take(
+        &mut self,
+        plan: &Plan,
+        inputs: &Inputs,
+        measured_ns: u64,
+    ) -> Result<(), SessionError> {
         self.measured_ns = measured_ns;
+        let mut unread = Ok(());
         for axis in &mut self.axes {
             let settings = *axis.settings();
+            let (gap_s, most_s) = (axis.gap_s(measured_ns), axis.longest_gap_s());
+            if gap_s > most_s && unread.is_ok() {
+                let (what, unit) = settings.actuator.counter();
+                unread = Err(SessionError::Unread {
+                    what,
+                    unit,
+                    gap_ms: gap_s * 1e3,
+                    most_ms: most_s * 1e3,
+                });
+            }
             let is_on = |pin: Option<Pin>| pin.is_some_and(|pin| level(plan, inputs, pin));
             let raw = match settings.actuator {
                 Actuator::Steps { unit, .. } => inputs.accumulators[unit],
@@ -136,6 +158,13 @@ impl AxisSet {
             }
         }
         self.take_index(inputs);
+        unread
+    }
+
+    /// How long no reading may come before coordinates are unknown, s.
+    pub(crate) fn longest_gap_s(&self) -> f64 {
+        let gaps = self.axes.iter().map(MesaAxis::longest_gap_s);
+        gaps.fold(f64::INFINITY, f64::min)
     }
 
     /// What has become of the request for an index pulse. It is taken over, for the core, once the board would latch the pulse.

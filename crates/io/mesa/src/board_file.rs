@@ -24,6 +24,8 @@ use crate::smart_serial::MAX_REMOTES;
 
 /// The largest file that is read, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 20;
+/// Longest time of the watchdog, ms.
+pub(crate) const MAX_WATCHDOG_MS: f64 = 1000.0;
 /// Maximum number of units of one module.
 const MAX_UNITS: f64 = 15.0;
 
@@ -155,7 +157,7 @@ impl BoardSettings {
             sheet.error("address", what, "give the board's, such as \"192.168.1.121\"")
         })?;
         sheet.number("max_lost_packets", f64::from(read.max_lost_packets), 1.0, 50.0)?;
-        sheet.number("watchdog_ms", read.watchdog_ms, 2.0, 1000.0)?;
+        sheet.number("watchdog_ms", read.watchdog_ms, 2.0, MAX_WATCHDOG_MS)?;
         sheet.number("pwm_hz", read.pwm_hz, 100.0, 48_000.0)?;
         sheet.number("input_filter_us", read.input_filter_us, 0.0, 3000.0)?;
         sheet.number("slow_filter_ms", read.slow_filter_ms, 0.0, 50.0)?;

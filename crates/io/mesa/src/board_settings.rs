@@ -150,6 +150,14 @@ pub struct SpindleAngleSource {
     pub settings: SpindleEncoderSettings,
 }
 
+impl SpindleAngleSource {
+    /// Counts per turn of the spindle.
+    pub(crate) fn counts_per_turn(&self) -> f64 {
+        let [encoder, spindle] = self.settings.gear.map(f64::from);
+        f64::from(self.settings.counts_per_turn) * encoder / spindle
+    }
+}
+
 /// What turns a spindle to an angle (M19).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SpindleOrienting {
@@ -236,6 +244,16 @@ pub enum Actuator {
         /// The loop.
         gains: Gains,
     },
+}
+
+impl Actuator {
+    /// What counts its position, and the number of that.
+    pub(crate) const fn counter(&self) -> (&'static str, usize) {
+        match self {
+            Self::Steps { unit, .. } => ("step generator", *unit),
+            Self::Servo { encoder, .. } => ("encoder", *encoder),
+        }
+    }
 }
 
 /// An axis, checked.

@@ -4,6 +4,7 @@ mod error;
 mod pins;
 
 pub use self::error::PlanError;
+use crate::axis::{MAX_COUNTS, longest_gap_s};
 use crate::board_settings::{
     Actuator, BoardAxis, BoardSettings, BoardSpindle, InputSource, OutputTarget, Pin, SpindleSpeed,
 };
@@ -39,8 +40,6 @@ const PWM_ENABLE: u8 = 0x83;
 const MAX_CLOCKS: f64 = 16_383.0;
 /// 12 bits, sawtooth, sign and magnitude.
 const PWM_MODE: u32 = 3;
-/// Maximum counts of an encoder between two readings.
-const MAX_COUNTS: f64 = 30_000.0;
 
 /// Values written every cycle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -181,7 +180,10 @@ impl Plan {
             plan.alternate[port] |= bit;
         }
         for (axis, max_velocity) in settings.axes.iter().zip(max_velocity) {
-            plan.use_actuator(board, axis, *max_velocity, period_s)?;
+            plan.use_actuator(board, axis, *max_velocity)?;
+            let (what, unit) = axis.actuator.counter();
+            let longest_s = longest_gap_s(axis, *max_velocity);
+            check_gap(what, unit, longest_s, period_s, settings.max_lost_packets)?;
         }
         for (listed, input) in settings.inputs.iter().enumerate() {
             plan.use_input(board, listed, &input.source)?;
@@ -193,7 +195,17 @@ impl Plan {
         }
         for (listed, spindle) in settings.spindles.iter().enumerate() {
             let rpm = max_rpm.get(spindle.number).copied();
-            plan.use_spindle(board, listed, spindle, rpm, period_s)?;
+            plan.use_spindle(board, listed, spindle)?;
+            if let (Some(angle), Some(rpm)) = (&spindle.angle, rpm.filter(|rpm| rpm.is_finite())) {
+                // Readings that are missing are a fault of the spindle, if it turns fast enough.
+                let counts = rpm / 60.0 * angle.counts_per_turn() * period_s;
+                if counts > MAX_COUNTS {
+                    return Err(PlanError::Counts {
+                        unit: angle.encoder,
+                        counts,
+                    });
+                }
+            }
         }
         plan.use_pins(board, settings)?;
         Ok(plan)
@@ -205,7 +217,6 @@ impl Plan {
         board: &Description,
         axis: &BoardAxis,
         max_velocity: f64,
-        period_s: f64,
     ) -> Result<(), PlanError> {
         match axis.actuator {
             Actuator::Steps { unit, timing } => {
@@ -248,26 +259,17 @@ impl Plan {
                 let found = module(board, tag::ENCODER, "encoder", encoder, 5)?;
                 grow(&mut self.encoder, found, encoder);
                 self.use_pwm(board, pwm)?;
-                let counts = axis.per_unit * max_velocity * period_s;
-                if counts > MAX_COUNTS {
-                    return Err(PlanError::Counts {
-                        unit: encoder,
-                        counts,
-                    });
-                }
             }
         }
         Ok(())
     }
 
-    /// Uses what belongs to a spindle beside its pins, whose encoder must be slow enough for its counter.
+    /// Uses what belongs to a spindle beside its pins.
     fn use_spindle(
         &mut self,
         board: &Description,
         listed: usize,
         spindle: &BoardSpindle,
-        max_rpm: Option<f64>,
-        period_s: f64,
     ) -> Result<(), PlanError> {
         match spindle.speed {
             None => {}
@@ -290,15 +292,6 @@ impl Plan {
             let found = module(board, tag::ENCODER, "encoder", angle.encoder, 5)?;
             grow(&mut self.encoder, found, angle.encoder);
             self.index_slots = self.index_slots.max((SPINDLE_SLOT + listed + 1).min(INDEX_SLOTS));
-            let per_turn = f64::from(angle.settings.counts_per_turn) * f64::from(angle.settings.gear[0])
-                / f64::from(angle.settings.gear[1]);
-            let counts = max_rpm.filter(|rpm| rpm.is_finite()).unwrap_or(0.0) / 60.0 * per_turn * period_s;
-            if counts > MAX_COUNTS {
-                return Err(PlanError::Counts {
-                    unit: angle.encoder,
-                    counts,
-                });
-            }
         }
         Ok(())
     }
@@ -575,6 +568,26 @@ impl Plan {
         }
         packet.write(self.port.address(1, 0), &[0; MAX_PORTS][..self.ports])
     }
+}
+
+/// Readings are missing for at most `max_lost` periods, and the next comes within one more: no counter may turn over in that time.
+fn check_gap(
+    what: &'static str,
+    unit: usize,
+    longest_s: f64,
+    period_s: f64,
+    max_lost: u32,
+) -> Result<(), PlanError> {
+    if f64::from(max_lost + 1) * period_s <= longest_s {
+        return Ok(());
+    }
+    Err(PlanError::TurnsOver {
+        what,
+        unit,
+        longest_ms: longest_s * 1e3,
+        max_lost,
+        permitted: (longest_s / period_s) as u32,
+    })
 }
 
 /// Checks that the board is the one of the board file.

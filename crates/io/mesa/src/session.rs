@@ -10,6 +10,7 @@ use evolvent_machine::Machine;
 use thiserror::Error;
 
 use crate::axis_set::AxisSet;
+use crate::board_file::MAX_WATCHDOG_MS;
 use crate::board_settings::BoardSettings;
 use crate::clock::sleep_until;
 use crate::description::Description;
@@ -58,11 +59,29 @@ pub enum SessionError {
     /// The watchdog of the board has released its pins.
     #[error(
         "the board's watchdog has tripped: no packet arrived for {watchdog_ms:.0} ms; check what suspended \
-         this computer's processes (`evolvent doctor`), or permit more (watchdog_ms)"
+         this computer's processes (`evolvent doctor`), or permit more (watchdog_ms; after {most_ms:.0} ms without a \
+         reading the axes have to be homed all the same)"
     )]
     Bitten {
         /// Its time.
         watchdog_ms: f64,
+        /// The time after which a counter may have turned over.
+        most_ms: f64,
+    },
+    /// A counter was not read for so long that it may have turned over unseen.
+    #[error(
+        "{what} {unit} was not read for {gap_ms:.0} ms, and at full speed its position is unknown after {most_ms:.0} ms: \
+         home again, and check what suspended this computer's processes (`evolvent doctor`)"
+    )]
+    Unread {
+        /// Encoder or step generator.
+        what: &'static str,
+        /// Its number.
+        unit: usize,
+        /// How long.
+        gap_ms: f64,
+        /// How long it may be.
+        most_ms: f64,
     },
     /// A smart-serial device cannot be used.
     #[error(transparent)]
@@ -409,10 +428,12 @@ impl Cycle<'_> {
         if inputs.has_bitten {
             return Err(SessionError::Bitten {
                 watchdog_ms: self.settings.watchdog_s * 1e3,
+                most_ms: (self.axes.longest_gap_s() * 1e3).min(MAX_WATCHDOG_MS),
             });
         }
-        self.axes.take(&self.plan, inputs, measured_ns);
+        let read = self.axes.take(&self.plan, inputs, measured_ns);
         self.spindles.take(&self.plan, inputs, measured_ns);
+        read?;
         self.judge_remotes(inputs)?;
         if inputs.write_number == self.write_number {
             self.unheard = 0;

@@ -4,8 +4,11 @@ use evolvent_bus::{MachineOutputs, SpindleFeedback};
 use evolvent_drive::{SpindleConditions, SpindleEncoder, SpindleEncoderFault, SpindleOrientation};
 use evolvent_machine::Machine;
 
+use crate::axis::MAX_COUNTS;
 use crate::axis_set::{level, set};
-use crate::board_settings::{BoardSettings, BoardSpindle, Pin, SpindleOrienting, SpindleSpeed};
+use crate::board_settings::{
+    BoardSettings, BoardSpindle, Pin, SpindleAngleSource, SpindleOrienting, SpindleSpeed,
+};
 use crate::encoder_index::{EncoderIndex, IndexReading};
 use crate::plan::{INDEX_SLOTS, Inputs, Outputs, Plan, SPINDLE_SLOT};
 
@@ -18,6 +21,9 @@ const ORIENT: u32 = 3;
 const SAME_ANGLE_DEG: f64 = 0.05;
 /// Periods for which the input of such a drive counts for nothing: it still tells of the orientation before.
 const ORIENTING_PERIODS: u32 = 20;
+
+/// How much faster a spindle may have turned than measured or commanded.
+const MARGIN: f64 = 1.2;
 
 /// What happens to a spindle, for the user.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -148,6 +154,14 @@ impl Spindle {
             self.is_reached = level(plan, inputs, reached);
         }
         let Some(encoder) = &mut self.encoder else { return };
+        let gap_ns = encoder
+            .read_at_ns()
+            .map_or(0, |read_ns| measured_ns.saturating_sub(read_ns));
+        // Meanwhile it has gone from its speed to the commanded one.
+        let rpm = encoder.speed_rpm().abs().max(self.rpm.abs());
+        if is_unread(&angle, rpm, gap_ns as f64 * 1e-9) {
+            encoder.set_unread(gap_ns / 1_000_000);
+        }
         encoder.read(inputs.counts[angle.encoder], measured_ns);
         let slot = SPINDLE_SLOT + self.listed;
         match self
@@ -321,9 +335,41 @@ impl Spindle {
     }
 }
 
+/// Whether a counter may have turned over unseen in a gap between two readings, of a spindle whose speed was at most this.
+fn is_unread(angle: &SpindleAngleSource, rpm: f64, gap_s: f64) -> bool {
+    MARGIN * rpm / 60.0 * angle.counts_per_turn() * gap_s > MAX_COUNTS
+}
+
 /// Sets a PWM generator: its duty, and whether it is enabled.
 pub(crate) fn put_duty(outputs: &mut Outputs, unit: usize, duty: f64, is_enabled: bool) {
     outputs.duties[unit] = duty.clamp(-1.0, 1.0);
     outputs.pwm_enable &= !(1 << unit);
     outputs.pwm_enable |= u32::from(is_enabled) << unit;
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_drive::{SpindleEncoderSettings, SpindleIndex};
+
+    use super::*;
+
+    /// 30 000 counts are 73 ms of 6000 rpm at 4096 counts a turn, less the fifth that a speed may be too high.
+    #[test]
+    fn a_spindle_may_go_without_a_reading_for_less_than_half_its_counter() {
+        let angle = SpindleAngleSource {
+            encoder: 0,
+            index_rising: true,
+            settings: SpindleEncoderSettings {
+                counter_bits: 16,
+                counts_per_turn: 2048,
+                gear: [2, 1],
+                inverted: false,
+                index: SpindleIndex::PerSpindleTurn,
+                index_tolerance: 8,
+                at_speed_fraction: 0.02,
+            },
+        };
+        assert!(is_unread(&angle, 6000.0, 0.0611) && !is_unread(&angle, 6000.0, 0.0610));
+        assert!(!is_unread(&angle, 0.0, 10.0), "one that stands keeps its place");
+    }
 }

@@ -2,6 +2,7 @@
 //! do.
 
 use std::cell::Cell;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use evolvent_bridge_sim::monotonic_ns;
 use evolvent_bridge_trial::states;
@@ -10,7 +11,7 @@ use evolvent_mesa::BoardSettings;
 use evolvent_mesa_board::{BoardModel, FaultKind};
 use evolvent_random::{Random, cases};
 
-use crate::common::core::{STEPS, with_bridge, with_bridge_to};
+use crate::common::core::{STEPS, with_bridge, with_bridge_to, with_suspended_bridge_to};
 
 #[test]
 fn the_motor_turns_as_many_steps_as_the_setpoints_say() {
@@ -251,6 +252,72 @@ fn analog_servos_follow_by_their_encoders() {
         core.power = PowerRequest::Off;
         core.rest(0.5);
         assert!(server.lock().duty(0).abs() < 1e-9);
+    });
+}
+
+/// 16 bits are 65 536 counts: at 140 mm/s and 1000 counts a mm they pass unseen in 0.47 s, and half of them in 0.23 s.
+#[test]
+fn a_counter_that_was_not_read_for_too_long_ends_the_session() {
+    let suspend_ms = AtomicU64::new(0);
+    let slow_watchdog = |board: &mut BoardSettings| {
+        servos(board);
+        board.watchdog_s = 1.0;
+    };
+    with_suspended_bridge_to(
+        BoardModel::B7i97,
+        slow_watchdog,
+        &suspend_ms,
+        |core, server, messages| {
+            let before = core.bring_up();
+            let offset = before.position[0] * 1000.0 - server.lock().shaft(0);
+            core.velocity_x = 140.0;
+            core.rest(0.3);
+            // Shorter than 167 ms: nothing is lost.
+            suspend_ms.store(120, Ordering::Relaxed);
+            core.until("a brake", |feedback| {
+                feedback.bridge_state != evolvent_drive::BridgeState::Following.number()
+            });
+            core.velocity_x = 0.0;
+            core.rest(0.5);
+            core.power = PowerRequest::Off;
+            core.rest(0.3);
+            let (_, feedback) = core.heard.expect("feedback");
+            assert_eq!(feedback.instance, before.instance);
+            let off = feedback.position[0] * 1000.0 - server.lock().shaft(0) - offset;
+            assert!(off.abs() < 10.0, "{off} counts");
+            core.bring_up();
+            core.velocity_x = 140.0;
+            core.rest(0.3);
+            suspend_ms.store(300, Ordering::Relaxed);
+            let feedback = core.until("a fault", |feedback| {
+                states(feedback)[0].is_some_and(DriveState::is_fault)
+            });
+            assert_eq!(feedback.error_code, 0x7500);
+            (core.power, core.velocity_x) = (PowerRequest::Off, 0.0);
+            core.until("another session", |later| later.instance != before.instance);
+            assert!(
+                messages.contain("encoder 0 was not read for") && messages.contain("after 167 ms"),
+                "{messages:?}"
+            );
+        },
+    );
+}
+
+/// 1.2 x 150 mm/s x 4000 counts a mm are 30 000 counts in 41.7 ms, 20 of this core's periods.
+#[test]
+fn lost_packets_in_which_a_counter_may_turn_over_are_refused() {
+    let fast = |board: &mut BoardSettings| {
+        servos(board);
+        board.max_lost_packets = 41;
+        for axis in &mut board.axes {
+            axis.per_unit = 4000.0;
+        }
+    };
+    with_bridge_to(BoardModel::B7i97, fast, |core, _, messages| {
+        core.rest(1.5);
+        let wanted = "encoder 0 turns over in 41.7 ms at 1.2 times the maximum speed, which is not seen while max_lost_packets = 41 \
+                      replies are missing: choose max_lost_packets = 19 or less, or a higher control rate";
+        assert!(messages.contain(wanted), "{messages:?}");
     });
 }
 

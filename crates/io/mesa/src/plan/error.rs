@@ -128,13 +128,31 @@ pub enum PlanError {
         /// Steps/s permitted by the times.
         possible: f64,
     },
-    /// More counts between two readings than a 16-bit counter can resolve.
+    /// More counts of a spindle between two readings than a 16-bit counter can resolve.
     #[error("encoder {unit} counts {counts:.0} in a period, more than 30000: choose a higher control rate")]
     Counts {
         /// Its number.
         unit: usize,
-        /// Counts per period at the maximum velocity.
+        /// Counts per period at the maximum speed.
         counts: f64,
+    },
+    /// A counter of 16 bits may turn over before the session ends for lack of replies.
+    #[error(
+        "{what} {unit} turns over in {longest_ms:.1} ms at 1.2 times the maximum speed, which is not seen while max_lost_packets = \
+         {max_lost} replies are missing: {}",
+        cure(*.permitted)
+    )]
+    TurnsOver {
+        /// Encoder or step generator.
+        what: &'static str,
+        /// Its number.
+        unit: usize,
+        /// How long no reading may come.
+        longest_ms: f64,
+        /// Replies that may be missing in a row.
+        max_lost: u32,
+        /// Periods in that time.
+        permitted: u32,
     },
     /// A pin without a filter.
     #[error("pin {pin} has no filter on this board (InM): remove `slow`")]
@@ -148,4 +166,12 @@ pub enum PlanError {
     /// The registers exceed a packet.
     #[error(transparent)]
     Full(#[from] PacketFull),
+}
+
+/// What helps where a counter may turn over in so many periods.
+fn cure(periods: u32) -> String {
+    match periods.saturating_sub(1) {
+        0 => "choose a higher control rate, or fewer counts".to_owned(),
+        most => format!("choose max_lost_packets = {most} or less, or a higher control rate"),
+    }
 }

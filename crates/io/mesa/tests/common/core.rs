@@ -1,10 +1,11 @@
 //! A core that moves the router's X axis over the bus, and the bridge of a simulated board under it.
 
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::time::Duration;
 
 use evolvent_bridge_trial::{Messages, TrialCore, with_bridge as with_bridge_and_core};
 use evolvent_disturbance::unless_disturbed;
-use evolvent_mesa::{BoardSettings, BridgeReport, RunSettings, run};
+use evolvent_mesa::{BoardSettings, BridgeReport, RunSettings, run_measured};
 use evolvent_mesa_board::{BoardModel, BoardServer};
 
 use super::{machine, router, serve};
@@ -25,6 +26,16 @@ pub(crate) fn with_bridge_to(
     edit: impl Fn(&mut BoardSettings),
     test: impl Fn(&mut TrialCore, &BoardServer, &Messages),
 ) -> BridgeReport {
+    with_suspended_bridge_to(model, edit, &AtomicU64::new(0), test)
+}
+
+/// The same; the cycle of the bridge sleeps as many ms as `suspend_ms` says, once each time.
+pub(crate) fn with_suspended_bridge_to(
+    model: BoardModel,
+    edit: impl Fn(&mut BoardSettings),
+    suspend_ms: &AtomicU64,
+    test: impl Fn(&mut TrialCore, &BoardServer, &Messages),
+) -> BridgeReport {
     static NUMBER: AtomicU32 = AtomicU32::new(0);
     unless_disturbed(|| {
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
@@ -43,7 +54,11 @@ pub(crate) fn with_bridge_to(
         };
         with_bridge_and_core(
             &prefix,
-            |stop, messages| run(&settings, stop, |text| messages.push(text)),
+            |stop, messages| {
+                let mut sleep =
+                    |_| std::thread::sleep(Duration::from_millis(suspend_ms.swap(0, Ordering::Relaxed)));
+                run_measured(&settings, stop, |text| messages.push(text), Some(&mut sleep))
+            },
             TrialCore::open("mesa-faults", &prefix),
             |core, messages| test(core, &server, messages),
         )
