@@ -398,9 +398,11 @@ impl PathExecutor {
         };
         // The travel is the last line; standing still is all that is left beyond it.
         if self.guard.check_place(&jet.position).is_err() {
-            jet.position = self.guard.past()[0];
+            jet = Jet::at_rest(self.guard.past()[0]);
         }
         self.guard.publish(&jet.position, false);
+        // Where an emergency stop begins, if it comes now.
+        self.last = jet;
         let mut bits = flags::GUARD;
         if self.is_over() {
             bits |= flags::LAST;

@@ -3,7 +3,7 @@
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
 use evolvent_machine::{Limits, PlannerKind};
-use evolvent_motion::{Inputs, PathExecutor, QueueClosed, State, flags, plan_queue};
+use evolvent_motion::{Inputs, MachineState, PathExecutor, QueueClosed, State, flags, plan_queue};
 use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind, PathMode};
 use evolvent_planner::{
     ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Run, ScalarLimits, Segment, SegmentMarks, Step,
@@ -266,6 +266,42 @@ fn the_guard_keeps_a_jump_of_the_path_from_the_drives() {
     assert!(v <= 200.0 * 1.001 && a <= 2000.0 * 1.001, "{v} {a}");
     // The plan knew nothing of it, so the axis stops by itself, from its present acceleration: zero.
     assert!(j <= 50_000.0 * 1.02, "{j}");
+}
+
+/// The emergency stop comes while the axis is already stopping by itself.
+#[test]
+fn an_emergency_stop_goes_on_from_the_stop_of_the_guard() {
+    let limits = one_axis(200.0, 2000.0, 50_000.0);
+    let scalar = ScalarLimits {
+        velocity: 200.0,
+        acceleration: 2000.0,
+        jerk: 50_000.0,
+    };
+    for moment in 1..150 {
+        let mut queue = lie(&[line(0.0, 100.0), line(105.0, 200.0)], scalar, &[200.0, 0.0]);
+        let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
+        let mut station = MachineState::new(limits, 1_000_000, Axes::zeros());
+        assert!(station.attach(&mut motion));
+        let mut stopping = 0;
+        while stopping < moment && !motion.is_over() {
+            let setpoint = motion.step(&Inputs::default(), &mut queue);
+            station.follow(&motion, &setpoint);
+            stopping += u64::from(motion.fault().is_some());
+        }
+        station.emergency();
+        let mut periods = 0;
+        while !station.is_at_rest() {
+            let _setpoint = station.rest(State::Fault);
+            periods += 1;
+            assert!(periods < 1000, "no end");
+        }
+        let most = station.extremes();
+        let [v, a, j] = [most.velocity[0], most.acceleration[0], most.jerk[0]];
+        assert!(
+            v <= 200.0 * 1.001 && a <= 2000.0 * 1.001 && j <= 50_000.0 * 1.02,
+            "{moment}: {v} {a} {j}"
+        );
+    }
 }
 
 #[test]
