@@ -209,8 +209,9 @@ pub enum DriveAlarm {
     #[error(
         "the feedback's {field}{} is {value:.6e}, at most {bound:.6e} is possible: check encoder and \
          bridge, nothing of \
-         this message was used",
-        axis.map(|axis| format!(" of axis {}", AxisLetter::letter_of(axis))).unwrap_or_default()
+         this message was used{}",
+        axis.map(|axis| format!(" of axis {}", AxisLetter::letter_of(axis))).unwrap_or_default(),
+        zero_hint(field)
     )]
     Unbelievable {
         /// Its name on the bus.
@@ -276,5 +277,13 @@ impl DriveAlarm {
                 | Self::AheadOfTime { .. }
                 | Self::Unbelievable { .. }
         )
+    }
+}
+
+/// A position far away may be that of an encoder whose zero is elsewhere.
+fn zero_hint(field: &str) -> &'static str {
+    match field {
+        "position" => "; if the encoder counts from elsewhere, set `zero` of the axis in the bridge's file",
+        _ => "",
     }
 }

@@ -31,6 +31,9 @@ pub(crate) struct DriveAxis {
     /// The drive's position without wrap-around.
     increments: i64,
     has_position: bool,
+    /// It begins at `zero`, wherever its counter is: homing comes before its coordinates count, and a counter that is not absolute may be
+    /// any number of turns away.
+    begins_at_zero: bool,
     /// Machine coordinate minus position of the increments.
     offset: f64,
     velocity: f64,
@@ -70,6 +73,7 @@ impl DriveAxis {
             },
             increments: 0,
             has_position: false,
+            begins_at_zero: false,
             offset: settings.zero,
             velocity: 0.0,
             is_lost: false,
@@ -91,6 +95,29 @@ impl DriveAxis {
             apart: (0.0, 0.0),
             is_apart: false,
         }
+    }
+
+    /// Before the first inputs: it begins at `zero`, or, in a later session of the process, with the offset of the first, so that an axis
+    /// that was not moved keeps its coordinate.
+    pub(crate) const fn begin_at_zero(&mut self, kept_offset: Option<f64>) {
+        match kept_offset {
+            Some(offset) => self.offset = offset,
+            None => self.begins_at_zero = true,
+        }
+    }
+
+    /// The offset, if it was just chosen by the first inputs.
+    pub(crate) const fn take_chosen_offset(&mut self) -> Option<f64> {
+        if self.has_position && self.begins_at_zero {
+            self.begins_at_zero = false;
+            return Some(self.offset);
+        }
+        None
+    }
+
+    /// Its encoder knows machine zero.
+    pub(crate) const fn has_absolute_encoder(&self) -> bool {
+        self.settings.absolute
     }
 
     pub(crate) const fn gantry(&self) -> Option<GantrySettings> {
@@ -233,6 +260,10 @@ impl DriveAxis {
         } else {
             self.increments = i64::from(inputs.position);
             self.has_position = true;
+            if self.begins_at_zero {
+                self.offset =
+                    self.settings.zero - self.sign() * self.settings.scale.position(self.increments);
+            }
         }
         self.inputs = inputs;
         if self.settings.touch_probe {

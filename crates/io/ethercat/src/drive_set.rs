@@ -1,5 +1,8 @@
 //! All drives of a session behind one follower: setpoints in, outputs out, feedback back.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use evolvent_bridge::follower_settings;
 use evolvent_bus::{AXES, Feedback, Setpoint};
 use evolvent_drive::{
@@ -61,6 +64,33 @@ pub(crate) struct DriveSet {
     index: IndexLatch,
     target: Option<Target>,
     power: PowerRequest,
+    starts: Starts,
+}
+
+/// Bits of an offset that is not known: not a number that arithmetic gives.
+const UNKNOWN: u64 = u64::MAX;
+
+/// Machine coordinate minus position of the increments at which drives have begun, over the sessions of a process.
+#[derive(Clone, Debug)]
+pub(crate) struct Starts(Arc<[AtomicU64; 2 * AXES]>);
+
+impl Default for Starts {
+    fn default() -> Self {
+        Self(Arc::new([const { AtomicU64::new(UNKNOWN) }; 2 * AXES]))
+    }
+}
+
+impl Starts {
+    fn of(&self, entry: usize) -> Option<f64> {
+        let bits = self.0.get(entry)?.load(Ordering::Relaxed);
+        (bits != UNKNOWN).then_some(f64::from_bits(bits))
+    }
+
+    fn keep(&self, entry: usize, offset: f64) {
+        if let Some(kept) = self.0.get(entry) {
+            kept.store(offset.to_bits(), Ordering::Relaxed);
+        }
+    }
 }
 
 impl DriveSet {
@@ -69,14 +99,25 @@ impl DriveSet {
         network: &Network,
         period_ns: u64,
         instance: u64,
+        starts: &Starts,
     ) -> Result<Self, SettingsError> {
         let settings = follower_settings(machine, network.axes_mask(), period_ns);
-        let axes: Vec<DriveAxis> = network
+        let mut axes: Vec<DriveAxis> = network
             .devices
             .iter()
             .filter_map(|device| device.axis)
             .map(DriveAxis::new)
             .collect();
+        for (entry, axis) in axes.iter_mut().enumerate() {
+            let by_core = |axis: &DriveAxis| {
+                let mut homed = machine.homing.iter().map(|homing| homing.axis.index());
+                homed.any(|homed| homed == axis.index())
+            };
+            // Others count from their drives' zero: without homing the core takes that for true.
+            if !axis.has_absolute_encoder() && (axis.homing() == HomingProgress::Needed || by_core(axis)) {
+                axis.begin_at_zero(starts.of(entry));
+            }
+        }
         let gantries = (0..axes.len())
             .filter_map(|second| {
                 let settings = axes[second].gantry()?;
@@ -99,6 +140,7 @@ impl DriveSet {
             aligned: false,
             index_request: IndexRequest::NONE,
             index: IndexLatch::default(),
+            starts: starts.clone(),
             follower: Follower::new(settings)?,
             taken_ns: vec![None; axes.len()],
             axes,
@@ -155,7 +197,11 @@ impl DriveSet {
         self.taken_ns[axis] = Some(now_ns);
         let drive = &mut self.axes[axis];
         let elapsed_s = periods as f64 * self.period_s;
-        match drive.take(inputs, elapsed_s, self.max_velocity[drive.index()]) {
+        let progress = drive.take(inputs, elapsed_s, self.max_velocity[drive.index()]);
+        if let Some(offset) = drive.take_chosen_offset() {
+            self.starts.keep(axis, offset);
+        }
+        match progress {
             IndexProgress::Nothing => {}
             // Taken over, for the core, once the drive would latch the impulse.
             IndexProgress::Armed => {
@@ -414,7 +460,8 @@ mod tests {
         let machine = Machine::parse(&shipped("machines/mill-3axis.toml"), "mill.toml").expect("a machine");
         let network = Network::parse(&shipped("networks/sim-mill.toml"), "mill.toml").expect("a network");
         let period_ns = 1_000_000;
-        let mut drives = DriveSet::new(&machine, &network, period_ns, 1).expect("settings");
+        let mut drives =
+            DriveSet::new(&machine, &network, period_ns, 1, &Starts::default()).expect("settings");
         let mut period = 0;
         for periods in [1, 1, 5, 1, 10, 1] {
             period += periods;
@@ -431,6 +478,36 @@ mod tests {
                 period == 1 || (velocity - 300.0).abs() < 0.01,
                 "{periods}: {velocity} mm/s"
             );
+        }
+    }
+
+    /// A multi-turn counter without `absolute`, 500 turns from its zero.
+    #[test]
+    fn a_drive_that_is_homed_begins_at_zero_and_keeps_its_place_over_sessions() {
+        let shipped = evolvent_file_tests::shipped;
+        let text = shipped("machines/mill-3axis.toml");
+        let network = shipped("networks/sim-mill.toml");
+        let homing = "\n[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 50\nlatch_mm_s = 5\nswitch_mm = -5\n";
+        let network = Network::parse(&network, "mill.toml").expect("a network");
+        // 2^20 increments a turn of 5 mm.
+        let turns = |turns: f64| DriveInputs {
+            position: (turns * 1_048_576.0) as i32,
+            ..DriveInputs::default()
+        };
+        for (file, begins, comes_back) in [
+            (format!("{text}{homing}"), 0.0, 10.0),
+            // Nothing would tell that it is not where its counter says.
+            (text, 2500.0, 2510.0),
+        ] {
+            let machine = Machine::parse(&file, "mill.toml").expect("a machine");
+            let starts = Starts::default();
+            let session = || DriveSet::new(&machine, &network, 1_000_000, 1, &starts).expect("settings");
+            let mut first = session();
+            first.take(1_000_000, 0, turns(500.0));
+            assert!((first.axes()[0].position() - begins).abs() < 1e-6);
+            let mut second = session();
+            second.take(9_000_000, 0, turns(502.0));
+            assert!((second.axes()[0].position() - comes_back).abs() < 1e-6);
         }
     }
 }

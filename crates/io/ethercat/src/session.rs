@@ -23,7 +23,7 @@ pub use self::error::SessionError;
 use self::start::start;
 use crate::clock_monitor::ClockMonitor;
 use crate::cycle_times::CycleTimes;
-use crate::drive_set::DriveSet;
+use crate::drive_set::{DriveSet, Starts};
 use crate::dump::DumpSender;
 use crate::homing::HomingProgress;
 use crate::network::{MAX_DEVICES, Network};
@@ -65,6 +65,8 @@ pub(crate) struct Counters {
     pub(crate) cycles: AtomicU64,
     pub(crate) lost: AtomicU64,
     pub(crate) short: AtomicU64,
+    /// Where drives have begun.
+    pub(crate) starts: Starts,
 }
 
 /// The queues of a session and its counters.
@@ -185,7 +187,7 @@ pub(crate) fn run_session(
         None => return Err(failed("bringing the network up", &"it took more than a minute")),
     };
     let instance = monotonic_ns();
-    let drives = DriveSet::new(machine, network, period_ns, instance)?;
+    let drives = DriveSet::new(machine, network, period_ns, instance, &ends.counters.starts)?;
     let mut signals = SignalSet::new(machine, network, instance);
     let (mut of_axes, mut of_spindles) = (layouts.axes.iter(), layouts.spindles.iter());
     for (device, listed) in network.devices.iter().enumerate() {

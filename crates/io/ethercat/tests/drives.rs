@@ -54,6 +54,31 @@ fn turns(ring: &SharedRing) -> Vec<f64> {
     drives.map(|drive| drive.motor_turns()).collect()
 }
 
+/// Multi-turn counters 500 turns from their zero: X is homed by its drive, and begins at `zero`; Y counts on.
+#[test]
+fn a_drive_far_from_its_zero_begins_where_the_core_can_home_it() {
+    unless_disturbed(|| {
+        let far = DriveSettings {
+            start_increments: 500 << 20,
+            ..DriveSettings::default()
+        };
+        let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1)];
+        devices.extend((2..5).map(|serial| SubDevice::drive(far, serial, 10.0 * f64::from(serial))));
+        devices.push(SubDevice::terminal(TerminalKind::DigitalInput, 5));
+        on_bench(devices, |ring| {
+            with_bridge(
+                |network| set_homing(network, 1, homing(1, 25.0)),
+                ring,
+                |core, _, _| {
+                    let before = core.until("feedback", |_| true);
+                    assert!(before.position[0].abs() < 0.01, "{:?}", before.position);
+                    assert!((before.position[1] - 2500.0).abs() < 0.01, "{:?}", before.position);
+                },
+            );
+        });
+    });
+}
+
 /// Y first, then X; Z has no homing and holds. Without power nothing moves, and in operation the axes are where the files say.
 #[test]
 fn drives_find_their_zero_in_order_when_power_is_requested() {

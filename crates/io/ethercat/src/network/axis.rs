@@ -33,7 +33,7 @@ pub(super) struct AxisFile {
     /// Whether the encoder knows its position at power-up.
     #[serde(default)]
     pub(super) absolute: bool,
-    /// The machine coordinate, in mm or degrees, at which the drive's position is zero, until the axis is homed.
+    /// The machine coordinate, in mm or degrees, at which the drive's position is zero. Of an axis that is homed and not absolute, where it is when the bridge finds it first.
     #[serde(default)]
     pub(super) zero: f64,
     /// Process data are written to the drive as the bridge needs them; else those are taken that it has.
