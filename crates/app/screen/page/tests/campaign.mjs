@@ -119,6 +119,7 @@ async function jogs(count) {
     await page.locator(at('lease')).waitFor();
     await takeControl(page);
     await view(page, 'jog');
+    await page.locator(at('increment-0')).click();
   };
   await open();
   await ready(page);

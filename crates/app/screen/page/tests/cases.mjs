@@ -119,9 +119,34 @@ export const cases = {
     }
   },
 
+  async 'the jog view keeps distance and speed, and a page that was loaded begins with the smallest distance'(page) {
+    await ready(page);
+    await view(page, 'jog');
+    const chosen = () => page.locator('[data-test^="increment-"][aria-pressed="true"]').evaluateAll((list) => list.map((button) => button.dataset.test).join());
+    assert.equal(await chosen(), 'increment-0.001');
+    await page.locator(at('increment-0.01')).click();
+    await page.locator(at('jog-speed')).fill('37');
+    await view(page, 'program');
+    await view(page, 'jog');
+    assert.deepEqual([await chosen(), await page.locator(at('jog-speed')).inputValue()], ['increment-0.01', '37']);
+    // A press that stays on the button is still a hundredth.
+    await page.locator('button:has-text("Machine")').first().click();
+    const before = await number(page, 'large-X');
+    await press(page, 'jog-X-plus');
+    await page.waitForTimeout(400);
+    await page.mouse.up();
+    await until('X + 0.01', async () => Math.abs((await number(page, 'large-X')) - before - 0.01) < 0.0015 || number(page, 'large-X'));
+    await page.locator(at('increment-0')).click();
+    await page.reload();
+    await page.locator(at('lease')).waitFor();
+    await view(page, 'jog');
+    assert.equal(await chosen(), 'increment-0.001', 'never one that goes on');
+  },
+
   async 'a jog ends when the button is released, left, or the page loses its eyes'(page) {
     await ready(page);
     await view(page, 'jog');
+    await page.locator(at('increment-0')).click();
     const ends = {
       released: () => page.mouse.up(),
       left: () => page.mouse.move(5, 300),
@@ -1696,6 +1721,8 @@ export const cases = {
           await view(page, name);
           await page.waitForTimeout(150);
           // As a string: the policy of the page permits no eval, and needs none for what a debugger runs.
+          // With its pad.
+          if (name === 'jog') await page.locator(at('increment-0')).click();
           await page.evaluate(axeSource);
           const result = await page.evaluate(() => globalThis.axe.run(document, { resultTypes: ['violations'] }));
           const serious = result.violations.filter((violation) => ['serious', 'critical'].includes(violation.impact));
@@ -1745,6 +1772,7 @@ export const cases = {
         ),
       );
     await view(page, 'jog');
+    await page.locator(at('increment-0')).click();
     const before = await places();
     await ready(page);
     assert.deepEqual(await places(), before, 'ready');

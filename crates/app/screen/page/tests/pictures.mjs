@@ -63,6 +63,8 @@ async function mill() {
   await sleep(9000);
   for (const name of ['path', 'program', 'scope', 'jog', 'mdi', 'offsets', 'tools']) {
     await view(page, name);
+    // With its pad.
+    if (name === 'jog') await page.locator(at('increment-0')).click();
     await sleep(1800);
     await shoot(page, name);
   }
