@@ -685,6 +685,53 @@ export const cases = {
     await page.locator(`${at('keys')}[aria-pressed="false"]`).waitFor();
   },
 
+  async 'a jog that a key holds ends with any other key and with any release'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    await view(page, 'jog');
+    await page.locator(at('increment-0')).click();
+    await page.locator(at('keys')).click();
+    const jogs = (what) => until(`${what}: a jog`, async () => (await text(page, 'state')) === 'Jog' || text(page, 'state'));
+    const ends = (what) => until(`${what}: over`, async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'), 2000);
+    const keyboard = page.keyboard;
+    // The 6 of a keypad is an arrow, until Shift or NumLock makes a digit of it: its release is that of a digit.
+    const told = (type, key, code) => page.evaluate((words) => window.dispatchEvent(new KeyboardEvent(words[0], { key: words[1], code: words[2], bubbles: true })), [type, key, code]);
+    await told('keydown', 'ArrowRight', 'Numpad6');
+    await jogs('keypad');
+    await told('keyup', '6', 'Numpad6');
+    await ends('a digit now');
+    // Of what is released while Cmd is down macOS tells nothing: the press of Cmd ends the jog.
+    for (const other of ['Meta', 'Shift', 'Control', 'NumLock', 'a']) {
+      await keyboard.down('ArrowRight');
+      await jogs(other);
+      await keyboard.down(other);
+      await ends(other);
+      // The key that is still down repeats, and jogs no more.
+      await keyboard.up(other);
+      await keyboard.down('ArrowRight');
+      await page.waitForTimeout(100);
+      assert.equal(await text(page, 'state'), 'Ready', other);
+      await keyboard.up('ArrowRight');
+    }
+    // Any release.
+    await keyboard.down('ArrowRight');
+    await jogs('any release');
+    await told('keyup', 'q', 'KeyQ');
+    await ends('any release');
+    await keyboard.up('ArrowRight');
+    // Space on a button is no other.
+    await page.locator(at('jog-X-plus')).focus();
+    await keyboard.down('Space');
+    await jogs('Space');
+    await keyboard.down('Space');
+    await page.waitForTimeout(200);
+    assert.equal(await text(page, 'state'), 'Jog', 'a key that repeats holds on');
+    await keyboard.down('Meta');
+    await ends('Space');
+    await keyboard.up('Meta');
+    await keyboard.up('Space');
+  },
+
   async 'the pad jogs two axes at once'(page) {
     await ready(page);
     await view(page, 'jog');

@@ -82,6 +82,19 @@ export function release(key?: string): void {
   if (held !== null && (key === undefined || held.key === key)) pause(held.key);
 }
 
+/**
+ * The name of a key that is pressed: of the key itself, because what it means changes while it is down (the 6 of a keypad is an arrow until
+ * NumLock or Shift comes).
+ */
+export function keyOf(event: KeyboardEvent): string {
+  return `key-${event.code || event.key}`;
+}
+
+/** Ends the jog that a key holds, whichever it is. */
+export function releaseKey(): void {
+  if (armed?.startsWith('key-') || held?.key.startsWith('key-')) release();
+}
+
 /** Who holds a jog that has ended, by Stop of another page or at the end of the travel, starts none by holding on. */
 export function follow(status: Status | null): void {
   if (held === null || held.acceptedAt === null || performance.now() - held.acceptedAt < SETTLE_MS) return;
@@ -100,6 +113,15 @@ export function watchForLoss(): void {
   for (const type of ['pointerup', 'pointercancel'] as const) {
     window.addEventListener(type, (event) => release(`button-${event.pointerId}`), { capture: true });
   }
+  // Not every release of a key is told: macOS tells none while Cmd is down. So any that is released ends the jog, and any other that is pressed.
+  window.addEventListener('keyup', releaseKey, { capture: true });
+  window.addEventListener(
+    'keydown',
+    (event) => {
+      if (keyOf(event) !== (armed ?? held?.key)) releaseKey();
+    },
+    { capture: true },
+  );
   window.addEventListener('contextmenu', (event) => {
     if (held !== null) event.preventDefault();
   });
