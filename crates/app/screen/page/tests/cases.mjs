@@ -745,6 +745,53 @@ export const cases = {
     await rests(page, 'Y');
   },
 
+  async 'a pad that is no longer shown moves nothing'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    await view(page, 'jog');
+    const sent = () => page.evaluate(() => globalThis.madeUpCommands.filter((command) => command === 'jog').length);
+    // Another finger, or a keyboard, presses meanwhile.
+    const click = (selector) => page.evaluate((selector) => document.querySelector(selector).click(), selector);
+    for (const selector of ['[data-test="increment-0.1"]', '[data-view="mdi"]']) {
+      await view(page, 'jog');
+      await page.locator(at('increment-0')).click();
+      const box = await press(page, 'pad');
+      const [x, y, radius] = [box.x + box.width / 2, box.y + box.height / 2, box.width / 2];
+      await page.mouse.move(x + radius * 0.5, y);
+      await until('a jog', async () => (await text(page, 'state')) === 'Jog' || text(page, 'state'));
+      // A change of direction waits for its turn.
+      await page.evaluate(
+        ([x, y, selector]) => {
+          const pad = document.querySelector('[data-test="pad"]');
+          for (let i = 1; i < 5; i += 1) pad.dispatchEvent(new PointerEvent('pointermove', { pointerId: 1, clientX: x - 5 * i, clientY: y, bubbles: true }));
+          document.querySelector(selector).click();
+          globalThis.jogsThen = globalThis.madeUpCommands.filter((command) => command === 'jog').length;
+        },
+        [x, y, selector],
+      );
+      await until(`${selector}: over`, async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'), 2000);
+      await page.waitForTimeout(300);
+      assert.equal(await sent(), await page.evaluate(() => globalThis.jogsThen), selector);
+      await page.mouse.up();
+    }
+    // A button of an axis, too: the distance is chosen while it is held.
+    await view(page, 'jog');
+    await page.locator(at('increment-0')).click();
+    await press(page, 'jog-X-plus');
+    await until('a jog', async () => (await text(page, 'state')) === 'Jog' || text(page, 'state'));
+    await click('[data-test="increment-0.1"]');
+    await until('over', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'), 2000);
+    await page.mouse.up();
+    // Whoever lifts the finger where the pad does not hear of it.
+    await page.locator(at('increment-0')).click();
+    const box = await press(page, 'pad');
+    await page.mouse.move(box.x + box.width * 0.75, box.y + box.height / 2);
+    await until('a jog', async () => (await text(page, 'state')) === 'Jog' || text(page, 'state'));
+    await page.evaluate(() => window.dispatchEvent(new PointerEvent('pointerup', { pointerId: 1 })));
+    await until('lifted', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'), 2000);
+    await page.mouse.up();
+  },
+
   async 'overrides take effect and go back to 100 %'(page) {
     await takeControl(page);
     await page.locator('#feed_override').fill('50');
