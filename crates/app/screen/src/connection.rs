@@ -4,13 +4,12 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use axum::extract::ws::{Message, Utf8Bytes, WebSocket};
-use evolvent_bus::{ControlRequest, Status};
 use evolvent_control::CommandCode;
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt, StreamExt};
 use tokio::sync::mpsc;
 
-use crate::command::{STOPPING, code_of, request_of};
+use crate::command::{code_of, request_of};
 use crate::gate::Role;
 use crate::hub::{Visitor, text};
 use crate::messages::{CommandMessage, FromPage, LogKind, ToPage};
@@ -30,22 +29,8 @@ const REPEATED: [CommandCode; 5] = [
 /// Maximum number of messages at once, and per second.
 const BURST: f64 = 400.0;
 const RATE: f64 = 200.0;
-/// A jog renewal that has waited longer is out of date.
-const KEEP_AGE: Duration = Duration::from_millis(40);
-/// The same for a jog.
-const JOG_AGE: Duration = Duration::from_millis(250);
-/// The same for commands that stop.
-const AGE: Duration = Duration::from_secs(5);
-/// The same for other commands: who pressed has looked elsewhere since.
-const PRESS_AGE: Duration = Duration::from_secs(1);
-/// Maximum age of the status that a page had before it when it sent a command that does not stop. A dead link that comes back
-/// delivers what was sent on it, many seconds later.
-const MAX_SEEN_AGE_NS: u64 = 1_000_000_000;
 /// A page that has control and sends nothing for this time loses it.
 const LEASE_SILENCE: Duration = Duration::from_secs(3);
-
-/// `activity` of a jog in the status.
-const JOG: u32 = 3;
 
 /// Serves a page until its connection ends.
 pub(crate) async fn serve(server: Arc<Server>, socket: WebSocket, visitor: Visitor) {
@@ -60,21 +45,7 @@ pub(crate) async fn serve(server: Arc<Server>, socket: WebSocket, visitor: Visit
         () = read(&server, stream, number, role) => {}
     }
     if server.hub.leave(number) {
-        stop_jog(&server);
-    }
-}
-
-/// A page that held a jog has disconnected or lost control: the core would notice 90 ms later.
-fn stop_jog(server: &Server) {
-    if server.jogged.swap(false, std::sync::atomic::Ordering::Relaxed) {
-        server.stops.send(plain(CommandCode::JogStop), AGE);
-    }
-}
-
-fn plain(code: CommandCode) -> ControlRequest {
-    ControlRequest {
-        command: code as u32,
-        ..ControlRequest::default()
+        server.dispatch.stop_jog();
     }
 }
 
@@ -123,7 +94,7 @@ async fn read(server: &Arc<Server>, mut stream: SplitStream<WebSocket>, number: 
             Ok(_) => return,
             Err(_) => {
                 if server.hub.drop_silent(number) {
-                    stop_jog(server);
+                    server.dispatch.stop_jog();
                 }
                 continue;
             }
@@ -146,18 +117,16 @@ async fn read(server: &Arc<Server>, mut stream: SplitStream<WebSocket>, number: 
             _ => continue,
         };
         match serde_json::from_str::<FromPage>(&line) {
-            Ok(FromPage::Keep) if server.hub.holds(number) => {
-                server.jogs.send(plain(CommandCode::JogKeep), KEEP_AGE);
-            }
-            Ok(FromPage::Keep | FromPage::Alive) => {}
+            Ok(FromPage::Keep) => server.dispatch.keep_jog(number),
+            Ok(FromPage::Alive) => {}
             Ok(FromPage::Take { force }) => {
                 if server.hub.take(number, force) {
-                    stop_jog(server);
+                    server.dispatch.stop_jog();
                 }
             }
             Ok(FromPage::Give) => {
                 if server.hub.give(number) {
-                    stop_jog(server);
+                    server.dispatch.stop_jog();
                 }
             }
             Ok(FromPage::Command(command)) => {
@@ -207,51 +176,7 @@ async fn answer_of(server: &Server, number: u64, role: Role, command: &CommandMe
         Ok(request) => request,
         Err(text) => return Answer::refused(text),
     };
-    let is_code = |code: &CommandCode| *code as u32 == command.command;
-    if STOPPING.iter().any(is_code) {
-        if is_code(&CommandCode::JogStop) {
-            // Also after a jog that has not been sent yet: a short press must not start after its end.
-            server.jogs.send(request, JOG_AGE);
-        }
-        return server.stops.give(request, AGE).await;
-    }
-    if !server.hub.holds(number) {
-        return Answer::refused("this page does not have control; take it first");
-    }
-    if let Some(text) = outdated(server.hub.present().as_deref(), command) {
-        return Answer::refused(text);
-    }
-    match command.command {
-        code if code == CommandCode::Jog as u32 => {
-            server.jogged.store(true, std::sync::atomic::Ordering::Relaxed);
-            let answer = server.jogs.give(request, JOG_AGE).await;
-            // The page may have disconnected while the core evaluated the command.
-            if !server.hub.holds(number) {
-                stop_jog(server);
-            }
-            answer
-        }
-        code if code == CommandCode::JogKeep as u32 => server.jogs.give(request, KEEP_AGE).await,
-        code if code == CommandCode::Return as u32 || code == CommandCode::Retrace as u32 => {
-            // They end with the page, as a jog does: what the program itself does not do, somebody watches.
-            server.jogged.store(true, std::sync::atomic::Ordering::Relaxed);
-            let answer = server.commands.give(request, PRESS_AGE).await;
-            if !server.hub.holds(number) {
-                stop_jog(server);
-            }
-            answer
-        }
-        _ => server.commands.give(request, PRESS_AGE).await,
-    }
-}
-
-/// Why a command that does not stop is not carried out any more. Without a status the core rejects it, or nothing moves.
-fn outdated(present: Option<&Status>, command: &CommandMessage) -> Option<&'static str> {
-    let present = present?;
-    if present.time_ns.saturating_sub(command.seen_ns) > MAX_SEEN_AGE_NS {
-        return Some("the page was out of date; look at the machine and press again");
-    }
-    (command.steers && present.activity != JOG).then_some("the jog has ended; press again")
+    server.dispatch.carry_out(number, command, request).await
 }
 
 impl crate::hub::Hub {
@@ -271,38 +196,5 @@ impl crate::hub::Hub {
                 text: what,
             }),
         );
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_command_of_a_page_that_is_out_of_date_is_refused() {
-        let mut present = Status {
-            time_ns: 100_000_000_000,
-            activity: JOG,
-            ..Status::default()
-        };
-        let command = |seen_ns: u64, steers: bool| -> CommandMessage {
-            let json = serde_json::json!({"id": 1, "command": 20, "seen_ns": seen_ns, "steers": steers});
-            serde_json::from_value(json).unwrap()
-        };
-        // A second, and the future: the status is that of the last setpoint, which pages may have from the frame before.
-        for seen_ns in [99_000_000_000, 100_000_000_000, 100_010_000_000] {
-            assert_eq!(outdated(Some(&present), &command(seen_ns, true)), None);
-        }
-        // A link that was dead for 12 s, and a page that has seen nothing.
-        for seen_ns in [98_999_999_999, 88_000_000_000, 0] {
-            let text = outdated(Some(&present), &command(seen_ns, false)).unwrap();
-            assert!(text.contains("out of date"), "{text}");
-        }
-        // Somebody has pressed Stop: a change of a jog starts none.
-        present.activity = 0;
-        let text = outdated(Some(&present), &command(100_000_000_000, true)).unwrap();
-        assert!(text.contains("has ended"), "{text}");
-        assert_eq!(outdated(Some(&present), &command(100_000_000_000, false)), None);
-        assert_eq!(outdated(None, &command(0, true)), None);
     }
 }

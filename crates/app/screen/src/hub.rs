@@ -33,6 +33,13 @@ pub(crate) struct Visitor {
     pub(crate) client: IpAddr,
 }
 
+/// The control that one page has, from when it takes it to when it loses it. Control that comes back is another one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Term {
+    page: u64,
+    number: u64,
+}
+
 struct Page {
     sender: mpsc::Sender<Utf8Bytes>,
     session: String,
@@ -45,6 +52,8 @@ struct Inner {
     pages: BTreeMap<u64, Page>,
     next_page: u64,
     holder: Option<u64>,
+    /// Number of the newest term.
+    terms: u64,
     log: EventLog,
     program: Option<ProgramInfo>,
     /// The program of the status beside which a rejected upload is shown.
@@ -159,15 +168,22 @@ impl Hub {
         had
     }
 
-    pub(crate) fn holds(&self, number: u64) -> bool {
-        self.lock().holder == Some(number)
+    /// The control that a page has.
+    pub(crate) fn term(&self, page: u64) -> Option<Term> {
+        self.lock().term().filter(|term| term.page == page)
     }
 
-    /// Whether a session belongs to the page that has control.
-    pub(crate) fn session_holds(&self, session: &str) -> bool {
+    /// Whether a page has had control since.
+    pub(crate) fn is_present(&self, term: Term) -> bool {
+        self.lock().term() == Some(term)
+    }
+
+    /// The control of the page that a session belongs to.
+    pub(crate) fn term_of_session(&self, session: &str) -> Option<Term> {
         let inner = self.lock();
-        let holder = inner.holder.and_then(|number| inner.pages.get(&number));
-        holder.is_some_and(|page| !session.is_empty() && page.session == session)
+        let term = inner.term()?;
+        let holder = inner.pages.get(&term.page)?;
+        (!session.is_empty() && holder.session == session).then_some(term)
     }
 
     /// Gives control to a page; true if another one lost it.
@@ -183,6 +199,7 @@ impl Hub {
             return false;
         }
         inner.holder = Some(number);
+        inner.terms += 1;
         let from = before.map_or(String::new(), |before| format!(" from page {before}"));
         inner.add(
             LogKind::Link,
@@ -311,6 +328,13 @@ impl Hub {
 }
 
 impl Inner {
+    fn term(&self) -> Option<Term> {
+        self.holder.map(|page| Term {
+            page,
+            number: self.terms,
+        })
+    }
+
     fn put_program(&mut self, program: ProgramInfo) {
         self.program = Some(program.clone());
         self.tell(&ToPage::Program {

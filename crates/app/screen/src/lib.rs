@@ -15,6 +15,7 @@ mod chatter;
 mod command;
 mod config;
 mod connection;
+mod dispatch;
 mod documents;
 mod event_log;
 mod gate;

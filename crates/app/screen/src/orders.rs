@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 use evolvent_bus::{ClientConfig, ControlClient, ControlRequest};
 use tokio::sync::oneshot;
 
+use crate::hub::{Hub, Term};
+
 /// Maximum wait for an answer: the core reads files for at most 8 s.
 const ANSWER: Duration = Duration::from_secs(12);
 /// Interval at which a thread checks whether to end.
@@ -39,6 +41,8 @@ struct Order {
     request: ControlRequest,
     given: Instant,
     max_age: Duration,
+    /// The control under which it was given; none for what every page may send.
+    term: Option<Term>,
     reply: Option<oneshot::Sender<Answer>>,
 }
 
@@ -50,25 +54,34 @@ pub(crate) struct Orders {
 }
 
 impl Orders {
-    pub(crate) fn spawn(
+    /// `core` is made in the thread, which it does not leave.
+    pub(crate) fn spawn<C: Core>(
         name: &str,
-        config: ClientConfig,
-        stop: Arc<AtomicBool>,
+        core: impl FnOnce() -> C + Send + 'static,
+        hub: &Arc<Hub>,
+        stop: &Arc<AtomicBool>,
     ) -> std::io::Result<(Self, JoinHandle<()>)> {
         let (sender, receiver) = sync_channel(WAITING);
+        let (hub, stop) = (Arc::clone(hub), Arc::clone(stop));
         let thread = std::thread::Builder::new()
             .name(name.to_owned())
-            .spawn(move || carry(&config, &stop, &receiver))?;
+            .spawn(move || carry(core(), &hub, &stop, &receiver))?;
         Ok((Self { sender }, thread))
     }
 
-    /// Sends a command unless it has then waited for longer than `max_age`.
-    pub(crate) async fn give(&self, request: ControlRequest, max_age: Duration) -> Answer {
+    /// Sends a command unless it has then waited for longer than `max_age`, or the control under which it was given has ended.
+    pub(crate) async fn give(
+        &self,
+        request: ControlRequest,
+        max_age: Duration,
+        term: Option<Term>,
+    ) -> Answer {
         let (reply, answer) = oneshot::channel();
         let order = Order {
             request,
             given: Instant::now(),
             max_age,
+            term,
             reply: Some(reply),
         };
         match self.sender.try_send(order) {
@@ -81,29 +94,79 @@ impl Orders {
     }
 
     /// The same without an answer. If the queue is full, the command is lost.
-    pub(crate) fn send(&self, request: ControlRequest, max_age: Duration) {
+    pub(crate) fn send(&self, request: ControlRequest, max_age: Duration, term: Option<Term>) {
         // A jog is renewed soon anyway.
         let _lost = self.sender.try_send(Order {
             request,
             given: Instant::now(),
             max_age,
+            term,
             reply: None,
         });
     }
 }
 
-fn carry(config: &ClientConfig, stop: &AtomicBool, orders: &Receiver<Order>) {
-    let mut client: Option<ControlClient> = None;
+/// Where orders go.
+pub(crate) trait Core {
+    /// Connects, if it is not connected.
+    fn open(&mut self) -> Result<(), String>;
+    /// Sends a command and waits for the answer.
+    fn command(&mut self, request: &ControlRequest) -> Answer;
+}
+
+/// The core on the bus.
+pub(crate) struct BusCore {
+    config: ClientConfig,
+    client: Option<ControlClient>,
+}
+
+impl BusCore {
+    pub(crate) fn new(config: ClientConfig) -> Self {
+        Self { config, client: None }
+    }
+}
+
+impl Core for BusCore {
+    fn open(&mut self) -> Result<(), String> {
+        if self.client.is_none() {
+            let opened = ControlClient::open(&self.config).map_err(|error| error.to_string())?;
+            self.client = Some(opened);
+        }
+        Ok(())
+    }
+
+    fn command(&mut self, request: &ControlRequest) -> Answer {
+        let Some(client) = &mut self.client else {
+            return Answer::refused("no core");
+        };
+        match client.command(request, ANSWER) {
+            Ok(answer) => Answer {
+                accepted: answer.verdict == 0,
+                alarm: answer.alarm,
+                text: answer.text().to_owned(),
+            },
+            Err(error) => {
+                self.client = None;
+                Answer::refused(error.to_string())
+            }
+        }
+    }
+}
+
+fn carry(mut core: impl Core, hub: &Hub, stop: &AtomicBool, orders: &Receiver<Order>) {
     while !stop.load(Ordering::Relaxed) {
         let order = match orders.recv_timeout(LOOK) {
             Ok(order) => order,
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        let answer = if order.given.elapsed() > order.max_age {
-            Answer::refused("the command arrived too late and was not sent")
-        } else {
-            command(&mut client, config, &order.request)
+        // Connecting may take seconds: what is looked at is the moment in which the command leaves.
+        let answer = match core.open() {
+            Err(text) => Answer::refused(text),
+            Ok(()) => match order.expired(hub) {
+                Some(text) => Answer::refused(text),
+                None => core.command(&order.request),
+            },
         };
         if let Some(reply) = order.reply {
             // The page may have disconnected.
@@ -112,25 +175,13 @@ fn carry(config: &ClientConfig, stop: &AtomicBool, orders: &Receiver<Order>) {
     }
 }
 
-fn command(client: &mut Option<ControlClient>, config: &ClientConfig, request: &ControlRequest) -> Answer {
-    if client.is_none() {
-        match ControlClient::open(config) {
-            Ok(opened) => *client = Some(opened),
-            Err(error) => return Answer::refused(error.to_string()),
+impl Order {
+    /// Why it is not sent any more.
+    fn expired(&self, hub: &Hub) -> Option<&'static str> {
+        if self.given.elapsed() > self.max_age {
+            return Some("the command arrived too late and was not sent");
         }
-    }
-    let Some(open) = client else {
-        return Answer::refused("no core");
-    };
-    match open.command(request, ANSWER) {
-        Ok(answer) => Answer {
-            accepted: answer.verdict == 0,
-            alarm: answer.alarm,
-            text: answer.text().to_owned(),
-        },
-        Err(error) => {
-            *client = None;
-            Answer::refused(error.to_string())
-        }
+        let is_past = self.term.is_some_and(|term| !hub.is_present(term));
+        is_past.then_some("this page has lost control meanwhile; the command was not sent")
     }
 }

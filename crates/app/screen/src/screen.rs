@@ -15,6 +15,7 @@ use tokio_rustls::TlsAcceptor;
 
 use crate::chatter::ChatterCase;
 use crate::config::{ScreenConfig, ScreenError, ScreenScope};
+use crate::dispatch::Dispatch;
 use crate::gate::{Gate, Role, random_hex};
 use crate::hub::Hub;
 use crate::kept::watch_kept;
@@ -22,7 +23,7 @@ use crate::listener::listen;
 use crate::loaded_program::watch_loaded;
 use crate::messages::{EndOf, MachineInfo, ProgramInfo, ToPage};
 use crate::names::{public_host, server_names};
-use crate::orders::Orders;
+use crate::orders::{BusCore, Orders};
 use crate::program_store::ProgramStore;
 use crate::routes::router;
 use crate::server::{MAX_PROGRAMMED, MAX_TEXTS, Server, name_of};
@@ -124,7 +125,10 @@ impl Screen {
                 planned_s: None,
             });
         }
-        let orders = |name| Orders::spawn(name, client.clone(), Arc::clone(&stop));
+        let orders = |name| {
+            let client = client.clone();
+            Orders::spawn(name, move || BusCore::new(client), &hub, &stop)
+        };
         let (stops, first) = orders("screen-stops")?;
         let (jogs, second) = orders("screen-jogs")?;
         let (commands, third) = orders("screen-orders")?;
@@ -132,11 +136,8 @@ impl Screen {
         let bus = watcher::spawn(client.clone(), signals, Arc::clone(&hub), Arc::clone(&stop))?;
         let last_upload = programs.as_ref().map_or(Ok(0), ProgramStore::last_upload)?;
         let server = Arc::new(Server {
+            dispatch: Dispatch::new(Arc::clone(&hub), stops, jogs, commands),
             hub,
-            stops,
-            jogs,
-            commands,
-            jogged: AtomicBool::new(false),
             setup: config.setup,
             programs,
             state_folder,

@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64};
+use std::sync::atomic::AtomicU64;
 
 use evolvent_runtime::{Setup, TraceTo};
 use tokio::sync::Semaphore;
 
 use crate::chatter::ChatterCase;
+use crate::dispatch::Dispatch;
 use crate::hub::Hub;
-use crate::orders::Orders;
 use crate::program_store::ProgramStore;
 use crate::programs::is_good_name;
 use crate::turns::Turns;
@@ -23,14 +23,7 @@ pub(crate) const MAX_PROGRAMMED: usize = 4;
 /// Data of every request.
 pub(crate) struct Server {
     pub(crate) hub: Arc<Hub>,
-    /// Commands that stop.
-    pub(crate) stops: Orders,
-    /// Jogs and their renewals, which the core accepts from one client only.
-    pub(crate) jogs: Orders,
-    /// All others.
-    pub(crate) commands: Orders,
-    /// A page has jogged since jogs were stopped.
-    pub(crate) jogged: AtomicBool,
+    pub(crate) dispatch: Dispatch,
     pub(crate) setup: Setup,
     /// Uploaded programs; none if pages only watch.
     pub(crate) programs: Option<ProgramStore>,

@@ -30,8 +30,6 @@ pub(crate) const MAX_PROGRAM: u64 = 256 << 20;
 const MAX_STORED: u64 = 4 << 30;
 /// Maximum pause of an upload.
 const PAUSE: Duration = Duration::from_secs(20);
-/// Maximum wait of a LOAD for earlier commands.
-const LOAD_AGE: Duration = Duration::from_secs(12);
 
 type Refusal = (StatusCode, String);
 
@@ -66,13 +64,12 @@ async fn store(
     let Some(programs) = server.programs.as_ref().filter(|_| role == Role::Operate) else {
         return refuse(StatusCode::FORBIDDEN, "this page may only watch");
     };
-    let may_command = || session_of(headers).is_some_and(|session| server.hub.session_holds(&session));
-    if !may_command() {
+    let Some(term) = session_of(headers).and_then(|session| server.hub.term_of_session(&session)) else {
         return refuse(
             StatusCode::FORBIDDEN,
             "this page does not have control; take it first",
         );
-    }
+    };
     if !is_good_name(name) {
         let text =
             format!("{name:?} cannot be a program's name: letters, digits and . _ - + ( ), up to 100 bytes");
@@ -93,7 +90,7 @@ async fn store(
     let upload = 1 + server.uploads.fetch_add(1, Ordering::Relaxed);
     let part = programs.part(upload);
     let bytes = match receive(body, programs, part.clone()).await {
-        Ok(bytes) if may_command() => bytes,
+        Ok(bytes) if server.hub.is_present(term) => bytes,
         outcome => {
             // The received part is useless.
             let _removed = std::fs::remove_file(&part);
@@ -115,7 +112,7 @@ async fn store(
         let _removed = programs.remove(upload);
         return refuse(StatusCode::BAD_REQUEST, "the state folder's name is too long");
     }
-    let answer = server.commands.give(request, LOAD_AGE).await;
+    let answer = server.dispatch.load(request, term).await;
     let alarm = (answer.alarm != 0).then_some(answer.alarm);
     let outcome = if answer.accepted { "accepted" } else { &answer.text };
     server

@@ -1,0 +1,366 @@
+//! Commands of pages on their way to the core. Only the page that has control moves anything, and what needs somebody who watches
+//! ends when that page loses control.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use evolvent_bus::{ControlRequest, Status};
+use evolvent_control::CommandCode;
+
+use crate::command::STOPPING;
+use crate::hub::{Hub, Term};
+use crate::messages::CommandMessage;
+use crate::orders::{Answer, Orders};
+
+/// A jog renewal that has waited longer is out of date.
+const KEEP_AGE: Duration = Duration::from_millis(40);
+/// The same for a jog.
+const JOG_AGE: Duration = Duration::from_millis(250);
+/// The same for commands that stop.
+const AGE: Duration = Duration::from_secs(5);
+/// The same for other commands: who pressed has looked elsewhere since.
+const PRESS_AGE: Duration = Duration::from_secs(1);
+/// The same for a LOAD, which waits for earlier commands.
+const LOAD_AGE: Duration = Duration::from_secs(12);
+/// Maximum age of the status that a page had before it when it sent a command that does not stop. A dead link that comes back
+/// delivers what was sent on it, many seconds later.
+const MAX_SEEN_AGE_NS: u64 = 1_000_000_000;
+
+/// `activity` of a jog in the status.
+const JOG: u32 = 3;
+
+/// The ways to the core.
+pub(crate) struct Dispatch {
+    hub: Arc<Hub>,
+    /// Commands that stop.
+    stops: Orders,
+    /// Jogs and their renewals, which the core accepts from one client only.
+    jogs: Orders,
+    /// All others.
+    commands: Orders,
+    /// A page has jogged since jogs were stopped.
+    jogged: AtomicBool,
+}
+
+impl Dispatch {
+    pub(crate) fn new(hub: Arc<Hub>, stops: Orders, jogs: Orders, commands: Orders) -> Self {
+        Self {
+            hub,
+            stops,
+            jogs,
+            commands,
+            jogged: AtomicBool::new(false),
+        }
+    }
+
+    /// A page that held a jog has disconnected or lost control: the core would notice 90 ms later.
+    pub(crate) fn stop_jog(&self) {
+        if self.jogged.swap(false, Ordering::Relaxed) {
+            self.stops.send(plain(CommandCode::JogStop), AGE, None);
+        }
+    }
+
+    /// The operator at a page still holds the jog.
+    pub(crate) fn keep_jog(&self, page: u64) {
+        if let Some(term) = self.hub.term(page) {
+            self.jogs.send(plain(CommandCode::JogKeep), KEEP_AGE, Some(term));
+        }
+    }
+
+    /// Sends what a page may send at this moment; returns the core's answer, or why nothing was sent.
+    pub(crate) async fn carry_out(
+        &self,
+        page: u64,
+        command: &CommandMessage,
+        request: ControlRequest,
+    ) -> Answer {
+        let is_code = |code: &CommandCode| *code as u32 == command.command;
+        if STOPPING.iter().any(is_code) {
+            if is_code(&CommandCode::JogStop) {
+                // Also after a jog that has not been sent yet: a short press must not start after its end.
+                self.jogs.send(request, JOG_AGE, None);
+            }
+            return self.stops.give(request, AGE, None).await;
+        }
+        let Some(term) = self.hub.term(page) else {
+            return Answer::refused("this page does not have control; take it first");
+        };
+        if let Some(text) = outdated(self.hub.present().as_deref(), command) {
+            return Answer::refused(text);
+        }
+        match command.command {
+            code if code == CommandCode::Jog as u32 => {
+                self.give_watched(&self.jogs, request, JOG_AGE, term).await
+            }
+            code if code == CommandCode::JogKeep as u32 => {
+                self.jogs.give(request, KEEP_AGE, Some(term)).await
+            }
+            // They end with the page, as a jog does: what the program itself does not do, somebody watches.
+            code if code == CommandCode::Return as u32 || code == CommandCode::Retrace as u32 => {
+                self.give_watched(&self.commands, request, PRESS_AGE, term).await
+            }
+            _ => self.commands.give(request, PRESS_AGE, Some(term)).await,
+        }
+    }
+
+    /// Loads the program that a page has uploaded.
+    pub(crate) async fn load(&self, request: ControlRequest, term: Term) -> Answer {
+        self.commands.give(request, LOAD_AGE, Some(term)).await
+    }
+
+    /// Sends what moves only as long as the page that sent it has control.
+    async fn give_watched(
+        &self,
+        orders: &Orders,
+        request: ControlRequest,
+        max_age: Duration,
+        term: Term,
+    ) -> Answer {
+        self.jogged.store(true, Ordering::Relaxed);
+        let answer = orders.give(request, max_age, Some(term)).await;
+        // The page may have lost control while the core evaluated the command. The stop that was sent then came before the motion
+        // began, and reset `jogged`: it has to be sent again, whatever that says.
+        if !self.hub.is_present(term) {
+            self.stops.send(plain(CommandCode::JogStop), AGE, None);
+        }
+        answer
+    }
+}
+
+fn plain(code: CommandCode) -> ControlRequest {
+    ControlRequest {
+        command: code as u32,
+        ..ControlRequest::default()
+    }
+}
+
+/// Why a command that does not stop is not carried out any more. Without a status the core rejects it, or nothing moves.
+fn outdated(present: Option<&Status>, command: &CommandMessage) -> Option<&'static str> {
+    let present = present?;
+    if present.time_ns.saturating_sub(command.seen_ns) > MAX_SEEN_AGE_NS {
+        return Some("the page was out of date; look at the machine and press again");
+    }
+    (command.steers && present.activity != JOG).then_some("the jog has ended; press again")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+
+    use super::*;
+    use crate::gate::Role;
+    use crate::hub::Visitor;
+    use crate::messages::ToPage;
+    use crate::orders::Core;
+
+    #[test]
+    fn a_command_of_a_page_that_is_out_of_date_is_refused() {
+        let mut present = Status {
+            time_ns: 100_000_000_000,
+            activity: JOG,
+            ..Status::default()
+        };
+        let command = |seen_ns: u64, steers: bool| -> CommandMessage {
+            let json = serde_json::json!({"id": 1, "command": 20, "seen_ns": seen_ns, "steers": steers});
+            serde_json::from_value(json).unwrap()
+        };
+        // A second, and the future: the status is that of the last setpoint, which pages may have from the frame before.
+        for seen_ns in [99_000_000_000, 100_000_000_000, 100_010_000_000] {
+            assert_eq!(outdated(Some(&present), &command(seen_ns, true)), None);
+        }
+        // A link that was dead for 12 s, and a page that has seen nothing.
+        for seen_ns in [98_999_999_999, 88_000_000_000, 0] {
+            let text = outdated(Some(&present), &command(seen_ns, false)).unwrap();
+            assert!(text.contains("out of date"), "{text}");
+        }
+        // Somebody has pressed Stop: a change of a jog starts none.
+        present.activity = 0;
+        let text = outdated(Some(&present), &command(100_000_000_000, true)).unwrap();
+        assert!(text.contains("has ended"), "{text}");
+        assert_eq!(outdated(Some(&present), &command(100_000_000_000, false)), None);
+        assert_eq!(outdated(None, &command(0, true)), None);
+    }
+
+    /// A core that takes its time, and what has reached it: a command is listed when it has taken effect.
+    #[derive(Clone)]
+    struct SlowCore {
+        seen: Arc<Mutex<Vec<u32>>>,
+        takes: Duration,
+    }
+
+    impl Core for SlowCore {
+        fn open(&mut self) -> Result<(), String> {
+            Ok(())
+        }
+
+        fn command(&mut self, request: &ControlRequest) -> Answer {
+            // Stops take no time.
+            if request.command != CommandCode::JogStop as u32 {
+                std::thread::sleep(self.takes);
+            }
+            self.seen.lock().unwrap().push(request.command);
+            Answer {
+                accepted: true,
+                alarm: 0,
+                text: String::new(),
+            }
+        }
+    }
+
+    /// Two pages that may operate, the first of which has control.
+    struct Scene {
+        hub: Arc<Hub>,
+        dispatch: Dispatch,
+        pages: [u64; 2],
+        seen: Arc<Mutex<Vec<u32>>>,
+        stop: Arc<AtomicBool>,
+        _messages: Vec<tokio::sync::mpsc::Receiver<axum::extract::ws::Utf8Bytes>>,
+    }
+
+    impl Scene {
+        fn new(takes: Duration) -> Self {
+            let hub = Arc::new(Hub::new(ToPage::Core { alive: false }));
+            let (seen, stop) = (Arc::default(), Arc::new(AtomicBool::new(false)));
+            let orders = |name| {
+                let core = SlowCore {
+                    seen: Arc::clone(&seen),
+                    takes,
+                };
+                let (orders, _thread) = Orders::spawn(name, move || core, &hub, &stop).unwrap();
+                orders
+            };
+            let dispatch = Dispatch::new(
+                Arc::clone(&hub),
+                orders("stops"),
+                orders("jogs"),
+                orders("orders"),
+            );
+            let mut messages = Vec::new();
+            let pages = [0, 1].map(|_| {
+                let (page, receiver) = hub
+                    .join(Visitor {
+                        session: String::new(),
+                        role: Role::Operate,
+                        client: std::net::Ipv4Addr::LOCALHOST.into(),
+                    })
+                    .unwrap();
+                messages.push(receiver);
+                page
+            });
+            hub.take(pages[0], false);
+            Self {
+                hub,
+                dispatch,
+                pages,
+                seen,
+                stop,
+                _messages: messages,
+            }
+        }
+
+        async fn press(&self, code: CommandCode) -> Answer {
+            let json = serde_json::json!({"id": 1, "command": code as u32});
+            let command: CommandMessage = serde_json::from_value(json).unwrap();
+            self.dispatch
+                .carry_out(self.pages[0], &command, plain(code))
+                .await
+        }
+
+        /// The second page takes control away.
+        fn lose(&self) {
+            assert!(self.hub.take(self.pages[1], true));
+            self.dispatch.stop_jog();
+        }
+
+        /// What has reached the core, when all of it has.
+        async fn settled(&self) -> Vec<u32> {
+            tokio::time::sleep(Duration::from_millis(300)).await;
+            self.stop.store(true, Ordering::Relaxed);
+            self.seen.lock().unwrap().clone()
+        }
+    }
+
+    fn run(test: impl Future<Output = ()>) {
+        tokio::runtime::Builder::new_current_thread()
+            .enable_time()
+            .build()
+            .unwrap()
+            .block_on(test);
+    }
+
+    const STOP: u32 = CommandCode::JogStop as u32;
+
+    #[test]
+    fn a_motion_that_begins_after_its_page_has_lost_control_is_stopped() {
+        for code in [CommandCode::Return, CommandCode::Retrace, CommandCode::Jog] {
+            for takes_back in [false, true] {
+                run(async {
+                    let scene = Scene::new(Duration::from_millis(150));
+                    let lost = async {
+                        // The core evaluates the command.
+                        tokio::time::sleep(Duration::from_millis(50)).await;
+                        scene.lose();
+                        if takes_back {
+                            assert!(scene.hub.take(scene.pages[0], true));
+                        }
+                    };
+                    let (answer, ()) = tokio::join!(scene.press(code), lost);
+                    assert!(answer.accepted);
+                    // The first stop comes before the motion begins, and stops nothing.
+                    assert_eq!(
+                        scene.settled().await,
+                        [STOP, code as u32, STOP],
+                        "{code:?} {takes_back}"
+                    );
+                });
+            }
+        }
+    }
+
+    #[test]
+    fn a_command_that_waits_while_its_page_loses_control_is_not_sent() {
+        for code in [
+            CommandCode::Start,
+            CommandCode::Mdi,
+            CommandCode::Home,
+            CommandCode::Return,
+            CommandCode::Retrace,
+        ] {
+            run(async {
+                let scene = Scene::new(Duration::from_millis(150));
+                let first = scene.press(CommandCode::Mode);
+                let waits = async {
+                    tokio::time::sleep(Duration::from_millis(20)).await;
+                    scene.press(code).await
+                };
+                let lost = async {
+                    tokio::time::sleep(Duration::from_millis(70)).await;
+                    scene.lose();
+                    // Control that comes back is another: who pressed is not who looks now.
+                    assert!(scene.hub.give(scene.pages[1]));
+                    scene.hub.take(scene.pages[0], false);
+                    assert!(scene.hub.term(scene.pages[0]).is_some());
+                };
+                let (first, answer, ()) = tokio::join!(first, waits, lost);
+                assert!(first.accepted);
+                assert!(
+                    !answer.accepted && answer.text.contains("lost control"),
+                    "{answer:?}"
+                );
+                let seen = scene.settled().await;
+                assert!(!seen.contains(&(code as u32)), "{code:?}: {seen:?}");
+            });
+        }
+    }
+
+    #[test]
+    fn a_renewal_of_a_page_without_control_is_not_sent() {
+        run(async {
+            let scene = Scene::new(Duration::ZERO);
+            scene.dispatch.keep_jog(scene.pages[1]);
+            scene.dispatch.keep_jog(scene.pages[0]);
+            assert_eq!(scene.settled().await, [CommandCode::JogKeep as u32]);
+        });
+    }
+}
