@@ -5,7 +5,7 @@ export interface Pass {
   /** s, of the machine's clock */
   begin: number;
   end: number;
-  /** along the cut, from and to, and across it in the middle: mm, machine coordinates */
+  /** along the cut, from and to, and across it in the middle: mm, in the work coordinates of the time, X as a radius */
   from: number;
   to: number;
   across: number;
@@ -41,7 +41,7 @@ export class PassFinder {
     for (; i < history.count; i += 1) {
       const at = i % history.capacity;
       const cuts = history.rapid[at] === 0 && history.velocity[along]![at]! < -MIN_SPEED && Math.abs(history.velocity[across]![at]!) < -history.velocity[along]![at]!;
-      const place = history.position[along]![at]!;
+      const place = history.position[along]![at]! - history.zero[along]![at]!;
       if (!cuts) {
         this.#close();
         continue;
@@ -50,7 +50,7 @@ export class PassFinder {
       const pass = this.#open;
       const load = history.load[at]!;
       [pass.end, pass.to] = [history.time[at]!, place];
-      pass.sum += history.position[across]![at]!;
+      pass.sum += history.position[across]![at]! - history.zero[across]![at]!;
       pass.count += 1;
       if (!Number.isNaN(load)) pass.load = Number.isNaN(pass.load) ? load : Math.max(pass.load, load);
     }

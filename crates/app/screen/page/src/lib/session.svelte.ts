@@ -26,6 +26,8 @@ export class History {
   readonly velocity: Float32Array[];
   readonly acceleration: Float32Array[];
   readonly error: Float32Array[];
+  /** work zero and tool offset that were in force: the machine's position less this is that of the tool on the work */
+  readonly zero: Float32Array[];
   readonly lateness: Float32Array;
   /** samples ever written; the newest is at (count - 1) % capacity */
   count = 0;
@@ -44,21 +46,23 @@ export class History {
     this.velocity = list();
     this.acceleration = list();
     this.error = list();
+    this.zero = list();
   }
 
-  push(sample: Sample, latenessUs: number): void {
+  push(sample: Sample, status: Status | null): void {
     const at = this.count % this.capacity;
     this.time[at] = sample.time;
     this.line[at] = sample.line;
     this.rapid[at] = sample.rapid ? 1 : 0;
     this.feed[at] = sample.feed;
     this.load[at] = sample.load ?? NaN;
-    this.lateness[at] = latenessUs;
+    this.lateness[at] = (status?.latenessNs ?? 0) / 1000;
     for (let axis = 0; axis < this.axes; axis += 1) {
       this.position[axis]![at] = sample.position[axis] ?? NaN;
       this.velocity[axis]![at] = sample.velocity[axis] ?? NaN;
       this.acceleration[axis]![at] = sample.acceleration[axis] ?? NaN;
       this.error[axis]![at] = sample.error?.[axis] ?? NaN;
+      this.zero[axis]![at] = (status?.workOffset[axis] ?? 0) + (status?.toolOffset[axis] ?? 0);
     }
     this.count += 1;
   }
@@ -271,7 +275,8 @@ class Session {
         this.#merge(message.entries);
         break;
       case 'samples':
-        for (const sample of message.samples) this.history?.push(sample, (this.status?.latenessNs ?? 0) / 1000);
+        // Drawn or not: a status comes before the samples that were taken under it.
+        for (const sample of message.samples) this.history?.push(sample, this.#seen);
         break;
     }
   }

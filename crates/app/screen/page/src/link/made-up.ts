@@ -54,6 +54,7 @@ export class MadeUp implements Source {
   /** ms until a command takes effect */
   #delays: Partial<Record<Command['name'], number>> = {};
   #sent: string[] = [];
+  #orders: Command[] = [];
   /** why every command is rejected; empty where none is */
   #rejection = '';
 
@@ -69,9 +70,12 @@ export class MadeUp implements Source {
     Object.assign(globalThis, {
       loadMadeUpText: (url: string) => programText.load(url),
       madeUpCommands: this.#sent,
+      madeUpOrders: this.#orders,
       delayMadeUp: (name: Command['name'], ms: number) => (this.#delays[name] = ms),
       // As if another page had done it.
       changeMadeUp: (changes: Partial<Status>) => Object.assign(this.#status, changes),
+      changeMadeUpMachine: (changes: Partial<Machine>) => handle({ kind: 'machine', machine: { ...machine, ...changes } }),
+      tellMadeUp: (message: Incoming) => handle(message),
       rejectMadeUp: (text: string) => (this.#rejection = text),
       raiseMadeUpAlarm: (number: number) => Object.assign(this.#status, { alarms: [number], alarmText: 'made up' }),
     });
@@ -131,6 +135,7 @@ export class MadeUp implements Source {
 
   async send(command: Command): Promise<Answer> {
     this.#sent.push(command.name);
+    this.#orders.push(command);
     const delay = this.#delays[command.name] ?? 0;
     if (delay > 0) await new Promise((resolve) => setTimeout(resolve, delay));
     const s = this.#status;

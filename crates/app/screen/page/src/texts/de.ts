@@ -128,6 +128,7 @@ export const de: Texts = {
     short: { work: 'Werkst.', machine: 'Masch.', toGo: 'Rest' },
     homed: 'referenziert',
     notHomed: 'nicht referenziert',
+    marks: { '⌀': 'X ist ein Durchmesser (G7)', R: 'X ist ein Radius (G8)' },
     travel: (min, max) => `Verfahrweg ${min} bis ${max}`,
     near: (letter) => `${letter} ist nahe am Ende des Verfahrwegs`,
     feed: 'Vorschub',
@@ -184,6 +185,8 @@ export const de: Texts = {
     touch: 'Setzen',
     touchTitle: (letter, system) => `${letter} ankratzen, ${system}`,
     touchLabel: 'Die jetzige Position heißt',
+    touchUnits: { '': 'mm', '⌀': 'mm, Durchmesser', R: 'mm, Radius' },
+    touchInch: 'Das Programm ist in Zoll (G20). Dieser Wert ist in mm.',
   },
   io: {
     title: 'Ein- und Ausgänge',

@@ -134,6 +134,7 @@ export const en = {
     short: { work: 'work', machine: 'mach', toGo: 'to go' },
     homed: 'homed',
     notHomed: 'not homed',
+    marks: { '⌀': 'X is a diameter (G7)', R: 'X is a radius (G8)' },
     travel: (min: string, max: string) => `Travel ${min} to ${max}`,
     near: (letter: string) => `${letter} is near the end of its travel`,
     feed: 'Feed',
@@ -190,6 +191,8 @@ export const en = {
     touch: 'Set',
     touchTitle: (letter: string, system: string) => `Touch off ${letter} in ${system}`,
     touchLabel: 'The present position reads',
+    touchUnits: { '': 'mm', '⌀': 'mm, diameter', R: 'mm, radius' },
+    touchInch: 'The program is in inches (G20). This value is in mm.',
   },
   io: {
     title: 'Inputs and outputs',
