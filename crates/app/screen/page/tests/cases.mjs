@@ -331,6 +331,54 @@ export const cases = {
     await until('it runs', async () => (await text(page, 'state')) === 'Program' || text(page, 'state'));
   },
 
+  async 'a block of MDI that is entered twice runs once'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    await view(page, 'mdi');
+    const sent = () => page.evaluate(() => globalThis.madeUpCommands.filter((name) => name === 'mdi').length);
+    const block = page.locator(at('mdi-block'));
+    await page.evaluate(() => globalThis.delayMadeUp('mdi', 300));
+    await block.fill('G91 G0 X1');
+    await block.press('Enter');
+    await block.press('Enter');
+    await page.locator('.entry').first().click();
+    await block.press('Enter');
+    assert.equal(await page.locator(at('mdi-run')).isDisabled(), true, 'the button, too');
+    await page.waitForTimeout(500);
+    assert.equal(await sent(), 1);
+    // After its answer, and after a rejection, the next one runs.
+    await page.evaluate(() => globalThis.delayMadeUp('mdi', 0));
+    await block.fill('G91 G0 X1');
+    await page.locator(`${at('mdi-run')}:enabled`).click();
+    await until('the second', async () => (await sent()) === 2 || sent());
+    await page.evaluate(() => globalThis.rejectMadeUp('no'));
+    await block.fill('G91 G0 X1');
+    await page.locator(`${at('mdi-run')}:enabled`).click();
+    await until('the third', async () => (await sent()) === 3 || sent());
+    await page.locator(`${at('mdi-run')}:enabled`).waitFor();
+  },
+
+  async 'Start there starts the line that its dialog shows'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    await page.evaluate(() => (globalThis.changeMadeUp({ mode: 'auto' }), globalThis.loadMadeUpText('data:text/plain,G0 X1%0AG0 X2%0AG0 X3%0AM2%0A')));
+    await page.route('**/restart/**', (route) => route.fulfill({ json: { line: 2, modes: 'G21', position: [0, 0, 0], steps: [], problem: '' } }));
+    const choose = (line) => page.evaluate(async (line) => ((await import('/src/lib/selection.svelte.ts')).selection.line = line), line);
+    await view(page, 'program');
+    await choose(2);
+    await page.locator(`${at('run-from')}:enabled`).click();
+    await page.locator(`${at('run-from-ok')}:enabled`).waitFor();
+    // A search in the path that ends late, and a program that was loaded.
+    for (const line of [3, 0]) {
+      await choose(line);
+      await page.waitForTimeout(50);
+      assert.match(await page.locator('#from-title').innerText(), /2/);
+    }
+    await page.locator(at('run-from-ok')).click();
+    const started = () => page.evaluate(() => globalThis.madeUpOrders.filter(({ name }) => name === 'start').map(({ line }) => line).join());
+    await until('started', async () => (await started()) === '2' || started());
+  },
+
   async 'a number that is half typed is set by Enter or the tick only'(page, context) {
     if (context.real) return 'not measured';
     await ready(page);

@@ -209,6 +209,7 @@ export class MadeUp implements Source {
       case 'handwheel': Object.assign(s, { handwheelAxis: command.axis, handwheelStep: command.axis === null ? 0 : command.step || 0.001 }); break;
       case 'reset': Object.assign(s, { modal: ['G0', 'G17', 'G21', 'G54', 'G90', 'G94'], spindleRpm: 0, spindles: [], coolant: 0, alarms: [], alarmText: '', message: '' }); break;
       case 'mdi':
+        s.job += 1;
         if (/M3 S(\d+)/.test(command.block)) s.spindleRpm = Number(/M3 S(\d+)/.exec(command.block)![1]);
         if (/G91/.test(command.block)) s.modal = s.modal.map((code) => (code === 'G90' ? 'G91' : code));
         break;
