@@ -53,6 +53,7 @@ fn kept(setup: &Setup, state_folder: Option<&Path>) -> ToPage {
             .iter()
             .map(|&axis| parameter(5201 + 20 * system + axis as u32).unwrap_or(0.0))
             .collect(),
+        rotation_deg: parameter(5210 + 20 * system).unwrap_or(0.0),
     });
     let tools = memory
         .tools

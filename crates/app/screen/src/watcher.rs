@@ -26,6 +26,8 @@ const FRAME: Duration = Duration::from_micros(16_667);
 const SIGNALS: Duration = Duration::from_millis(100);
 /// A core without a status for this time has ended.
 const SILENCE: Duration = Duration::from_millis(500);
+/// Below this difference a position in work coordinates is that of the machine less its offsets, mm.
+const ROUNDING_MM: f64 = 1e-6;
 /// Maximum number of samples per frame; beyond it the oldest are dropped.
 const MAX_SAMPLES: usize = 4096;
 
@@ -164,13 +166,7 @@ fn watch(mut readers: Readers, hub: &Hub, stop: &AtomicBool) {
         }
         let Some(mut shown) = last else { continue };
         if let Some(setpoint) = newest {
-            shown.follow(&setpoint);
-            shown.time_ns = setpoint.due_time_ns;
-            for axis in 0..shown.position_work.len() {
-                shown.position_work[axis] =
-                    setpoint.position[axis] - shown.work_offset[axis] - shown.tool_offset[axis];
-            }
-            shown.flags &= !flags::LATE;
+            follow(&mut shown, &setpoint);
         }
         let status = Box::new(ScreenStatus::from(&shown));
         hub.show(
@@ -180,6 +176,24 @@ fn watch(mut readers: Readers, hub: &Hub, stop: &AtomicBool) {
             Some(Arc::new(shown)),
         );
     }
+}
+
+/// Brings a status up to the newest setpoint.
+fn follow(shown: &mut Status, setpoint: &Setpoint) {
+    let work_of = |status: &Status, axis: usize| {
+        status.position_machine[axis] - status.work_offset[axis] - status.tool_offset[axis]
+    };
+    // In a rotated system X and Y are not these differences. The rotation is known to the core only: its figures stay, and are one
+    // status old.
+    let is_rotated =
+        [0, 1].map(|axis| (shown.position_work[axis] - work_of(shown, axis)).abs() > ROUNDING_MM);
+    let first = if is_rotated.contains(&true) { 2 } else { 0 };
+    shown.follow(setpoint);
+    shown.time_ns = setpoint.due_time_ns;
+    for axis in first..shown.position_work.len() {
+        shown.position_work[axis] = work_of(shown, axis);
+    }
+    shown.flags &= !flags::LATE;
 }
 
 fn log_changes(hub: &Hub, before: &Status, now: &Status) {
@@ -205,5 +219,34 @@ fn log_changes(hub: &Hub, before: &Status, now: &Status) {
     // The core has none at the start of a job: the same text in another job is another message.
     if !message.is_empty() && (message != before.operator_message() || now.job != before.job) {
         hub.log(LogKind::Message, None, message.to_owned(), None);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_status_follows_the_setpoint_except_where_its_system_is_rotated() {
+        let at = |x: f64, y: f64, z: f64| [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let status = |work: [f64; 9]| Status {
+            position_machine: at(15.0, 26.0, 7.0),
+            work_offset: at(5.0, 6.0, 1.0),
+            tool_offset: at(0.0, 0.0, 2.0),
+            position_work: work,
+            ..Status::default()
+        };
+        let setpoint = Setpoint {
+            position: at(16.0, 27.0, 8.0),
+            ..Setpoint::default()
+        };
+        let mut plain = status(at(10.0, 20.0, 4.0));
+        follow(&mut plain, &setpoint);
+        assert_eq!(plain.position_work, at(11.0, 21.0, 5.0));
+        // By 90 degrees: X of the work is Y of the machine.
+        let mut rotated = status(at(20.0, -10.0, 4.0));
+        follow(&mut rotated, &setpoint);
+        assert_eq!(rotated.position_work, at(20.0, -10.0, 5.0));
+        assert_eq!(rotated.position_machine, setpoint.position);
     }
 }

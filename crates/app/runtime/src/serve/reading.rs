@@ -203,9 +203,10 @@ impl Operator {
                 merged(&kept.work_offset(index), values, *axes)
             })),
             Command::TouchOff { system, axes, values } => {
-                let place = self.view.setpoint.position - self.program.modes.modal.tool_offset - self.g92();
+                let tip = self.view.setpoint.position - self.program.modes.modal.tool_offset;
+                let g92 = self.g92();
                 Some(self.with_offset(*system, |index, kept| {
-                    merged(&kept.work_offset(index), &(place - values), *axes)
+                    kept.touched_off(index, *axes, values, &tip, &g92)
                 }))
             }
             Command::Tool(entry) => Some(self.keep.with_tool(entry)),

@@ -144,7 +144,7 @@ pub(crate) fn snapshot(
         work_system: modal.work_system,
         setpoint_subscribers: published.1 as u32,
         position_machine: setpoint.position.into(),
-        position_work: (setpoint.position - modal.work_offset - modal.tool_offset).into(),
+        position_work: modal.work_position(setpoint.position).into(),
         velocity: setpoint.velocity.into(),
         work_offset: modal.work_offset.into(),
         tool_offset: modal.tool_offset.into(),

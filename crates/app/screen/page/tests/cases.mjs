@@ -724,7 +724,7 @@ export const cases = {
       const axis = { kind: 'linear', min: -300, max: 300, maxVelocity: 300, isUnlimited: false, hasHomeSwitch: true };
       globalThis.changeMadeUpMachine({ kind: 'lathe', axes: [{ ...axis, letter: 'X' }, { ...axis, letter: 'Z' }] });
       globalThis.changeMadeUp({ machine: [20, 100, 0], workOffset: [0, 0, 0], modal: ['G18', 'G8', 'G21', 'G54'] });
-      globalThis.tellMadeUp({ kind: 'offsets', offsets: [{ system: 1, values: [1.5, 2.5] }] });
+      globalThis.tellMadeUp({ kind: 'offsets', offsets: [{ system: 1, values: [1.5, 2.5], rotation: 0 }] });
       globalThis.tellMadeUp({ kind: 'tools', tools: [{ number: 3, offsets: [0.25, 0.5], diameter: 0, comment: '' }] });
     });
     const figures = () => page.evaluate(async () => (await import('/src/lib/session.svelte.ts')).session.status.workOffset.slice(0, 2));
@@ -783,6 +783,14 @@ export const cases = {
       return finder.passes.map(({ from, to, across }) => [from, to, across]);
     });
     assert.deepEqual(found, [[20, 0, 20]]);
+  },
+
+  async 'a rotated work system says so'(page, context) {
+    if (context.real) return 'not measured';
+    await view(page, 'offsets');
+    await page.evaluate(() => globalThis.tellMadeUp({ kind: 'offsets', offsets: [{ system: 1, values: [0, 0, 0], rotation: 0 }, { system: 2, values: [0, 0, 0], rotation: 30 }] }));
+    await until('R', async () => (await text(page, 'offset-G55-R')) === '30.000' || text(page, 'offset-G55-R'));
+    assert.equal(await text(page, 'offset-G54-R'), '–');
   },
 
   async 'arrow keys jog only while unlocked'(page) {

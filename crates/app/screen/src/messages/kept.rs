@@ -10,6 +10,8 @@ pub struct WorkOffset {
     pub system: u32,
     /// Origin in machine coordinates, in the order of the machine's axes: mm, degrees.
     pub values: Vec<f64>,
+    /// Rotation of X and Y about Z (G10 L2 R), degrees.
+    pub rotation_deg: f64,
 }
 
 /// A line of the tool table.

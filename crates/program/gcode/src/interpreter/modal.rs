@@ -8,6 +8,7 @@ use crate::codes::modal_groups::{Compensation, FeedMode, PlaneCode};
 use crate::interpreter::Interpreter;
 use crate::state::machine_state::ProgrammedSpeed;
 use crate::state::machine_state::State;
+use crate::state::rotation::{rotation_of, turn_back};
 use crate::{PathMode, SpindleDirection};
 
 /// Modes, offsets and tool after a line.
@@ -19,6 +20,10 @@ pub struct Modal {
     pub work_system: u32,
     /// Work zero, including G92, in machine coordinates, mm and degrees, without the rotation of the system.
     pub work_offset: Axes,
+    /// The part of it that is of G92.
+    pub g92_offset: Axes,
+    /// Rotation of X and Y of the system (G10 L2 R), degrees.
+    pub rotation_deg: f64,
     /// Active offset of G43, mm and degrees.
     pub tool_offset: Axes,
     /// Tool in the spindle; 0 for none.
@@ -33,6 +38,19 @@ pub struct Modal {
     pub mist: bool,
     /// Flood coolant is on.
     pub flood: bool,
+}
+
+impl Modal {
+    /// A position of the machine in work coordinates: mm and degrees.
+    #[must_use]
+    pub fn work_position(&self, machine: Axes) -> Axes {
+        if self.rotation_deg == 0.0 {
+            return machine - self.work_offset - self.tool_offset;
+        }
+        // The rotation is about the zero of the system, and G92 is in the rotated coordinates.
+        let zero = self.work_offset - self.g92_offset;
+        turn_back(rotation_of(self.rotation_deg), machine - zero - self.tool_offset) - self.g92_offset
+    }
 }
 
 impl<R: BufRead> Interpreter<R> {
@@ -91,6 +109,8 @@ impl State {
             codes,
             work_system,
             work_offset: self.work + self.g92,
+            g92_offset: self.g92,
+            rotation_deg: self.rotation[0],
             tool_offset: self.tool_offset,
             tool: self.tool,
             selected_tool: self.selected_tool,
@@ -112,6 +132,25 @@ mod tests {
         let lines = text.lines().count() as u32;
         interpreter.start_at(lines).unwrap();
         interpreter.modal()
+    }
+
+    #[test]
+    fn a_position_in_a_rotated_system_is_what_the_program_wrote() {
+        // 30 degrees about (5, 6): (10, 4) is 10 cos 30 - 4 sin 30 and 10 sin 30 + 4 cos 30 from there.
+        let machine = |x: f64, y: f64| Axes::from_fn(|axis, _| [x, y].get(axis).copied().unwrap_or(0.0));
+        let modal = after("G10 L2 P1 X5 Y6 R30\n\n");
+        assert_eq!(modal.rotation_deg, 30.0);
+        let root = 3.0_f64.sqrt();
+        let work = modal.work_position(machine(5.0 + 5.0 * root - 2.0, 6.0 + 5.0 + 2.0 * root));
+        assert!((work - machine(10.0, 4.0)).amax() < 1e-12, "{work}");
+        // G92 X1 at (10, 4) calls it (1, 4).
+        let modal = after("G10 L2 P1 X5 Y6 R30\nG0 X10 Y4\nG92 X1\n\n");
+        let work = modal.work_position(machine(5.0 + 5.0 * root - 2.0, 6.0 + 5.0 + 2.0 * root));
+        assert!((work - machine(1.0, 4.0)).amax() < 1e-12, "{work}");
+        // Without a rotation.
+        let modal = after("G10 L2 P1 X5 Y6\nG0 X10 Y4\nG92 X1\n\n");
+        let work = modal.work_position(machine(15.0, 10.0));
+        assert!((work - machine(1.0, 4.0)).amax() < 1e-12, "{work}");
     }
 
     #[test]

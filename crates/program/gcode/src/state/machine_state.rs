@@ -7,6 +7,7 @@ use crate::execution::compensation::CutterState;
 use crate::execution::cycles::fanuc_threads::FanucThread;
 use crate::parameters::system::System;
 use crate::parameters::values::{G92, G92_ACTIVE, Parameters, WORK_OFFSET, WORK_OFFSET_1};
+use crate::state::rotation::{Rotation, rotation_of, turn, turn_back};
 use crate::{Action, PathMode, SPINDLES, Settings, SpindleDirection, SpindleOutput};
 
 /// Millimetres per inch.
@@ -238,7 +239,7 @@ pub(crate) struct State {
     /// Work zero of the active offset, machine coordinates.
     pub(crate) work: Axes,
     /// Rotation of the work's XY about its zero: degrees, cosine, sine.
-    pub(crate) rotation: [f64; 3],
+    pub(crate) rotation: Rotation,
     /// Active offset of G92 and G52; rotated with the work.
     pub(crate) g92: Axes,
     pub(crate) tool_offset: Axes,
@@ -370,14 +371,7 @@ impl State {
     pub(crate) fn load_work(&mut self, parameters: &Parameters) {
         let first = WORK_OFFSET_1 + 20 * self.modes.work_index;
         self.work = parameters.axes(first);
-        let degrees = parameters.numbered(first + AXES);
-        let (cos, sin) = if degrees == 0.0 {
-            (1.0, 0.0)
-        } else {
-            let angle = degrees.to_radians();
-            (libm::cos(angle), libm::sin(angle))
-        };
-        self.rotation = [degrees, cos, sin];
+        self.rotation = rotation_of(parameters.numbered(first + AXES));
     }
 
     /// The plane for arcs; `None` for G17.1 and similar.
@@ -416,27 +410,13 @@ impl State {
     }
 
     /// Converts a vector from program to machine coordinates.
-    pub(crate) fn turn(&self, mut vector: Axes) -> Axes {
-        if self.turned() {
-            let [_, cos, sin] = self.rotation;
-            (vector[0], vector[1]) = (
-                cos * vector[0] - sin * vector[1],
-                sin * vector[0] + cos * vector[1],
-            );
-        }
-        vector
+    pub(crate) fn turn(&self, vector: Axes) -> Axes {
+        turn(self.rotation, vector)
     }
 
     /// Converts a vector from machine to program coordinates.
-    pub(crate) fn turn_back(&self, mut vector: Axes) -> Axes {
-        if self.turned() {
-            let [_, cos, sin] = self.rotation;
-            (vector[0], vector[1]) = (
-                cos * vector[0] + sin * vector[1],
-                cos * vector[1] - sin * vector[0],
-            );
-        }
-        vector
+    pub(crate) fn turn_back(&self, vector: Axes) -> Axes {
+        turn_back(self.rotation, vector)
     }
 
     /// Converts a point from program coordinates (mm, degrees) to machine coordinates.

@@ -2,5 +2,6 @@
 
 pub(crate) mod machine_state;
 pub(crate) mod outputs;
+pub(crate) mod rotation;
 pub(crate) mod scope;
 pub(crate) mod settings;

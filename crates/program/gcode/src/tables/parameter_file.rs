@@ -5,9 +5,10 @@ use std::fmt::Write as _;
 use std::io::BufRead;
 use std::path::Path;
 
-use evolvent_path::{AXES, Axes};
+use evolvent_path::{AXES, Axes, AxisMask};
 
 use crate::parameters::values::{G92, G92_ACTIVE, HOME_G28, HOME_G30, NUMBERED, WORK_OFFSET, WORK_OFFSET_1};
+use crate::state::rotation::{rotation_of, turn, turn_back};
 use crate::tables::store::{read_text, replace_file};
 use crate::{Interpreter, Settings, StoreError, WORK_OFFSETS};
 
@@ -205,6 +206,26 @@ impl KeptParameters {
         self.at(WORK_OFFSET_1 + 20 * index + AXES)
     }
 
+    /// The work offset with which `tip` (mm and degrees, machine coordinates less the tool offset) reads `values` in `axes`, as G10 L20
+    /// sets it: in a rotated system X and Y of the zero both change, so that the other one of them reads what it did.
+    #[must_use]
+    pub fn touched_off(&self, index: usize, axes: AxisMask, values: &Axes, tip: &Axes, g92: &Axes) -> Axes {
+        let zero = self.work_offset(index);
+        let rotation = rotation_of(self.rotation_deg(index));
+        if rotation[0] == 0.0 {
+            return Axes::from_fn(|i, _| {
+                if axes.contains(i) {
+                    tip[i] - g92[i] - values[i]
+                } else {
+                    zero[i]
+                }
+            });
+        }
+        let now = turn_back(rotation, tip - zero) - g92;
+        let change = Axes::from_fn(|i, _| if axes.contains(i) { now[i] - values[i] } else { 0.0 });
+        zero + turn(rotation, change)
+    }
+
     /// Writes a work offset. Returns false, without effect, for an index above 8 or invalid values.
     pub fn set_work_offset(&mut self, index: usize, offset: &Axes) -> bool {
         let right = index < WORK_OFFSETS
@@ -257,6 +278,46 @@ impl KeptParameters {
 mod tests {
     use super::*;
     use crate::Action;
+
+    /// What G10 L20 does in a system, and what touching off there does: X and Y of the zero.
+    fn touched(set_up: &str, system: usize, words: &str, values: [f64; 2], axes: AxisMask) -> [[f64; 2]; 2] {
+        let mut before = KeptParameters::default();
+        run(set_up, &mut before);
+        let mut after = KeptParameters::default();
+        run(&format!("{set_up}G10 L20 P{} {words}\n", system + 1), &mut after);
+        let mut interpreter = Interpreter::new(set_up.as_bytes(), Settings::default());
+        interpreter.start_at(set_up.lines().count() as u32).unwrap();
+        // The machine is at (31, 17): each set-up ends there.
+        let at = |pair: [f64; 2]| Axes::from_fn(|axis, _| pair.get(axis).copied().unwrap_or(0.0));
+        let g92 = Axes::from_fn(|axis, _| before.at(G92 + axis));
+        let found = before.touched_off(system, axes, &at(values), &at([31.0, 17.0]), &g92);
+        let wanted = after.work_offset(system);
+        [[wanted[0], wanted[1]], [found[0], found[1]]]
+    }
+
+    #[test]
+    fn touching_off_in_a_rotated_system_is_g10_l20() {
+        let [x, y] = [0, 1].map(|axis| AxisMask::from_bits(1 << axis));
+        let both = AxisMask::from_bits(3);
+        for (set_up, system) in [
+            ("G10 L2 P1 X5 Y6 R30\nG53 G0 X31 Y17\n", 0),
+            ("G10 L2 P2 X5 Y6 R-75\nG53 G0 X31 Y17\n", 1),
+            ("G10 L2 P1 X5 Y6 R30\nG92 X3 Y-2\nG53 G0 X31 Y17\n", 0),
+            ("G10 L2 P1 X5 Y6\nG92 X3 Y-2\nG53 G0 X31 Y17\n", 0),
+        ] {
+            for (words, values, axes) in [
+                ("X1", [1.0, 0.0], x),
+                ("Y-4", [0.0, -4.0], y),
+                ("X1 Y-4", [1.0, -4.0], both),
+            ] {
+                let [wanted, found] = touched(set_up, system, words, values, axes);
+                assert!(
+                    (wanted[0] - found[0]).abs() < 1e-9 && (wanted[1] - found[1]).abs() < 1e-9,
+                    "{set_up}{words}: {wanted:?}, {found:?}"
+                );
+            }
+        }
+    }
 
     fn run(program: &str, kept: &mut KeptParameters) -> Vec<Action> {
         let mut settings = Settings::default();

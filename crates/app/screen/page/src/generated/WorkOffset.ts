@@ -11,4 +11,8 @@ system: number,
 /**
  * Origin in machine coordinates, in the order of the machine's axes: mm, degrees.
  */
-values: Array<number>, };
+values: Array<number>, 
+/**
+ * Rotation of X and Y about Z (G10 L2 R), degrees.
+ */
+rotation_deg: number, };

@@ -218,6 +218,8 @@ export interface ProgramInfo {
 export interface WorkOffset {
   system: number;
   values: (number | null)[];
+  /** of X and Y about Z (G10 L2 R), degrees */
+  rotation: number;
 }
 
 export interface Tool {

@@ -167,7 +167,7 @@ export class Server implements Source {
         break;
       }
       case 'kept':
-        this.#handle({ kind: 'offsets', offsets: message.offsets });
+        this.#handle({ kind: 'offsets', offsets: message.offsets.map(({ rotation_deg: rotation, ...offset }) => ({ ...offset, rotation })) });
         this.#handle({ kind: 'tools', tools: message.tools });
         this.#kept = JSON.stringify([message.offsets, message.tools]);
         this.#path();

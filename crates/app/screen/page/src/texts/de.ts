@@ -237,6 +237,7 @@ export const de: Texts = {
     note: 'Maschinenkoordinaten der Nullpunkte. Wert eingeben, dann Eingabetaste oder ✓ drücken.',
     toolOffset: 'Werkzeugversatz in Kraft',
     workOffset: 'Nullpunkt in Kraft (mit G92)',
+    rotation: 'Drehung von X und Y um Z (G10 L2 R)',
   },
   tools: {
     title: 'Werkzeuge',

@@ -243,6 +243,7 @@ export const en = {
     note: 'Machine coordinates of each system’s zero. Enter a value, then press Enter or ✓ to set it.',
     toolOffset: 'Tool offset in force',
     workOffset: 'Work offset in force (with G92)',
+    rotation: 'Rotation of X and Y about Z (G10 L2 R)',
   },
   tools: {
     title: 'Tools',
