@@ -14,6 +14,7 @@ use crate::gate::Role;
 use crate::hub::{Visitor, text};
 use crate::messages::{CommandMessage, FromPage, LogKind, ToPage};
 use crate::orders::Answer;
+use crate::pace::Pace;
 use crate::server::Server;
 
 /// A message that is not sent within this time ends the connection.
@@ -39,10 +40,11 @@ pub(crate) async fn serve(server: Arc<Server>, socket: WebSocket, visitor: Visit
         return;
     };
     let (sink, stream) = socket.split();
+    let pace = Pace::new();
     // The first to end ends the other.
     tokio::select! {
-        () = write(&server, sink, messages) => {}
-        () = read(&server, stream, number, role) => {}
+        () = write(&server, sink, messages, &pace) => {}
+        () = read(&server, stream, number, role, &pace) => {}
     }
     if server.hub.leave(number) {
         server.dispatch.stop_jog();
@@ -53,6 +55,7 @@ async fn write(
     server: &Server,
     mut sink: SplitSink<WebSocket, Message>,
     mut messages: mpsc::Receiver<Utf8Bytes>,
+    pace: &Pace,
 ) {
     let mut frames = server.hub.frames();
     let mut signals = Utf8Bytes::default();
@@ -68,6 +71,9 @@ async fn write(
                     return;
                 }
                 let frame = frames.borrow_and_update().clone();
+                if !pace.may_send() {
+                    continue;
+                }
                 let samples = (!frame.samples.is_empty()).then_some(Message::Binary(frame.samples));
                 let is_new = !frame.signals.is_empty() && frame.signals != signals;
                 let values = is_new.then(|| {
@@ -86,7 +92,13 @@ async fn write(
     }
 }
 
-async fn read(server: &Arc<Server>, mut stream: SplitStream<WebSocket>, number: u64, role: Role) {
+async fn read(
+    server: &Arc<Server>,
+    mut stream: SplitStream<WebSocket>,
+    number: u64,
+    role: Role,
+    pace: &Pace,
+) {
     let (mut left, mut counted, mut last_id) = (BURST, Instant::now(), 0);
     loop {
         let message = match tokio::time::timeout(LEASE_SILENCE, stream.next()).await {
@@ -99,6 +111,7 @@ async fn read(server: &Arc<Server>, mut stream: SplitStream<WebSocket>, number: 
                 continue;
             }
         };
+        pace.hear();
         let now = Instant::now();
         left = (left + RATE * (now - counted).as_secs_f64()).min(BURST) - 1.0;
         counted = now;

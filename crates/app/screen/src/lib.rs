@@ -27,6 +27,7 @@ mod macro_file;
 pub mod messages;
 mod names;
 mod orders;
+mod pace;
 mod path_stream;
 mod program_store;
 mod programmed_path;

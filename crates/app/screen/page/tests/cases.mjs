@@ -785,6 +785,57 @@ export const cases = {
     assert.deepEqual(found, [[20, 0, 20]]);
   },
 
+  async 'figures that are not live say so'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    const quiet = (on) => page.evaluate((on) => globalThis.quietMadeUp(on), on);
+    const told = page.locator(at('no-data'));
+    const dimmed = () => page.locator('.positions .axes').evaluate((element) => Number(getComputedStyle(element).opacity) < 0.5);
+    const places = () => page.evaluate(() => JSON.stringify([...document.querySelectorAll('main button, main .number')].map((element) => [element.getBoundingClientRect().x, element.getBoundingClientRect().y])));
+    assert.deepEqual([await told.count(), await dimmed()], [0, false]);
+    const before = await places();
+    const from = Date.now();
+    await quiet(true);
+    await told.waitFor({ timeout: 1500 });
+    assert.ok(Date.now() - from > 250, 'not before 300 ms');
+    assert.equal(await dimmed(), true);
+    assert.equal(await places(), before, 'nothing jumps');
+    await until('seconds', async () => /no data for [23] s/.test(await told.innerText()) || told.innerText());
+    await quiet(false);
+    await told.waitFor({ state: 'detached' });
+    assert.equal(await dimmed(), false);
+  },
+
+  async 'a stop that nobody confirms says where to press'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    const told = page.locator(at('unconfirmed'));
+    const delay = (name, ms) => page.evaluate(([name, ms]) => globalThis.delayMadeUp(name, ms), [name, ms]);
+    await page.evaluate(() => globalThis.changeMadeUp({ activity: 'program', state: 'running' }));
+    await page.locator(`${at('stop')}:enabled`).click();
+    await page.waitForTimeout(700);
+    assert.equal(await told.count(), 0, 'one that was answered');
+    for (const [name, words] of [['stop', /^Stop is not confirmed. Use the emergency stop of the machine/], ['estop', /^STOP is not confirmed/]]) {
+      await ready(page);
+      await page.evaluate(() => globalThis.changeMadeUp({ activity: 'program', state: 'running' }));
+      await delay(name, 2000);
+      await page.locator(`${at(name)}:enabled`).click();
+      await told.waitFor({ timeout: 1500 });
+      assert.match(await told.innerText(), words);
+      // What lies under it can be pressed, and its effect ends it.
+      assert.equal(await told.evaluate((element) => getComputedStyle(element).pointerEvents), 'none');
+      await told.waitFor({ state: 'detached', timeout: 4000 });
+      await delay(name, 0);
+    }
+    // A dialog lies over it.
+    await ready(page);
+    await view(page, 'jog');
+    await page.locator(at('touch-X')).click();
+    await delay('estop', 2000);
+    await page.locator(`${at('touch-dialog')} ${at('dialog-estop')}`).click();
+    await page.locator(`${at('touch-dialog')} [role="alert"]`).waitFor({ timeout: 1500 });
+  },
+
   async 'a rotated work system says so'(page, context) {
     if (context.real) return 'not measured';
     await view(page, 'offsets');

@@ -164,6 +164,8 @@ export interface AxisValue {
 }
 
 export interface Answer {
+  /** there was no answer: whether the core has carried it out is not known */
+  isUnknown?: boolean;
   accepted: boolean;
   alarm: number;
   text: string;

@@ -10,6 +10,15 @@ import { settings } from './settings.svelte';
 const KEEP_EVENTS_MS = 1000;
 /** What needs another mode first is sent within this time of the press, or not at all. */
 const MAX_PRESS_AGE_MS = 1000;
+/** Without a status for this time the figures are not live: some of these looks in a row, so that a page that had no time itself does not say so. */
+const LOOK_MS = 100;
+const QUIET_LOOKS = 3;
+/** A command that stops has its answer by then, ms. */
+const CONFIRMED_MS = 500;
+/** Commands that stop, whose answer is waited for. */
+export type StopName = 'estop' | 'stop' | 'hold' | 'off';
+const STOPS: readonly string[] = ['estop', 'stop', 'hold', 'off'] satisfies StopName[];
+
 /** Seconds of samples that the page keeps for the scope and the trail. */
 export const HISTORY_S = 60;
 
@@ -96,6 +105,10 @@ class Session {
   /** The latest rejection, shown until the next command. */
   rejection = $state.raw<Answer | null>(null);
   history: History | null = null;
+  /** s since the last status; 0 while they come */
+  quietS = $state(0);
+  /** a command that stops had no answer in time, and the machine has not shown its effect */
+  unconfirmed = $state<StopName | null>(null);
 
   #source: Source | null = null;
   #pending: Status | null = null;
@@ -104,6 +117,8 @@ class Session {
   /** the newest status, drawn or not */
   #seen: Status | null = null;
   #frame = 0;
+  #heardAt = 0;
+  #quietLooks = 0;
   /** timer of the events that are not yet kept */
   #keeping = 0;
 
@@ -141,6 +156,7 @@ class Session {
       if (this.#keeping !== 0) this.#keepEvents();
     });
     source.start((message) => this.#take(message));
+    window.setInterval(() => this.#look(), LOOK_MS);
   }
 
   get source(): Source | null {
@@ -150,7 +166,15 @@ class Session {
   async send(command: Command): Promise<Answer> {
     const source = this.#source;
     if (source === null) return { accepted: false, alarm: 0, text: settings.texts.link.lost };
+    const watched = STOPS.includes(command.name) ? (command.name as StopName) : null;
+    const timer = watched && window.setTimeout(() => (this.unconfirmed = watched), CONFIRMED_MS);
     const answer = await source.send(command);
+    if (watched !== null && timer !== null) {
+      clearTimeout(timer);
+      // Whatever the core says, it has heard it.
+      if (!answer.isUnknown) this.unconfirmed = null;
+      else this.unconfirmed = watched;
+    }
     // A jog that is kept alive must not wipe away what an operator still reads.
     if (command.name !== 'jog_keep') this.rejection = answer.accepted ? null : answer;
     if (!answer.accepted && !this.#serverLogs) this.note({ kind: 'warning', number: answer.alarm || null, text: `${command.name}: ${answer.text}`, cure: null });
@@ -240,6 +264,10 @@ class Session {
           if (!this.#serverLogs || entry.kind === 'state') this.note(entry);
         }
         this.#seen = message.status;
+        this.#heardAt = performance.now();
+        this.#quietLooks = 0;
+        if (this.quietS !== 0) this.quietS = 0;
+        if (this.unconfirmed !== null) this.#confirm(message.status);
         // Of several that come within a frame only the last is drawn.
         this.#pending = message.status;
         if (this.#frame === 0) {
@@ -279,6 +307,27 @@ class Session {
         for (const sample of message.samples) this.history?.push(sample, this.#seen);
         break;
     }
+  }
+
+  /** Whether statuses still come. */
+  #look(): void {
+    this.#quietLooks += 1;
+    const isQuiet = this.status !== null && this.#quietLooks > QUIET_LOOKS;
+    const seconds = isQuiet ? Math.max(1, Math.floor((performance.now() - this.#heardAt) / 1000)) : 0;
+    if (seconds !== this.quietS) this.quietS = seconds;
+  }
+
+  /** What a stop without an answer was to do is seen. */
+  #confirm(status: Status): void {
+    const name = this.unconfirmed;
+    const rests = status.activity === 'none';
+    if (
+      (name === 'estop' && status.machineState === 'estop') ||
+      (name === 'off' && status.machineState !== 'on') ||
+      (name === 'stop' && rests) ||
+      (name === 'hold' && (rests || status.hold))
+    )
+      this.unconfirmed = null;
   }
 
   #draw(): void {

@@ -55,6 +55,7 @@ export class MadeUp implements Source {
   #delays: Partial<Record<Command['name'], number>> = {};
   #sent: string[] = [];
   #orders: Command[] = [];
+  #isQuiet = false;
   /** why every command is rejected; empty where none is */
   #rejection = '';
 
@@ -77,6 +78,8 @@ export class MadeUp implements Source {
       changeMadeUpMachine: (changes: Partial<Machine>) => handle({ kind: 'machine', machine: { ...machine, ...changes } }),
       tellMadeUp: (message: Incoming) => handle(message),
       rejectMadeUp: (text: string) => (this.#rejection = text),
+      // As if the server or the link stood still.
+      quietMadeUp: (on: boolean) => (this.#isQuiet = on),
       raiseMadeUpAlarm: (number: number) => Object.assign(this.#status, { alarms: [number], alarmText: 'made up' }),
     });
     setInterval(() => this.#tick(), 16);
@@ -120,6 +123,7 @@ export class MadeUp implements Source {
     s.machine = s.machine.map((value, axis) => value + (s.velocity[axis] ?? 0) * dt);
     s.work = s.machine.map((value, axis) => value - (s.workOffset[axis] ?? 0));
     s.time = now / 1000;
+    if (this.#isQuiet) return;
     this.#handle({ kind: 'status', status: { ...s } });
     this.#handle({ kind: 'signals', signals: { inputs: [1, 6.25, null], outputs: [...this.#outputs], spindles_rpm: [s.spindleRpm], probe: 'open' } });
     this.#handle({

@@ -53,7 +53,7 @@ export class Server implements Source {
   }
 
   send(command: Command): Promise<Answer> {
-    const nothing = (text: string): Answer => ({ accepted: false, alarm: 0, text });
+    const nothing = (text: string): Answer => ({ isUnknown: true, accepted: false, alarm: 0, text });
     if (this.#machine === null || this.#socket === null) return Promise.resolve(nothing(settings.texts.link.lost));
     const id = this.#next;
     this.#next += 1;
@@ -97,7 +97,7 @@ export class Server implements Source {
 
   #lost(loss: LinkLoss, final: boolean): void {
     const text = settings.texts.link.unknown;
-    for (const resolve of this.#pending.values()) resolve({ accepted: false, alarm: 0, text });
+    for (const resolve of this.#pending.values()) resolve({ isUnknown: true, accepted: false, alarm: 0, text });
     this.#pending.clear();
     this.#handle({ kind: 'connection', state: final ? 'refused' : 'lost', loss });
   }

@@ -95,6 +95,7 @@ export const de: Texts = {
     returnNote: 'Fährt die Achsen auf ihrem Weg dorthin zurück, wo das Programm angehalten ist.',
     step: 'Einzeln',
     stop: 'Stopp',
+    unconfirmed: (name) => `${name} ist nicht bestätigt. Den Not-Halt der Maschine drücken.`,
   },
   alarms: {
     button: (count) => (count === 0 ? 'Kein Alarm' : plural(count, 'Alarm', 'Alarme')),
@@ -128,6 +129,7 @@ export const de: Texts = {
     short: { work: 'Werkst.', machine: 'Masch.', toGo: 'Rest' },
     homed: 'referenziert',
     notHomed: 'nicht referenziert',
+    noData: (seconds) => `seit ${seconds} s keine Daten`,
     marks: { '⌀': 'X ist ein Durchmesser (G7)', R: 'X ist ein Radius (G8)' },
     travel: (min, max) => `Verfahrweg ${min} bis ${max}`,
     near: (letter) => `${letter} ist nahe am Ende des Verfahrwegs`,

@@ -102,6 +102,7 @@ export const en = {
     returnNote: 'Drives the axes back to where the program is held, along the way that they came.',
     step: 'Step',
     stop: 'Stop',
+    unconfirmed: (name: string) => `${name} is not confirmed. Use the emergency stop of the machine.`,
   },
   alarms: {
     button: (count: number) => (count === 0 ? 'No alarm' : plural(count, 'alarm', 'alarms')),
@@ -134,6 +135,7 @@ export const en = {
     short: { work: 'work', machine: 'mach', toGo: 'to go' },
     homed: 'homed',
     notHomed: 'not homed',
+    noData: (seconds: number) => `no data for ${seconds} s`,
     marks: { '⌀': 'X is a diameter (G7)', R: 'X is a radius (G8)' },
     travel: (min: string, max: string) => `Travel ${min} to ${max}`,
     near: (letter: string) => `${letter} is near the end of its travel`,
