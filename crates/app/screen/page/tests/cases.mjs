@@ -836,6 +836,54 @@ export const cases = {
     await page.locator(`${at('touch-dialog')} [role="alert"]`).waitFor({ timeout: 1500 });
   },
 
+  async 'the remaining time is that of where the run is, at the present override, and of no other program'(page, context) {
+    if (context.real) return 'not measured';
+    const found = await page.evaluate(async () => {
+      const { ChunkBuilder } = await import('/src/path/chunk-builder.ts');
+      const { RunProgress } = await import('/src/path/run-progress.ts');
+      const { path } = await import('/src/path/store.svelte.ts');
+      // Lines 1 to 4, each 100 mm along X at 10 mm/s: 40 s.
+      const builder = new ChunkBuilder(() => {});
+      const count = 401;
+      const chunk = { position: new Float32Array(3 * count), feed: new Float32Array(count).fill(10), line: new Uint32Array(count), limit: new Uint8Array(count) };
+      for (let i = 0; i < count; i += 1) {
+        chunk.position[3 * i] = i;
+        chunk.line[i] = Math.max(1, Math.ceil(i / 100));
+      }
+      builder.append(chunk);
+      builder.finish();
+      const fractions = (...places) => {
+        const run = new RunProgress(new Float64Array(builder.profile), builder.lines);
+        return places.map(([line, pathDone]) => Math.round(100 * run.timeFraction({ job: 1, line, pathDone })));
+      };
+      path.complete(new Float64Array(builder.profile), builder.lines);
+      return {
+        whole: fractions([1, 0], [2, 160], [4, 400]),
+        opened: fractions([3, 240]),
+        // From line 3, after 70 mm of approach that are counted as part of line 3.
+        fromLine: fractions([3, 0], [3, 80], [4, 170], [4, 230]),
+        noLine: fractions([0, 100]),
+      };
+    });
+    assert.deepEqual(found, { whole: [0, 40, 100], opened: [60], fromLine: [50, 70, 75, 90], noLine: [25] });
+    await ready(page);
+    await view(page, 'program');
+    const remaining = async () => ((await page.locator(at('remaining')).count()) === 0 ? null : (await text(page, 'remaining')).replace(/ .*/, ''));
+    const is = (what, wanted) => until(what, async () => (await remaining()) === wanted || remaining());
+    await page.evaluate(() => {
+      globalThis.loadMadeUpText('data:text/plain,G1 X100 F600%0AG1 X200%0AG1 X300%0AG1 X400%0A');
+      globalThis.changeMadeUp({ activity: 'program', state: 'held', hold: true, job: 7, line: 3, pathDone: 0 });
+    });
+    // The plan says 45.2 s.
+    await is('half of it', '0:23');
+    await page.evaluate(() => globalThis.changeMadeUp({ override: 0.5 }));
+    await is('at 50 %', '0:45');
+    await page.locator('.current').first().waitFor();
+    await page.evaluate(() => globalThis.changeMadeUp({ program: 'other.ngc' }));
+    await is('another program', null);
+    assert.equal(await page.locator('.current').count(), 0, 'a line of another text');
+  },
+
   async 'a rotated work system says so'(page, context) {
     if (context.real) return 'not measured';
     await view(page, 'offsets');

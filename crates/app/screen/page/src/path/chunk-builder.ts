@@ -4,6 +4,8 @@ import { emptyBox, type Box } from './view';
 
 /** vertices between two entries of the profile */
 const PROFILE_STEP = 128;
+/** Lines whose place on the path is kept: beyond them the distance of the run alone tells it. */
+const MAX_LINE = 1 << 23;
 
 export interface BuiltChunk {
   chunk: PathChunk;
@@ -25,6 +27,8 @@ export class ChunkBuilder {
   vertices = 0;
   /** path in mm and time in s at some of the vertices, in turn */
   readonly profile: number[] = [];
+  /** path in mm at which a line begins first, and at which it ends last, in turn; NaN for lines without motion */
+  lines = new Float32Array(2 << 10).fill(NaN);
   readonly #begun = performance.now();
   #flushAt = 0;
 
@@ -72,7 +76,9 @@ export class ChunkBuilder {
       if (i > 0) {
         const length = Math.hypot(x - position[3 * i - 3]!, y - position[3 * i - 2]!, z - position[3 * i - 1]!);
         const speed = (Math.abs(feed[i]!) + Math.abs(feed[i - 1]!)) / 2;
+        const from = this.#mm;
         this.#mm += length;
+        if (length > 0) this.#note(this.#chunk.line[i]!, from);
         if (speed > 0) this.#s += length / speed;
       }
       if ((this.vertices + i - begin) % PROFILE_STEP === 0) this.profile.push(this.#mm, this.#s);
@@ -84,6 +90,18 @@ export class ChunkBuilder {
       if (z > max[2]) max[2] = z;
       if (feed[i]! > this.#fastest) this.#fastest = feed[i]!;
     }
+  }
+
+  /** The path from `from` on to here is of `line`. */
+  #note(line: number, from: number): void {
+    if (line > MAX_LINE) return;
+    if (2 * line >= this.lines.length) {
+      const longer = new Float32Array(2 * Math.max(2 * line, this.lines.length)).fill(NaN);
+      longer.set(this.lines);
+      this.lines = longer;
+    }
+    if (Number.isNaN(this.lines[2 * line]!)) this.lines[2 * line] = from;
+    this.lines[2 * line + 1] = this.#mm;
   }
 
   #flush(): void {

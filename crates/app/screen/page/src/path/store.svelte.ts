@@ -3,6 +3,7 @@ import { programText } from '../lib/program-text.svelte';
 import { session } from '../lib/session.svelte';
 import type { PathReply, PathRequest } from '../workers/path.worker';
 import { drawnFrom, type PathChunk, type ProgrammedChunk } from './chunk';
+import { RunProgress } from './run-progress';
 import { emptyBox, type Box } from './view';
 
 /** The key of nothing. */
@@ -30,8 +31,7 @@ class PathStore {
   progress = $state(1);
   fastest = $state(0);
   note = $state('');
-  /** path in mm and time in s, in turn */
-  #profile = $state.raw<Float64Array>(new Float64Array(0));
+  #run = $state.raw<RunProgress | null>(null);
 
   clear(): void {
     [this.chunks, this.programmed, this.replaced] = [[], [], 0];
@@ -41,7 +41,7 @@ class PathStore {
     this.progress = 0;
     this.fastest = 0;
     this.note = '';
-    this.#profile = new Float64Array(0);
+    this.#run = null;
     this.version += 1;
   }
 
@@ -107,7 +107,7 @@ class PathStore {
         this.isBoxWhole = true;
         this.progress = 1;
         this.version += 1;
-        this.#profile = reply.profile;
+        this.complete(reply.profile, reply.lines);
         break;
       case 'failed':
         this.progress = 1;
@@ -118,29 +118,19 @@ class PathStore {
     }
   }
 
-  /** The fraction of the program's time that is over `mm` along its path; null where the path is not here. */
-  timeFraction(mm: number): number | null {
-    const profile = this.#profile;
-    const total = profile.at(-1) ?? 0;
-    if (!(total > 0)) return null;
-    let [low, high] = [0, profile.length / 2 - 1];
-    while (high - low > 1) {
-      const middle = (low + high) >> 1;
-      if (profile[2 * middle]! <= mm) low = middle;
-      else high = middle;
-    }
-    const [from, to] = [profile[2 * low]!, profile[2 * high]!];
-    const part = to > from ? Math.min(1, Math.max(0, (mm - from) / (to - from))) : 1;
-    return (profile[2 * low + 1]! + part * (profile[2 * high + 1]! - profile[2 * low + 1]!)) / total;
+  /** What is known once all of the planned path is here. */
+  complete(profile: Float64Array, lines: Float32Array): void {
+    this.#run = new RunProgress(profile, lines);
   }
 
-  /** Seconds that the running program still needs as it was planned; null where that is not known. */
+  /** Seconds that the running program still needs as it was planned, at the present feed override; null where that is not known. */
   get remainingS(): number | null {
     const planned = session.program?.plannedS ?? null;
     const status = session.status;
-    if (planned === null || status?.activity !== 'program') return null;
-    const over = this.timeFraction(status.pathDone);
-    return over === null ? null : planned * (1 - over);
+    // The plan is that of the program that is shown.
+    if (planned === null || this.#run === null || status?.activity !== 'program' || session.isOtherProgram || !(status.override > 0)) return null;
+    const over = this.#run.timeFraction(status);
+    return over === null ? null : (planned * (1 - over)) / status.override;
   }
 
   /** The travel of X, Y and Z; axes that the machine has not are flat. */

@@ -9,8 +9,8 @@ export type PathReply =
   | ({ kind: 'chunk'; id: number; planned: boolean; replaced: number } & BuiltChunk)
   /** all of the programmed path is here */
   | { kind: 'programmed'; id: number }
-  /** `profile`: path in mm and time in s at some of the vertices of the planned path, in turn */
-  | { kind: 'complete'; id: number; replaced: number; profile: Float64Array }
+  /** `profile` and `lines` of the planned path: see `RunProgress` */
+  | { kind: 'complete'; id: number; replaced: number; profile: Float64Array; lines: Float32Array }
   | { kind: 'failed'; id: number; text: string };
 
 let present = 0;
@@ -53,7 +53,7 @@ async function load(url: string, id: number): Promise<void> {
   }
   const whole = (planned as ChunkBuilder | null) ?? programmed;
   whole.finish();
-  reply({ kind: 'complete', id, replaced, profile: new Float64Array(whole.profile) });
+  reply({ kind: 'complete', id, replaced, profile: new Float64Array(whole.profile), lines: whole.lines }, [whole.lines.buffer]);
 }
 
 onmessage = (event: MessageEvent<PathRequest>) => {
