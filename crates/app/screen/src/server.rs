@@ -46,8 +46,10 @@ pub(crate) struct Server {
     pub(crate) restarts: Arc<Semaphore>,
     /// File of macros, and whether it must exist; none if pages only watch.
     pub(crate) macros: Option<(PathBuf, bool)>,
-    /// Reads one trace after another.
-    pub(crate) readers: Arc<Semaphore>,
+    /// Reads one trace after another for pages that operate, and one for those that watch.
+    pub(crate) readers: Turns,
+    /// Bytes of disk that copies of open traces may still take.
+    pub(crate) copies: AtomicU64,
     /// Receives one upload after another.
     pub(crate) receiving: Semaphore,
     /// Number of the newest upload.

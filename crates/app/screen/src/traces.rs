@@ -4,9 +4,10 @@ use std::fs::{File, Metadata};
 use std::io::{Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::UNIX_EPOCH;
 
-use axum::extract::{Path as UrlPath, State};
+use axum::extract::{Extension, Path as UrlPath, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use evolvent_inspect::{ComparedRun, compare_runs, recorded_jobs, report_data, report_page};
@@ -14,7 +15,7 @@ use evolvent_runtime::TraceTo;
 use evolvent_trace::{TraceFile, recover};
 use tokio::sync::oneshot;
 
-use crate::gate::Framed;
+use crate::gate::{Framed, Role};
 use crate::messages::{TraceEntry, TraceJob};
 use crate::programs::{background, is_good_name};
 use crate::server::Server;
@@ -26,6 +27,10 @@ const MAX_LISTED: usize = 200;
 const MAX_LISTED_JOBS: usize = 500;
 /// A trace that is still being written is read from a copy, if it is not larger.
 const MAX_COPY: u64 = 2 << 30;
+/// Requests of a role that wait at most.
+const MAX_WAITING: usize = 16;
+/// Space that copies leave for the recorder, the state and uploads.
+const RESERVE: u64 = 1 << 30;
 /// Copies are made in folders of this beginning.
 const COPY_PREFIX: &str = ".reading-";
 /// Ending of a trace that is being written.
@@ -49,14 +54,15 @@ pub(crate) fn remove_copies(state_folder: &Path) {
     }
 }
 
-pub(crate) async fn list(State(server): State<Arc<Server>>) -> Response {
+pub(crate) async fn list(State(server): State<Arc<Server>>, Extension(role): Extension<Role>) -> Response {
     let listed = |server: &Server| serde_json::to_string(&listed(&server.traces)).map_err(unreadable);
-    read(&server, JSON, listed).await
+    read(&server, role, JSON, listed).await
 }
 
 /// The jobs of a trace, programs and blocks of MDI: none for a run of one program.
 pub(crate) async fn jobs(
     State(server): State<Arc<Server>>,
+    Extension(role): Extension<Role>,
     UrlPath((_key, name)): UrlPath<(String, String)>,
 ) -> Response {
     let jobs = move |server: &Server| {
@@ -77,31 +83,33 @@ pub(crate) async fn jobs(
             .collect();
         serde_json::to_string(&jobs).map_err(unreadable)
     };
-    read(&server, JSON, jobs).await
+    read(&server, role, JSON, jobs).await
 }
 
 pub(crate) async fn report(
     State(server): State<Arc<Server>>,
+    Extension(role): Extension<Role>,
     UrlPath((_key, name)): UrlPath<(String, String)>,
 ) -> Response {
     let page = move |server: &Server| {
         let trace = Readable::open(server, &name)?;
         report_page(&trace.file).map_err(unreadable)
     };
-    let mut response = read(&server, "text/html; charset=utf-8", page).await;
+    let mut response = read(&server, role, "text/html; charset=utf-8", page).await;
     response.extensions_mut().insert(Framed);
     response
 }
 
 pub(crate) async fn data(
     State(server): State<Arc<Server>>,
+    Extension(role): Extension<Role>,
     UrlPath((_key, name)): UrlPath<(String, String)>,
 ) -> Response {
     let data = move |server: &Server| {
         let trace = Readable::open(server, &name)?;
         report_data(&trace.file).map_err(unreadable)
     };
-    read(&server, JSON, data).await
+    read(&server, role, JSON, data).await
 }
 
 /// Key; file and job of the first run; file and job of the second. Job 0 is all of a trace.
@@ -109,6 +117,7 @@ type TwoRuns = (String, String, u32, String, u32);
 
 pub(crate) async fn comparison(
     State(server): State<Arc<Server>>,
+    Extension(role): Extension<Role>,
     UrlPath((_key, a, job_a, b, job_b)): UrlPath<TwoRuns>,
 ) -> Response {
     let found = move |server: &Server| {
@@ -119,22 +128,24 @@ pub(crate) async fn comparison(
         let found = compare_runs(first.run(job_a), b.run(job_b)).map_err(unreadable)?;
         serde_json::to_string(&found).map_err(unreadable)
     };
-    read(&server, JSON, found).await
+    read(&server, role, JSON, found).await
 }
 
 fn unreadable(error: impl std::fmt::Display) -> Refusal {
     (StatusCode::UNPROCESSABLE_ENTITY, error.to_string())
 }
 
-/// Reads something in a thread of its own, one after the other, and sends it from there: of what is large there is one at a time,
-/// however many ask and however slowly they take it.
+/// Reads something in a thread of its own, one after the other, and sends it from there: of what is large there is one at a time for each
+/// role, however many ask and however slowly they take it.
 async fn read(
     server: &Arc<Server>,
+    role: Role,
     kind: &'static str,
     work: impl FnOnce(&Server) -> Result<String, Refusal> + Send + 'static,
 ) -> Response {
-    let Ok(permit) = Arc::clone(&server.readers).acquire_owned().await else {
-        return StatusCode::SERVICE_UNAVAILABLE.into_response();
+    let Some(permit) = server.readers.take_behind(role, MAX_WAITING).await else {
+        let text = "too many traces are being read; try again";
+        return (StatusCode::TOO_MANY_REQUESTS, text).into_response();
     };
     let (outcome, told) = oneshot::channel();
     let of_thread = Arc::clone(server);
@@ -238,6 +249,45 @@ struct Readable {
     _copy: Option<tempfile::TempDir>,
 }
 
+/// Disk that a copy may still take, until it is made.
+struct Room<'a> {
+    taken: &'a AtomicU64,
+    bytes: u64,
+}
+
+impl<'a> Room<'a> {
+    /// Room for a copy of `size` bytes and the complete trace that is made of it, where `free` bytes are left.
+    fn take(taken: &'a AtomicU64, size: u64, free: u64) -> Result<Self, Refusal> {
+        let bytes = size.saturating_mul(2);
+        let before = taken.fetch_add(bytes, Ordering::Relaxed);
+        // From here on it is given back.
+        let room = Self { taken, bytes };
+        let needed = bytes.saturating_add(before).saturating_add(RESERVE);
+        if free < needed {
+            let text = format!(
+                "it is being written, and the disk of the state folder has no room for a copy of it: {} MiB are free, {} MiB needed; \
+                 read it when it has ended",
+                free >> 20,
+                needed >> 20
+            );
+            return Err((StatusCode::INSUFFICIENT_STORAGE, text));
+        }
+        Ok(room)
+    }
+}
+
+impl Drop for Room<'_> {
+    fn drop(&mut self) {
+        self.taken.fetch_sub(self.bytes, Ordering::Relaxed);
+    }
+}
+
+/// Bytes that a user may still write to the file system of a folder.
+fn free_bytes(folder: &Path) -> std::io::Result<u64> {
+    let facts = rustix::fs::statvfs(folder)?;
+    Ok(facts.f_bavail.saturating_mul(facts.f_frsize))
+}
+
 impl Readable {
     fn open(server: &Server, name: &str) -> Result<Self, Refusal> {
         let found = files(&server.traces)
@@ -248,6 +298,8 @@ impl Readable {
             return Ok(Self { file, _copy: None });
         }
         let folder = server.state_folder.as_deref().unwrap_or(Path::new("."));
+        let free = free_bytes(folder).map_err(unreadable)?;
+        let _room = Room::take(&server.copies, facts.len(), free)?;
         Self::copy(&file, &facts, folder).map_err(|error| {
             let text = format!("{name} is being written, and a copy of it cannot be read: {error}");
             (StatusCode::UNPROCESSABLE_ENTITY, text)
@@ -325,6 +377,24 @@ mod tests {
             limit_bytes: 1 << 30,
         };
         assert!(listed(&gone).is_empty());
+    }
+
+    #[test]
+    fn a_copy_leaves_room_for_the_recorder() {
+        let taken = AtomicU64::new(0);
+        let gib = 1 << 30;
+        // 1 GiB twice, and 1 GiB that stays free.
+        let first = Room::take(&taken, gib, 3 * gib).ok().unwrap();
+        // Beside it another one needs as much again.
+        let refused = Room::take(&taken, gib, 5 * gib - 1).err().unwrap();
+        assert_eq!(refused.0, StatusCode::INSUFFICIENT_STORAGE);
+        assert!(refused.1.contains("5120 MiB needed"), "{}", refused.1);
+        let second = Room::take(&taken, gib, 5 * gib).ok().unwrap();
+        drop((first, second));
+        assert_eq!(taken.load(Ordering::Relaxed), 0);
+        assert!(Room::take(&taken, gib, 3 * gib - 1).is_err());
+        assert_eq!(taken.load(Ordering::Relaxed), 0);
+        assert!(free_bytes(Path::new("/")).unwrap() > 0);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Turns at work that takes long: pages that only watch never hold up those that operate.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
@@ -9,26 +10,64 @@ use crate::gate::Role;
 /// A number of turns at the same time for pages that operate, and as many for pages that watch.
 #[derive(Debug)]
 pub(crate) struct Turns {
-    operate: Arc<Semaphore>,
-    watch: Arc<Semaphore>,
+    operate: Queue,
+    watch: Queue,
+}
+
+#[derive(Debug)]
+struct Queue {
+    turns: Arc<Semaphore>,
+    waiting: AtomicUsize,
+}
+
+impl Queue {
+    fn new(count: usize) -> Self {
+        Self {
+            turns: Arc::new(Semaphore::new(count)),
+            waiting: AtomicUsize::new(0),
+        }
+    }
+}
+
+/// One that waits for its turn, until it has it or gives up.
+struct Waiting<'a>(&'a AtomicUsize);
+
+impl Drop for Waiting<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Ordering::Relaxed);
+    }
 }
 
 impl Turns {
     pub(crate) fn new(count: usize) -> Self {
         Self {
-            operate: Arc::new(Semaphore::new(count)),
-            watch: Arc::new(Semaphore::new(count)),
+            operate: Queue::new(count),
+            watch: Queue::new(count),
         }
     }
 
     /// Waits for a turn; it ends when what is returned is dropped.
     pub(crate) async fn take(&self, role: Role) -> Option<OwnedSemaphorePermit> {
-        let turns = match role {
+        self.take_behind(role, usize::MAX).await
+    }
+
+    /// The same, unless `most` of this role wait already.
+    pub(crate) async fn take_behind(&self, role: Role, most: usize) -> Option<OwnedSemaphorePermit> {
+        let Queue { turns, waiting } = match role {
             Role::Operate => &self.operate,
             Role::Watch => &self.watch,
         };
+        let turns = Arc::clone(turns);
+        if let Ok(free) = Arc::clone(&turns).try_acquire_owned() {
+            return Some(free);
+        }
+        let before = waiting.fetch_add(1, Ordering::Relaxed);
+        let _waiting = Waiting(waiting);
+        if before >= most {
+            return None;
+        }
         // The semaphores are never closed.
-        Arc::clone(turns).acquire_owned().await.ok()
+        turns.acquire_owned().await.ok()
     }
 }
 
@@ -54,6 +93,39 @@ mod tests {
             assert!(operates.is_ok_and(|turn| turn.is_some()));
             drop(watched);
             assert!(turns.take(Role::Watch).await.is_some());
+        });
+    }
+
+    #[test]
+    fn a_queue_that_is_full_takes_no_more() {
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_time()
+            .build()
+            .unwrap();
+        runtime.block_on(async {
+            let turns = Arc::new(Turns::new(1));
+            let first = turns.take_behind(Role::Watch, 2).await;
+            assert!(first.is_some());
+            let waits: Vec<_> = (0..2)
+                .map(|_| {
+                    let turns = Arc::clone(&turns);
+                    tokio::spawn(async move { turns.take_behind(Role::Watch, 2).await.is_some() })
+                })
+                .collect();
+            tokio::task::yield_now().await;
+            assert!(turns.take_behind(Role::Watch, 2).await.is_none(), "two wait");
+            assert!(
+                turns.take_behind(Role::Operate, 2).await.is_some(),
+                "of the other role none"
+            );
+            // Who gives up leaves the queue.
+            waits[0].abort();
+            tokio::task::yield_now().await;
+            let third =
+                tokio::time::timeout(Duration::from_millis(20), turns.take_behind(Role::Watch, 2)).await;
+            assert!(third.is_err(), "it waits");
+            drop(first);
+            assert!(waits.into_iter().next_back().unwrap().await.unwrap());
         });
     }
 }
