@@ -253,16 +253,20 @@ def rules(url: str, watch_url: str) -> None:
 
     # Uploads: of the page in control only, with names that are no paths.
     cookie = cookie_of(url)
-    page = Page(url, cookie)
+    page, tab = Page(url, cookie), Page(url, cookie)
+    mine, other = (str(each.hear("lease")["page"]) for each in (page, tab))
     program = b"G21 G90 G94\nG1 X5 F600\nM2\n"
-    assert request(url, "PUT", "programs/a.ngc", program, Cookie=cookie)[0] == 403
+    assert request(url, "PUT", "programs/a.ngc", program, Cookie=cookie, Evolvent_Page=mine)[0] == 403
     page.take()
-    assert request(url, "PUT", "programs/a.ngc", program)[0] == 403
-    assert request(watch_url, "PUT", "programs/a.ngc", program, Cookie=cookie)[0] == 403
-    assert request(url, "PUT", "programs/a.ngc", program, Cookie=cookie, Origin="http://evil.example")[0] == 403
+    assert request(url, "PUT", "programs/a.ngc", program, Evolvent_Page=mine)[0] == 403
+    # Another tab of the same browser has the same cookie.
+    assert request(url, "PUT", "programs/a.ngc", program, Cookie=cookie, Evolvent_Page=other)[0] == 403
+    assert request(url, "PUT", "programs/a.ngc", program, Cookie=cookie)[0] == 403
+    assert request(watch_url, "PUT", "programs/a.ngc", program, Cookie=cookie, Evolvent_Page=mine)[0] == 403
+    assert request(url, "PUT", "programs/a.ngc", program, Cookie=cookie, Evolvent_Page=mine, Origin="http://evil.example")[0] == 403
     for name in ("..%2fa.ngc", ".hidden", "a%00b", "x" * 120):
-        assert request(url, "PUT", f"programs/{name}", program, Cookie=cookie)[0] in (400, 404), name
-    status, _, text = request(url, "PUT", "programs/a.ngc", program, Cookie=cookie)
+        assert request(url, "PUT", f"programs/{name}", program, Cookie=cookie, Evolvent_Page=mine)[0] in (400, 404), name
+    status, _, text = request(url, "PUT", "programs/a.ngc", program, Cookie=cookie, Evolvent_Page=mine)
     assert status == 200 and json.loads(text)["accepted"], text
     loaded = page.hear("program")
     while not (loaded["program"] and loaded["program"]["checked"]):
@@ -291,6 +295,7 @@ def rules(url: str, watch_url: str) -> None:
     link.putrequest("PUT", parts.path + "programs/large.ngc")
     link.putheader("Content-Length", str(300 << 20))
     link.putheader("Cookie", cookie)
+    link.putheader("Evolvent-Page", mine)
     link.endheaders()
     try:
         for _ in range(300):
@@ -356,7 +361,8 @@ def hostile(url: str, count: int, seed: int) -> None:
 
 def crowd(url: str, program: str, clients: int, seconds: float) -> None:
     cookie = cookie_of(url)
-    page = Page(url, cookie)
+    page, tab = Page(url, cookie), Page(url, cookie)
+    mine, other = (str(each.hear("lease")["page"]) for each in (page, tab))
     page.take()
     status, _, text = request(url, "PUT", "programs/crowd.ngc", program.encode(), Cookie=cookie)
     assert status == 200 and json.loads(text)["accepted"], text

@@ -178,11 +178,12 @@ impl Hub {
         self.lock().term() == Some(term)
     }
 
-    /// The control of the page that a session belongs to.
-    pub(crate) fn term_of_session(&self, session: &str) -> Option<Term> {
+    /// The control that a page has, for a request beside its connection: all pages of a browser have one session, so that it says who
+    /// the page is. The session says that it is this browser's.
+    pub(crate) fn term_of_request(&self, page: u64, session: &str) -> Option<Term> {
         let inner = self.lock();
-        let term = inner.term()?;
-        let holder = inner.pages.get(&term.page)?;
+        let term = inner.term().filter(|term| term.page == page)?;
+        let holder = inner.pages.get(&page)?;
         (!session.is_empty() && holder.session == session).then_some(term)
     }
 
@@ -356,7 +357,8 @@ impl Inner {
     fn lease_of(&self, number: u64, role: Role) -> Lease {
         Lease {
             mine: self.holder == Some(number),
-            holder: self.holder.map(|holder| format!("page {holder}")),
+            page: number,
+            holder: self.holder,
             read_only: role == Role::Watch,
         }
     }
@@ -415,6 +417,31 @@ mod tests {
             checked,
             planned_s,
         }
+    }
+
+    #[test]
+    fn an_upload_is_of_the_page_that_has_control_not_of_its_browser() {
+        let hub = Hub::new(ToPage::Core { alive: false });
+        let join = |session: &str| {
+            hub.join(Visitor {
+                session: session.to_owned(),
+                role: Role::Operate,
+                client: std::net::Ipv4Addr::LOCALHOST.into(),
+            })
+            .unwrap()
+        };
+        let ((first, _a), (second, _b), (other, _c)) = (join("one"), join("one"), join("two"));
+        assert!(hub.term_of_request(first, "one").is_none(), "nobody has control");
+        hub.take(first, false);
+        let term = hub.term_of_request(first, "one").unwrap();
+        assert!(hub.is_present(term));
+        // Another tab of the browser, another browser, and a page's number with another session.
+        for (page, session) in [(second, "one"), (other, "two"), (first, "two"), (first, "")] {
+            assert!(hub.term_of_request(page, session).is_none(), "{page} {session}");
+        }
+        // The other tab takes control while the upload arrives.
+        hub.take(second, true);
+        assert!(!hub.is_present(term));
     }
 
     #[test]

@@ -58,12 +58,14 @@ fn kept(setup: &Setup, state_folder: Option<&Path>) -> ToPage {
     let tools = memory
         .tools
         .iter()
-        .flat_map(|table| table.tools())
-        .map(|tool| ToolEntry {
+        .flat_map(|table| table.tools().iter().map(move |tool| (table, tool)))
+        .map(|(table, tool)| ToolEntry {
             number: tool.number,
             offsets: axes.iter().map(|&axis| tool.offset[axis]).collect(),
             diameter: tool.diameter_mm,
-            comment: String::new(),
+            orientation: tool.orientation,
+            angles_deg: [tool.front_angle_deg, tool.back_angle_deg],
+            comment: table.remark(tool.number).to_owned(),
         });
     ToPage::Kept {
         offsets: offsets.collect(),
@@ -89,5 +91,35 @@ pub(crate) async fn watch_kept(server: Arc<Server>) {
         // It is read again soon.
         let _read = tokio::task::spawn_blocking(read).await;
         tokio::time::sleep(KEPT).await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_files_say_of_tools_and_rotations_reaches_pages() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+        write(
+            "tools.tbl",
+            "T3 P3 Z12.5 D0.8 I95 J155 Q2 ; roughing, CNMG\nT4 P4 D6\n",
+        );
+        write("parameters.var", "5221 1.5\n5250 30\n");
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let machine = evolvent_machine::Machine::load(&file).unwrap();
+        let setup = Setup::new(machine, file, String::new(), None).unwrap();
+        let ToPage::Kept { offsets, tools } = kept(&setup, Some(folder.path())) else {
+            unreachable!()
+        };
+        assert_eq!(offsets[0].values[0], 1.5);
+        assert_eq!([offsets[0].rotation_deg, offsets[1].rotation_deg], [0.0, 30.0]);
+        let [first, second] = tools.as_slice() else {
+            panic!("{tools:?}")
+        };
+        assert_eq!((first.orientation, first.angles_deg), (2, [95.0, 155.0]));
+        assert_eq!(first.comment, "roughing, CNMG");
+        assert_eq!((second.orientation, second.comment.as_str()), (0, ""));
     }
 }

@@ -31,6 +31,9 @@ const MAX_STORED: u64 = 4 << 30;
 /// Maximum pause of an upload.
 const PAUSE: Duration = Duration::from_secs(20);
 
+/// Header with the number of the page that uploads.
+const PAGE: &str = "evolvent-page";
+
 type Refusal = (StatusCode, String);
 
 pub(crate) async fn upload(
@@ -64,7 +67,13 @@ async fn store(
     let Some(programs) = server.programs.as_ref().filter(|_| role == Role::Operate) else {
         return refuse(StatusCode::FORBIDDEN, "this page may only watch");
     };
-    let Some(term) = session_of(headers).and_then(|session| server.hub.term_of_session(&session)) else {
+    let page = headers
+        .get(PAGE)
+        .and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
+    let term = page
+        .zip(session_of(headers))
+        .and_then(|(page, session)| server.hub.term_of_request(page, &session));
+    let Some(term) = term else {
         return refuse(
             StatusCode::FORBIDDEN,
             "this page does not have control; take it first",

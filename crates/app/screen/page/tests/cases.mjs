@@ -725,7 +725,7 @@ export const cases = {
       globalThis.changeMadeUpMachine({ kind: 'lathe', axes: [{ ...axis, letter: 'X' }, { ...axis, letter: 'Z' }] });
       globalThis.changeMadeUp({ machine: [20, 100, 0], workOffset: [0, 0, 0], modal: ['G18', 'G8', 'G21', 'G54'] });
       globalThis.tellMadeUp({ kind: 'offsets', offsets: [{ system: 1, values: [1.5, 2.5], rotation: 0 }] });
-      globalThis.tellMadeUp({ kind: 'tools', tools: [{ number: 3, offsets: [0.25, 0.5], diameter: 0, comment: '' }] });
+      globalThis.tellMadeUp({ kind: 'tools', tools: [{ number: 3, offsets: [0.25, 0.5], diameter: 0, orientation: 2, angles: [95, 155], comment: 'roughing' }] });
     });
     const figures = () => page.evaluate(async () => (await import('/src/lib/session.svelte.ts')).session.status.workOffset.slice(0, 2));
     const touch = async (value, unit) => {
@@ -759,6 +759,7 @@ export const cases = {
     await page.keyboard.press('Enter');
     await view(page, 'tools');
     assert.equal(await text(page, 'tool-head-X'), 'X ⌀');
+    assert.deepEqual([await text(page, 'tool-3-orientation'), await text(page, 'tool-3-angles'), await text(page, 'tool-3-comment')], ['2', '95.0 / 155.0', 'roughing']);
     assert.deepEqual([await page.locator(at('tool-3-X')).inputValue(), await page.locator(at('tool-3-Z')).inputValue()], ['0.500', '0.500']);
     await page.locator(at('tool-3-X')).fill('9');
     await page.keyboard.press('Enter');

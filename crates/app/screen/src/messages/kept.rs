@@ -23,6 +23,10 @@ pub struct ToolEntry {
     pub offsets: Vec<f64>,
     /// In mm; 0 if unknown.
     pub diameter: f64,
+    /// Orientation of the tip of a turning tool, 1 to 9; 0 for a mill.
+    pub orientation: u32,
+    /// Front and back angle of a turning tool, degrees.
+    pub angles_deg: [f64; 2],
     /// What the table says of it.
     pub comment: String,
 }

@@ -8,8 +8,12 @@ use ts_rs::TS;
 pub struct Lease {
     /// This page may.
     pub mine: bool,
-    /// Name of the page that may, if any does.
-    pub holder: Option<String>,
+    /// Number of this page. An upload names it.
+    #[ts(type = "number")]
+    pub page: u64,
+    /// Number of the page that may, if any does.
+    #[ts(type = "number | null")]
+    pub holder: Option<u64>,
     /// This page may only watch.
     pub read_only: bool,
 }

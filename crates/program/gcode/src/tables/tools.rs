@@ -92,6 +92,14 @@ pub struct ToolTable {
     remarks: BTreeMap<u32, String>,
 }
 
+impl ToolTable {
+    /// The text after `;` on the line of a tool; empty without one.
+    #[must_use]
+    pub fn remark(&self, number: u32) -> &str {
+        self.remarks.get(&number).map_or("", |remark| remark.trim())
+    }
+}
+
 impl Tool {
     /// A tool without data.
     #[must_use]

@@ -9,9 +9,13 @@ export type Lease = {
  */
 mine: boolean, 
 /**
- * Name of the page that may, if any does.
+ * Number of this page. An upload names it.
  */
-holder: string | null, 
+page: number, 
+/**
+ * Number of the page that may, if any does.
+ */
+holder: number | null, 
 /**
  * This page may only watch.
  */

@@ -17,6 +17,14 @@ offsets: Array<number>,
  */
 diameter: number, 
 /**
+ * Orientation of the tip of a turning tool, 1 to 9; 0 for a mill.
+ */
+orientation: number, 
+/**
+ * Front and back angle of a turning tool, degrees.
+ */
+angles_deg: [number, number], 
+/**
  * What the table says of it.
  */
 comment: string, };

@@ -174,8 +174,8 @@ export interface Answer {
 export interface Lease {
   /** this page may command */
   mine: boolean;
-  /** name of the page that may, if any does */
-  holder: string | null;
+  /** number of the page that may, if any does */
+  holder: number | null;
   /** this page may only watch, whatever it asks for */
   readOnly: boolean;
 }
@@ -229,6 +229,10 @@ export interface Tool {
   /** an offset per axis */
   offsets: number[];
   diameter: number;
+  /** of the tip of a turning tool, 1 to 9; 0 for a mill */
+  orientation: number;
+  /** front and back angle of a turning tool, degrees */
+  angles: [number, number];
   comment: string;
 }
 

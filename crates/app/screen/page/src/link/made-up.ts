@@ -236,7 +236,7 @@ export class MadeUp implements Source {
   }
 
   takeLease(): void {
-    this.#handle({ kind: 'lease', lease: { mine: true, holder: 'this page', readOnly: false } });
+    this.#handle({ kind: 'lease', lease: { mine: true, holder: 1, readOnly: false } });
   }
 
   releaseLease(): void {

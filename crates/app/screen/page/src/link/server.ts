@@ -30,6 +30,8 @@ export class Server implements Source {
   #machine: Machine | null = null;
   #pending = new Map<number, (answer: Answer) => void>();
   #next = 1;
+  /** number of this page on its connection */
+  #page = 0;
   #program: ServerProgram | null = null;
   /** offsets and tools, to notice their changes */
   #kept = '';
@@ -82,6 +84,7 @@ export class Server implements Source {
     return new Promise((resolve) => {
       const request = new XMLHttpRequest();
       request.open('PUT', `programs/${encodeURIComponent(file.name)}`);
+      request.setRequestHeader('Evolvent-Page', String(this.#page));
       request.upload.onprogress = (event) => progress(event.total > 0 ? event.loaded / event.total : 0);
       request.onload = () => {
         try {
@@ -139,6 +142,7 @@ export class Server implements Source {
         this.#handle({ kind: 'core', alive: message.alive });
         break;
       case 'lease': {
+        this.#page = message.page;
         const lease: Lease = { mine: message.mine, holder: message.holder, readOnly: message.read_only };
         this.#handle({ kind: 'lease', lease });
         break;
@@ -168,7 +172,7 @@ export class Server implements Source {
       }
       case 'kept':
         this.#handle({ kind: 'offsets', offsets: message.offsets.map(({ rotation_deg: rotation, ...offset }) => ({ ...offset, rotation })) });
-        this.#handle({ kind: 'tools', tools: message.tools });
+        this.#handle({ kind: 'tools', tools: message.tools.map(({ angles_deg: angles, ...tool }) => ({ ...tool, angles })) });
         this.#kept = JSON.stringify([message.offsets, message.tools]);
         this.#path();
         break;

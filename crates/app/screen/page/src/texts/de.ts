@@ -119,8 +119,8 @@ export const de: Texts = {
     readOnlyNote: 'Diese Seite darf die Maschine nicht bedienen.',
     askTitle: 'Bedienung übernehmen?',
     askText: (holder) =>
-      `${holder || 'Eine andere Seite'} bedient jetzt die Maschine. Was dort verfährt, endet. Vergewissern Sie sich, dass niemand an der Maschine steht.`,
-    lost: (by) => `${by || 'Eine andere Seite'} hat die Bedienung übernommen.`,
+      `${holder > 0 ? `Seite ${holder}` : 'Eine andere Seite'} bedient jetzt die Maschine. Was dort verfährt, endet. Vergewissern Sie sich, dass niemand an der Maschine steht.`,
+    lost: (by) => `Seite ${by} hat die Bedienung übernommen.`,
   },
   positions: {
     title: 'Positionen',
@@ -248,6 +248,10 @@ export const de: Texts = {
     add: 'Hinzufügen',
     reload: 'Tabelle neu lesen',
     inSpindle: 'in der Spindel',
+    comment: 'Bemerkung',
+    angles: 'Winkel, °',
+    orientationNote: 'Lage der Schneide, 1 bis 9 (Q der Werkzeugtabelle)',
+    anglesNote: 'Vorderer und hinterer Winkel (I und J der Werkzeugtabelle)',
     empty: 'Die Werkzeugtabelle ist leer.',
     note: 'Versätze und Durchmesser in mm. Wert eingeben, dann Eingabetaste oder ✓ drücken.',
   },
