@@ -1330,6 +1330,54 @@ export const cases = {
     assert.deepEqual(found.first, [1200, 500, 1500]);
   },
 
+  async 'the scope keeps what it shows: a picture that stands, its trigger and its settings'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    const rings = await page.evaluate(async () => {
+      const { History, session } = await import('/src/lib/session.svelte.ts');
+      const status = { latenessNs: 0, workOffset: [0], toolOffset: [0] };
+      const ring = new History(1, 10);
+      for (let i = 0; i < 25; i += 1) ring.push({ time: i, line: i, rapid: false, feed: i, position: [i], velocity: [-i], acceleration: [0], error: null, load: i }, status);
+      const copy = ring.copy(5, 23);
+      // What is copied stays, whatever the ring does.
+      for (let i = 25; i < 60; i += 1) ring.push({ time: i, line: i, rapid: false, feed: i, position: [i], velocity: [-i], acceleration: [0], error: null, load: i }, status);
+      const at = (list) => Array.from({ length: 5 }, (_, i) => list[(18 + i) % 5]);
+      // 4 kHz: 60 s of it.
+      const samples = Array.from({ length: 8 }, (_, i) => ({ time: 1e6 + i * 0.00025, line: 0, rapid: false, feed: 0, position: [0, 0, 0], velocity: [0, 0, 0], acceleration: [0, 0, 0], error: null, load: null }));
+      globalThis.tellMadeUp({ kind: 'samples', samples });
+      return { count: copy.count, feed: at(copy.feed), velocity: at(copy.velocity[0]), capacity: session.history.capacity };
+    });
+    assert.deepEqual({ ...rings, capacity: Math.round(rings.capacity / 1000) }, { count: 23, feed: [18, 19, 20, 21, 22], velocity: [-18, -19, -20, -21, -22], capacity: 240 });
+    await page.reload();
+    await ready(page);
+    await view(page, 'scope');
+    await page.locator(at('scope-quantity')).selectOption('position');
+    await page.locator(at('scope-seconds')).selectOption('1');
+    await page.locator(at('scope-level')).fill('5');
+    await page.locator(at('scope-trigger')).selectOption('rising');
+    // The trigger comes while another view is shown.
+    await view(page, 'jog');
+    await page.locator(at('increment-10')).click();
+    await page.locator(at('jog-X-plus')).click();
+    await page.waitForTimeout(1200);
+    await view(page, 'scope');
+    assert.deepEqual([await page.locator(at('scope-quantity')).inputValue(), await page.locator(at('scope-seconds')).inputValue()], ['position', '1']);
+    await page.locator(`${at('scope-pause')}[aria-pressed="true"]`).waitFor({ timeout: 3000 });
+    const shown = async () => page.evaluate(async () => {
+      const { scope } = await import('/src/scope/scope.svelte.ts');
+      const { paused } = scope;
+      const { begin, end } = scope.span(paused);
+      const list = paused.position[0];
+      return [end - begin, list[begin % paused.capacity] < 5, list[(end - 1) % paused.capacity] > 5];
+    });
+    const before = await shown();
+    assert.ok(before[0] > 20 && before[1] && before[2], JSON.stringify(before));
+    // Other quantities of the same time are there, too.
+    await page.locator(at('scope-quantity')).selectOption('feed');
+    await page.waitForTimeout(200);
+    assert.deepEqual((await shown())[0], before[0]);
+  },
+
   async 'the scope stops at its trigger, shows every sample then, and exports them'(page, context) {
     await ready(page);
     await view(page, 'scope');

@@ -21,6 +21,8 @@ const STOPS: readonly string[] = ['estop', 'stop', 'hold', 'off'] satisfies Stop
 
 /** Seconds of samples that the page keeps for the scope and the trail. */
 export const HISTORY_S = 60;
+/** The shortest period for which the history is made that long, s. */
+const MIN_PERIOD_S = 1e-4;
 
 /** Ring of samples in typed arrays, so that 60 s at the rate of the server do not become garbage. */
 export class History {
@@ -56,6 +58,23 @@ export class History {
     this.acceleration = list();
     this.error = list();
     this.zero = list();
+  }
+
+  /** A ring of another length with the newest samples before the `end`-th, under their numbers. */
+  copy(capacity: number, end = this.count): History {
+    const copy = new History(this.axes, Math.max(1, capacity));
+    const begin = Math.max(0, end - copy.capacity, this.count - this.capacity);
+    const lists = (history: History): (Float64Array | Float32Array | Uint32Array | Uint8Array)[] => [
+      history.time, history.line, history.rapid, history.feed, history.load, history.lateness,
+      ...history.position, ...history.velocity, ...history.acceleration, ...history.error, ...history.zero,
+    ];
+    const [from, to] = [lists(this), lists(copy)];
+    for (let i = begin; i < end; i += 1) {
+      const [source, target] = [i % this.capacity, i % copy.capacity];
+      for (let list = 0; list < to.length; list += 1) to[list]![target] = from[list]![source]!;
+    }
+    copy.count = end;
+    return copy;
   }
 
   push(sample: Sample, status: Status | null): void {
@@ -117,6 +136,8 @@ class Session {
   /** the newest status, drawn or not */
   #seen: Status | null = null;
   #frame = 0;
+  /** period of the samples for which the history was made, s; 0 before it is known */
+  #periodS = 0;
   #heardAt = 0;
   #quietLooks = 0;
   /** timer of the events that are not yet kept */
@@ -253,8 +274,9 @@ class Session {
         break;
       case 'machine':
         if (this.history === null || this.history.axes !== message.machine.axes.length) {
-          // The server thins samples to at most 1 kHz.
+          // Until the samples tell their period.
           this.history = new History(message.machine.axes.length, HISTORY_S * 1000);
+          this.#periodS = 0;
         }
         this.machine = message.machine;
         break;
@@ -303,10 +325,26 @@ class Session {
         this.#merge(message.entries);
         break;
       case 'samples':
+        this.#fit(message.samples);
         // Drawn or not: a status comes before the samples that were taken under it.
         for (const sample of message.samples) this.history?.push(sample, this.#seen);
         break;
     }
+  }
+
+  /** Makes the history as long as its time at the period of the samples, of which there may be several in a millisecond. */
+  #fit(samples: Sample[]): void {
+    if (this.history === null) return;
+    let period = Infinity;
+    for (let i = 1; i < samples.length; i += 1) {
+      const step = samples[i]!.time - samples[i - 1]!.time;
+      if (step > MIN_PERIOD_S / 2) period = Math.min(period, step);
+    }
+    // Rounded times, and gaps where samples were lost, are no other period.
+    if (!Number.isFinite(period) || (this.#periodS > 0 && period > 0.9 * this.#periodS)) return;
+    this.#periodS = period;
+    const capacity = Math.ceil(HISTORY_S / Math.max(MIN_PERIOD_S, period)) + 1;
+    if (capacity !== this.history.capacity) this.history = this.history.copy(capacity);
   }
 
   /** Whether statuses still come. */
