@@ -64,13 +64,18 @@ impl Operator {
             CycleEvent::Drive { sequence, alarm } => {
                 let known = Alarm::from_number(alarm.number()).unwrap_or(Alarm::DriveFault);
                 self.raise(sequence, known, alarm.to_string());
-                self.desk.drop_power();
-                self.switch_off_at_rest();
-                self.give_up_waiting(JobResult::Fault);
-                self.cancel_homing();
+                self.lose_power();
             }
             CycleEvent::ReferenceLost { sequence, axes } => self.lose_reference(sequence, axes),
         }
+    }
+
+    /// The drives have lost power, or do so at rest: the machine is off.
+    pub(super) fn lose_power(&mut self) {
+        self.desk.drop_power();
+        self.switch_off_at_rest();
+        self.give_up_waiting(JobResult::Fault);
+        self.cancel_homing();
     }
 
     fn applied(&mut self, id: u64, sequence: u64) {

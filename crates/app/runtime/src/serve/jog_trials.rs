@@ -1,167 +1,17 @@
 //! Random sequences of jogs, increments, stops and life signs: operator and cycle in one thread, in time of their own.
 
-use std::path::Path;
-use std::sync::Arc;
-use std::sync::mpsc;
-
-use evolvent_bus::{ControlRequest, Feedback};
 use evolvent_control::{CommandCode, JobResult};
-use evolvent_drive::{FeedbackWatch, WatchSettings};
-use evolvent_machine::Machine;
-use evolvent_motion::{DrivenPath, MachineState, Setpoint};
 use evolvent_path::{Axes, AxisMask};
 use evolvent_random::{Random, cases};
-use evolvent_signals::ProbeInput;
-use rtrb::{Consumer, Producer, RingBuffer};
 
-use super::operator::{Job, Operator, OperatorConfig};
-use super::orders::{CycleEvent, CycleView};
-use super::served_cycle::{ServedCycle, ServedParts};
-use super::state_store::StateStore;
-use crate::core_loop::{CycleBegin, CycleCounts, CycleEnd, SetpointSource};
-use crate::job::Setup;
-use crate::shared::Controls;
+use super::bench::Bench;
+use super::operator::Job;
 
-const PERIOD_NS: u64 = 1_000_000;
 /// Cycles after which a speed asked for is reached, or an axis at rest: from 500 mm/s with 3000 mm/s2 and its jerk, and the time
 /// until a change is applied, also one that came too late the first time.
 const SETTLES: u64 = 450;
 /// Cycles without a life sign after which a jog without distance begins to stop.
 const PATIENCE: u64 = 90;
-
-/// A machine on its own, at rest at home, switched on, in manual mode.
-struct Bench {
-    operator: Operator,
-    cycle: ServedCycle,
-    views: Consumer<CycleView>,
-    events: Consumer<CycleEvent>,
-    answers: Consumer<Feedback>,
-    _answers: Producer<Feedback>,
-    _to_cycle: Producer<Feedback>,
-    _folder: tempfile::TempDir,
-    counts: CycleCounts,
-    now: u64,
-    serial: u64,
-    last: Setpoint,
-}
-
-impl Bench {
-    fn new() -> Self {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
-        let text = std::fs::read_to_string(&file).unwrap();
-        let machine = Machine::parse(&text, "mill.toml").unwrap();
-        let mut setup = Setup::new(machine, file, text, None).unwrap();
-        setup.period_ns = PERIOD_NS;
-        let limits = setup.machine.limits();
-        let (orders, cycle_orders) = RingBuffer::new(1024);
-        let (cycle_events, events) = RingBuffer::new(4096);
-        let (cycle_views, mut views) = RingBuffer::new(4096);
-        let (_to_cycle, feedback) = RingBuffer::new(1);
-        let (_answers, answers) = RingBuffer::new(1);
-        let (periphery, _publisher) = mpsc::channel();
-        let mut cycle = ServedCycle::new(ServedParts {
-            station: MachineState::new(limits, PERIOD_NS, limits.home),
-            limits,
-            period_ns: PERIOD_NS,
-            orders: cycle_orders,
-            events: cycle_events,
-            views: cycle_views,
-            feedback,
-            watch: FeedbackWatch::new(WatchSettings::new(PERIOD_NS, AxisMask::NONE)),
-            signals: None,
-            corrections: None,
-            probe: ProbeInput::default(),
-            wheel_counts: None,
-            phase: None,
-            controls: Arc::new(Controls::new(1.0)),
-            driven: DrivenPath::new(PERIOD_NS),
-        });
-        let mut counts = CycleCounts::default();
-        let last = step(&mut cycle, 0, &mut counts);
-        let folder = tempfile::tempdir().unwrap();
-        let operator = Operator::new(OperatorConfig {
-            keep: StateStore::open(setup.memory.clone(), folder.path()),
-            setup,
-            folder: folder.path().to_owned(),
-            orders,
-            recorder: None,
-            periphery,
-            view: views.pop().unwrap(),
-        })
-        .unwrap();
-        let mut bench = Self {
-            operator,
-            cycle,
-            views,
-            events,
-            answers,
-            _answers,
-            _to_cycle,
-            _folder: folder,
-            counts,
-            now: 0,
-            serial: 0,
-            last,
-        };
-        for (code, index) in [
-            (CommandCode::EstopReset, 0),
-            (CommandCode::On, 0),
-            (CommandCode::Mode, 1),
-        ] {
-            let mut command = bench.command(code);
-            command.index = index;
-            assert!(bench.says(1, command), "{code:?}");
-            bench.runs(10);
-            bench.ticks();
-        }
-        bench
-    }
-
-    fn command(&self, code: CommandCode) -> ControlRequest {
-        ControlRequest {
-            command: code as u32,
-            ..ControlRequest::default()
-        }
-    }
-
-    /// Whether it was accepted.
-    fn says(&mut self, client: u64, mut request: ControlRequest) -> bool {
-        self.serial += 1;
-        (request.client, request.serial) = (client, self.serial);
-        let answer = self.operator.answer(&request, self.now * PERIOD_NS);
-        answer.is_none_or(|answer| answer.verdict == 0)
-    }
-
-    fn ticks(&mut self) {
-        let (views, events, answers) = (&mut self.views, &mut self.events, &mut self.answers);
-        self.operator
-            .tick(self.now * PERIOD_NS, views, events, answers, |_| {});
-    }
-
-    fn runs(&mut self, cycles: u64) -> Vec<Setpoint> {
-        (0..cycles)
-            .map(|_| {
-                self.now += 1;
-                self.last = step(&mut self.cycle, self.now, &mut self.counts);
-                self.last
-            })
-            .collect()
-    }
-}
-
-fn step(cycle: &mut ServedCycle, number: u64, counts: &mut CycleCounts) -> Setpoint {
-    let computed = cycle.step(&CycleBegin {
-        number,
-        deadline_ns: number * PERIOD_NS,
-    });
-    cycle.finish(&CycleEnd {
-        setpoint: &computed.setpoint,
-        lateness_ns: 0,
-        work_ns: 0,
-        counts,
-    });
-    computed.setpoint
-}
 
 /// What was asked of one axis since all were at rest.
 #[derive(Clone, Copy, Debug, Default)]

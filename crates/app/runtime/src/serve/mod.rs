@@ -1,5 +1,7 @@
 //! A machine that is served: one long-lived cycle, and jobs that come and go.
 
+#[cfg(test)]
+mod bench;
 mod calls;
 mod change_mark;
 mod checking;
@@ -41,6 +43,8 @@ mod snapshot;
 mod state_lock;
 mod state_store;
 mod status_writer;
+#[cfg(test)]
+mod stop_trials;
 mod summary;
 mod track;
 mod turns;

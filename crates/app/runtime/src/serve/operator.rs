@@ -6,8 +6,8 @@ use std::sync::mpsc::Sender;
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Feedback, Payload};
 use evolvent_control::{
-    Alarm, Command, CommandCode, Homing, JobResult, OperatorInputs, OperatorState, RawCommand, Rejection,
-    Verdict,
+    Alarm, Command, CommandCode, Homing, JobResult, MachineState, OperatorInputs, OperatorState, RawCommand,
+    Rejection, Verdict,
 };
 use evolvent_drive::{PowerRequest, Presence};
 use evolvent_machine::{Limits, OnFull};
@@ -582,13 +582,18 @@ impl Operator {
             }
         }
         // A view from before the order does not show what the order does.
-        let is_powered = self.view.power == PowerRequest::On && self.view.power_order == self.power_order;
+        let is_settled = self.view.power_order == self.power_order;
+        let is_powered = self.view.power == PowerRequest::On && is_settled;
         let are_ready = matches!(self.view.presence, Presence::Operational | Presence::Absent);
         let wanted_power = self.desk.wants_power();
         self.desk.enable(is_powered && are_ready, now_ns);
         if wanted_power && !self.desk.wants_power() {
             // Too late: power does not come by itself afterwards.
             self.power_order = self.book.order(CycleCommand::Power(PowerRequest::Off));
+        }
+        if is_settled && !is_powered && self.desk.machine() == MachineState::On {
+            // Whatever took the power: a machine that is on without it would accept jobs that move nothing.
+            self.lose_power();
         }
         let is_at_rest = matches!(self.view.setpoint.state, State::Held | State::ProgramStop);
         self.program

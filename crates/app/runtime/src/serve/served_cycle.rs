@@ -52,6 +52,7 @@ impl ServedCycle {
             drive: DriveRequest::OFF,
             faulted: false,
             power_off_at_rest: false,
+            stops_for_drives: false,
             power_orders: PowerOrders::default(),
             keep_until_ns: 0,
             switches_expected: AxisMask::NONE,
@@ -130,6 +131,8 @@ struct CycleState {
     faulted: bool,
     /// Where it stops the drives lose power.
     power_off_at_rest: bool,
+    /// An alarm of the drives was reported since power was requested.
+    stops_for_drives: bool,
     /// An ON that waits for the drives, and what they were asked before.
     power_orders: PowerOrders,
     keep_until_ns: u64,
@@ -173,8 +176,13 @@ impl CycleState {
         matches!(self.work, ActiveJob::None)
     }
 
+    /// Whether nothing forbids motion. Drives without power follow no setpoint, and those that lose it at rest soon follow none.
+    fn is_ready(&self) -> bool {
+        !self.faulted && self.drive.power == PowerRequest::On && !self.power_off_at_rest
+    }
+
     fn can_begin(&self) -> bool {
-        self.is_idle() && !self.faulted
+        self.is_idle() && self.is_ready()
     }
 
     /// Whatever moves the axes stops within the limits.

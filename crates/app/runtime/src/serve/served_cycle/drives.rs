@@ -118,13 +118,19 @@ impl ServedParts {
         if now.drive.power != PowerRequest::On {
             return;
         }
-        let known = now.faulted;
-        self.report_once(now, CycleEvent::Drive { sequence, alarm });
-        if !alarm.drives_follow() {
-            self.emergency(now);
-        } else if !known {
+        let follows = alarm.drives_follow();
+        if follows && now.stops_for_drives {
+            return;
+        }
+        // Whatever other fault came first: the desk must hear of this one, because it takes the power.
+        now.stops_for_drives = true;
+        now.faulted = true;
+        self.report(CycleEvent::Drive { sequence, alarm });
+        if follows {
             now.power_off_at_rest = true;
             now.stop_work();
+        } else {
+            self.emergency(now);
         }
     }
 }

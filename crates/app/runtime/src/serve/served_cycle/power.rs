@@ -100,6 +100,7 @@ impl ServedParts {
         if is_settled || pending.periods * self.period_ns >= MAX_OFF_NS {
             (orders.pending, orders.settled) = (None, pending.order);
             now.drive.power = PowerRequest::On;
+            now.stops_for_drives = false;
         }
     }
 }

@@ -1,0 +1,127 @@
+//! What stops a served machine, in whatever order it comes: operator and cycle in one thread.
+
+use evolvent_bus::ControlRequest;
+use evolvent_control::{Alarm, CommandCode, MachineState};
+use evolvent_drive::PowerRequest;
+use evolvent_path::AxisMask;
+
+use super::bench::Bench;
+use crate::core_loop::SetpointSource;
+
+/// X, the axis that is jogged.
+const X: AxisMask = AxisMask::one(0);
+
+impl Bench {
+    /// Begins a long jog of X.
+    fn jogs(&mut self) {
+        assert!(self.says(1, self.jog(100.0)), "JOG");
+    }
+
+    /// A jog of X by so much.
+    fn jog(&self, distance: f64) -> ControlRequest {
+        let mut jog = self.command(CommandCode::Jog);
+        (jog.axes_mask, jog.index, jog.amount) = (X.bits(), 1, 50.0);
+        jog.values[0] = distance;
+        jog
+    }
+
+    /// The numbers of the alarms in force, the oldest first.
+    fn alarms(&self) -> Vec<u32> {
+        (self.operator.desk.alarms())
+            .map(|(alarm, _)| alarm.number())
+            .collect()
+    }
+
+    /// One cycle after the other, each seen at the desk.
+    fn runs_seen(&mut self, cycles: u64) {
+        for _ in 0..cycles {
+            self.runs(1);
+            self.ticks();
+        }
+    }
+
+    /// Another fault has been found before: the axes are being stopped for it.
+    fn has_another_fault(&mut self) {
+        self.cycle.stop_for_lateness(self.last.sequence);
+    }
+}
+
+/// The cycle looks at the spindles before it looks at the drives, and both may fail for one reason.
+#[test]
+fn a_drive_fault_after_another_fault_is_listed_and_takes_the_machine_off() {
+    let mut bench = Bench::with_drives(X);
+    bench.jogs();
+    bench.runs_seen(200);
+    assert!(bench.last.velocity[0] > 40.0, "{:?}", bench.last);
+    bench.has_another_fault();
+    bench.drives.has_fault = true;
+    bench.runs_seen(1);
+    assert_eq!(bench.power, PowerRequest::QuickStop);
+    bench.runs_seen(1000);
+    assert_eq!(bench.alarms(), [300, 406]);
+    assert_eq!(
+        (bench.operator.desk.machine(), bench.power),
+        (MachineState::Off, PowerRequest::Off)
+    );
+    // Until it has been switched on again nothing moves.
+    bench.drives.has_fault = false;
+    assert!(bench.says(1, bench.command(CommandCode::Reset)));
+    bench.runs_seen(5);
+    assert!(!bench.says(1, bench.jog(1.0)), "drives without power");
+    assert!(bench.says(1, bench.command(CommandCode::On)));
+    bench.runs_seen(10);
+    assert!(bench.says(1, bench.jog(1.0)));
+    bench.drives.has_fault = true;
+    bench.runs_seen(1000);
+    assert_eq!(bench.alarms(), [406], "each time that power is on");
+}
+
+/// After a crash has blocked the axis while it was being stopped for something else.
+#[test]
+fn an_axis_that_is_blocked_after_another_fault_stops_and_loses_power() {
+    let mut bench = Bench::with_drives(X);
+    bench.jogs();
+    bench.runs_seen(200);
+    bench.has_another_fault();
+    bench.drives.is_blocked = true;
+    bench.runs_seen(1000);
+    let alarms = bench.alarms();
+    assert!(
+        matches!(alarms[..], [300, 403 | 410]),
+        "the alarm of the drives is listed: {alarms:?}"
+    );
+    assert_eq!(
+        (bench.operator.desk.machine(), bench.power),
+        (MachineState::Off, PowerRequest::Off)
+    );
+}
+
+/// A drive that fails while the axes stop for an alarm with which drives still follow.
+#[test]
+fn a_drive_that_fails_while_the_axes_stop_for_the_drives_stops_them_at_once() {
+    let mut bench = Bench::with_drives(X);
+    bench.jogs();
+    bench.runs_seen(200);
+    bench.drives.is_blocked = true;
+    while bench.alarms().is_empty() {
+        bench.runs_seen(1);
+    }
+    assert_eq!(bench.power, PowerRequest::On, "it stops on the path");
+    bench.drives.has_fault = true;
+    bench.runs_seen(1);
+    assert_eq!(bench.power, PowerRequest::QuickStop);
+    bench.runs_seen(1000);
+    assert_eq!(bench.alarms().last(), Some(&Alarm::DriveFault.number()));
+    assert_eq!(bench.power, PowerRequest::Off);
+}
+
+/// Whatever has taken the power, and whether or not its event has been heard.
+#[test]
+fn a_desk_whose_drives_have_no_power_is_off() {
+    let mut bench = Bench::with_drives(X);
+    assert_eq!(bench.operator.desk.machine(), MachineState::On);
+    bench.operator.view.power = PowerRequest::Off;
+    // No new view comes.
+    bench.ticks();
+    assert_eq!(bench.operator.desk.machine(), MachineState::Off);
+}
