@@ -7,10 +7,10 @@ use std::sync::mpsc;
 use evolvent_bus::{ControlRequest, Feedback};
 use evolvent_control::CommandCode;
 use evolvent_drive::{BridgeState, DriveState, FeedbackWatch, PowerRequest, WatchSettings};
-use evolvent_machine::Machine;
+use evolvent_machine::{Machine, SignalKind};
 use evolvent_motion::{DrivenPath, MachineState, Setpoint};
 use evolvent_path::AxisMask;
-use evolvent_signals::ProbeInput;
+use evolvent_signals::{InputImage, ProbeInput, Signals};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use super::operator::{Operator, OperatorConfig};
@@ -21,6 +21,7 @@ use crate::core_loop::{Computed, CycleBegin, CycleCounts, CycleEnd, SetpointSour
 use crate::job::Setup;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
+use crate::signal_loop::{InputSource, SignalLoop};
 
 const PERIOD_NS: u64 = 1_000_000;
 
@@ -72,6 +73,7 @@ pub(super) struct Bench {
     answers: Consumer<Feedback>,
     _answers: Producer<Feedback>,
     to_cycle: Producer<Feedback>,
+    inputs: Producer<InputImage>,
     pub(super) drives: BenchDrives,
     last_reply: Feedback,
     /// The power of the drives with the last setpoint.
@@ -86,13 +88,24 @@ pub(super) struct Bench {
 
 impl Bench {
     pub(super) fn new() -> Self {
-        Self::with_drives(AxisMask::NONE)
+        Self::build(AxisMask::NONE, false)
     }
 
     /// The same, with drives of these axes.
     pub(super) fn with_drives(axes: AxisMask) -> Self {
+        Self::build(axes, false)
+    }
+
+    /// The same, with an emergency-stop chain that is closed.
+    pub(super) fn with_chain() -> Self {
+        Self::build(AxisMask::NONE, true)
+    }
+
+    fn build(axes: AxisMask, has_chain: bool) -> Self {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
         let text = std::fs::read_to_string(&file).unwrap();
+        let chain = "[[input]]\nname = \"chain\"\nnumber = 0\n[estop]\ninput = \"chain\"\n";
+        let text = if has_chain { text + chain } else { text };
         let machine = Machine::parse(&text, "mill.toml").unwrap();
         let mut setup = Setup::new(machine, file, text, None).unwrap();
         setup.period_ns = PERIOD_NS;
@@ -103,6 +116,10 @@ impl Bench {
         let (to_cycle, feedback) = RingBuffer::new(4);
         let (_answers, answers) = RingBuffer::new(1);
         let (periphery, _publisher) = mpsc::channel();
+        let (mut inputs, samples) = RingBuffer::new(4);
+        inputs.push(chain_input(true)).unwrap();
+        let signals = Signals::new(&setup.machine.signals, 2, PERIOD_NS);
+        let signals = SignalLoop::new(signals, InputSource::Bus(samples), None, None, true);
         let mut cycle = ServedCycle::new(ServedParts {
             station: MachineState::new(limits, PERIOD_NS, limits.home),
             limits,
@@ -112,7 +129,7 @@ impl Bench {
             views: cycle_views,
             feedback,
             watch: FeedbackWatch::new(WatchSettings::new(PERIOD_NS, axes)),
-            signals: None,
+            signals: has_chain.then_some(signals),
             corrections: None,
             probe: ProbeInput::default(),
             wheel_counts: None,
@@ -141,6 +158,7 @@ impl Bench {
             answers,
             _answers,
             to_cycle,
+            inputs,
             drives: BenchDrives {
                 axes,
                 ..BenchDrives::default()
@@ -166,6 +184,11 @@ impl Bench {
             bench.ticks();
         }
         bench
+    }
+
+    /// The emergency-stop chain opens before the next cycle, which finds it so.
+    pub(super) fn opens_chain(&mut self) {
+        self.inputs.push(chain_input(false)).unwrap();
     }
 
     pub(super) fn command(&self, code: CommandCode) -> ControlRequest {
@@ -203,6 +226,13 @@ impl Bench {
             })
             .collect()
     }
+}
+
+/// The inputs of a machine whose chain is closed or open.
+fn chain_input(is_closed: bool) -> InputImage {
+    let mut image = InputImage::default();
+    image.set(SignalKind::Digital, 0, Some(f64::from(u8::from(is_closed))));
+    image
 }
 
 fn step(cycle: &mut ServedCycle, number: u64, counts: &mut CycleCounts) -> Computed {

@@ -31,10 +31,15 @@ impl Operator {
                 drop(work);
                 self.motion_ended(result);
             }
-            CycleEvent::Misplaced { sequence, work } => {
+            CycleEvent::Misplaced {
+                sequence,
+                is_forbidden,
+                work,
+            } => {
                 let is_planned = matches!(work, ActiveJob::Follow(_));
                 drop(work);
-                if !self.desk.has_latched_alarm() {
+                // What forbids it is known by itself.
+                if !is_forbidden && !self.desk.has_latched_alarm() {
                     self.raise(sequence, Alarm::Handover, Alarm::Handover.sentence().to_owned());
                 }
                 match &mut self.job {

@@ -448,6 +448,10 @@ impl Operator {
         self.give_up_waiting(result);
         self.cancel_command();
         self.cancel_homing();
+        if !matches!(self.job, Job::None) {
+            // It may be on its way to the cycle, which has found the chain open and has stopped nothing.
+            self.order(CycleCommand::Stop);
+        }
         self.stops.is_emergency = true;
         self.switch_periphery_off();
     }

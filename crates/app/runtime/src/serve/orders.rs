@@ -153,6 +153,8 @@ pub(crate) enum CycleEvent {
     /// The job did not begin where the axes stand.
     Misplaced {
         sequence: u64,
+        /// Nothing may begin: an emergency stop, a fault or the loss of power came before it.
+        is_forbidden: bool,
         work: ActiveJob,
     },
     Guard {

@@ -66,6 +66,13 @@ impl ServedCycle {
         };
         Self { parts, now }
     }
+
+    /// For tests: an emergency stop that no order asks for.
+    #[cfg(test)]
+    pub(in crate::serve) fn fall_into_estop(&mut self) {
+        self.now.is_estop = true;
+        self.parts.emergency(&mut self.now);
+    }
 }
 
 /// What it owns of the machine, and its ways to the other threads; built before it starts.
@@ -176,9 +183,10 @@ impl CycleState {
         matches!(self.work, ActiveJob::None)
     }
 
-    /// Whether nothing forbids motion. Drives without power follow no setpoint, and those that lose it at rest soon follow none.
+    /// Whether nothing forbids motion. An order may have been on its way while the chain opened. Drives without power follow no
+    /// setpoint, and those that lose it at rest soon follow none.
     fn is_ready(&self) -> bool {
-        !self.faulted && self.drive.power == PowerRequest::On && !self.power_off_at_rest
+        !self.faulted && !self.is_estop && self.drive.power == PowerRequest::On && !self.power_off_at_rest
     }
 
     fn can_begin(&self) -> bool {

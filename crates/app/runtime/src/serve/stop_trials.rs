@@ -6,6 +6,7 @@ use evolvent_drive::PowerRequest;
 use evolvent_path::AxisMask;
 
 use super::bench::Bench;
+use super::operator::Job;
 use crate::core_loop::SetpointSource;
 
 /// X, the axis that is jogged.
@@ -124,4 +125,31 @@ fn a_desk_whose_drives_have_no_power_is_off() {
     // No new view comes.
     bench.ticks();
     assert_eq!(bench.operator.desk.machine(), MachineState::Off);
+}
+
+/// The chain opens in the cycle before the one that takes the order, and nobody has heard of it.
+#[test]
+fn a_jog_that_is_ordered_as_the_chain_opens_does_not_begin() {
+    let mut bench = Bench::with_chain();
+    bench.opens_chain();
+    bench.runs(1);
+    bench.jogs();
+    let here = bench.last.position;
+    bench.runs_seen(300);
+    assert_eq!(bench.last.position, here);
+    assert_eq!(bench.operator.desk.machine(), MachineState::Estop);
+    assert_eq!(bench.alarms(), [Alarm::EmergencyStopChain.number()]);
+    assert!(matches!(bench.operator.job, Job::None), "the jog has ended");
+}
+
+/// Without an alarm that says why: an emergency stop by command needs none.
+#[test]
+fn a_job_that_an_emergency_stop_forbids_raises_no_alarm_of_its_own() {
+    let mut bench = Bench::new();
+    bench.jogs();
+    // As if the order of the emergency stop had been taken before that of the jog.
+    bench.cycle.fall_into_estop();
+    bench.runs_seen(2);
+    assert!(bench.alarms().is_empty(), "{:?}", bench.alarms());
+    assert!(matches!(bench.operator.job, Job::None), "the jog has ended");
 }

@@ -34,12 +34,12 @@ impl ServedParts {
     /// Takes an order. Returns `false` if it has no effect, so that the trace must not have it.
     fn take(&mut self, now: &mut CycleState, id: u64, what: CycleCommand) -> bool {
         match what {
-            CycleCommand::Follow(job) => self.begin_following(now, job),
+            CycleCommand::Follow(job) => return self.begin_following(now, job),
             CycleCommand::Steer(steering) if matches!(now.work, ActiveJob::Follow(_)) => {
                 return self.leave(now, steering);
             }
             CycleCommand::Retrace { back } => return self.retrace(now, back),
-            CycleCommand::Steer(steering) => self.begin_steering(now, steering),
+            CycleCommand::Steer(steering) => return self.begin_steering(now, steering),
             CycleCommand::Turn {
                 after,
                 until_ns,
@@ -121,10 +121,11 @@ impl ServedParts {
         true
     }
 
-    fn begin_following(&mut self, now: &mut CycleState, mut job: Box<Following>) {
+    /// Begins a job along a plan. Returns whether it has begun.
+    fn begin_following(&mut self, now: &mut CycleState, mut job: Box<Following>) -> bool {
         if !now.can_begin() || !self.station.attach(&mut job.motion) {
-            self.misplace(ActiveJob::Follow(job));
-            return;
+            self.misplace(now, ActiveJob::Follow(job));
+            return false;
         }
         now.inputs = Inputs {
             feed_override: now.inputs.feed_override,
@@ -135,20 +136,29 @@ impl ServedParts {
         self.driven.forget();
         self.begin_schedule(&mut job);
         now.work = ActiveJob::Follow(job);
+        true
     }
 
-    fn begin_steering(&mut self, now: &mut CycleState, steering: Box<TransferExecutor>) {
-        if now.can_begin() && self.station.can_steer(&steering) {
+    /// Begins a steered motion. Returns whether it has begun.
+    fn begin_steering(&mut self, now: &mut CycleState, steering: Box<TransferExecutor>) -> bool {
+        let begins = now.can_begin() && self.station.can_steer(&steering);
+        if begins {
             now.work = ActiveJob::Steer(steering);
         } else {
-            self.misplace(ActiveJob::Steer(steering));
+            self.misplace(now, ActiveJob::Steer(steering));
         }
+        begins
     }
 
     /// A job that does not begin here goes back.
-    fn misplace(&mut self, work: ActiveJob) {
+    fn misplace(&mut self, now: &CycleState, work: ActiveJob) {
         let sequence = self.station.sequence();
-        self.report(CycleEvent::Misplaced { sequence, work });
+        let is_forbidden = !now.is_ready();
+        self.report(CycleEvent::Misplaced {
+            sequence,
+            is_forbidden,
+            work,
+        });
     }
 
     /// The position at which the axes are at rest gets these coordinates and limits.
