@@ -3,6 +3,7 @@
 mod bad_input;
 mod bridges;
 mod checks;
+mod command_floods;
 mod command_line;
 mod corrections;
 mod documents;

@@ -60,6 +60,8 @@ alarms! {
     Planner = 201, Fault, "the planner ended without completing its plan; the machine stopped on the path";
     /// A job did not begin where the axes stand.
     Handover = 202, Fault, "a job did not begin where the axes stand and was not taken up; please report it with the trace";
+    /// The queue of orders to the cycle was full.
+    OrdersLost = 203, Fault, "more was ordered than the cycle took, so the emergency stop was set; see which client sends so much, and `evolvent doctor`";
     /// Too many setpoints in a row left after they were due.
     Lateness = 300, Fault, "too many setpoints in a row left late; run `evolvent doctor`, or lower the rate";
     /// No feedback ever came.

@@ -98,19 +98,24 @@ impl ControlServer {
     }
 
     /// Takes the oldest waiting request; `None` if there is none. A request of another version is returned
-    /// too, and has to be rejected. Each client may have at most four unanswered requests.
+    /// too, and has to be rejected. Each client may have at most four unanswered requests: what it sends beyond waits until one of
+    /// them has been answered, while requests of other clients are taken.
     ///
     /// # Errors
     /// The connection is damaged.
     pub fn receive(&mut self) -> Result<Option<ControlCall>, ReceiveError> {
         use iceoryx2::port::ReceiveError as Cause;
-        let request = self.server.receive().map_err(|cause| ReceiveError::Broken {
-            channel: Channel::Control.name(),
-            cause: match cause {
-                Cause::ExceedsMaxBorrows => "ExceedsMaxBorrows",
-                Cause::ConnectionFailure(_) => "ConnectionFailure",
-            },
-        })?;
+        let request = match self.server.receive() {
+            Ok(request) => request,
+            // Those that wait are all of clients with four that have no answer yet.
+            Err(Cause::ExceedsMaxBorrows) => None,
+            Err(Cause::ConnectionFailure(_)) => {
+                return Err(ReceiveError::Broken {
+                    channel: Channel::Control.name(),
+                    cause: "ConnectionFailure",
+                });
+            }
+        };
         let Some(active) = request else { return Ok(None) };
         let request = *active.payload();
         Ok(Some(ControlCall { request, active }))

@@ -17,6 +17,7 @@ use super::operator::{Operator, OperatorConfig};
 use super::orders::{CycleEvent, CycleView};
 use super::served_cycle::{ServedCycle, ServedParts};
 use super::state_store::StateStore;
+use super::urgent::UrgentOrders;
 use crate::core_loop::{Computed, CycleBegin, CycleCounts, CycleEnd, SetpointSource};
 use crate::job::Setup;
 use crate::rt::MonotonicClock;
@@ -111,6 +112,7 @@ impl Bench {
         setup.period_ns = PERIOD_NS;
         let limits = setup.machine.limits();
         let (orders, cycle_orders) = RingBuffer::new(1024);
+        let urgent = Arc::<UrgentOrders>::default();
         let (cycle_events, events) = RingBuffer::new(4096);
         let (cycle_views, mut views) = RingBuffer::new(4096);
         let (to_cycle, feedback) = RingBuffer::new(4);
@@ -125,6 +127,7 @@ impl Bench {
             limits,
             period_ns: PERIOD_NS,
             orders: cycle_orders,
+            urgent: Arc::clone(&urgent),
             events: cycle_events,
             views: cycle_views,
             feedback,
@@ -145,6 +148,7 @@ impl Bench {
             setup,
             folder: folder.path().to_owned(),
             orders,
+            urgent,
             recorder: None,
             periphery,
             view: views.pop().unwrap(),

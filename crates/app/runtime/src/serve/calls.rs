@@ -12,14 +12,45 @@ const MAX_WAITING: usize = 32;
 /// Requests that have no answer yet.
 #[derive(Debug, Default)]
 pub(super) struct Calls {
+    /// They have arrived, and nobody has looked at them.
+    arrived: VecDeque<ControlCall>,
     /// Its files are being read.
     reading: Option<ControlCall>,
     waiting: VecDeque<ControlCall>,
 }
 
 impl Calls {
+    pub(super) fn arrive(&mut self, call: ControlCall) {
+        self.arrived.push_back(call);
+    }
+
+    pub(super) fn arrived(&self) -> usize {
+        self.arrived.len()
+    }
+
+    /// Answers what has arrived: clients that stop the machine first, then up to `most` others.
+    pub(super) fn answer_arrived(&mut self, operator: &mut Operator, now_ns: u64, most: usize) {
+        while let Some(client) = (self.arrived.iter())
+            .find(|call| Operator::stops_machine(call.request()))
+            .map(|call| call.request().client)
+        {
+            // What it sent before comes before: its serial numbers grow.
+            let is_same = |call: &ControlCall| call.request().client == client;
+            if let Some(call) = (self.arrived.iter().position(is_same)).and_then(|at| self.arrived.remove(at))
+            {
+                self.take(call, operator, now_ns);
+            }
+        }
+        for _ in 0..most {
+            let Some(call) = self.arrived.pop_front() else {
+                break;
+            };
+            self.take(call, operator, now_ns);
+        }
+    }
+
     /// Answers a request, or keeps it.
-    pub(super) fn take(&mut self, call: ControlCall, operator: &mut Operator, now_ns: u64) {
+    fn take(&mut self, call: ControlCall, operator: &mut Operator, now_ns: u64) {
         if self.reading.is_none() || Operator::is_urgent(call.request()) {
             self.ask(call, operator, now_ns);
             return;

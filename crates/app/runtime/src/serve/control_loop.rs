@@ -25,8 +25,10 @@ use crate::rt::MonotonicClock;
 /// that is not busy. In between it is a quarter of the period, so that a hold takes no more than lead and two cycles.
 pub(super) const CONTROL_EVERY: Duration = Duration::from_micros(500);
 const CONTROL_EVERY_AT_LEAST: Duration = Duration::from_micros(100);
-/// Requests that are answered in one look at most.
+/// Requests that are answered in one look at most, beside those that stop the machine.
 const MAX_REQUESTS: usize = 32;
+/// Requests that wait for an answer at most: more than all clients may have sent.
+const MAX_ARRIVED: usize = 1024;
 /// How long coming to rest may take before the process ends anyway.
 const END_TIMEOUT: Duration = Duration::from_secs(30);
 
@@ -52,6 +54,8 @@ pub(super) struct ControlLoop {
     pulse: Pulse,
     /// Whether it was told that messages of inputs, and of spindles, are discarded.
     refused_told: [bool; 2],
+    /// Whether it was told that the connection of a client is damaged.
+    is_damage_told: bool,
     next_sign: Instant,
     /// The setpoint at the last sign of life.
     seen: u64,
@@ -77,6 +81,7 @@ impl ControlLoop {
             calls: Calls::default(),
             pulse: Pulse::default(),
             refused_told: [false; 2],
+            is_damage_told: false,
             next_sign: Instant::now(),
             seen: 0,
         }
@@ -134,16 +139,21 @@ impl ControlLoop {
             &mut queues.answers,
             |view| pulse.count(view),
         );
-        for _ in 0..MAX_REQUESTS {
+        // All that wait before any is answered: clients that send as fast as they get answers would keep others waiting.
+        while self.calls.arrived() < MAX_ARRIVED {
             match self.server.receive() {
-                Ok(Some(call)) => self.calls.take(call, &mut self.operator, now_ns),
+                Ok(Some(call)) => self.calls.arrive(call),
                 Ok(None) => break,
                 Err(error) => {
-                    tell(ServeNews::Note(&error.to_string()));
+                    // Once: who does not read what is told must not keep the others waiting.
+                    if !std::mem::replace(&mut self.is_damage_told, true) {
+                        tell(ServeNews::Note(&error.to_string()));
+                    }
                     break;
                 }
             }
         }
+        (self.calls).answer_arrived(&mut self.operator, now_ns, MAX_REQUESTS);
         self.calls.go_on(&mut self.operator, now_ns);
     }
 

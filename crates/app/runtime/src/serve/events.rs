@@ -3,7 +3,7 @@
 use evolvent_control::{Alarm, JobResult};
 
 use super::operator::{Job, Operator};
-use super::orders::{ActiveJob, CycleEvent};
+use super::orders::{ActiveJob, CycleCommand, CycleEvent, NotBegun};
 use crate::program_cycle::turning_alarm;
 
 impl Operator {
@@ -33,13 +33,17 @@ impl Operator {
             }
             CycleEvent::Misplaced {
                 sequence,
-                is_forbidden,
+                cause,
                 work,
             } => {
                 let is_planned = matches!(work, ActiveJob::Follow(_));
                 drop(work);
+                if cause == NotBegun::Stopped {
+                    self.motion_ended(JobResult::Stopped);
+                    return;
+                }
                 // What forbids it is known by itself.
-                if !is_forbidden && !self.desk.has_latched_alarm() {
+                if cause == NotBegun::Elsewhere && !self.desk.has_latched_alarm() {
                     self.raise(sequence, Alarm::Handover, Alarm::Handover.sentence().to_owned());
                 }
                 match &mut self.job {
@@ -73,6 +77,35 @@ impl Operator {
             }
             CycleEvent::ReferenceLost { sequence, axes } => self.lose_reference(sequence, axes),
         }
+    }
+
+    /// Orders did not fit into the queue: the cycle has an emergency stop instead, and what they were to begin is over. Returns
+    /// whether there are any.
+    pub(super) fn give_up_lost_orders(&mut self) -> bool {
+        let lost = self.book.take_lost();
+        if lost.is_empty() {
+            return false;
+        }
+        let alarm = Alarm::OrdersLost;
+        self.raise(self.view.setpoint.sequence, alarm, alarm.sentence().to_owned());
+        self.desk.fall_into_estop();
+        for order in lost {
+            match order.what {
+                CycleCommand::Steer(steering) if matches!(self.job, Job::Program(_)) => {
+                    self.handle_not_left(ActiveJob::Steer(steering));
+                }
+                CycleCommand::Retrace { .. } => self.handle_not_left(ActiveJob::None),
+                CycleCommand::Steer(_) | CycleCommand::Follow(_) => self.motion_ended(JobResult::Fault),
+                CycleCommand::Turn { .. } => {
+                    if let Some(steered) = self.steered() {
+                        steered.turn_returned(order.id);
+                    }
+                }
+                _ => {}
+            }
+        }
+        self.break_off(JobResult::Fault);
+        true
     }
 
     /// The drives have lost power, or do so at rest: the machine is off.

@@ -48,6 +48,7 @@ mod stop_trials;
 mod summary;
 mod track;
 mod turns;
+mod urgent;
 
 pub use config::{ServeConfig, ServeNews, TraceTo};
 pub(crate) use jobs::{Planning, ProgramJob};

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::mpsc::Sender;
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Feedback, Payload};
@@ -29,6 +30,7 @@ use super::periphery_desk::PeripheryDesk;
 use super::program_desk::ProgramDesk;
 use super::programs::ProgramRun;
 use super::state_store::StateStore;
+use super::urgent::UrgentOrders;
 use crate::drives::watch_settings;
 use crate::job::Setup;
 use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
@@ -98,6 +100,8 @@ pub(crate) struct OperatorConfig {
     pub keep: StateStore,
     pub folder: PathBuf,
     pub orders: Producer<Order>,
+    /// Past the queue of the orders.
+    pub urgent: Arc<UrgentOrders>,
     pub recorder: Option<Sender<FeederEvent>>,
     /// To the publisher.
     pub periphery: Sender<PeripheryOrder>,
@@ -115,6 +119,7 @@ impl Operator {
             keep,
             folder,
             orders,
+            urgent,
             recorder,
             periphery,
             view,
@@ -161,7 +166,7 @@ impl Operator {
             power_order: 0,
             inbox: VecDeque::new(),
             drives: DriveView::new(bounds),
-            book: OrderBook::new(orders, recorder),
+            book: OrderBook::new(orders, urgent, recorder),
             job: Job::None,
             stops: StopState::default(),
             program: ProgramDesk::new(modes),
@@ -229,6 +234,10 @@ impl Operator {
         let considered = self.desk.authorize(request.client, request.serial, &raw, &facts);
         let carried_out = match considered {
             Err(refused) => Err(refused),
+            Ok(command) if self.book.is_crowded() && !is_always_carried_out(&command) => {
+                let text = "more is commanded than the cycle takes, so this has no effect; see which client sends so much";
+                Err(self.desk.refuse(Rejection::new(Alarm::OrdersLost, text)))
+            }
             Ok(command) => match self.begin_reading(request, &command) {
                 Some(Ok(reading)) => {
                     self.files.reading = Some(reading);
@@ -237,11 +246,20 @@ impl Operator {
                 Some(Err(refusal)) => Err(self.desk.refuse(refusal)),
                 None => self
                     .carry_out(&command, request.client, now_ns)
+                    .and_then(|job| self.unless_lost(&command, job))
                     .map_err(|refusal| self.desk.refuse(refusal))
                     .inspect(|_| self.desk.commit(&command, now_ns, true)),
             },
         };
         Some(self.composed(request, carried_out))
+    }
+
+    /// A command whose orders did not fit into the queue is refused, except the emergency stop, which they have become.
+    pub(super) fn unless_lost(&mut self, command: &Command, job: u64) -> Result<u64, Rejection> {
+        if self.give_up_lost_orders() && *command != Command::Estop {
+            return Err(Alarm::OrdersLost.into());
+        }
+        Ok(job)
     }
 
     pub(super) fn facts(&self) -> OperatorInputs {
@@ -573,6 +591,7 @@ impl Operator {
                 self.handle_event(event);
             }
         }
+        self.give_up_lost_orders();
         while let Ok(feedback) = answers.pop() {
             let Some(feedback) = self.drives.take(feedback, &self.view, now_ns) else {
                 continue;
@@ -662,4 +681,18 @@ impl Operator {
     pub(crate) fn present(&self) -> AxisMask {
         self.present
     }
+}
+
+/// Whether a command is carried out however far the cycle is behind: it stops something, or adds nothing to the queue of orders.
+const fn is_always_carried_out(command: &Command) -> bool {
+    matches!(
+        command,
+        Command::Estop
+            | Command::Stop
+            | Command::Off
+            | Command::Hold
+            | Command::JogStop
+            | Command::FeedOverride(_)
+            | Command::SpindleOverride(_)
+    )
 }

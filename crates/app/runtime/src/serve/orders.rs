@@ -109,6 +109,17 @@ pub(crate) enum CycleCommand {
     End,
 }
 
+/// Why a job has not begun.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum NotBegun {
+    /// The axes stand elsewhere, or something else moves them.
+    Elsewhere,
+    /// Nothing may begin: an emergency stop, a fault or the loss of power came before it.
+    Forbidden,
+    /// A stop that was ordered after it has overtaken it.
+    Stopped,
+}
+
 /// What has happened in the cycle.
 pub(crate) enum CycleEvent {
     /// The order counts from this setpoint on.
@@ -153,8 +164,7 @@ pub(crate) enum CycleEvent {
     /// The job did not begin where the axes stand.
     Misplaced {
         sequence: u64,
-        /// Nothing may begin: an emergency stop, a fault or the loss of power came before it.
-        is_forbidden: bool,
+        cause: NotBegun,
         work: ActiveJob,
     },
     Guard {

@@ -32,6 +32,18 @@ impl Operator {
         !request.is_compatible() || URGENT.iter().any(|code| *code as u32 == request.command)
     }
 
+    /// Whether others wait for it: it stops the machine.
+    pub(crate) fn stops_machine(request: &ControlRequest) -> bool {
+        const STOPS: [CommandCode; 5] = [
+            CommandCode::Estop,
+            CommandCode::Off,
+            CommandCode::Stop,
+            CommandCode::Hold,
+            CommandCode::JogStop,
+        ];
+        request.is_compatible() && STOPS.iter().any(|code| *code as u32 == request.command)
+    }
+
     /// The answer to a client that sends the next command before it has the answer to the one whose files are being read.
     pub(crate) fn refuse_while_reading(&mut self, request: &ControlRequest) -> ControlAnswer {
         let text = "the files of an earlier command are still being read; wait for its answer";
@@ -47,7 +59,8 @@ impl Operator {
         let done = result.and_then(|found| {
             // A drive may have failed meanwhile.
             self.desk.permit(reading.command.code(), &facts)?;
-            self.carry_out_read(&reading.command, found)
+            let job = self.carry_out_read(&reading.command, found)?;
+            self.unless_lost(&reading.command, job)
         });
         let result = match done {
             Ok(job) => {

@@ -23,6 +23,7 @@ use notes::CycleNotes;
 use power::PowerOrders;
 
 use super::orders::{ActiveJob, CycleEvent, CycleView, Order};
+use super::urgent::{UrgentOrders, UrgentTaken};
 use crate::core_loop::{Computed, CycleBegin, CycleEnd, Next, SetpointSource};
 use crate::corrections::Corrections;
 use crate::cycle_sample::CycleSample;
@@ -54,6 +55,7 @@ impl ServedCycle {
             power_off_at_rest: false,
             stops_for_drives: false,
             power_orders: PowerOrders::default(),
+            urgent: UrgentTaken::default(),
             keep_until_ns: 0,
             switches_expected: AxisMask::NONE,
             presence: Presence::Absent,
@@ -81,6 +83,8 @@ pub(crate) struct ServedParts {
     pub limits: Limits,
     pub period_ns: u64,
     pub orders: Consumer<Order>,
+    /// Orders that do not wait in the queue.
+    pub urgent: Arc<UrgentOrders>,
     pub events: Producer<CycleEvent>,
     pub views: Producer<CycleView>,
     pub feedback: Consumer<Feedback>,
@@ -142,6 +146,8 @@ struct CycleState {
     stops_for_drives: bool,
     /// An ON that waits for the drives, and what they were asked before.
     power_orders: PowerOrders,
+    /// The urgent orders that were taken.
+    urgent: UrgentTaken,
     keep_until_ns: u64,
     switches_expected: AxisMask,
     presence: Presence,

@@ -25,6 +25,7 @@ use super::state_lock::StateLock;
 use super::state_store::StateStore;
 use super::status_writer::StatusWriter;
 use super::summary::ServeSummary;
+use super::urgent::UrgentOrders;
 use crate::core_loop::{CoreLoop, CycleCounts};
 use crate::corrections::Corrections;
 use crate::cycle_sample::CycleSample;
@@ -134,6 +135,7 @@ impl Service {
         let (cycles, news) = recorded.map(|recorded| (recorded.cycles, recorded.news)).unzip();
 
         let (orders, cycle_orders) = RingBuffer::new(ORDERS);
+        let urgent = Arc::<UrgentOrders>::default();
         let (cycle_events, events) = RingBuffer::new(EVENTS);
         let (cycle_views, mut views) = RingBuffer::new(length);
         let parts = ServedParts {
@@ -143,6 +145,7 @@ impl Service {
             limits,
             period_ns: setup.period_ns,
             orders: cycle_orders,
+            urgent: Arc::clone(&urgent),
             events: cycle_events,
             views: cycle_views,
             feedback,
@@ -168,6 +171,7 @@ impl Service {
             keep,
             folder: config.state_folder.clone(),
             orders,
+            urgent,
             recorder: news,
             periphery,
             view,

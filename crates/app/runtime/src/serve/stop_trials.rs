@@ -1,12 +1,13 @@
 //! What stops a served machine, in whatever order it comes: operator and cycle in one thread.
 
 use evolvent_bus::ControlRequest;
-use evolvent_control::{Alarm, CommandCode, MachineState};
+use evolvent_control::{Alarm, CommandCode, JobResult, MachineState};
 use evolvent_drive::PowerRequest;
 use evolvent_path::AxisMask;
 
 use super::bench::Bench;
 use super::operator::Job;
+use super::orders::CycleCommand;
 use crate::core_loop::SetpointSource;
 
 /// X, the axis that is jogged.
@@ -152,4 +153,109 @@ fn a_job_that_an_emergency_stop_forbids_raises_no_alarm_of_its_own() {
     bench.runs_seen(2);
     assert!(bench.alarms().is_empty(), "{:?}", bench.alarms());
     assert!(matches!(bench.operator.job, Job::None), "the jog has ended");
+}
+
+/// Three clients turn knobs faster than the cycle takes orders; none of them must keep an emergency stop waiting.
+#[test]
+fn an_emergency_stop_in_a_flood_of_overrides_counts_in_the_next_cycle() {
+    let mut bench = Bench::new();
+    bench.jogs();
+    bench.runs_seen(200);
+    for number in 0..3000_u32 {
+        let mut turn = bench.command(CommandCode::FeedOverride);
+        turn.amount = 0.5 + f64::from(number % 50) / 100.0;
+        assert!(bench.says(2 + u64::from(number % 3), turn), "{number}");
+    }
+    assert!(bench.says(1, bench.command(CommandCode::Estop)));
+    bench.runs_seen(1);
+    assert_eq!(bench.power, PowerRequest::QuickStop);
+    assert_eq!(bench.operator.desk.machine(), MachineState::Estop);
+    bench.runs_seen(300);
+    assert_eq!((bench.last.velocity[0], bench.power), (0.0, PowerRequest::Off));
+    // The newest of them counts.
+    assert_eq!(bench.last.feed_override, 0.99);
+    assert!(bench.alarms().is_empty());
+}
+
+/// What was ordered after an emergency stop counts, and what was ordered before does not undo it, in one cycle.
+#[test]
+fn orders_before_and_after_an_emergency_stop_keep_their_order() {
+    let mut bench = Bench::new();
+    bench.jogs();
+    bench.runs_seen(100);
+    // The cycle takes all of it at once.
+    assert!(bench.says(1, bench.command(CommandCode::On)));
+    assert!(bench.says(2, bench.command(CommandCode::Estop)));
+    bench.runs(1);
+    assert_eq!(bench.power, PowerRequest::QuickStop);
+    bench.runs_seen(300);
+    for code in [CommandCode::EstopReset, CommandCode::On] {
+        assert!(bench.says(1, bench.command(code)), "{code:?}");
+    }
+    bench.runs_seen(10);
+    assert_eq!(
+        (bench.operator.desk.machine(), bench.power),
+        (MachineState::On, PowerRequest::On)
+    );
+    // Before the next cycle: reset and on again, with an emergency stop after it.
+    assert!(bench.says(1, bench.command(CommandCode::Estop)));
+    for code in [CommandCode::EstopReset, CommandCode::On, CommandCode::Estop] {
+        assert!(bench.says(1, bench.command(code)), "{code:?}");
+    }
+    bench.runs_seen(20);
+    assert_eq!(
+        (bench.operator.desk.machine(), bench.power),
+        (MachineState::Estop, PowerRequest::Off)
+    );
+    for code in [CommandCode::EstopReset, CommandCode::On] {
+        assert!(bench.says(1, bench.command(code)), "{code:?}");
+    }
+    bench.runs_seen(20);
+    assert!(bench.says(1, bench.jog(5.0)));
+    bench.runs_seen(500);
+    assert!((bench.last.velocity[0], bench.alarms().len()) == (0.0, 0));
+}
+
+/// A jog and the stop of another client, both before the cycle looks.
+#[test]
+fn a_jog_that_a_stop_has_overtaken_ends_as_stopped() {
+    let mut bench = Bench::new();
+    let here = bench.last.position;
+    bench.jogs();
+    assert!(bench.says(2, bench.command(CommandCode::Stop)));
+    bench.runs_seen(3);
+    assert!(matches!(bench.operator.job, Job::None));
+    assert_eq!(bench.operator.desk.result(), JobResult::Stopped);
+    assert!(bench.alarms().is_empty());
+    bench.jogs();
+    bench.runs_seen(10);
+    assert_ne!(bench.last.position, here, "a later jog begins");
+}
+
+/// A cycle that takes no orders: everything that is ordered then is one emergency stop.
+#[test]
+fn orders_that_do_not_fit_are_refused_and_become_an_emergency_stop() {
+    let mut bench = Bench::new();
+    bench.jogs();
+    bench.runs_seen(200);
+    let (mut accepted, mut number) = (0, 0);
+    // Each life sign of a jog is an order; nothing else limits them here.
+    while bench.operator.desk.machine() == MachineState::On {
+        bench.operator.order(CycleCommand::KeepJogging(u64::MAX));
+        accepted += u64::from(bench.says(2, bench.command(CommandCode::JogKeep)));
+        number += 1;
+        assert!(number < 3000, "the queue is never full");
+        bench.operator.give_up_lost_orders();
+    }
+    assert!(accepted < number, "commands are refused before");
+    assert_eq!(bench.alarms(), [Alarm::OrdersLost.number()]);
+    bench.runs(1);
+    assert_eq!(bench.power, PowerRequest::QuickStop);
+    bench.runs_seen(300);
+    assert_eq!((bench.last.velocity[0], bench.power), (0.0, PowerRequest::Off));
+    for code in [CommandCode::Reset, CommandCode::EstopReset, CommandCode::On] {
+        assert!(bench.says(1, bench.command(code)), "{code:?}");
+        bench.runs_seen(10);
+    }
+    assert!(bench.says(1, bench.jog(1.0)));
 }

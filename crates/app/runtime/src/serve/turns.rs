@@ -137,6 +137,7 @@ mod tests {
             setup,
             folder: folder.path().to_owned(),
             orders,
+            urgent: std::sync::Arc::default(),
             recorder: None,
             periphery,
             view: view(0, 40_000.0, 0),

@@ -169,7 +169,7 @@ impl ServedParts {
         Excursion::begin(&job.motion)
     }
 
-    fn refuse_leaving(&mut self, work: ActiveJob) {
+    pub(super) fn refuse_leaving(&mut self, work: ActiveJob) {
         let sequence = self.station.sequence();
         self.report(CycleEvent::NotLeft { sequence, work });
     }

@@ -1,11 +1,13 @@
 //! Orders of the operator, as the cycle takes them.
 
+use evolvent_drive::PowerRequest;
 use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, TransferExecutor};
 use evolvent_path::Axes;
 
 use super::{CycleState, ServedParts, Turn};
-use crate::serve::orders::{ActiveJob, CycleCommand, CycleEvent, Following};
+use crate::serve::orders::{ActiveJob, CycleCommand, CycleEvent, Following, NotBegun};
+use crate::serve::urgent::Urgent;
 
 /// Maximum number of orders that one cycle takes; more than ever wait.
 const MAX_ORDERS: usize = 32;
@@ -13,7 +15,10 @@ const MAX_ORDERS: usize = 32;
 impl ServedParts {
     pub(super) fn take_orders(&mut self, now: &mut CycleState) {
         for _ in 0..MAX_ORDERS {
-            let Ok(order) = self.orders.pop() else { break };
+            let next = self.orders.pop();
+            // Before each order: one of the queue may have been sent after an urgent one that had not come yet.
+            self.take_urgent(now);
+            let Ok(order) = next else { break };
             let reported = !matches!(order.what, CycleCommand::Turn { .. });
             let renames = matches!(order.what, CycleCommand::Relocate { renames: true, .. });
             let counts = self.take(now, order.id, order.what);
@@ -31,8 +36,59 @@ impl ServedParts {
         }
     }
 
+    /// Takes what cannot wait, the oldest first.
+    fn take_urgent(&mut self, now: &mut CycleState) {
+        while let Some((urgent, id)) = now.urgent.take(&self.urgent) {
+            let what = match urgent {
+                Urgent::Emergency => CycleCommand::Emergency,
+                Urgent::Stop => CycleCommand::Stop,
+                Urgent::PowerOff => CycleCommand::Power(PowerRequest::Off),
+            };
+            self.take(now, id, what);
+            let sequence = self.station.sequence();
+            self.report(CycleEvent::Applied { id, sequence });
+        }
+    }
+
+    /// An order of the queue that an urgent one which was sent later has overtaken: it must not undo that one. Gives back what is
+    /// to be taken all the same.
+    fn skip_overtaken(&mut self, now: &mut CycleState, id: u64, what: CycleCommand) -> Option<CycleCommand> {
+        const ANY: [Urgent; 3] = [Urgent::Emergency, Urgent::Stop, Urgent::PowerOff];
+        let has_overtaken = |kinds: &[Urgent]| now.urgent.overtook(kinds, id);
+        match what {
+            CycleCommand::Steer(steering)
+                if has_overtaken(&ANY) && matches!(now.work, ActiveJob::Follow(_)) =>
+            {
+                self.refuse_leaving(ActiveJob::Steer(steering));
+            }
+            CycleCommand::Steer(steering) if has_overtaken(&ANY) => {
+                self.misplace(now, ActiveJob::Steer(steering), NotBegun::Stopped);
+            }
+            CycleCommand::Follow(job) if has_overtaken(&ANY) => {
+                self.misplace(now, ActiveJob::Follow(job), NotBegun::Stopped);
+            }
+            CycleCommand::Turn { steering, .. } if has_overtaken(&ANY) => {
+                let work = ActiveJob::Steer(steering);
+                self.report(CycleEvent::TurnReturned { id, work });
+            }
+            CycleCommand::Retrace { .. } if has_overtaken(&ANY) => self.refuse_leaving(ActiveJob::None),
+            CycleCommand::Power(PowerRequest::On)
+                if has_overtaken(&[Urgent::Emergency, Urgent::PowerOff]) =>
+            {
+                now.power_orders.settle(id);
+            }
+            CycleCommand::LeaveEstop if has_overtaken(&[Urgent::Emergency]) => {}
+            // Of settings, what was ordered counts; holds, resumptions and releases of program stops begin nothing that stops.
+            what => return Some(what),
+        }
+        None
+    }
+
     /// Takes an order. Returns `false` if it has no effect, so that the trace must not have it.
     fn take(&mut self, now: &mut CycleState, id: u64, what: CycleCommand) -> bool {
+        let Some(what) = self.skip_overtaken(now, id, what) else {
+            return false;
+        };
         match what {
             CycleCommand::Follow(job) => return self.begin_following(now, job),
             CycleCommand::Steer(steering) if matches!(now.work, ActiveJob::Follow(_)) => {
@@ -124,7 +180,7 @@ impl ServedParts {
     /// Begins a job along a plan. Returns whether it has begun.
     fn begin_following(&mut self, now: &mut CycleState, mut job: Box<Following>) -> bool {
         if !now.can_begin() || !self.station.attach(&mut job.motion) {
-            self.misplace(now, ActiveJob::Follow(job));
+            self.misplace(now, ActiveJob::Follow(job), NotBegun::Elsewhere);
             return false;
         }
         now.inputs = Inputs {
@@ -145,18 +201,22 @@ impl ServedParts {
         if begins {
             now.work = ActiveJob::Steer(steering);
         } else {
-            self.misplace(now, ActiveJob::Steer(steering));
+            self.misplace(now, ActiveJob::Steer(steering), NotBegun::Elsewhere);
         }
         begins
     }
 
     /// A job that does not begin here goes back.
-    fn misplace(&mut self, now: &CycleState, work: ActiveJob) {
+    fn misplace(&mut self, now: &CycleState, work: ActiveJob, otherwise: NotBegun) {
         let sequence = self.station.sequence();
-        let is_forbidden = !now.is_ready();
+        let cause = if now.is_ready() {
+            otherwise
+        } else {
+            NotBegun::Forbidden
+        };
         self.report(CycleEvent::Misplaced {
             sequence,
-            is_forbidden,
+            cause,
             work,
         });
     }

@@ -36,8 +36,13 @@ impl PowerOrders {
     /// After an emergency or a fault power has to be ordered again.
     pub(super) fn cancel(&mut self) {
         if let Some(pending) = self.pending.take() {
-            self.settled = pending.order;
+            self.settle(pending.order);
         }
+    }
+
+    /// An order was carried out or refused. One that was overtaken by a later one changes nothing.
+    pub(super) fn settle(&mut self, order: u64) {
+        self.settled = self.settled.max(order);
     }
 
     /// The last order that was carried out or refused.
@@ -64,12 +69,12 @@ impl ServedParts {
                     periods: 0,
                 });
             }
-            PowerRequest::On => now.power_orders.settled = id,
+            PowerRequest::On => now.power_orders.settle(id),
             PowerRequest::Off | PowerRequest::QuickStop => {
                 now.drive.power = request;
                 now.power_off_at_rest = false;
                 now.power_orders.pending = None;
-                now.power_orders.settled = id;
+                now.power_orders.settle(id);
             }
         }
     }
@@ -98,7 +103,8 @@ impl ServedParts {
         };
         let is_settled = self.watch.is_silent(taken_ns) || self.watch.last().is_none_or(is_answered);
         if is_settled || pending.periods * self.period_ns >= MAX_OFF_NS {
-            (orders.pending, orders.settled) = (None, pending.order);
+            orders.pending = None;
+            orders.settle(pending.order);
             now.drive.power = PowerRequest::On;
             now.stops_for_drives = false;
         }

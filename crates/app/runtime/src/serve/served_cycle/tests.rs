@@ -32,6 +32,7 @@ fn parts_at_home(
         limits,
         period_ns,
         orders,
+        urgent: Arc::default(),
         events,
         views,
         feedback,
