@@ -79,6 +79,7 @@ impl Core {
             time_ns: feedback.time_ns,
             position: Axes::from(feedback.position),
             switches: AxisMask::from_bits(feedback.home_switch_mask),
+            limits: [feedback.negative_limit_mask, feedback.positive_limit_mask].map(AxisMask::from_bits),
             absolute: AxisMask::from_bits(feedback.absolute_mask),
             index_request: feedback.index_request,
             index_position: (!feedback.index_position.is_nan()).then_some(feedback.index_position),
@@ -137,7 +138,7 @@ impl Core {
             ..Setpoint::default()
         };
         let expected = Command {
-            switches_expected: AxisMask::one(0),
+            switches_expected: self.homing.expected_limits(),
             ..Command::of(&setpoint)
         };
         let presence = self.watch.step(now_ns, &expected, feedback).expect("no alarm");

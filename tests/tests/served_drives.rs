@@ -145,9 +145,14 @@ fn a_switch_that_is_not_there_ends_homing_with_its_alarm_and_the_machine_can_go_
         let job = operator.does(&home_x).job;
         let status = operator.sees_end(job);
         assert_eq!(status.job_result, FAULT);
-        // Either the way ends, or the limit switch behind the travel is run onto first: it is looked at by homing alone.
         assert_eq!(status.listed_alarms(), [420], "{}", status.alarm_sentence());
-        assert!(status.alarm_sentence().contains("axis X"));
+        // The axis has stopped at the limit switch behind the travel.
+        let sentence = status.alarm_sentence().to_owned();
+        assert!(sentence.contains("axis X"), "{sentence}");
+        assert!(
+            sentence.contains("limit switch was reached before the home switch"),
+            "{sentence}"
+        );
         assert_eq!(operator.ask(&home_x).alarm, 918);
         operator.says("CLEAR_ALARMS");
         operator.waits("clear", |status| status.alarm_count == 0);

@@ -1,7 +1,7 @@
 //! Finding machine zero of one axis.
 
 use evolvent_machine::HomingMethod;
-use evolvent_path::AXES;
+use evolvent_path::{AXES, AxisMask};
 
 use crate::alarm::Alarm;
 use crate::homing::{HomingAction, HomingAxis, HomingSample};
@@ -16,10 +16,16 @@ const TAKEN_OVER_NS: u64 = 5_000_000_000;
 /// A latched position may be off the way on which it was searched by what the axis travels in this time, s: samples are that old.
 const OFF_WAY_S: f64 = 0.1;
 
+/// For so long a limit switch may be pressed before the home switch is closed, ns: one switch may be both, by two inputs of a bridge
+/// with filters of their own (LinuxCNC's and Mesa's default to below 5 ms).
+const LIMIT_FIRST_NS: u64 = 10_000_000;
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     Begin,
     Search,
+    /// The limit switch was pressed and the home switch has not closed: rest, then fail.
+    AtLimit,
     /// The switch has closed: rest, then back off.
     Found,
     BackOff,
@@ -64,6 +70,8 @@ pub(crate) struct AxisHoming {
     moving: bool,
     /// Number of its request for an index pulse.
     request: u32,
+    /// Since when the limit switch in the direction of the search has been pressed with the home switch open.
+    limit_since_ns: Option<u64>,
 }
 
 impl AxisHoming {
@@ -73,6 +81,7 @@ impl AxisHoming {
             phase: Phase::Begin,
             moving: false,
             request,
+            limit_since_ns: None,
         }
     }
 
@@ -87,11 +96,15 @@ impl AxisHoming {
         let position = sample.position[i];
         let closed = sample.switches.contains(i);
         let has_stopped = at_rest && self.moving;
+        if self.has_passed_switch(sample, closed) {
+            return self.halt(Phase::AtLimit);
+        }
         match self.phase {
             Phase::Begin if at_rest => self.begin(sample, closed),
             Phase::Search if closed => self.halt(Phase::Found),
             Phase::Search if has_stopped => self.switch_missing("within the travel"),
             Phase::Found if at_rest => self.leave_switch(),
+            Phase::AtLimit if at_rest => self.limit_first(),
             Phase::BackOff if !closed => self.halt(Phase::Left),
             Phase::BackOff | Phase::Leave if has_stopped && closed => self.switch_stuck(),
             Phase::Left if at_rest => {
@@ -139,6 +152,48 @@ impl AxisHoming {
         }
     }
 
+    /// The limit switches, at the negative and the positive end, that this axis looks at by itself now: the one in the direction of
+    /// the search, which may be the home switch as well, from the search until its place is known.
+    pub(crate) fn expected_limits(&self) -> [AxisMask; 2] {
+        let looks = match self.phase {
+            Phase::Search | Phase::AtLimit | Phase::Found | Phase::BackOff | Phase::Left | Phase::Latch => {
+                true
+            }
+            // On past the edge at which the switch closes, or stopping there.
+            Phase::AwaitIndex { .. }
+            | Phase::NoIndex { .. }
+            | Phase::OffWay { .. }
+            | Phase::Latched { .. } => matches!(
+                self.axis.method,
+                HomingMethod::Switch
+                    | HomingMethod::SwitchThenIndex {
+                        when_opening: false,
+                        ..
+                    }
+            ),
+            Phase::Begin | Phase::Leave | Phase::Arming { .. } | Phase::Zeroed | Phase::GoHome => false,
+        };
+        let at = |is_end: bool| AxisMask::one_if(self.axis.axis.index(), looks && is_end);
+        [at(self.axis.direction < 0.0), at(self.axis.direction > 0.0)]
+    }
+
+    /// Whether the axis has moved onto its limit switch without the home switch having closed.
+    fn has_passed_switch(&mut self, sample: &HomingSample, closed: bool) -> bool {
+        let i = self.axis.axis.index();
+        let searches = match self.phase {
+            Phase::Search | Phase::Latch => true,
+            Phase::AwaitIndex { .. } => self.expected_limits() != [AxisMask::NONE; 2],
+            _ => false,
+        };
+        let end = usize::from(self.axis.direction > 0.0);
+        if !searches || closed || !sample.limits[end].contains(i) {
+            self.limit_since_ns = None;
+            return false;
+        }
+        let since_ns = *self.limit_since_ns.get_or_insert(sample.time_ns);
+        sample.time_ns.saturating_sub(since_ns) >= LIMIT_FIRST_NS
+    }
+
     /// At rest, before anything has moved.
     fn begin(&mut self, sample: &HomingSample, closed: bool) -> HomingAction {
         let axis = &self.axis;
@@ -162,6 +217,10 @@ impl AxisHoming {
                 self.latch_index()
             }
             _ if closed => self.leave_switch(),
+            _ if sample.limits[usize::from(axis.direction > 0.0)].contains(axis.axis.index()) => {
+                // It stands beyond the home switch, or that is not connected: there is nowhere to search.
+                self.limit_first()
+            }
             _ => {
                 let distance = axis.direction * axis.travel * SEARCH_FRACTION;
                 self.go(Phase::Search, distance, axis.search_velocity)
@@ -282,6 +341,16 @@ impl AxisHoming {
             Alarm::HomeSwitchMissing,
             format!(
                 "axis {}: the home switch was not found {what}; see its wiring",
+                self.axis.axis.letter()
+            ),
+        ))
+    }
+
+    fn limit_first(&self) -> HomingAction {
+        HomingAction::Fail(Rejection::new(
+            Alarm::HomeSwitchMissing,
+            format!(
+                "axis {}: the limit switch was reached before the home switch: check the wiring of the home switch",
                 self.axis.axis.letter()
             ),
         ))

@@ -41,6 +41,8 @@ pub struct HomingSample {
     pub position: Axes,
     /// Bit i set: the home switch of axis i is closed.
     pub switches: AxisMask,
+    /// Bit i set: the limit switch at the negative, and at the positive end of axis i is pressed.
+    pub limits: [AxisMask; 2],
     /// Bit i set: the position of axis i counts from machine zero.
     pub absolute: AxisMask,
     /// The request for an index pulse that the bridge has taken over; 0 for none.
@@ -128,6 +130,15 @@ impl Homing {
     #[must_use]
     pub fn axis(&self) -> Option<AxisLetter> {
         self.axes.get(self.at).map(|axis| axis.settings().axis)
+    }
+
+    /// Limit switches, at negative and positive ends, that the sequence itself looks at: where the axis at work searches its home
+    /// switch, since one switch may be both. All others stop the axes as always.
+    #[must_use]
+    pub fn expected_limits(&self) -> [AxisMask; 2] {
+        self.axes
+            .get(self.at)
+            .map_or([AxisMask::NONE; 2], AxisHoming::expected_limits)
     }
 
     /// Goes on with one sample of the drives. `at_rest`: the axes rest and no order of this sequence is under way.

@@ -20,8 +20,8 @@ pub struct Command {
     pub power: PowerRequest,
     /// The counter of fault resets.
     pub fault_reset: u32,
-    /// Bit i set: limit switches of axis i are checked elsewhere, as in homing.
-    pub switches_expected: AxisMask,
+    /// Bit i set: the limit switch at the negative, and at the positive end of axis i is checked elsewhere, as in homing.
+    pub switches_expected: [AxisMask; 2],
 }
 
 impl Command {
@@ -35,7 +35,7 @@ impl Command {
             datum: setpoint.datum,
             power: PowerRequest::from_number(setpoint.power_request),
             fault_reset: setpoint.fault_reset,
-            switches_expected: AxisMask::NONE,
+            switches_expected: [AxisMask::NONE; 2],
         }
     }
 }

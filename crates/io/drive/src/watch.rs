@@ -414,18 +414,16 @@ impl FeedbackWatch {
     /// A switch stops motion towards it; the axis may move away from it.
     fn check_switches(&self, command: &Command, last: &Feedback) -> Result<(), DriveAlarm> {
         for axis in self.axes() {
-            if command.switches_expected.contains(axis) {
-                continue;
-            }
             let velocity = command.velocity[axis];
-            if AxisMask::from_bits(last.positive_limit_mask).contains(axis) && velocity > 0.0 {
-                return Err(DriveAlarm::LimitSwitch { axis, positive: true });
-            }
-            if AxisMask::from_bits(last.negative_limit_mask).contains(axis) && velocity < 0.0 {
-                return Err(DriveAlarm::LimitSwitch {
-                    axis,
-                    positive: false,
-                });
+            let positive = velocity > 0.0;
+            let pressed = AxisMask::from_bits(if positive {
+                last.positive_limit_mask
+            } else {
+                last.negative_limit_mask
+            });
+            let expected = command.switches_expected[usize::from(positive)];
+            if velocity != 0.0 && pressed.without(expected).contains(axis) {
+                return Err(DriveAlarm::LimitSwitch { axis, positive });
             }
         }
         Ok(())

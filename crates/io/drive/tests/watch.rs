@@ -34,6 +34,7 @@ struct Bench {
     state: BridgeState,
     shift: f64,
     delay: u64,
+    switches_expected: [AxisMask; 2],
 }
 
 impl Bench {
@@ -49,6 +50,7 @@ impl Bench {
             state: BridgeState::Following,
             shift: 0.0,
             delay: DELAY,
+            switches_expected: [AxisMask::NONE; 2],
         }
     }
 
@@ -67,7 +69,7 @@ impl Bench {
             datum: self.datum,
             power: self.power,
             fault_reset: 0,
-            switches_expected: AxisMask::NONE,
+            switches_expected: self.switches_expected,
         };
         command.position[0] = position + self.shift;
         command.velocity[0] = if self.cycle < 50 { 0.0 } else { velocity };
@@ -402,6 +404,32 @@ fn a_limit_switch_stops_motion_towards_it_and_not_away_from_it() {
             Err(DriveAlarm::LimitSwitch { axis: 0, positive })
         );
         assert_eq!(at(-towards, positive), Ok(Presence::Operational));
+    }
+}
+
+/// Homing looks at the switch in the direction of its search by itself.
+#[test]
+fn a_limit_switch_that_is_expected_at_one_end_stops_at_the_other() {
+    for positive in [true, false] {
+        let mut bench = running();
+        let towards = if positive { 1.0 } else { -1.0 };
+        while bench.command().velocity[0] * towards < 50.0 {
+            bench.run(1);
+        }
+        let both = |answer: Feedback| {
+            Some(Feedback {
+                positive_limit_mask: 1,
+                negative_limit_mask: 1,
+                ..answer
+            })
+        };
+        bench.switches_expected[usize::from(positive)] = AxisMask::one(0);
+        assert_eq!(bench.cycle(both), Ok(Presence::Operational));
+        bench.switches_expected.swap(0, 1);
+        assert_eq!(
+            bench.cycle(both),
+            Err(DriveAlarm::LimitSwitch { axis: 0, positive })
+        );
     }
 }
 

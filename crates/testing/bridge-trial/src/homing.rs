@@ -107,6 +107,7 @@ impl TrialCore {
                 time_ns: feedback.time_ns,
                 position: Axes::from(feedback.position),
                 switches: AxisMask::from_bits(feedback.home_switch_mask),
+                limits: [feedback.negative_limit_mask, feedback.positive_limit_mask].map(AxisMask::from_bits),
                 absolute: AxisMask::from_bits(feedback.absolute_mask),
                 index_request: 0,
                 index_position: None,

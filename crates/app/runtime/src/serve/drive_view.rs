@@ -117,6 +117,7 @@ pub(super) fn homing_sample(feedback: &Feedback) -> HomingSample {
         time_ns: feedback.time_ns,
         position: Axes::from(feedback.position),
         switches: AxisMask::from_bits(feedback.home_switch_mask),
+        limits: [feedback.negative_limit_mask, feedback.positive_limit_mask].map(AxisMask::from_bits),
         absolute: AxisMask::from_bits(feedback.absolute_mask),
         index_request: feedback.index_request,
         index_position: (!feedback.index_position.is_nan()).then_some(feedback.index_position),

@@ -56,7 +56,6 @@ impl Operator {
         self.drives.zeroed = AxisMask::NONE;
         self.relocate(self.view.setpoint.position, false);
         self.declare_zero(wanted);
-        self.order(CycleCommand::ExpectSwitches(unknown));
         let number = self.desk.job_begins(Activity::Homing);
         if axes.is_empty() && self.drives.zeroed.is_empty() {
             self.desk.job_ends(JobResult::Done);
@@ -230,7 +229,13 @@ impl Operator {
         else {
             return;
         };
+        let before = homing.expected_limits();
         let action = homing.step(sample, steered.is_none() && at_rest);
+        let expected = homing.expected_limits();
+        if expected != before {
+            // Before the motion that goes with it.
+            self.order(CycleCommand::ExpectSwitches(expected));
+        }
         match action {
             HomingAction::Wait => {}
             HomingAction::Move {

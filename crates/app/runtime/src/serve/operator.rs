@@ -661,7 +661,7 @@ impl Operator {
 
     pub(super) fn end_job(&mut self, result: JobResult) {
         if matches!(self.job, Job::Homing { .. }) {
-            self.order(CycleCommand::ExpectSwitches(AxisMask::NONE));
+            self.order(CycleCommand::ExpectSwitches([AxisMask::NONE; 2]));
             // Back to the travel as it is.
             self.relocate(self.view.setpoint.position, false);
         }

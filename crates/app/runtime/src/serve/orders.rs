@@ -101,8 +101,8 @@ pub(crate) enum CycleCommand {
     KeepJogging(u64),
     /// The next job has this travel: the guard checks it from now on, at rest.
     Within(Limits),
-    /// Limit switches of these axes are looked at by the homing sequence.
-    ExpectSwitches(AxisMask),
+    /// Limit switches of these axes, at negative and positive ends, are looked at by the homing sequence.
+    ExpectSwitches([AxisMask; 2]),
     /// This index pulse is to be latched.
     LatchIndex(IndexRequest),
     /// The process ends once the axes rest.

@@ -57,7 +57,7 @@ impl ServedCycle {
             power_orders: PowerOrders::default(),
             urgent: UrgentTaken::default(),
             keep_until_ns: 0,
-            switches_expected: AxisMask::NONE,
+            switches_expected: [AxisMask::NONE; 2],
             presence: Presence::Absent,
             ending: false,
             is_estop: true,
@@ -149,7 +149,7 @@ struct CycleState {
     /// The urgent orders that were taken.
     urgent: UrgentTaken,
     keep_until_ns: u64,
-    switches_expected: AxisMask,
+    switches_expected: [AxisMask; 2],
     presence: Presence,
     ending: bool,
     /// In emergency stop: outputs are safe.

@@ -25,6 +25,8 @@ struct Machine {
     edge: f64,
     stuck: bool,
     cut: bool,
+    /// Where the limit switches are.
+    limits: [f64; 2],
     ways: Vec<f64>,
     /// Index pulses at `pulse` and every `pitch` from there.
     pulse: f64,
@@ -46,6 +48,8 @@ impl Machine {
             time_ns: time_ms * 1_000_000,
             position,
             switches: AxisMask::one_if(0, closed),
+            limits: [self.position <= self.limits[0], self.position >= self.limits[1]]
+                .map(|is_pressed| AxisMask::one_if(0, is_pressed)),
             absolute: AxisMask::NONE,
             index_request: if is_taken_over { request } else { 0 },
             index_position: pulse.filter(|_| is_taken_over),
@@ -80,6 +84,7 @@ impl Machine {
             edge: -123.456,
             stuck: false,
             cut: false,
+            limits: [f64::NEG_INFINITY, f64::INFINITY],
             ways: Vec::new(),
             pulse: 0.0,
             pitch: 0.0,
@@ -437,4 +442,115 @@ fn an_absolute_encoder_moves_nothing_and_is_believed_as_far_as_its_drive_says() 
     let axis = AxisLetter::X;
     assert_eq!(homing.step(&sample, true), HomingAction::TakePosition { axis });
     assert_eq!(homing.step(&sample, true), HomingAction::Done);
+}
+
+/// A wire that is cut: the axis must not go on into the hard stop behind the limit switch.
+#[test]
+fn an_axis_that_reaches_its_limit_switch_before_its_home_switch_stops_and_says_why() {
+    for (method, name) in [
+        (HomingMethod::Switch, "switch"),
+        (with_index(false, -1.0).0.method, "closing"),
+        (with_index(true, -1.0).0.method, "opening"),
+    ] {
+        for start in [0.0, -199.0, -250.0] {
+            let mut machine = Machine::at(start);
+            (machine.cut, machine.limits[0]) = (true, -200.0);
+            let mut homing = Homing::new(vec![HomingAxis { method, ..AXIS }], 1);
+            let ended = machine.run(&mut homing);
+            assert_eq!(ended, Err(Alarm::HomeSwitchMissing), "{name}");
+            // 10 ms at 20 mm/s, or nothing where it stands on the switch.
+            let beyond = machine.position - start.min(-200.0);
+            assert!((-0.3..=0.0).contains(&beyond), "{name} from {start}: {beyond}");
+        }
+    }
+}
+
+/// Cut after the first edge: the slow approach does not find it again.
+#[test]
+fn the_slow_approach_ends_at_the_limit_switch_too() {
+    let mut machine = Machine::at(0.0);
+    machine.limits[0] = -124.0;
+    let mut homing = Homing::new(vec![AXIS], 1);
+    // To where it has left the switch.
+    for time_ms in 0.. {
+        let at_rest = machine.position == machine.target;
+        match homing.step(&machine.sample(time_ms), at_rest) {
+            HomingAction::Move { distance, speed, .. } => {
+                machine.cut = speed < AXIS.search_velocity;
+                (machine.target, machine.speed) = (machine.position + distance, speed);
+            }
+            HomingAction::Stop => machine.target = machine.position,
+            HomingAction::Fail(refusal) => {
+                assert!(refusal.text.contains("limit switch"), "{}", refusal.text);
+                break;
+            }
+            _ => {}
+        }
+        let step = machine.speed * 1e-3;
+        machine.position += (machine.target - machine.position).clamp(-step, step);
+        assert!(machine.position > -124.1, "{}", machine.position);
+    }
+}
+
+/// One switch may be limit and home switch, and its two inputs need not close together.
+#[test]
+fn a_switch_that_is_both_homes_and_the_limit_may_be_seen_first() {
+    for first in [0.0, 0.15] {
+        let mut machine = Machine::at(0.0);
+        machine.limits[0] = machine.edge + first;
+        machine
+            .run(&mut Homing::new(
+                vec![HomingAxis {
+                    latch_velocity: 20.0,
+                    ..AXIS
+                }],
+                1,
+            ))
+            .unwrap();
+        let (axis, beyond) = with_index(false, -1.0);
+        let mut machine = Machine::at(0.0);
+        machine.limits[0] = machine.edge + first / 20.0;
+        (machine.pitch, machine.pulse) = (5.0, machine.edge + beyond);
+        machine.run(&mut Homing::new(vec![axis], 1)).unwrap();
+    }
+}
+
+/// What the homing sequence does not look at by itself stops the axes as ever.
+#[test]
+fn only_the_limit_switch_in_the_direction_of_the_search_is_expected_and_only_until_zero_is_known() {
+    let mut homing = Homing::new(vec![AXIS], 1);
+    let none = [AxisMask::NONE; 2];
+    let mut seen = vec![homing.expected_limits()];
+    let mut machine = Machine::at(0.0);
+    for time_ms in 0..1_000_000 {
+        let at_rest = machine.position == machine.target;
+        let action = homing.step(&machine.sample(time_ms), at_rest);
+        if seen.last() != Some(&homing.expected_limits()) {
+            seen.push(homing.expected_limits());
+        }
+        match action {
+            HomingAction::Move { distance, speed, .. } => {
+                (machine.target, machine.speed) = (machine.position + distance, speed);
+            }
+            HomingAction::Stop => machine.target = machine.position,
+            HomingAction::Home { .. } | HomingAction::SetZero { .. } => {
+                assert_eq!(homing.expected_limits(), none);
+            }
+            HomingAction::Done => break,
+            _ => {}
+        }
+        let step = machine.speed * 1e-3;
+        machine.position += (machine.target - machine.position).clamp(-step, step);
+    }
+    assert_eq!(seen, [none, [AxisMask::one(0), AxisMask::NONE], none]);
+    // A pulse without a switch is searched between the limit switches.
+    let axis = HomingAxis {
+        method: HomingMethod::Index { within: 6.0 },
+        ..AXIS
+    };
+    let mut homing = Homing::new(vec![axis], 1);
+    for at_rest in [true, false] {
+        homing.step(&Machine::at(0.0).sample(0), at_rest);
+        assert_eq!(homing.expected_limits(), none);
+    }
 }
