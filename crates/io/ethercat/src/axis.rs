@@ -246,8 +246,14 @@ impl DriveAxis {
             let step = inputs.position.wrapping_sub(self.inputs.position);
             self.increments += i64::from(step);
             let way = self.sign() * self.settings.scale.position(i64::from(step));
-            let is_possible = way.abs() <= max_velocity * elapsed_s;
-            if !is_possible && matches!(self.homing, HomingProgress::Running(_)) {
+            let homes = matches!(self.homing, HomingProgress::Running(_));
+            let fastest = if homes {
+                self.homing_velocity().min(max_velocity)
+            } else {
+                max_velocity
+            };
+            let is_possible = way.abs() <= fastest * elapsed_s;
+            if !is_possible && homes {
                 // The drive has found its zero and counts from there: this step is not a motion. It may come before the drive reports
                 // that it has homed; until then the coordinates go on as they were.
                 self.offset -= way;
@@ -277,6 +283,16 @@ impl DriveAxis {
             Some(Latched::Armed) => IndexProgress::Armed,
             Some(Latched::At(increments)) => IndexProgress::Latched(self.position_of(increments)),
         }
+    }
+
+    /// How fast the axis can move while its drive homes: twice the speed of the search. Over lost frames the largest velocity of the
+    /// axis would let the step to the drive's zero pass for a motion of some millimetres.
+    fn homing_velocity(&self) -> f64 {
+        let fastest = self
+            .settings
+            .homing
+            .map_or(0, |homing| homing.search.max(homing.latch));
+        2.0 * self.settings.scale.position(i64::from(fastest)).abs()
     }
 
     /// The drive has found its zero and counts from there.
@@ -550,6 +566,35 @@ mod tests {
             axis.take(inputs, period_s, max_velocity);
         }
         assert_eq!(axis.velocity(), 500_000.0);
+    }
+
+    /// 20 lost frames, in which the counter has gone back to 0: 4 mm, which the axis could move at its largest velocity, and not at the
+    /// 5 mm/s of the search.
+    #[test]
+    fn the_step_to_the_zero_is_no_motion_after_lost_frames_either() {
+        let mut homed = axis(false);
+        homed.settings.homing = Some(HomingOnDrive {
+            method: 18,
+            search: 1000,
+            latch: 100,
+            acceleration: None,
+            position: 605.0,
+            order: 0,
+            timeout_s: 10.0,
+        });
+        homed.homing = HomingProgress::Running(20);
+        let at = |position: i32| DriveInputs {
+            position,
+            ..DriveInputs::default()
+        };
+        homed.take(at(800), 1e-3, 400.0);
+        homed.take(at(799), 1e-3, 400.0);
+        let before = (homed.position(), homed.velocity(), homed.moved());
+        homed.take(at(0), 21e-3, 400.0);
+        assert_eq!((homed.position(), homed.velocity(), homed.moved()), before);
+        // The motion of the search over as long is one.
+        homed.take(at(-21), 21e-3, 400.0);
+        assert!((homed.velocity() + 5.0).abs() < 1e-9, "{}", homed.velocity());
     }
 
     #[test]
