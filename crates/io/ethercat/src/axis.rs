@@ -108,7 +108,7 @@ impl DriveAxis {
 
     /// The offset, if it was just chosen by the first inputs.
     pub(crate) const fn take_chosen_offset(&mut self) -> Option<f64> {
-        if self.has_position && self.begins_at_zero {
+        if self.has_position && self.begins_at_zero && self.inputs.status_word != 0 {
             self.begins_at_zero = false;
             return Some(self.offset);
         }
@@ -241,7 +241,8 @@ impl DriveAxis {
     /// Reads the inputs, `elapsed_s` after the last ones. The axis cannot move faster than `max_velocity`. Returns what has become
     /// of the zero impulse.
     pub(crate) fn take(&mut self, inputs: DriveInputs, elapsed_s: f64, max_velocity: f64) -> IndexProgress {
-        if self.has_position {
+        // A drive that reports no state yet reports no position either.
+        if self.has_position && !self.begins_at_zero {
             // 32-bit counters wrap around.
             let step = inputs.position.wrapping_sub(self.inputs.position);
             self.increments += i64::from(step);

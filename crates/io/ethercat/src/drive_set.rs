@@ -492,6 +492,7 @@ mod tests {
         // 2^20 increments a turn of 5 mm.
         let turns = |turns: f64| DriveInputs {
             position: (turns * 1_048_576.0) as i32,
+            status_word: DriveState::SwitchOnDisabled.code(),
             ..DriveInputs::default()
         };
         for (file, begins, comes_back) in [
@@ -503,7 +504,9 @@ mod tests {
             let starts = Starts::default();
             let session = || DriveSet::new(&machine, &network, 1_000_000, 1, &starts).expect("settings");
             let mut first = session();
-            first.take(1_000_000, 0, turns(500.0));
+            // The drive has not filled its process data yet.
+            first.take(1_000_000, 0, DriveInputs::default());
+            first.take(2_000_000, 0, turns(500.0));
             assert!((first.axes()[0].position() - begins).abs() < 1e-6);
             let mut second = session();
             second.take(9_000_000, 0, turns(502.0));

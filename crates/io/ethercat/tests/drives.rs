@@ -72,7 +72,11 @@ fn a_drive_far_from_its_zero_begins_where_the_core_can_home_it() {
                 |core, _, _| {
                     let before = core.until("feedback", |_| true);
                     assert!(before.position[0].abs() < 0.01, "{:?}", before.position);
-                    assert!((before.position[1] - 2500.0).abs() < 0.01, "{:?}", before.position);
+                    assert!(
+                        (before.position[1].abs() - 2500.0).abs() < 0.01,
+                        "{:?}",
+                        before.position
+                    );
                 },
             );
         });
