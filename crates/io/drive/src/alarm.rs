@@ -207,11 +207,10 @@ pub enum DriveAlarm {
     },
     /// A field has an impossible value.
     #[error(
-        "the feedback's {field}{} is {value:.6e}, at most {bound:.6e} is possible: check encoder and \
-         bridge, nothing of \
-         this message was used{}",
+        "the feedback's {field}{} is {value:.6e}, at most {bound:.6e} is possible: check {} and bridge, nothing of this message was \
+         used",
         axis.map(|axis| format!(" of axis {}", AxisLetter::letter_of(axis))).unwrap_or_default(),
-        zero_hint(field)
+        source_of(field)
     )]
     Unbelievable {
         /// Its name on the bus.
@@ -280,10 +279,10 @@ impl DriveAlarm {
     }
 }
 
-/// A position far away may be that of an encoder whose zero is elsewhere.
-fn zero_hint(field: &str) -> &'static str {
+/// What a field comes from: a position far away may be that of an encoder whose zero is elsewhere.
+fn source_of(field: &str) -> &'static str {
     match field {
-        "position" => "; if the encoder counts from elsewhere, set `zero` of the axis in the bridge's file",
-        _ => "",
+        "position" => "encoder, `zero` of the axis in the bridge's file,",
+        _ => "encoder",
     }
 }

@@ -564,6 +564,7 @@ fn every_alarm_has_a_number_of_its_own_and_says_what_to_do() {
         assert_eq!(alarm.drives_follow(), is_led, "{text}");
     }
     assert!(alarms[5].to_string().contains("axis Y"), "{}", alarms[5]);
+    assert!(alarms[17].to_string().contains("`zero`"), "{}", alarms[17]);
     assert!(alarms[4].to_string().contains("axis ?"), "{}", alarms[4]);
     assert!(
         alarms[1].to_string().contains("25.4 ms old, 20.0 ms"),
