@@ -2,7 +2,7 @@
 
 use evolvent_counting::calls;
 use evolvent_drive::{
-    Cia402, Command, DriveEvents, DriveMachine, FeedbackWatch, Follower, FollowerSettings, Gantry,
+    Braking, Cia402, Command, DriveEvents, DriveMachine, FeedbackWatch, Follower, FollowerSettings, Gantry,
     GantryInputs, GantrySettings, OrientationSettings, PhaseLock, PhaseSettings, PowerRequest,
     QuickStopOption, SpindleConditions, SpindleEncoder, SpindleEncoderSettings, SpindleIndex,
     SpindleOrientation, WatchSettings,
@@ -60,7 +60,14 @@ fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
             let _refused = follower.offer(now_ns, &setpoint);
         }
         let target = follower.step(now_ns, cycle > 50, &[0.0; AXES]);
-        let order = controller.step(drive.status_word(), target.power, 0, target.position[0], 0.0);
+        let order = controller.step(
+            drive.status_word(),
+            target.power,
+            0,
+            target.position[0],
+            0.0,
+            Braking::default(),
+        );
         drive.step(order.control_word, events);
         // The beam passes both switches, is homed, and comes apart in the end.
         let height = 1.0 - (cycle % 4000) as f64 * 1e-3;

@@ -1,7 +1,7 @@
 //! CiA 402 against the tables of the standard, written here as the standard prints them.
 
 use evolvent_drive::{
-    CYCLIC_SYNCHRONOUS_POSITION, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest,
+    Braking, CYCLIC_SYNCHRONOUS_POSITION, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest,
     QuickStopOption, control,
 };
 
@@ -245,6 +245,7 @@ struct Pair {
     drive: DriveMachine,
     events: DriveEvents,
     resets: u32,
+    braking: Braking,
 }
 
 impl Pair {
@@ -258,14 +259,23 @@ impl Pair {
                 fault: None,
             },
             resets: 0,
+            braking: Braking {
+                period_s: 1e-3,
+                is_standing: None,
+            },
         }
     }
 
     fn run(&mut self, request: PowerRequest, periods: usize) -> DriveState {
         for _ in 0..periods {
-            let order = self
-                .controller
-                .step(self.drive.status_word(), request, self.resets, 7.0, 3.0);
+            let order = self.controller.step(
+                self.drive.status_word(),
+                request,
+                self.resets,
+                7.0,
+                3.0,
+                self.braking,
+            );
             assert_eq!(order.mode_of_operation, CYCLIC_SYNCHRONOUS_POSITION);
             let enabled = self.drive.state() == DriveState::OperationEnabled;
             assert!(!order.follows || enabled);
@@ -318,7 +328,7 @@ fn one_growth_of_the_counter_is_one_edge() {
         .into_iter()
         .map(|resets| {
             controller
-                .step(fault, PowerRequest::Off, resets, 0.0, 0.0)
+                .step(fault, PowerRequest::Off, resets, 0.0, 0.0, Braking::default())
                 .control_word
         })
         .collect();
@@ -330,10 +340,11 @@ fn one_growth_of_the_counter_is_one_edge() {
         9,
         0.0,
         0.0,
+        Braking::default(),
     );
     assert_eq!(
         controller
-            .step(fault, PowerRequest::Off, 9, 0.0, 0.0)
+            .step(fault, PowerRequest::Off, 9, 0.0, 0.0, Braking::default())
             .control_word,
         0
     );
@@ -346,19 +357,95 @@ fn a_quick_stop_ends_without_torque_and_locks_out_until_another_request() {
     pair.events.at_rest = false;
     assert_eq!(pair.run(PowerRequest::QuickStop, 3), DriveState::QuickStopActive);
     // Asked for power while it brakes: first the stop, then off.
+    assert_eq!(pair.run(PowerRequest::On, 200), DriveState::QuickStopActive);
+    pair.events.at_rest = true;
     assert_eq!(pair.run(PowerRequest::On, 2), DriveState::SwitchOnDisabled);
     assert_eq!(pair.run(PowerRequest::On, 50), DriveState::SwitchOnDisabled);
+}
+
+/// The core commands rest long before a drive with a longer ramp (object 6085h) has stopped.
+#[test]
+fn power_off_does_not_cut_the_ramp_of_a_drive_that_brakes() {
+    for end in [
+        |pair: &mut Pair| pair.events.at_rest = true,
+        // A drive that stays in quick stop active (605Ah 5 to 8) is seen to stand by its position.
+        |pair: &mut Pair| pair.braking.is_standing = Some(true),
+    ] {
+        let mut pair = Pair::new();
+        pair.run(PowerRequest::On, 5);
+        pair.events.at_rest = false;
+        pair.braking.is_standing = Some(false);
+        pair.run(PowerRequest::QuickStop, 50);
+        assert_eq!(pair.run(PowerRequest::Off, 1500), DriveState::QuickStopActive);
+        end(&mut pair);
+        assert_eq!(pair.run(PowerRequest::Off, 2), DriveState::SwitchOnDisabled);
+        pair.events.at_rest = true;
+        assert_eq!(pair.run(PowerRequest::On, 5), DriveState::OperationEnabled);
+    }
+}
+
+/// A drive that does not stop, or whose speed nobody knows, loses its voltage in the end.
+#[test]
+fn a_drive_that_never_stops_loses_its_voltage_after_two_seconds() {
+    for is_standing in [None, Some(false)] {
+        let mut pair = Pair::new();
+        pair.run(PowerRequest::On, 5);
+        pair.events.at_rest = false;
+        pair.braking.is_standing = is_standing;
+        // The request itself has no end.
+        assert_eq!(
+            pair.run(PowerRequest::QuickStop, 5000),
+            DriveState::QuickStopActive
+        );
+        assert_eq!(pair.run(PowerRequest::Off, 1999), DriveState::QuickStopActive);
+        assert_eq!(pair.run(PowerRequest::Off, 3), DriveState::SwitchOnDisabled);
+    }
+}
+
+#[test]
+fn a_fault_reaction_keeps_its_voltage_as_long() {
+    let mut controller = Cia402::new(0);
+    let mut word = |request, is_standing, periods: usize| {
+        let braking = Braking {
+            period_s: 1e-3,
+            is_standing,
+        };
+        let status = DriveState::FaultReactionActive.code();
+        (0..periods)
+            .map(|_| {
+                controller
+                    .step(status, request, 0, 0.0, 0.0, braking)
+                    .control_word
+            })
+            .last()
+    };
+    assert_eq!(word(PowerRequest::Off, None, 1999), Some(control::QUICK_STOP));
+    assert_eq!(word(PowerRequest::Off, None, 10), Some(control::DISABLE_VOLTAGE));
+    let mut controller = Cia402::new(0);
+    let braking = Braking {
+        period_s: 1e-3,
+        is_standing: Some(true),
+    };
+    let order = controller.step(
+        DriveState::FaultReactionActive.code(),
+        PowerRequest::On,
+        0,
+        0.0,
+        0.0,
+        braking,
+    );
+    assert_eq!(order.control_word, control::DISABLE_VOLTAGE);
 }
 
 #[test]
 fn an_unknown_status_word_or_a_setpoint_that_is_no_number_moves_nothing() {
     let mut controller = Cia402::new(0);
-    let order = controller.step(0x6F, PowerRequest::On, 0, 1.0, 2.0);
+    let order = controller.step(0x6F, PowerRequest::On, 0, 1.0, 2.0, Braking::default());
     assert_eq!(
         (order.control_word, order.target_position),
         (control::DISABLE_VOLTAGE, 2.0)
     );
-    let order = controller.step(0x27, PowerRequest::On, 0, f64::NAN, 2.0);
+    let order = controller.step(0x27, PowerRequest::On, 0, f64::NAN, 2.0, Braking::default());
     assert!(!order.follows);
     assert_eq!(order.target_position, 2.0);
 }

@@ -5,7 +5,7 @@
 
 use evolvent_bus::{MachineOutputs, SpindleFeedback};
 use evolvent_drive::{
-    Cia402, DriveState, PowerRequest, SpindleConditions, SpindleEncoder, SpindleEncoderFault,
+    Braking, Cia402, DriveState, PowerRequest, SpindleConditions, SpindleEncoder, SpindleEncoderFault,
     SpindleOrientation, bits, control,
 };
 use evolvent_machine::Machine;
@@ -26,6 +26,9 @@ const COMMUNICATION: u16 = 0x7500;
 /// Number of periods for which the fault reset bit is held.
 const RESET_PERIODS: u32 = 5;
 
+/// Longest period that counts, s: the first has no beginning.
+const MAX_PERIOD_S: f64 = 0.01;
+
 /// What happens to a spindle, for the user.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SpindleNotice {
@@ -42,6 +45,8 @@ pub enum SpindleNotice {
 pub(crate) struct SpindleDrive {
     settings: NetworkSpindle,
     controller: Option<Cia402>,
+    /// When it was stepped last, ns.
+    stepped_ns: u64,
     inputs: DriveInputs,
     has_inputs: bool,
     encoder: SpindleEncoder,
@@ -70,6 +75,7 @@ impl SpindleDrive {
                 Self {
                     settings,
                     controller: None,
+                    stepped_ns: 0,
                     inputs: DriveInputs::default(),
                     has_inputs: false,
                     encoder: SpindleEncoder::new(settings.encoder),
@@ -219,7 +225,12 @@ impl SpindleDrive {
             (false, true, _) => PowerRequest::Off,
         };
         let controller = self.controller.get_or_insert(Cia402::new(fault_reset));
-        let order = controller.step(self.inputs.status_word, power, fault_reset, 0.0, 0.0);
+        let since_ns = now_ns.saturating_sub(std::mem::replace(&mut self.stepped_ns, now_ns));
+        let braking = Braking {
+            period_s: (since_ns as f64 * 1e-9).min(MAX_PERIOD_S),
+            is_standing: Some(stands),
+        };
+        let order = controller.step(self.inputs.status_word, power, fault_reset, 0.0, 0.0, braking);
         if order.control_word == control::FAULT_RESET {
             self.reset_periods = RESET_PERIODS;
         }

@@ -1,7 +1,8 @@
 //! One axis: its position from counts, its velocity command, and the power states of its drive.
 
 use evolvent_drive::{
-    Brake, BrakeState, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest, QuickStopOption, Target,
+    Brake, BrakeState, Braking, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest, QuickStopOption,
+    Target,
 };
 
 use crate::board_settings::{Actuator, BoardAxis};
@@ -260,6 +261,11 @@ impl MesaAxis {
             target.fault_reset,
             setpoint,
             0.0,
+            // The machine here leaves its ramp by itself.
+            Braking {
+                period_s,
+                is_standing: None,
+            },
         );
         let ramp_ends = self
             .ramp

@@ -1,7 +1,7 @@
 //! One simulated drive: state machine, servo loop, encoder, switches.
 
 use evolvent_drive::{
-    Brake, BrakeState, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest, QuickStopOption,
+    Brake, BrakeState, Braking, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest, QuickStopOption,
 };
 use evolvent_path::TURN_DEG;
 
@@ -182,6 +182,10 @@ impl SimDrive {
             fault_reset,
             setpoint,
             self.shown(),
+            Braking {
+                period_s,
+                is_standing: Some(self.servo.velocity.abs() < STANDING),
+            },
         );
         let control_word = if trouble.disabled { 0 } else { order.control_word };
         let before = self.machine.state();

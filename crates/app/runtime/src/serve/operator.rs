@@ -37,8 +37,8 @@ use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
 use crate::periphery_track::PeripheryOrder;
 
 /// By how much later than the cycle's watch the desk finds that drives do not come into operation, ns: the watch begins when power is
-/// requested, which may be 0.5 s after the command.
-const ENABLE_MARGIN_NS: u64 = 600_000_000;
+/// requested, which may be 2.5 s after the command.
+const ENABLE_MARGIN_NS: u64 = 2_600_000_000;
 
 pub(super) enum Job {
     None,

@@ -13,6 +13,8 @@ use super::{CycleState, ServedParts};
 /// How long ON waits at most for the drives, ns: then power is requested, and what hinders it raises its alarm. A brake closes in less
 /// (60 to 250 ms by the data sheets of servo motors).
 const MAX_OFF_NS: u64 = 500_000_000;
+/// The same while a drive brakes by its own quick stop ramp, ns: bridges remove the voltage after 2 s.
+const MAX_BRAKING_NS: u64 = 2_500_000_000;
 
 /// An ON that waits.
 #[derive(Clone, Copy, Debug)]
@@ -99,10 +101,16 @@ impl ServedParts {
         let is_answered = |last: &Feedback| {
             let is_reply =
                 (orders.off_since).is_some_and(|off_since| (off_since..=newest).contains(&last.sequence));
-            is_reply && !has_torque(last)
+            is_reply && !has_drive(last, DriveState::has_torque)
         };
         let is_settled = self.watch.is_silent(taken_ns) || self.watch.last().is_none_or(is_answered);
-        if is_settled || pending.periods * self.period_ns >= MAX_OFF_NS {
+        let brakes = |last: &Feedback| has_drive(last, |state| state == DriveState::QuickStopActive);
+        let most_ns = if self.watch.last().is_some_and(brakes) {
+            MAX_BRAKING_NS
+        } else {
+            MAX_OFF_NS
+        };
+        if is_settled || pending.periods * self.period_ns >= most_ns {
             orders.pending = None;
             orders.settle(pending.order);
             now.drive.power = PowerRequest::On;
@@ -111,10 +119,11 @@ impl ServedParts {
     }
 }
 
-fn has_torque(feedback: &Feedback) -> bool {
+/// Whether the drive of an axis is in a state of which this is true.
+fn has_drive(feedback: &Feedback, is: impl Fn(DriveState) -> bool) -> bool {
     let axes = AxisMask::from_bits(feedback.axes_mask);
     axes.axes().any(|axis| {
         let status_word = (feedback.status_word[axis] & 0xFFFF) as u16;
-        DriveState::decode(status_word).is_some_and(DriveState::has_torque)
+        DriveState::decode(status_word).is_some_and(&is)
     })
 }

@@ -288,6 +288,8 @@ struct PowerTrial {
     /// Whether the bridge replies to new setpoints, and whether it sends anything.
     replies: bool,
     sends: bool,
+    /// The drive brakes by its own ramp.
+    brakes: bool,
 }
 
 impl PowerTrial {
@@ -310,6 +312,7 @@ impl PowerTrial {
             requests: Vec::new(),
             replies: true,
             sends: true,
+            brakes: false,
         };
         trial.order(0, CycleCommand::LeaveEstop);
         trial
@@ -329,7 +332,9 @@ impl PowerTrial {
         // What was requested two setpoints ago is what the drives do another three later.
         let of = |ago: usize| number.checked_sub(ago).map(|at| self.requests[at]);
         let is_on = (2..=5).any(|ago| of(ago) == Some(PowerRequest::On));
-        let (state, bridge) = if is_on {
+        let (state, bridge) = if self.brakes {
+            (DriveState::QuickStopActive, BridgeState::Off)
+        } else if is_on {
             (DriveState::OperationEnabled, BridgeState::Following)
         } else {
             (DriveState::SwitchedOn, BridgeState::Off)
@@ -413,6 +418,26 @@ fn power_that_nobody_replies_to_is_requested_in_half_a_second() {
     let (after, order) = trial.run(600);
     assert_eq!(after.iter().take_while(|power| **power == OFF).count(), 499);
     assert_eq!(order, 3);
+}
+
+/// Its voltage would be removed at speed, and the bridge would refuse power after it.
+#[test]
+fn power_waits_for_a_drive_that_brakes_longer_than_half_a_second() {
+    for ramp_ends in [true, false] {
+        let mut trial = PowerTrial::new();
+        trial.power(1, ON);
+        trial.run(20);
+        trial.power(2, OFF);
+        trial.brakes = true;
+        trial.power(3, ON);
+        let (after, _) = trial.run(1200);
+        assert!(!after.contains(&ON), "it brakes");
+        trial.brakes = !ramp_ends;
+        let (after, order) = trial.run(1400);
+        let is_off = after.iter().take_while(|power| **power == OFF).count();
+        assert_eq!(is_off, if ramp_ends { 1 } else { 1299 });
+        assert_eq!(order, 3);
+    }
 }
 
 /// Waiting for it would hide its alarm.
