@@ -391,7 +391,7 @@ impl TestCore {
         let ramp = cycles(0.1);
         let period_s = PERIOD_NS as f64 * 1e-9;
         let (mut step, mut ends) = (0, false);
-        while !(ends && step == 0) && !self.is_stopped() {
+        while !(self.is_stopped() || ends && step == 0) {
             if ends {
                 step -= 1;
             } else {
