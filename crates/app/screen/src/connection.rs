@@ -12,7 +12,7 @@ use tokio::sync::mpsc;
 use crate::command::{code_of, request_of};
 use crate::gate::Role;
 use crate::hub::{Visitor, text};
-use crate::messages::{CommandMessage, FromPage, LogKind, ToPage};
+use crate::messages::{CommandMessage, FromPage, LogKind, Refusal, ToPage};
 use crate::orders::Answer;
 use crate::pace::Pace;
 use crate::server::Server;
@@ -183,7 +183,7 @@ async fn carry_out(server: Arc<Server>, number: u64, role: Role, command: Comman
 
 async fn answer_of(server: &Server, number: u64, role: Role, command: &CommandMessage) -> Answer {
     let Some(programs) = server.programs.as_ref().filter(|_| role == Role::Operate) else {
-        return Answer::refused("this page may only watch");
+        return Refusal::WatchOnly.into();
     };
     let request = match request_of(command, |name| programs.newest(name)) {
         Ok(request) => request,
@@ -199,6 +199,7 @@ impl crate::hub::Hub {
             accepted,
             alarm,
             text: what,
+            refusal,
         } = answer;
         self.tell_one(
             number,
@@ -207,6 +208,7 @@ impl crate::hub::Hub {
                 accepted,
                 alarm,
                 text: what,
+                refusal,
             }),
         );
     }

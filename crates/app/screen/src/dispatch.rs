@@ -10,7 +10,7 @@ use evolvent_control::CommandCode;
 
 use crate::command::STOPPING;
 use crate::hub::{Hub, Term};
-use crate::messages::CommandMessage;
+use crate::messages::{CommandMessage, Refusal};
 use crate::orders::{Answer, Orders};
 
 /// A jog renewal that has waited longer is out of date.
@@ -84,10 +84,10 @@ impl Dispatch {
             return self.stops.give(request, AGE, None).await;
         }
         let Some(term) = self.hub.term(page) else {
-            return Answer::refused("this page does not have control; take it first");
+            return Refusal::NoControl.into();
         };
-        if let Some(text) = outdated(self.hub.present().as_deref(), command) {
-            return Answer::refused(text);
+        if let Some(refusal) = outdated(self.hub.present().as_deref(), command) {
+            return refusal.into();
         }
         match command.command {
             code if code == CommandCode::Jog as u32 => {
@@ -136,12 +136,12 @@ fn plain(code: CommandCode) -> ControlRequest {
 }
 
 /// Why a command that does not stop is not carried out any more. Without a status the core rejects it, or nothing moves.
-fn outdated(present: Option<&Status>, command: &CommandMessage) -> Option<&'static str> {
+fn outdated(present: Option<&Status>, command: &CommandMessage) -> Option<Refusal> {
     let present = present?;
     if present.time_ns.saturating_sub(command.seen_ns) > MAX_SEEN_AGE_NS {
-        return Some("the page was out of date; look at the machine and press again");
+        return Some(Refusal::OutOfDate);
     }
-    (command.steers && present.activity != JOG).then_some("the jog has ended; press again")
+    (command.steers && present.activity != JOG).then_some(Refusal::JogEnded)
 }
 
 #[cfg(test)]
@@ -171,13 +171,13 @@ mod tests {
         }
         // A link that was dead for 12 s, and a page that has seen nothing.
         for seen_ns in [98_999_999_999, 88_000_000_000, 0] {
-            let text = outdated(Some(&present), &command(seen_ns, false)).unwrap();
-            assert!(text.contains("out of date"), "{text}");
+            let refusal = outdated(Some(&present), &command(seen_ns, false));
+            assert_eq!(refusal, Some(Refusal::OutOfDate));
         }
         // Somebody has pressed Stop: a change of a jog starts none.
         present.activity = 0;
-        let text = outdated(Some(&present), &command(100_000_000_000, true)).unwrap();
-        assert!(text.contains("has ended"), "{text}");
+        let refusal = outdated(Some(&present), &command(100_000_000_000, true));
+        assert_eq!(refusal, Some(Refusal::JogEnded));
         assert_eq!(outdated(Some(&present), &command(100_000_000_000, false)), None);
         assert_eq!(outdated(None, &command(0, true)), None);
     }
@@ -204,6 +204,7 @@ mod tests {
                 accepted: true,
                 alarm: 0,
                 text: String::new(),
+                refusal: None,
             }
         }
     }
@@ -344,9 +345,9 @@ mod tests {
                 };
                 let (first, answer, ()) = tokio::join!(first, waits, lost);
                 assert!(first.accepted);
-                assert!(
-                    !answer.accepted && answer.text.contains("lost control"),
-                    "{answer:?}"
+                assert_eq!(
+                    (answer.accepted, answer.refusal),
+                    (false, Some(Refusal::LostControl))
                 );
                 let seen = scene.settled().await;
                 assert!(!seen.contains(&(code as u32)), "{code:?}: {seen:?}");

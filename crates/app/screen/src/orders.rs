@@ -10,6 +10,7 @@ use evolvent_bus::{ClientConfig, ControlClient, ControlRequest};
 use tokio::sync::oneshot;
 
 use crate::hub::{Hub, Term};
+use crate::messages::Refusal;
 
 /// Maximum wait for an answer: the core reads files for at most 8 s.
 const ANSWER: Duration = Duration::from_secs(12);
@@ -24,6 +25,17 @@ pub(crate) struct Answer {
     pub(crate) accepted: bool,
     pub(crate) alarm: u32,
     pub(crate) text: String,
+    /// Why the server itself refused it, where it has a name for that.
+    pub(crate) refusal: Option<Refusal>,
+}
+
+impl From<Refusal> for Answer {
+    fn from(refusal: Refusal) -> Self {
+        Self {
+            refusal: Some(refusal),
+            ..Self::refused(refusal.sentence())
+        }
+    }
 }
 
 impl Answer {
@@ -33,6 +45,7 @@ impl Answer {
             accepted: false,
             alarm: 0,
             text: text.into(),
+            refusal: None,
         }
     }
 }
@@ -85,11 +98,9 @@ impl Orders {
             reply: Some(reply),
         };
         match self.sender.try_send(order) {
-            Ok(()) => answer
-                .await
-                .unwrap_or_else(|_| Answer::refused("the server is ending")),
-            Err(TrySendError::Full(_)) => Answer::refused("too many commands wait for the core; try again"),
-            Err(TrySendError::Disconnected(_)) => Answer::refused("the server is ending"),
+            Ok(()) => answer.await.unwrap_or_else(|_| Answer::from(Refusal::Ending)),
+            Err(TrySendError::Full(_)) => Answer::from(Refusal::Busy),
+            Err(TrySendError::Disconnected(_)) => Answer::from(Refusal::Ending),
         }
     }
 
@@ -144,6 +155,7 @@ impl Core for BusCore {
                 accepted: answer.verdict == 0,
                 alarm: answer.alarm,
                 text: answer.text().to_owned(),
+                refusal: None,
             },
             Err(error) => {
                 self.client = None;
@@ -164,7 +176,7 @@ fn carry(mut core: impl Core, hub: &Hub, stop: &AtomicBool, orders: &Receiver<Or
         let answer = match core.open() {
             Err(text) => Answer::refused(text),
             Ok(()) => match order.expired(hub) {
-                Some(text) => Answer::refused(text),
+                Some(refusal) => Answer::from(refusal),
                 None => core.command(&order.request),
             },
         };
@@ -177,11 +189,11 @@ fn carry(mut core: impl Core, hub: &Hub, stop: &AtomicBool, orders: &Receiver<Or
 
 impl Order {
     /// Why it is not sent any more.
-    fn expired(&self, hub: &Hub) -> Option<&'static str> {
+    fn expired(&self, hub: &Hub) -> Option<Refusal> {
         if self.given.elapsed() > self.max_age {
-            return Some("the command arrived too late and was not sent");
+            return Some(Refusal::TooLate);
         }
         let is_past = self.term.is_some_and(|term| !hub.is_present(term));
-        is_past.then_some("this page has lost control meanwhile; the command was not sent")
+        is_past.then_some(Refusal::LostControl)
     }
 }

@@ -17,7 +17,7 @@ use futures_util::StreamExt;
 use tokio::sync::mpsc;
 
 use crate::gate::Role;
-use crate::messages::{LogKind, ProgramInfo};
+use crate::messages::{LogKind, ProgramInfo, Refusal};
 use crate::orders::Answer;
 use crate::program_store::ProgramStore;
 use crate::programs::{background, checked, is_good_name};
@@ -34,7 +34,7 @@ const PAUSE: Duration = Duration::from_secs(20);
 /// Header with the number of the page that uploads.
 const PAGE: &str = "evolvent-page";
 
-type Refusal = (StatusCode, String);
+type Refused = (StatusCode, Answer);
 
 pub(crate) async fn upload(
     State(server): State<Arc<Server>>,
@@ -45,14 +45,15 @@ pub(crate) async fn upload(
 ) -> Response {
     let (status, answer) = match store(&server, role, &name, &headers, body).await {
         Ok(answer) => (StatusCode::OK, answer),
-        Err((status, text)) => (status, Answer::refused(text)),
+        Err(refused) => refused,
     };
     let Answer {
         accepted,
         alarm,
         text,
+        refusal,
     } = answer;
-    let json = serde_json::json!({"accepted": accepted, "alarm": alarm, "text": text});
+    let json = serde_json::json!({"accepted": accepted, "alarm": alarm, "text": text, "refusal": refusal});
     (status, [(CONTENT_TYPE, "application/json")], json.to_string()).into_response()
 }
 
@@ -62,10 +63,10 @@ async fn store(
     name: &str,
     headers: &HeaderMap,
     body: Body,
-) -> Result<Answer, Refusal> {
-    let refuse = |status, text: &str| Err((status, text.to_owned()));
+) -> Result<Answer, Refused> {
+    let refuse = |status, refusal: Refusal| Err((status, refusal.into()));
     let Some(programs) = server.programs.as_ref().filter(|_| role == Role::Operate) else {
-        return refuse(StatusCode::FORBIDDEN, "this page may only watch");
+        return refuse(StatusCode::FORBIDDEN, Refusal::WatchOnly);
     };
     let page = headers
         .get(PAGE)
@@ -74,15 +75,10 @@ async fn store(
         .zip(session_of(headers))
         .and_then(|(page, session)| server.hub.term_of_request(page, &session));
     let Some(term) = term else {
-        return refuse(
-            StatusCode::FORBIDDEN,
-            "this page does not have control; take it first",
-        );
+        return refuse(StatusCode::FORBIDDEN, Refusal::NoControl);
     };
     if !is_good_name(name) {
-        let text =
-            format!("{name:?} cannot be a program's name: letters, digits and . _ - + ( ), up to 100 bytes");
-        return Err((StatusCode::BAD_REQUEST, text));
+        return refuse(StatusCode::BAD_REQUEST, Refusal::BadName);
     }
     let announced = headers
         .get(CONTENT_LENGTH)
@@ -91,10 +87,7 @@ async fn store(
         return Err(too_large());
     }
     let Ok(_turn) = server.receiving.try_acquire() else {
-        return refuse(
-            StatusCode::TOO_MANY_REQUESTS,
-            "another program is being received; try again when it has arrived",
-        );
+        return refuse(StatusCode::TOO_MANY_REQUESTS, Refusal::Receiving);
     };
     let upload = 1 + server.uploads.fetch_add(1, Ordering::Relaxed);
     let part = programs.part(upload);
@@ -103,23 +96,26 @@ async fn store(
         outcome => {
             // The received part is useless.
             let _removed = std::fs::remove_file(&part);
-            return Err(outcome.err().unwrap_or_else(|| {
-                let text = "this page has lost control meanwhile; the program was not loaded".to_owned();
-                (StatusCode::FORBIDDEN, text)
-            }));
+            return Err(outcome
+                .err()
+                .unwrap_or_else(|| (StatusCode::FORBIDDEN, Refusal::NotLoaded.into())));
         }
     };
     // The file of the loaded program is another one: what is not accepted changes nothing of it.
-    let file = programs
-        .put(upload, name)
-        .map_err(|error| (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
+    let file = programs.put(upload, name).map_err(|error| {
+        (
+            StatusCode::INTERNAL_SERVER_ERROR,
+            Answer::refused(error.to_string()),
+        )
+    })?;
     let mut request = ControlRequest {
         command: CommandCode::Load as u32,
         ..ControlRequest::default()
     };
     if !request.set_text(&file.display().to_string()) {
         let _removed = programs.remove(upload);
-        return refuse(StatusCode::BAD_REQUEST, "the state folder's name is too long");
+        let text = "the state folder's name is too long";
+        return Err((StatusCode::BAD_REQUEST, Answer::refused(text)));
     }
     let answer = server.dispatch.load(request, term).await;
     let alarm = (answer.alarm != 0).then_some(answer.alarm);
@@ -168,6 +164,7 @@ async fn store(
         accepted: true,
         alarm: 0,
         text: String::new(),
+        refusal: None,
     })
 }
 
@@ -188,7 +185,7 @@ pub(crate) fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInf
 }
 
 /// Writes a body to a file, in a thread that the disk may block; returns its size.
-async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u64, Refusal> {
+async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u64, Refused> {
     let most = programs.stored().map_or(MAX_PROGRAM, |stored| {
         MAX_PROGRAM.min(MAX_STORED.saturating_sub(stored))
     });
@@ -197,19 +194,14 @@ async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u
     let mut stream = body.into_data_stream();
     let mut bytes = 0;
     loop {
-        let paused = |_| {
-            (
-                StatusCode::REQUEST_TIMEOUT,
-                "the upload paused for too long".to_owned(),
-            )
-        };
+        let paused = |_| (StatusCode::REQUEST_TIMEOUT, Refusal::Paused.into());
         let Some(chunk) = tokio::time::timeout(PAUSE, stream.next()).await.map_err(paused)? else {
             break;
         };
         let chunk = chunk.map_err(|error| {
             (
                 StatusCode::BAD_REQUEST,
-                format!("the upload was interrupted: {error}"),
+                Answer::refused(format!("the upload was interrupted: {error}")),
             )
         })?;
         bytes += chunk.len() as u64;
@@ -222,7 +214,7 @@ async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u
                 programs.folder().display(),
                 MAX_STORED >> 30
             );
-            return Err((StatusCode::PAYLOAD_TOO_LARGE, text));
+            return Err((StatusCode::PAYLOAD_TOO_LARGE, Answer::refused(text)));
         }
         if sender.send(chunk).await.is_err() {
             break;
@@ -231,16 +223,15 @@ async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u
     drop(sender);
     let failed = |cause: &dyn std::fmt::Display| {
         let text = format!("the program cannot be written: {cause}");
-        (StatusCode::INSUFFICIENT_STORAGE, text)
+        (StatusCode::INSUFFICIENT_STORAGE, Answer::refused(text))
     };
     let written = writer.await.map_err(|error| failed(&error))?;
     written.map_err(|error| failed(&error))?;
     Ok(bytes)
 }
 
-fn too_large() -> Refusal {
-    let text = format!("programs have at most {} MiB", MAX_PROGRAM >> 20);
-    (StatusCode::PAYLOAD_TOO_LARGE, text)
+fn too_large() -> Refused {
+    (StatusCode::PAYLOAD_TOO_LARGE, Refusal::TooLarge.into())
 }
 
 fn write_chunks(part: &Path, chunks: &mut mpsc::Receiver<Bytes>) -> std::io::Result<()> {

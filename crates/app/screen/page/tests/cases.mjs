@@ -1330,6 +1330,28 @@ export const cases = {
     assert.deepEqual(found.first, [1200, 500, 1500]);
   },
 
+  async 'what the server refuses is said in the language of the page'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    const language = async (name) => {
+      await page.locator(at('menu')).click();
+      await page.locator(`dialog[open] [lang="${name}"]`).click();
+      await page.keyboard.press('Escape');
+    };
+    const said = async (wanted) => {
+      await page.locator('#feed_override').fill('70');
+      await page.locator('#feed_override').fill('60');
+      await until(`${wanted}`, async () => wanted.test(await text(page, 'advice')) || text(page, 'advice'));
+    };
+    await page.evaluate(() => globalThis.rejectMadeUp('the page was out of date; look at the machine and press again', 'out_of_date'));
+    await said(/the page was out of date/);
+    await language('de');
+    await said(/die Seite war nicht auf dem neuesten Stand/);
+    // Pages are numbers, and named in the language.
+    await page.evaluate(() => globalThis.tellMadeUp({ kind: 'lease', lease: { mine: false, holder: 3, readOnly: false } }));
+    await until('Seite 3', async () => /Seite 3 hat die Bedienung übernommen/.test(await text(page, 'advice')) || text(page, 'advice'));
+  },
+
   async 'the scope keeps what it shows: a picture that stands, its trigger and its settings'(page, context) {
     if (context.real) return 'not measured';
     await ready(page);

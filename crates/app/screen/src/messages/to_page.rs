@@ -4,7 +4,8 @@ use serde::Serialize;
 use ts_rs::TS;
 
 use super::{
-    Lease, LogEntry, MachineInfo, MacroButton, ProgramInfo, ScreenStatus, SignalValues, ToolEntry, WorkOffset,
+    Lease, LogEntry, MachineInfo, MacroButton, ProgramInfo, Refusal, ScreenStatus, SignalValues, ToolEntry,
+    WorkOffset,
 };
 
 /// A text message to a page. Binary ones are samples ([`put_sample`](super::put_sample)).
@@ -62,6 +63,8 @@ pub enum ToPage {
         alarm: u32,
         /// What was wrong and what to do.
         text: String,
+        /// Why the server itself refused it, where it has a name for that.
+        refusal: Option<Refusal>,
     },
     /// New entries of the log; on connecting those that are kept.
     Log {

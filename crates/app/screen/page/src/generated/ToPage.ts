@@ -5,6 +5,7 @@ import type { LogEntry } from "./LogEntry";
 import type { MachineInfo } from "./MachineInfo";
 import type { MacroButton } from "./MacroButton";
 import type { ProgramInfo } from "./ProgramInfo";
+import type { Refusal } from "./Refusal";
 import type { ScreenStatus } from "./ScreenStatus";
 import type { SignalValues } from "./SignalValues";
 import type { ToolEntry } from "./ToolEntry";
@@ -65,7 +66,11 @@ alarm: number,
 /**
  * What was wrong and what to do.
  */
-text: string, } | { "type": "log", 
+text: string, 
+/**
+ * Why the server itself refused it, where it has a name for that.
+ */
+refusal: Refusal | null, } | { "type": "log", 
 /**
  * The oldest first.
  */

@@ -1,3 +1,4 @@
+import type { Answer } from './model';
 import type { Texts } from '../texts/en';
 
 export interface AlarmText {
@@ -10,6 +11,11 @@ export function explain(texts: Texts, number: number): AlarmText {
   const list: Record<number, readonly [string, string]> = texts.alarmTexts;
   const [meaning, cure] = list[number] ?? [texts.alarms.unknown, texts.alarms.unknownCure];
   return { meaning, cure };
+}
+
+/** An answer that rejects a command, in the page's language where that is known. */
+export function answerSaid(texts: Texts, { alarm, text, refusal }: Answer): string {
+  return refusal && texts.refusalTexts !== null ? texts.refusalTexts[refusal] : serverSaid(texts, alarm, text);
 }
 
 /** A sentence of the server. Where the page is in another language, what its number means comes first: the sentence has the details. */

@@ -1,5 +1,5 @@
 // Runs the blocks of a macro one after the other: each when the one before it is done.
-import { serverSaid } from './alarms';
+import { answerSaid } from './alarms';
 import type { Macro, Status } from './model';
 import { session } from './session.svelte';
 import { settings } from './settings.svelte';
@@ -38,7 +38,7 @@ class MacroRun {
     if (!session.mayCommand) return t.noControl;
     if (!(await session.inMode('mdi', { name: 'mdi', block }))) {
       const { rejection } = session;
-      return rejection ? serverSaid(settings.texts, rejection.alarm, rejection.text) : t.noControl;
+      return rejection ? answerSaid(settings.texts, rejection) : t.noControl;
     }
     for (;;) {
       await new Promise((resolve) => setTimeout(resolve, LOOK_MS));

@@ -2,6 +2,7 @@
 
 import type { HandwheelInfo } from '../generated/HandwheelInfo';
 import type { ProcessInfo } from '../generated/ProcessInfo';
+import type { Refusal } from '../generated/Refusal';
 import type { SignalInfo } from '../generated/SignalInfo';
 
 export type AxisKind = 'linear' | 'rotary';
@@ -169,6 +170,8 @@ export interface Answer {
   accepted: boolean;
   alarm: number;
   text: string;
+  /** why the server itself refused it, where it has a name for that */
+  refusal?: Refusal | null;
 }
 
 export interface Lease {

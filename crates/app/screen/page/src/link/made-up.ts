@@ -1,4 +1,5 @@
 // A machine that exists in the page only, to work on views without a core: `npm run dev`, then `/?made-up`.
+import type { Refusal } from '../generated/Refusal';
 import type { Answer, Command, Machine, Status } from '../lib/model';
 import { programText } from '../lib/program-text.svelte';
 import { CHUNK_VERTICES } from '../path/chunk';
@@ -56,6 +57,7 @@ export class MadeUp implements Source {
   #sent: string[] = [];
   #orders: Command[] = [];
   #isQuiet = false;
+  #refusal: Refusal | null = null;
   /** why every command is rejected; empty where none is */
   #rejection = '';
 
@@ -77,7 +79,7 @@ export class MadeUp implements Source {
       changeMadeUp: (changes: Partial<Status>) => Object.assign(this.#status, changes),
       changeMadeUpMachine: (changes: Partial<Machine>) => handle({ kind: 'machine', machine: { ...machine, ...changes } }),
       tellMadeUp: (message: Incoming) => handle(message),
-      rejectMadeUp: (text: string) => (this.#rejection = text),
+      rejectMadeUp: (text: string, refusal: Refusal | null = null) => ([this.#rejection, this.#refusal] = [text, refusal]),
       // As if the server or the link stood still.
       quietMadeUp: (on: boolean) => (this.#isQuiet = on),
       raiseMadeUpAlarm: (number: number) => Object.assign(this.#status, { alarms: [number], alarmText: 'made up' }),
@@ -144,7 +146,7 @@ export class MadeUp implements Source {
     if (delay > 0) await new Promise((resolve) => setTimeout(resolve, delay));
     const s = this.#status;
     const reject = (alarm: number, text: string): Answer => ({ accepted: false, alarm, text });
-    if (this.#rejection !== '') return reject(901, this.#rejection);
+    if (this.#rejection !== '') return { ...reject(this.#refusal ? 0 : 901, this.#rejection), refusal: this.#refusal };
     switch (command.name) {
       case 'estop': this.#end(); s.machineState = 'estop'; break;
       case 'estop_reset': s.machineState = 'off'; break;

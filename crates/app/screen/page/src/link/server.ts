@@ -186,8 +186,8 @@ export class Server implements Source {
         this.#handle({ kind: 'log', entries: message.entries });
         break;
       case 'answer': {
-        const { id, accepted, alarm, text } = message;
-        this.#pending.get(id)?.({ accepted, alarm, text });
+        const { id, accepted, alarm, text, refusal } = message;
+        this.#pending.get(id)?.({ accepted, alarm, text, refusal });
         this.#pending.delete(id);
         break;
       }

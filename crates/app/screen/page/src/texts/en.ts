@@ -1,6 +1,7 @@
 // Every text of the page in English. `Texts` is its type: another language that lacks one does not compile.
 
 import type { AlarmNumber } from '../generated/AlarmNumber';
+import type { Refusal } from '../generated/Refusal';
 import type { RejectionNumber } from '../generated/RejectionNumber';
 
 const plural = (count: number, one: string, many: string): string => `${count} ${count === 1 ? one : many}`;
@@ -405,6 +406,8 @@ export const en = {
     clear: 'Empty the log',
   },
   /** What rejections mean; null where the sentences of the server are in the language of this page. */
+  /** null: the server's sentences are in this language */
+  refusalTexts: null as Record<Refusal, string> | null,
   rejectionTexts: null as Record<RejectionNumber, string> | null,
   alarmTexts: {
     100: ['the program has an error', 'See “Program”: each error has its line and a help.'],
