@@ -869,7 +869,8 @@ export const cases = {
     assert.deepEqual(found, { whole: [0, 40, 100], opened: [60], fromLine: [50, 70, 75, 90], noLine: [25] });
     await ready(page);
     await view(page, 'program');
-    const remaining = async () => ((await page.locator(at('remaining')).count()) === 0 ? null : (await text(page, 'remaining')).replace(/ .*/, ''));
+    // At once: it goes away between two looks.
+    const remaining = () => page.evaluate(() => document.querySelector('[data-test="remaining"]')?.innerText.replace(/ .*/, '') ?? null);
     const is = (what, wanted) => until(what, async () => (await remaining()) === wanted || remaining());
     await page.evaluate(() => {
       globalThis.loadMadeUpText('data:text/plain,G1 X100 F600%0AG1 X200%0AG1 X300%0AG1 X400%0A');
