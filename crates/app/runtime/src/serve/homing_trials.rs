@@ -17,6 +17,7 @@ use super::operator::{Job, Operator, OperatorConfig};
 use super::orders::{CycleEvent, CycleView};
 use super::served_cycle::{ServedCycle, ServedParts};
 use super::state_store::StateStore;
+use super::urgent::UrgentOrders;
 use crate::core_loop::{CycleBegin, CycleCounts, CycleEnd, SetpointSource};
 use crate::drives::watch_settings;
 use crate::job::Setup;
@@ -146,7 +147,9 @@ impl Bench {
         let (to_cycle, feedback) = RingBuffer::new(16);
         let (to_operator, answers) = RingBuffer::new(16);
         let (periphery, _publisher) = mpsc::channel();
+        let urgent = Arc::<UrgentOrders>::default();
         let mut cycle = ServedCycle::new(ServedParts {
+            urgent: Arc::clone(&urgent),
             station: MachineState::new(limits, PERIOD_NS, Axes::zeros()),
             limits,
             period_ns: PERIOD_NS,
@@ -174,6 +177,7 @@ impl Bench {
             orders,
             recorder: None,
             periphery,
+            urgent,
             view: views.pop().unwrap(),
         })
         .unwrap();
