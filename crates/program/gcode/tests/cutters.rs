@@ -648,6 +648,15 @@ fn the_tool_leaves_a_contour_straight_up_after_g40() {
         assert_eq!(at(ends.len() - 2), [0.0, 60.0]);
         assert_eq!(at(ends.len() - 1), [1.0, 60.0]);
     }
+    // A tool change, a cycle and a zero between them know the programmed position.
+    for between in ["T3 M6", "G92 X0 Y50", "G10 L20 P1 X0 Y50"] {
+        let steps = moves(&format!("{contour}G0 Z50\n{between}\nG0 Y60\nM2\n"));
+        let end = steps.last().map(|step| step.curve.end()).unwrap_or_default();
+        assert_eq!([end[0], end[1]], [0.0, 60.0], "{between}");
+    }
+    let steps = moves(&format!("{contour}G0 Z5\nG81 Y60 Z-1 R2\nG80\nM2\n"));
+    let end = steps.last().map(|step| step.curve.end()).unwrap_or_default();
+    assert_eq!([end[0], end[1]], [0.0, 60.0]);
     assert_eq!(
         fault(&format!("{contour}G38.2 Z-9\nM2\n")),
         (Code::CompensationActive, 8)

@@ -30,6 +30,10 @@ fn system_variables_of_macro_programs_are_told_once() {
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].0 == 2 && found[0].1.contains(means), "{found:?}");
     }
+    assert_eq!(
+        warnings("#4002=0\no1 while [#4002 LT 3]\n#4002=[#4002+1]\no1 endwhile\nM2\n"),
+        []
+    );
     // What is set here, or was kept; numbers that other dialects do not use; what this dialect has there.
     assert_eq!(
         warnings("#4001=3\nG0 X#4001\nG0 X[#5420+#5220+#5061+#2000+#5000]\nM2\n"),

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use evolvent_gcode::{
-    Action, Code, Diagnostic, Interpreter, PathMode, ProgramLimits, Settings, SpindleDirection,
+    Action, Code, Diagnostic, Interpreter, MachineFeatures, PathMode, ProgramLimits, Settings,
+    SpindleDirection, ToolChanger,
 };
 use evolvent_path::{Axes, AxisLetter};
 
@@ -317,6 +318,25 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
         Err((Code::UnexpectedCharacter, 2))
     );
     assert!(refused("G0 X1\nX3\n", 1).is_ok());
+    // The line of a tool change behind a contour, and behind tools that were measured in their change.
+    assert!(refused("F1\nG41.1 D2\nG1 X5\nX9\nG40\nG0 Z9\nM5\nM2\n", 7).is_ok());
+    let settings = Settings {
+        features: MachineFeatures {
+            tool_change: Some(ToolChanger {
+                subroutine: "change".to_owned(),
+                is_random: false,
+            }),
+            ..MachineFeatures::default()
+        },
+        ..Settings::default()
+    };
+    let program = "o<change> sub\nG38.2 Z-9 F100\no<change> endsub\nT1 M6\nG0 X1\nT2 M6\nG0 X2\nM2\n";
+    let mut interpreter = Interpreter::new(program.as_bytes(), settings);
+    let restart = interpreter.start_at(7);
+    assert_eq!(
+        restart.map(|restart| restart.actions),
+        Ok(vec![Action::ChangeTool(2)])
+    );
     // A contact that nobody knows: in the program, and in a subroutine.
     let probing = "G0 Z10\nG38.2 Z-40 F100\nG10 L20 P1 Z0\nG0 Z10\n";
     assert_eq!(

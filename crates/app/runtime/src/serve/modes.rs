@@ -73,8 +73,8 @@ impl Modes {
         let motion = words.next().filter(|word| ["G0", "G1"].contains(word));
         let words: Vec<&str> = words
             .take_while(|word| !word.starts_with('S'))
-            // Offsets of tools are given by their values above.
-            .filter(|word| !["G41", "G43"].contains(word) && !word.starts_with('F'))
+            // Offsets of tools are given by their values above, and the work offset in force by the kept parameters.
+            .filter(|word| !["G41", "G43"].contains(word) && !word.starts_with('F') && !selects_work(word))
             .collect();
         text.push_str(&words.join(" "));
         text.push('\n');
@@ -82,6 +82,11 @@ impl Modes {
         text.push('\n');
         text
     }
+}
+
+/// G54 to G59.3.
+fn selects_work(word: &str) -> bool {
+    (54..=59).any(|number| word.starts_with(&format!("G{number}")))
 }
 
 /// What a text leaves, found without moving anything; the first error in it otherwise. `kept` says which parameters
@@ -135,11 +140,15 @@ pub(crate) fn simulate_modes(
 mod tests {
     use super::*;
 
+    /// With the work offset that is active at the start.
+    fn after(text: &str, active: usize) -> After {
+        let mut settings = Settings::default();
+        settings.offsets.active = active;
+        simulate_modes(text, &settings, &KeptParameters::default()).unwrap()
+    }
+
     fn modes_after(text: &str) -> Modes {
-        let settings = Settings::default();
-        simulate_modes(text, &settings, &KeptParameters::default())
-            .unwrap()
-            .modes
+        after(text, 0).modes
     }
 
     #[test]
@@ -157,8 +166,9 @@ mod tests {
             "G20 G95 F0.1\nG21 G64 P0.02 Q0.005\n",
             "G64 P0.02 Q0.005\nG20\nT7\n",
         ] {
-            let modes = modes_after(text);
-            let again = modes_after(&modes.preamble());
+            let first = after(text, 0);
+            let modes = first.modes;
+            let again = after(&modes.preamble(), first.kept.active_offset()).modes;
             let mut expected = modes.modal;
             expected.spindle_rpm = 0.0;
             // The setup has it.
@@ -176,6 +186,17 @@ mod tests {
             };
             assert_eq!(path(&again), path(&modes), "{text:?}");
         }
+    }
+
+    #[test]
+    fn the_work_offset_of_the_end_of_a_program_counts_behind_it() {
+        let block = after("G55\n", 0);
+        assert_eq!(block.kept.active_offset(), 1);
+        // A program has ended since, with M2: the next block begins in G54.
+        let next = after(&(block.modes.preamble() + "G0 X1\n"), 0);
+        assert_eq!(next.modes.modal.work_system, 540, "{:?}", block.modes.preamble());
+        let stays = after(&(block.modes.preamble() + "G0 X1\n"), 1);
+        assert_eq!(stays.modes.modal.work_system, 550);
     }
 
     #[test]

@@ -58,7 +58,7 @@ impl Executor<'_> {
         let name = if sense == Sense::Clockwise { "G2" } else { "G3" };
         self.check_feed(name)?;
         if self.state.cutter.programmed.is_some() && !self.state.cutter.is_on() {
-            let message = format!("{name} directly after G40");
+            let message = format!("{name} before the move that completes G40");
             let fault = Fault::new(Code::CompensationActive, self.line.motion_span(), message);
             return Err(fault.help("the tool returns to the programmed path on a straight move: G0 or G1"));
         }

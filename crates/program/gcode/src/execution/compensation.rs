@@ -30,6 +30,8 @@ pub(crate) struct CutterState {
     pub(crate) code: Compensation,
     /// The programmed position, while the tool centre is elsewhere.
     pub(crate) programmed: Option<Axes>,
+    /// After G40 other axes have moved alone, and the next move in the plane still leads to the programmed position.
+    pub(crate) is_due: bool,
     radius: f64,
     /// +1 for the left side.
     side: f64,
@@ -46,6 +48,7 @@ impl Default for CutterState {
         Self {
             code: Compensation::Off,
             programmed: None,
+            is_due: false,
             radius: 0.0,
             side: 1.0,
             nose: [0.0; 2],
@@ -146,6 +149,7 @@ impl Executor<'_> {
         self.state.cutter = CutterState {
             code,
             programmed: None,
+            is_due: false,
             radius,
             side: if diameter < 0.0 { -side } else { side },
             nose: nose(orientation, radius),

@@ -128,11 +128,11 @@ impl Executor<'_> {
             NonModal::SetData => return self.set_data(),
             NonModal::Home(first) => return self.home(first),
             NonModal::SetHome(first) => {
-                let position = self.state.position;
+                let position = self.state.programmed();
                 self.parameters.set_axes(first, &position);
             }
             NonModal::LocalOffset | NonModal::SetOffset => {
-                let here = self.state.program_of(self.state.position) + self.state.g92;
+                let here = self.state.program_of(self.state.programmed()) + self.state.g92;
                 for axis in AxisLetter::ALL {
                     let index = axis.index();
                     if let Some(value) = line.axis(index) {
@@ -226,7 +226,7 @@ impl Executor<'_> {
         let mut there = *self.state;
         there.modes.work_index = index;
         there.load_work(self.parameters);
-        let now = there.program_of(there.position);
+        let now = there.program_of(there.programmed());
         let mut wanted = now;
         for axis in AxisLetter::ALL {
             let place = axis.index();
@@ -267,7 +267,7 @@ impl Executor<'_> {
             there.load_work(self.parameters);
             there.g92 = Axes::zeros();
         }
-        let bare = there.program_of(there.position);
+        let bare = there.program_of(there.programmed());
         for axis in AxisLetter::ALL {
             let place = axis.index();
             if let Some(value) = line.axis(place) {

@@ -90,7 +90,7 @@ impl Executor<'_> {
                 pending[index] = self.state.position[index];
             }
         }
-        self.state.cutter.programmed = Some(pending);
+        (self.state.cutter.programmed, self.state.cutter.is_due) = (Some(pending), true);
         Ok(())
     }
 

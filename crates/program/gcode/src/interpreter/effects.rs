@@ -115,6 +115,7 @@ impl<R: BufRead> Interpreter<R> {
             match *target {
                 Target::Numbered(index) => {
                     self.parameters.set_numbered(index, *value);
+                    self.parameters.foreign_reads.set(index);
                     if let Some(assumption) = &mut self.parameters.assumption {
                         assumption.set_numbered(index);
                     }

@@ -141,6 +141,8 @@ impl<R: BufRead> Interpreter<R> {
         let tool = self.state().tool;
         let mut executed = 0_u64;
         let waits_succeed = std::mem::replace(&mut self.settings.waits_succeed, true);
+        // Tools were changed, and measured, by an earlier run; the tool table has their lengths and pockets. An MDI block changes one.
+        let changer = (self.settings.features.tool_change).take_if(|_| !self.settings.is_block);
         while self.next_of_program() < line || self.is_inside() {
             executed += 1;
             if executed > self.settings.limits.max_lines_before_start {
@@ -160,8 +162,11 @@ impl<R: BufRead> Interpreter<R> {
             }
         }
         self.settings.waits_succeed = waits_succeed;
+        if changer.is_some() {
+            self.settings.features.tool_change = changer;
+        }
         let state = *self.state();
-        let is_compensating = state.cutter.is_on() || state.cutter.programmed.is_some();
+        let is_compensating = state.cutter.is_on();
         if is_compensating && self.settings.is_block {
             let help =
                 "put the lines from G41 or G42 to G40 into a program, or into a subroutine that MDI calls";

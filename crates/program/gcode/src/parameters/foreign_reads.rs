@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 pub(crate) struct ForeignReads {
     /// Of the present line.
     last: Cell<Option<usize>>,
-    /// Those that have been told.
+    /// Those that have been told, or need not be.
     told: BTreeSet<usize>,
 }
 
@@ -18,6 +18,13 @@ impl ForeignReads {
     pub(crate) fn read(&self, index: usize) {
         if (3001..=5046).contains(&index) && name_here(index).is_some() {
             self.last.set(Some(index));
+        }
+    }
+
+    /// A parameter that is set here is the program's own, whatever its value.
+    pub(crate) fn set(&mut self, index: usize) {
+        if name_here(index).is_some() {
+            self.told.insert(index);
         }
     }
 

@@ -460,7 +460,6 @@ impl State {
         machine - (self.work + self.g92 + self.tool_offset)
     }
 
-    /// The reference of a program's words: the programmed point, not the centre of a compensated tool.
     /// Indices of the axes of the plane.
     pub(crate) fn plane_axes(&self) -> [usize; 2] {
         match self.modes.plane {
@@ -474,6 +473,7 @@ impl State {
         }
     }
 
+    /// The reference of a program's words: the programmed point, not the centre of a compensated tool.
     pub(crate) fn programmed(&self) -> Axes {
         self.cutter.programmed.unwrap_or(self.position)
     }

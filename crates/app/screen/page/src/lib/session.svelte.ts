@@ -192,9 +192,8 @@ class Session {
     const answer = await source.send(command);
     if (watched !== null && timer !== null) {
       clearTimeout(timer);
-      // Whatever the core says, it has heard it.
-      if (!answer.isUnknown) this.unconfirmed = null;
-      else this.unconfirmed = watched;
+      // Whatever the core says, it has heard it; refusals of the server itself have no number.
+      this.unconfirmed = answer.accepted || (answer.alarm !== 0 && !answer.isUnknown) ? null : watched;
     }
     // A jog that is kept alive must not wipe away what an operator still reads.
     if (command.name !== 'jog_keep') this.rejection = answer.accepted ? null : answer;

@@ -74,7 +74,7 @@ impl Executor<'_> {
                 .help("cycles need a feed per minute or per revolution: G94 or G95"));
         }
         self.check_feed(name)?;
-        let here = self.state.program_of(self.state.position);
+        let here = self.state.program_of(self.state.programmed());
         let before = self.state.sticky;
         if before.running != Some(motion) {
             // The next cycle of a series keeps the height from which the series began.

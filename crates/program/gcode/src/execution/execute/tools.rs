@@ -62,8 +62,10 @@ impl Executor<'_> {
                         self.spindle(number);
                     }
                 }
-                // The present position counts, wherever the program was when compensation ended.
-                self.state.cutter.programmed = None;
+                // Right after G40 the present position counts, wherever the program was when compensation ended.
+                if !self.state.cutter.is_due {
+                    self.state.cutter.programmed = None;
+                }
                 if self.settings.features.tool_change.is_some() && tool != self.state.tool {
                     let call = self.tool_call(tool, span)?;
                     self.out(Action::BeginToolChange(tool));
