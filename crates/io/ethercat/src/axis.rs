@@ -40,6 +40,8 @@ pub(crate) struct DriveAxis {
     begins_at_zero: bool,
     /// Machine coordinate minus position of the increments.
     offset: f64,
+    /// The drive has homed, and its counter counts from there: later sessions need this offset.
+    is_renamed_by_drive: bool,
     velocity: f64,
     is_lost: bool,
     /// Remaining periods of a fault reset.
@@ -79,6 +81,7 @@ impl DriveAxis {
             has_position: false,
             begins_at_zero: false,
             offset: settings.zero,
+            is_renamed_by_drive: false,
             velocity: 0.0,
             is_lost: false,
             reset_periods: 0,
@@ -101,8 +104,8 @@ impl DriveAxis {
         }
     }
 
-    /// Before the first inputs: it begins at `zero`, or, in a later session of the process, with the offset of the first, so that an axis
-    /// that was not moved keeps its coordinate.
+    /// Before the first inputs: it begins at `zero`, or, in a later session of the process, with the last offset that was chosen, so that
+    /// an axis that was not moved keeps its coordinate.
     pub(crate) const fn begin_at_zero(&mut self, kept_offset: Option<f64>) {
         match kept_offset {
             Some(offset) => self.offset = offset,
@@ -110,8 +113,12 @@ impl DriveAxis {
         }
     }
 
-    /// The offset, if it was just chosen by the first inputs.
+    /// The offset, if it was just chosen by the first inputs, or by the drive, which has homed: its counter begins again there, and
+    /// with an older offset the next session would be as far off as the counter was.
     pub(crate) const fn take_chosen_offset(&mut self) -> Option<f64> {
+        if core::mem::replace(&mut self.is_renamed_by_drive, false) {
+            return Some(self.offset);
+        }
         if self.has_position && self.begins_at_zero && self.inputs.status_word != 0 {
             self.begins_at_zero = false;
             return Some(self.offset);
@@ -311,6 +318,7 @@ impl DriveAxis {
         if let Some(homing) = self.settings.homing {
             self.increments = i64::from(self.inputs.position);
             self.offset = homing.position;
+            self.is_renamed_by_drive = true;
             self.velocity = 0.0;
             self.hold = self.inputs.position;
         }

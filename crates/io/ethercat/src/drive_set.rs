@@ -70,7 +70,7 @@ pub(crate) struct DriveSet {
 /// Bits of an offset that is not known: not a number that arithmetic gives.
 const UNKNOWN: u64 = u64::MAX;
 
-/// Machine coordinate minus position of the increments at which drives have begun, over the sessions of a process.
+/// Machine coordinate minus position of the increments, as drives have begun or found their zero, over the sessions of a process.
 #[derive(Clone, Debug)]
 pub(crate) struct Starts(Arc<[AtomicU64; 2 * AXES]>);
 
@@ -512,5 +512,52 @@ mod tests {
             second.take(9_000_000, 0, turns(502.0));
             assert!((second.axes()[0].position() - comes_back).abs() < 1e-6);
         }
+    }
+
+    /// A counter without `absolute` 500 turns from its zero, which the drive's own homing sets to 0.
+    #[test]
+    fn a_drive_that_has_homed_counts_from_there_in_the_next_session_too() {
+        let shipped = evolvent_file_tests::shipped;
+        let machine = Machine::parse(&shipped("machines/mill-3axis.toml"), "mill.toml").expect("a machine");
+        let text = shipped("networks/sim-mill.toml");
+        let mut network = Network::parse(&text, "mill.toml").expect("a network");
+        let mut devices = network.devices.iter_mut();
+        let axis = devices.find_map(|device| device.axis.as_mut()).expect("an axis");
+        axis.homing = Some(crate::homing::HomingOnDrive {
+            method: 18,
+            search: 10_000_000,
+            latch: 1_000_000,
+            acceleration: None,
+            position: -5.0,
+            order: 0,
+            timeout_s: 10.0,
+        });
+        let starts = Starts::default();
+        let session = || DriveSet::new(&machine, &network, 1_000_000, 1, &starts).expect("settings");
+        let mut first = session();
+        let at = |position: i32, status_word: u16| DriveInputs {
+            position,
+            status_word,
+            mode: crate::homing::HOMING_MODE,
+            ..DriveInputs::default()
+        };
+        let enabled = DriveState::OperationEnabled.code();
+        let attained = 1 << 10 | 1 << 12;
+        for period in 0..40_u64 {
+            let inputs = if period < 20 {
+                at(500 << 20, enabled)
+            } else {
+                at(0, enabled | attained)
+            };
+            first.take((period + 1) * 1_000_000, 0, inputs);
+            let _outputs = first.axes[0].outputs(None, PowerRequest::On, Some(0), 1e-3);
+        }
+        assert_eq!(first.axes()[0].homing(), HomingProgress::Done);
+        assert!((first.axes()[0].position() + 5.0).abs() < 1e-9);
+        let mut second = session();
+        // A turn of 5 mm from where it has homed.
+        second.take(90_000_000, 0, at(1 << 20, DriveState::SwitchOnDisabled.code()));
+        let position = second.axes()[0].position();
+        assert!(position.abs() < 1e-9, "{position}");
     }
 }
