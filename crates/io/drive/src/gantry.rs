@@ -245,6 +245,23 @@ impl Gantry {
         self.is_closed
     }
 
+    /// The limit switches of a side at the negative and the positive end, as the core has to see them. A home switch may be the limit
+    /// switch as well: from its edge until both have closed the one in the direction of motion is hidden, because the core would stop
+    /// before the other side has come there. If that does not come within `max_difference`, that is the fault.
+    #[must_use]
+    pub fn limits(&self, side: usize, pressed: [bool; 2]) -> [bool; 2] {
+        if self.is_closed || self.fault.is_some() {
+            return pressed;
+        }
+        let Some(edge) = self.switches.get(side).and_then(|switch| switch.edge) else {
+            return pressed;
+        };
+        [
+            pressed[0] && edge.direction >= 0.0,
+            pressed[1] && edge.direction <= 0.0,
+        ]
+    }
+
     /// Why both motors have to stop; until the core switches power off.
     #[must_use]
     pub const fn fault(&self) -> Option<GantryFault> {

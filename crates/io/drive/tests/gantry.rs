@@ -415,6 +415,49 @@ fn true_coordinates_are_squared_when_power_comes() {
     assert_eq!(gantry.fault(), None);
 }
 
+/// Home switches that are limit switches as well: the side that came first does not stop the axis before the other is there.
+#[test]
+fn the_limit_of_the_side_that_came_first_is_hidden_in_its_direction_until_both_have_closed() {
+    let mut gantry = Gantry::new(GantrySettings {
+        squaring_offset: 0.0,
+        max_difference: 1.0,
+        square_velocity: 2.0,
+    });
+    let mut position = 0.0;
+    let mut step = |gantry: &mut Gantry, velocity: f64, switches: [bool; 2]| {
+        position += velocity * PERIOD_S;
+        gantry.step(&GantryInputs {
+            is_enabled: true,
+            power: PowerRequest::On,
+            position: [position; 2],
+            velocity,
+            switches: Some(switches),
+            strain: None,
+            period_s: PERIOD_S,
+        });
+    };
+    let both = [true; 2];
+    step(&mut gantry, -SEARCH, [false; 2]);
+    assert_eq!(gantry.limits(0, both), both);
+    step(&mut gantry, -SEARCH, [true, false]);
+    assert_eq!(gantry.limits(0, both), [false, true]);
+    assert_eq!(gantry.limits(1, both), both, "its own has not closed");
+    step(&mut gantry, -SEARCH, both);
+    assert!(gantry.home_switch());
+    assert_eq!(gantry.limits(0, both), both);
+    // Off both, and on again, but the second switch stays open: farther than max_difference nothing is hidden.
+    for _ in 0..100 {
+        step(&mut gantry, SEARCH, [false; 2]);
+    }
+    let mut hidden = 0.0;
+    while gantry.fault().is_none() {
+        step(&mut gantry, -SEARCH, [true, false]);
+        hidden += SEARCH * PERIOD_S;
+        assert!(hidden < 1.1, "{hidden} mm");
+    }
+    assert_eq!(gantry.limits(0, both), both);
+}
+
 #[test]
 fn the_worse_of_two_drives_is_shown() {
     let order = [

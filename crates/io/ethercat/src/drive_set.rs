@@ -374,6 +374,16 @@ impl DriveSet {
         reading
     }
 
+    /// The limit switches of a drive as the core has to see them.
+    fn limits(&self, entry: usize, pressed: [bool; 2]) -> [bool; 2] {
+        let mut pairs = self.gantries.iter();
+        pairs
+            .find(|pair| pair.first == entry || pair.second == entry)
+            .map_or(pressed, |pair| {
+                pair.gantry.limits(usize::from(pair.second == entry), pressed)
+            })
+    }
+
     /// The last feedback of the drives.
     pub(crate) fn feedback(&self, now_ns: u64) -> Option<Feedback> {
         let target = self.target.as_ref()?;
@@ -391,7 +401,7 @@ impl DriveSet {
             ..Feedback::default()
         };
         let mut has_word = [false; AXES];
-        for drive in &self.axes {
+        for (entry, drive) in self.axes.iter().enumerate() {
             let axis = drive.index();
             let is_first = drive.gantry().is_none();
             if is_first {
@@ -422,6 +432,7 @@ impl DriveSet {
             has_word[axis] = true;
             feedback.absolute_mask |= AxisMask::one_if(axis, drive.is_absolute()).bits();
             let [home, negative, positive] = drive.switches();
+            let [negative, positive] = self.limits(entry, [negative, positive]);
             feedback.home_switch_mask |= AxisMask::one_if(axis, home && is_first).bits();
             feedback.negative_limit_mask |= AxisMask::one_if(axis, negative).bits();
             feedback.positive_limit_mask |= AxisMask::one_if(axis, positive).bits();

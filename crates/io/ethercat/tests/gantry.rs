@@ -203,7 +203,8 @@ const HOMING: HomingTrial = HomingTrial {
     travel_mm: 60.0,
 };
 
-/// A bench whose beam is racked by `rack` mm at power-on; the core homes it by switches at bit 0. `switches` in mm.
+/// A bench whose beam is racked by `rack` mm at power-on; the core homes it by switches at bit 0, which are the limit
+/// switches of the negative end as well. `switches` in mm.
 fn on_switch_bench(
     rack: f64,
     switches: [f64; 2],
@@ -228,6 +229,7 @@ fn on_switch_bench(
                 |network| {
                     add_second(network, |axis| {
                         axis.home_switch_bit = Some(0);
+                        axis.limit_switches = true;
                         set_gantry(axis, |gantry| {
                             gantry.squaring_offset = SWITCHES[0] - SWITCHES[1];
                             gantry.max_difference = 1.0;

@@ -307,6 +307,16 @@ impl AxisSet {
         })
     }
 
+    /// The limit switches of a motor as the core has to see them.
+    fn limits(&self, entry: usize, pressed: [bool; 2]) -> [bool; 2] {
+        let mut pairs = self.gantries.iter();
+        pairs
+            .find(|pair| pair.first == entry || pair.second == entry)
+            .map_or(pressed, |pair| {
+                pair.gantry.limits(usize::from(pair.second == entry), pressed)
+            })
+    }
+
     /// The last feedback of the axes.
     pub(crate) fn feedback(&self) -> Option<Feedback> {
         let target = self.target.as_ref()?;
@@ -323,7 +333,7 @@ impl AxisSet {
             instance: target.instance(self.instance),
             ..Feedback::default()
         };
-        for axis in &self.axes {
+        for (entry, axis) in self.axes.iter().enumerate() {
             let index = axis.index();
             if axis.settings().gantry.is_none() {
                 feedback.position[index] = axis.position();
@@ -332,6 +342,7 @@ impl AxisSet {
                 feedback.status_word[index] = u32::from(axis.status_word());
             }
             let [home, negative, positive] = axis.switches();
+            let [negative, positive] = self.limits(entry, [negative, positive]);
             feedback.home_switch_mask |= AxisMask::one_if(index, home).bits();
             feedback.negative_limit_mask |= AxisMask::one_if(index, negative).bits();
             feedback.positive_limit_mask |= AxisMask::one_if(index, positive).bits();

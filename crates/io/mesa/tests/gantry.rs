@@ -49,6 +49,10 @@ fn steppers(board: &mut BoardSettings) {
     second.switches[0] = Some(pin(4, true));
     second.gantry = Some(gantry());
     board.axes.push(second);
+    // Each home switch is the limit switch of the negative end as well.
+    for motor in [0, board.axes.len() - 1] {
+        board.axes[motor].switches[1] = board.axes[motor].switches[0];
+    }
 }
 
 /// All axes as analog servos of a 7I97, and a second motor of X at encoder 3.
