@@ -16,16 +16,20 @@ const TAKEN_OVER_NS: u64 = 5_000_000_000;
 /// A latched position may be off the way on which it was searched by what the axis travels in this time, s: samples are that old.
 const OFF_WAY_S: f64 = 0.1;
 
-/// For so long a limit switch may be pressed before the home switch is closed, ns: one switch may be both, by two inputs of a bridge
-/// with filters of their own (LinuxCNC's and Mesa's default to below 5 ms).
-const LIMIT_FIRST_NS: u64 = 10_000_000;
+/// The inputs of one switch that is home and limit switch may differ by so much, ns: they have filters of their own (the longest is the
+/// slow one of a Mesa board, up to 50 ms), and contacts bounce for some milliseconds.
+const INPUTS_DIFFER_NS: u64 = 60_000_000;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     Begin,
     Search,
-    /// The limit switch was pressed and the home switch has not closed: rest, then fail.
-    AtLimit,
+    /// The limit switch was pressed in the search, at this time, and the home switch may still close: rest, then see.
+    AtLimit {
+        since_ns: u64,
+    },
+    /// The home switch has not closed: rest, then fail.
+    LimitFirst,
     /// The switch has closed: rest, then back off.
     Found,
     BackOff,
@@ -72,6 +76,14 @@ pub(crate) struct AxisHoming {
     request: u32,
     /// Since when the limit switch in the direction of the search has been pressed with the home switch open.
     limit_since_ns: Option<u64>,
+    /// Where the search is to end.
+    search_end: f64,
+    /// The search has gone on once after the limit switch.
+    has_resumed: bool,
+    /// The limit switch of the other end is pressed by the home switch as well: one input is all three.
+    is_shared: bool,
+    /// Since when it has been open again.
+    shared_open_ns: Option<u64>,
 }
 
 impl AxisHoming {
@@ -82,6 +94,10 @@ impl AxisHoming {
             moving: false,
             request,
             limit_since_ns: None,
+            search_end: 0.0,
+            has_resumed: false,
+            is_shared: false,
+            shared_open_ns: None,
         }
     }
 
@@ -96,15 +112,20 @@ impl AxisHoming {
         let position = sample.position[i];
         let closed = sample.switches.contains(i);
         let has_stopped = at_rest && self.moving;
+        self.watch_shared(sample, closed);
         if self.has_passed_switch(sample, closed) {
-            return self.halt(Phase::AtLimit);
+            return self.halt(Phase::LimitFirst);
         }
         match self.phase {
             Phase::Begin if at_rest => self.begin(sample, closed),
             Phase::Search if closed => self.halt(Phase::Found),
+            Phase::Search if self.is_at_limit(sample) => self.halt(Phase::AtLimit {
+                since_ns: sample.time_ns,
+            }),
             Phase::Search if has_stopped => self.switch_missing("within the travel"),
             Phase::Found if at_rest => self.leave_switch(),
-            Phase::AtLimit if at_rest => self.limit_first(),
+            Phase::AtLimit { since_ns } => self.wait_at_limit(sample, since_ns, closed, at_rest),
+            Phase::LimitFirst if at_rest => self.limit_first(),
             Phase::BackOff if !closed => self.halt(Phase::Left),
             Phase::BackOff | Phase::Leave if has_stopped && closed => self.switch_stuck(),
             Phase::Left if at_rest => {
@@ -153,12 +174,27 @@ impl AxisHoming {
     }
 
     /// The limit switches, at the negative and the positive end, that this axis looks at by itself now: the one in the direction of
-    /// the search, which may be the home switch as well, from the search until its place is known.
+    /// the search, which may be the home switch as well, from the search until its place is known; and the other one while the home
+    /// switch presses it too.
     pub(crate) fn expected_limits(&self) -> [AxisMask; 2] {
-        let looks = match self.phase {
-            Phase::Search | Phase::AtLimit | Phase::Found | Phase::BackOff | Phase::Left | Phase::Latch => {
-                true
-            }
+        let mut expected = [AxisMask::NONE; 2];
+        let here = |is_expected: bool| AxisMask::one_if(self.axis.axis.index(), is_expected);
+        let end = self.search_limit();
+        expected[end] = here(self.looks_for_switch());
+        expected[1 - end] = here(self.is_shared);
+        expected
+    }
+
+    /// Whether the limit switch in the direction of the search may be pressed.
+    const fn looks_for_switch(&self) -> bool {
+        match self.phase {
+            Phase::Search
+            | Phase::AtLimit { .. }
+            | Phase::LimitFirst
+            | Phase::Found
+            | Phase::BackOff
+            | Phase::Left
+            | Phase::Latch => true,
             // On past the edge at which the switch closes, or stopping there.
             Phase::AwaitIndex { .. }
             | Phase::NoIndex { .. }
@@ -172,26 +208,78 @@ impl AxisHoming {
                     }
             ),
             Phase::Begin | Phase::Leave | Phase::Arming { .. } | Phase::Zeroed | Phase::GoHome => false,
-        };
-        let at = |is_end: bool| AxisMask::one_if(self.axis.axis.index(), looks && is_end);
-        [at(self.axis.direction < 0.0), at(self.axis.direction > 0.0)]
+        }
     }
 
-    /// Whether the axis has moved onto its limit switch without the home switch having closed.
-    fn has_passed_switch(&mut self, sample: &HomingSample, closed: bool) -> bool {
+    /// The end of the limit switch in the direction of the search: 0 for the negative, 1 for the positive.
+    fn search_limit(&self) -> usize {
+        usize::from(self.axis.direction > 0.0)
+    }
+
+    fn is_at_limit(&self, sample: &HomingSample) -> bool {
+        sample.limits[self.search_limit()].contains(self.axis.axis.index())
+    }
+
+    /// Whether one input is home switch and both limit switches. Only where the axis has come onto its home switch, or stands there: on
+    /// the way off, a limit switch of the other end that is pressed first there is the end of the travel.
+    fn watch_shared(&mut self, sample: &HomingSample, closed: bool) {
         let i = self.axis.axis.index();
+        let other = sample.limits[1 - self.search_limit()].contains(i);
+        let comes_onto_it = match self.phase {
+            Phase::Begin | Phase::Zeroed => true,
+            Phase::BackOff | Phase::Left => false,
+            _ => self.looks_for_switch(),
+        };
+        if other {
+            self.shared_open_ns = None;
+            self.is_shared |= comes_onto_it && closed && self.is_at_limit(sample);
+        } else if self.is_shared {
+            let since_ns = *self.shared_open_ns.get_or_insert(sample.time_ns);
+            self.is_shared = sample.time_ns.saturating_sub(since_ns) < INPUTS_DIFFER_NS;
+        }
+    }
+
+    /// Whether the axis has moved onto its limit switch, on its slow way, without the home switch having closed.
+    fn has_passed_switch(&mut self, sample: &HomingSample, closed: bool) -> bool {
         let searches = match self.phase {
-            Phase::Search | Phase::Latch => true,
-            Phase::AwaitIndex { .. } => self.expected_limits() != [AxisMask::NONE; 2],
+            Phase::Latch => true,
+            Phase::AwaitIndex { .. } => self.looks_for_switch(),
             _ => false,
         };
-        let end = usize::from(self.axis.direction > 0.0);
-        if !searches || closed || !sample.limits[end].contains(i) {
+        if !searches || closed || !self.is_at_limit(sample) {
             self.limit_since_ns = None;
             return false;
         }
         let since_ns = *self.limit_since_ns.get_or_insert(sample.time_ns);
-        sample.time_ns.saturating_sub(since_ns) >= LIMIT_FIRST_NS
+        sample.time_ns.saturating_sub(since_ns) >= INPUTS_DIFFER_NS
+    }
+
+    /// The search was stopped by the limit switch. The home switch may close a little later.
+    fn wait_at_limit(
+        &mut self,
+        sample: &HomingSample,
+        since_ns: u64,
+        closed: bool,
+        at_rest: bool,
+    ) -> HomingAction {
+        if closed {
+            self.phase = Phase::Found;
+            return HomingAction::Wait;
+        }
+        if !at_rest {
+            return HomingAction::Wait;
+        }
+        // It bounced, or it belongs to the side of a gantry that came first, whose home switch the bridge has seen since: the search goes
+        // on, once.
+        if !self.is_at_limit(sample) && !self.has_resumed {
+            self.has_resumed = true;
+            let distance = self.search_end - sample.position[self.axis.axis.index()];
+            return self.go(Phase::Search, distance, self.axis.search_velocity);
+        }
+        if sample.time_ns.saturating_sub(since_ns) < INPUTS_DIFFER_NS {
+            return HomingAction::Wait;
+        }
+        self.limit_first()
     }
 
     /// At rest, before anything has moved.
@@ -217,12 +305,13 @@ impl AxisHoming {
                 self.latch_index()
             }
             _ if closed => self.leave_switch(),
-            _ if sample.limits[usize::from(axis.direction > 0.0)].contains(axis.axis.index()) => {
+            _ if self.is_at_limit(sample) => {
                 // It stands beyond the home switch, or that is not connected: there is nowhere to search.
                 self.limit_first()
             }
             _ => {
                 let distance = axis.direction * axis.travel * SEARCH_FRACTION;
+                self.search_end = sample.position[axis.axis.index()] + distance;
                 self.go(Phase::Search, distance, axis.search_velocity)
             }
         }
