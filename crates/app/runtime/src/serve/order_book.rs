@@ -18,16 +18,14 @@ const KEPT_FOR_THE_CORE: usize = 256;
 
 /// A command on its way to the cycle.
 struct PendingCommand {
-    id: u64,
     code: u32,
     text: String,
     value: Option<f64>,
 }
 
 impl PendingCommand {
-    fn new(id: u64, command: &Command) -> Self {
+    fn new(command: &Command) -> Self {
         Self {
-            id,
             code: command.code() as u32,
             text: command.to_string(),
             value: command.value(),
@@ -49,9 +47,13 @@ pub(super) struct OrderBook {
     orders: Producer<Order>,
     urgent: Arc<UrgentOrders>,
     next_id: u64,
-    pending: VecDeque<PendingCommand>,
-    /// The same of urgent orders, which overtake the others.
-    pending_urgent: VecDeque<(Urgent, PendingCommand)>,
+    /// Commands whose orders the cycle has not taken, by the numbers of these.
+    pending: VecDeque<(u64, PendingCommand)>,
+    /// The same of turns, which wait in the cycle for their setpoint while it takes later orders.
+    pending_turns: VecDeque<(u64, PendingCommand)>,
+    /// Urgent orders, which overtake the others: also those without a command, because one that the cycle reports stands for all
+    /// of its kind before it, and for none of the queue.
+    pending_urgent: VecDeque<(Urgent, u64, Option<PendingCommand>)>,
     /// Of the feed, and of the spindles.
     overrides: [OverrideTrack; 2],
     /// What did not fit into the queue.
@@ -72,6 +74,7 @@ impl OrderBook {
             urgent,
             next_id: 0,
             pending: VecDeque::new(),
+            pending_turns: VecDeque::new(),
             pending_urgent: VecDeque::new(),
             overrides: Default::default(),
             lost: Vec::new(),
@@ -82,6 +85,22 @@ impl OrderBook {
 
     /// Sends an order. Returns its number.
     pub(super) fn order(&mut self, what: CycleCommand) -> u64 {
+        self.push(what, None)
+    }
+
+    /// An order that is recorded where it takes effect.
+    pub(super) fn send(&mut self, what: CycleCommand, command: &Command) -> u64 {
+        let command = PendingCommand::new(command);
+        if let Some(which) = override_of(&what) {
+            // Its number is given when it is sent.
+            self.overrides[which].next = Some((what, command));
+            self.send_overrides(false);
+            return 0;
+        }
+        self.push(what, Some(command))
+    }
+
+    fn push(&mut self, what: CycleCommand, command: Option<PendingCommand>) -> u64 {
         if matches!(what, CycleCommand::Follow(_) | CycleCommand::Steer(_)) {
             // A job begins with the newest overrides.
             self.send_overrides(true);
@@ -89,33 +108,30 @@ impl OrderBook {
         self.next_id += 1;
         let id = self.next_id;
         if let Some(urgent) = urgent_of(&what) {
-            self.urgent.order(urgent, id);
-        } else if let Err(PushError::Full(order)) = self.orders.push(Order { id, what }) {
+            self.push_urgent(urgent, command);
+            return id;
+        }
+        let is_turn = matches!(what, CycleCommand::Turn { .. });
+        if let Err(PushError::Full(order)) = self.orders.push(Order { id, what }) {
             // A cycle that takes no orders any more, or far too few: whatever it does must end.
             self.lost.push(order);
             self.next_id += 1;
-            self.urgent.order(Urgent::Emergency, self.next_id);
+            self.push_urgent(Urgent::Emergency, None);
+        } else if let Some(command) = command {
+            let pending = if is_turn {
+                &mut self.pending_turns
+            } else {
+                &mut self.pending
+            };
+            pending.push_back((id, command));
         }
         id
     }
 
-    /// An order that is recorded where it takes effect.
-    pub(super) fn send(&mut self, what: CycleCommand, command: &Command) -> u64 {
-        if let Some(which) = override_of(&what) {
-            // Its number is given when it is sent.
-            let waiting = (what, PendingCommand::new(0, command));
-            self.overrides[which].next = Some(waiting);
-            self.send_overrides(false);
-            return 0;
-        }
-        let urgent = urgent_of(&what);
-        let id = self.order(what);
-        let pending = PendingCommand::new(id, command);
-        match urgent {
-            Some(urgent) => self.pending_urgent.push_back((urgent, pending)),
-            None => self.pending.push_back(pending),
-        }
-        id
+    /// Sends the newest number past the queue.
+    fn push_urgent(&mut self, urgent: Urgent, command: Option<PendingCommand>) {
+        self.pending_urgent.push_back((urgent, self.next_id, command));
+        self.urgent.order(urgent, self.next_id);
     }
 
     /// Sends the overrides that wait, where the cycle has taken the one before or `all` are wanted now.
@@ -125,12 +141,10 @@ impl OrderBook {
             if track.sent.is_some() && !all {
                 continue;
             }
-            let Some((what, mut pending)) = track.next.take() else {
+            let Some((what, command)) = track.next.take() else {
                 continue;
             };
-            pending.id = self.order(what);
-            self.overrides[which].sent = Some(pending.id);
-            self.pending.push_back(pending);
+            self.overrides[which].sent = Some(self.push(what, Some(command)));
         }
     }
 
@@ -149,27 +163,34 @@ impl OrderBook {
         if let Some(recorder) = &self.recorder {
             self.notes.applied(recorder, id, sequence);
         }
-        let is_urgent = |(_, pending): &&(Urgent, PendingCommand)| pending.id == id;
-        if let Some((kind, _)) = self.pending_urgent.iter().find(is_urgent) {
+        if let Some((kind, ..)) = self.pending_urgent.iter().find(|(_, known, _)| *known == id) {
             let kind = *kind;
-            // Older ones of its kind have counted together with it.
+            // Older ones of its kind have counted together with it. Those of the queue count when the cycle comes to them.
             while let Some(at) =
-                (self.pending_urgent.iter()).position(|(other, pending)| *other == kind && pending.id <= id)
+                (self.pending_urgent.iter()).position(|(other, known, _)| *other == kind && *known <= id)
             {
-                if let Some((_, pending)) = self.pending_urgent.remove(at) {
-                    self.record_applied(pending, sequence);
+                if let Some((.., Some(command))) = self.pending_urgent.remove(at) {
+                    self.record_applied(command, sequence);
                 }
+            }
+            return;
+        }
+        if let Some(at) = self.pending_turns.iter().position(|(known, _)| *known == id) {
+            // Turns before it have been replaced by it.
+            let newest = self.pending_turns.drain(..=at).next_back();
+            if let Some((_, command)) = newest {
+                self.record_applied(command, sequence);
             }
             return;
         }
         for track in &mut self.overrides {
             track.sent.take_if(|sent| *sent <= id);
         }
-        while self.pending.front().is_some_and(|pending| pending.id <= id) {
-            if let Some(pending) = self.pending.pop_front()
-                && pending.id == id
+        while self.pending.front().is_some_and(|(known, _)| *known <= id) {
+            if let Some((known, command)) = self.pending.pop_front()
+                && known == id
             {
-                self.record_applied(pending, sequence);
+                self.record_applied(command, sequence);
             }
         }
         self.send_overrides(false);
@@ -216,5 +237,131 @@ const fn override_of(what: &CycleCommand) -> Option<usize> {
         CycleCommand::Override(_) => Some(0),
         CycleCommand::SpindleOverride(_) => Some(1),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::{Receiver, channel};
+
+    use evolvent_path::{Axes, AxisMask};
+    use evolvent_transfer::AxesState;
+    use rtrb::{Consumer, RingBuffer};
+
+    use super::super::jog::{FOR_EVER, JogWay, tests::machine};
+    use super::*;
+
+    /// A book, its queue and what it records.
+    struct Desk {
+        book: OrderBook,
+        queue: Consumer<Order>,
+        recorded: Receiver<FeederEvent>,
+    }
+
+    impl Desk {
+        fn new(slots: usize) -> Self {
+            let (orders, queue) = RingBuffer::new(slots);
+            let (recorder, recorded) = channel();
+            let book = OrderBook::new(orders, Arc::default(), Some(recorder));
+            Self {
+                book,
+                queue,
+                recorded,
+            }
+        }
+
+        /// Commands that were recorded since the last call, with their setpoints.
+        fn records(&self) -> Vec<(String, u64)> {
+            let events = self.recorded.try_iter().filter_map(|event| match event {
+                FeederEvent::ExternalEvent(event) => Some((event.text, event.sequence)),
+                _ => None,
+            });
+            events.collect()
+        }
+    }
+
+    fn records_of(commands: &[(&Command, u64)]) -> Vec<(String, u64)> {
+        let texts = commands
+            .iter()
+            .map(|(command, sequence)| (command.to_string(), *sequence));
+        texts.collect()
+    }
+
+    /// ESTOP during a job: its stop has no command of its own, and the cycle reports it before the override that it had popped.
+    #[test]
+    fn a_stop_without_a_command_discards_no_command_of_the_queue() {
+        let mut desk = Desk::new(64);
+        let turn = Command::FeedOverride(0.5);
+        desk.book.send(CycleCommand::Override(0.5), &turn);
+        let stop = desk.book.order(CycleCommand::Stop);
+        let emergency = desk.book.send(CycleCommand::Emergency, &Command::Estop);
+        assert_eq!((stop, emergency), (2, 3));
+        for id in [stop, emergency, 1] {
+            desk.book.applied(id, 10);
+        }
+        assert_eq!(desk.records(), records_of(&[(&Command::Estop, 10), (&turn, 10)]));
+    }
+
+    #[test]
+    fn a_stop_that_counts_together_with_a_later_one_is_recorded_with_it() {
+        let mut desk = Desk::new(64);
+        desk.book.send(CycleCommand::Stop, &Command::Stop);
+        let off = desk
+            .book
+            .send(CycleCommand::Power(PowerRequest::Off), &Command::Off);
+        let newer = desk.book.order(CycleCommand::Stop);
+        desk.book.applied(newer, 10);
+        assert_eq!(desk.records(), records_of(&[(&Command::Stop, 10)]));
+        desk.book.applied(off, 11);
+        assert_eq!(
+            desk.records(),
+            records_of(&[(&Command::Off, 11)]),
+            "another kind counts by itself"
+        );
+    }
+
+    /// What does not fit becomes an emergency stop, which leaves what did fit as it is.
+    #[test]
+    fn a_queue_that_was_full_discards_no_command_that_is_in_it() {
+        let mut desk = Desk::new(1);
+        let first = desk.book.send(CycleCommand::Clear, &Command::ClearAlarms);
+        let lost = desk.book.send(CycleCommand::LeaveEstop, &Command::EstopReset);
+        assert_eq!((desk.queue.slots(), desk.book.take_lost().len()), (1, 1));
+        desk.book.applied(lost + 1, 10);
+        desk.book.applied(first, 11);
+        assert_eq!(desk.records(), records_of(&[(&Command::ClearAlarms, 11)]));
+    }
+
+    /// The cycle takes later orders while a turn waits for its setpoint.
+    #[test]
+    fn a_turn_is_recorded_where_it_counts_after_later_orders() {
+        let mut desk = Desk::new(64);
+        let here = Axes::zeros();
+        let limits = machine();
+        let way = JogWay {
+            speed: JogWay::speeds(&limits, AxisMask::one(0), 10.0),
+            slows_down_first: false,
+            limits,
+            from: AxesState::at_rest(here),
+            to: here,
+            until_ns: FOR_EVER,
+        };
+        let what = |after| CycleCommand::Turn {
+            after,
+            until_ns: FOR_EVER,
+            steering: Box::new(way.steering().unwrap()),
+        };
+        // Any command tells them apart.
+        desk.book.send(what(30), &Command::JogKeep);
+        let turn = desk.book.send(what(40), &Command::JogStop);
+        let keep = desk.book.order(CycleCommand::KeepJogging(1));
+        desk.book.applied(keep, 20);
+        assert!(desk.records().is_empty());
+        desk.book.applied(turn, 41);
+        assert_eq!(
+            desk.records(),
+            records_of(&[(&Command::JogStop, 41)]),
+            "the one before was replaced"
+        );
     }
 }
