@@ -683,7 +683,8 @@ impl Operator {
     }
 }
 
-/// Whether a command is carried out however far the cycle is behind: it stops something, or adds nothing to the queue of orders.
+/// Whether a command is carried out however far the cycle is behind: it stops something. Its orders go past the queue, or take one
+/// place in it however often it comes.
 const fn is_always_carried_out(command: &Command) -> bool {
     matches!(
         command,

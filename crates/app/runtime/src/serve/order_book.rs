@@ -56,6 +56,8 @@ pub(super) struct OrderBook {
     pending_urgent: VecDeque<(Urgent, u64, Option<PendingCommand>)>,
     /// Of the feed, and of the spindles.
     overrides: [OverrideTrack; 2],
+    /// Holds and stops of steered motions that the cycle has not taken yet: the same again needs no other order.
+    repeatable: [Option<u64>; 2],
     /// What did not fit into the queue.
     lost: Vec<Order>,
     pub(super) recorder: Option<Sender<FeederEvent>>,
@@ -77,13 +79,14 @@ impl OrderBook {
             pending_turns: VecDeque::new(),
             pending_urgent: VecDeque::new(),
             overrides: Default::default(),
+            repeatable: [None; 2],
             lost: Vec::new(),
             notes: JobNotes::new(recorder.is_some()),
             recorder,
         }
     }
 
-    /// Sends an order. Returns its number.
+    /// Sends an order. Returns its number; that of an order on its way where it is one with it.
     pub(super) fn order(&mut self, what: CycleCommand) -> u64 {
         self.push(what, None)
     }
@@ -105,6 +108,18 @@ impl OrderBook {
             // A job begins with the newest overrides.
             self.send_overrides(true);
         }
+        let repeatable = repeatable_of(&what);
+        if let Some(id) = repeatable.and_then(|which| self.repeatable[which]) {
+            if let Some(command) = command {
+                // It counts together with the order on its way, which later ones may have followed.
+                let at = self.pending.partition_point(|(known, _)| *known <= id);
+                self.pending.insert(at, (id, command));
+            }
+            return id;
+        }
+        if ends_repetition(&what) {
+            self.repeatable = [None; 2];
+        }
         self.next_id += 1;
         let id = self.next_id;
         if let Some(urgent) = urgent_of(&what) {
@@ -117,7 +132,12 @@ impl OrderBook {
             self.lost.push(order);
             self.next_id += 1;
             self.push_urgent(Urgent::Emergency, None);
-        } else if let Some(command) = command {
+            return id;
+        }
+        if let Some(which) = repeatable {
+            self.repeatable[which] = Some(id);
+        }
+        if let Some(command) = command {
             let pending = if is_turn {
                 &mut self.pending_turns
             } else {
@@ -186,6 +206,9 @@ impl OrderBook {
         for track in &mut self.overrides {
             track.sent.take_if(|sent| *sent <= id);
         }
+        for sent in &mut self.repeatable {
+            sent.take_if(|sent| *sent <= id);
+        }
         while self.pending.front().is_some_and(|(known, _)| *known <= id) {
             if let Some((known, command)) = self.pending.pop_front()
                 && known == id
@@ -238,6 +261,27 @@ const fn override_of(what: &CycleCommand) -> Option<usize> {
         CycleCommand::SpindleOverride(_) => Some(1),
         _ => None,
     }
+}
+
+/// Which of the orders it is that say the same a second time.
+const fn repeatable_of(what: &CycleCommand) -> Option<usize> {
+    match what {
+        CycleCommand::Hold => Some(0),
+        CycleCommand::StopSteering => Some(1),
+        _ => None,
+    }
+}
+
+/// Whether a hold or a stop that is ordered after it says something new: it lets the axes move, or ends a hold.
+const fn ends_repetition(what: &CycleCommand) -> bool {
+    matches!(
+        what,
+        CycleCommand::Follow(_)
+            | CycleCommand::Steer(_)
+            | CycleCommand::Turn { .. }
+            | CycleCommand::Retrace { .. }
+            | CycleCommand::Resume(_)
+    )
 }
 
 #[cfg(test)]
@@ -363,5 +407,38 @@ mod tests {
             records_of(&[(&Command::JogStop, 41)]),
             "the one before was replaced"
         );
+    }
+
+    /// However often HOLD comes before the cycle takes it, it is one order, and each HOLD is recorded.
+    #[test]
+    fn a_hold_on_its_way_is_not_ordered_again_until_something_ends_it() {
+        let mut desk = Desk::new(64);
+        let turn = Command::FeedOverride(0.5);
+        let first = desk.book.send(CycleCommand::Hold, &Command::Hold);
+        let stop = desk.book.send(CycleCommand::StopSteering, &Command::JogStop);
+        desk.book.send(CycleCommand::Override(0.5), &turn);
+        assert_eq!(desk.book.send(CycleCommand::Hold, &Command::Hold), first);
+        assert_eq!(desk.book.order(CycleCommand::StopSteering), stop);
+        assert_eq!(desk.queue.slots(), 3);
+        // A hold after it holds again.
+        let resume = desk.book.send(CycleCommand::Resume(None), &Command::Resume);
+        let again = desk.book.send(CycleCommand::Hold, &Command::Hold);
+        assert!(resume > stop && again > resume);
+        for id in 1..=again {
+            desk.book.applied(id, 10 + id);
+        }
+        assert_eq!(
+            desk.records(),
+            records_of(&[
+                (&Command::Hold, 11),
+                (&Command::Hold, 11),
+                (&Command::JogStop, 12),
+                (&turn, 13),
+                (&Command::Resume, 14),
+                (&Command::Hold, 15),
+            ])
+        );
+        // The cycle may have ended it meanwhile.
+        assert!(desk.book.order(CycleCommand::Hold) > again);
     }
 }

@@ -1,5 +1,7 @@
 //! What stops a served machine, in whatever order it comes: operator and cycle in one thread.
 
+use std::time::{Duration, Instant};
+
 use evolvent_bus::ControlRequest;
 use evolvent_control::{Alarm, CommandCode, JobResult, MachineState};
 use evolvent_drive::PowerRequest;
@@ -12,6 +14,8 @@ use crate::core_loop::SetpointSource;
 
 /// X, the axis that is jogged.
 const X: AxisMask = AxisMask::one(0);
+/// Until when a block moves the axes, in real time.
+const PATIENCE: Duration = Duration::from_secs(30);
 
 impl Bench {
     /// Begins a long jog of X.
@@ -45,6 +49,28 @@ impl Bench {
     /// Another fault has been found before: the axes are being stopped for it.
     fn has_another_fault(&mut self) {
         self.cycle.stop_for_lateness(self.last.sequence);
+    }
+
+    /// Begins a block of MDI, and lets it come to its feed.
+    fn drives_block(&mut self, text: &str) {
+        let mut mode = self.command(CommandCode::Mode);
+        mode.index = 2;
+        assert!(self.says(1, mode), "MODE");
+        let mut block = self.command(CommandCode::Mdi);
+        assert!(block.set_text(text));
+        assert!(self.says(1, block), "MDI");
+        self.comes_to_feed();
+    }
+
+    /// The block under way comes to its feed. Files are read, and paths planned, by threads that need time of their own.
+    fn comes_to_feed(&mut self) {
+        let begun = Instant::now();
+        while self.last.velocity[0] < 35.0 {
+            let _answer = self.operator.finish_reading(self.now);
+            self.runs_seen(1);
+            std::thread::sleep(Duration::from_micros(200));
+            assert!(begun.elapsed() < PATIENCE, "it does not move: {:?}", self.last);
+        }
     }
 }
 
@@ -175,6 +201,34 @@ fn an_emergency_stop_in_a_flood_of_overrides_counts_in_the_next_cycle() {
     // The newest of them counts.
     assert_eq!(bench.last.feed_override, 0.99);
     assert!(bench.alarms().is_empty());
+}
+
+/// Clients that hold the feed as fast as they can, or stop a jog away from the program: they stop nothing else.
+#[test]
+fn a_flood_of_holds_and_jog_stops_is_no_emergency_stop() {
+    let mut bench = Bench::new();
+    bench.drives_block("G1 X100 F2400");
+    for moves_away in [false, true, true] {
+        if moves_away {
+            assert!(bench.says(1, bench.jog(-50.0)), "JOG");
+            bench.runs_seen(200);
+            assert!(bench.last.velocity[0] < -40.0, "{:?}", bench.last);
+        }
+        for number in 0..3000_u64 {
+            let code = [CommandCode::Hold, CommandCode::JogStop][(number % 2) as usize];
+            assert!(bench.says(2 + number % 3, bench.command(code)), "{number}");
+            assert_eq!(bench.operator.desk.machine(), MachineState::On, "{number}");
+        }
+        bench.runs_seen(300);
+        assert_eq!((bench.last.velocity[0], bench.power), (0.0, PowerRequest::On));
+    }
+    assert!(bench.alarms().is_empty());
+    let mut back = bench.command(CommandCode::Return);
+    back.amount = 50.0;
+    assert!(bench.says(1, back), "RETURN");
+    bench.runs_seen(1500);
+    assert!(bench.says(1, bench.command(CommandCode::Resume)), "RESUME");
+    bench.comes_to_feed();
 }
 
 /// What was ordered after an emergency stop counts, and what was ordered before does not undo it, in one cycle.
