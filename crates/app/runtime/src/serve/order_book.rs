@@ -158,7 +158,8 @@ impl OrderBook {
     fn send_overrides(&mut self, all: bool) {
         for which in 0..self.overrides.len() {
             let track = &mut self.overrides[which];
-            if track.sent.is_some() && !all {
+            if self.orders.is_full() || (track.sent.is_some() && !all) {
+                // Another order that the cycle takes brings it here again.
                 continue;
             }
             let Some((what, command)) = track.next.take() else {
@@ -171,6 +172,12 @@ impl OrderBook {
     /// Whether the cycle is behind with what it was ordered.
     pub(super) fn is_crowded(&self) -> bool {
         self.orders.slots() < KEPT_FOR_THE_CORE.min(self.orders.buffer().capacity() / 4)
+    }
+
+    /// Whether the next order for the queue does not fit.
+    #[cfg(test)]
+    pub(super) fn is_full(&self) -> bool {
+        self.orders.is_full()
     }
 
     /// What did not fit into the queue since the last call. The cycle has the order of an emergency stop then.
@@ -440,5 +447,25 @@ mod tests {
         );
         // The cycle may have ended it meanwhile.
         assert!(desk.book.order(CycleCommand::Hold) > again);
+    }
+
+    /// It was accepted, so it counts once there is room; and turning a knob stops nothing.
+    #[test]
+    fn an_override_waits_while_the_queue_is_full() {
+        let mut desk = Desk::new(1);
+        let turn = Command::FeedOverride(0.5);
+        let first = desk.book.send(CycleCommand::Clear, &Command::ClearAlarms);
+        assert!(desk.book.is_full());
+        desk.book.send(CycleCommand::Override(0.5), &turn);
+        assert!(desk.book.take_lost().is_empty());
+        let taken = desk.queue.pop().unwrap();
+        desk.book.applied(taken.id, 10);
+        let sent = desk.queue.pop().unwrap();
+        assert!(sent.id > first && matches!(sent.what, CycleCommand::Override(0.5)));
+        desk.book.applied(sent.id, 11);
+        assert_eq!(
+            desk.records(),
+            records_of(&[(&Command::ClearAlarms, 10), (&turn, 11)])
+        );
     }
 }
