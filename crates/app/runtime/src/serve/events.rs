@@ -101,6 +101,10 @@ impl Operator {
                         steered.turn_returned(order.id);
                     }
                 }
+                CycleCommand::Relocate { renames: true, .. } => {
+                    // The coordinates are as before. Homing is broken off below.
+                    let _is_known = self.drives.is_refused(order.id, self.view.datum);
+                }
                 _ => {}
             }
         }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::mpsc;
 
 use evolvent_bus::{ControlRequest, Feedback, Setpoint};
-use evolvent_control::CommandCode;
+use evolvent_control::{self as control, CommandCode};
 use evolvent_drive::{DriveState, FeedbackWatch, Follower, FollowerSettings, PowerRequest};
 use evolvent_machine::Machine;
 use evolvent_motion::{DrivenPath, MachineState};
@@ -14,7 +14,7 @@ use evolvent_signals::ProbeInput;
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use super::operator::{Job, Operator, OperatorConfig};
-use super::orders::{CycleEvent, CycleView};
+use super::orders::{CycleCommand, CycleEvent, CycleView};
 use super::served_cycle::{ServedCycle, ServedParts};
 use super::state_store::StateStore;
 use super::urgent::UrgentOrders;
@@ -384,5 +384,32 @@ fn new_coordinates_that_the_cycle_refuses_are_forgotten() {
         (0, 0, Axes::zeros())
     );
     assert!(!bench.is_homed());
+    homes(&mut bench);
+}
+
+/// An order to rename that does not fit into the queue is an emergency stop, after which homing works.
+#[test]
+fn new_coordinates_that_do_not_fit_into_the_queue_are_forgotten() {
+    let mut bench = Bench::new();
+    bench.says(CommandCode::Home, 0);
+    bench.run(100);
+    assert!(bench.is_busy());
+    // As many as fit.
+    while !bench.operator.book.is_full() {
+        bench.operator.order(CycleCommand::KeepJogging(u64::MAX));
+    }
+    let here = bench.operator.view.setpoint.position + Axes::from_element(15.0);
+    bench
+        .operator
+        .rename(here, AxisMask::one(0), Axes::from_element(-15.0));
+    bench.run(400);
+    assert_eq!(bench.operator.desk.machine(), control::MachineState::Estop);
+    let drives = &bench.operator.drives;
+    assert_eq!(
+        (bench.operator.view.datum, drives.datum, drives.home_offset),
+        (0, 0, Axes::zeros())
+    );
+    assert!(!bench.is_busy() && !bench.is_homed());
+    bench.comes_up();
     homes(&mut bench);
 }
