@@ -120,7 +120,9 @@ impl Target {
     /// the core homes again.
     #[must_use]
     pub const fn instance(&self, of_session: u64) -> u64 {
-        // Sessions are numbered by their start in ns, or from 1: the upper bits are free.
+        // Sessions are numbered by their start in ns since the host started, which reaches the upper 16 bits after three days, or from
+        // 1. Each of 65536 losses of a session has another number all the same; that of another session is equal only if both began
+        // a multiple of 2^48 ns apart, to the nanosecond.
         of_session ^ ((self.datums_lost as u64) << 48)
     }
 }
