@@ -9,7 +9,7 @@ use evolvent_control::CommandCode;
 use evolvent_drive::{BridgeState, DriveState, FeedbackWatch, PowerRequest, WatchSettings};
 use evolvent_machine::{Machine, SignalKind};
 use evolvent_motion::{DrivenPath, MachineState, Setpoint};
-use evolvent_path::AxisMask;
+use evolvent_path::{Axes, AxisMask};
 use evolvent_signals::{InputImage, ProbeInput, Signals};
 use rtrb::{Consumer, Producer, RingBuffer};
 
@@ -24,7 +24,16 @@ use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 use crate::signal_loop::{InputSource, SignalLoop};
 
-const PERIOD_NS: u64 = 1_000_000;
+pub(super) const PERIOD_NS: u64 = 1_000_000;
+
+/// The drives of a machine, and the bridge before them.
+pub(super) trait Drives {
+    /// What they report at the beginning of a period; none where no bridge is heard.
+    fn report(&mut self, period: u64) -> Option<Feedback>;
+
+    /// What the cycle has computed for them in it.
+    fn receive(&mut self, computed: &Computed, period: u64);
+}
 
 /// Drives that follow at once.
 #[derive(Default)]
@@ -35,11 +44,25 @@ pub(super) struct BenchDrives {
     pub(super) has_fault: bool,
     /// The axes are blocked where they were first.
     pub(super) is_blocked: bool,
+    received: Option<Computed>,
+    last_reply: Feedback,
+}
+
+impl Drives for BenchDrives {
+    fn report(&mut self, _period: u64) -> Option<Feedback> {
+        let last = self.received.filter(|_| !self.axes.is_empty())?;
+        self.last_reply = self.reply(&last);
+        Some(self.last_reply)
+    }
+
+    fn receive(&mut self, computed: &Computed, _period: u64) {
+        self.received = Some(*computed);
+    }
 }
 
 impl BenchDrives {
     /// What they reply to a setpoint.
-    fn reply(&self, last: &Computed, before: &Feedback) -> Feedback {
+    fn reply(&self, last: &Computed) -> Feedback {
         let power = last.drive.power;
         let (state, bridge) = match power {
             _ if self.has_fault => (DriveState::Fault, BridgeState::Off),
@@ -56,7 +79,7 @@ impl BenchDrives {
             ..Feedback::default()
         };
         if self.is_blocked {
-            reply.position = before.position;
+            reply.position = self.last_reply.position;
         }
         for axis in self.axes.axes() {
             reply.status_word[axis] = u32::from(state.code());
@@ -65,18 +88,28 @@ impl BenchDrives {
     }
 }
 
-/// A machine on its own, at rest at home, switched on, in manual mode.
-pub(super) struct Bench {
+/// What stands on the bench.
+pub(super) struct Equipment<D> {
+    pub(super) drives: D,
+    pub(super) watch: WatchSettings,
+    /// Where the axes stand.
+    pub(super) place: Axes,
+    pub(super) has_signals: bool,
+    /// The desk hears the drives too, whose reports are of real time: so is its own time. Otherwise its time is that of the cycles.
+    pub(super) is_heard_at_desk: bool,
+}
+
+/// A machine on its own.
+pub(super) struct Bench<D = BenchDrives> {
     pub(super) operator: Operator,
     pub(super) cycle: ServedCycle,
     views: Consumer<CycleView>,
     events: Consumer<CycleEvent>,
     answers: Consumer<Feedback>,
-    _answers: Producer<Feedback>,
+    to_desk: Option<Producer<Feedback>>,
     to_cycle: Producer<Feedback>,
     inputs: Producer<InputImage>,
-    pub(super) drives: BenchDrives,
-    last_reply: Feedback,
+    pub(super) drives: D,
     /// The power of the drives with the last setpoint.
     pub(super) power: PowerRequest,
     _folder: tempfile::TempDir,
@@ -84,10 +117,10 @@ pub(super) struct Bench {
     pub(super) now: u64,
     serial: u64,
     pub(super) last: Setpoint,
-    computed: Computed,
 }
 
 impl Bench {
+    /// At rest at home, switched on, in manual mode.
     pub(super) fn new() -> Self {
         Self::build(AxisMask::NONE, false)
     }
@@ -103,79 +136,17 @@ impl Bench {
     }
 
     fn build(axes: AxisMask, has_chain: bool) -> Self {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
-        let text = std::fs::read_to_string(&file).unwrap();
         let chain = "[[input]]\nname = \"chain\"\nnumber = 0\n[estop]\ninput = \"chain\"\n";
-        let text = if has_chain { text + chain } else { text };
-        let machine = Machine::parse(&text, "mill.toml").unwrap();
-        let mut setup = Setup::new(machine, file, text, None).unwrap();
-        setup.period_ns = PERIOD_NS;
-        let limits = setup.machine.limits();
-        let (orders, cycle_orders) = RingBuffer::new(1024);
-        let urgent = Arc::<UrgentOrders>::default();
-        let (cycle_events, events) = RingBuffer::new(4096);
-        let (cycle_views, mut views) = RingBuffer::new(4096);
-        let (to_cycle, feedback) = RingBuffer::new(4);
-        let (_answers, answers) = RingBuffer::new(1);
-        let (periphery, _publisher) = mpsc::channel();
-        let (mut inputs, samples) = RingBuffer::new(4);
-        inputs.push(chain_input(true)).unwrap();
-        let signals = Signals::new(&setup.machine.signals, 2, PERIOD_NS);
-        let signals = SignalLoop::new(signals, InputSource::Bus(samples), None, None, true);
-        let mut cycle = ServedCycle::new(ServedParts {
-            station: MachineState::new(limits, PERIOD_NS, limits.home),
-            limits,
-            period_ns: PERIOD_NS,
-            orders: cycle_orders,
-            urgent: Arc::clone(&urgent),
-            events: cycle_events,
-            views: cycle_views,
-            feedback,
-            watch: FeedbackWatch::new(WatchSettings::new(PERIOD_NS, axes)),
-            signals: has_chain.then_some(signals),
-            corrections: None,
-            probe: ProbeInput::default(),
-            wheel_counts: None,
-            phase: None,
-            controls: Arc::new(Controls::new(1.0)),
-            driven: DrivenPath::new(PERIOD_NS),
-        });
-        let mut counts = CycleCounts::default();
-        let first = step(&mut cycle, 0, &mut counts);
-        let folder = tempfile::tempdir().unwrap();
-        let operator = Operator::new(OperatorConfig {
-            keep: StateStore::open(setup.memory.clone(), folder.path()),
-            setup,
-            folder: folder.path().to_owned(),
-            orders,
-            urgent,
-            recorder: None,
-            periphery,
-            view: views.pop().unwrap(),
-        })
-        .unwrap();
-        let mut bench = Self {
-            operator,
-            cycle,
-            views,
-            events,
-            answers,
-            _answers,
-            to_cycle,
-            inputs,
+        let mut bench = Self::assemble(if has_chain { chain } else { "" }, |setup| Equipment {
             drives: BenchDrives {
                 axes,
                 ..BenchDrives::default()
             },
-            last_reply: Feedback::default(),
-            power: first.drive.power,
-            _folder: folder,
-            counts,
-            now: 0,
-            serial: 0,
-            last: first.setpoint,
-            computed: first,
-        };
+            watch: WatchSettings::new(PERIOD_NS, axes),
+            place: setup.machine.limits().home,
+            has_signals: has_chain,
+            is_heard_at_desk: false,
+        });
         for (code, index) in [
             (CommandCode::EstopReset, 0),
             (CommandCode::On, 0),
@@ -188,6 +159,86 @@ impl Bench {
             bench.ticks();
         }
         bench
+    }
+}
+
+impl<D: Drives> Bench<D> {
+    /// A mill in emergency stop, with `added` in its file.
+    pub(super) fn assemble(added: &str, equip: impl FnOnce(&Setup) -> Equipment<D>) -> Self {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let text = std::fs::read_to_string(&file).unwrap() + "\n" + added;
+        let machine = Machine::parse(&text, "mill.toml").unwrap();
+        let mut setup = Setup::new(machine, file, text, None).unwrap();
+        setup.period_ns = PERIOD_NS;
+        let limits = setup.machine.limits();
+        let Equipment {
+            mut drives,
+            watch,
+            place,
+            has_signals,
+            is_heard_at_desk,
+        } = equip(&setup);
+        let (orders, cycle_orders) = RingBuffer::new(1024);
+        let urgent = Arc::<UrgentOrders>::default();
+        let (cycle_events, events) = RingBuffer::new(4096);
+        let (cycle_views, mut views) = RingBuffer::new(4096);
+        let (to_cycle, feedback) = RingBuffer::new(4);
+        let (to_desk, answers) = RingBuffer::new(4);
+        let (periphery, _publisher) = mpsc::channel();
+        let (mut inputs, samples) = RingBuffer::new(4);
+        inputs.push(chain_input(true)).unwrap();
+        let signals = Signals::new(&setup.machine.signals, 2, PERIOD_NS);
+        let signals = SignalLoop::new(signals, InputSource::Bus(samples), None, None, true);
+        let mut cycle = ServedCycle::new(ServedParts {
+            station: MachineState::new(limits, PERIOD_NS, place),
+            limits,
+            period_ns: PERIOD_NS,
+            orders: cycle_orders,
+            urgent: Arc::clone(&urgent),
+            events: cycle_events,
+            views: cycle_views,
+            feedback,
+            watch: FeedbackWatch::new(watch),
+            signals: has_signals.then_some(signals),
+            corrections: None,
+            probe: ProbeInput::default(),
+            wheel_counts: None,
+            phase: None,
+            controls: Arc::new(Controls::new(1.0)),
+            driven: DrivenPath::new(PERIOD_NS),
+        });
+        let mut counts = CycleCounts::default();
+        let first = step(&mut cycle, 0, &mut counts);
+        drives.receive(&first, 0);
+        let folder = tempfile::tempdir().unwrap();
+        let operator = Operator::new(OperatorConfig {
+            keep: StateStore::open(setup.memory.clone(), folder.path()),
+            setup,
+            folder: folder.path().to_owned(),
+            orders,
+            urgent,
+            recorder: None,
+            periphery,
+            view: views.pop().unwrap(),
+        })
+        .unwrap();
+        Self {
+            operator,
+            cycle,
+            views,
+            events,
+            answers,
+            to_desk: is_heard_at_desk.then_some(to_desk),
+            to_cycle,
+            inputs,
+            drives,
+            power: first.drive.power,
+            _folder: folder,
+            counts,
+            now: 0,
+            serial: 0,
+            last: first.setpoint,
+        }
     }
 
     /// The emergency-stop chain opens before the next cycle, which finds it so.
@@ -206,29 +257,50 @@ impl Bench {
     pub(super) fn says(&mut self, client: u64, mut request: ControlRequest) -> bool {
         self.serial += 1;
         (request.client, request.serial) = (client, self.serial);
-        let answer = self.operator.answer(&request, self.now * PERIOD_NS);
+        let answer = self.operator.answer(&request, self.desk_ns());
         answer.is_none_or(|answer| answer.verdict == 0)
     }
 
+    /// The time at the desk.
+    fn desk_ns(&self) -> u64 {
+        if self.to_desk.is_some() {
+            MonotonicClock::now_ns()
+        } else {
+            self.now * PERIOD_NS
+        }
+    }
+
     pub(super) fn ticks(&mut self) {
+        let now_ns = self.desk_ns();
         let (views, events, answers) = (&mut self.views, &mut self.events, &mut self.answers);
-        self.operator
-            .tick(self.now * PERIOD_NS, views, events, answers, |_| {});
+        self.operator.tick(now_ns, views, events, answers, |_| {});
     }
 
     pub(super) fn runs(&mut self, cycles: u64) -> Vec<Setpoint> {
         (0..cycles)
             .map(|_| {
                 self.now += 1;
-                if !self.drives.axes.is_empty() {
-                    self.last_reply = self.drives.reply(&self.computed, &self.last_reply);
-                    let _full = self.to_cycle.push(self.last_reply);
+                let report = self.drives.report(self.now);
+                if let Some(report) = report {
+                    let _full = self.to_cycle.push(report);
                 }
-                self.computed = step(&mut self.cycle, self.now, &mut self.counts);
-                (self.last, self.power) = (self.computed.setpoint, self.computed.drive.power);
+                let computed = step(&mut self.cycle, self.now, &mut self.counts);
+                self.drives.receive(&computed, self.now);
+                if let (Some(desk), Some(report)) = (&mut self.to_desk, report) {
+                    let _full = desk.push(report);
+                }
+                (self.last, self.power) = (computed.setpoint, computed.drive.power);
                 self.last
             })
             .collect()
+    }
+
+    /// One cycle after the other, each seen at the desk.
+    pub(super) fn runs_seen(&mut self, cycles: u64) {
+        for _ in 0..cycles {
+            self.runs(1);
+            self.ticks();
+        }
     }
 }
 

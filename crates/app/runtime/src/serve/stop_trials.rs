@@ -38,14 +38,6 @@ impl Bench {
             .collect()
     }
 
-    /// One cycle after the other, each seen at the desk.
-    fn runs_seen(&mut self, cycles: u64) {
-        for _ in 0..cycles {
-            self.runs(1);
-            self.ticks();
-        }
-    }
-
     /// Another fault has been found before: the axes are being stopped for it.
     fn has_another_fault(&mut self) {
         self.cycle.stop_for_lateness(self.last.sequence);
