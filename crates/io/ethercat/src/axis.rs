@@ -38,6 +38,9 @@ pub(crate) struct DriveAxis {
     /// It begins at `zero`, wherever its counter is: homing comes before its coordinates count, and a counter that is not absolute may be
     /// any number of turns away.
     begins_at_zero: bool,
+    /// The offset of an earlier session, with which it begins instead if its position is within the reach then.
+    kept_offset: Option<f64>,
+    reach: f64,
     /// Machine coordinate minus position of the increments.
     offset: f64,
     /// The drive has homed, and its counter counts from there: later sessions need this offset.
@@ -80,6 +83,8 @@ impl DriveAxis {
             increments: 0,
             has_position: false,
             begins_at_zero: false,
+            kept_offset: None,
+            reach: f64::INFINITY,
             offset: settings.zero,
             is_renamed_by_drive: false,
             velocity: 0.0,
@@ -105,12 +110,12 @@ impl DriveAxis {
     }
 
     /// Before the first inputs: it begins at `zero`, or, in a later session of the process, with the last offset that was chosen, so that
-    /// an axis that was not moved keeps its coordinate.
-    pub(crate) const fn begin_at_zero(&mut self, kept_offset: Option<f64>) {
-        match kept_offset {
-            Some(offset) => self.offset = offset,
-            None => self.begins_at_zero = true,
-        }
+    /// an axis that was not moved keeps its coordinate. A counter that was reset meanwhile is told by a coordinate farther than `reach`
+    /// from machine zero, which the core believes of no axis: that one begins at `zero` again.
+    pub(crate) const fn begin_at_zero(&mut self, kept_offset: Option<f64>, reach: f64) {
+        self.begins_at_zero = true;
+        self.kept_offset = kept_offset;
+        self.reach = reach;
     }
 
     /// The offset, if it was just chosen by the first inputs, or by the drive, which has homed: its counter begins again there, and
@@ -285,8 +290,12 @@ impl DriveAxis {
             self.increments = i64::from(inputs.position);
             self.has_position = true;
             if self.begins_at_zero {
-                self.offset =
-                    self.settings.zero - self.sign() * self.settings.scale.position(self.increments);
+                let counted = self.sign() * self.settings.scale.position(self.increments);
+                let is_within = |offset: &f64| (counted + offset).abs() <= self.reach;
+                self.offset = self
+                    .kept_offset
+                    .filter(is_within)
+                    .unwrap_or(self.settings.zero - counted);
             }
         }
         self.inputs = inputs;

@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use evolvent_bridge::follower_settings;
 use evolvent_bus::{AXES, Feedback, Setpoint};
 use evolvent_drive::{
-    DriveState, Follower, Gantry, GantryFault, GantryInputs, IndexLatch, IndexRequest, PowerRequest,
-    SettingsError, Target, is_homed, worse_status,
+    DriveState, FeedbackBounds, Follower, Gantry, GantryFault, GantryInputs, IndexLatch, IndexRequest,
+    PowerRequest, SettingsError, Target, is_homed, worse_status,
 };
 use evolvent_machine::Machine;
 use evolvent_path::AxisMask;
@@ -93,6 +93,15 @@ impl Starts {
     }
 }
 
+/// The largest distance from machine zero that the core believes of an axis.
+fn reach(machine: &Machine, index: usize) -> f64 {
+    let mut bounds = FeedbackBounds::new(AxisMask::NONE);
+    for axis in machine.axes.iter().filter(|axis| axis.letter.index() == index) {
+        bounds.set_axis(index, [axis.travel_min, axis.travel_max], axis.max_velocity);
+    }
+    bounds.reach[index]
+}
+
 impl DriveSet {
     pub(crate) fn new(
         machine: &Machine,
@@ -115,7 +124,7 @@ impl DriveSet {
             };
             // Others count from their drives' zero: without homing the core takes that for true.
             if !axis.has_absolute_encoder() && (axis.homing() == HomingProgress::Needed || by_core(axis)) {
-                axis.begin_at_zero(starts.of(entry));
+                axis.begin_at_zero(starts.of(entry), reach(machine, axis.index()));
             }
         }
         let gantries = (0..axes.len())
@@ -506,10 +515,10 @@ mod tests {
             status_word: DriveState::SwitchOnDisabled.code(),
             ..DriveInputs::default()
         };
-        for (file, begins, comes_back) in [
-            (format!("{text}{homing}"), 0.0, 10.0),
+        for (file, begins, comes_back, after_reset) in [
+            (format!("{text}{homing}"), 0.0, 10.0, 0.0),
             // Nothing would tell that it is not where its counter says.
-            (text, 2500.0, 2510.0),
+            (text, 2500.0, 2510.0, 5.0),
         ] {
             let machine = Machine::parse(&file, "mill.toml").expect("a machine");
             let starts = Starts::default();
@@ -520,8 +529,19 @@ mod tests {
             first.take(2_000_000, 0, turns(500.0));
             assert!((first.axes()[0].position() - begins).abs() < 1e-6);
             let mut second = session();
+            second.take(8_000_000, 0, DriveInputs::default());
             second.take(9_000_000, 0, turns(502.0));
             assert!((second.axes()[0].position() - comes_back).abs() < 1e-6);
+            // Without voltage meanwhile: the counter has begun again. Only a homed axis may begin at zero.
+            let mut third = session();
+            third.take(19_000_000, 0, turns(1.0));
+            let position = third.axes()[0].position();
+            assert!((position - after_reset).abs() < 1e-6, "{position}");
+            // That is its place from then on.
+            let mut fourth = session();
+            fourth.take(29_000_000, 0, turns(3.0));
+            let position = fourth.axes()[0].position();
+            assert!((position - after_reset - 10.0).abs() < 1e-6, "{position}");
         }
     }
 
