@@ -361,10 +361,10 @@ def hostile(url: str, count: int, seed: int) -> None:
 
 def crowd(url: str, program: str, clients: int, seconds: float) -> None:
     cookie = cookie_of(url)
-    page, tab = Page(url, cookie), Page(url, cookie)
-    mine, other = (str(each.hear("lease")["page"]) for each in (page, tab))
+    page = Page(url, cookie)
+    mine = str(page.hear("lease")["page"])
     page.take()
-    status, _, text = request(url, "PUT", "programs/crowd.ngc", program.encode(), Cookie=cookie)
+    status, _, text = request(url, "PUT", "programs/crowd.ngc", program.encode(), Cookie=cookie, Evolvent_Page=mine)
     assert status == 200 and json.loads(text)["accepted"], text
     found = page.hear("program", timeout=60)
     while not (found["program"] and found["program"]["checked"]):

@@ -278,7 +278,11 @@ impl<'a> Mill<'a> {
                 ),
             ],
         );
-        let text = std::fs::read_to_string(shipped).expect("a machine file");
+        // Slow enough that no counter of 16 bits turns over while 40 packets are missing.
+        let text = std::fs::read_to_string(shipped)
+            .expect("a machine file")
+            .replace("max_velocity_mm_min = 30000", "max_velocity_mm_min = 9000")
+            .replace("max_velocity_mm_min = 20000", "max_velocity_mm_min = 9000");
         let machine = workshop.write(&format!("{name}.toml"), text + homing);
         let served = Served::start(&machine, name, &domain, &workshop.path("state"), &[]);
         let operator = Operator::join(name, &domain);
@@ -623,7 +627,8 @@ fn homes_by_its_switches(pair: &ShippedPair) {
         let machine = workshop.write("machine.toml", text + drives);
         let text = shipped(&format!("boards/{file}.toml"))
             .replace("10.10.10.10\"", &format!("{address}\""))
-            .replace("max_lost_packets = 5 ", "max_lost_packets = 40 ")
+            // More, and a step generator could turn over unseen.
+            .replace("max_lost_packets = 5 ", "max_lost_packets = 19 ")
             .replace("watchdog_ms = 50 ", "watchdog_ms = 400 ");
         let board_file = workshop.write("board.toml", text);
         let served = Served::start(&machine, name, &domain, &workshop.path("state"), &[]);
