@@ -10,7 +10,7 @@
 use std::cell::Cell;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, PoisonError, RwLock};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -81,8 +81,8 @@ impl Cut {
     }
 }
 
-/// One lathe at a time where setpoints are due soon: core, bridge and simulator of each want a processor of their own.
-static TURN: Mutex<()> = Mutex::new(());
+/// One lathe alone where setpoints are due soon: core, bridge and simulator of each want a processor of their own.
+static TURN: RwLock<()> = RwLock::new(());
 
 /// As docs/ethercat.md says: power, which makes the drives home; off and on again; HOME takes over their positions; jogs from the
 /// switches into the travel.
@@ -121,7 +121,9 @@ fn cut(
     lead_cycles: u32,
     trouble: Option<(Trouble, f64)>,
 ) -> Cut {
-    let _turn = (lead_cycles == SHORT_LEAD).then(|| TURN.lock().unwrap_or_else(PoisonError::into_inner));
+    let is_alone = lead_cycles == SHORT_LEAD;
+    let _alone = is_alone.then(|| TURN.write().unwrap_or_else(PoisonError::into_inner));
+    let _beside = (!is_alone).then(|| TURN.read().unwrap_or_else(PoisonError::into_inner));
     let domain = Domain::new();
     let machine = lathe.machine(workshop, NAME, SPINDLES);
     let text = std::fs::read_to_string(&machine).expect("a machine file");
@@ -261,31 +263,38 @@ fn phase_bound(pitch: f64, lathe: &dyn Lathe) -> f64 {
     0.002 + lathe.resolution() * pitch + lathe.step_mm()
 }
 
-/// Errors in phase that every attempt has are no pauses of the host: they fail also where it pauses in each.
-struct ConstantError(Cell<Option<f64>>);
+/// Errors in phase that every attempt has are no pauses of the host: they fail also where it pauses in each. Of one attempt alone
+/// nobody can tell.
+struct ConstantError {
+    /// The least of the attempts, relative to the bound.
+    least: Cell<f64>,
+    attempts: Cell<u32>,
+}
 
 impl ConstantError {
     const fn new() -> Self {
-        Self(Cell::new(None))
+        Self {
+            least: Cell::new(f64::INFINITY),
+            attempts: Cell::new(0),
+        }
     }
 
-    /// The largest error of half the looks, relative to its bound, in one attempt.
+    /// The error of half the looks of each pass of one attempt, and the bound: what is constant, the best pass has too.
     fn add(&self, errors: impl IntoIterator<Item = [f64; 3]>, bound: f64) {
         // An attempt in which nothing was measured proves nothing.
-        let Some(largest) = errors.into_iter().map(|[half, ..]| half / bound).reduce(f64::max) else {
+        let Some(best) = errors.into_iter().map(|[half, ..]| half / bound).reduce(f64::min) else {
             return;
         };
-        self.0
-            .set(Some(self.0.get().map_or(largest, |least| least.min(largest))));
+        self.least.set(self.least.get().min(best));
+        self.attempts.set(self.attempts.get() + 1);
     }
 
     fn assert_none(&self) {
-        if let Some(least) = self.0.get() {
-            assert!(
-                least <= 1.0,
-                "half of the looks are off by {least} times the bound in every attempt"
-            );
-        }
+        let (least, attempts) = (self.least.get(), self.attempts.get());
+        assert!(
+            attempts < 2 || least <= 1.0,
+            "half of the looks are off by {least} times the bound in all of {attempts} attempts"
+        );
     }
 }
 
@@ -304,11 +313,11 @@ fn threads_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
         where_undisturbed(LATE, || {
             let (lathe, workshop) = (lathe(), Workshop::new());
             let program = format!(
-                "G21 G18 G90 G8\nS{rpm} M3\nG0 X15 Z5\nG76 P{pitch} Z-12 I-1 J0.4 K0.8 R1 H1\nG0 X20\nM5\nM2\n"
+                "G21 G18 G90 G8\nS{rpm} M3\nG0 X15 Z5\nG76 P{pitch} Z-20 I-1 J0.4 K0.8 R1 H1\nG0 X20\nM5\nM2\n"
             );
             let cut = cut(&lathe, &workshop, &program, SHORT_LEAD, None);
             cut.is_done();
-            let passes = passes(&cut, pitch, 5.0, -9.0..2.0);
+            let passes = passes(&cut, pitch, 5.0, -17.0..2.0);
             println!("{rpm} rpm, {pitch} mm: error of half, 99 % and all looks, mm: {passes:?}");
             constant.add(
                 passes.iter().map(|(errors, _)| *errors),

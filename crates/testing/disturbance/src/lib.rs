@@ -32,7 +32,7 @@ use std::time::{Duration, Instant};
 const PAUSE: Duration = Duration::from_millis(15);
 const ATTEMPTS: u32 = 5;
 /// On a host that is never quiet for so long each attempt fails, and nothing is lost by giving up.
-const QUIET_ATTEMPTS: u32 = 2;
+const QUIET_ATTEMPTS: u32 = 3;
 
 thread_local! {
     static TOLD_NS: Cell<u64> = const { Cell::new(0) };
@@ -55,7 +55,7 @@ pub fn unless_disturbed<T>(trial: impl Fn() -> T) -> T {
     }
 }
 
-/// As [`unless_disturbed`] with at most two attempts, for what holds only while the host lets each cycle run in time: no pause may be
+/// As [`unless_disturbed`] with at most three attempts, for what holds only while the host lets each cycle run in time: no pause may be
 /// longer than `pause`. `None`, after printing "not measured", if every attempt failed while the host was busy.
 ///
 /// # Panics
