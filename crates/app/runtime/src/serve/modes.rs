@@ -147,10 +147,6 @@ mod tests {
         simulate_modes(text, &settings, &KeptParameters::default()).unwrap()
     }
 
-    fn modes_after(text: &str) -> Modes {
-        after(text, 0).modes
-    }
-
     #[test]
     fn an_interpreter_behind_the_preamble_is_in_the_same_modes() {
         for text in [
