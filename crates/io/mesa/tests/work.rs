@@ -27,7 +27,7 @@ const SECONDS: u64 = 5;
 
 fn files(address: IpAddr) -> (Machine, BoardSettings) {
     let machine = evolvent_file_tests::shipped("machines/router-3axis.toml");
-    let u = "[[axis]]\nletter = \"U\"\ntravel_min_mm = 0\ntravel_max_mm = 600\nmax_velocity_mm_min = 9000\nmax_acceleration_m_s2 = 1.5\nmax_jerk_m_s3 = 40\n\n";
+    let u = "[[axis]]\nletter = \"U\"\ntravel_min_mm = 0\ntravel_max_mm = 600\nmax_velocity_mm_min = 3000\nmax_acceleration_m_s2 = 1.5\nmax_jerk_m_s3 = 40\n\n";
     let machine = machine.replacen("[[input]]", &format!("{u}[[input]]"), 1);
     let board = evolvent_file_tests::shipped("boards/7i96s-router.toml");
     // An analog servo, whose index is asked for.
