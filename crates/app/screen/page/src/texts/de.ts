@@ -453,6 +453,7 @@ export const de: Texts = {
     200: ['der Wächter wies einen Sollwert zurück, der eine Grenze verletzt hätte', 'Bitte mit der Spur melden.'],
     201: ['die Planung endete unvollständig', 'Alarme löschen und neu starten. Bitte mit der Spur melden.'],
     202: ['ein Auftrag begann nicht dort, wo die Achsen stehen', 'Bitte mit der Spur melden.'],
+    203: ['es kamen mehr Befehle, als der Zyklus ausführen konnte', 'Nach dem Programm suchen, das die Steuerung mit Befehlen überhäuft; dann quittieren.'],
     300: ['zu viele Sollwerte nacheinander kamen zu spät', 'Auf der Steuerung evolvent doctor ausführen oder die Taktrate senken.'],
     400: ['es kam keine Rückmeldung', 'Die Antriebsbrücke starten oder nachsehen, warum sie nicht antwortet.'],
     401: ['die Rückmeldung blieb aus', 'Nachsehen, ob die Brücke läuft; dann die Alarme löschen.'],

@@ -417,6 +417,7 @@ export const en = {
     200: ['the guard refused a setpoint that would have broken a limit', 'Please report it with the trace.'],
     201: ['the planner ended without completing its plan', 'Clear the alarms and start again. Please report it with the trace.'],
     202: ['a job did not begin where the axes are', 'Please report it with the trace.'],
+    203: ['more was ordered than the cycle took', 'Look for a client that floods the core with commands; then clear the alarm.'],
     300: ['too many setpoints in a row left late', 'Run evolvent doctor on the control, or lower its rate.'],
     400: ['no feedback came', 'Start the drive bridge, or find out why it does not answer.'],
     401: ['feedback has stopped', 'See whether the bridge runs, then clear the alarms.'],
