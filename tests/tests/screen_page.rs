@@ -32,7 +32,7 @@ fn measured(command: &mut Command) -> bool {
     !said.contains("not measured")
 }
 
-/// Whether the page can be built and a browser runs it. The first who asks installs what that needs.
+/// Whether the page can be built and a browser runs it. The first call installs what that needs.
 fn is_buildable() -> bool {
     static BUILDABLE: OnceLock<bool> = OnceLock::new();
     *BUILDABLE.get_or_init(|| measured(Command::new(repository().join("tools/build-page")).arg("--check")))

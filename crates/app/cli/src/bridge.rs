@@ -11,7 +11,9 @@ use evolvent_bridge_sim::{
     Cutting, Fault, LoopbackInputs, ProbeSettings, RunError, RunSettings, ServoSettings, Signalling, SimAxis,
     SimIndex, SimReport, SimSettings, SpindleSimulation, loopback, run_cutting,
 };
-use evolvent_bridge_test::{CASES, Outcome, Part, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
+use evolvent_bridge_test::{
+    CASES, Outcome, Part, ProcessBridge, SIMULATED_PROBE, Stage, ThreadBridge, run_case, run_core,
+};
 use evolvent_bus::{AXES, BusError, MachineInputs, MachineOutputs, Setpoint};
 use evolvent_machine::{HomingMethod, HomingSettings, Machine, SignalKind};
 use evolvent_runtime::{InputScript, RealtimeRequest, apply_to_this_thread};
@@ -535,7 +537,7 @@ fn command_under_test(args: &TestArgs, program: Option<&Path>) -> Vec<String> {
             "{prefix}",
             "--loopback",
             "--probe",
-            "plane:X>2;delay=1;latched",
+            SIMULATED_PROBE,
         ]
         .map(str::to_owned)
         .to_vec();

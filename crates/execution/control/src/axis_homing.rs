@@ -220,8 +220,8 @@ impl AxisHoming {
         sample.limits[self.search_limit()].contains(self.axis.axis.index())
     }
 
-    /// Whether one input is home switch and both limit switches. Only where the axis has come onto its home switch, or stands there: on
-    /// the way off, a limit switch of the other end that is pressed first there is the end of the travel.
+    /// Detects an input that is the home switch and both limit switches. It is looked for while the axis reaches its home switch or
+    /// stands on it; on the way off, a limit switch of the other end is the end of the travel.
     fn watch_shared(&mut self, sample: &HomingSample, closed: bool) {
         let i = self.axis.axis.index();
         let other = sample.limits[1 - self.search_limit()].contains(i);

@@ -32,7 +32,7 @@ fn follower() -> Follower {
     .expect("limits")
 }
 
-/// A follower, and the motor behind it, which does what it is told.
+/// A follower with an ideal motor.
 struct Bench {
     follower: Follower,
     now_ns: u64,

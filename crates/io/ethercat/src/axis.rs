@@ -110,8 +110,8 @@ impl DriveAxis {
     }
 
     /// Before the first inputs: it begins at `zero`, or, in a later session of the process, with the last offset that was chosen, so that
-    /// an axis that was not moved keeps its coordinate. A counter that was reset meanwhile is told by a coordinate farther than `reach`
-    /// from machine zero, which the core believes of no axis: that one begins at `zero` again.
+    /// an axis that was not moved keeps its coordinate. A counter that was reset meanwhile gives a coordinate beyond `reach`, which
+    /// the core rejects: such an axis begins at `zero` again.
     pub(crate) const fn begin_at_zero(&mut self, kept_offset: Option<f64>, reach: f64) {
         self.begins_at_zero = true;
         self.kept_offset = kept_offset;
@@ -552,13 +552,8 @@ mod tests {
         }
     }
 
-    /// A drive whose counter goes back to 0 as it finds its zero, some periods before it reports that it has homed.
-    #[test]
-    fn the_step_to_the_zero_that_the_drive_found_is_no_motion() {
-        let (period_s, max_velocity) = (1e-3, 400.0);
-        let mut homed = axis(false);
-        homed.homing = HomingProgress::Needed;
-        homed.settings.homing = Some(HomingOnDrive {
+    fn search_at_5_mm_s() -> HomingOnDrive {
+        HomingOnDrive {
             method: 18,
             search: 1000,
             latch: 100,
@@ -566,7 +561,16 @@ mod tests {
             position: 605.0,
             order: 0,
             timeout_s: 10.0,
-        });
+        }
+    }
+
+    /// A drive whose counter goes back to 0 as it finds its zero, some periods before it reports that it has homed.
+    #[test]
+    fn the_step_to_the_zero_that_the_drive_found_is_no_motion() {
+        let (period_s, max_velocity) = (1e-3, 400.0);
+        let mut homed = axis(false);
+        homed.homing = HomingProgress::Needed;
+        homed.settings.homing = Some(search_at_5_mm_s());
         let (mut positions, mut velocities) = (Vec::new(), Vec::new());
         for period in 0..40 {
             let is_found = period >= 20;
@@ -607,15 +611,7 @@ mod tests {
     #[test]
     fn the_step_to_the_zero_is_no_motion_after_lost_frames_either() {
         let mut homed = axis(false);
-        homed.settings.homing = Some(HomingOnDrive {
-            method: 18,
-            search: 1000,
-            latch: 100,
-            acceleration: None,
-            position: 605.0,
-            order: 0,
-            timeout_s: 10.0,
-        });
+        homed.settings.homing = Some(search_at_5_mm_s());
         homed.homing = HomingProgress::Running(20);
         let at = |position: i32| DriveInputs {
             position,

@@ -119,8 +119,8 @@ impl Drop for ProcessBridge {
     }
 }
 
-/// What the probe of the simulated bridge touches.
-const PROBE: &str = "plane:X>2;delay=1;latched";
+/// What the probe of the simulated bridge touches, as `bridge sim --probe` takes it.
+pub const SIMULATED_PROBE: &str = "plane:X>2;delay=1;latched";
 
 type RunBridge = dyn Fn(&str, &str, &AtomicBool) + Send + Sync;
 
@@ -149,7 +149,7 @@ impl ThreadBridge {
                 prefix: Some(prefix.to_owned()),
                 drives: None,
                 faults: Vec::new(),
-                probe: PROBE.parse().ok(),
+                probe: SIMULATED_PROBE.parse().ok(),
                 drift_ppm: 50.0,
                 duration: None,
             };

@@ -27,7 +27,7 @@ mod spindle_cases;
 mod test_core;
 mod timing;
 
-pub use bridge::{BridgeUnderTest, ProcessBridge, StartError, ThreadBridge};
+pub use bridge::{BridgeUnderTest, ProcessBridge, SIMULATED_PROBE, StartError, ThreadBridge};
 pub use case::{CASES, Case, CaseError, Outcome, Part, Stage, run_case};
 pub use core_process::{CoreProcess, run_core};
 pub use test_core::{Seen, TestCore};

@@ -137,7 +137,7 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
     let (mut tick_ns, mut is_blind) = (first_ns, false);
     let mut wired = Wired::default();
     let mut turning = Turning::new();
-    // What is late is told late, so that only two speeds find it out.
+    // Message and time are late by as much, so that only two speeds reveal it.
     let touched = if flaw == Flaw::ProbeTimeLate {
         "plane:X>2;late=40"
     } else {

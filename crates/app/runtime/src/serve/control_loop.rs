@@ -145,7 +145,7 @@ impl ControlLoop {
                 Ok(Some(call)) => self.calls.arrive(call),
                 Ok(None) => break,
                 Err(error) => {
-                    // Once: who does not read what is told must not keep the others waiting.
+                    // Once: notes that nobody reads would fill their pipe and block this thread.
                     if !std::mem::replace(&mut self.is_damage_told, true) {
                         tell(ServeNews::Note(&error.to_string()));
                     }
