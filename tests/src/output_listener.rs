@@ -1,19 +1,23 @@
 //! The outputs of a core as a reader of the bus sees them.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use evolvent_bus::MachineOutputs;
 
 use crate::Domain;
 
-/// Every message of outputs on the bus, from somebody who is no bridge.
+/// Every message of outputs on the bus, from somebody who is no bridge. It subscribes to setpoints as well, after the outputs: a core
+/// that waits for one client more than its bridges sends no change before the listener hears it.
 #[derive(Debug)]
 pub struct OutputListener {
     heard: Arc<Mutex<Vec<MachineOutputs>>>,
     over: Arc<AtomicBool>,
+    /// How often somebody asked, and the last of these questions before the thread last read the bus to its end.
+    asked: Arc<AtomicU64>,
+    answered: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -27,27 +31,44 @@ impl OutputListener {
             ..evolvent_bus::ClientConfig::new(name)
         };
         let (heard, over) = (Arc::new(Mutex::new(Vec::new())), Arc::new(AtomicBool::new(false)));
+        let (asked, answered) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
         let (its_ears, its_end) = (Arc::clone(&heard), Arc::clone(&over));
+        let (question, answer) = (Arc::clone(&asked), Arc::clone(&answered));
         let thread = std::thread::spawn(move || {
             let bus = evolvent_bus::ClientBus::open(&config).expect("the bus");
             let mut outputs = bus.outputs().expect("outputs");
+            let mut setpoints = bus.setpoints().expect("setpoints");
             while !its_end.load(Ordering::Acquire) {
+                let until = question.load(Ordering::Acquire);
+                while let Ok(Some(_)) = setpoints.receive() {}
                 while let Ok(Some(message)) = outputs.receive() {
                     its_ears.lock().expect("nobody panicked").push(message);
                 }
+                answer.store(until, Ordering::Release);
                 std::thread::sleep(Duration::from_millis(1));
             }
         });
         Self {
             heard,
             over,
+            asked,
+            answered,
             thread: Some(thread),
         }
     }
 
-    /// What has been heard so far.
+    /// Whatever was sent before this call.
+    ///
+    /// # Panics
+    /// The listener has not read the bus within a minute: no core came, or the thread has failed.
     #[must_use]
     pub fn messages(&self) -> Vec<MachineOutputs> {
+        let question = self.asked.fetch_add(1, Ordering::AcqRel) + 1;
+        let begin = Instant::now();
+        while self.answered.load(Ordering::Acquire) < question {
+            assert!(begin.elapsed() < Duration::from_secs(60), "the listener is deaf");
+            std::thread::sleep(Duration::from_millis(1));
+        }
         self.heard.lock().expect("nobody panicked").clone()
     }
 }

@@ -46,7 +46,7 @@ fn run(workshop: &Workshop, name: &str, ramp: &str, program: &str) -> (Vec<Machi
     let _drives = Drives::start(&machine, &domain, &[]);
     let listener = OutputListener::of(&domain, name);
     let launch = Launch::in_real_time(&program, &machine, &domain)
-        .with(&["--wait-for-clients", "1"])
+        .with(&["--wait-for-clients", "2"])
         .trace(&trace);
     launch.finish().expect_code(&[0, 3]);
     let mut messages = listener.messages();
@@ -244,7 +244,7 @@ fn the_status_shows_the_command_on_its_ramp() {
         let _drives = Drives::start(&machine, &domain, &[]);
         let listener = OutputListener::of(&domain, "shown-ramp");
         let running = Launch::in_real_time(&program, &machine, &domain)
-            .with(&["--wait-for-clients", "1"])
+            .with(&["--wait-for-clients", "2"])
             .no_trace()
             .start();
         let mut status = domain.client("shown-ramp").status().expect("a subscription");
@@ -277,7 +277,7 @@ fn a_signal_ends_a_run_after_its_ramp_and_a_second_at_once() {
             let trace = workshop.path(if is_repeated { "twice.mcap" } else { "once.mcap" });
             let listener = OutputListener::of(&domain, "stopped-ramp");
             let running = Launch::in_real_time(&program, &machine, &domain)
-                .with(&["--wait-for-clients", "1"])
+                .with(&["--wait-for-clients", "2"])
                 .trace(&trace)
                 .start();
             await_rpm(&listener, 600.0);
