@@ -18,6 +18,7 @@ import struct
 import sys
 import threading
 import time
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -289,8 +290,26 @@ def rules(url: str, watch_url: str) -> None:
     assert status == 200 and b"verdict" in text, text
     assert "sandbox allow-scripts;" in headers["content-security-policy"] + ";" and "frame-ancestors 'self'" in headers["content-security-policy"], headers
     assert headers["x-frame-options"] == "SAMEORIGIN", headers
-    # More than a program may have ends the upload.
     parts = urlsplit(url)
+    # A connection that closes behind its body, at any moment of what follows: the program is loaded, told and stored all the same.
+    comments = b"(%s)\n" % (b"x" * 76) * 100_000
+    for trial in range(8):
+        name = f"closed-{trial}.ngc"
+        link = http.client.HTTPConnection(parts.hostname or "", parts.port, timeout=60)
+        link.request("PUT", parts.path + f"programs/{name}", comments + program, {"Cookie": cookie, "Evolvent-Page": mine})
+        time.sleep(0.01 * trial)
+        link.close()
+        told = page.hear("program")
+        while not (told["program"] and told["program"]["name"] == name):
+            told = page.hear("program")
+        # What the core rejects next removes nothing of it.
+        status, _, text = request(url, "PUT", "programs/bad.ngc", b"G1 X9999 F1\nM2\n", Cookie=cookie, Evolvent_Page=mine)
+        assert status == 200, text
+        file = Path(told["program"]["file"])
+        assert file.stat().st_size == len(comments + program), file
+        remains = [other.name for other in file.parents[1].iterdir() if other.name.startswith(".upload-")]
+        assert remains == [], remains
+    # More than a program may have ends the upload.
     link = http.client.HTTPConnection(parts.hostname or "", parts.port, timeout=60)
     link.putrequest("PUT", parts.path + "programs/large.ngc")
     link.putheader("Content-Length", str(300 << 20))

@@ -17,6 +17,7 @@ use futures_util::StreamExt;
 use tokio::sync::mpsc;
 
 use crate::gate::Role;
+use crate::hub::Term;
 use crate::messages::{LogKind, ProgramInfo, Refusal};
 use crate::orders::Answer;
 use crate::program_store::ProgramStore;
@@ -86,27 +87,40 @@ async fn store(
     if announced.is_some_and(|bytes| bytes > MAX_PROGRAM) {
         return Err(too_large());
     }
-    let Ok(_turn) = server.receiving.try_acquire() else {
-        return refuse(StatusCode::TOO_MANY_REQUESTS, Refusal::Receiving);
-    };
+    let (server, programs, name) = (Arc::clone(server), programs.clone(), name.to_owned());
+    // A request whose page closes its connection is dropped where it stands: between LOAD and what follows it, the core would have a
+    // program of which the store knows nothing.
+    let task = tokio::spawn(async move {
+        let Ok(_turn) = server.receiving.try_acquire() else {
+            return Err((StatusCode::TOO_MANY_REQUESTS, Refusal::Receiving.into()));
+        };
+        take(&server, &programs, term, &name, body).await
+    });
+    task.await.unwrap_or_else(|error| Err(failed(&error)))
+}
+
+/// Receives a program, stores it and loads it.
+async fn take(
+    server: &Arc<Server>,
+    programs: &ProgramStore,
+    term: Term,
+    name: &str,
+    body: Body,
+) -> Result<Answer, Refused> {
     let upload = 1 + server.uploads.fetch_add(1, Ordering::Relaxed);
     let part = programs.part(upload);
-    let bytes = match receive(body, programs, part.clone()).await {
-        Ok(bytes) if server.hub.is_present(term) => bytes,
-        outcome => {
-            // The received part is useless.
-            let _removed = std::fs::remove_file(&part);
-            return Err(outcome
-                .err()
-                .unwrap_or_else(|| (StatusCode::FORBIDDEN, Refusal::NotLoaded.into())));
-        }
+    let received = match receive(body, programs, part.clone()).await {
+        Ok(_) if !server.hub.is_present(term) => Err((StatusCode::FORBIDDEN, Refusal::NotLoaded.into())),
+        // The file of the loaded program is another one: what is not accepted changes nothing of it.
+        Ok(bytes) => match programs.put(upload, name) {
+            Ok(file) => Ok((bytes, file)),
+            Err(error) => Err(failed(&error)),
+        },
+        Err(refused) => Err(refused),
     };
-    // The file of the loaded program is another one: what is not accepted changes nothing of it.
-    let file = programs.put(upload, name).map_err(|error| {
-        (
-            StatusCode::INTERNAL_SERVER_ERROR,
-            Answer::refused(error.to_string()),
-        )
+    let (bytes, file) = received.inspect_err(|_| {
+        // The received part is useless.
+        let _removed = std::fs::remove_file(&part);
     })?;
     let mut request = ControlRequest {
         command: CommandCode::Load as u32,
@@ -184,19 +198,33 @@ pub(crate) fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInf
     });
 }
 
-/// Writes a body to a file, in a thread that the disk may block; returns its size.
+/// Writes a body to a file, in a thread that the disk may block; returns its size. The thread has ended when this does.
 async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u64, Refused> {
     let most = programs.stored().map_or(MAX_PROGRAM, |stored| {
         MAX_PROGRAM.min(MAX_STORED.saturating_sub(stored))
     });
     let (sender, mut receiver) = mpsc::channel::<Bytes>(4);
     let writer = tokio::task::spawn_blocking(move || write_chunks(&part, &mut receiver));
+    let received = forward(body, sender, most, programs).await;
+    let written = writer.await.map_err(|error| failed(&error))?;
+    let bytes = received?;
+    written.map_err(|error| failed(&error))?;
+    Ok(bytes)
+}
+
+/// Hands a body to the writer; returns its size, less if the writer has failed.
+async fn forward(
+    body: Body,
+    sender: mpsc::Sender<Bytes>,
+    most: u64,
+    programs: &ProgramStore,
+) -> Result<u64, Refused> {
     let mut stream = body.into_data_stream();
     let mut bytes = 0;
     loop {
         let paused = |_| (StatusCode::REQUEST_TIMEOUT, Refusal::Paused.into());
         let Some(chunk) = tokio::time::timeout(PAUSE, stream.next()).await.map_err(paused)? else {
-            break;
+            return Ok(bytes);
         };
         let chunk = chunk.map_err(|error| {
             (
@@ -217,17 +245,14 @@ async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u
             return Err((StatusCode::PAYLOAD_TOO_LARGE, Answer::refused(text)));
         }
         if sender.send(chunk).await.is_err() {
-            break;
+            return Ok(bytes);
         }
     }
-    drop(sender);
-    let failed = |cause: &dyn std::fmt::Display| {
-        let text = format!("the program cannot be written: {cause}");
-        (StatusCode::INSUFFICIENT_STORAGE, Answer::refused(text))
-    };
-    let written = writer.await.map_err(|error| failed(&error))?;
-    written.map_err(|error| failed(&error))?;
-    Ok(bytes)
+}
+
+fn failed(cause: &dyn std::fmt::Display) -> Refused {
+    let text = format!("the program cannot be stored: {cause}");
+    (StatusCode::INSUFFICIENT_STORAGE, Answer::refused(text))
 }
 
 fn too_large() -> Refused {
