@@ -65,6 +65,9 @@ pub(crate) struct FeedReport {
     pub next_action: u32,
 }
 
+/// From here on nothing is begun: a command takes some numbers more, and setpoints bear the next one.
+const LAST_NUMBER: u32 = u32::MAX - 67_295;
+
 /// Feeds one program.
 pub(crate) struct Feeder<'a, S> {
     file: String,
@@ -273,6 +276,11 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 diagnostic: Box::new(diagnostic),
             })?;
             line = command.line;
+            if self.next_block.max(self.actions) > LAST_NUMBER {
+                let message = "the numbers of blocks and stops are used up".to_owned();
+                let help = "4 294 900 000 have been carried out since the start: start `evolvent` again";
+                return Err(self.refused(&command, program, message, help.to_owned()));
+            }
             if let Some(diagnostic) = self.objection_to(&command, program) {
                 return Err(self.wrong(diagnostic));
             }
@@ -441,6 +449,29 @@ mod tests {
         }
         fn exit(&mut self, _: u64, _: evolvent_planner::ExitSpeeds) {}
         fn commit(&mut self, _: u64) {}
+    }
+
+    /// They go on from job to job of a service that runs for months.
+    #[test]
+    fn numbers_that_are_used_up_end_a_program_with_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("turns.ngc");
+        std::fs::write(
+            &program,
+            "G21 G90 G94 F600\no1 while [1]\nG1 X1\nG1 X0\no1 endwhile\nM2\n",
+        )
+        .unwrap();
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let setup = Setup::new(Machine::load(&file).unwrap(), file, String::new(), None).unwrap();
+        let planner = Stages::one(&setup, 1.0, Nowhere);
+        let feeder = Feeder::new(&program, &setup, planner, Vec::new(), false, false);
+        let mut feeder = feeder.numbered_from(LAST_NUMBER - 100, 0);
+        let ended = feeder.feed_lines(&program).unwrap_err().to_string();
+        assert!(
+            ended.contains("turns.ngc:") && ended.contains("used up"),
+            "{ended}"
+        );
+        assert_eq!(feeder.next_block, LAST_NUMBER + 1);
     }
 
     #[test]

@@ -159,6 +159,11 @@ impl Operator {
                         .begin(request, command, "the tool table".to_owned(), work),
                 )
             }
+            // Where the axes are going to stand is not known yet.
+            Command::TouchOff { .. } if !self.view.at_rest => Some(Err(Rejection::new(
+                Alarm::Busy,
+                "the axes still stop; touch off when they are at rest",
+            ))),
             _ => {
                 let saving = self.keep.save(self.memory_after(command)?);
                 let about = "offsets and tools".to_owned();

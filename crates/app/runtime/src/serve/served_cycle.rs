@@ -75,6 +75,12 @@ impl ServedCycle {
         self.now.is_estop = true;
         self.parts.emergency(&mut self.now);
     }
+
+    /// For tests: the guard stops the axes, whose drives stay on.
+    #[cfg(test)]
+    pub(in crate::serve) fn quick_stops(&mut self) {
+        self.parts.station.emergency();
+    }
 }
 
 /// What it owns of the machine, and its ways to the other threads; built before it starts.

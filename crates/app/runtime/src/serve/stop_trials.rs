@@ -161,6 +161,39 @@ fn a_jog_that_is_ordered_as_the_chain_opens_does_not_begin() {
     assert!(matches!(bench.operator.job, Job::None), "the jog has ended");
 }
 
+/// The jog has ended as soon as the emergency stop has it, and OFF is accepted.
+#[test]
+fn off_while_the_axes_still_stop_takes_power_at_rest() {
+    for is_emergency in [true, false] {
+        let mut bench = Bench::with_drives(X);
+        bench.jogs();
+        bench.runs_seen(300);
+        if is_emergency {
+            assert!(bench.says(2, bench.command(CommandCode::Estop)));
+        } else {
+            // A fault of the guard: the drives stay on and follow.
+            bench.cycle.quick_stops();
+        }
+        bench.runs_seen(2);
+        assert!(bench.last.velocity[0] > 20.0, "{:?}", bench.last);
+        assert!(matches!(bench.operator.job, Job::None), "the jog has ended");
+        assert!(bench.says(2, bench.command(CommandCode::Off)), "OFF");
+        let mut touch_off = bench.command(CommandCode::TouchOff);
+        touch_off.axes_mask = X.bits();
+        assert!(!bench.says(2, touch_off), "touched off on the way");
+        let mut has_power = true;
+        for _ in 0..300 {
+            bench.runs_seen(1);
+            let moves = bench.last.velocity[0] != 0.0;
+            assert!(!moves || bench.power != PowerRequest::Off, "{:?}", bench.last);
+            has_power = bench.power != PowerRequest::Off;
+        }
+        assert!(!has_power, "power is off at rest");
+        assert_eq!(bench.last.velocity[0], 0.0);
+        assert!(bench.says(2, touch_off), "touched off at rest");
+    }
+}
+
 /// Without an alarm that says why: an emergency stop by command needs none.
 #[test]
 fn a_job_that_an_emergency_stop_forbids_raises_no_alarm_of_its_own() {

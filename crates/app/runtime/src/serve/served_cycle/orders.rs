@@ -145,7 +145,7 @@ impl ServedParts {
                     signals.set_by_hand(&change);
                 }
             }
-            CycleCommand::Power(request) => Self::request_power(now, id, request),
+            CycleCommand::Power(request) => self.request_power(now, id, request),
             CycleCommand::Clear => {
                 now.faulted = false;
                 now.drive.fault_reset = now.drive.fault_reset.wrapping_add(1);

@@ -63,7 +63,7 @@ impl PowerOrders {
 }
 
 impl ServedParts {
-    pub(super) fn request_power(now: &mut CycleState, id: u64, request: PowerRequest) {
+    pub(super) fn request_power(&self, now: &mut CycleState, id: u64, request: PowerRequest) {
         match request {
             PowerRequest::On if now.drive.power != PowerRequest::On || now.power_off_at_rest => {
                 now.power_orders.pending = Some(PendingOn {
@@ -72,6 +72,12 @@ impl ServedParts {
                 });
             }
             PowerRequest::On => now.power_orders.settle(id),
+            // A job has ended, but the axes still stop by themselves after an emergency or a fault: drives without torque would coast.
+            PowerRequest::Off if !self.station.is_at_rest() => {
+                now.power_off_at_rest = true;
+                now.power_orders.pending = None;
+                now.power_orders.settle(id);
+            }
             PowerRequest::Off | PowerRequest::QuickStop => {
                 now.drive.power = request;
                 now.power_off_at_rest = false;
