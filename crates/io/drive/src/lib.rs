@@ -38,7 +38,7 @@
 //! period of the drives: it bridges a few missing ones, then brakes within the limits ([`Brake`]) and holds;
 //! it rejects jumps. [`IndexLatch`] keeps the request for an index pulse. [`Gantry`] squares the beam of two
 //! motors of one axis. [`SpindleEncoder`] converts counts and index pulses to the angle of a spindle, and
-//! [`SpindleOrientation`] turns it to an angle. [`Cia402`] brings a drive to the requested power state. [`DriveMachine`] is the drive's
+//! [`SpindleOrientation`] turns it to an angle; [`SpindlePower`] says when its drive may have torque. [`Cia402`] brings a drive to the requested power state. [`DriveMachine`] is the drive's
 //! own state machine, for simulated drives and tests.
 //!
 //! Time is an argument. Everything except the constructors may be called from a real-time cycle.
@@ -60,6 +60,7 @@ mod power;
 mod spindle_encoder;
 mod spindle_entry;
 mod spindle_orientation;
+mod spindle_power;
 mod status_word;
 mod watch;
 
@@ -82,6 +83,7 @@ pub use spindle_encoder::{
 };
 pub use spindle_entry::{SpindleEntry, SpindleFault};
 pub use spindle_orientation::{OrientationSettings, SpindleOrientation};
+pub use spindle_power::SpindlePower;
 pub use status_word::{DriveState, bits};
 pub use watch::{FeedbackWatch, Presence, WatchMode, WatchSettings};
 

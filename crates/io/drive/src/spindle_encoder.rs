@@ -15,7 +15,10 @@ const SPACING_NS: u64 = 800_000;
 const WINDOW_COUNTS: u64 = 256;
 const SHORTEST_WINDOW_NS: u64 = 4_000_000;
 const LONGEST_WINDOW_NS: u64 = 100_000_000;
-/// A spindle stands if it has moved by less than this many counts in the longest window: a shaft at rest on an edge goes to and fro.
+/// A spindle that is slower stands, rpm: 1 kg m2 at 1 rpm have 5 mJ. The noise of an encoder at rest, a few counts of 2^20 in a turn, is
+/// a thousandth of it.
+const STANDING_RPM: f64 = 1.0;
+/// A coarse encoder cannot show less than this many counts in the longest window: a shaft at rest on an edge goes to and fro.
 const STANDING_COUNTS: f64 = 3.0;
 /// Turns of the index in which a pulse has to come after its latch was armed: it is reported some periods later, which at a high speed
 /// is a good part of a turn.
@@ -347,8 +350,8 @@ impl SpindleEncoder {
     /// Whether it is at rest.
     #[must_use]
     pub fn is_standing(&self) -> bool {
-        let slowest = STANDING_COUNTS / LONGEST_WINDOW_NS as f64 * NS_PER_MINUTE * self.turns_per_count();
-        self.speed_rpm().abs() < slowest
+        let shown = STANDING_COUNTS / LONGEST_WINDOW_NS as f64 * NS_PER_MINUTE * self.turns_per_count();
+        self.speed_rpm().abs() < STANDING_RPM.max(shown)
     }
 
     /// The message of the last reading. The bridge adds number and instance.
@@ -712,6 +715,27 @@ mod tests {
             shaft.step(rpm, MS);
             assert!(period < 120 || shaft.encoder.is_standing(), "{period}");
         }
+    }
+
+    #[test]
+    fn the_noise_of_a_fine_encoder_is_no_motion_and_a_slow_turn_is() {
+        let fine = SpindleEncoderSettings {
+            counter_bits: 32,
+            counts_per_turn: 1 << 20,
+            index: SpindleIndex::None,
+            ..SETTINGS
+        };
+        let mut random = Random::new();
+        let mut encoder = SpindleEncoder::new(fine);
+        for ms in 0..2000 {
+            encoder.read((1000.0 + random.between(-2.0, 2.0)) as u32, ms * MS);
+            assert!(encoder.is_standing(), "{ms} ms: {} rpm", encoder.speed_rpm());
+        }
+        let mut shaft = Shaft::new(fine, 0.0);
+        for _ in 0..200 {
+            shaft.step(2.0, MS);
+        }
+        assert!(!shaft.encoder.is_standing());
     }
 
     #[test]

@@ -6,7 +6,7 @@
 use evolvent_bus::{MachineOutputs, SpindleFeedback};
 use evolvent_drive::{
     Braking, Cia402, DriveState, PowerRequest, SpindleConditions, SpindleEncoder, SpindleEncoderFault,
-    SpindleOrientation, bits, control,
+    SpindleOrientation, SpindlePower, bits, control,
 };
 use evolvent_machine::Machine;
 
@@ -54,6 +54,7 @@ pub(crate) struct SpindleDrive {
     /// The zero impulse is looked for.
     is_armed: bool,
     orientation: Option<SpindleOrientation>,
+    power: SpindlePower,
     is_heard: bool,
     is_lost: bool,
     sent: SpindleFeedback,
@@ -82,6 +83,7 @@ impl SpindleDrive {
                     zero_impulse: ZeroImpulse::new(),
                     is_armed: false,
                     orientation: settings.orientation.map(SpindleOrientation::new),
+                    power: SpindlePower::default(),
                     is_heard: known.is_some_and(|known| known.has_feedback()),
                     is_lost: false,
                     sent: SpindleFeedback {
@@ -217,12 +219,14 @@ impl SpindleDrive {
         };
         let turns = matches!(direction, CLOCKWISE | COUNTER_CLOCKWISE)
             || direction == ORIENT && self.orientation.is_some();
-        let power = match (turns, stands, is_silent) {
-            (true, ..) => PowerRequest::On,
+        // By its last inputs also where it is lost: it may still hear.
+        let had_torque = DriveState::decode(self.inputs.status_word).is_some_and(DriveState::has_torque);
+        let is_on = self.power.step(turns, stands, had_torque);
+        let power = match (is_on, is_silent) {
             // It brakes in operation, by the speed zero; without the core as fast as it can.
-            (false, false, false) => PowerRequest::On,
-            (false, false, true) => PowerRequest::QuickStop,
-            (false, true, _) => PowerRequest::Off,
+            (true, false) => PowerRequest::On,
+            (true, true) => PowerRequest::QuickStop,
+            (false, _) => PowerRequest::Off,
         };
         let controller = self.controller.get_or_insert(Cia402::new(fault_reset));
         let since_ns = now_ns.saturating_sub(std::mem::replace(&mut self.stepped_ns, now_ns));
@@ -284,5 +288,112 @@ impl SpindleDrive {
             ..message
         };
         Some(self.sent)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_drive::{DriveEvents, DriveMachine, QuickStopOption};
+    use evolvent_random::Random;
+
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    /// The spindle of the shipped lathe, its drive's state machine, and a shaft.
+    struct Bench {
+        spindle: SpindleDrive,
+        machine: DriveMachine,
+        wanted: MachineOutputs,
+        /// Increments.
+        shaft: f64,
+        now_ns: u64,
+        /// How often the drive has come into operation.
+        switch_ons: u32,
+        word: u16,
+    }
+
+    impl Bench {
+        fn new() -> Self {
+            let shipped = evolvent_file_tests::shipped;
+            let machine = Machine::parse(&shipped("machines/lathe-ethercat.toml"), "lathe.toml").unwrap();
+            let network = Network::parse(&shipped("networks/sim-lathe.toml"), "lathe.toml").unwrap();
+            Self {
+                spindle: SpindleDrive::all(&machine, &network, 1).remove(0),
+                machine: DriveMachine::new(QuickStopOption::ThenDisabled),
+                wanted: MachineOutputs::default(),
+                shaft: 0.0,
+                now_ns: MS,
+                switch_ons: 0,
+                word: 0,
+            }
+        }
+
+        /// Periods of a ms at a speed of the shaft.
+        fn turn(&mut self, periods: u32, mut rpm: impl FnMut() -> f64, events: DriveEvents) {
+            for _ in 0..periods {
+                self.now_ns += MS;
+                self.shaft += rpm() * 1_048_576.0 / 60e3;
+                let inputs = DriveInputs {
+                    status_word: self.machine.status_word(),
+                    position: self.shaft as i32,
+                    ..DriveInputs::default()
+                };
+                self.spindle.take(inputs, self.now_ns);
+                let outputs = self.spindle.outputs(&self.wanted, false, 0, self.now_ns);
+                let before = self.machine.state();
+                let state = self.machine.step(outputs.control_word, events);
+                let is_new = state != before && state == DriveState::OperationEnabled;
+                self.switch_ons += u32::from(is_new);
+                self.word = outputs.control_word;
+            }
+        }
+    }
+
+    const READY: DriveEvents = DriveEvents {
+        ready: true,
+        fault: None,
+        at_rest: true,
+    };
+
+    #[test]
+    fn only_a_command_switches_the_drive_on() {
+        let mut bench = Bench::new();
+        // A hand, and an encoder at rest whose noise is two increments.
+        bench.turn(2000, || 5.0, READY);
+        let mut random = Random::new();
+        bench.turn(2000, || random.between(-2.0, 2.0) * 60e3 / 1_048_576.0, READY);
+        assert_eq!(bench.switch_ons, 0);
+        // M3, then M5: it brakes in operation until it stands, and is off then.
+        (bench.wanted.spindle_direction[0], bench.wanted.spindle_rpm[0]) = (CLOCKWISE, 300.0);
+        bench.turn(500, || 300.0, READY);
+        bench.wanted.spindle_direction[0] = STOPPED;
+        bench.turn(500, || 100.0, READY);
+        assert_eq!((bench.switch_ons, bench.word), (1, control::ENABLE_OPERATION));
+        bench.turn(500, || 0.0, READY);
+        assert_eq!(bench.machine.state(), DriveState::SwitchOnDisabled);
+        bench.turn(2000, || 5.0, READY);
+        assert_eq!(bench.switch_ons, 1);
+    }
+
+    #[test]
+    fn a_spindle_that_coasts_after_safe_torque_off_stays_without_torque() {
+        let mut bench = Bench::new();
+        (bench.wanted.spindle_direction[0], bench.wanted.spindle_rpm[0]) = (CLOCKWISE, 300.0);
+        bench.turn(500, || 300.0, READY);
+        assert_eq!(bench.switch_ons, 1);
+        // The chain opens, and the core stops the spindle.
+        bench.machine = DriveMachine::new(QuickStopOption::ThenDisabled);
+        bench.wanted.spindle_direction[0] = STOPPED;
+        bench.turn(
+            500,
+            || 200.0,
+            DriveEvents {
+                ready: false,
+                ..READY
+            },
+        );
+        bench.turn(2000, || 100.0, READY);
+        assert_eq!(bench.switch_ons, 1);
     }
 }

@@ -1,7 +1,9 @@
 //! The spindles of a session: speed, direction and orientation out, angle and faults back.
 
 use evolvent_bus::{MachineOutputs, SpindleFeedback};
-use evolvent_drive::{SpindleConditions, SpindleEncoder, SpindleEncoderFault, SpindleOrientation};
+use evolvent_drive::{
+    SpindleConditions, SpindleEncoder, SpindleEncoderFault, SpindleOrientation, SpindlePower,
+};
 use evolvent_machine::Machine;
 
 use crate::axis::MAX_COUNTS;
@@ -45,6 +47,7 @@ struct Spindle {
     encoder: Option<SpindleEncoder>,
     index: EncoderIndex,
     orientation: Option<SpindleOrientation>,
+    power: SpindlePower,
     /// The machine file has it with feedback.
     is_heard: bool,
     sent: SpindleFeedback,
@@ -82,6 +85,7 @@ impl SpindleSet {
                     Some(SpindleOrienting::Loop(orientation)) => Some(SpindleOrientation::new(orientation)),
                     _ => None,
                 },
+                power: SpindlePower::default(),
                 is_heard: known.is_some_and(|known| known.has_feedback()),
                 sent: SpindleFeedback {
                     instance,
@@ -292,8 +296,8 @@ impl Spindle {
         let by_loop = direction == ORIENT && self.orientation.is_some();
         let turns = matches!(direction, CLOCKWISE | COUNTER_CLOCKWISE) || by_loop;
         let backwards = direction == COUNTER_CLOCKWISE || by_loop && commanded_rpm < 0.0;
-        // A drive brakes while it is enabled.
-        let is_enabled = wanted.is_some() && (turns || by_drive || !stands) && !self.has_drive_fault;
+        let may_run = wanted.is_some() && !self.has_drive_fault;
+        let is_enabled = self.power.step(may_run && (turns || by_drive), stands, may_run);
         for (pin, on) in [
             (self.settings.forward, turns && !backwards),
             (self.settings.reverse, turns && backwards),

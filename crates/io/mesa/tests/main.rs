@@ -13,3 +13,4 @@ mod field_io;
 mod gantry;
 mod index;
 mod pins;
+mod spindle;
