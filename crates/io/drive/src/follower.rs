@@ -96,8 +96,11 @@ pub struct Target {
     pub acceleration: [f64; AXES],
     /// What the follower is doing.
     pub state: BridgeState,
-    /// The core's request to the power stages.
+    /// The core's request to the power stages; off if the drives do not follow and the core is silent.
     pub power: PowerRequest,
+    /// The core requested power and is silent, and the drives do not follow: `power` is not its request, and unlocks nothing that waits
+    /// for *off*.
+    pub is_silent: bool,
     /// The core's counter of fault resets.
     pub fault_reset: u32,
     /// The setpoint that came due last.
@@ -494,7 +497,7 @@ impl Follower {
                 };
             }
         } else {
-            let longest_ns = (patience * period_ns).max(period_ns + period_ns / 2);
+            let longest_ns = self.longest_ns();
             let late = age_ns > period_ns + period_ns / 2;
             self.state = if late {
                 BridgeState::Bridging
@@ -519,6 +522,12 @@ impl Follower {
             self.brakes[axis] = self.brake_of(axis, states[axis]);
         }
         true
+    }
+
+    /// The age of a setpoint up to which the motion continues without another, ns.
+    fn longest_ns(&self) -> u64 {
+        let period_ns = self.settings.period_ns;
+        (period_ns * u64::from(self.settings.bridge_cycles)).max(period_ns + period_ns / 2)
     }
 
     fn brake_of(&self, axis: usize, state: BrakeState) -> Brake {
@@ -578,6 +587,7 @@ impl Follower {
             acceleration: states.map(|state| state.acceleration),
             state: self.state,
             power: self.current.map_or(PowerRequest::Off, |current| current.power),
+            is_silent: false,
             fault_reset: self.current.map_or(0, |current| current.fault_reset),
             sequence: self.current.map_or(0, |current| current.sequence),
             phase_error_ns: 0,
@@ -590,6 +600,15 @@ impl Follower {
         if self.state == BridgeState::Braking || silent {
             // Torque is needed for braking, and for holding until another core sends setpoints.
             target.power = PowerRequest::On;
+        }
+        if matches!(self.state, BridgeState::Waiting | BridgeState::Off) && target.power == PowerRequest::On {
+            // Drives that come into operation, or find their zero, do so for a core that is there.
+            target.is_silent = self
+                .current
+                .is_some_and(|current| now_ns.saturating_sub(current.due_ns) > self.longest_ns());
+            if target.is_silent {
+                target.power = PowerRequest::Off;
+            }
         }
         if self.quick_stop {
             target.power = PowerRequest::QuickStop;

@@ -359,6 +359,26 @@ fn while_the_drives_do_not_follow_the_target_is_where_they_are() {
 }
 
 #[test]
+fn drives_that_do_not_follow_yet_get_no_power_from_a_silent_core() {
+    let mut follower = Follower::new(settings()).expect("limits");
+    let mut now_ns = 5_000_000;
+    for cycle in 0..10 {
+        let _noted = follower.offer(now_ns, &setpoint(cycle));
+        let target = follower.step(now_ns, false, &[0.0; AXES]);
+        assert_eq!((target.power, target.is_silent), (PowerRequest::On, false));
+        now_ns += PERIOD_NS;
+    }
+    let mut step = |periods: u64| {
+        now_ns += periods * PERIOD_NS;
+        let target = follower.step(now_ns, false, &[0.0; AXES]);
+        (target.state, target.power, target.is_silent)
+    };
+    assert_eq!(step(2), (BridgeState::Off, PowerRequest::On, false));
+    assert_eq!(step(2), (BridgeState::Off, PowerRequest::Off, true));
+    assert_eq!(step(1_000), (BridgeState::Off, PowerRequest::Off, true));
+}
+
+#[test]
 fn a_quick_stop_is_passed_on_at_once_however_late_or_wrong_it_comes() {
     let mut bench = Bench::new();
     bench.run(0, 100, |_| false);

@@ -270,7 +270,7 @@ impl DriveSet {
         let fails = |axis: &DriveAxis| {
             axis.homing() == HomingProgress::Failed || axis.state().is_none_or(DriveState::is_fault)
         };
-        if target.power == PowerRequest::Off {
+        if target.power == PowerRequest::Off && !target.is_silent {
             self.group_stop = false;
             for axis in &mut self.axes {
                 axis.forget_hold();
@@ -284,7 +284,9 @@ impl DriveSet {
             self.group_stop = true;
         }
         self.was_enabled = enabled;
-        self.power = if self.ending || self.group_stop {
+        // Without a core a drive that looks for its zero brakes, and no other begins.
+        let is_orphaned = target.is_silent && self.homing.is_some();
+        self.power = if self.ending || self.group_stop || is_orphaned {
             PowerRequest::QuickStop
         } else {
             target.power
@@ -471,7 +473,10 @@ impl DriveSet {
 
 #[cfg(test)]
 mod tests {
+    use evolvent_drive::{DriveEvents, DriveMachine, QuickStopOption};
+
     use super::*;
+    use crate::homing::HOMING_MODE;
 
     /// At 300 mm/s, with a sample of each period, after four lost frames, and after ten periods in which the bridge was suspended.
     #[test]
@@ -543,6 +548,115 @@ mod tests {
             let position = fourth.axes()[0].position();
             assert!((position - after_reset - 10.0).abs() < 1e-6, "{position}");
         }
+    }
+
+    const PERIOD_NS: u64 = 1_000_000;
+
+    /// The drives of the shipped mill, of which the first two find their zero one after the other, and their core.
+    struct Bench {
+        drives: DriveSet,
+        machines: Vec<DriveMachine>,
+        now_ns: u64,
+        setpoint: Setpoint,
+    }
+
+    impl Bench {
+        fn new(homes: bool) -> Self {
+            let shipped = evolvent_file_tests::shipped;
+            let machine =
+                Machine::parse(&shipped("machines/mill-3axis.toml"), "mill.toml").expect("a machine");
+            let text = shipped("networks/sim-mill.toml");
+            let mut network = Network::parse(&text, "mill.toml").expect("a network");
+            let axes = network
+                .devices
+                .iter_mut()
+                .filter_map(|device| device.axis.as_mut());
+            for (axis, order) in axes.zip(0..2).filter(|_| homes) {
+                axis.homing = Some(crate::homing::HomingOnDrive {
+                    method: 18,
+                    search: 10_000_000,
+                    latch: 1_000_000,
+                    acceleration: None,
+                    position: -5.0,
+                    order,
+                    timeout_s: 10.0,
+                });
+            }
+            let mut bench = Self {
+                drives: DriveSet::new(&machine, &network, PERIOD_NS, 1, &Starts::default())
+                    .expect("settings"),
+                machines: vec![DriveMachine::new(QuickStopOption::ThenDisabled); 3],
+                now_ns: 1_000_000_000,
+                setpoint: Setpoint {
+                    period_ns: PERIOD_NS,
+                    axes_mask: 0b111,
+                    ..Setpoint::default()
+                },
+            };
+            bench.request(PowerRequest::Off);
+            bench
+        }
+
+        fn request(&mut self, power: PowerRequest) {
+            self.setpoint.power_request = power.number();
+        }
+
+        /// Periods with a core, or without. Returns the outputs of the last.
+        fn run(&mut self, periods: u32, has_core: bool) -> Vec<DriveOutputs> {
+            let mut outputs = Vec::new();
+            for _ in 0..periods {
+                if has_core {
+                    self.setpoint.sequence += 1;
+                    self.setpoint.due_time_ns = self.now_ns + PERIOD_NS;
+                    self.drives.offer(self.now_ns, &self.setpoint);
+                }
+                self.now_ns += PERIOD_NS;
+                self.drives.step(self.now_ns);
+                outputs = (0..3).map(|axis| self.drives.outputs(axis)).collect();
+                for (axis, machine) in self.machines.iter_mut().enumerate() {
+                    let events = DriveEvents {
+                        ready: true,
+                        at_rest: true,
+                        ..DriveEvents::default()
+                    };
+                    machine.step(outputs[axis].control_word & 0x8F, events);
+                    let inputs = DriveInputs {
+                        status_word: machine.status_word(),
+                        mode: outputs[axis].mode,
+                        ..DriveInputs::default()
+                    };
+                    self.drives.take(self.now_ns, axis, inputs);
+                }
+            }
+            outputs
+        }
+    }
+
+    #[test]
+    fn drives_that_home_stop_when_the_core_has_gone_and_no_other_begins() {
+        let mut bench = Bench::new(true);
+        bench.run(20, true);
+        bench.request(PowerRequest::On);
+        let outputs = bench.run(50, true);
+        let modes: Vec<i8> = outputs.iter().map(|outputs| outputs.mode).collect();
+        assert_eq!(modes, [HOMING_MODE, 8, 8]);
+        assert_eq!(bench.machines[0].state(), DriveState::OperationEnabled);
+        // Setpoints are late for a few periods, then there are none.
+        bench.run(8, false);
+        assert_eq!(bench.machines[0].state(), DriveState::OperationEnabled);
+        bench.run(5, false);
+        for _ in 0..2000 {
+            let outputs = bench.run(1, false);
+            assert!(outputs.iter().all(|outputs| outputs.mode != HOMING_MODE));
+            assert!(bench.machines.iter().all(|machine| !machine.has_torque()));
+        }
+        // The same core, that was only late: power comes back after off.
+        let outputs = bench.run(50, true);
+        assert!(outputs.iter().all(|outputs| outputs.mode != HOMING_MODE));
+        bench.request(PowerRequest::Off);
+        bench.run(20, true);
+        bench.request(PowerRequest::On);
+        assert_eq!(bench.run(50, true)[0].mode, HOMING_MODE);
     }
 
     /// A counter without `absolute` 500 turns from its zero, which the drive's own homing sets to 0.

@@ -232,7 +232,7 @@ impl AxisSet {
         outputs.index[0] = self.encoder_index.command();
         self.step_gantries(enabled, &target);
         // Axes that cannot follow together do not follow at all.
-        if target.power == PowerRequest::Off {
+        if target.power == PowerRequest::Off && !target.is_silent {
             self.group_stop = false;
         } else if self.was_enabled && !enabled {
             self.group_stop = true;

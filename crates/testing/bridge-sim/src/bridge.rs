@@ -223,7 +223,7 @@ impl SimBridge {
             .drives
             .iter()
             .any(|drive| drive.state() == DriveState::OperationEnabled);
-        if target.power != PowerRequest::On {
+        if target.power != PowerRequest::On && !target.is_silent {
             self.group_stop = false;
         } else if self.operating_since_ns.is_some() && was_operating && left && some_operate {
             self.group_stop = true;
