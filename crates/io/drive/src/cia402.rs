@@ -53,12 +53,15 @@ pub struct DriveOrder {
 /// Rules that prevent unexpected motion:
 /// - until operation is enabled the target is the actual position, so that enabling causes no motion;
 /// - after a fault or a quick stop power stays off until the request has once been *off*;
-/// - a fault is reset only when the counter of resets has grown, by one edge;
+/// - a fault is reset only when the counter of resets of one core has grown, by one edge;
 /// - a drive that brakes by its quick stop ramp or its fault reaction keeps its voltage until it has stopped, leaves that state by
 ///   itself, or has braked for 2 s without power being requested: without voltage the axis would coast.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cia402 {
+    /// The counter of the core, as it was seen last; none before, and between two cores.
+    counter: Option<u32>,
     resets_done: u32,
+    reset_requested: bool,
     reset_edge: bool,
     locked_out: bool,
     /// For how long it has been braking although no quick stop is requested, ns.
@@ -66,11 +69,13 @@ pub struct Cia402 {
 }
 
 impl Cia402 {
-    /// A drive in an unknown state. Resets up to the given count of the core's counter count as done.
+    /// A drive in an unknown state. What a core has requested before its first count counts as done.
     #[must_use]
-    pub const fn new(resets_done: u32) -> Self {
+    pub const fn new() -> Self {
         Self {
-            resets_done,
+            counter: None,
+            resets_done: 0,
+            reset_requested: false,
             reset_edge: false,
             locked_out: false,
             braking_ns: 0,
@@ -91,18 +96,19 @@ impl Cia402 {
 
     /// One period: from the drive's status word and the core's request to the commands of the drive.
     ///
-    /// `fault_reset` is the core's counter; `setpoint` and `actual` are in one unit; `braking` is needed while the drive brakes by
+    /// `fault_reset` is the core's counter, none without a core and in the first period of another one; `setpoint` and `actual` are in one unit; `braking` is needed while the drive brakes by
     /// itself. A status word that matches no state removes the voltage.
     pub fn step(
         &mut self,
         status_word: u16,
         request: PowerRequest,
-        fault_reset: u32,
+        fault_reset: Option<u32>,
         setpoint: f64,
         actual: f64,
         braking: Braking,
     ) -> DriveOrder {
         let state = DriveState::decode(status_word);
+        self.take_counter(fault_reset);
         let has_stopped = matches!(
             state,
             Some(DriveState::Fault | DriveState::FaultReactionActive | DriveState::QuickStopActive)
@@ -114,7 +120,7 @@ impl Cia402 {
         }
         let wants_power = request == PowerRequest::On && !self.locked_out;
         let control_word = match state {
-            Some(DriveState::Fault) => self.fault_word(fault_reset),
+            Some(DriveState::Fault) => self.fault_word(),
             None | Some(DriveState::NotReadyToSwitchOn) => control::DISABLE_VOLTAGE,
             Some(DriveState::SwitchOnDisabled) if wants_power => control::SHUTDOWN,
             Some(DriveState::SwitchOnDisabled) => control::DISABLE_VOLTAGE,
@@ -144,8 +150,7 @@ impl Cia402 {
         }
         if state != Some(DriveState::Fault) {
             // Nothing to reset: the request is done.
-            self.resets_done = fault_reset;
-            self.reset_edge = false;
+            (self.reset_requested, self.reset_edge) = (false, false);
         }
         let follows = state == Some(DriveState::OperationEnabled)
             && control_word == control::ENABLE_OPERATION
@@ -166,17 +171,27 @@ impl Cia402 {
         braking.is_standing != Some(true) && self.braking_ns as f64 <= MAX_BRAKING_S * 1e9
     }
 
+    /// Takes over the counter. Only its growth within one core is a request: that of a core that has begun again may be anything.
+    const fn take_counter(&mut self, fault_reset: Option<u32>) {
+        match (self.counter, fault_reset) {
+            (Some(before), Some(count)) if count == before => {}
+            (Some(before), Some(count)) => {
+                self.reset_requested = count.wrapping_sub(before).cast_signed() > 0;
+                self.resets_done = count;
+            }
+            (None, Some(count)) => self.resets_done = count,
+            (_, None) => self.reset_requested = false,
+        }
+        self.counter = fault_reset;
+    }
+
     /// One period with the edge for each growth of the counter, low in between.
-    fn fault_word(&mut self, fault_reset: u32) -> u16 {
+    const fn fault_word(&mut self) -> u16 {
+        self.reset_edge = !self.reset_edge && core::mem::replace(&mut self.reset_requested, false);
         if self.reset_edge {
-            self.reset_edge = false;
-            return control::DISABLE_VOLTAGE;
+            control::FAULT_RESET
+        } else {
+            control::DISABLE_VOLTAGE
         }
-        if self.resets_done == fault_reset {
-            return control::DISABLE_VOLTAGE;
-        }
-        self.resets_done = fault_reset;
-        self.reset_edge = true;
-        control::FAULT_RESET
     }
 }

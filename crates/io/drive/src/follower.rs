@@ -101,8 +101,9 @@ pub struct Target {
     /// The core requested power and is silent, and the drives do not follow: `power` is not its request, and unlocks nothing that waits
     /// for *off*.
     pub is_silent: bool,
-    /// The core's counter of fault resets.
-    pub fault_reset: u32,
+    /// The core's counter of fault resets; none without a core, and in the first period of each: only what it counts from there on is
+    /// a request.
+    pub fault_reset: Option<u32>,
     /// The setpoint that came due last.
     pub sequence: u64,
     /// The drives' time minus the due time of the nearest setpoint, ns.
@@ -171,6 +172,8 @@ pub struct Follower {
     /// The core of the current setpoint has been followed. Until then it takes over the bridge's datum and coordinates, and a change
     /// of its datum renames nothing.
     is_tied: bool,
+    /// No setpoint of the core has been the current one before this period.
+    is_new_core: bool,
     datums_lost: u32,
     quick_stop: bool,
 }
@@ -216,6 +219,7 @@ impl Follower {
             stepped_ns: 0,
             datum: 0,
             is_tied: false,
+            is_new_core: true,
             datums_lost: 0,
             quick_stop: false,
         })
@@ -303,7 +307,7 @@ impl Follower {
                 // Another core. The orders of the previous one are void.
                 self.note = Note::Restart;
                 self.queue.clear();
-                (self.current, self.is_tied) = (None, false);
+                (self.current, self.is_tied, self.is_new_core) = (None, false, true);
             } else if point.sequence == tail.sequence {
                 return Ok(());
             } else {
@@ -387,7 +391,9 @@ impl Follower {
             }
         }
         self.stepped_ns = now_ns;
-        self.target(now_ns, &states, datum_shift)
+        let target = self.target(now_ns, &states, datum_shift);
+        self.is_new_core &= self.current.is_none();
+        target
     }
 
     /// A bridge that was suspended for longer than it may continue without setpoints does not jump to where
@@ -588,7 +594,9 @@ impl Follower {
             state: self.state,
             power: self.current.map_or(PowerRequest::Off, |current| current.power),
             is_silent: false,
-            fault_reset: self.current.map_or(0, |current| current.fault_reset),
+            fault_reset: (self.current)
+                .filter(|_| !self.is_new_core)
+                .map(|current| current.fault_reset),
             sequence: self.current.map_or(0, |current| current.sequence),
             phase_error_ns: 0,
             datum: self.datum,

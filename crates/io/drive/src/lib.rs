@@ -15,14 +15,14 @@
 //! use evolvent_drive::{Braking, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest, QuickStopOption};
 //!
 //! let mut drive = DriveMachine::new(QuickStopOption::ThenDisabled);
-//! let mut bridge = Cia402::new(0);
+//! let mut bridge = Cia402::new();
 //! let events = DriveEvents { ready: true, at_rest: true, ..DriveEvents::default() };
 //! // What the bridge knows of a drive that brakes: nothing here.
 //! let braking = Braking { period_s: 1e-3, is_standing: None };
 //! let mut control_word = 0;
 //! for _ in 0..10 {
 //!     drive.step(control_word, events);
-//!     let order = bridge.step(drive.status_word(), PowerRequest::On, 0, 12.5, 12.0, braking);
+//!     let order = bridge.step(drive.status_word(), PowerRequest::On, None, 12.5, 12.0, braking);
 //!     // Until operation is enabled the target is the actual position: enabling moves nothing.
 //!     assert_eq!(order.target_position, if order.follows { 12.5 } else { 12.0 });
 //!     control_word = order.control_word;

@@ -29,7 +29,7 @@ fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
         sync_tolerance: [0.5; AXES],
     };
     let mut follower = Follower::new(settings).expect("limits");
-    let mut controller = Cia402::new(0);
+    let mut controller = Cia402::new();
     let mut drive = DriveMachine::new(QuickStopOption::ThenDisabled);
     let mut gantry = Gantry::new(GantrySettings {
         squaring_offset: 0.1,
@@ -63,7 +63,7 @@ fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
         let order = controller.step(
             drive.status_word(),
             target.power,
-            0,
+            target.fault_reset,
             target.position[0],
             0.0,
             Braking::default(),

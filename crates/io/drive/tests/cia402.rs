@@ -251,7 +251,7 @@ struct Pair {
 impl Pair {
     fn new() -> Self {
         Self {
-            controller: Cia402::new(0),
+            controller: Cia402::new(),
             drive: DriveMachine::new(QuickStopOption::ThenDisabled),
             events: DriveEvents {
                 ready: true,
@@ -271,7 +271,7 @@ impl Pair {
             let order = self.controller.step(
                 self.drive.status_word(),
                 request,
-                self.resets,
+                Some(self.resets),
                 7.0,
                 3.0,
                 self.braking,
@@ -322,32 +322,63 @@ fn after_a_fault_power_comes_back_only_by_reset_and_a_new_request() {
 
 #[test]
 fn one_growth_of_the_counter_is_one_edge() {
-    let mut controller = Cia402::new(0);
+    let mut controller = Cia402::new();
     let fault = DriveState::Fault.code();
-    let words: Vec<u16> = [1, 1, 1, 2, 2]
+    let words: Vec<u16> = [0, 1, 1, 1, 2, 2, 3, 4, 4, 4]
         .into_iter()
         .map(|resets| {
             controller
-                .step(fault, PowerRequest::Off, resets, 0.0, 0.0, Braking::default())
+                .step(
+                    fault,
+                    PowerRequest::Off,
+                    Some(resets),
+                    0.0,
+                    0.0,
+                    Braking::default(),
+                )
                 .control_word
         })
         .collect();
-    assert_eq!(words, [0x80, 0, 0, 0x80, 0]);
+    assert_eq!(words, [0, 0x80, 0, 0, 0x80, 0, 0x80, 0, 0x80, 0]);
     // What was asked for while there was no fault resets none that comes later.
     controller.step(
         DriveState::SwitchOnDisabled.code(),
         PowerRequest::Off,
-        9,
+        Some(9),
         0.0,
         0.0,
         Braking::default(),
     );
     assert_eq!(
         controller
-            .step(fault, PowerRequest::Off, 9, 0.0, 0.0, Braking::default())
+            .step(fault, PowerRequest::Off, Some(9), 0.0, 0.0, Braking::default())
             .control_word,
         0
     );
+}
+
+#[test]
+fn the_counter_of_another_core_is_no_request() {
+    let mut controller = Cia402::new();
+    let fault = DriveState::Fault.code();
+    // A core that has counted before, a restart from 0, and one without a period in between; then a growth past the end.
+    let counts = [
+        None,
+        Some(3),
+        Some(3),
+        None,
+        Some(0),
+        Some(0),
+        None,
+        Some(7),
+        Some(2),
+    ];
+    for count in counts.into_iter().chain([None, Some(u32::MAX)]) {
+        let order = controller.step(fault, PowerRequest::Off, count, 0.0, 0.0, Braking::default());
+        assert_eq!(order.control_word, 0, "{count:?}");
+    }
+    let order = controller.step(fault, PowerRequest::Off, Some(0), 0.0, 0.0, Braking::default());
+    assert_eq!((order.control_word, controller.resets_done()), (0x80, 0));
 }
 
 #[test]
@@ -404,7 +435,7 @@ fn a_drive_that_never_stops_loses_its_voltage_after_two_seconds() {
 
 #[test]
 fn a_fault_reaction_keeps_its_voltage_as_long() {
-    let mut controller = Cia402::new(0);
+    let mut controller = Cia402::new();
     let mut word = |request, is_standing, periods: usize| {
         let braking = Braking {
             period_s: 1e-3,
@@ -414,14 +445,14 @@ fn a_fault_reaction_keeps_its_voltage_as_long() {
         (0..periods)
             .map(|_| {
                 controller
-                    .step(status, request, 0, 0.0, 0.0, braking)
+                    .step(status, request, None, 0.0, 0.0, braking)
                     .control_word
             })
             .last()
     };
     assert_eq!(word(PowerRequest::Off, None, 1999), Some(control::QUICK_STOP));
     assert_eq!(word(PowerRequest::Off, None, 10), Some(control::DISABLE_VOLTAGE));
-    let mut controller = Cia402::new(0);
+    let mut controller = Cia402::new();
     let braking = Braking {
         period_s: 1e-3,
         is_standing: Some(true),
@@ -429,7 +460,7 @@ fn a_fault_reaction_keeps_its_voltage_as_long() {
     let order = controller.step(
         DriveState::FaultReactionActive.code(),
         PowerRequest::On,
-        0,
+        None,
         0.0,
         0.0,
         braking,
@@ -439,13 +470,13 @@ fn a_fault_reaction_keeps_its_voltage_as_long() {
 
 #[test]
 fn an_unknown_status_word_or_a_setpoint_that_is_no_number_moves_nothing() {
-    let mut controller = Cia402::new(0);
-    let order = controller.step(0x6F, PowerRequest::On, 0, 1.0, 2.0, Braking::default());
+    let mut controller = Cia402::new();
+    let order = controller.step(0x6F, PowerRequest::On, None, 1.0, 2.0, Braking::default());
     assert_eq!(
         (order.control_word, order.target_position),
         (control::DISABLE_VOLTAGE, 2.0)
     );
-    let order = controller.step(0x27, PowerRequest::On, 0, f64::NAN, 2.0, Braking::default());
+    let order = controller.step(0x27, PowerRequest::On, None, f64::NAN, 2.0, Braking::default());
     assert!(!order.follows);
     assert_eq!(order.target_position, 2.0);
 }

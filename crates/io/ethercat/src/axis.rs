@@ -30,7 +30,7 @@ pub(crate) enum IndexProgress {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DriveAxis {
     settings: NetworkAxis,
-    controller: Option<Cia402>,
+    controller: Cia402,
     inputs: DriveInputs,
     /// The drive's position without wrap-around.
     increments: i64,
@@ -67,7 +67,7 @@ impl DriveAxis {
     pub(crate) const fn new(settings: NetworkAxis) -> Self {
         Self {
             settings,
-            controller: None,
+            controller: Cia402::new(),
             inputs: DriveInputs {
                 status_word: 0,
                 mode: 0,
@@ -384,17 +384,15 @@ impl DriveAxis {
         let is_its_turn = turn.is_none_or(|turn| self.homing_order() <= turn);
         let homes = self.home(power != PowerRequest::Off, is_its_turn, period_s);
         let axis = self.settings.axis;
-        let fault_reset = target.map_or(0, |target| target.fault_reset);
+        let fault_reset = target.and_then(|target| target.fault_reset);
         let setpoint = target.map_or(f64::NAN, |target| target.position[axis] + self.apart.0);
         let is_standing = self.is_standing(period_s);
-        // Resets requested before this drive was present count as done.
-        let controller = self.controller.get_or_insert(Cia402::new(fault_reset));
         let braking = Braking {
             period_s,
             is_standing: self.has_position.then_some(is_standing),
         };
         let status_word = self.inputs.status_word;
-        let order = controller.step(status_word, power, fault_reset, setpoint, 0.0, braking);
+        let order = (self.controller).step(status_word, power, fault_reset, setpoint, 0.0, braking);
         if order.control_word == control::FAULT_RESET {
             self.reset_periods = RESET_PERIODS;
         }
@@ -472,8 +470,8 @@ impl DriveAxis {
         self.sign() * f64::from(self.inputs.torque) / 1000.0
     }
 
-    pub(crate) fn resets_done(&self) -> u32 {
-        self.controller.map_or(0, |controller| controller.resets_done())
+    pub(crate) const fn resets_done(&self) -> u32 {
+        self.controller.resets_done()
     }
 
     /// Whether its beam can be squared by home switches: it has one, and nothing else tells where it is.

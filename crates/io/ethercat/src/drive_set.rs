@@ -178,9 +178,9 @@ impl DriveSet {
         &self.axes
     }
 
-    /// The newest fault reset of the core.
-    pub(crate) fn fault_reset(&self) -> u32 {
-        self.target.as_ref().map_or(0, |target| target.fault_reset)
+    /// The core's counter of fault resets.
+    pub(crate) fn fault_reset(&self) -> Option<u32> {
+        self.target.as_ref().and_then(|target| target.fault_reset)
     }
 
     pub(crate) fn set_lost(&mut self, axis: usize) {
@@ -558,6 +558,7 @@ mod tests {
         machines: Vec<DriveMachine>,
         now_ns: u64,
         setpoint: Setpoint,
+        fault: Option<u16>,
     }
 
     impl Bench {
@@ -592,6 +593,7 @@ mod tests {
                     axes_mask: 0b111,
                     ..Setpoint::default()
                 },
+                fault: None,
             };
             bench.request(PowerRequest::Off);
             bench
@@ -617,7 +619,7 @@ mod tests {
                     let events = DriveEvents {
                         ready: true,
                         at_rest: true,
-                        ..DriveEvents::default()
+                        fault: self.fault,
                     };
                     machine.step(outputs[axis].control_word & 0x8F, events);
                     let inputs = DriveInputs {
@@ -630,6 +632,38 @@ mod tests {
             }
             outputs
         }
+    }
+
+    #[test]
+    fn faults_are_reset_for_a_core_that_asks_for_it_and_for_no_other() {
+        let mut bench = Bench::new(false);
+        // Drives that are in fault before the session, whose core has reset three faults.
+        bench.fault = Some(0x2310);
+        bench.run(5, false);
+        bench.fault = None;
+        bench.setpoint.fault_reset = 3;
+        bench.run(50, true);
+        let is_in_fault = |bench: &Bench| {
+            let mut machines = bench.machines.iter();
+            machines.all(|machine| machine.state() == DriveState::Fault)
+        };
+        assert!(is_in_fault(&bench), "a new session");
+        // Another core, which begins to count, once after a silence and once at once.
+        for silence in [500, 0] {
+            bench.run(silence, false);
+            (bench.setpoint.sequence, bench.setpoint.fault_reset) = (0, 4 - bench.setpoint.fault_reset);
+            bench.run(50, true);
+            assert!(
+                is_in_fault(&bench),
+                "a core that counts from {}",
+                bench.setpoint.fault_reset
+            );
+        }
+        bench.setpoint.fault_reset += 1;
+        bench.run(50, true);
+        let feedback = bench.drives.feedback(bench.now_ns).expect("feedback");
+        assert_eq!(feedback.fault_reset_done, bench.setpoint.fault_reset);
+        assert!(!is_in_fault(&bench));
     }
 
     #[test]

@@ -44,7 +44,7 @@ pub enum SpindleNotice {
 #[derive(Debug)]
 pub(crate) struct SpindleDrive {
     settings: NetworkSpindle,
-    controller: Option<Cia402>,
+    controller: Cia402,
     /// When it was stepped last, ns.
     stepped_ns: u64,
     inputs: DriveInputs,
@@ -75,7 +75,7 @@ impl SpindleDrive {
                 let known = machine.signals.spindle(settings.number as u32);
                 Self {
                     settings,
-                    controller: None,
+                    controller: Cia402::new(),
                     stepped_ns: 0,
                     inputs: DriveInputs::default(),
                     has_inputs: false,
@@ -175,7 +175,7 @@ impl SpindleDrive {
         &mut self,
         wanted: &MachineOutputs,
         is_silent: bool,
-        fault_reset: u32,
+        fault_reset: Option<u32>,
         now_ns: u64,
     ) -> DriveOutputs {
         let number = self.settings.number;
@@ -228,13 +228,12 @@ impl SpindleDrive {
             (true, true) => PowerRequest::QuickStop,
             (false, _) => PowerRequest::Off,
         };
-        let controller = self.controller.get_or_insert(Cia402::new(fault_reset));
         let since_ns = now_ns.saturating_sub(std::mem::replace(&mut self.stepped_ns, now_ns));
         let braking = Braking {
             period_s: (since_ns as f64 * 1e-9).min(MAX_PERIOD_S),
             is_standing: Some(stands),
         };
-        let order = controller.step(self.inputs.status_word, power, fault_reset, 0.0, 0.0, braking);
+        let order = (self.controller).step(self.inputs.status_word, power, fault_reset, 0.0, 0.0, braking);
         if order.control_word == control::FAULT_RESET {
             self.reset_periods = RESET_PERIODS;
         }
@@ -308,6 +307,7 @@ mod tests {
         /// Increments.
         shaft: f64,
         now_ns: u64,
+        fault_reset: Option<u32>,
         /// How often the drive has come into operation.
         switch_ons: u32,
         word: u16,
@@ -324,6 +324,7 @@ mod tests {
                 wanted: MachineOutputs::default(),
                 shaft: 0.0,
                 now_ns: MS,
+                fault_reset: None,
                 switch_ons: 0,
                 word: 0,
             }
@@ -340,7 +341,9 @@ mod tests {
                     ..DriveInputs::default()
                 };
                 self.spindle.take(inputs, self.now_ns);
-                let outputs = self.spindle.outputs(&self.wanted, false, 0, self.now_ns);
+                let outputs = self
+                    .spindle
+                    .outputs(&self.wanted, false, self.fault_reset, self.now_ns);
                 let before = self.machine.state();
                 let state = self.machine.step(outputs.control_word, events);
                 let is_new = state != before && state == DriveState::OperationEnabled;
@@ -395,5 +398,24 @@ mod tests {
         );
         bench.turn(2000, || 100.0, READY);
         assert_eq!(bench.switch_ons, 1);
+    }
+    #[test]
+    fn a_fault_is_reset_by_growth_of_the_counter_only() {
+        let mut bench = Bench::new();
+        let fault = DriveEvents {
+            fault: Some(0x2310),
+            ..READY
+        };
+        bench.turn(5, || 0.0, READY);
+        bench.turn(5, || 0.0, fault);
+        // A core that has reset three faults before this session, and one that has begun again.
+        for count in [None, Some(3), None, Some(0)] {
+            bench.fault_reset = count;
+            bench.turn(20, || 0.0, READY);
+            assert_eq!(bench.machine.state(), DriveState::Fault, "{count:?}");
+        }
+        bench.fault_reset = Some(1);
+        bench.turn(20, || 0.0, READY);
+        assert_eq!(bench.machine.state(), DriveState::SwitchOnDisabled);
     }
 }

@@ -62,7 +62,7 @@ pub(crate) struct MesaAxis {
     settings: BoardAxis,
     limits: AxisLimits,
     machine: DriveMachine,
-    controller: Option<Cia402>,
+    controller: Cia402,
     raw: Option<u32>,
     /// 1/65536 of a step, or counts.
     total: i64,
@@ -91,7 +91,7 @@ impl MesaAxis {
             settings,
             limits,
             machine: DriveMachine::new(QuickStopOption::ThenDisabled),
-            controller: None,
+            controller: Cia402::new(),
             raw: None,
             total: 0,
             offset: settings.zero,
@@ -133,8 +133,8 @@ impl MesaAxis {
         self.machine.has_torque()
     }
 
-    pub(crate) fn resets_done(&self) -> u32 {
-        self.controller.map_or(0, |controller| controller.resets_done())
+    pub(crate) const fn resets_done(&self) -> u32 {
+        self.controller.resets_done()
     }
 
     pub(crate) const fn switches(&self) -> [bool; 3] {
@@ -253,9 +253,7 @@ impl MesaAxis {
     ) -> AxisOrder {
         let axis = self.settings.axis;
         let setpoint = target.position[axis] + self.apart.0;
-        // Resets requested before this session count as done.
-        let controller = self.controller.get_or_insert(Cia402::new(target.fault_reset));
-        let order = controller.step(
+        let order = self.controller.step(
             self.machine.status_word(),
             power,
             target.fault_reset,

@@ -55,7 +55,7 @@ impl SimDrive {
     pub const fn new(axis: SimAxis) -> Self {
         Self {
             machine: DriveMachine::new(QuickStopOption::ThenDisabled),
-            controller: Cia402::new(0),
+            controller: Cia402::new(),
             servo: Servo::at(axis.start),
             offset: axis.reference_offset,
             target: axis.start,
@@ -171,7 +171,7 @@ impl SimDrive {
         &mut self,
         setpoint: f64,
         power: PowerRequest,
-        fault_reset: u32,
+        fault_reset: Option<u32>,
         trouble: DriveTrouble,
         period_s: f64,
     ) -> f64 {
