@@ -17,6 +17,11 @@ const FURTHEST_NS: u64 = 10_000_000_000;
 /// Factor by which a setpoint may exceed the velocity of an axis: rounding, and a guard that permits a
 /// thousandth.
 const TOLERATED: f64 = 1.1;
+/// The same for its acceleration: a spindle that is followed, and corrections of the axes, add some percent; nothing doubles it.
+const TOLERATED_ACCELERATION: f64 = 2.0;
+/// By how many periods the due times of setpoints in motion may be farther apart than their numbers: the core changes its period by a
+/// thousandth at most.
+const TOLERATED_DELAY: f64 = 0.5;
 
 /// The limits of a follower. Lengths are mm or degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -343,11 +348,21 @@ impl Follower {
             };
         }
         let interval_s = (point.due_ns - tail.due_ns) as f64 * 1e-9;
+        let periods = (point.sequence - tail.sequence) as f64;
+        let longest_s = (periods + TOLERATED_DELAY) * self.settings.period_ns as f64 * 1e-9;
+        // At rest a pause of the core is none of the axes.
+        if interval_s > longest_s && !(tail.stands() && point.stands()) {
+            return Err(Rejection::Jump);
+        }
         for axis in self.axes() {
             let fastest = TOLERATED * self.settings.max_velocity[axis];
+            let hardest = TOLERATED_ACCELERATION * self.settings.max_acceleration[axis];
             let step = point.position[axis] - tail.position[axis];
-            let way = fastest * interval_s;
-            if step.abs() > way || point.velocity[axis].abs() > fastest {
+            let way = fastest * interval_s.min(longest_s);
+            let is_possible = step.abs() <= way
+                && point.velocity[axis].abs() <= fastest
+                && point.acceleration[axis].abs() <= hardest;
+            if !is_possible {
                 return Err(Rejection::Jump);
             }
         }

@@ -277,6 +277,49 @@ fn a_jump_is_refused_and_what_follows_it_too() {
     assert!(shares.iter().all(|share| *share <= 1.01), "{shares:?}");
 }
 
+/// Numbers that are finite, and due times in order, from which no axis can move as they say.
+#[test]
+fn accelerations_and_due_times_that_are_impossible_are_refused() {
+    let (begin, until) = (100, 160);
+    let deceptions: [fn(&mut Setpoint); 4] = [
+        |setpoint| setpoint.acceleration[0] = 1e9,
+        |setpoint| setpoint.acceleration[1] = -2.01 * LIMITS[1],
+        |setpoint| setpoint.due_time_ns += 100 * PERIOD_NS,
+        |setpoint| setpoint.due_time_ns += PERIOD_NS,
+    ];
+    for deceive in deceptions {
+        let mut bench = Bench::new();
+        bench.run(0, begin, |_| false);
+        let mut wrong = setpoint(begin);
+        deceive(&mut wrong);
+        assert_eq!(bench.follower.offer(bench.now_ns, &wrong), Err(Rejection::Jump));
+        bench.cycle(None);
+        bench.run(begin + 1, until, |_| false);
+        let shares = bench.shares();
+        assert!(shares.iter().all(|share| *share <= 1.01), "{shares:?}");
+        // All from here on: the axes brake and hold.
+        for cycle in until..until + 200 {
+            let mut wrong = setpoint(cycle);
+            deceive(&mut wrong);
+            bench.cycle(Some(wrong));
+        }
+        let shares = bench.shares();
+        assert!(shares.iter().all(|share| *share <= 1.05), "{shares:?}");
+    }
+    // At rest a core may pause, but nothing moves meanwhile.
+    let mut bench = Bench::new();
+    bench.run(0, 10, |_| false);
+    let mut later = setpoint(10);
+    later.due_time_ns += 100 * PERIOD_NS;
+    let mut elsewhere = later;
+    elsewhere.position[0] += 1.0;
+    assert_eq!(
+        bench.follower.offer(bench.now_ns, &elsewhere),
+        Err(Rejection::Jump)
+    );
+    assert_eq!(bench.follower.offer(bench.now_ns, &later), Ok(()));
+}
+
 #[test]
 fn numbers_that_are_none_times_long_past_and_far_ahead_and_repetitions_change_nothing() {
     let mut bench = Bench::new();
