@@ -66,6 +66,12 @@ impl BridgeState {
         self as u32
     }
 
+    /// Whether targets are commanded; otherwise drives that are in operation already wait for the others.
+    #[must_use]
+    pub const fn has_targets(self) -> bool {
+        !matches!(self, Self::Waiting | Self::Off)
+    }
+
     /// Reads the number of the bus; none if it is undefined.
     #[must_use]
     pub const fn from_number(number: u32) -> Option<Self> {

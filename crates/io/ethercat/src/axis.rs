@@ -50,7 +50,7 @@ pub(crate) struct DriveAxis {
     /// Remaining periods of a fault reset.
     reset_periods: u32,
     homing: HomingProgress,
-    /// The position at which a homed drive waits for the others.
+    /// The position at which a drive in operation waits for the others: where it has come into operation, or has found its zero.
     hold: i32,
     holds: bool,
     probe: TouchProbe,
@@ -329,7 +329,7 @@ impl DriveAxis {
             self.offset = homing.position;
             self.is_renamed_by_drive = true;
             self.velocity = 0.0;
-            self.hold = self.inputs.position;
+            (self.holds, self.hold) = (true, self.inputs.position);
         }
     }
 
@@ -410,21 +410,21 @@ impl DriveAxis {
             ..DriveOutputs::default()
         };
         let enables = order.control_word == control::ENABLE_OPERATION;
+        // A vertical axis would sag if its target were where it is.
+        let is_in_operation = self.state() == Some(DriveState::OperationEnabled);
+        let others_follow = target.is_some_and(|target| target.state.has_targets());
+        let waits = is_in_operation && !homes && (turn.is_some() || !others_follow);
+        if waits && !self.holds {
+            self.hold = self.inputs.position;
+        }
+        self.holds = waits;
         if homes && enables {
             outputs.mode = HOMING_MODE;
             outputs.control_word |= self.homing.control_bits();
         } else if turn.is_some() && enables && self.homing != HomingProgress::Done && !is_its_turn {
             outputs.control_word = control::SWITCH_ON;
-        } else if turn.is_some() {
-            if self.settings.homing.is_some() && self.homing == HomingProgress::Done {
-                outputs.target = self.hold;
-            } else if self.state() == Some(DriveState::OperationEnabled) {
-                // It has held its position since its first period in operation.
-                if !self.holds {
-                    (self.holds, self.hold) = (true, self.inputs.position);
-                }
-                outputs.target = self.hold;
-            }
+        } else if waits {
+            outputs.target = self.hold;
         } else if let (true, Some(target)) = (order.follows, target) {
             let sign = self.sign();
             let scale = self.settings.scale;
@@ -439,9 +439,13 @@ impl DriveAxis {
         outputs
     }
 
-    /// A homing interrupted by power off starts again with power on; it holds at its present position.
-    pub(crate) const fn forget_hold(&mut self) {
-        self.holds = false;
+    /// The machine coordinate at which it waits for the others, or is.
+    pub(crate) fn held_position(&self) -> f64 {
+        if self.holds {
+            self.position_of(self.hold)
+        } else {
+            self.position()
+        }
     }
 
     /// The status word of the feedback. A drive that does not reply is in fault for the core.

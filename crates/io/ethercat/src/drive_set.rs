@@ -253,11 +253,11 @@ impl DriveSet {
         self.align();
         let mut actual = [0.0; AXES];
         for axis in self.axes.iter().filter(|axis| axis.gantry().is_none()) {
-            actual[axis.index()] = axis.position();
+            actual[axis.index()] = axis.held_position();
         }
         for pair in &self.gantries {
             let first = &self.axes[pair.first];
-            actual[first.index()] = pair.gantry.position(first.position());
+            actual[first.index()] = pair.gantry.position(first.held_position());
         }
         let target = self.follower.step(now_ns, enabled, &actual);
         if let Some(shift) = target.datum_shift {
@@ -272,9 +272,6 @@ impl DriveSet {
         };
         if target.power == PowerRequest::Off && !target.is_silent {
             self.group_stop = false;
-            for axis in &mut self.axes {
-                axis.forget_hold();
-            }
         } else if self.was_enabled && !enabled
             || self.homing.is_some() && self.axes.iter().any(fails)
             || homed.is_some() && self.homing.is_none()
@@ -559,6 +556,9 @@ mod tests {
         now_ns: u64,
         setpoint: Setpoint,
         fault: Option<u16>,
+        /// Increments of the drives, and whether they are ready.
+        position: [i32; 3],
+        ready: [bool; 3],
     }
 
     impl Bench {
@@ -594,6 +594,8 @@ mod tests {
                     ..Setpoint::default()
                 },
                 fault: None,
+                position: [0; 3],
+                ready: [true; 3],
             };
             bench.request(PowerRequest::Off);
             bench
@@ -617,7 +619,7 @@ mod tests {
                 outputs = (0..3).map(|axis| self.drives.outputs(axis)).collect();
                 for (axis, machine) in self.machines.iter_mut().enumerate() {
                     let events = DriveEvents {
-                        ready: true,
+                        ready: self.ready[axis],
                         at_rest: true,
                         fault: self.fault,
                     };
@@ -625,6 +627,7 @@ mod tests {
                     let inputs = DriveInputs {
                         status_word: machine.status_word(),
                         mode: outputs[axis].mode,
+                        position: self.position[axis],
                         ..DriveInputs::default()
                     };
                     self.drives.take(self.now_ns, axis, inputs);
@@ -664,6 +667,40 @@ mod tests {
         let feedback = bench.drives.feedback(bench.now_ns).expect("feedback");
         assert_eq!(feedback.fault_reset_done, bench.setpoint.fault_reset);
         assert!(!is_in_fault(&bench));
+    }
+
+    /// A vertical axis, whose position loop has to carry it: one increment further down in each period if its target goes with it.
+    #[test]
+    fn a_drive_that_waits_for_the_others_holds_its_place() {
+        let mut bench = Bench::new(false);
+        bench.ready[1] = false;
+        bench.run(20, true);
+        bench.position[0] = 1000;
+        bench.request(PowerRequest::On);
+        bench.run(10, true);
+        assert_eq!(bench.machines[0].state(), DriveState::OperationEnabled);
+        for _ in 0..500 {
+            bench.position[0] -= 1;
+            assert_eq!(bench.run(1, true)[0].target, 1000);
+        }
+        // The others come, and the core's setpoints are where it was: no step.
+        bench.ready[1] = true;
+        bench.setpoint.position = bench.drives.feedback(bench.now_ns).expect("feedback").position;
+        bench.setpoint.position[0] += 500.0 * 5.0 / 1_048_576.0;
+        for _ in 0..50 {
+            assert_eq!(bench.run(1, true)[0].target, 1000);
+        }
+        assert_eq!(bench.machines[1].state(), DriveState::OperationEnabled);
+        // Moved by hand without power: it holds where it comes into operation again.
+        bench.request(PowerRequest::Off);
+        bench.run(20, true);
+        bench.position[0] = 7000;
+        bench.run(20, true);
+        bench.setpoint.position = bench.drives.feedback(bench.now_ns).expect("feedback").position;
+        bench.request(PowerRequest::On);
+        for _ in 0..10 {
+            assert_eq!(bench.run(1, true)[0].target, 7000);
+        }
     }
 
     #[test]

@@ -82,6 +82,8 @@ pub(crate) struct MesaAxis {
     is_apart: bool,
     /// What is added to the setpoint, and its velocity, for a motor of a gantry.
     apart: (f64, f64),
+    /// Where it waits in operation for the others: where it has come into operation.
+    hold: Option<f64>,
     switches: [bool; 3],
 }
 
@@ -105,6 +107,7 @@ impl MesaAxis {
             is_lost: false,
             is_apart: false,
             apart: (0.0, 0.0),
+            hold: None,
             switches: [false; 3],
         }
     }
@@ -159,8 +162,14 @@ impl MesaAxis {
         self.apart = (distance, velocity);
     }
 
+    /// The machine coordinate at which it waits for the others, or is.
+    pub(crate) fn held_position(&self) -> f64 {
+        self.hold.unwrap_or_else(|| self.position())
+    }
+
     pub(crate) fn rename(&mut self, shift: f64) {
         self.offset += shift;
+        self.hold = self.hold.map(|hold| hold + shift);
         if let Some((brake, time_s)) = &mut self.ramp {
             // The ramp uses the previous coordinates; it continues from its position.
             let state = brake.at(*time_s);
@@ -283,6 +292,10 @@ impl MesaAxis {
                 at_rest: before != DriveState::OperationEnabled && ramp_ends,
             },
         );
+        // A vertical axis would sag if its target were where it is.
+        let waits = state == DriveState::OperationEnabled && !target.state.has_targets();
+        self.hold = waits.then(|| self.held_position());
+        let setpoint = self.hold.unwrap_or(setpoint);
         let velocity = match state {
             DriveState::OperationEnabled => {
                 self.ramp = None;
@@ -370,5 +383,66 @@ impl MesaAxis {
         };
         let highest = (HIGHEST * most).min(possible);
         wanted.clamp(-highest, highest)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_drive::{Follower, FollowerSettings};
+    use evolvent_path::{AXES, AxisMask};
+
+    use super::*;
+    use crate::board_settings::BoardSettings;
+
+    const PERIOD_NS: u64 = 1_000_000;
+
+    /// An analog servo with 4000 counts a mm, as X.
+    fn servo() -> MesaAxis {
+        let board = evolvent_file_tests::shipped("boards/7i96s-router.toml");
+        let (head, _axes) = board.split_once("[[axis]]").expect("axes");
+        let axis = "[[axis]]\nletter = \"X\"\nencoder = 0\ncounts_per_unit = 4000\npwm = 0\nfull_velocity = 200\np_gain = 40\n";
+        let board = BoardSettings::parse(&format!("{head}{axis}"), "board.toml").expect("a board file");
+        let limits = AxisLimits {
+            max_velocity: 100.0,
+            max_acceleration: 1000.0,
+            max_jerk: 40_000.0,
+        };
+        MesaAxis::new(board.axes[0], limits)
+    }
+
+    /// What the follower commands while not all axes are in operation.
+    fn target_at(position: f64) -> Target {
+        let mut follower = Follower::new(FollowerSettings {
+            period_ns: PERIOD_NS,
+            bridge_cycles: 10,
+            axes: AxisMask::one(0),
+            max_velocity: [100.0; AXES],
+            max_acceleration: [1000.0; AXES],
+            max_jerk: [40_000.0; AXES],
+            sync_tolerance: [0.5; AXES],
+        })
+        .expect("settings");
+        follower.step(PERIOD_NS, false, &[position; AXES])
+    }
+
+    #[test]
+    fn a_servo_that_waits_for_the_others_holds_its_place() {
+        let mut axis = servo();
+        // 1 mm down in 4000 periods, from 2 mm.
+        let mut value = 0.0;
+        for period in 0..4010_u64 {
+            let now_ns = period * PERIOD_NS;
+            let counts = 8000 - period.saturating_sub(10) as u32;
+            axis.take(counts, now_ns, false, [false; 3]);
+            let target = target_at(axis.position());
+            value = axis.step(&target, PowerRequest::On, now_ns, 1e-3).value;
+        }
+        assert_eq!(axis.state(), DriveState::OperationEnabled);
+        // The gain times a mm.
+        assert!((value - 40.0 / 200.0).abs() < 0.001, "{value}");
+        assert!((axis.held_position() - axis.position() - 1.0).abs() < 1e-3);
+        // By another name it is the same place.
+        axis.rename(7.0);
+        assert!((axis.held_position() - axis.position() - 1.0).abs() < 1e-3);
     }
 }

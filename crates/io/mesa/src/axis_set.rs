@@ -217,11 +217,11 @@ impl AxisSet {
             .all(|axis| axis.state() == DriveState::OperationEnabled);
         let mut actual = [0.0; AXES];
         for axis in self.axes.iter().filter(|axis| axis.settings().gantry.is_none()) {
-            actual[axis.index()] = axis.position();
+            actual[axis.index()] = axis.held_position();
         }
         for pair in &self.gantries {
             let first = &self.axes[pair.first];
-            actual[first.index()] = pair.gantry.position(first.position());
+            actual[first.index()] = pair.gantry.position(first.held_position());
         }
         let target = self.follower.step(now_ns, enabled, &actual);
         if let Some(shift) = target.datum_shift {
