@@ -386,6 +386,7 @@ fn a_second_drive_needs_a_first_that_finds_its_zero_alike() {
             "max_difference",
         ),
         (second("X", "home_switch_bit = 2"), "the other has none"),
+        (second("X", "touch_probe = true"), "give it to the first drive of the axis"),
         (
             second("X", "").replace("letter = \"X\"", "letter = \"X\"\nhome_switch_bit = 2").replacen(
                 "[device.axis]\nletter = \"X\"\nhome_switch_bit = 2\nincrements_per_turn = 1048576\nturn_mm = 5\n\n[device.axis.gantry]",

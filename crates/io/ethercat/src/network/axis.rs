@@ -139,6 +139,14 @@ impl AxisFile {
         if let Some(bit) = self.probe_input_bit {
             sheet.number(&at("probe_input_bit"), f64::from(bit), 0.0, 31.0)?;
         }
+        if self.touch_probe && self.gantry.is_some() {
+            return Err(sheet.error(
+                &at("touch_probe"),
+                "the second drive of a gantry latches no probed position: that of the first one is the axis"
+                    .to_owned(),
+                "remove touch_probe here, and give it to the first drive of the axis",
+            ));
+        }
         let index_probe = self.check_index_probe(sheet, &at("index_probe"))?;
         let homing = match &self.homing {
             Some(homing) => Some(homing.check(sheet, &at("homing"), scale, letter.is_rotary())?),
