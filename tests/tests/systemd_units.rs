@@ -50,6 +50,26 @@ fn units_name_no_core_that_a_host_may_not_have() {
     }
 }
 
+/// At boot drives and boards often have no supply yet: with systemd's limit of five starts in ten seconds a bridge would give up before.
+#[test]
+fn bridges_are_started_for_ever() {
+    let is_bridge = |unit: &PathBuf| unit.file_stem().is_some_and(|name| name != "evolvent@");
+    for unit in units().into_iter().filter(is_bridge) {
+        let text = std::fs::read_to_string(&unit).expect("a unit");
+        let (head, service) = text.split_once("[Service]").expect("a service");
+        assert!(
+            head.lines().any(|line| line == "StartLimitIntervalSec=0"),
+            "{}",
+            unit.display()
+        );
+        assert!(
+            service.lines().any(|line| line == "Restart=always"),
+            "{}",
+            unit.display()
+        );
+    }
+}
+
 /// What the services were found to be and do, line by line (`tests/systemd/probe`).
 const FACTS: &str = "active evolvent: active
 active evolvent-bridge: active
