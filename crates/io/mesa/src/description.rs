@@ -217,11 +217,11 @@ impl Description {
         if !matches!(idrom[0], 2 | 3) {
             return Err(DescriptionError::Idrom { found: idrom[0] }.into());
         }
-        let modules_at = at + figure("its modules at", idrom[1], 0x10, 0x1000)? as u16;
-        let pins_at = at + figure("its pins at", idrom[2], 0x10, 0x1000)? as u16;
+        let modules_at = address(at, "its modules at", idrom[1], 12 * MAX_MODULES)?;
         let ports = figure("ports", idrom[7], 1, 8)? as usize;
         let pins = figure("pins", idrom[8], 1, MAX_PINS)?;
         let port_width = figure("pins a port", idrom[9], 1, 32)?;
+        let pins_at = address(at, "its pins at", idrom[2], 4 * pins as usize)?;
         let clocks = [
             figure("a low clock of Hz", idrom[10], 1_000_000, 1_000_000_000)?,
             figure("a high clock of Hz", idrom[11], 1_000_000, 1_000_000_000)?,
@@ -319,6 +319,16 @@ fn figure(what: &'static str, value: u32, least: u32, most: u32) -> Result<u32, 
     }
 }
 
+/// The address of a table of so many bytes behind the IDROM, all of which registers can have.
+fn address(idrom: u16, what: &'static str, value: u32, bytes: usize) -> Result<u16, DescriptionError> {
+    let offset = figure(what, value, 0x10, 0x1000)?;
+    let begin = u32::from(idrom) + offset;
+    if begin as usize + bytes > 1 << 16 {
+        return Err(DescriptionError::Figure { what, value });
+    }
+    Ok(begin as u16)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -328,6 +338,8 @@ mod tests {
         pins: u32,
         ports: u32,
         width: u32,
+        /// Where its IDROM is.
+        idrom: u32,
     }
 
     impl Registers for Claim {
@@ -351,8 +363,8 @@ mod tests {
                 200_000_000,
             ];
             match address {
-                0x0100 => values.copy_from_slice(&[COOKIE, text(b"HOST"), text(b"MOT2"), 0x0400]),
-                0x0400 => values[..idrom.len()].copy_from_slice(&idrom),
+                0x0100 => values.copy_from_slice(&[COOKIE, text(b"HOST"), text(b"MOT2"), self.idrom]),
+                _ if u32::from(address) == self.idrom => values[..idrom.len()].copy_from_slice(&idrom),
                 _ => {}
             }
             Ok(())
@@ -362,9 +374,39 @@ mod tests {
     #[test]
     fn pins_beyond_the_bits_of_the_ports_are_left_out() {
         for (pins, ports, width, kept) in [(144, 2, 4, 8), (51, 3, 17, 51), (34, 2, 17, 34)] {
-            let mut board = Claim { pins, ports, width };
+            let mut board = Claim {
+                pins,
+                ports,
+                width,
+                idrom: 0x0400,
+            };
             let description = Description::explore("board".to_owned(), &mut board).unwrap();
             assert_eq!(description.pins.len(), kept);
+        }
+    }
+
+    /// A damaged configuration, whose tables would be beyond the last address.
+    #[test]
+    fn tables_beyond_the_last_address_are_an_error() {
+        for (idrom, pins, what) in [
+            (0xFF00, 144, Some("its modules at")),
+            (0xFDF0, 144, Some("its pins at")),
+            (0xFD00, 64, None),
+            (0xFD00, 65, Some("its pins at")),
+        ] {
+            let (ports, width) = (8, 32);
+            let mut board = Claim {
+                pins,
+                ports,
+                width,
+                idrom,
+            };
+            let result = Description::explore("board".to_owned(), &mut board);
+            match (what, result) {
+                (None, Ok(_)) => {}
+                (Some(what), Err(DescriptionError::Figure { what: found, .. })) => assert_eq!(found, what),
+                other => panic!("{idrom:04X}h: {other:?}"),
+            }
         }
     }
 }
