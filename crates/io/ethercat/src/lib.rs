@@ -43,6 +43,7 @@ mod homing;
 mod network;
 mod pdo;
 mod pump;
+mod reference_clock;
 mod round_trips;
 mod run;
 mod scale;

@@ -177,7 +177,7 @@ pub(crate) fn run_session(
             register: emergency.register,
         });
     }
-    let (devices, layouts) = match started {
+    let (devices, layouts, reference) = match started {
         Some(Ok(started)) => started,
         Some(Err(SessionError::State { wanted, .. })) => {
             let states = tell_states(&mut pump, &main, network);
@@ -216,6 +216,7 @@ pub(crate) fn run_session(
         signals,
         spindles: SpindleDrive::all(machine, network, instance),
         period_ns,
+        reference,
         expected: 0,
         lost: 0,
         short: 0,

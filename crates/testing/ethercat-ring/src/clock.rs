@@ -21,6 +21,8 @@ pub(crate) struct Clock {
     pub(crate) offset_ns: u64,
     pub(crate) delay_ns: u32,
     mean_difference_ns: f64,
+    /// Its registers have 32 bits.
+    pub(crate) is_short: bool,
     /// The loop does not follow the reference.
     pub(crate) ignores_reference: bool,
     compared_at_ns: Option<u64>,
@@ -44,6 +46,7 @@ impl Clock {
             offset_ns: 0,
             delay_ns: 0,
             mean_difference_ns: 0.0,
+            is_short: false,
             ignores_reference: false,
             compared_at_ns: None,
             next_sync_ns: None,
@@ -65,6 +68,26 @@ impl Clock {
     /// The device's copy of the system time.
     pub(crate) fn system(&self, now_ns: u64) -> u64 {
         self.local(now_ns).wrapping_add(self.offset_ns)
+    }
+
+    /// A time as registers show it.
+    pub(crate) const fn shown(&self, time_ns: u64) -> u64 {
+        if self.is_short {
+            time_ns as u32 as u64
+        } else {
+            time_ns
+        }
+    }
+
+    /// The time of this clock that a register means.
+    fn meant(&self, now_ns: u64, register: u64) -> u64 {
+        let system_ns = self.system(now_ns);
+        if self.is_short {
+            let ahead_ns = (register as u32).wrapping_sub(system_ns as u32).cast_signed();
+            system_ns.wrapping_add_signed(i64::from(ahead_ns))
+        } else {
+            register
+        }
     }
 
     fn rebase(&mut self, now_ns: u64) {
@@ -111,6 +134,7 @@ impl Clock {
 
     /// Switches SYNC0 on. A start that has passed already never comes.
     pub(crate) fn start_sync(&mut self, now_ns: u64, start_ns: u64, cycle_ns: u32) {
+        let start_ns = self.meant(now_ns, start_ns);
         let ahead_ns = start_ns.wrapping_sub(self.system(now_ns)) as i64;
         self.next_sync_ns = (cycle_ns > 0 && ahead_ns > 0).then_some(start_ns);
         self.cycle_ns = u64::from(cycle_ns);
@@ -183,6 +207,21 @@ mod tests {
             );
             assert_eq!(difference >> 31, sign, "bit 31: behind");
         }
+    }
+
+    #[test]
+    fn a_clock_of_32_bits_goes_on_when_its_registers_begin_again() {
+        let mut clock = Clock::new(0, 0.0);
+        clock.is_short = true;
+        let wrap_ns = 1 << 32;
+        assert_eq!(clock.shown(clock.system(wrap_ns + 5)), 5);
+        // A start behind the end of the register, and a pulse each ms from there on.
+        clock.start_sync(wrap_ns - 2_000_000, 500_000, 1_000_000);
+        let mut pulses = Vec::new();
+        while let Some(at_ns) = clock.take_sync(wrap_ns + 3_000_000) {
+            pulses.push(at_ns - wrap_ns);
+        }
+        assert_eq!(pulses, [500_000, 1_500_000, 2_500_000]);
     }
 
     #[test]

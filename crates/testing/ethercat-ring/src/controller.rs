@@ -47,8 +47,8 @@ pub(crate) struct Controller {
 impl Controller {
     pub(crate) fn new(contents: &Contents, clock: Option<Clock>) -> Self {
         let mut registers = Registers::new();
-        // Type of an ET1100, 8 FMMUs, 8 SyncManagers, 8 KiB, ports 0 and 1 with MII; 64-bit clock.
-        let features = if clock.is_some() { 0x0C } else { 0 };
+        // Type of an ET1100, 8 FMMUs, 8 SyncManagers, 8 KiB, ports 0 and 1 with MII; a clock of 64 bits, or 32.
+        let features = clock.map_or(0, |clock| if clock.is_short { 0x04 } else { 0x0C });
         registers.set(
             address::TYPE,
             &[
@@ -263,8 +263,10 @@ impl Controller {
             touches(address::DC_SYSTEM_TIME, address::DC_SPEED_START),
             &self.clock,
         ) {
-            self.registers
-                .set(address::DC_SYSTEM_TIME, &clock.system(now_ns).to_le_bytes());
+            self.registers.set(
+                address::DC_SYSTEM_TIME,
+                &clock.shown(clock.system(now_ns)).to_le_bytes(),
+            );
             self.registers
                 .set(address::DC_DIFFERENCE, &clock.difference().to_le_bytes());
         }
@@ -315,7 +317,7 @@ impl Controller {
             registers.set(address::DC_RECEIVE_TIMES, &(received as u32).to_le_bytes());
             registers.set(address::DC_RECEIVE_TIMES + 4, &(returned as u32).to_le_bytes());
             registers.set(address::DC_RECEIVE_TIMES + 8, &[0; 8]);
-            registers.set(address::DC_RECEIVE_TIME, &received.to_le_bytes());
+            registers.set(address::DC_RECEIVE_TIME, &clock.shown(received).to_le_bytes());
         }
         if touches(address::DC_OFFSET) {
             clock.offset_ns = registers.u64(address::DC_OFFSET);

@@ -67,6 +67,7 @@ pub struct SubDevice {
     contents: Contents,
     layout: Layout,
     drift_ppm: Option<f64>,
+    has_short_clock: bool,
     controller: Controller,
     layer: ApplicationLayer,
     objects: Dictionary,
@@ -111,6 +112,13 @@ impl SubDevice {
     #[must_use]
     pub fn with_drift_ppm(mut self, drift_ppm: f64) -> Self {
         self.drift_ppm = self.drift_ppm.map(|_| drift_ppm);
+        self
+    }
+
+    /// The registers of its clock have 32 bits, as those of many controllers.
+    #[must_use]
+    pub const fn with_clock_of_32_bits(mut self) -> Self {
+        self.has_short_clock = true;
         self
     }
 
@@ -165,6 +173,7 @@ impl SubDevice {
             contents,
             layout,
             drift_ppm,
+            has_short_clock: false,
             controller,
             layer: ApplicationLayer::new(),
             objects,
@@ -190,7 +199,11 @@ impl SubDevice {
         (self.objects, _, _) = device_objects(&self.device, identity, self.contents.name);
         self.controller = Controller::new(
             &self.contents,
-            self.drift_ppm.map(|drift_ppm| Clock::new(now_ns, drift_ppm)),
+            self.drift_ppm.map(|drift_ppm| {
+                let mut clock = Clock::new(now_ns, drift_ppm);
+                clock.is_short = self.has_short_clock;
+                clock
+            }),
         );
         self.layer = ApplicationLayer::new();
         self.server = Server::new(usize::from(MAILBOX));

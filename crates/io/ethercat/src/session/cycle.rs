@@ -17,6 +17,7 @@ use crate::drive_set::DriveSet;
 use crate::homing::HomingProgress;
 use crate::network::{MAX_DEVICES, Network};
 use crate::pump::Pump;
+use crate::reference_clock::ReferenceClock;
 use crate::signal::NetworkInput;
 use crate::signal_set::SignalSet;
 use crate::spindle_drive::SpindleDrive;
@@ -29,7 +30,7 @@ pub(super) struct Exchanged {
     pub(super) working_counter: u16,
     /// Bit i set: device i is in OP.
     pub(super) operational: u32,
-    /// The reference's time.
+    /// The reference's time, of its register.
     pub(super) time_ns: Option<u64>,
 }
 
@@ -42,6 +43,7 @@ pub(super) struct Cycle<'a, 'm> {
     pub(super) signals: SignalSet,
     pub(super) spindles: Vec<SpindleDrive>,
     pub(super) period_ns: u64,
+    pub(super) reference: ReferenceClock,
     /// Working counter of all devices.
     pub(super) expected: u16,
     pub(super) lost: u32,
@@ -353,9 +355,10 @@ impl<'m> Cycle<'_, 'm> {
             }
         }
         judged?;
-        let Some(time_ns) = exchanged.time_ns else {
+        let Some(register) = exchanged.time_ns else {
             return Ok(0);
         };
+        let time_ns = self.reference.take(register);
         let phase_ns = self.phase_ns(time_ns);
         if self.operational {
             ends.clocks.take_frame(sent_ns, time_ns, phase_ns);

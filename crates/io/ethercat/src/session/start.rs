@@ -9,10 +9,11 @@ use evolvent_bridge::monotonic_ns;
 use evolvent_drive::InterpolationTime;
 
 use super::error::SessionError;
-use super::{Devices, IMAGE, SYNC_DELAY};
+use super::{Devices, FIRST_STATION, IMAGE, SYNC_DELAY};
 use crate::homing::HomingOnDrive;
 use crate::network::{MAX_DEVICES, Network, NetworkDevice, Startup};
 use crate::pdo::{Extras, Mapped, PdoLayout, wanted_inputs, wanted_outputs};
+use crate::reference_clock::ReferenceClock;
 
 /// Process data of the drives of axes, and of those of spindles, in the order of the devices.
 #[derive(Debug, Default)]
@@ -25,7 +26,7 @@ pub(super) async fn start<'m>(
     main: &'m MainDevice<'m>,
     network: &Network,
     period_ns: u64,
-) -> Result<(Devices, Layouts), SessionError> {
+) -> Result<(Devices, Layouts, ReferenceClock), SessionError> {
     let told = InterpolationTime::from_period_ns(period_ns)?;
     let failed = |doing: &'static str| {
         move |error: Error| SessionError::Main {
@@ -96,6 +97,7 @@ pub(super) async fn start<'m>(
         .into_pre_op_pdi(main)
         .await
         .map_err(failed("mapping process data"))?;
+    let mut reference = ReferenceClock::default();
     let devices = if has_clock {
         let clocks = DcConfiguration {
             start_delay: SYNC_DELAY,
@@ -106,13 +108,19 @@ pub(super) async fn start<'m>(
             .configure_dc_sync(main, clocks)
             .await
             .map_err(failed("setting SYNC0 up"))?;
+        // The first device with a clock. Read at once: SYNC0 comes at whole periods of this time, also after it has wrapped around.
+        if let Some(first) = group.iter(main).position(|device| device.dc_support().any()) {
+            let read = Command::fprd(FIRST_STATION + first as u16, RegisterAddress::DcSystemTime.into());
+            let time = read.receive::<u64>(main).await;
+            reference = ReferenceClock::new(time.map_err(failed("reading the reference clock"))?);
+        }
         let group = group.into_safe_op(main).await.map_err(refused("SAFE-OP"))?;
         Devices::Clocked(group.request_into_op(main).await.map_err(refused("OP"))?)
     } else {
         let group = group.into_safe_op(main).await.map_err(refused("SAFE-OP"))?;
         Devices::Free(group.request_into_op(main).await.map_err(refused("OP"))?)
     };
-    Ok((devices, layouts))
+    Ok((devices, layouts, reference))
 }
 
 /// Checks that the device at a position of the ring is the one of the network file.
