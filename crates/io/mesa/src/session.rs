@@ -190,12 +190,8 @@ pub(crate) fn run_session(
         was_apart: [false; AXES],
     };
     cycle.set_up()?;
-    // Setpoints sent during setup are discarded.
-    while let Ok(incoming) = ends.bus.incoming.pop() {
-        if let Incoming::Outputs(outputs) = incoming {
-            cycle.signals.offer(monotonic_ns(), &outputs);
-        }
-    }
+    // What was sent before is void: while the board was away the queue has kept the oldest.
+    while ends.bus.incoming.pop().is_ok() {}
     ends.counters.ready.fetch_add(1, Ordering::Relaxed);
     let _full = ends.bus.notices.push(Notice::Operational);
     cycle.run(ends)

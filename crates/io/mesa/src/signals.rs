@@ -35,6 +35,30 @@ impl Counter {
     }
 }
 
+#[derive(Clone, Copy, Debug)]
+struct Output {
+    /// Number on the bus.
+    number: u32,
+    target: OutputTarget,
+    /// Its value while no core sends one.
+    safe: f64,
+}
+
+impl Output {
+    fn value(&self, wanted: &MachineOutputs) -> f64 {
+        let is_known = |mask: u64| mask >> self.number & 1 == 1;
+        match self.target {
+            OutputTarget::Pin(_) if is_known(wanted.digital_mask) => {
+                f64::from(u8::from(wanted.digital >> self.number & 1 == 1))
+            }
+            OutputTarget::Pwm { .. } if is_known(u64::from(wanted.analog_mask)) => {
+                (wanted.analog.get(self.number as usize)).map_or(self.safe, |value| *value)
+            }
+            _ => self.safe,
+        }
+    }
+}
+
 /// Signals of one session. Nothing but the constructor allocates.
 #[derive(Debug)]
 pub(crate) struct Signals {
@@ -44,8 +68,7 @@ pub(crate) struct Signals {
     counters: Vec<Counter>,
     /// Number on the bus, and index in the board file's list: numbers of smart-serial devices.
     numbers: Vec<(u32, usize)>,
-    /// Number on the bus and where it goes.
-    outputs: Vec<(u32, OutputTarget)>,
+    outputs: Vec<Output>,
     coolant: [Option<Pin>; 2],
     sent: MachineInputs,
     outputs_sequence: u64,
@@ -75,7 +98,11 @@ impl Signals {
         }
         let outputs = board.outputs.iter().filter_map(|output| {
             let listed = signals.outputs.iter().find(|listed| listed.name == output.name)?;
-            Some((listed.number, output.target))
+            Some(Output {
+                number: listed.number,
+                target: output.target,
+                safe: listed.safe,
+            })
         });
         Self {
             follower: OutputFollower::default(),
@@ -101,13 +128,11 @@ impl Signals {
     pub(crate) fn step(&mut self, now_ns: u64, plan: &Plan, outputs: &mut Outputs) -> MachineOutputs {
         let wanted = self.follower.step(now_ns);
         self.outputs_sequence = wanted.sequence;
-        for (number, target) in &self.outputs {
-            match *target {
-                OutputTarget::Pin(pin) => set(plan, outputs, pin, wanted.digital >> number & 1 == 1),
-                OutputTarget::Pwm { unit, full } => {
-                    let value = wanted.analog.get(*number as usize).copied().unwrap_or(0.0);
-                    put_duty(outputs, unit, value / full, value != 0.0);
-                }
+        for output in &self.outputs {
+            let value = output.value(&wanted);
+            match output.target {
+                OutputTarget::Pin(pin) => set(plan, outputs, pin, value != 0.0),
+                OutputTarget::Pwm { unit, full } => put_duty(outputs, unit, value / full, value != 0.0),
             }
         }
         for (bit, pin) in [1, 0].into_iter().zip(self.coolant) {

@@ -67,7 +67,10 @@ fn with_bridge(
         config.prefix = Some(prefix.clone());
         let core = Core {
             bus: CoreBus::open(&config).expect("a bus"),
-            outputs: MachineOutputs::default(),
+            outputs: MachineOutputs {
+                digital_mask: 1,
+                ..MachineOutputs::default()
+            },
             heard: None,
         };
         let settings = RunSettings {
@@ -117,6 +120,64 @@ fn isolated_outputs_close_and_filtered_inputs_are_read() {
             });
         },
     );
+}
+
+/// Pin 14 of a machine file whose output is safe when it is on, and of one where it is safe when it is off.
+#[test]
+fn outputs_are_safe_until_a_core_says_otherwise_in_each_session() {
+    for is_safe_on in [true, false] {
+        let text = evolvent_file_tests::shipped("machines/router-3axis.toml").replace(
+            "name = \"dust-extraction\"\n",
+            &format!("name = \"dust-extraction\"\nsafe_on = {is_safe_on}\n"),
+        );
+        let machine = Machine::parse(&text, "router-3axis.toml").expect("a machine");
+        let name = if is_safe_on { "safeon" } else { "safeoff" };
+        with_bridge(
+            name,
+            BoardModel::B7i96s,
+            router,
+            &machine,
+            |core, server, messages| {
+                let is_on = || server.lock().level(14);
+                let sessions = |count: usize| {
+                    let begin = Instant::now();
+                    while messages.count(": set up") < count {
+                        assert!(begin.elapsed() < Duration::from_secs(20), "no session {count}");
+                        std::thread::sleep(Duration::from_millis(1));
+                    }
+                };
+                let stays_safe = |what: &str| {
+                    for _ in 0..100 {
+                        std::thread::sleep(Duration::from_millis(3));
+                        assert_eq!(is_on(), is_safe_on, "{what}");
+                    }
+                };
+                sessions(1);
+                std::thread::sleep(Duration::from_millis(20));
+                stays_safe("before the first message");
+                core.say(|outputs| {
+                    (outputs.digital, outputs.safe_digital) = (u64::from(!is_safe_on), u64::from(is_safe_on))
+                });
+                core.until("what the core says", |_| is_on() != is_safe_on);
+                // The board goes away while the core says more than the queue holds, and the core goes too.
+                server.lock().fault_now(FaultKind::LossIn, None);
+                core.until("the end of the session", |_| {
+                    messages.contain("did not return in time")
+                });
+                for _ in 0..2000 {
+                    core.repeat();
+                    core.repeat();
+                    core.repeat();
+                    std::thread::sleep(Duration::from_micros(200));
+                }
+                std::thread::sleep(Duration::from_millis(300));
+                server.lock().clear_faults();
+                sessions(2);
+                std::thread::sleep(Duration::from_millis(20));
+                stays_safe("in the next session, without a core");
+            },
+        );
+    }
 }
 
 #[test]
