@@ -54,6 +54,7 @@ pub(crate) struct DriveAxis {
     hold: i32,
     holds: bool,
     probe: TouchProbe,
+    has_edge: bool,
     zero_impulse: ZeroImpulse,
     /// Distance since power came on, for the drive of a gantry.
     moved: f64,
@@ -99,9 +100,9 @@ impl DriveAxis {
             holds: false,
             probe: TouchProbe {
                 is_armed: false,
-                trips: 0,
                 latched: 0,
             },
+            has_edge: false,
             zero_impulse: ZeroImpulse::new(),
             moved: 0.0,
             apart: (0.0, 0.0),
@@ -166,11 +167,9 @@ impl DriveAxis {
         self.settings.homing.map_or(0, |homing| homing.order)
     }
 
-    /// Touch probe: edges, and the machine coordinate latched at the last one.
-    pub(crate) fn latched(&self) -> Option<(u64, f64)> {
-        self.settings
-            .touch_probe
-            .then(|| (self.probe.trips, self.position_of(self.probe.latched)))
+    /// Touch probe: the machine coordinate of an edge, once.
+    pub(crate) fn take_latched(&mut self) -> Option<f64> {
+        core::mem::replace(&mut self.has_edge, false).then(|| self.position_of(self.probe.latched))
     }
 
     /// The machine coordinate of a position of the drive close to the present one.
@@ -300,7 +299,7 @@ impl DriveAxis {
         }
         self.inputs = inputs;
         if self.settings.touch_probe {
-            let _edge = self.probe.step(inputs.probe_status, inputs.probe_position);
+            self.has_edge = self.probe.step(inputs.probe_status, inputs.probe_position);
         }
         match self.settings.index_probe.map(|probe| {
             self.zero_impulse

@@ -16,6 +16,7 @@ use crate::axis::{DriveAxis, IndexProgress};
 use crate::homing::HomingProgress;
 use crate::network::Network;
 use crate::pdo::{DriveInputs, DriveOutputs};
+use crate::touch_probe::Touches;
 
 /// The drives' reports of the probe.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -62,6 +63,7 @@ pub(crate) struct DriveSet {
     /// The newest request for an index pulse, which a drive may still have to take over.
     index_request: IndexRequest,
     index: IndexLatch,
+    touches: Touches,
     target: Option<Target>,
     power: PowerRequest,
     starts: Starts,
@@ -161,6 +163,7 @@ impl DriveSet {
             group_stop: false,
             ending: false,
             homing: None,
+            touches: Touches::default(),
             target: None,
             power: PowerRequest::Off,
         })
@@ -207,6 +210,9 @@ impl DriveSet {
         let drive = &mut self.axes[axis];
         let elapsed_s = periods as f64 * self.period_s;
         let progress = drive.take(inputs, elapsed_s, self.max_velocity[drive.index()]);
+        if let Some(position) = drive.take_latched() {
+            self.touches.take(now_ns, drive.index(), position);
+        }
         if let Some(offset) = drive.take_chosen_offset() {
             self.starts.keep(axis, offset);
         }
@@ -360,26 +366,15 @@ impl DriveSet {
         self.axes[axis].outputs(self.target.as_ref(), self.power, self.homing, self.period_s)
     }
 
-    /// Results of the touch probes: the state of the probe, edges, and the positions latched at the last one.
+    /// Results of the touch probes: the state of the probe, touches, and the positions latched at the last one.
     pub(crate) fn probe(&self) -> ProbeReading {
         let inputs = self.axes.iter().filter_map(DriveAxis::probe_input);
-        let mut reading = ProbeReading {
+        ProbeReading {
             input: inputs.reduce(|one, other| one || other),
-            ..ProbeReading::default()
-        };
-        let latches = || {
-            self.axes
-                .iter()
-                .filter_map(|axis| Some((axis.index(), axis.latched()?)))
-        };
-        reading.trips = latches().map(|(_, (trips, _))| trips).max().unwrap_or(0);
-        for (axis, (trips, position)) in latches() {
-            if trips == reading.trips && trips > 0 {
-                reading.position[axis] = position;
-                reading.latched_mask |= AxisMask::one(axis).bits();
-            }
+            trips: self.touches.count,
+            position: self.touches.position,
+            latched_mask: self.touches.axes.bits(),
         }
-        reading
     }
 
     /// The limit switches of a drive as the core has to see them.
@@ -701,6 +696,50 @@ mod tests {
         for _ in 0..10 {
             assert_eq!(bench.run(1, true)[0].target, 7000);
         }
+    }
+
+    /// A probe at two drives, whose first contact bounces: one drive is armed again in time to count it.
+    #[test]
+    fn a_bounce_that_one_drive_counts_leaves_the_other_in_the_next_touches() {
+        let shipped = evolvent_file_tests::shipped;
+        let machine = Machine::parse(&shipped("machines/mill-3axis.toml"), "mill.toml").expect("a machine");
+        let text = shipped("networks/sim-mill.toml");
+        let mut network = Network::parse(&text, "mill.toml").expect("a network");
+        let axes = network
+            .devices
+            .iter_mut()
+            .filter_map(|device| device.axis.as_mut());
+        axes.take(2).for_each(|axis| axis.touch_probe = true);
+        let mut drives =
+            DriveSet::new(&machine, &network, PERIOD_NS, 1, &Starts::default()).expect("settings");
+        // Edges by ms, of the first drive and of the second, which is slower by a period.
+        let edges = [[10, 18, 500, 900], [11, 0, 501, 901]];
+        let mut seen = Vec::new();
+        for ms in 1..1000_i32 {
+            for (drive, edges) in edges.iter().enumerate() {
+                // Stored for two periods; then off, and armed again.
+                let is_stored = edges.iter().any(|edge| (*edge..edge + 2).contains(&ms));
+                let is_off = edges.iter().any(|edge| (edge + 2..edge + 4).contains(&ms));
+                let inputs = DriveInputs {
+                    status_word: DriveState::OperationEnabled.code(),
+                    probe_status: u16::from(is_stored) << 1 | u16::from(!is_off && ms > 3),
+                    probe_position: ms,
+                    position: ms,
+                    ..DriveInputs::default()
+                };
+                drives.take(ms as u64 * PERIOD_NS, drive, inputs);
+            }
+            let reading = drives.probe();
+            if [15, 30, 510, 910].contains(&ms) {
+                let increments = reading.position[0] * 1_048_576.0 / 5.0;
+                seen.push((reading.trips, reading.latched_mask, increments.round() as i32));
+            }
+        }
+        // The second drive that takes part is Y.
+        assert_eq!(
+            seen,
+            [(1, 0b11, 10), (1, 0b11, 10), (2, 0b11, 500), (3, 0b11, 900)]
+        );
     }
 
     #[test]

@@ -1,4 +1,10 @@
-//! Touch probe 1 of a drive (60B8h, 60B9h, 60BAh): always armed for the next rising edge.
+//! Touch probe 1 of a drive (60B8h, 60B9h, 60BAh), always armed for the next rising edge, and the touches that several drives latch.
+
+use evolvent_bus::AXES;
+use evolvent_path::AxisMask;
+
+/// Edges of all drives within this time are of one touch, ns: a contact bounces for some ms, and no touch ends and comes again sooner.
+const TOUCH_NS: u64 = 20_000_000;
 
 /// Enabled, first event, probe input, rising edge.
 const ARM: u16 = 1 | 1 << 4;
@@ -10,8 +16,6 @@ const STORED: u16 = 1 << 1;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct TouchProbe {
     pub(crate) is_armed: bool,
-    /// Edges since the start of the session.
-    pub(crate) trips: u64,
     /// Increments at the last one.
     pub(crate) latched: i32,
 }
@@ -28,13 +32,39 @@ impl TouchProbe {
             return false;
         }
         (self.is_armed, self.latched) = (false, latched);
-        self.trips += 1;
         true
     }
 
     /// Object 60B8h.
     pub(crate) const fn function(&self) -> u16 {
         if self.is_armed { ARM } else { 0 }
+    }
+}
+
+/// The touches of a probe that is wired to several drives. A drive that has latched a bounce, or nothing, is out of step for this touch
+/// only.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Touches {
+    /// Touches since the start of the session.
+    pub(crate) count: u64,
+    begun_ns: u64,
+    /// Axes that have latched the last one, and where.
+    pub(crate) axes: AxisMask,
+    pub(crate) position: [f64; AXES],
+}
+
+impl Touches {
+    /// A drive has latched an edge at this machine coordinate of its axis.
+    pub(crate) fn take(&mut self, now_ns: u64, axis: usize, position: f64) {
+        if self.count == 0 || now_ns.saturating_sub(self.begun_ns) > TOUCH_NS {
+            self.count += 1;
+            (self.begun_ns, self.axes) = (now_ns, AxisMask::NONE);
+        }
+        // A second edge of the same touch is a bounce: the contact was where the first was.
+        if !self.axes.contains(axis) {
+            self.axes |= AxisMask::one(axis);
+            self.position[axis] = position;
+        }
     }
 }
 
@@ -64,6 +94,5 @@ mod tests {
             }
         }
         assert_eq!(seen, [110, 120], "one of a session before counts not");
-        assert_eq!(probe.trips, 2);
     }
 }
