@@ -793,7 +793,7 @@ mod tests {
         let at = |position: i32, status_word: u16| DriveInputs {
             position,
             status_word,
-            mode: crate::homing::HOMING_MODE,
+            mode: HOMING_MODE,
             ..DriveInputs::default()
         };
         let enabled = DriveState::OperationEnabled.code();

@@ -2,7 +2,7 @@
 //!
 //! The cycle copies each frame into a queue and never waits; frames that do not fit are counted. The file keeps the most recent frames:
 //! when it reaches half of its size, its contents are moved to a second file without a name, and recording starts again in the
-//! empty file. At the end both halves are joined.
+//! empty file. At the end both halves are joined. On a full disk the older half gives way. The file always has whole blocks.
 
 use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use core::time::Duration;
@@ -46,6 +46,56 @@ pub(crate) struct DumpCounters {
     pub(crate) written: AtomicU64,
     /// Frames that did not fit into the queue.
     pub(crate) lost: AtomicU64,
+    /// What has happened to the file and is not told yet: what, and in the lower half the number of the system's error; 0 if nothing.
+    trouble: AtomicU64,
+}
+
+/// What happens to the file of a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DumpTrouble {
+    /// There was no room for the older half; the recording goes on.
+    HalfDropped {
+        /// The system's error.
+        errno: i32,
+    },
+    /// The recording has ended. The file has what was written until then.
+    Ended {
+        /// The system's error.
+        errno: i32,
+    },
+}
+
+impl DumpCounters {
+    fn report(&self, is_end: bool, error: &io::Error) {
+        let errno = error.raw_os_error().unwrap_or(0).cast_unsigned();
+        let trouble = (1 + u64::from(is_end)) << 32 | u64::from(errno);
+        self.trouble.store(trouble, Ordering::Relaxed);
+    }
+
+    /// What has happened since the last time. The cycle may call it.
+    pub(crate) fn take_trouble(&self) -> Option<DumpTrouble> {
+        if self.trouble.load(Ordering::Relaxed) == 0 {
+            return None;
+        }
+        let trouble = self.trouble.swap(0, Ordering::Relaxed);
+        let errno = (trouble as u32).cast_signed();
+        match trouble >> 32 {
+            0 => None,
+            1 => Some(DumpTrouble::HalfDropped { errno }),
+            _ => Some(DumpTrouble::Ended { errno }),
+        }
+    }
+}
+
+/// A file, or what tests take for one.
+pub(crate) trait Store: Read + Write + Seek {
+    fn set_len(&mut self, bytes: u64) -> io::Result<()>;
+}
+
+impl Store for File {
+    fn set_len(&mut self, bytes: u64) -> io::Result<()> {
+        Self::set_len(self, bytes)
+    }
 }
 
 /// The cycle's end of the queue. It neither allocates nor waits.
@@ -74,12 +124,13 @@ impl DumpSender<'_> {
 
 /// The writer's end of the queue.
 #[derive(Debug)]
-pub(crate) struct DumpWriter<'a> {
+pub(crate) struct DumpWriter<'a, S = File> {
     queue: Consumer<u8>,
     counters: &'a DumpCounters,
-    file: File,
-    /// The older half, a file without a name.
-    before: File,
+    file: S,
+    /// The older half, a file without a name, and its bytes.
+    before: S,
+    before_length: u64,
     half_bytes: u64,
     interface: String,
     /// Realtime minus monotonic, ns.
@@ -94,7 +145,6 @@ pub(crate) fn open<'a>(
     interface: &str,
     counters: &'a DumpCounters,
 ) -> io::Result<(DumpSender<'a>, DumpWriter<'a>)> {
-    let (producer, consumer) = RingBuffer::new(QUEUE_BYTES);
     let open = |path: &Path| {
         let mut options = OpenOptions::new();
         options.read(true).write(true).create(true).truncate(true);
@@ -106,6 +156,18 @@ pub(crate) fn open<'a>(
         .with_extension(format!("{}.part", std::process::id()));
     let before = open(&spare)?;
     std::fs::remove_file(&spare)?;
+    pair(file, before, settings, interface, counters)
+}
+
+/// A queue, and the writer of these files behind it.
+fn pair<'a, S: Store>(
+    file: S,
+    before: S,
+    settings: &DumpSettings,
+    interface: &str,
+    counters: &'a DumpCounters,
+) -> io::Result<(DumpSender<'a>, DumpWriter<'a, S>)> {
+    let (producer, consumer) = RingBuffer::new(QUEUE_BYTES);
     let now_ns = SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .unwrap_or_default()
@@ -115,6 +177,7 @@ pub(crate) fn open<'a>(
         counters,
         file,
         before,
+        before_length: 0,
         half_bytes: settings.max_bytes.max(MIN_DUMP_BYTES) / 2,
         interface: interface.to_owned(),
         epoch_ns: now_ns.wrapping_sub(monotonic_ns()),
@@ -129,13 +192,18 @@ pub(crate) fn open<'a>(
     Ok((sender, writer))
 }
 
-impl DumpWriter<'_> {
+impl<S: Store> DumpWriter<'_, S> {
     /// Writes frames until `ended` is set.
     ///
     /// # Errors
     /// A write fails, or the thread cannot drop its rights.
     pub(crate) fn run(mut self, ended: &AtomicBool) -> io::Result<()> {
         let _gaps = confine_writer()?;
+        self.record(ended)
+            .inspect_err(|error| self.counters.report(true, error))
+    }
+
+    fn record(&mut self, ended: &AtomicBool) -> io::Result<()> {
         loop {
             // Acquire: the queue then contains the last frames.
             let is_over = ended.load(Ordering::Acquire);
@@ -186,10 +254,45 @@ impl DumpWriter<'_> {
         Some((u64::from_le_bytes([t0, t1, t2, t3, t4, t5, t6, t7]), direction))
     }
 
+    /// Writes whole blocks. Where there is no room the older half gives way.
     fn write(&mut self, blocks: &mut Vec<u8>) -> io::Result<()> {
-        self.file.write_all(blocks)?;
-        self.length += blocks.len() as u64;
+        if let Err(error) = self.append(blocks) {
+            if self.before_length == 0 {
+                return Err(error);
+            }
+            self.drop_older(&error)?;
+            self.append(blocks)?;
+        }
         blocks.clear();
+        Ok(())
+    }
+
+    fn append(&mut self, blocks: &[u8]) -> io::Result<()> {
+        if let Err(error) = self.file.write_all(blocks) {
+            // Not a part of a block.
+            self.cut()?;
+            return Err(error);
+        }
+        self.length += blocks.len() as u64;
+        Ok(())
+    }
+
+    /// Back to the blocks that were written.
+    fn cut(&mut self) -> io::Result<()> {
+        self.file.set_len(self.length)?;
+        self.file.seek(SeekFrom::Start(self.length))?;
+        Ok(())
+    }
+
+    fn drop_older(&mut self, error: &io::Error) -> io::Result<()> {
+        self.counters.report(false, error);
+        self.empty_before()
+    }
+
+    fn empty_before(&mut self) -> io::Result<()> {
+        self.before_length = 0;
+        self.before.set_len(0)?;
+        self.before.seek(SeekFrom::Start(0))?;
         Ok(())
     }
 
@@ -206,10 +309,12 @@ impl DumpWriter<'_> {
 
     /// Moves the contents of the file to the older half.
     fn turn_over(&mut self) -> io::Result<()> {
-        self.before.set_len(0)?;
-        self.before.seek(SeekFrom::Start(0))?;
+        self.empty_before()?;
         self.file.seek(SeekFrom::Start(0))?;
-        copy(&mut self.file, &mut self.before)?;
+        match copy(&mut self.file, &mut self.before, self.length) {
+            Ok(()) => self.before_length = self.length,
+            Err(error) => self.drop_older(&error)?,
+        }
         self.begin()
     }
 
@@ -219,28 +324,57 @@ impl DumpWriter<'_> {
         let mut blocks = Vec::new();
         interface_statistics(&mut blocks, monotonic_ns().wrapping_add(self.epoch_ns), lost);
         self.write(&mut blocks)?;
-        if self.before.stream_position()? == 0 {
-            return self.file.flush();
+        if self.before_length > 0
+            && let Err(error) = self.join()
+        {
+            self.cut()?;
+            self.drop_older(&error)?;
         }
-        self.file.seek(SeekFrom::Start(0))?;
-        copy(&mut self.file, &mut self.before)?;
-        self.before.seek(SeekFrom::Start(0))?;
-        self.file.seek(SeekFrom::Start(0))?;
-        copy(&mut self.before, &mut self.file)?;
         self.file.flush()
+    }
+
+    /// Puts the older half before the newer one. This thread may open and rename no file (ADR 61), so what has no room is written first:
+    /// the newer half is overwritten when all of the joined file has its place on the disk.
+    ///
+    /// # Errors
+    /// There is no room. The first bytes of the file are the newer half, as before.
+    fn join(&mut self) -> io::Result<()> {
+        let (newer, older) = (self.length, self.before_length);
+        // From its end: the halves may overlap.
+        let mut buffer = vec![0; COPY_BYTES];
+        let mut left = newer;
+        while left > 0 {
+            let count = left.min(COPY_BYTES as u64) as usize;
+            left -= count as u64;
+            self.file.seek(SeekFrom::Start(left))?;
+            self.file.read_exact(&mut buffer[..count])?;
+            self.file.seek(SeekFrom::Start(older + left))?;
+            self.file.write_all(&buffer[..count])?;
+        }
+        let overlap = newer.min(older);
+        for (from, until) in [(overlap, older), (0, overlap)] {
+            self.before.seek(SeekFrom::Start(from))?;
+            self.file.seek(SeekFrom::Start(from))?;
+            copy(&mut self.before, &mut self.file, until - from)?;
+        }
+        self.length = newer + older;
+        Ok(())
     }
 }
 
+const COPY_BYTES: usize = 1 << 16;
+
 /// `std::io::copy` would use system calls that this thread has dropped.
-fn copy(from: &mut File, to: &mut File) -> io::Result<()> {
-    let mut buffer = vec![0; 1 << 16];
-    loop {
-        let count = from.read(&mut buffer)?;
-        if count == 0 {
-            return Ok(());
-        }
+fn copy(from: &mut impl Read, to: &mut impl Write, bytes: u64) -> io::Result<()> {
+    let mut buffer = vec![0; COPY_BYTES];
+    let mut left = bytes;
+    while left > 0 {
+        let count = left.min(COPY_BYTES as u64) as usize;
+        from.read_exact(&mut buffer[..count])?;
         to.write_all(&buffer[..count])?;
+        left -= count as u64;
     }
+    Ok(())
 }
 
 /// A block: type, total length, body in words of four bytes, total length.
@@ -318,6 +452,8 @@ fn interface_statistics(out: &mut Vec<u8>, time_ns: u64, lost: u64) {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
 
     fn settings(folder: &Path) -> DumpSettings {
@@ -386,6 +522,150 @@ mod tests {
         assert_eq!(counters.written.load(Ordering::Relaxed), u64::from(FRAMES));
         // The older half has no name.
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    /// A file on a disk of a certain size.
+    struct Limited {
+        file: File,
+        length: u64,
+        left: Arc<AtomicU64>,
+    }
+
+    impl Limited {
+        fn new(folder: &Path, name: &str, left: &Arc<AtomicU64>) -> Self {
+            let mut options = OpenOptions::new();
+            let file = options.read(true).write(true).create(true).truncate(true);
+            Self {
+                file: file.open(folder.join(name)).unwrap(),
+                length: 0,
+                left: Arc::clone(left),
+            }
+        }
+    }
+
+    impl Read for Limited {
+        fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+            self.file.read(buffer)
+        }
+    }
+
+    impl Seek for Limited {
+        fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+            self.file.seek(to)
+        }
+    }
+
+    impl Write for Limited {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let at = self.file.stream_position()?;
+            // A hole in a file takes room when it is filled; here already when it is made.
+            let most = self.length + self.left.load(Ordering::Relaxed);
+            let count = (bytes.len() as u64).min(most.saturating_sub(at)) as usize;
+            if count == 0 && !bytes.is_empty() {
+                return Err(io::Error::from_raw_os_error(ENOSPC));
+            }
+            let count = self.file.write(&bytes[..count])?;
+            let grown = (at + count as u64).saturating_sub(self.length);
+            self.length += grown;
+            self.left.fetch_sub(grown, Ordering::Relaxed);
+            Ok(count)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            self.file.flush()
+        }
+    }
+
+    impl Store for Limited {
+        fn set_len(&mut self, bytes: u64) -> io::Result<()> {
+            self.left
+                .fetch_add(self.length.saturating_sub(bytes), Ordering::Relaxed);
+            self.length = bytes;
+            self.file.set_len(bytes)
+        }
+    }
+
+    const ENOSPC: i32 = 28;
+
+    /// Records frames on a disk of a size, of which others leave 10 kB from a frame on. Returns the numbers in the file, and what was told, with the number of the frame then.
+    fn record_on(disk_bytes: u64, full_from: u32, frames: u32) -> (Vec<u32>, Vec<(u32, DumpTrouble)>) {
+        let folder = tempfile::tempdir().unwrap();
+        let (counters, left) = (DumpCounters::default(), Arc::new(AtomicU64::new(disk_bytes)));
+        let [file, before] = ["wire.pcapng", "before"].map(|name| Limited::new(folder.path(), name, &left));
+        let (mut sender, mut writer) =
+            pair(file, before, &settings(folder.path()), "ec0", &counters).unwrap();
+        let (mut told, mut has_ended) = (Vec::new(), false);
+        for number in 0..frames {
+            let mut frame = [0x55; 201];
+            frame[..4].copy_from_slice(&number.to_le_bytes());
+            sender.record(Direction::Out, &frame);
+            if number == full_from {
+                left.store(10_000, Ordering::Relaxed);
+            }
+            if number % 10 == 9 && !has_ended {
+                has_ended = writer
+                    .drain()
+                    .inspect_err(|error| counters.report(true, error))
+                    .is_err();
+            }
+            told.extend(counters.take_trouble().map(|trouble| (number, trouble)));
+        }
+        if !has_ended {
+            writer.finish().unwrap();
+        }
+        told.extend(counters.take_trouble().map(|trouble| (frames, trouble)));
+        drop(writer);
+        let bytes = std::fs::read(folder.path().join("wire.pcapng")).unwrap();
+        assert!(bytes.len() as u64 <= disk_bytes.min(MIN_DUMP_BYTES + 1024));
+        let numbers = numbers(&bytes);
+        assert!(numbers.windows(2).all(|pair| pair[1] == pair[0] + 1), "a gap");
+        (numbers, told)
+    }
+
+    #[test]
+    fn on_a_full_disk_the_older_half_gives_way_and_what_happens_is_told_at_once() {
+        let (errno, half) = (ENOSPC, MIN_DUMP_BYTES / 2);
+        // A frame takes 248 bytes, so that a half has some 2100.
+        let (numbers, told) = record_on(10 * MIN_DUMP_BYTES, u32::MAX, 10_000);
+        assert!(told.is_empty() && numbers.len() > 2114 && numbers.last() == Some(&9_999));
+        // No room for two halves: the older one goes, the newest frames are there, and all blocks are whole.
+        let (numbers, told) = record_on(half + half / 2, u32::MAX, 10_000);
+        assert!(
+            numbers.len() > 100 && numbers.last() == Some(&9_999),
+            "{}",
+            numbers.len()
+        );
+        assert!(
+            told.iter()
+                .all(|(_, trouble)| *trouble == DumpTrouble::HalfDropped { errno })
+        );
+        assert!(told[0].0 > 2000 && told[0].0 < 3400, "{told:?}");
+        // Others fill the disk while the newer half grows.
+        let (numbers, told) = record_on(10 * MIN_DUMP_BYTES, 3_000, 4_000);
+        assert!(
+            numbers[0] > 2000 && numbers.last() == Some(&3_999),
+            "from {}",
+            numbers[0]
+        );
+        assert!(
+            matches!(told[..], [(at, DumpTrouble::HalfDropped { .. })] if at < 3_060),
+            "{told:?}"
+        );
+        // Room for both halves, and none to join them: the newer one stays as it is.
+        let (numbers, told) = record_on(2 * half + 1024, u32::MAX, 3_000);
+        assert!(
+            numbers.len() > 500 && numbers.last() == Some(&2_999),
+            "{}",
+            numbers.len()
+        );
+        assert_eq!(told, [(3_000, DumpTrouble::HalfDropped { errno })]);
+        // Not even for a half: it ends, at once, with whole blocks.
+        let (numbers, told) = record_on(half / 2, u32::MAX, 3_000);
+        assert!(numbers.len() > 900 && numbers[0] == 0, "{}", numbers.len());
+        assert!(
+            matches!(told[..], [(at, DumpTrouble::Ended { .. })] if at < 1100),
+            "{told:?}"
+        );
     }
 
     #[test]

@@ -60,7 +60,7 @@ mod zero_impulse;
 
 pub use clock_monitor::ClockFigures;
 pub use cycle_times::{CycleTime, CycleTimes};
-pub use dump::{DumpSettings, MIN_DUMP_BYTES};
+pub use dump::{DumpSettings, DumpTrouble, MIN_DUMP_BYTES};
 pub use esi::{EsiError, EsiLibrary};
 pub use evolvent_bridge::{BridgeError, CardFinding, CardVerdict, RoundTrips, examine_card};
 pub use evolvent_drive::GantrySettings;

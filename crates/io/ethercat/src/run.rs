@@ -12,7 +12,7 @@ use thiserror::Error;
 
 use crate::clock_monitor::{ClockFigures, ClockMonitor};
 use crate::cycle_times::CycleTimes;
-use crate::dump::{self, DumpCounters, DumpSettings};
+use crate::dump::{self, DumpCounters, DumpSettings, DumpTrouble};
 use crate::fault_text::fault_text_of;
 use crate::network::Network;
 use crate::scan::panic_text;
@@ -136,6 +136,7 @@ pub fn run_measured(
                 bus,
                 counters: &counters,
                 clocks: &mut clocks,
+                recorded: &recorded,
                 times,
             };
             // ethercrab asserts on the replies of devices; drives then stop by their watchdogs.
@@ -155,6 +156,9 @@ pub fn run_measured(
                 .join()
                 .unwrap_or_else(|panic| Err(std::io::Error::other(panic_text(panic.as_ref()))))
         });
+        if let Some(trouble) = recorded.take_trouble().filter(|_| written.is_ok()) {
+            tell(&recording_text(trouble));
+        }
         if let Err(error) = written {
             tell(&format!("the recording of the wire is incomplete: {error}"));
         }
@@ -171,6 +175,20 @@ pub fn run_measured(
         short_frames: counters.short.load(Ordering::Relaxed),
         clocks: clocks.figures(),
     })
+}
+
+fn recording_text(trouble: DumpTrouble) -> String {
+    let error = std::io::Error::from_raw_os_error;
+    match trouble {
+        DumpTrouble::HalfDropped { errno } => format!(
+            "the recording of the wire goes on without its older half: {}; make room on its disk, or record less (--dump-mib)",
+            error(errno)
+        ),
+        DumpTrouble::Ended { errno } => format!(
+            "the recording of the wire has ended: {}; the file has what was recorded until now",
+            error(errno)
+        ),
+    }
 }
 
 impl Hardware for RunSettings {
@@ -204,6 +222,7 @@ impl Hardware for RunSettings {
             Notice::Operational { clocks: false } => {
                 "network: all devices are in OP, without distributed clocks".to_owned()
             }
+            Notice::Recording(trouble) => recording_text(trouble),
             Notice::Clocks { figures } => format!("network: {}", self.clock_text(&figures)),
             Notice::Spindle { number, notice } => match notice {
                 SpindleNotice::Encoder(fault) => format!("spindle {number}: {fault}"),

@@ -24,7 +24,7 @@ use self::start::start;
 use crate::clock_monitor::ClockMonitor;
 use crate::cycle_times::CycleTimes;
 use crate::drive_set::{DriveSet, Starts};
-use crate::dump::DumpSender;
+use crate::dump::{DumpCounters, DumpSender};
 use crate::homing::HomingProgress;
 use crate::network::{MAX_DEVICES, Network};
 use crate::pump::Pump;
@@ -74,6 +74,7 @@ pub(crate) struct Ends<'a, 'b> {
     pub(crate) bus: &'a mut BusEnds<'b, Notice>,
     pub(crate) counters: &'a Counters,
     pub(crate) clocks: &'a mut ClockMonitor,
+    pub(crate) recorded: &'a DumpCounters,
     /// For benchmarks.
     pub(crate) times: Option<&'a CycleTimes>,
 }

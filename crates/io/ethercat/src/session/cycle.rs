@@ -138,10 +138,14 @@ impl<'m> Cycle<'_, 'm> {
         }
     }
 
-    /// Reads the system time difference of a device if one is due, in the time that is left until the next cycle.
+    /// Reports of the recording, and of the clocks. Reads the system time difference of a device if one is due, in the time that is left
+    /// until the next cycle.
     fn observe_clocks(&self, pump: &mut Pump<'_, '_>, next_ns: u64, ends: &mut Ends<'_, '_>) {
         if !self.operational {
             return;
+        }
+        if let Some(trouble) = ends.recorded.take_trouble() {
+            let _full = ends.bus.notices.push(Notice::Recording(trouble));
         }
         let now_ns = monotonic_ns();
         if let Some(figures) = ends.clocks.first_report(now_ns) {

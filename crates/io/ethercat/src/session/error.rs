@@ -4,6 +4,7 @@ use evolvent_drive::{GantryFault, InterpolationError, SettingsError};
 use thiserror::Error;
 
 use crate::clock_monitor::ClockFigures;
+use crate::dump::DumpTrouble;
 use crate::pdo::PdoError;
 use crate::spindle_drive::SpindleNotice;
 
@@ -122,6 +123,8 @@ pub enum SessionError {
 pub enum Notice {
     /// All devices are in OP.
     Operational { clocks: bool },
+    /// The recording of the wire has lost something, or has ended.
+    Recording(DumpTrouble),
     /// What the clocks have shown since then.
     Clocks { figures: ClockFigures },
     /// A drive is in fault.
