@@ -156,7 +156,7 @@ fn outputs_are_safe_until_a_core_says_otherwise_in_each_session() {
                 std::thread::sleep(Duration::from_millis(20));
                 stays_safe("before the first message");
                 core.say(|outputs| {
-                    (outputs.digital, outputs.safe_digital) = (u64::from(!is_safe_on), u64::from(is_safe_on))
+                    (outputs.digital, outputs.safe_digital) = (u64::from(!is_safe_on), u64::from(is_safe_on));
                 });
                 core.until("what the core says", |_| is_on() != is_safe_on);
                 // The board goes away while the core says more than the queue holds, and the core goes too.
