@@ -32,12 +32,12 @@ enum Source {
 
 #[derive(Debug, Args)]
 struct LinuxcncArgs {
-    /// The INI file
+    /// The INI file; no file of the configuration is replaced, not even with --force
     ini: PathBuf,
     /// The machine file. Default: NAME.toml in this folder, with the NAME of the INI file
     #[arg(long, short, value_name = "FILE.toml")]
     output: Option<PathBuf>,
-    /// Replace existing files
+    /// Replace files that an earlier import wrote
     #[arg(long)]
     force: bool,
     /// Print files, chosen values and lines that were not carried over as one JSON object
@@ -69,7 +69,9 @@ pub(crate) fn run(args: &ImportArgs, out: &mut dyn Write) -> Result<Ending, Comm
 
 fn write(import: &Import, output: &Path, force: bool) -> Result<Vec<PathBuf>, CommandError> {
     import.write(output, force).map_err(|error| match error {
-        ImportError::Exists { .. } => CommandError::Usage(error.to_string()),
+        ImportError::Exists { .. } | ImportError::Conflict(_) | ImportError::Extension { .. } => {
+            CommandError::Usage(error.to_string())
+        }
         error => CommandError::Failed(error.to_string()),
     })
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use evolvent_config::{read_regular, write_whole};
+use evolvent_config::{check_outputs, read_regular, write_whole};
 use evolvent_machine::Machine;
 use evolvent_path::AxisLetter;
 
@@ -32,6 +32,8 @@ pub struct Import {
     /// Name and text.
     tables: Vec<(String, String)>,
     report: Report,
+    /// Every file of the configuration, and what it is.
+    inputs: Vec<(PathBuf, &'static str)>,
 }
 
 /// Reads a configuration of LinuxCNC: the INI file, its includes, its tool table, parameters and HAL files.
@@ -46,6 +48,7 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
     let units = Units::read(&mut ini, &mut report)?;
     let axes = axes(&mut ini, units, &mut report)?;
     let mut settings = Settings::read(&mut ini, &axes, units.linear, &mut report)?;
+    let inputs = inputs(&ini, &settings, &axes);
     let mut tables = Vec::new();
     // LinuxCNC writes this file when it ends: a configuration that never ran has none.
     let is_new = |entry: &Entry| !resolve(Some(ini.folder()), &entry.value).exists();
@@ -153,7 +156,36 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
         machine,
         tables,
         report,
+        inputs,
     })
+}
+
+/// The files that belong to LinuxCNC, and what each of them is. No output may replace one of them.
+fn inputs(ini: &Ini, settings: &Settings, axes: &[AxisValues]) -> Vec<(PathBuf, &'static str)> {
+    let named = |entry: &Entry, what| (resolve(Some(ini.folder()), &entry.value), what);
+    let mut inputs: Vec<_> = ini
+        .files
+        .iter()
+        .map(|file| (file.clone(), "a file of LinuxCNC's configuration"))
+        .collect();
+    let files = [
+        (&settings.tool_table, "LinuxCNC's tool table"),
+        (&settings.parameters, "LinuxCNC's parameter file"),
+    ];
+    inputs.extend(
+        files
+            .iter()
+            .filter_map(|(entry, what)| Some(named(entry.as_ref()?, *what))),
+    );
+    for axis in axes {
+        let table = axis.screws.table.as_ref();
+        inputs.extend(table.map(|table| named(&table.entry, "LinuxCNC's table of screw errors")));
+    }
+    for entry in ini.peek("HAL", "HALFILE") {
+        let name = entry.value.split_whitespace().next().unwrap_or_default();
+        inputs.push((resolve(Some(ini.folder()), name), "LinuxCNC's HAL file"));
+    }
+    inputs
 }
 
 fn sort(report: &mut Report) {
@@ -338,8 +370,9 @@ impl Import {
     /// Writes the machine file, and the tables next to it. Returns the names of all files.
     ///
     /// # Errors
-    /// A file with one of the names exists and `force` is false: then nothing is written. A file cannot be
-    /// written: the previous ones are complete, none is incomplete.
+    /// A file is one of the configuration's, even if `force` is true; two files are one; the extension of the machine file is not
+    /// `.toml`; or a file with one of the names exists and `force` is false: then nothing is written. A file cannot be written: the
+    /// previous ones are complete, none is incomplete.
     pub fn write(&self, machine: &Path, force: bool) -> Result<Vec<PathBuf>, ImportError> {
         let folder = machine.parent().unwrap_or(Path::new(""));
         let mut files: Vec<(PathBuf, &str)> = self
@@ -348,6 +381,18 @@ impl Import {
             .map(|(name, text)| (folder.join(name), text.as_str()))
             .collect();
         files.push((machine.to_owned(), &self.machine));
+        if !machine
+            .extension()
+            .is_some_and(|extension| extension.eq_ignore_ascii_case("toml"))
+        {
+            return Err(ImportError::Extension {
+                path: machine.to_owned(),
+            });
+        }
+        check_outputs(
+            files.iter().map(|(path, _)| path.as_path()),
+            self.inputs.iter().map(|(path, what)| (path.as_path(), *what)),
+        )?;
         if let Some((path, _)) = files.iter().find(|(path, _)| !force && path.exists()) {
             return Err(ImportError::Exists { path: path.clone() });
         }

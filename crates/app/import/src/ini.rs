@@ -62,6 +62,8 @@ impl Entry {
 pub(crate) struct Ini {
     pub(crate) path: PathBuf,
     entries: Vec<Entry>,
+    /// The file itself and its includes.
+    pub(crate) files: Vec<PathBuf>,
 }
 
 impl Ini {
@@ -69,6 +71,7 @@ impl Ini {
         let mut ini = Self {
             path: path.to_owned(),
             entries: Vec::new(),
+            files: Vec::new(),
         };
         let mut section = String::new();
         ini.read_file(path, &mut section, &mut Vec::new(), report)?;
@@ -87,6 +90,7 @@ impl Ini {
             source,
         })?;
         let text = String::from_utf8_lossy(&bytes);
+        self.files.push(path.to_owned());
         open.push(path.to_owned());
         let mut continued = String::new();
         for (index, line) in text.lines().enumerate() {

@@ -163,3 +163,51 @@ fn a_home_offset_that_no_machine_has_is_named() {
         assert!(error.contains("[JOINT_0] HOME_OFFSET of X"), "{error}");
     }
 }
+
+#[test]
+fn no_file_of_the_configuration_is_replaced_even_with_force() {
+    let folder = Folder::new("own-folder");
+    let table = "T1 P1 D0.25 Z1.5 ; inches\n";
+    let parameters = "5221\t1.5\n";
+    folder.write("router.tbl", table);
+    folder.write("router.var", parameters);
+    let ini = INI
+        .replace("LINEAR_UNITS = mm", "LINEAR_UNITS = inch")
+        .replace("tools.tbl", "router.tbl")
+        + "[RS274NGC]\nPARAMETER_FILE = router.var\n";
+    let import = folder.import(&ini).expect("a machine");
+    let read = |name: &str| std::fs::read_to_string(folder.0.join(name)).expect("a file");
+    for force in [false, true] {
+        let error = import.write(&folder.0.join("router.toml"), force);
+        let text = error.expect_err("its own files").to_string();
+        assert!(
+            text.contains("LinuxCNC's tool table itself; name another file") && !text.contains("--force"),
+            "{text}"
+        );
+        assert_eq!(
+            (read("router.tbl").as_str(), read("router.var").as_str()),
+            (table, parameters)
+        );
+        assert!(!folder.0.join("router.toml").exists());
+    }
+    // Under another name beside them, again and again.
+    let import = evolvent_import::import(&folder.0.join("router.ini"), "evolvent").expect("a machine");
+    for _ in 0..2 {
+        import
+            .write(&folder.0.join("evolvent.toml"), true)
+            .expect("files");
+        assert_eq!(read("router.tbl"), table);
+        assert!(read("evolvent.tbl").contains("D6.35"), "{}", read("evolvent.tbl"));
+    }
+}
+
+#[test]
+fn the_machine_file_has_its_own_extension() {
+    let folder = Folder::new("extension");
+    folder.write("tools.tbl", "T1 P1 D6\n");
+    let import = folder.import(INI).expect("a machine");
+    let error = import.write(&folder.0.join("router.tbl"), true);
+    let text = error.expect_err("the name of a table").to_string();
+    assert!(text.contains("a machine file has the extension .toml"), "{text}");
+    assert!(!folder.0.join("router.tbl").exists());
+}

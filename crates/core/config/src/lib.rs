@@ -21,7 +21,8 @@
 //! ```
 //!
 //! [`open_regular`], [`read_regular`] and [`read_text`] open regular files only, with a time limit. [`OutputFile`] and
-//! [`write_whole`] write a file completely or not at all.
+//! [`write_whole`] write a file completely or not at all; [`check_outputs`] compares the files that a command writes with those
+//! that it reads.
 //!
 //! # Guarantees
 //!
@@ -30,6 +31,7 @@
 mod config_document;
 mod error;
 mod file;
+mod output_conflict;
 mod output_file;
 mod place;
 mod text_file;
@@ -38,6 +40,7 @@ mod words;
 pub use config_document::ConfigDocument;
 pub use error::ConfigError;
 pub use file::{FILE_TIMEOUT, no_reply, open_regular, read_regular, within};
+pub use output_conflict::{OutputConflict, check_outputs};
 pub use output_file::{OutputFile, is_stream, write_whole};
 pub use text_file::{TextFileError, read_text};
 pub use words::{plain, shortened};
