@@ -11,10 +11,10 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use crate::common::{PROGRAM, altered, record};
+use crate::common::{PROGRAM, altered, cycles, record};
 use evolvent_inspect::write_report;
 use evolvent_runtime::Clock;
-use evolvent_trace::{Recorder, TraceFile};
+use evolvent_trace::{CONTINUES_AT, Recorder, TraceFile, recover};
 
 fn browser() -> Option<PathBuf> {
     let named = std::env::var_os("EVOLVENT_BROWSER").map(PathBuf::from);
@@ -247,4 +247,57 @@ fn the_path_in_space_fills_its_picture() {
         shares[0] > 0.8 || shares[1] > 0.8,
         "{shares:?} of width and height"
     );
+}
+
+#[test]
+fn cycles_that_are_missing_at_the_beginning_are_told() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
+    let count = cycles(&trace).len() as u64;
+    let page = folder.path().join("run.html");
+    let told = |trace: &Path| {
+        write_report(trace, &page).expect("a page");
+        std::fs::read_to_string(&page).expect("the page")
+    };
+    let lost = 800;
+    let late = altered(&trace, "late", |_| {}, |cycle| cycle.sequence >= lost);
+    let text = told(&late);
+    let whole = format!("{:.3} s", count as f64 * 1e-3);
+    assert!(text.contains(&format!("{lost} cycles are missing in 1 gaps")), "{lost}");
+    assert!(!text.contains("without a gap"));
+    assert!(text.contains(&format!("ran to its end: {whole} and")), "not {whole}");
+    assert!(text.contains(&format!("<tr><th>duration</th><td>{whole}</td></tr>")), "not {whole}");
+    let info = TraceFile::open(&late).expect("a trace");
+    assert!(
+        (info.info().duration_s() - (count - 1) as f64 * 1e-3).abs() < 1e-9,
+        "{}",
+        info.info().duration_s()
+    );
+    // A file that continues an earlier one begins there.
+    let describe = |run: &mut evolvent_trace::RunInfo| {
+        run.extra.insert(CONTINUES_AT.to_owned(), lost.to_string());
+    };
+    let text = told(&altered(&trace, "next", describe, |cycle| cycle.sequence >= lost));
+    let rest = count - lost;
+    assert!(text.contains(&format!("All {rest} cycles were recorded, without a gap.")), "{rest}");
+    assert!(text.contains(&format!("ran to its end: {:.3} s and", rest as f64 * 1e-3)));
+}
+
+#[test]
+fn damage_in_the_middle_is_not_called_a_truncated_end() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let program = crate::common::long_program(20);
+    let (trace, _) = record(folder.path(), "runs", &program, Clock::Virtual, 1.0, |_| {});
+    let mut bytes = std::fs::read(&trace).expect("its bytes");
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    let (damaged, saved) = (folder.path().join("damaged.mcap"), folder.path().join("saved.mcap"));
+    std::fs::write(&damaged, bytes).expect("room");
+    let recovered = recover(&damaged, Some(&saved)).expect("a recovery");
+    assert_eq!(recovered.damaged_places, 1);
+    let page = folder.path().join("saved.html");
+    write_report(&saved, &page).expect("a page");
+    let text = std::fs::read_to_string(&page).expect("the page");
+    assert!(text.contains("The file was damaged in one place and has been recovered"));
+    assert!(!text.contains("truncated"));
 }

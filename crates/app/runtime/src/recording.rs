@@ -12,7 +12,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use evolvent_machine::OnFull;
-use evolvent_trace::{CycleRecord, RecordError, Recorder, RunInfo};
+use evolvent_trace::{CONTINUES_AT, CycleRecord, RecordError, Recorder, RunInfo};
 use rtrb::Consumer;
 
 use self::tracks::Tracks;
@@ -61,7 +61,7 @@ impl Further {
     /// Goes on in the next file; the present one is finished by a thread of its own, because its index and the disk take time.
     fn go_on(&mut self, recorder: &mut Recorder, sequence: u64) -> Result<(), RecordError> {
         let path = self.series.file_of_now();
-        self.info.extra.insert(CONTINUES.to_owned(), sequence.to_string());
+        self.info.extra.insert(CONTINUES_AT.to_owned(), sequence.to_string());
         let next = Recorder::create(&path, &self.info)?;
         let old = std::mem::replace(recorder, next);
         self.progress.bytes.store(0, Ordering::Relaxed);
@@ -85,9 +85,6 @@ impl Further {
         Ok(())
     }
 }
-
-/// Metadata of a file that goes on where another one ends: its first setpoint.
-pub(crate) const CONTINUES: &str = "continues_at";
 
 /// The recorder's ends of its channels.
 pub(crate) struct RecorderLines {

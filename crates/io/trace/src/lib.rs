@@ -89,7 +89,7 @@ pub use record_error::{RecordError, Remains};
 pub use recorder::{Recorder, part_path};
 pub use recover::{Recovered, recover, recover_leftovers};
 pub use recover_error::RecoverError;
-pub use run_info::{ProgramSource, RunInfo, configuration_hash};
+pub use run_info::{CONTINUES_AT, ProgramSource, RunInfo, configuration_hash};
 pub use sink::{FileSink, TraceSink};
 pub use statistics::RunStatistics;
 pub use trace_info::{ChannelInfo, TraceInfo};

@@ -165,7 +165,7 @@ impl Recorder {
             } else {
                 1
             },
-            tally: Tally::default(),
+            tally: Tally::beginning_at(info.first_sequence()),
             scene: Scene::default(),
             last_time_ns: info.start_time_ns,
             failure: None,

@@ -354,6 +354,7 @@ impl Rescue {
         if name == schema::RUN
             && let Some(run) = RunInfo::from_metadata(&map)
         {
+            self.statistics.begin_at(run.first_sequence());
             self.letters = run.axes.iter().map(|axis| axis.letter()).collect();
             self.axes = Some(run.axes.iter().map(|axis| axis.index()).collect());
             self.has_run = true;

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 
 use evolvent_path::AxisLetter;
 
+/// Key of [`RunInfo::extra`] in a file that goes on where another one ends: the number of its first cycle.
+pub const CONTINUES_AT: &str = "continues_at";
 /// What the metadata say of cycles in columns.
 const COLUMNS: &str = "columns";
 
@@ -82,6 +84,13 @@ pub fn configuration_hash(parts: &[&[u8]]) -> String {
 
 impl RunInfo {
     /// The metadata `evolvent.run`.
+    /// The number of the first cycle: 0, except in a file that continues an earlier one.
+    #[must_use]
+    pub fn first_sequence(&self) -> u64 {
+        let continued = self.extra.get(CONTINUES_AT);
+        continued.and_then(|text| text.parse().ok()).unwrap_or(0)
+    }
+
     pub(crate) fn to_metadata(&self) -> BTreeMap<String, String> {
         let mut map: BTreeMap<String, String> = self
             .extra

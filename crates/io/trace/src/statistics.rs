@@ -19,7 +19,7 @@ pub struct RunStatistics {
     pub first_sequence: Option<u64>,
     /// The last cycle's number.
     pub last_sequence: Option<u64>,
-    /// Number of positions at which the next number was not the last plus one.
+    /// Number of positions at which the next number was not the last plus one, or the first not that with which the trace begins.
     pub gaps: u64,
     /// Numbers missing in all gaps.
     pub missing_cycles: u64,
@@ -31,20 +31,27 @@ pub struct RunStatistics {
     pub lateness: Histogram,
     /// How long their work took.
     pub work: Histogram,
+    /// The number with which the trace begins; `None` if what was run is unknown.
+    begins_at: Option<u64>,
 }
 
 impl RunStatistics {
+    /// Cycles before the first one recorded are missing from this number on.
+    pub(crate) fn begin_at(&mut self, sequence: u64) {
+        self.begins_at = Some(sequence);
+    }
+
     /// Counts a cycle without its times.
     fn count(&mut self, sequence: u64, flags: u32) {
-        if let Some(last) = self.last_sequence {
-            let next = last.wrapping_add(1);
-            if sequence != next {
-                self.gaps += 1;
-                self.missing_cycles = self.missing_cycles.saturating_add(sequence.saturating_sub(next));
-            }
-        } else {
-            self.first_sequence = Some(sequence);
+        let next = match self.last_sequence {
+            Some(last) => Some(last.wrapping_add(1)),
+            None => self.begins_at,
+        };
+        if let Some(next) = next.filter(|next| *next != sequence) {
+            self.gaps += 1;
+            self.missing_cycles = self.missing_cycles.saturating_add(sequence.saturating_sub(next));
         }
+        self.first_sequence.get_or_insert(sequence);
         self.last_sequence = Some(sequence);
         self.cycles += 1;
         self.late_cycles += u64::from(flags & FLAG_LATE != 0);
@@ -100,6 +107,13 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
+    /// Of a trace that begins with this number.
+    pub(crate) fn beginning_at(sequence: u64) -> Self {
+        let mut tally = Self::default();
+        tally.run.begin_at(sequence);
+        tally
+    }
+
     /// Counts a cycle; returns the previous second if this cycle starts a new one.
     pub(crate) fn cycle(&mut self, record: &CycleRecord) -> Option<TimingRecord> {
         let elapsed = record.due_time_ns.wrapping_sub(self.second.time_ns);
@@ -163,6 +177,18 @@ mod tests {
         }
         assert_eq!((run.cycles, run.gaps, run.missing_cycles), (6, 2, 2 + 6));
         assert_eq!((run.first_sequence, run.last_sequence), (Some(7), Some(20)));
+    }
+
+    #[test]
+    fn cycles_before_the_first_one_are_a_gap() {
+        for (begin, first, gaps, missing) in [(0, 0, 0, 0), (0, 7, 1, 7), (7, 7, 0, 0), (5, 7, 1, 2)] {
+            let mut run = RunStatistics::default();
+            run.begin_at(begin);
+            run.cycle(&cycle(first, 0));
+            run.cycle(&cycle(first + 1, 0));
+            assert_eq!((run.gaps, run.missing_cycles), (gaps, missing), "{begin}, {first}");
+            assert_eq!(run.first_sequence, Some(first));
+        }
     }
 
     #[test]

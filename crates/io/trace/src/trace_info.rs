@@ -46,10 +46,17 @@ pub struct TraceInfo {
 }
 
 impl TraceInfo {
-    /// From the first to the last message, s.
+    /// From the first to the last message, and at least from the cycle with which the trace begins to the last one, s: cycles that
+    /// are missing at the beginning count.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
-        self.end_time_ns.saturating_sub(self.start_time_ns) as f64 * 1e-9
+        let messages_ns = self.end_time_ns.saturating_sub(self.start_time_ns);
+        let last = self.summary.get("last_sequence").and_then(|text| text.parse::<u64>().ok());
+        let cycles_ns = match (&self.run, last) {
+            (Some(run), Some(last)) => last.saturating_sub(run.first_sequence()).saturating_mul(run.period_ns),
+            _ => 0,
+        };
+        messages_ns.max(cycles_ns) as f64 * 1e-9
     }
 
     /// Number of messages of a channel; 0 if there is no such channel.
@@ -60,6 +67,13 @@ impl TraceInfo {
             .filter(|channel| channel.topic == topic)
             .map(|channel| channel.messages)
             .sum()
+    }
+
+    /// Number of damaged places that a recovery found before the end; 0 if only the end was truncated.
+    #[must_use]
+    pub fn damaged_places(&self) -> u64 {
+        let places = self.recovery.get("damaged_places");
+        places.and_then(|text| text.parse().ok()).unwrap_or(0)
     }
 
     /// A number of the summary.

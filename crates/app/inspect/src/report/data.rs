@@ -51,7 +51,7 @@ pub(crate) fn run_rows(opened: &Opened, g: &Gathered) -> String {
             format!("{}, axes {}", run.machine_name, letters(&run.axes)),
         ),
         ("started", utc(run.start_time_ns)),
-        ("duration", time(g.counts.cycles as f64 * opened.period_s())),
+        ("duration", time(g.counts.span() as f64 * opened.period_s())),
         ("period", format!("{} ns, {rate_hz:.2} Hz", run.period_ns)),
         ("clock", run.clock.clone()),
         ("real time", run.real_time.clone()),

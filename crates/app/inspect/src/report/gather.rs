@@ -118,12 +118,23 @@ pub(crate) struct Gathered {
 #[derive(Debug, Default)]
 pub(crate) struct CycleCounts {
     pub(crate) cycles: u64,
+    /// With which the trace begins, whether it is recorded or missing.
     pub(crate) first_sequence: u64,
     pub(crate) last_sequence: u64,
     pub(crate) gaps: Vec<(u64, u64)>,
     pub(crate) missing: u64,
     pub(crate) late: u64,
     pub(crate) starved: u64,
+}
+
+impl CycleCounts {
+    /// Number of cycles from the first to the last one, with those that are missing.
+    pub(crate) fn span(&self) -> u64 {
+        if self.cycles == 0 {
+            return 0;
+        }
+        self.last_sequence + 1 - self.first_sequence
+    }
 }
 
 /// What changed, and what happened, at which cycle.
@@ -260,7 +271,10 @@ impl Gathered {
     fn new(opened: &Opened, starts: &VecDeque<RecordedJob>) -> Self {
         let home = opened.machine.limits().home;
         Self {
-            counts: CycleCounts::default(),
+            counts: CycleCounts {
+                first_sequence: opened.run.first_sequence(),
+                ..CycleCounts::default()
+            },
             timeline: Timeline::default(),
             series: Vec::new(),
             trail: Vec::new(),
@@ -344,13 +358,18 @@ impl Gathered {
     }
 
     fn cycle(&mut self, record: &CycleRecord, curves: &mut Curves, trail: &mut Trail, axes: &[AxisLetter]) {
-        if self.counts.cycles == 0 {
-            self.counts.first_sequence = record.sequence;
-        } else if record.sequence > self.counts.last_sequence + 1 {
-            let missing = record.sequence - self.counts.last_sequence - 1;
+        let next = if self.counts.cycles == 0 {
+            // A trace of which the description is damaged may begin earlier than it says.
+            self.counts.first_sequence = self.counts.first_sequence.min(record.sequence);
+            self.counts.first_sequence
+        } else {
+            self.counts.last_sequence + 1
+        };
+        if record.sequence > next {
+            let missing = record.sequence - next;
             self.counts.missing += missing;
             if self.counts.gaps.len() < MAX_EVENTS {
-                self.counts.gaps.push((self.counts.last_sequence + 1, missing));
+                self.counts.gaps.push((next, missing));
             }
             curves.skip(missing);
         }

@@ -26,7 +26,7 @@ pub(crate) struct Sentence {
 pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
     let mut list = Vec::new();
     let mut say = |gravity, text: String| list.push(Sentence { gravity, text });
-    let duration_s = g.counts.cycles as f64 * opened.period_s();
+    let duration_s = g.counts.span() as f64 * opened.period_s();
     let what = format!("{} on {}", opened.run.program_name, opened.run.machine_name);
     let took = format!("{} and {:.1} mm of path", time(duration_s), g.path_mm);
     outcome(opened, &what, &took, &mut say);
@@ -43,7 +43,7 @@ pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
             ),
         );
     }
-    where_time_went(g, duration_s, &mut say);
+    where_time_went(g, g.counts.cycles as f64 * opened.period_s(), &mut say);
     if g.programs > 1 {
         say(
             Gravity::Note,
@@ -169,9 +169,14 @@ fn completeness(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, Str
     if let Some(failure) = recovery.get("failure") {
         say(Gravity::Bad, format!("Recording failed: {failure}."));
     } else if let Some(dropped) = recovery.get("bytes_dropped") {
+        let damage = match opened.trace.info().damaged_places() {
+            0 => "truncated".to_owned(),
+            1 => "damaged in one place".to_owned(),
+            places => format!("damaged in {places} places"),
+        };
         say(
             Gravity::Note,
-            format!("The file was truncated and has been recovered; {dropped} bytes could not be used."),
+            format!("The file was {damage} and has been recovered; {dropped} bytes could not be used."),
         );
     }
 }
@@ -215,6 +220,7 @@ fn limits(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) 
     );
 }
 
+/// Which limits were reached for which part of the recorded time.
 fn where_time_went(g: &Gathered, duration_s: f64, say: &mut impl FnMut(Gravity, String)) {
     if duration_s <= 0.0 {
         return;

@@ -136,9 +136,13 @@ fn explain_surroundings(opened: &Opened, verified: &mut Verified) {
     }
     let info = opened.trace.info();
     if !info.recovery.is_empty() {
-        verified
-            .notes
-            .push("the trace was recovered; its end may be missing".to_owned());
+        let damaged = info.damaged_places();
+        let lost = if damaged > 0 {
+            format!("{damaged} damaged places were left out")
+        } else {
+            "its end may be missing".to_owned()
+        };
+        verified.notes.push(format!("the trace was recovered; {lost}"));
     }
 }
 

@@ -62,8 +62,7 @@ pub(super) fn verify(
         .collect();
     let check = LimitCheck::new(&opened.machine, opened.run.period_ns, &limits.home.into());
     let mut watch = Watch::new(check, None, travels);
-    let continues_at: Option<u64> = (opened.run.extra.get("continues_at")).and_then(|text| text.parse().ok());
-    if let Some(before) = continues_at.and_then(|first| first.checked_sub(1)) {
+    if let Some(before) = opened.run.first_sequence().checked_sub(1) {
         watch.last_sequence = Some(before);
         verified.notes.push(format!(
             "the trace continues an earlier file: it starts at cycle {}",
