@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use evolvent_bus::BusError;
+use evolvent_config::check_outputs;
 use evolvent_ethercat::{
     BridgeError, DumpSettings, EsiLibrary, Network, RunError, RunSettings, ScanError, check_fit, fit_notes,
     network_text, run as run_bridge, scan, scan_json, scan_text,
@@ -128,6 +129,13 @@ pub(crate) fn run(
     let (false, Some(machine_path), Some(network_path)) = (args.scan, &args.machine, &args.network) else {
         return scan_wire(args, out, err);
     };
+    check_outputs(
+        args.dump.as_deref(),
+        [
+            (machine_path.as_path(), "the machine file"),
+            (network_path.as_path(), "the network file"),
+        ],
+    )?;
     let machine = Machine::load(machine_path).map_err(|error| usage(error.to_string()))?;
     let network = Network::load(network_path).map_err(|error| usage(error.to_string()))?;
     check_fit(&machine, &network).map_err(|error| usage(format!("{}: {error}", network_path.display())))?;

@@ -40,6 +40,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use evolvent_analysis::AnalysisError;
+use evolvent_config::OutputConflict;
 
 /// A real-time CNC core: part programs to setpoints in shared memory, with every cycle recorded.
 ///
@@ -155,6 +156,12 @@ impl From<AnalysisError> for CommandError {
             AnalysisError::Input(text) => Self::Usage(text),
             AnalysisError::Failed(text) => Self::Failed(text),
         }
+    }
+}
+
+impl From<OutputConflict> for CommandError {
+    fn from(conflict: OutputConflict) -> Self {
+        Self::Usage(conflict.to_string())
     }
 }
 

@@ -9,12 +9,12 @@ use evolvent_analysis::{
     ChatterWarning, ChatterWarnings, Explanation, FeedWords, LimitClassifier, LineExplainer, LongestStop,
     NeededRate, PlanFigure, chatter_warnings, sort_process_files,
 };
-use evolvent_config::{OutputFile, write_whole};
+use evolvent_config::{OutputFile, check_outputs, write_whole};
 use evolvent_machine::{Machine, PlannerKind};
 use evolvent_motion::{Setpoint, StoppingDistance};
 use evolvent_runtime::{Clock, Controls, Job, RunOutcome};
 
-use crate::program::{ProgramArgs, check_output, parse_override};
+use crate::program::{ProgramArgs, parse_override};
 use crate::run::report;
 use crate::screen::Screen;
 use crate::{CommandError, Ending};
@@ -53,7 +53,15 @@ pub(crate) struct PlanArgs {
 pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let mut setup = args.program.setup()?;
     let case = sort_process_files(&mut setup, &args.process, Clock::Virtual)?;
-    check_outputs(args)?;
+    let mut inputs = args.program.inputs(&setup);
+    inputs.extend(args.inputs.as_deref().map(|file| (file, "the file of inputs")));
+    inputs.extend(
+        args.process
+            .iter()
+            .map(|file| (file.as_path(), "the process file")),
+    );
+    let outputs = args.setpoints.iter().chain(&args.plot);
+    check_outputs(outputs.map(PathBuf::as_path), inputs)?;
     args.program.tell_start(&setup, err)?;
     let machine = setup.machine.clone();
     let period_s = setup.period_ns as f64 * 1e-9;
@@ -174,20 +182,6 @@ impl Findings {
             writeln!(out, "  {stop}").map_err(lost)?;
         }
         Ok(ending)
-    }
-}
-
-/// An output may be neither an input nor the other output.
-fn check_outputs(args: &PlanArgs) -> Result<(), CommandError> {
-    for output in args.setpoints.iter().chain(&args.plot) {
-        check_output(output, &args.program)?;
-    }
-    match (&args.setpoints, &args.plot) {
-        (Some(table), Some(plot)) if table == plot => Err(CommandError::Usage(format!(
-            "{} is named for both the setpoints and the picture; name two files",
-            plot.display()
-        ))),
-        _ => Ok(()),
     }
 }
 

@@ -1,7 +1,6 @@
 //! Options shared by every command with a program.
 
 use std::io::Write;
-use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
@@ -65,6 +64,19 @@ impl ProgramArgs {
         setup.tool = self.tool;
         setup.block_delete = self.block_delete;
         Ok(setup)
+    }
+
+    /// The files that are read, and what each is: no output may replace one of them. `setup` names those of the machine file.
+    pub(crate) fn inputs<'a>(&'a self, setup: &'a Setup) -> Vec<(&'a Path, &'static str)> {
+        let mut inputs = vec![
+            (self.program.as_path(), "the program"),
+            (self.machine.as_path(), "the machine file"),
+        ];
+        let tools = setup.memory.tools_file.as_deref();
+        inputs.extend(tools.map(|file| (file, "the tool table")));
+        let parameters = setup.memory.kept_file.as_deref();
+        inputs.extend(parameters.map(|file| (file, "the parameter file")));
+        inputs
     }
 
     /// Settings of programs: those of the machine file, unless the command line overrides them.
@@ -150,28 +162,6 @@ pub(crate) fn parse_override(text: &str) -> Result<f64, String> {
         Ok(percent) if (1.0..=200.0).contains(&percent) => Ok(percent / 100.0),
         _ => Err("give a percentage from 1 to 200".to_owned()),
     }
-}
-
-/// Refuses to overwrite a folder, the program or the machine file.
-pub(crate) fn check_output(output: &Path, inputs: &ProgramArgs) -> Result<(), CommandError> {
-    // A file that cannot be examined does not exist yet. Links of both kinds lead to the same file.
-    let same = |input: &Path| match (std::fs::metadata(output), std::fs::metadata(input)) {
-        (Ok(output), Ok(input)) => output.dev() == input.dev() && output.ino() == input.ino(),
-        _ => false,
-    };
-    let what = if output.is_dir() {
-        "a folder"
-    } else if same(&inputs.program) {
-        "the program itself"
-    } else if same(&inputs.machine) {
-        "the machine file itself"
-    } else {
-        return Ok(());
-    };
-    Err(CommandError::Usage(format!(
-        "{} is {what}; name another file to write to",
-        output.display()
-    )))
 }
 
 /// Default file of a trace: `traces/NAME-TIME.mcap`, time in UTC.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use evolvent_analysis::{ChordQuestion, ChordQuestionError, RateReport};
-use evolvent_config::write_whole;
+use evolvent_config::{check_outputs, write_whole};
 use evolvent_machine::{DEFAULT_MIN_RADIUS_MM, GRAVITY_MM_S2, Machine, RateInput};
 use serde_json::json;
 
@@ -86,6 +86,11 @@ pub(crate) fn run(args: &RateArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         Some(file) => Some(Machine::load(file).map_err(|error| CommandError::Usage(error.to_string()))?),
         None => None,
     };
+    if let Some(file) = &args.plot {
+        check_svg_name(file)?;
+        let machine = args.machine.as_deref().map(|file| (file, "the machine file"));
+        check_outputs([file.as_path()], machine)?;
+    }
     let input = input(args, machine.as_ref())?;
     let question = args.point.question();
     let point = if question.is_given() {

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
+use evolvent_config::check_outputs;
 use evolvent_machine::PlannerKind;
 use evolvent_runtime::{
     Alarm, CheckBounds, Clock, Controls, Job, Outcome, RunOutcome, Setup, StartError, state_folder,
@@ -14,7 +15,7 @@ use evolvent_turning::AdaptiveSettings;
 
 use crate::check::write_text;
 use crate::operator::{resume_on_enter, watch_signals};
-use crate::program::{ProgramArgs, check_output, default_trace, parse_override};
+use crate::program::{ProgramArgs, default_trace, parse_override};
 use crate::screen::{Screen, write_summary};
 use crate::screen_args::{ScreenArgs, write_screen};
 use crate::{CommandError, Ending};
@@ -106,7 +107,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         }
         (file, _) => crate::program::inputs(file.as_deref(), &setup.machine)?,
     };
-    let trace = trace_file(args)?;
+    let trace = trace_file(args, &setup)?;
     if clock == Clock::Realtime {
         let state = state_folder(&setup.machine.name);
         setup = setup.logging(&state);
@@ -182,7 +183,7 @@ fn adaptive_settings(args: &RunArgs, setup: &mut Setup) -> Result<Option<Adaptiv
 }
 
 /// The trace file, in a folder that exists; none without one.
-fn trace_file(args: &RunArgs) -> Result<Option<PathBuf>, CommandError> {
+fn trace_file(args: &RunArgs, setup: &Setup) -> Result<Option<PathBuf>, CommandError> {
     let trace = if args.no_trace {
         None
     } else {
@@ -192,9 +193,15 @@ fn trace_file(args: &RunArgs) -> Result<Option<PathBuf>, CommandError> {
                 .unwrap_or_else(|| default_trace(&args.program.program)),
         )
     };
-    if let Some(path) = &trace {
-        check_output(path, &args.program)?;
+    let mut inputs = args.program.inputs(setup);
+    for (file, what) in [
+        (&args.inputs, "the file of inputs"),
+        (&args.adaptive, "the adaptive file"),
+        (&args.process, "the process file"),
+    ] {
+        inputs.extend(file.as_deref().map(|file| (file, what)));
     }
+    check_outputs(trace.as_deref(), inputs)?;
     if let Some(folder) = trace.as_ref().and_then(|path| path.parent())
         && !folder.as_os_str().is_empty()
     {

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use evolvent_analysis::{ChatterAnswer, ChatterKick, ChatterRequest, ChatterWarnings, read_chatter_case};
-use evolvent_config::write_whole;
+use evolvent_config::{check_outputs, write_whole};
 
 use crate::rate::check_svg_name;
 use crate::{CommandError, Ending};
@@ -93,6 +93,13 @@ pub(crate) fn run(
             )));
         }
     }
+    check_outputs(
+        [&args.plot, &args.map, &args.transient, &args.lobes]
+            .into_iter()
+            .flatten()
+            .map(PathBuf::as_path),
+        [(args.case.as_path(), "the case file")],
+    )?;
     for (option, value, least, most) in [
         ("--kick", args.kick, -1e3, 1e3),
         ("--seconds", args.seconds, 1e-4, 100.0),

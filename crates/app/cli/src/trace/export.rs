@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use evolvent_config::check_outputs;
 use evolvent_inspect::{ExportChannel, ExportError, ExportFormat, Selection, export};
 use evolvent_trace::TraceFile;
 
@@ -110,6 +111,12 @@ pub(super) fn run(args: &ExportArgs, err: &mut dyn Write) -> Result<Ending, Comm
         ChannelArg::Events => ExportChannel::Events,
         ChannelArg::Blocks => ExportChannel::Blocks,
     };
+    check_outputs([args.output.as_path()], [(args.file.as_path(), "the trace")])?;
+    if channel == ExportChannel::Events && args.part.lines.is_some() {
+        return Err(CommandError::Usage(
+            "events belong to no line of the program: select them by --from and --to, or export cycles or blocks".to_owned(),
+        ));
+    }
     let selection = args.part.selection()?;
     let mut trace = TraceFile::open(&args.file).map_err(|error| read_error(&error))?;
     let done =

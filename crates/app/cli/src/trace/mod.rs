@@ -258,6 +258,29 @@ mod tests {
     }
 
     #[test]
+    fn no_output_replaces_the_trace() {
+        let folder = Folder::new("over");
+        std::fs::create_dir_all(folder.0.join("inner")).expect("folder");
+        let path = folder.0.join("run.csv");
+        record(&path, 200);
+        let bytes = std::fs::read(&path).expect("reading");
+        let file = path.display().to_string();
+        let same = folder.0.join("inner/../run.csv").display().to_string();
+        for words in [
+            ["report", &file, "-o", &same],
+            ["export", &file, "-o", &same],
+            ["recover", &file, "-o", &same],
+        ] {
+            let refused = trace(&words).0;
+            assert!(
+                matches!(&refused, Err(CommandError::Usage(text)) if text.contains("is the trace itself; name another")),
+                "{words:?}: {refused:?}"
+            );
+            assert_eq!(std::fs::read(&path).expect("reading"), bytes, "{words:?}");
+        }
+    }
+
+    #[test]
     fn a_wrong_name_is_wrong_usage() {
         let folder = Folder::new("names");
         let there = |name: &str| folder.0.join(name).display().to_string();

@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
+use evolvent_config::check_outputs;
 use evolvent_trace::{RecoverError, Recovered};
 use serde_json::{Value, json};
 
@@ -17,6 +18,9 @@ pub(super) fn run(
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Result<Ending, CommandError> {
+    if let Some(output) = output {
+        check_outputs([output], [(file, "the trace")])?;
+    }
     let recovered = evolvent_trace::recover(file, output).map_err(|error| recover_error(&error))?;
     let written = if json {
         writeln!(out, "{}", recovered_to_json(&recovered))

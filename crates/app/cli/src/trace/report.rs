@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
+use evolvent_config::check_outputs;
 use evolvent_inspect::{ReportError, write_report};
 
 use super::{inspect_error, write_error};
@@ -10,13 +11,7 @@ use crate::{CommandError, Ending};
 
 pub(super) fn run(file: &Path, output: Option<&Path>, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let output = output.map_or_else(|| file.with_extension("html"), Path::to_path_buf);
-    if output == file {
-        let text = format!(
-            "{} is the trace itself: name another file with -o",
-            output.display()
-        );
-        return Err(CommandError::Usage(text));
-    }
+    check_outputs([output.as_path()], [(file, "the trace")])?;
     let bytes = write_report(file, &output).map_err(|error| match &error {
         ReportError::Inspect(error) => inspect_error(error),
         ReportError::Write { .. } => CommandError::Failed(error.to_string()),
