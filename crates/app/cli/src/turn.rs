@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use evolvent_analysis::{AnalysisError, TurningRoute, TurningTrial, read_process};
-use evolvent_config::write_whole;
+use evolvent_config::{check_outputs, write_whole};
 use evolvent_runtime::Clock;
 
 use crate::operator::watch_signals;
@@ -26,7 +26,7 @@ pub(crate) struct TurnArgs {
     /// Draw passes, feed and load, and the comparison with fixed passes (HTML or SVG)
     #[arg(long, value_name = "FILE")]
     pub(crate) report: Option<PathBuf>,
-    /// Write the resulting passes as a part program for this stock
+    /// Write the resulting passes as a part program for this stock; none is written if the job is stopped
     #[arg(long, value_name = "FILE.ngc")]
     pub(crate) program: Option<PathBuf>,
     /// Record every cycle, and every change of state with its reason
@@ -66,6 +66,16 @@ pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
             )));
         }
     }
+    check_outputs(
+        [&args.report, &args.program, &args.trace]
+            .into_iter()
+            .flatten()
+            .map(PathBuf::as_path),
+        [
+            (args.job.as_path(), "the job file"),
+            (args.machine.as_path(), "the machine file"),
+        ],
+    )?;
     let route = TurningRoute {
         clock: if args.realtime {
             Clock::Realtime
@@ -94,7 +104,16 @@ pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         write_whole(file, text.as_bytes()).map_err(|error| failed(file, &error))?;
     }
     if let Some(file) = &args.program {
-        write_whole(file, trial.program().as_bytes()).map_err(|error| failed(file, &error))?;
+        if let Some(program) = trial.program() {
+            write_whole(file, program.as_bytes()).map_err(|error| failed(file, &error))?;
+        } else {
+            let _told = writeln!(
+                err,
+                "note: {} was not written: the passes are incomplete, because the job was {}",
+                file.display(),
+                trial.outcome()
+            );
+        }
     }
     let written = if args.json {
         writeln!(out, "{}", trial.json())
@@ -105,10 +124,13 @@ pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     for note in trial.notes() {
         let _told = writeln!(err, "note: {note}");
     }
-    Ok(if trial.is_done() {
-        Ending::Clean
-    } else {
-        Ending::Negative
+    if let Some(error) = trial.trace_error() {
+        let _told = writeln!(err, "warning: {error}");
+    }
+    Ok(match (trial.is_done(), trial.is_lossy()) {
+        (false, _) => Ending::Negative,
+        (true, true) => Ending::Lossy,
+        (true, false) => Ending::Clean,
     })
 }
 
@@ -181,6 +203,67 @@ mod tests {
             "{} s of {feeding_s} s",
             60.0 * minutes
         );
+    }
+
+    #[test]
+    fn an_output_over_the_job_is_refused_before_anything_is_cut() {
+        let folder = tempfile::tempdir().unwrap();
+        let job = folder.path().join("job.toml");
+        let text = std::fs::read(shipped("processes/turn-shaft.toml")).unwrap();
+        std::fs::write(&job, &text).unwrap();
+        let there = Some(folder.path().join("./job.toml"));
+        let page = Some(folder.path().join("a.svg"));
+        for (args, expected) in [
+            (
+                TurnArgs {
+                    program: there.clone(),
+                    ..arguments(job.clone())
+                },
+                "is the job file itself; name another file to write to",
+            ),
+            (
+                TurnArgs {
+                    trace: there,
+                    ..arguments(job.clone())
+                },
+                "is the job file itself",
+            ),
+            (
+                TurnArgs {
+                    report: page.clone(),
+                    program: page,
+                    ..arguments(job.clone())
+                },
+                "named for two outputs; name two files",
+            ),
+        ] {
+            let refused = run(&args, &mut Vec::new(), &mut Vec::new());
+            assert!(
+                matches!(&refused, Err(CommandError::Usage(text)) if text.contains(expected)),
+                "{refused:?}"
+            );
+            assert_eq!(std::fs::read(&job).unwrap(), text);
+        }
+    }
+
+    #[test]
+    fn no_program_is_made_of_passes_that_end_in_a_fault() {
+        let folder = tempfile::tempdir().unwrap();
+        let (job, program) = (folder.path().join("job.toml"), folder.path().join("turn.ngc"));
+        let good = std::fs::read_to_string(shipped("processes/turn-shaft.toml")).unwrap();
+        std::fs::write(&job, good.replace("overload_n = 3300.0", "overload_n = 2210.0")).unwrap();
+        let args = TurnArgs {
+            program: Some(program.clone()),
+            ..arguments(job)
+        };
+        let mut err = Vec::new();
+        assert_eq!(run(&args, &mut Vec::new(), &mut err), Ok(Ending::Negative));
+        let err = String::from_utf8(err).unwrap();
+        assert!(
+            err.contains("turn.ngc was not written: the passes are incomplete"),
+            "{err}"
+        );
+        assert!(!program.exists());
     }
 
     #[test]

@@ -21,9 +21,15 @@ pub(crate) fn program(trial: &TurningTrial) -> String {
     // Writing to a string cannot fail.
     let _ = writeln!(
         text,
-        "(passes of {}, found by self-programmed turning on a simulated stock)\n(they fit that stock only: \
-         nothing monitors the load)\nG21 G18 G90 G94 G8 G61\nS{:.0} M3\nG0 X{x:.4}\nG0 Z{z:.4}",
+        "(passes of {}, found by self-programmed turning {})\n(they fit that stock only: \
+         nothing monitors the load)\nG21 G18 G90 G94 G8 G61\nS{} M3\nG0 X{x:.4}\nG0 Z{z:.4}",
         plain(&trial.job.name),
+        if trial.is_simulated {
+            "on a simulated stock"
+        } else {
+            "by the load of a sensor"
+        },
+        // Exactly: the feeds below are computed from it.
         settings.spindle_rpm
     );
     let mut from = trial.start;

@@ -30,7 +30,12 @@ pub(crate) fn svg(trial: &TurningTrial, machine: &str) -> String {
         &format!(
             "{} on {machine}: {}",
             trial.job.name,
-            if figures.done { "at size" } else { "stopped" }
+            match (figures.done, trial.is_simulated) {
+                (true, true) => "at size",
+                // The controller has made its last pass; nothing measures the workpiece.
+                (true, false) => "done",
+                (false, _) => "stopped",
+            }
         ),
     );
     svg.text(
@@ -38,10 +43,15 @@ pub(crate) fn svg(trial: &TurningTrial, machine: &str) -> String {
         Anchor::Start,
         "small",
         &format!(
-            "{:.1} s, {} passes, load at most {:.2} of the set load; stock and sensor are simulated",
+            "{:.1} s, {} passes, load at most {:.2} of the set load; {}",
             figures.time_s,
             figures.passes,
-            figures.peak / trial.job.settings.regime.set_load
+            figures.peak / trial.job.settings.regime.set_load,
+            if trial.is_simulated {
+                "stock and sensor are simulated"
+            } else {
+                "the load is that of the sensor, the workpiece is not measured"
+            }
         ),
     );
     let below = stock(&mut svg, trial, 90.0);
@@ -67,7 +77,11 @@ pub(crate) fn svg(trial: &TurningTrial, machine: &str) -> String {
         &[set],
         |sample| Some(sample.load),
     );
-    let below = bars(&mut svg, trial, below + 66.0);
+    let below = if trial.fixed.is_empty() {
+        below + 30.0
+    } else {
+        bars(&mut svg, trial, below + 66.0)
+    };
     svg.finish(below + 20.0, STYLE)
 }
 
@@ -75,32 +89,31 @@ fn stock(svg: &mut Svg, trial: &TurningTrial, top: f64) -> f64 {
     let settings = &trial.job.settings;
     let (length, whole) = (settings.length_mm, settings.length_mm + settings.shoulder_mm());
     let head = trial.samples.iter().map(|s| -s.along_mm).fold(5.0, f64::max);
-    let high = 1.2 * trial.highest_mm.max(1.0);
+    let height = if trial.is_simulated {
+        trial.highest_mm
+    } else {
+        trial
+            .samples
+            .iter()
+            .map(|sample| sample.out_mm)
+            .fold(0.0, f64::max)
+    };
+    let high = 1.2 * height.max(1.0);
     let across = Scale::new(-head, 1.02 * whole, LEFT, RIGHT);
     let up = Scale::new(-0.06 * high, high, top + STOCK_HEIGHT, top);
     svg.text(
         (LEFT, top - 10.0),
         Anchor::Start,
         "head",
-        "Passes over the stock: height above the final size, mm",
+        if trial.is_simulated {
+            "Passes over the stock: height above the final size, mm"
+        } else {
+            "Passes: height above the final size, mm"
+        },
     );
     grid(svg, &across, &up, top, STOCK_HEIGHT);
-    let mut blank = Pen::default();
-    blank.move_to(across.at(0.0), up.at(0.0));
-    for i in 0..=1000 {
-        let place = whole * f64::from(i) / 1000.0;
-        blank.line_to(across.at(place), up.at(trial.blank.height_mm(place)));
-    }
-    blank.line_to(across.at(whole), up.at(0.0));
-    blank.close();
-    svg.fill(&blank, "#e9e2d6");
-    for &(from, to, _) in &trial.blank.hard_spots {
-        svg.text(
-            (across.at(0.5 * (from + to)), up.at(0.0) + 12.0),
-            Anchor::Middle,
-            "small",
-            "hard",
-        );
+    if trial.is_simulated {
+        blank(svg, trial, &across, &up, whole);
     }
     // Below the passes: the last ones lie on it.
     svg.line(
@@ -147,6 +160,27 @@ fn stock(svg: &mut Svg, trial: &TurningTrial, top: f64) -> f64 {
         "from the face at which the tool comes in, mm",
     );
     top + STOCK_HEIGHT
+}
+
+/// The simulated stock over its whole length, mm.
+fn blank(svg: &mut Svg, trial: &TurningTrial, across: &Scale, up: &Scale, whole: f64) {
+    let mut blank = Pen::default();
+    blank.move_to(across.at(0.0), up.at(0.0));
+    for i in 0..=1000 {
+        let place = whole * f64::from(i) / 1000.0;
+        blank.line_to(across.at(place), up.at(trial.blank.height_mm(place)));
+    }
+    blank.line_to(across.at(whole), up.at(0.0));
+    blank.close();
+    svg.fill(&blank, "#e9e2d6");
+    for &(from, to, _) in &trial.blank.hard_spots {
+        svg.text(
+            (across.at(0.5 * (from + to)), up.at(0.0) + 12.0),
+            Anchor::Middle,
+            "small",
+            "hard",
+        );
+    }
 }
 
 /// The legend of the pass colours, at the right end of a heading.

@@ -62,6 +62,10 @@ pub struct TurningTrial {
     pub(crate) is_simulated: bool,
     /// Why the run was stopped.
     pub(crate) fault: Option<String>,
+    /// Why the trace is incomplete.
+    trace_error: Option<String>,
+    /// Setpoints were late or lost while somebody listened, or records were lost.
+    has_lost: bool,
 }
 
 /// How a trial is run.
@@ -124,6 +128,8 @@ impl TurningTrial {
             fixed: Vec::new(),
             notes: Vec::new(),
             fault: None,
+            trace_error: None,
+            has_lost: false,
             job,
         };
         trial.drive(setup, route)?;
@@ -214,9 +220,17 @@ impl TurningTrial {
             self.figures.residual_mm = process.workpiece().residual_mm();
             self.figures.undercut_mm = process.workpiece().undercut_mm();
         }
-        if let Some(error) = outcome.trace_error {
-            self.notes.push(error.to_string());
+        self.has_lost = outcome.summary.is_lossy();
+        if self.has_lost {
+            let summary = &outcome.summary;
+            self.notes.push(format!(
+                "late setpoints {}, lost setpoints {}, lost records {}",
+                summary.late_cycles, summary.dropped_setpoints, summary.dropped_records
+            ));
         }
+        self.trace_error = outcome.trace_error.map(|error| error.to_string());
+        // It is an error with a position of its own, and no note.
+        self.notes.retain(|note| Some(note) != self.trace_error.as_ref());
         if let Some(trace) = outcome.summary.trace {
             self.notes.push(format!("trace {trace}"));
         }
@@ -294,16 +308,28 @@ impl TurningTrial {
         &self.notes
     }
 
-    /// Whether the job reached its final size.
+    /// Why the trace is incomplete; the job went on.
+    #[must_use]
+    pub fn trace_error(&self) -> Option<&str> {
+        self.trace_error.as_deref()
+    }
+
+    /// Whether the trace is incomplete, or setpoints were late or lost.
+    #[must_use]
+    pub fn is_lossy(&self) -> bool {
+        self.trace_error.is_some() || self.has_lost
+    }
+
+    /// Whether the job was done: without fault, to its last pass.
     #[must_use]
     pub fn is_done(&self) -> bool {
         self.figures.done
     }
 
-    /// The computed passes, as a part program for this stock.
+    /// The computed passes, as a part program for this stock; `None` if the job was not done: its last pass would end in the middle.
     #[must_use]
-    pub fn program(&self) -> String {
-        super::passes::program(self)
+    pub fn program(&self) -> Option<String> {
+        self.is_done().then(|| super::passes::program(self))
     }
 
     /// Passes, feed and load, and the comparison with fixed passes as one SVG.
@@ -319,7 +345,8 @@ impl TurningTrial {
     }
 
     /// The outcome in a word.
-    pub(crate) fn outcome(&self) -> String {
+    #[must_use]
+    pub fn outcome(&self) -> String {
         if self.figures.done {
             return "done".into();
         }
