@@ -4,7 +4,7 @@ use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
 use clap::Args;
-use evolvent_analysis::{ChatterWarning, chatter_warnings, sort_process_files};
+use evolvent_analysis::{ChatterWarnings, chatter_warnings, sort_process_files};
 use evolvent_runtime::{CheckBound, CheckBounds, Checked, Clock, Unchecked};
 
 use crate::program::ProgramArgs;
@@ -51,15 +51,14 @@ pub(crate) fn run(
         CommandError::Usage(format!("{file_name}: {error}; name a readable part program"))
     })?;
     let chatter = match case {
-        Some(case) => Some(chatter_warnings(&args.program.program, &setup, case)?),
+        Some(case) => Some(chatter_warnings(&args.program.program, &setup, case, bounds)?),
         None => None,
     };
     if let Some(chatter) = chatter.as_ref().filter(|_| !args.json) {
         crate::chatter::write_warnings(chatter, err, &file_name);
     }
     let written = if args.json {
-        let chatter = chatter.as_ref().map_or(&[][..], |chatter| chatter.found());
-        writeln!(out, "{}", to_json(&file_name, &found, chatter))
+        writeln!(out, "{}", to_json(&file_name, &found, chatter.as_ref()))
     } else {
         write_text(err, &file_name, &found, io::stderr().is_terminal())
     };
@@ -67,7 +66,8 @@ pub(crate) fn run(
     Ok(if found.errors.is_empty() {
         // A program with errors cannot start in its middle either; that message would repeat them.
         start?;
-        if found.unchecked.is_some() {
+        let is_partial = chatter.is_some_and(|chatter| !chatter.omissions().is_empty());
+        if found.unchecked.is_some() || is_partial {
             Ending::Incomplete
         } else {
             Ending::Clean
@@ -125,15 +125,16 @@ pub(crate) fn write_text(
 
 /// The errors as one JSON value for editors: `{"file", "errors": [{"code", "line", "column", "length", "message",
 /// "help", "source", "span", "calls"}], "warnings": [{"file", "line", "message"}], "up_to": line or null,
-/// "unchecked": {"reason", "line", "file", "message"} or null, "chatter": [...]}`.
-fn to_json(file_name: &str, found: &Checked, chatter: &[ChatterWarning]) -> serde_json::Value {
+/// "unchecked": {"reason", "line", "file", "message"} or null, "chatter": [...], "chatter_omissions": [...]}`.
+fn to_json(file_name: &str, found: &Checked, chatter: Option<&ChatterWarnings>) -> serde_json::Value {
     serde_json::json!({
         "file": file_name,
         "errors": found.errors,
         "warnings": found.warnings,
         "up_to": found.unchecked.as_ref().map(|unchecked| unchecked.up_to),
         "unchecked": found.unchecked.as_ref().map(|unchecked| unchecked_json(&unchecked.bound)),
-        "chatter": chatter,
+        "chatter": chatter.map_or(&[][..], ChatterWarnings::found),
+        "chatter_omissions": chatter.map_or(&[][..], ChatterWarnings::omissions),
     })
 }
 
@@ -207,7 +208,7 @@ mod tests {
 
     #[test]
     fn json_has_the_place_in_numbers() {
-        let json = to_json("part.ngc", &errors("G0 X1 Q2\n"), &[]);
+        let json = to_json("part.ngc", &errors("G0 X1 Q2\n"), None);
         assert_eq!(json["errors"][0]["code"], "G0307");
         assert_eq!(json["errors"][0]["line"], 1);
         assert_eq!(json["errors"][0]["column"], 7);

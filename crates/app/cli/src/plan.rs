@@ -6,13 +6,13 @@ use std::sync::Arc;
 
 use clap::Args;
 use evolvent_analysis::{
-    ChatterWarning, ChatterWarnings, Explanation, FeedWords, LimitClassifier, LineExplainer, LongestStop,
-    NeededRate, PlanFigure, chatter_warnings, sort_process_files,
+    ChatterWarnings, Explanation, FeedWords, LimitClassifier, LineExplainer, LongestStop, NeededRate,
+    PlanFigure, chatter_warnings, sort_process_files,
 };
 use evolvent_config::{OutputFile, check_outputs, write_whole};
 use evolvent_machine::{Machine, PlannerKind};
 use evolvent_motion::{Setpoint, StoppingDistance};
-use evolvent_runtime::{Clock, Controls, Job, RunOutcome};
+use evolvent_runtime::{CheckBounds, Clock, Controls, Job, RunOutcome};
 
 use crate::program::{ProgramArgs, parse_override};
 use crate::run::report;
@@ -66,7 +66,12 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     let machine = setup.machine.clone();
     let period_s = setup.period_ns as f64 * 1e-9;
     let chatter = match case {
-        Some(case) => Some(chatter_warnings(&args.program.program, &setup, case)?),
+        Some(case) => Some(chatter_warnings(
+            &args.program.program,
+            &setup,
+            case,
+            CheckBounds::whole(1),
+        )?),
         None => None,
     };
     if let Some(chatter) = chatter.as_ref().filter(|_| !args.json) {
@@ -166,7 +171,7 @@ impl Findings {
                 &self.needed,
                 &self.stop,
                 self.explanation.as_ref(),
-                self.chatter.as_ref().map_or(&[][..], |chatter| chatter.found()),
+                self.chatter.as_ref(),
             )
             .map_err(io::Error::from);
             text.and_then(|text| writeln!(out, "{text}")).map_err(lost)?;
@@ -191,7 +196,7 @@ fn merge(
     needed: &NeededRate,
     stop: &LongestStop,
     explanation: Option<&Explanation>,
-    chatter: &[ChatterWarning],
+    chatter: Option<&ChatterWarnings>,
 ) -> serde_json::Result<String> {
     let mut object = serde_json::to_value(summary)?;
     if let (Some(object), serde_json::Value::Object(more)) =
@@ -202,7 +207,10 @@ fn merge(
             object.extend(stop);
         }
         object.insert("warnings".to_owned(), serde_json::to_value(&summary.notes)?);
-        object.insert("chatter".to_owned(), serde_json::to_value(chatter)?);
+        let found = chatter.map_or(&[][..], ChatterWarnings::found);
+        object.insert("chatter".to_owned(), serde_json::to_value(found)?);
+        let omissions = chatter.map_or(&[][..], ChatterWarnings::omissions);
+        object.insert("chatter_omissions".to_owned(), serde_json::to_value(omissions)?);
         if let Some(explanation) = explanation {
             object.insert("explanation".to_owned(), serde_json::to_value(explanation)?);
         }

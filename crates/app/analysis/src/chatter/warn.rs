@@ -1,7 +1,8 @@
 //! Warnings about cuts of a turning program that are predicted to vibrate.
 
-use std::collections::BTreeMap;
+use std::cmp::Ordering;
 use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 
@@ -9,7 +10,7 @@ use evolvent_chatter::{CuttingTool, MapCell, Mapper, OscillationCase, Verdict, n
 use evolvent_gcode::{Action, Command, Move, MoveKind, SPINDLES, SpindleDirection};
 use evolvent_machine::MachineKind;
 use evolvent_path::{AxisLetter, SurfaceSpeed};
-use evolvent_runtime::{Commands, Setup};
+use evolvent_runtime::{CheckBound, CheckBounds, Commands, Setup, Unchecked};
 use serde::Serialize;
 
 use super::{CaseLaws, laws, read_chatter_case};
@@ -17,9 +18,9 @@ use crate::error::AnalysisError;
 
 /// Points of a move at which the cut is evaluated: facing changes the speed.
 const PLACES: usize = 5;
-/// Maximum number of different cuts computed; the rest of the program is not evaluated.
+/// Maximum number of different cuts computed; other cuts are not evaluated.
 const MAX_CUTS: usize = 20_000;
-/// Maximum number of warnings.
+/// Maximum number of warnings; further lines are counted.
 const MAX_WARNINGS: usize = 1000;
 
 /// A cut that is predicted to be unstable.
@@ -90,6 +91,7 @@ impl ChatterWarning {
 /// The warnings and their assumptions.
 pub struct ChatterWarnings {
     found: Vec<ChatterWarning>,
+    omissions: Vec<String>,
     assumptions: String,
 }
 
@@ -100,7 +102,13 @@ impl ChatterWarnings {
         &self.found
     }
 
-    /// One line of text per warning, and one with the assumptions.
+    /// What was not evaluated or is not listed, and why.
+    #[must_use]
+    pub fn omissions(&self) -> &[String] {
+        &self.omissions
+    }
+
+    /// One line of text per warning and omission, and one with the assumptions.
     #[must_use]
     pub fn text(&self, file_name: &str) -> String {
         let mut text = String::new();
@@ -108,12 +116,15 @@ impl ChatterWarnings {
             text.push_str(&warning.text(file_name));
             text.push('\n');
         }
+        for omission in &self.omissions {
+            text.push_str(&format!("{file_name}: {omission}\n"));
+        }
         text.push_str(&format!("{file_name}: {}\n", self.assumptions));
         text
     }
 }
 
-/// Evaluates every cut of a turning program. Errors of the program are reported by the run, not here.
+/// Evaluates every cut of a turning program within `bounds`. Errors of the program are reported by the run, not here.
 ///
 /// # Errors
 /// `Usage` for a machine that is not a lathe, or a case file without self-oscillation.
@@ -121,6 +132,7 @@ pub fn chatter_warnings(
     program: &Path,
     setup: &Setup,
     case_file: &Path,
+    bounds: CheckBounds,
 ) -> Result<ChatterWarnings, AnalysisError> {
     let usage = |what: &str| AnalysisError::Input(format!("{}: {what}", case_file.display()));
     if setup.machine.kind != MachineKind::Lathe {
@@ -142,12 +154,18 @@ pub fn chatter_warnings(
         mapper: Mapper::new(asked.harmonics),
         known: BTreeMap::new(),
         found: BTreeMap::new(),
+        unlisted: BTreeSet::new(),
+        unevaluated_from: None,
     };
+    let mut reading = Reading::new(bounds);
     let mut spindles = Spindles::default();
     let commands =
         Commands::open(program, setup).map_err(|error| AnalysisError::Failed(error.to_string()))?;
     for command in commands.map_while(Result::ok) {
         let line = command.line;
+        if reading.is_over(line) {
+            break;
+        }
         match &command.action {
             Action::Spindle {
                 spindle,
@@ -170,8 +188,25 @@ pub fn chatter_warnings(
             _ => {}
         }
     }
-    let found: Vec<ChatterWarning> = look.found.into_values().collect();
+    let mut omissions: Vec<String> = reading
+        .over
+        .iter()
+        .map(|over| format!("chatter was {over}"))
+        .collect();
+    if let Some(line) = look.unevaluated_from {
+        omissions.push(format!(
+            "more than {MAX_CUTS} different cuts: from line {line} on, only cuts like the earlier ones were evaluated"
+        ));
+    }
+    if !look.unlisted.is_empty() {
+        omissions.push(format!(
+            "{} more lines with cuts that are predicted to vibrate are not listed",
+            look.unlisted.len()
+        ));
+    }
+    let found = look.finish();
     Ok(ChatterWarnings {
+        omissions,
         assumptions: format!(
             "{} lines with cuts that are predicted to vibrate; assumed: {}force law {} ({}), {}, no \
              regeneration, depth from G82 D \
@@ -258,10 +293,89 @@ struct Look<'a> {
     asked: &'a OscillationCase,
     laws: &'a CaseLaws,
     mapper: Mapper,
-    /// Cuts already computed: speed, depth and feed, in parts per thousand.
-    known: BTreeMap<[i64; 3], MapCell>,
-    /// The worst warning of each line.
-    found: BTreeMap<u32, ChatterWarning>,
+    /// Cuts already computed.
+    known: BTreeMap<Cut, MapCell>,
+    /// The worst cut of each line.
+    found: BTreeMap<u32, Finding>,
+    /// Lines for which there was no room.
+    unlisted: BTreeSet<u32>,
+    /// The first line with a cut that was not evaluated.
+    unevaluated_from: Option<u32>,
+}
+
+/// Speed, depth and feed of a cut, in parts per thousand.
+type Cut = [i64; 3];
+
+fn cut_of(tool: &CuttingTool) -> Cut {
+    [tool.speed_m_min, tool.depth_mm, tool.feed_mm_rev].map(|value| (1000.0 * value.ln()).round() as i64)
+}
+
+/// The worst cut of a line; its stable speeds are searched at the end.
+struct Finding {
+    warning: ChatterWarning,
+    verdict: Verdict,
+    tool: CuttingTool,
+    /// Circumference of the cut, m.
+    around: f64,
+}
+
+/// How severe a verdict is: a vibration that leaves the model is large, and has no amplitude.
+fn severity(verdict: Verdict) -> u8 {
+    match verdict {
+        Verdict::Stable => 0,
+        Verdict::Bistable => 1,
+        Verdict::SelfExcited => 2,
+        Verdict::OutOfModel => 3,
+    }
+}
+
+/// How far a program is read, by the bounds of a check.
+struct Reading {
+    bounds: CheckBounds,
+    /// Commands in all, and since a new line was reached.
+    commands: u64,
+    round: u64,
+    /// The last line reached.
+    farthest: u32,
+    over: Option<Unchecked>,
+}
+
+impl Reading {
+    fn new(bounds: CheckBounds) -> Self {
+        Self {
+            bounds,
+            commands: 0,
+            round: 0,
+            farthest: 0,
+            over: None,
+        }
+    }
+
+    /// Whether the next command, of this line, is beyond a bound.
+    fn is_over(&mut self, line: u32) -> bool {
+        self.commands += 1;
+        self.round += 1;
+        if line > self.farthest {
+            (self.farthest, self.round) = (line, 0);
+        }
+        let bound = if self.round > self.bounds.round {
+            CheckBound::Line {
+                line: self.farthest,
+                commands: self.bounds.round,
+            }
+        } else if self.commands > self.bounds.commands {
+            CheckBound::Commands {
+                commands: self.bounds.commands,
+            }
+        } else {
+            return false;
+        };
+        self.over = Some(Unchecked {
+            up_to: self.farthest,
+            bound,
+        });
+        true
+    }
 }
 
 impl Look<'_> {
@@ -294,23 +408,33 @@ impl Look<'_> {
                     .unwrap_or_else(|| self.laws.law.radial_ratio()),
                 ..self.asked.tool
             };
-            let Some(cell) = self.cell(tool) else { return };
+            let Some(cell) = self.cell(tool) else {
+                self.unevaluated_from.get_or_insert(line);
+                continue;
+            };
             let verdict = match cell.verdict {
                 Some(Verdict::Stable) | None => continue,
                 Some(verdict) => verdict,
             };
-            let worse = self
-                .found
-                .get(&line)
-                .is_none_or(|known| 1e3 * cell.amplitude_m > known.amplitude_mm * 1.001 + 1e-9);
-            if !worse || (self.found.len() >= MAX_WARNINGS && !self.found.contains_key(&line)) {
+            let is_worse = self.found.get(&line).is_none_or(|known| {
+                match severity(verdict).cmp(&severity(known.verdict)) {
+                    Ordering::Greater => true,
+                    Ordering::Equal => 1e3 * cell.amplitude_m > known.warning.amplitude_mm * 1.001 + 1e-9,
+                    Ordering::Less => false,
+                }
+            });
+            if !is_worse {
                 continue;
             }
-            let range = [1.01 * tool.floor_m_min, 10.0 * tool.speed_m_min];
-            let stable = nearest_stable(&mut self.mapper, tool, self.laws.laws(), range);
-            self.found.insert(
-                line,
-                ChatterWarning {
+            if self.found.len() >= MAX_WARNINGS && !self.found.contains_key(&line) {
+                self.unlisted.insert(line);
+                continue;
+            }
+            let finding = Finding {
+                verdict,
+                tool,
+                around,
+                warning: ChatterWarning {
                     line,
                     verdict: verdict.as_str(),
                     speed_m_min,
@@ -325,26 +449,41 @@ impl Look<'_> {
                         "of the process file"
                     },
                     amplitude_mm: 1e3 * cell.amplitude_m,
-                    // Rounded away from the stability limit.
-                    stable_rpm: [
-                        stable[0].map(|speed| (speed / around).floor()),
-                        stable[1].map(|speed| (speed / around).ceil()),
-                    ],
+                    stable_rpm: [None; 2],
                 },
-            );
+            };
+            self.found.insert(line, finding);
         }
+    }
+
+    /// The warnings with their nearest stable speeds, which are searched once for cuts that agree to a thousandth: a search
+    /// computes hundreds of cuts.
+    fn finish(self) -> Vec<ChatterWarning> {
+        let mut mapper = self.mapper;
+        let mut stable: BTreeMap<Cut, [Option<f64>; 2]> = BTreeMap::new();
+        let mut warnings = Vec::with_capacity(self.found.len());
+        for finding in self.found.into_values() {
+            let (tool, around) = (finding.tool, finding.around);
+            let speeds = *stable.entry(cut_of(&tool)).or_insert_with(|| {
+                let range = [1.01 * tool.floor_m_min, 10.0 * tool.speed_m_min];
+                nearest_stable(&mut mapper, tool, self.laws.laws(), range)
+            });
+            warnings.push(ChatterWarning {
+                // Rounded away from the stability limit.
+                stable_rpm: [
+                    speeds[0].map(|speed| (speed / around).floor()),
+                    speeds[1].map(|speed| (speed / around).ceil()),
+                ],
+                ..finding.warning
+            });
+        }
+        warnings
     }
 
     /// The prediction for a cut, computed once for cuts that agree to a thousandth.
     fn cell(&mut self, tool: CuttingTool) -> Option<MapCell> {
-        let part = |value: f64| (1000.0 * value.ln()).round() as i64;
-        let key = [
-            part(tool.speed_m_min),
-            part(tool.depth_mm),
-            part(tool.feed_mm_rev),
-        ];
         let room = self.known.len() < MAX_CUTS;
-        match self.known.entry(key) {
+        match self.known.entry(cut_of(&tool)) {
             Entry::Occupied(known) => Some(*known.get()),
             Entry::Vacant(place) if room => Some(*place.insert(self.mapper.cell(tool, self.laws.laws()))),
             Entry::Vacant(_) => None,

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use evolvent_analysis::{AnalysisError, ChatterWarning, chatter_warnings};
+use evolvent_analysis::{AnalysisError, ChatterWarning, ChatterWarnings, chatter_warnings};
 use evolvent_machine::Machine;
-use evolvent_runtime::Setup;
+use evolvent_runtime::{CheckBounds, Setup};
 use serde_json::Value;
 
 use super::*;
@@ -306,6 +306,15 @@ fn bad_cases_are_refused_with_file_line_and_key() {
 }
 
 fn warned(program: &str, machine: &str, case: &str) -> Result<Vec<ChatterWarning>, AnalysisError> {
+    warned_within(program, machine, case, CheckBounds::whole(1)).map(|warnings| warnings.found().to_vec())
+}
+
+fn warned_within(
+    program: &str,
+    machine: &str,
+    case: &str,
+    bounds: CheckBounds,
+) -> Result<ChatterWarnings, AnalysisError> {
     let folder = tempfile::tempdir().unwrap();
     let (file, case_file) = (folder.path().join("shaft.ngc"), folder.path().join("case.toml"));
     std::fs::write(&file, program).unwrap();
@@ -317,7 +326,7 @@ fn warned(program: &str, machine: &str, case: &str) -> Result<Vec<ChatterWarning
     }
     let machine = Machine::parse(&text, "lathe.toml").unwrap();
     let setup = Setup::new(machine, machine_file, text, None).unwrap();
-    chatter_warnings(&file, &setup, &case_file).map(|warnings| warnings.found().to_vec())
+    chatter_warnings(&file, &setup, &case_file, bounds)
 }
 
 const SHAFT: &str = "G21 G18 G90 G94\nM3 S191\nG0 X60 Z410\nG1 X50 F93.6\nG1 Z300\nG0 X60 Z410\nS128\nG1 X50 F62.72\nG1 Z300\nM2\n";
@@ -406,4 +415,65 @@ fn predictions_for_turning_are_refused_on_a_mill() {
     let case = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
     let refused = warned(SHAFT, "machines/mill-3axis", &case);
     assert!(matches!(refused, Err(AnalysisError::Input(message)) if message.contains("no lathe")));
+}
+
+#[test]
+fn an_endless_loop_is_left_at_the_bound_of_the_check() {
+    let case = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
+    let program = "G21 G18 G90 G94\nM3 S191\nG0 X60 Z410\nG1 X50 F93.6\no1 while [1]\nG1 Z300\nG0 Z410\no1 endwhile\nM2\n";
+    let bounds = CheckBounds {
+        round: 1000,
+        ..CheckBounds::whole(1)
+    };
+    let warnings = warned_within(program, "machines/lathe-2axis", &case, bounds).unwrap();
+    assert!(warnings.found().iter().any(|warning| warning.line == 6));
+    let text = warnings.text("a.ngc");
+    assert!(
+        text.contains("a.ngc: chatter was checked up to line 7: line 7 has more than 1000 commands"),
+        "{text}"
+    );
+}
+
+#[test]
+fn warnings_that_are_not_listed_are_counted() {
+    use std::fmt::Write as _;
+    let case = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
+    let mut program = "G21 G18 G90 G94\nM3 S191\nG0 X50 Z410\nF93.6\n".to_owned();
+    for line in 0..1010 {
+        writeln!(program, "G1 Z{}", 300 + line % 2).unwrap();
+    }
+    program.push_str("M2\n");
+    let begun = std::time::Instant::now();
+    let warnings = warned_within(&program, "machines/lathe-2axis", &case, CheckBounds::whole(1)).unwrap();
+    let took = begun.elapsed();
+    assert_eq!(warnings.found().len(), 1000);
+    let text = warnings.text("a.ngc");
+    assert!(
+        text.contains("a.ngc: 10 more lines with cuts that are predicted"),
+        "{text}"
+    );
+    // One cut over and over: its stable speeds are searched once, not a thousand times.
+    let begun = std::time::Instant::now();
+    let few = program.lines().take(6).collect::<Vec<_>>().join("\n") + "\nM2\n";
+    let first = warned_within(&few, "machines/lathe-2axis", &case, CheckBounds::whole(1)).unwrap();
+    let one = begun.elapsed();
+    assert_eq!(first.found().len(), 2);
+    assert!(took < 100 * one, "{took:?} for 1000 lines, {one:?} for 2");
+}
+
+#[test]
+fn two_pictures_in_one_file_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let args = ChatterArgs {
+        case: shipped("processes/chatter-40x"),
+        plot: Some(folder.path().join("a.svg")),
+        transient: Some(folder.path().join("./a.svg")),
+        ..ChatterArgs::default()
+    };
+    let refused = ran(&args).0;
+    assert!(
+        matches!(&refused, Err(CommandError::Usage(text)) if text.contains("named for two outputs")),
+        "{refused:?}"
+    );
+    assert!(!folder.path().join("a.svg").exists());
 }
