@@ -263,10 +263,19 @@ fn cycles_that_are_missing_at_the_beginning_are_told() {
     let late = altered(&trace, "late", |_| {}, |cycle| cycle.sequence >= lost);
     let text = told(&late);
     let whole = format!("{:.3} s", count as f64 * 1e-3);
-    assert!(text.contains(&format!("{lost} cycles are missing in 1 gaps")), "{lost}");
+    assert!(
+        text.contains(&format!("{lost} cycles are missing in 1 gaps")),
+        "{lost}"
+    );
     assert!(!text.contains("without a gap"));
-    assert!(text.contains(&format!("ran to its end: {whole} and")), "not {whole}");
-    assert!(text.contains(&format!("<tr><th>duration</th><td>{whole}</td></tr>")), "not {whole}");
+    assert!(
+        text.contains(&format!("ran to its end: {whole} and")),
+        "not {whole}"
+    );
+    assert!(
+        text.contains(&format!("<tr><th>duration</th><td>{whole}</td></tr>")),
+        "not {whole}"
+    );
     let info = TraceFile::open(&late).expect("a trace");
     assert!(
         (info.info().duration_s() - (count - 1) as f64 * 1e-3).abs() < 1e-9,
@@ -279,7 +288,10 @@ fn cycles_that_are_missing_at_the_beginning_are_told() {
     };
     let text = told(&altered(&trace, "next", describe, |cycle| cycle.sequence >= lost));
     let rest = count - lost;
-    assert!(text.contains(&format!("All {rest} cycles were recorded, without a gap.")), "{rest}");
+    assert!(
+        text.contains(&format!("All {rest} cycles were recorded, without a gap.")),
+        "{rest}"
+    );
     assert!(text.contains(&format!("ran to its end: {:.3} s and", rest as f64 * 1e-3)));
 }
 
@@ -291,7 +303,10 @@ fn damage_in_the_middle_is_not_called_a_truncated_end() {
     let mut bytes = std::fs::read(&trace).expect("its bytes");
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
-    let (damaged, saved) = (folder.path().join("damaged.mcap"), folder.path().join("saved.mcap"));
+    let (damaged, saved) = (
+        folder.path().join("damaged.mcap"),
+        folder.path().join("saved.mcap"),
+    );
     std::fs::write(&damaged, bytes).expect("room");
     let recovered = recover(&damaged, Some(&saved)).expect("a recovery");
     assert_eq!(recovered.damaged_places, 1);

@@ -186,7 +186,11 @@ mod tests {
             run.begin_at(begin);
             run.cycle(&cycle(first, 0));
             run.cycle(&cycle(first + 1, 0));
-            assert_eq!((run.gaps, run.missing_cycles), (gaps, missing), "{begin}, {first}");
+            assert_eq!(
+                (run.gaps, run.missing_cycles),
+                (gaps, missing),
+                "{begin}, {first}"
+            );
             assert_eq!(run.first_sequence, Some(first));
         }
     }

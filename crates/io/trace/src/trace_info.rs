@@ -51,9 +51,14 @@ impl TraceInfo {
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         let messages_ns = self.end_time_ns.saturating_sub(self.start_time_ns);
-        let last = self.summary.get("last_sequence").and_then(|text| text.parse::<u64>().ok());
+        let last = self
+            .summary
+            .get("last_sequence")
+            .and_then(|text| text.parse::<u64>().ok());
         let cycles_ns = match (&self.run, last) {
-            (Some(run), Some(last)) => last.saturating_sub(run.first_sequence()).saturating_mul(run.period_ns),
+            (Some(run), Some(last)) => last
+                .saturating_sub(run.first_sequence())
+                .saturating_mul(run.period_ns),
             _ => 0,
         };
         messages_ns.max(cycles_ns) as f64 * 1e-9
