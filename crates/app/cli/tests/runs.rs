@@ -521,3 +521,90 @@ fn the_machine_file_says_how_far_an_arc_may_be_off() {
         );
     }
 }
+
+#[test]
+fn a_stepped_replay_ends_with_a_signal_while_it_waits_for_a_line() {
+    use std::io::{BufRead as _, BufReader};
+    let bench = Bench::new();
+    let (_, trace) = bench.run("G21 G90 F1000\nG1 X10\nM2\n");
+    let prefix = format!("evst{}-", std::process::id());
+    for signal in ["INT", "TERM"] {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_evolvent"))
+            .args([
+                "trace",
+                "replay",
+                "--step",
+                "--json",
+                "--bus-prefix",
+                &prefix,
+                as_str(&trace),
+            ])
+            // It stays open, and nothing comes.
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut asked = String::new();
+        let mut err = BufReader::new(child.stderr.take().unwrap());
+        err.read_line(&mut asked).unwrap();
+        assert!(asked.contains("Enter for the next"), "{asked}");
+        let id = child.id().to_string();
+        let sent = Command::new("kill").args(["-s", signal, &id]).status().unwrap();
+        assert!(sent.success());
+        let begun = Instant::now();
+        let status = loop {
+            if let Some(status) = child.try_wait().unwrap() {
+                break status;
+            }
+            if begun.elapsed() > TOO_LONG {
+                child.kill().unwrap();
+                panic!("SIG{signal} does not end it");
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        let told = json(&child.wait_with_output().unwrap());
+        assert_eq!(
+            (status.code(), &told["stopped"], &told["setpoints"]),
+            (Some(0), &true.into(), &0.into())
+        );
+    }
+    evolvent_bus::remove_private_domain(&prefix).unwrap();
+}
+
+#[test]
+fn a_turning_job_without_its_whole_trace_ends_with_the_code_of_lost_data() {
+    let bench = Bench::new();
+    let trace = bench.path("turn.mcap");
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../config");
+    let job = format!("{shipped}/processes/turn-shaft.toml");
+    let machine = format!("{shipped}/machines/lathe-2axis.toml");
+    // Files of at most 1 MB stand for a full disk; without the signal that the system would send first.
+    let output = Command::new("bash")
+        .args([
+            "-c",
+            "trap '' XFSZ; ulimit -f 1024; exec \"$0\" \"$@\"",
+            env!("CARGO_BIN_EXE_evolvent"),
+        ])
+        .args([
+            "turn",
+            &job,
+            "--machine",
+            &machine,
+            "--json",
+            "--trace",
+            as_str(&trace),
+        ])
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+    let err = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(3), "{err}");
+    assert_eq!(json(&output)["outcome"], "done");
+    assert_eq!(
+        err.lines().filter(|line| line.contains("turn.mcap")).count(),
+        1,
+        "{err}"
+    );
+    assert!(err.contains("warning: "), "{err}");
+}

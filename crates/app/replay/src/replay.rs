@@ -20,6 +20,9 @@ const STATUS_EVERY_NS: u64 = 50_000_000;
 /// second. Times are counted, because a process that was suspended for that long has not listened.
 const LISTEN_TIMES: u32 = 100;
 const LISTEN_EVERY: Duration = Duration::from_millis(5);
+/// Ten seconds of waiting for clients, in times after which a request to end is noticed.
+const SUBSCRIBER_TIMES: u32 = 200;
+const SUBSCRIBER_EVERY: Duration = Duration::from_millis(50);
 /// Maximum sleep, so that a request to end is noticed.
 const POLL_INTERVAL_NS: u64 = 20_000_000;
 
@@ -105,10 +108,12 @@ pub struct Replayed {
     pub seconds: f64,
     /// Maximum number of clients.
     pub subscribers: u64,
+    /// It was ended by `stop` before the last setpoint of the selection.
+    pub stopped: bool,
 }
 
 /// Publishes recorded setpoints under the recorded machine's name, as its core did. `steps` returns how many
-/// to publish, before each setpoint of a stepped replay, and `stop` whether to end.
+/// to publish, before each setpoint of a stepped replay, and `stop` whether to end, at any time: the result then says so.
 ///
 /// Drives that are on are never moved unless that is confirmed twice: before the first setpoint the replay
 /// listens whether a bridge reports a drive in "operation enabled". Setpoints carry no power request, so
@@ -147,8 +152,7 @@ pub fn replay(
     if !(options.force && options.machine_is_on) {
         refuse_live_drives(&mut bus, &name, &stop)?;
     }
-    let subscribers =
-        bus.wait_for_setpoint_subscribers(options.wait_for_subscribers, Duration::from_secs(10));
+    let subscribers = wait_for_subscribers(&bus, options.wait_for_subscribers, &stop);
     let mut done = Replayed {
         subscribers: subscribers as u64,
         ..Replayed::default()
@@ -172,6 +176,7 @@ pub fn replay(
     while let Some(record) = cycles.next() {
         let record = record.map_err(InspectError::from)?;
         if stop() {
+            done.stopped = true;
             break;
         }
         let (start, start_due) = *begun.get_or_insert_with(|| (MonotonicClock::now_ns(), record.due_time_ns));
@@ -179,6 +184,7 @@ pub fn replay(
         let Some(due) = await_due(options.pace, start, since_ns, &stop, &mut allowed, || {
             steps(&record)
         }) else {
+            done.stopped = stop();
             break;
         };
         let is_last = cycles.peek().is_none();
@@ -207,6 +213,9 @@ pub fn replay(
     }
     publish_status(&mut bus, &mut status, last.as_ref())?;
     let Some((start, _)) = begun else {
+        if done.stopped {
+            return Ok(done);
+        }
         return Err(ReplayError::Nothing);
     };
     done.seconds = MonotonicClock::now_ns().saturating_sub(start) as f64 * 1e-9;
@@ -237,7 +246,10 @@ fn await_due(
     match pace {
         Pace::Factor(factor) => {
             let due = start_ns + (since_ns as f64 / factor) as u64;
-            while MonotonicClock::now_ns() < due && !stop() {
+            while MonotonicClock::now_ns() < due {
+                if stop() {
+                    return None;
+                }
                 let _late = MonotonicClock::sleep_until(due.min(MonotonicClock::now_ns() + POLL_INTERVAL_NS));
             }
             Some(due)
@@ -253,6 +265,18 @@ fn await_due(
             Some(MonotonicClock::now_ns())
         }
     }
+}
+
+/// Waits until this many clients subscribe to setpoints; less long where the replay is to end. Returns their number.
+fn wait_for_subscribers(bus: &CoreBus, count: usize, stop: &impl Fn() -> bool) -> usize {
+    let mut found = bus.wait_for_setpoint_subscribers(count, Duration::ZERO);
+    for _ in 0..SUBSCRIBER_TIMES {
+        if found >= count || stop() {
+            break;
+        }
+        found = bus.wait_for_setpoint_subscribers(count, SUBSCRIBER_EVERY);
+    }
+    found
 }
 
 /// Checks whether a bridge with drives that are on sends feedback.

@@ -309,3 +309,31 @@ fn a_replay_that_was_kept_from_running_listens_all_the_same() {
         "{refused:?}"
     );
 }
+
+#[test]
+fn a_replay_ends_when_it_shall_while_it_listens_waits_or_plays() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
+    let corner = Corner::new();
+    let ended = |options: &Replay, after: Duration| {
+        let begun = Instant::now();
+        let stop = || begun.elapsed() >= after;
+        let done = replay(&trace, options, |_| ControlFlow::Continue(1), stop).expect("an end, and no error");
+        (done, begun.elapsed())
+    };
+    // While it listens for drives.
+    let (done, _) = ended(&options(&corner, Pace::Factor(1.0)), Duration::ZERO);
+    assert!(done.stopped && done.setpoints == 0, "{done:?}");
+    // While it waits for clients, of which none comes: less than the ten seconds that it would wait.
+    let mut wanted = options(&corner, Pace::Factor(1.0));
+    wanted.wait_for_subscribers = 1;
+    let (done, took) = ended(&wanted, Duration::from_secs(1));
+    assert!(done.stopped && done.setpoints == 0, "{done:?}");
+    assert!(took < Duration::from_secs(8), "{took:?}");
+    // While it plays: at this speed for hours.
+    let (done, _) = ended(&options(&corner, Pace::Factor(0.001)), Duration::from_secs(2));
+    assert!(done.stopped && done.setpoints > 0, "{done:?}");
+    // To its end.
+    let (done, _) = ended(&options(&corner, Pace::Factor(1000.0)), FOREVER);
+    assert!(!done.stopped, "{done:?}");
+}

@@ -1,10 +1,12 @@
 //! `evolvent trace replay`.
 
-use std::io::{self, BufRead as _, Write};
+use std::io::{self, Write};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::Duration;
 
 use clap::Args;
 use evolvent_replay::{Pace, Replay, ReplayError, replay};
@@ -12,6 +14,9 @@ use evolvent_replay::{Pace, Replay, ReplayError, replay};
 use super::export::PartArgs;
 use super::{inspect_error, write_error};
 use crate::{CommandError, Ending};
+
+/// How soon a request to end is noticed while no line comes.
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Options of `evolvent trace replay`.
 #[derive(Debug, Args)]
@@ -23,7 +28,7 @@ pub(super) struct ReplayArgs {
     /// Speed relative to real time, 0.001 to 1000.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, conflicts_with = "step")]
     speed: f64,
-    /// Publish one setpoint per line on standard input; a number publishes that many, `q` ends.
+    /// Publish one setpoint per line on standard input; a number publishes that many, `q` or Ctrl-C ends.
     #[arg(long)]
     step: bool,
     /// The name on the bus. Default: the recorded machine's.
@@ -69,7 +74,7 @@ pub(super) fn run(
         signal_hook::flag::register(signal, Arc::clone(&stop))
             .map_err(|error| CommandError::Failed(format!("signals cannot be watched: {error}")))?;
     }
-    let mut lines = io::stdin().lock().lines();
+    let lines = args.step.then(lines_of_input);
     let replayed = replay(
         &args.file,
         &options,
@@ -80,10 +85,10 @@ pub(super) fn run(
                 "cycle {}, line {}, feed {:.3} mm/s; Enter for the next, a number for as many, q to end",
                 record.sequence, record.line, record.feed_mm_s
             ));
-            match lines.next() {
-                Some(Ok(line)) if line.trim() == "q" => ControlFlow::Break(()),
-                Some(Ok(line)) => ControlFlow::Continue(line.trim().parse().unwrap_or(1)),
-                _ => ControlFlow::Break(()),
+            match lines.as_ref().and_then(|lines| next_line(lines, &stop)) {
+                Some(line) if line.trim() == "q" => ControlFlow::Break(()),
+                Some(line) => ControlFlow::Continue(line.trim().parse().unwrap_or(1)),
+                None => ControlFlow::Break(()),
             }
         },
         || stop.load(Ordering::Relaxed),
@@ -97,10 +102,13 @@ pub(super) fn run(
         serde_json::to_string(&replayed)
             .map_err(io::Error::from)
             .and_then(|text| writeln!(out, "{text}"))
+    } else if replayed.setpoints == 0 {
+        writeln!(out, "ended before the first setpoint: nothing was published")
     } else {
+        let ended = if replayed.stopped { "ended early: " } else { "" };
         writeln!(
             out,
-            "{} setpoints, cycles {} to {}, in {:.3} s; {} clients listened",
+            "{ended}{} setpoints, cycles {} to {}, in {:.3} s; {} clients listened",
             replayed.setpoints,
             replayed.first_sequence,
             replayed.last_sequence,
@@ -110,4 +118,30 @@ pub(super) fn run(
     };
     written.map_err(write_error)?;
     Ok(Ending::Clean)
+}
+
+/// The lines of standard input, read by a thread of its own: a request to end is noticed while no line comes.
+fn lines_of_input() -> Receiver<String> {
+    let (sender, lines) = channel();
+    // It ends with the process, or with the input.
+    std::thread::spawn(move || {
+        for line in io::stdin().lines().map_while(Result::ok) {
+            if sender.send(line).is_err() {
+                break;
+            }
+        }
+    });
+    lines
+}
+
+/// The next line; `None` at the end of the input, or if the replay is to end.
+fn next_line(lines: &Receiver<String>, stop: &AtomicBool) -> Option<String> {
+    while !stop.load(Ordering::Relaxed) {
+        match lines.recv_timeout(POLL_INTERVAL) {
+            Ok(line) => return Some(line),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return None,
+        }
+    }
+    None
 }
