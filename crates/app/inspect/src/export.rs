@@ -76,7 +76,7 @@ pub fn export(
     };
     let file = OutputFile::create(output).map_err(write_error)?;
     let buffered = BufWriter::with_capacity(BUFFER_BYTES, file);
-    let (rows, buffered) = export_to(trace, channel, selection, format, buffered)?;
+    let (rows, buffered) = export_to(trace, channel, selection, format, (buffered, output))?;
     let file = buffered
         .into_inner()
         .map_err(|error| write_error(error.into_error()))?;
@@ -89,12 +89,11 @@ fn export_to<W: Write + Send>(
     channel: ExportChannel,
     selection: &Selection,
     format: ExportFormat,
-    out: W,
+    (out, name): (W, &Path),
 ) -> Result<(u64, W), ExportError> {
     let run = trace.info().run.clone().ok_or(ExportError::NoRun)?;
-    let name = trace.info().path.clone();
     let write_error = |source| ExportError::Write {
-        path: name.clone(),
+        path: name.to_owned(),
         source,
     };
     let start_ns = run.start_time_ns;
@@ -233,5 +232,50 @@ fn put_text(line: &mut Vec<u8>, text: &str) {
         line.push(b'"');
     } else {
         line.extend_from_slice(text.as_bytes());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_path::AxisLetter;
+    use evolvent_trace::{CycleRecord, Recorder, RunInfo};
+
+    use super::*;
+
+    /// A full disk.
+    struct Full;
+
+    impl Write for Full {
+        fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+            Err(io::ErrorKind::StorageFull.into())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_full_disk_is_told_with_the_name_of_the_table() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.mcap");
+        let info = RunInfo {
+            axes: vec![AxisLetter::X],
+            period_ns: 1_000_000,
+            ..RunInfo::default()
+        };
+        let mut recorder = Recorder::create(&path, &info).unwrap();
+        recorder.cycle(&CycleRecord::default()).unwrap();
+        recorder.finish(&std::collections::BTreeMap::new()).unwrap();
+        let mut trace = TraceFile::open(&path).unwrap();
+        for format in [ExportFormat::Csv, ExportFormat::Parquet] {
+            let all = Selection::default();
+            let out = (Full, Path::new("table.csv"));
+            let Err(error) = export_to(&mut trace, ExportChannel::Cycles, &all, format, out) else {
+                panic!("written to a full disk");
+            };
+            let text = error.to_string();
+            assert!(text.starts_with("table.csv cannot be written: "), "{text}");
+        }
     }
 }

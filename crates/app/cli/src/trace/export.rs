@@ -16,13 +16,13 @@ use crate::{CommandError, Ending};
 #[derive(Debug, Args)]
 pub(super) struct PartArgs {
     /// Start time, s since the start of the run.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     from: Option<f64>,
     /// End time, s since the start of the run.
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
     to: Option<f64>,
     /// Only these lines of the program: N, N-M, N- or -M.
-    #[arg(long, value_name = "N-M", value_parser = parse_lines)]
+    #[arg(long, value_name = "N-M", value_parser = parse_lines, allow_hyphen_values = true)]
     lines: Option<RangeInclusive<u32>>,
 }
 
@@ -144,7 +144,47 @@ pub(super) fn run(args: &ExportArgs, err: &mut dyn Write) -> Result<Ending, Comm
 
 #[cfg(test)]
 mod tests {
+    use clap::Parser;
+
     use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Cli {
+        #[command(flatten)]
+        args: ExportArgs,
+    }
+
+    #[test]
+    fn values_may_begin_with_a_minus() {
+        let parse = |words: &[&str]| {
+            Cli::try_parse_from([&["export", "a.mcap", "-o", "a.csv"], words].concat())
+                .map(|cli| cli.args.part)
+        };
+        assert_eq!(parse(&["--lines", "-4"]).unwrap().lines, Some(0..=4));
+        let part = parse(&["--from", "-5", "--to", "-1.5"]).unwrap();
+        assert_eq!((part.from, part.to), (Some(-5.0), Some(-1.5)));
+        assert!(parse(&["--lines", "--from"]).is_err());
+    }
+
+    #[test]
+    fn events_are_not_selected_by_lines() {
+        let words = [
+            "export",
+            "a.mcap",
+            "-o",
+            "a.csv",
+            "--channel",
+            "events",
+            "--lines",
+            "4-4",
+        ];
+        let args = Cli::try_parse_from(words).unwrap().args;
+        let refused = run(&args, &mut Vec::new());
+        assert!(
+            matches!(&refused, Err(CommandError::Usage(text)) if text.starts_with("events belong to no line")),
+            "{refused:?}"
+        );
+    }
 
     #[test]
     fn lines_are_given_as_one_or_from_to_or_open() {
