@@ -16,6 +16,10 @@ const POINTS: usize = 200;
 const MAX_LINE: usize = 1_000_000;
 /// Differences in time below this are ignored, s.
 const MIN_S: f64 = 1e-9;
+/// Positions that differ by less agree, mm or degrees.
+const SAME: f64 = 1e-6;
+/// Two paths that differ by less in length have the same end, mm.
+const SAME_PATH_MM: f64 = 1e-3;
 
 /// A line in both runs.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -47,13 +51,19 @@ pub struct Comparison {
     pub duration_s: [f64; 2],
     /// Time that A and B took for the common path, s.
     pub common_s: [f64; 2],
-    /// Maximum distance of the two at the same position on the path, mm (X, Y, Z).
+    /// Maximum distance of the two at the same position on the path, mm: of X, Y and Z, or of U, V and W.
     pub max_deviation_mm: f64,
     /// Its position on the path, mm.
     pub deviation_at_mm: f64,
     /// Its line in A.
     pub deviation_line: u32,
-    /// The first position at which they differ by more than a nanometre: path and line in A.
+    /// Maximum difference of a rotary axis at the same position on the path, degrees; `None` if neither machine has one.
+    pub max_rotary_deviation_deg: Option<f64>,
+    /// Its position on the path, mm.
+    pub rotary_deviation_at_mm: f64,
+    /// Its line in A.
+    pub rotary_deviation_line: u32,
+    /// The first position at which they differ by more than a nanometre or a millionth of a degree: path and line in A.
     pub first_deviation: Option<(f64, u32)>,
     /// Lines by difference in time, the largest first.
     pub lines: Vec<LineDifference>,
@@ -155,10 +165,26 @@ pub fn compare(a: &Path, b: &Path) -> Result<Comparison, InspectError> {
 pub fn compare_runs(run_a: ComparedRun<'_>, run_b: ComparedRun<'_>) -> Result<Comparison, InspectError> {
     let mut a = Opened::open(run_a.trace)?;
     let mut b = Opened::open(run_b.trace)?;
+    let has_rotary = [&a, &b]
+        .iter()
+        .any(|opened| opened.run.axes.iter().any(|axis| axis.is_rotary()));
     let mut result = Comparison {
         notes: surroundings(&a, &b),
+        max_rotary_deviation_deg: has_rotary.then_some(0.0),
         ..Comparison::default()
     };
+    for (name, opened, run) in [("A", &mut a, run_a), ("B", &mut b, run_b)] {
+        if run.job.is_none() && opened.run.extra.contains_key("served") {
+            let jobs = recorded_jobs(&mut opened.trace)?
+                .back()
+                .map_or(0, |start| start.job);
+            let option = name.to_ascii_lowercase();
+            result.notes.push(format!(
+                "{name} is a service with {jobs} jobs, of which each counts its path from 0: positions are matched within one job \
+                 only; name it with --job-{option}"
+            ));
+        }
+    }
     let (part_a, part_b) = (Part::of(&mut a, run_a.job)?, Part::of(&mut b, run_b.job)?);
     let lines = part_a.lines(&mut a)?;
     let mut times = [
@@ -169,8 +195,10 @@ pub fn compare_runs(run_a: ComparedRun<'_>, run_b: ComparedRun<'_>) -> Result<Co
     let mut b_cycles = Ahead::new(b.trace.cycles().filter_map(|record| part_b.cut(record)));
     let mut last_lag = (0.0, 0.0);
     let mut lags = Vec::new();
+    let mut end_a = None;
     for record in a.trace.cycles().filter_map(|record| part_a.cut(record)) {
         let record = record?;
+        end_a = Some(record);
         times[0].cycle(&record);
         result.path_mm[0] = result.path_mm[0].max(record.path_mm);
         result.duration_s[0] = (record.sequence + 1) as f64 * periods[0];
@@ -186,15 +214,7 @@ pub fn compare_runs(run_a: ComparedRun<'_>, run_b: ComparedRun<'_>) -> Result<Co
         if record.path_mm <= last_lag.0 {
             continue;
         }
-        let off = distance(&record.position, &position);
-        if off > result.max_deviation_mm {
-            result.max_deviation_mm = off;
-            result.deviation_at_mm = record.path_mm;
-            result.deviation_line = record.line;
-        }
-        if off > 1e-6 && result.first_deviation.is_none() {
-            result.first_deviation = Some((record.path_mm, record.line));
-        }
+        result.see(&record, &position);
         let a_s = record.sequence as f64 * periods[0];
         let b_s = sequence * periods[1];
         result.common_path_mm = record.path_mm;
@@ -202,11 +222,17 @@ pub fn compare_runs(run_a: ComparedRun<'_>, run_b: ComparedRun<'_>) -> Result<Co
         last_lag = (record.path_mm, b_s - a_s);
         thin_out(&mut lags, last_lag);
     }
-    b_cycles.finish(|passed| {
+    let end_b = b_cycles.finish(|passed| {
         times[1].cycle(passed);
         result.path_mm[1] = result.path_mm[1].max(passed.path_mm);
         result.duration_s[1] = (passed.sequence + 1) as f64 * periods[1];
     })?;
+    // Axes that move while the path does not advance are compared where both have come to its end.
+    if let (Some(end_a), Some(end_b)) = (end_a, end_b)
+        && (end_a.path_mm - end_b.path_mm).abs() <= SAME_PATH_MM
+    {
+        result.see(&end_a, &end_b.position);
+    }
     lags.push(last_lag);
     let step = lags.len().div_ceil(POINTS).max(1);
     result.lag = lags.iter().copied().step_by(step).chain([last_lag]).collect();
@@ -227,8 +253,33 @@ fn thin_out(list: &mut Vec<(f64, f64)>, point: (f64, f64)) {
     }
 }
 
-fn distance(a: &[f64; 9], b: &[f64; 9]) -> f64 {
-    (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+impl Comparison {
+    /// Compares the positions at one point of the path; the record is one of A.
+    fn see(&mut self, record: &CycleRecord, position: &[f64; 9]) {
+        let difference: [f64; 9] = std::array::from_fn(|i| (record.position[i] - position[i]).abs());
+        let distance = |from: usize| {
+            let [x, y, z] = [difference[from], difference[from + 1], difference[from + 2]];
+            (x * x + y * y + z * z).sqrt()
+        };
+        // XYZ ABC UVW.
+        let off = distance(0).max(distance(6));
+        let turned = difference[3..6].iter().copied().fold(0.0, f64::max);
+        if off > self.max_deviation_mm {
+            self.max_deviation_mm = off;
+            self.deviation_at_mm = record.path_mm;
+            self.deviation_line = record.line;
+        }
+        if let Some(most) = &mut self.max_rotary_deviation_deg
+            && turned > *most
+        {
+            *most = turned;
+            self.rotary_deviation_at_mm = record.path_mm;
+            self.rotary_deviation_line = record.line;
+        }
+        if off.max(turned) > SAME && self.first_deviation.is_none() {
+            self.first_deviation = Some((record.path_mm, record.line));
+        }
+    }
 }
 
 fn surroundings(a: &Opened, b: &Opened) -> Vec<String> {
@@ -322,9 +373,10 @@ fn why(a: &crate::LineTime, b: &crate::LineTime) -> String {
             slow.path_mm, fast.path_mm
         );
     }
-    if slow.limited_s - fast.limited_s > 0.3 * lost {
-        let limit = slow.main_limit().map_or_else(String::new, crate::Limit::name);
-        return format!("{name} was longer at a limit of the machine ({limit})");
+    if slow.limited_s - fast.limited_s > 0.3 * lost
+        && let Some(limit) = slow.main_axis_limit()
+    {
+        return format!("{name} was longer at a limit of the machine ({})", limit.name());
     }
     format!(
         "{name} was slower on average: {:.1} against {:.1} mm/s",
@@ -389,10 +441,44 @@ impl<I: Iterator<Item = Result<CycleRecord, ReadError>>> Ahead<I> {
         Ok(Some((position, sequence)))
     }
 
-    fn finish(mut self, mut see: impl FnMut(&CycleRecord)) -> Result<(), ReadError> {
+    /// Reads the rest; returns the last cycle.
+    fn finish(mut self, mut see: impl FnMut(&CycleRecord)) -> Result<Option<CycleRecord>, ReadError> {
         while !self.over {
             self.next(&mut see)?;
         }
-        Ok(())
+        Ok(self.after.or(self.before))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Limit, LineTime};
+
+    #[test]
+    fn only_an_axis_is_named_as_a_limit_of_the_machine() {
+        let line = |time_s: f64, limited_s: f64, by_limit: &[(Limit, f64)]| {
+            let mut line = LineTime::default();
+            line.time_s = time_s;
+            line.limited_s = limited_s;
+            line.path_mm = 10.0;
+            line.by_limit = by_limit.iter().copied().collect();
+            line
+        };
+        let fast = line(10.0, 1.0, &[(Limit::Feed, 9.0), (Limit::Axis(0, 1), 1.0)]);
+        let slow = line(
+            14.0,
+            4.0,
+            &[
+                (Limit::Feed, 5.0),
+                (Limit::Standing, 5.0),
+                (Limit::Axis(0, 2), 3.0),
+                (Limit::Axis(0, 1), 1.0),
+            ],
+        );
+        assert_eq!(
+            why(&slow, &fast),
+            "A was longer at a limit of the machine (X jerk)"
+        );
     }
 }

@@ -91,6 +91,17 @@ impl LineTime {
         let longest = self.by_limit.iter().max_by(|a, b| a.1.total_cmp(b.1));
         longest.map(|(limit, _)| *limit)
     }
+
+    /// The limit of an axis that was active longest; `None` if none was.
+    #[must_use]
+    pub fn main_axis_limit(&self) -> Option<Limit> {
+        let axes = self
+            .by_limit
+            .iter()
+            .filter(|(limit, _)| matches!(limit, Limit::Axis(..)));
+        let longest = axes.max_by(|a, b| a.1.total_cmp(b.1));
+        longest.map(|(limit, _)| *limit)
+    }
 }
 
 /// Adds up a run line by line.

@@ -3,6 +3,7 @@
 
 use crate::common::{PROGRAM, altered, record};
 use evolvent_inspect::compare;
+use evolvent_path::AxisLetter;
 use evolvent_runtime::Clock;
 
 #[test]
@@ -70,5 +71,87 @@ fn a_bump_in_one_run_is_found_at_its_place() {
         (found.deviation_at_mm - place).abs() < 2.0,
         "{} for {place}",
         found.deviation_at_mm
+    );
+}
+
+#[test]
+fn rotary_and_secondary_axes_are_compared() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
+    let with = |name: &str, letter: AxisLetter, value: f64| {
+        altered(
+            &trace,
+            name,
+            |run| run.axes.push(letter),
+            |cycle| {
+                if cycle.sequence >= 400 {
+                    cycle.position[letter.index()] = value;
+                }
+                true
+            },
+        )
+    };
+    let (at_0, at_20) = (with("a0", AxisLetter::A, 0.0), with("a20", AxisLetter::A, 20.0));
+    let same = compare(&at_20, &at_20).expect("a comparison");
+    assert_eq!(
+        (same.first_deviation, same.max_rotary_deviation_deg),
+        (None, Some(0.0))
+    );
+    let found = compare(&at_0, &at_20).expect("a comparison");
+    assert!(found.first_deviation.is_some(), "{found:?}");
+    let degrees = found.max_rotary_deviation_deg.expect("a rotary axis");
+    assert!(
+        (degrees - 20.0).abs() < 1e-9 && found.max_deviation_mm < 1e-9,
+        "{found:?}"
+    );
+    let found =
+        compare(&with("u0", AxisLetter::U, 0.0), &with("u3", AxisLetter::U, 3.0)).expect("a comparison");
+    assert!((found.max_deviation_mm - 3.0).abs() < 1e-9, "{found:?}");
+    assert_eq!(found.max_rotary_deviation_deg, None);
+}
+
+#[test]
+fn a_move_without_path_is_compared_at_the_end() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
+    let last = crate::common::cycles(&trace).last().expect("cycles").sequence;
+    let turned = |name: &str, degrees: f64| {
+        altered(
+            &trace,
+            name,
+            |run| run.axes.push(AxisLetter::A),
+            |cycle| {
+                if cycle.sequence == last {
+                    cycle.position[AxisLetter::A.index()] = degrees;
+                }
+                true
+            },
+        )
+    };
+    let found = compare(&turned("a", 0.0), &turned("b", 5.0)).expect("a comparison");
+    assert_eq!(found.max_rotary_deviation_deg, Some(5.0), "{found:?}");
+}
+
+#[test]
+fn the_trace_of_a_service_is_not_compared_as_a_whole_without_a_note() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
+    let serve = |run: &mut evolvent_trace::RunInfo| {
+        run.extra.insert("served".to_owned(), "true".to_owned());
+    };
+    let served = altered(&trace, "served", serve, |_| true);
+    let found = compare(&trace, &served).expect("a comparison");
+    assert!(
+        found
+            .notes
+            .iter()
+            .any(|note| note.starts_with("B is a service") && note.ends_with("--job-b")),
+        "{:?}",
+        found.notes
+    );
+    assert!(
+        !found.notes.iter().any(|note| note.starts_with("A is")),
+        "{:?}",
+        found.notes
     );
 }

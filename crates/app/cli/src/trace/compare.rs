@@ -54,13 +54,26 @@ fn write_comparison(out: &mut dyn Write, c: &Comparison) -> io::Result<()> {
     };
     writeln!(out, "on the {:.3} mm that both drove, {slower}", c.common_path_mm)?;
     match c.first_deviation {
-        None => writeln!(out, "their positions agree within a nanometre")?,
-        Some((path_mm, line)) => writeln!(
+        None if c.max_rotary_deviation_deg.is_some() => writeln!(
             out,
-            "their positions differ from {path_mm:.3} mm on (line {line}), by at most {:.6} mm, at {:.3} mm \
-             (line {})",
-            c.max_deviation_mm, c.deviation_at_mm, c.deviation_line
+            "their positions agree within a nanometre and a millionth of a degree"
         )?,
+        None => writeln!(out, "their positions agree within a nanometre")?,
+        Some((path_mm, line)) => {
+            writeln!(
+                out,
+                "their positions differ from {path_mm:.3} mm on (line {line}), by at most {:.6} mm, at {:.3} mm \
+                 (line {})",
+                c.max_deviation_mm, c.deviation_at_mm, c.deviation_line
+            )?;
+            if let Some(degrees) = c.max_rotary_deviation_deg {
+                writeln!(
+                    out,
+                    "their rotary axes differ by at most {degrees:.6} degrees, at {:.3} mm (line {})",
+                    c.rotary_deviation_at_mm, c.rotary_deviation_line
+                )?;
+            }
+        }
     }
     for note in &c.notes {
         writeln!(out, "note: {note}")?;
