@@ -22,16 +22,16 @@ pub(crate) struct BoreArgs {
     /// Diameter of the tool in mm.
     #[arg(long, value_name = "MM")]
     pub tool: f64,
-    /// Maximum radial pitch of the roughing involute in mm per turn; required unless --finish-only.
+    /// Maximum radial pitch of the roughing involute in mm per turn; required for roughing.
     #[arg(long, value_name = "MM", required_unless_present = "finish_only")]
     pub pitch: Option<f64>,
-    /// Material that roughing leaves on the wall, in mm.
-    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
-    pub allowance: f64,
+    /// Material that roughing leaves on the wall, in mm [default: 0].
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    pub allowance: Option<f64>,
     /// Finish the wall after roughing: involute approach, one turn, mirrored departure.
     #[arg(long)]
     pub finish: bool,
-    /// Finish only: the hole is already roughed.
+    /// Finish only: the hole is already roughed. Options of roughing are then refused.
     #[arg(long)]
     pub finish_only: bool,
     /// Start of the finishing approach (without finishing: of roughing), in mm from the hole's centre.
@@ -47,10 +47,10 @@ pub(crate) struct BoreArgs {
     /// centre].
     #[arg(long, value_name = "X,Y", value_parser = point, allow_hyphen_values = true)]
     pub rough_start: Option<[f64; 2]>,
-    /// Turns of the complete finishing involute, usually 1 or 2.
-    #[arg(long, value_name = "N", default_value_t = 2)]
-    pub turns: u32,
-    /// Turns of the complete roughing involute [default: as the pitch requires].
+    /// Turns of the complete finishing involute, usually 1 or 2 [default: 2].
+    #[arg(long, value_name = "N")]
+    pub turns: Option<u32>,
+    /// Turns of the complete roughing involute, at least as many as the pitch requires [default: as the pitch requires].
     #[arg(long, value_name = "N")]
     pub rough_turns: Option<u32>,
     /// Climb milling: counter-clockwise with M3 (the default).
@@ -107,18 +107,55 @@ pub(crate) struct BoreArgs {
 }
 
 impl BoreArgs {
+    /// Refuses options of a part of the work that is left out: they would have no effect.
+    fn check(&self) -> Result<(), CommandError> {
+        let roughing = [
+            ("--pitch", self.pitch.is_some()),
+            ("--allowance", self.allowance.is_some()),
+            ("--rough-turns", self.rough_turns.is_some()),
+            ("--rough-start", self.rough_start.is_some()),
+        ];
+        let finishing = [
+            ("--turns", self.turns.is_some()),
+            ("--start-radius", self.start_radius.is_some()),
+            ("--start-length", self.start_length.is_some()),
+            ("--finish-feed", self.finish_feed.is_some()),
+        ];
+        let given = |options: &[(&'static str, bool)]| {
+            options
+                .iter()
+                .find(|(_, is_given)| *is_given)
+                .map(|(name, _)| *name)
+        };
+        if self.finish_only
+            && let Some(name) = given(&roughing)
+        {
+            return Err(CommandError::Usage(format!(
+                "{name} is an option of roughing, which --finish-only leaves out: remove one of the two, or use --finish"
+            )));
+        }
+        if !(self.finish || self.finish_only)
+            && let Some(name) = given(&finishing)
+        {
+            return Err(CommandError::Usage(format!(
+                "{name} is an option of finishing: add --finish or --finish-only, or remove it"
+            )));
+        }
+        Ok(())
+    }
+
     fn request(&self) -> BoreRequest {
         let roughing = (!self.finish_only).then(|| BoreRoughing {
             pitch_mm: self.pitch.unwrap_or(f64::NAN),
             turns: self.rough_turns,
-            allowance_mm: self.allowance,
+            allowance_mm: self.allowance.unwrap_or(0.0),
             start: match (self.rough_start, self.start, self.finish) {
                 (Some(point), _, _) | (None, Some(point), false) => HoleStart::Point(point),
                 _ => HoleStart::Centre,
             },
         });
         let finishing = (self.finish || self.finish_only).then(|| BoreFinishing {
-            turns: self.turns,
+            turns: self.turns.unwrap_or(2),
             start: self
                 .start
                 .map(HoleStart::Point)
@@ -157,9 +194,10 @@ impl BoreArgs {
 /// # Errors
 /// `Usage` for an impossible hole, with its numbers; `Failed` if writing or planning fails.
 pub(crate) fn run(args: &BoreArgs, out: &mut dyn Write) -> Result<(), CommandError> {
+    args.check()?;
     let program = BoreProgram::new(args.request()).map_err(|error| {
         CommandError::Usage(match error {
-            BoreError::Number { .. } => format!("--{error}"),
+            BoreError::Number { .. } | BoreError::FewTurns { .. } => format!("--{error}"),
             BoreError::Hole(error) => error.to_string(),
         })
     })?;
@@ -286,6 +324,15 @@ mod tests {
     }
 
     #[test]
+    fn the_example_of_the_documents_is_what_its_command_writes() {
+        let options = format!("{BORE_200} --depth 8 --feed 9000 --plunge-feed 600 --spindle 8000");
+        assert_eq!(
+            program(&options).unwrap(),
+            include_str!("../../../../tests/programs/bore-200.ngc")
+        );
+    }
+
+    #[test]
     fn climb_milling_writes_g3_and_conventional_g2() {
         let climb = program(BORE_200).unwrap();
         assert!(climb.contains("\nG3.2 ") && climb.contains("\nG3 ") && !climb.contains("\nG2"));
@@ -345,6 +392,42 @@ mod tests {
             ),
             ("--hole 200 --tool 40 --pitch 4 --start 1", "two finite numbers"),
             ("--hole 200 --tool 40", "--pitch"),
+            (
+                "--hole 200 --tool 40 --finish-only --allowance 1",
+                "--allowance is an option of roughing, which --finish-only leaves out",
+            ),
+            (
+                "--hole 200 --tool 40 --finish-only --pitch 4",
+                "--pitch is an option of roughing",
+            ),
+            (
+                "--hole 200 --tool 40 --finish-only --rough-turns 20",
+                "--rough-turns is an option of roughing",
+            ),
+            (
+                "--hole 200 --tool 40 --finish-only --rough-start 1,1",
+                "--rough-start is an option of roughing",
+            ),
+            (
+                "--hole 200 --tool 40 --pitch 4 --turns 1",
+                "--turns is an option of finishing: add --finish or --finish-only",
+            ),
+            (
+                "--hole 200 --tool 40 --pitch 4 --start-radius 9",
+                "--start-radius is an option of finishing",
+            ),
+            (
+                "--hole 200 --tool 40 --pitch 4 --start-length 9",
+                "--start-length is an option of finishing",
+            ),
+            (
+                "--hole 200 --tool 40 --pitch 4 --finish-feed 9",
+                "--finish-feed is an option of finishing",
+            ),
+            (
+                "--hole 20 --tool 8 --pitch 1 --rough-turns 2",
+                "--rough-turns 2 gives a pitch of 3 mm per turn, above the maximum of 1 mm: give at least 6 turns",
+            ),
         ] {
             let error = program(options).unwrap_err();
             assert!(error.contains(expected), "{options}: {error}");
@@ -423,6 +506,24 @@ mod tests {
         assert!(
             of("helix")["length_mm"].is_null()
                 && of("helix")["remark"].as_str().unwrap().contains("30.000 mm")
+        );
+        // The hole's place on the machine does not change the times of paths that all fit.
+        let moved: Value =
+            serde_json::from_str(&program(&format!("{options} {machine} --center 20,-30")).unwrap()).unwrap();
+        for (path, there) in list.iter().zip(moved["comparison"].as_array().unwrap()) {
+            let (Some(here_s), Some(there_s)) = (path["planned_s"].as_f64(), there["planned_s"].as_f64())
+            else {
+                continue;
+            };
+            assert!((here_s / there_s - 1.0).abs() < 0.01, "{path} and {there}");
+        }
+        // Where the hole does not fit into the travel, no path does.
+        let beyond = program(&format!("{options} {machine} --center 9000,0")).unwrap_err();
+        assert!(beyond.contains("involute"), "{beyond}");
+        let deep = program("--hole 0.06 --tool 0.05 --pitch 0.001 --depth 400 --compare").unwrap();
+        assert!(
+            deep.contains("400000 turns of the pitch: too many to be planned"),
+            "{deep}"
         );
         let wide = program("--hole 60 --tool 32 --pitch 4 --depth 10 --compare").unwrap();
         assert!(

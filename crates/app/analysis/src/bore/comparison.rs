@@ -18,6 +18,8 @@ use crate::unobserved::Unobserved;
 
 /// Maximum deviation of the polyline from the Archimedean spiral, mm.
 const POLYLINE_MM: f64 = 0.001;
+/// Maximum number of turns of a helix that is planned.
+const MAX_HELIX_TURNS: f64 = 2000.0;
 /// Blending tolerance of every path of the comparison, mm, if the request has none.
 const BLEND_MM: f64 = 0.01;
 
@@ -89,6 +91,8 @@ struct Alternative {
 /// Input of the comparison.
 pub(crate) struct Comparison<'a> {
     pub(crate) pass: &'a HolePass,
+    pub(crate) centre_mm: [f64; 2],
+    pub(crate) top_mm: f64,
     pub(crate) hole_mm: f64,
     pub(crate) tool_mm: f64,
     pub(crate) depth_mm: f64,
@@ -174,15 +178,18 @@ impl Comparison<'_> {
         let pitch = self.pass.pitch_mm;
         let turns = (self.depth_mm / pitch - 1e-9).ceil().max(1.0);
         let round = std::f64::consts::TAU * radius;
-        let program = fits.then(|| {
+        let is_short = turns <= MAX_HELIX_TURNS;
+        let program = (fits && is_short).then(|| {
+            let [x, y] = self.placed([radius, 0.0]);
             let mut text = String::new();
             for turn in 1..=turns as u64 {
-                let z = -self.depth_mm * turn as f64 / turns;
+                let z = self.top_mm - self.depth_mm * turn as f64 / turns;
                 // Writing to a string cannot fail.
-                let _ = writeln!(text, "G3 X{radius} Y0 I{} J0 Z{z:.6}", -radius);
+                let _ = writeln!(text, "G3 X{x} Y{y} I{} J0 Z{z:.6}", -radius);
             }
-            let _ = write!(text, "G3 X{radius} Y0 I{} J0", -radius);
-            self.text([radius, 0.0], &text)
+            let _ = write!(text, "G3 X{x} Y{y} I{} J0", -radius);
+            let from = format!("X{x} Y{y} Z{:.6}", self.top_mm);
+            self.program(&from, &text)
         });
         Alternative {
             name: "helix",
@@ -192,6 +199,8 @@ impl Comparison<'_> {
                     "needs a tool of at least {:.3} mm: this one leaves a core",
                     0.5 * self.hole_mm
                 )
+            } else if fits && !is_short {
+                format!("{turns} turns of the pitch: too many to be planned")
             } else if fits {
                 format!("{turns} turns of the pitch down the whole depth")
             } else {
@@ -200,6 +209,11 @@ impl Comparison<'_> {
             time_s: None,
             program,
         }
+    }
+
+    /// A point around the hole's centre, in machine coordinates.
+    fn placed(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [x + self.centre_mm[0], y + self.centre_mm[1]]
     }
 
     fn first_point(&self, pass: &HolePass) -> Option<[f64; 2]> {
@@ -218,40 +232,41 @@ impl Comparison<'_> {
             let way = if k % 2 == 0 { 1.0 } else { -1.0 };
             // Writing to a string cannot fail.
             let to = x + way * 2.0 * half;
-            let _ = writeln!(text, "G3 X{to:.9} Y0 I{:.9} J0", way * half);
+            let [to_x, to_y] = self.placed([to, 0.0]);
+            let _ = writeln!(text, "G3 X{to_x:.9} Y{to_y:.9} I{:.9} J0", way * half);
             x = to;
         }
         let way = if x > 0.0 { -1.0 } else { 1.0 };
-        let _ = write!(text, "G3 X{x:.9} Y0 I{:.9} J0", way * radius);
-        self.text([0.0, 0.0], &text)
+        let [to_x, to_y] = self.placed([x, 0.0]);
+        let _ = write!(text, "G3 X{to_x:.9} Y{to_y:.9} I{:.9} J0", way * radius);
+        self.text(self.placed([0.0, 0.0]), &text)
     }
 
     fn archimedean(&self, spiral: &Archimedean, radius: f64) -> String {
         let mut text = String::new();
         let angles = spiral.polyline_rad(POLYLINE_MM);
         for angle in angles.iter().skip(1) {
-            let [x, y] = spiral.at(*angle);
+            let [x, y] = self.placed(spiral.at(*angle));
             // Writing to a string cannot fail.
             let _ = writeln!(text, "G1 X{x:.6} Y{y:.6}");
         }
         let end = angles.last().map_or([radius, 0.0], |angle| spiral.at(*angle));
-        let _ = write!(
-            text,
-            "G3 X{:.6} Y{:.6} I{:.6} J{:.6}",
-            end[0], end[1], -end[0], -end[1]
-        );
+        let [x, y] = self.placed(end);
+        let _ = write!(text, "G3 X{x:.6} Y{y:.6} I{:.6} J{:.6}", -end[0], -end[1]);
         let from = angles.first().map_or([0.0; 2], |angle| spiral.at(*angle));
-        self.text(from, &text)
+        self.text(self.placed(from), &text)
     }
 
-    /// The machine is already at the start: only the path itself is timed. The paths are placed around the
-    /// machine zero, wherever the hole is.
-    fn text(&self, from: [f64; 2], path: &str) -> String {
+    /// The machine is already at the start: only the path itself is timed. All paths are at the place of the hole.
+    fn text(&self, [x, y]: [f64; 2], path: &str) -> String {
+        self.program(&format!("X{x} Y{y}"), path)
+    }
+
+    /// As [`Self::text`], with the words of the start.
+    fn program(&self, from: &str, path: &str) -> String {
         let tolerance = self.tolerance_mm.unwrap_or(BLEND_MM);
-        format!(
-            "G17 G21 G40 G49 G90 G94 G64 P{tolerance}\nG0 X{} Y{}\nG4 P0\nF{}\n{path}\nM2\n",
-            from[0], from[1], self.feed_mm_min
-        )
+        let feed_mm_min = self.feed_mm_min;
+        format!("G17 G21 G40 G49 G90 G94 G64 P{tolerance}\nG0 {from}\nG4 P0\nF{feed_mm_min}\n{path}\nM2\n")
     }
 }
 

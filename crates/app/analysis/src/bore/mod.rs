@@ -64,7 +64,7 @@ pub struct BoreRequest {
 pub struct BoreRoughing {
     /// Maximum radial pitch of the involute, mm per turn.
     pub pitch_mm: f64,
-    /// Turns of the whole involute; `None` derives them from the pitch.
+    /// Turns of the whole involute, at least as many as the pitch requires; `None` derives them from the pitch.
     pub turns: Option<u32>,
     /// Material left on the wall, mm.
     pub allowance_mm: f64,
@@ -87,6 +87,21 @@ pub enum BoreError {
     /// The hole cannot be milled as requested.
     #[error("{0}")]
     Hole(#[from] HoleError),
+    /// Turns of roughing with which its pitch is above the maximum.
+    #[error(
+        "rough-turns {turns} gives a pitch of {pitch_mm} mm per turn, above the maximum of {max_mm} mm: give at least \
+         {min_turns} turns, or a larger --pitch"
+    )]
+    FewTurns {
+        /// The turns given.
+        turns: u32,
+        /// Their pitch, mm per turn.
+        pitch_mm: f64,
+        /// The maximum given, mm per turn.
+        max_mm: f64,
+        /// Turns that keep it.
+        min_turns: f64,
+    },
     /// A number that is not positive and finite.
     #[error("{name} {value} is impossible: give a positive, finite number")]
     Number {
@@ -167,6 +182,16 @@ impl BoreProgram {
                     roughing.start,
                     &resting(z),
                 )?;
+                // As in the planning of the pass: rounding must not add a turn.
+                let min_turns = (pass.radius_mm / roughing.pitch_mm - 1e-9).ceil().max(1.0);
+                if f64::from(pass.turns) < min_turns {
+                    return Err(BoreError::FewTurns {
+                        turns: pass.turns,
+                        pitch_mm: pass.pitch_mm,
+                        max_mm: roughing.pitch_mm,
+                        min_turns,
+                    });
+                }
                 roughed_mm = Some(pass.radius_mm);
                 let clear_z = (above + CLEARANCE_MM).min(safe_z);
                 levels.push(Level {
@@ -228,6 +253,8 @@ impl BoreProgram {
         let request = &self.request;
         let comparison = Comparison {
             pass: &first.pass,
+            centre_mm: request.centre_mm,
+            top_mm: request.top_mm,
             hole_mm: request.hole_mm,
             tool_mm: request.tool_mm,
             depth_mm: request.depth_mm,
