@@ -3,8 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use evolvent_config::ConfigDocument;
 use evolvent_runtime::{Clock, Setup};
 use evolvent_turning::{AdaptiveSettings, Job};
+use serde::de::IgnoredAny;
 
 use crate::error::AnalysisError;
 use crate::user_file::read_text;
@@ -55,6 +57,12 @@ pub(crate) fn install_process(
     Ok(())
 }
 
+/// What distinguishes the files: only a process file of turning has feeds.
+#[derive(serde::Deserialize)]
+struct ProcessKind {
+    feed: Option<IgnoredAny>,
+}
+
 /// Distinguishes the files of `--process` for commands without motion: a process file of turning cycles is
 /// added to the setup, a case file of `evolvent chatter` is returned.
 ///
@@ -67,10 +75,13 @@ pub fn sort_process_files<'a>(
 ) -> Result<Option<&'a Path>, AnalysisError> {
     let mut case = None;
     for file in files {
-        // Only a process file of turning has feeds.
-        let is_turning = read_text(file, "process file")?
-            .lines()
-            .any(|line| line.trim_start().starts_with("[feed]"));
+        let text = read_text(file, "process file")?;
+        let name = file.display().to_string();
+        let is_turning = ConfigDocument::parse(&text, &name)
+            .and_then(|document| document.read::<ProcessKind>())
+            .map_err(|error| AnalysisError::Input(error.to_string()))?
+            .feed
+            .is_some();
         let is_second = if is_turning {
             setup.process.is_some()
         } else {
@@ -101,4 +112,35 @@ pub fn read_adaptive(file: &Path, period_ns: u64) -> Result<AdaptiveSettings, An
     let text = read_text(file, "adaptive file")?;
     AdaptiveSettings::parse(&text, &name, 1e-9 * period_ns as f64)
         .map_err(|error| AnalysisError::Input(error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::load_setup;
+
+    #[test]
+    fn the_kind_of_a_file_is_that_of_its_keys() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config");
+        let good = std::fs::read_to_string(config.join("processes/turn-shaft.toml")).unwrap();
+        let case = "# as in\n# [feed]\nname = \"\"\"\n[feed]\"\"\"\n";
+        let file = folder.path().join("p.toml");
+        for (text, is_turning) in [
+            (good.replace("[feed]", "[ feed ]"), true),
+            (good.replace("[feed]", "[\"feed\"]"), true),
+            (good, true),
+            (case.to_owned(), false),
+        ] {
+            std::fs::write(&file, &text).unwrap();
+            let mut setup = load_setup(&config.join("machines/lathe-2axis.toml"), None).unwrap();
+            let files = [file.clone()];
+            let found = sort_process_files(&mut setup, &files, Clock::Virtual).unwrap();
+            assert_eq!(
+                (setup.process.is_some(), found.is_none()),
+                (is_turning, is_turning),
+                "{text}"
+            );
+        }
+    }
 }

@@ -103,6 +103,12 @@ pub(crate) fn run(args: &RateArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         && machine.is_none()
         && limits.iter().all(Option::is_none)
     {
+        if args.plot.is_some() {
+            return Err(CommandError::Usage(
+                "--plot draws the limits of a machine: give --machine, or at least one of --acceleration-g, --jerk and --feed"
+                    .to_owned(),
+            ));
+        }
         let report = if args.json {
             format!("{:#}\n", json!({ "point": point.json() }))
         } else {
@@ -112,7 +118,6 @@ pub(crate) fn run(args: &RateArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     }
     let rate = RateReport::new(machine.as_ref(), &input)?;
     if let Some(file) = &args.plot {
-        check_svg_name(file)?;
         write_whole(file, rate.svg()?.as_bytes())
             .map_err(|error| CommandError::Failed(format!("{}: cannot write: {error}", file.display())))?;
         let _ = writeln!(err, "figures written to {}", file.display());
@@ -369,6 +374,24 @@ mod tests {
             "--at-feed -1 is impossible: give a number above 0 and up to 1e9"
         );
         assert!(usage(&point(Some(1.0), Some(-1.0))).starts_with("--permitted-error -1 is impossible"));
+    }
+
+    #[test]
+    fn a_picture_of_no_limits_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("rate.svg");
+        let args = RateArgs {
+            increments_per_mm: Some(1000.0),
+            plot: Some(file.clone()),
+            point: PointArgs {
+                at_rate: Some(1000.0),
+                at_radius: Some(10.0),
+                ..PointArgs::default()
+            },
+            ..RateArgs::default()
+        };
+        assert!(usage(&args).starts_with("--plot draws the limits of a machine: give --machine"));
+        assert!(!file.exists());
     }
 
     #[test]
