@@ -96,8 +96,8 @@ impl Cia402 {
 
     /// One period: from the drive's status word and the core's request to the commands of the drive.
     ///
-    /// `fault_reset` is the core's counter, none without a core and in the first period of another one; `setpoint` and `actual` are in one unit; `braking` is needed while the drive brakes by
-    /// itself. A status word that matches no state removes the voltage.
+    /// `fault_reset` is the core's counter, none without a core and in the first period of another one; `setpoint` and `actual` are in
+    /// one unit; `braking` is needed while the drive brakes by itself. A status word that matches no state removes the voltage.
     pub fn step(
         &mut self,
         status_word: u16,

@@ -38,8 +38,9 @@
 //! period of the drives: it bridges a few missing ones, then brakes within the limits ([`Brake`]) and holds;
 //! it rejects jumps. [`IndexLatch`] keeps the request for an index pulse. [`Gantry`] squares the beam of two
 //! motors of one axis. [`SpindleEncoder`] converts counts and index pulses to the angle of a spindle, and
-//! [`SpindleOrientation`] turns it to an angle; [`SpindlePower`] says when its drive may have torque. [`Cia402`] brings a drive to the requested power state. [`DriveMachine`] is the drive's
-//! own state machine, for simulated drives and tests.
+//! [`SpindleOrientation`] turns it to an angle; [`SpindlePower`] says when its drive may have torque.
+//! [`Cia402`] brings a drive to the requested power state. [`DriveMachine`] is the drive's own state machine,
+//! for simulated drives and tests.
 //!
 //! Time is an argument. Everything except the constructors may be called from a real-time cycle.
 

@@ -587,7 +587,8 @@ mod tests {
 
     const ENOSPC: i32 = 28;
 
-    /// Records frames on a disk of a size, of which others leave 10 kB from a frame on. Returns the numbers in the file, and what was told, with the number of the frame then.
+    /// Records frames on a disk of a size, of which others leave 10 kB from a frame on. Returns the numbers in the file, and what was told,
+    /// with the number of the frame then.
     fn record_on(disk_bytes: u64, full_from: u32, frames: u32) -> (Vec<u32>, Vec<(u32, DumpTrouble)>) {
         let folder = tempfile::tempdir().unwrap();
         let (counters, left) = (DumpCounters::default(), Arc::new(AtomicU64::new(disk_bytes)));
