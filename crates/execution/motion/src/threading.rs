@@ -25,6 +25,10 @@ const RIPPLE_SHARE: f64 = 0.3;
 const PHASE_TOLERANCE_MM: f64 = 0.1;
 /// How much slower than at the start of a pass the spindle may turn, as a ratio: it is stalled then, or nearly.
 const STALL_RATIO: f64 = 0.2;
+/// How long it may be that slow at the reversal of a tap, beyond what its braking takes, s: some drives wait at zero speed.
+const STALL_TIMEOUT_S: f64 = 0.5;
+/// How much longer than at the rate of its braking a spindle may take to turn back.
+const REVERSAL_MARGIN: f64 = 2.0;
 /// The same faster: no one has requested that.
 const RUNAWAY_RATIO: f64 = 1.5;
 /// How far beyond its depth a tap may go because the spindle has not turned back yet: so many turns, and what it turns in so many
@@ -248,6 +252,8 @@ pub struct Threading {
     begun_at: f64,
     /// What of each harmonic is followed, 0 to 1.
     heeded: [f64; 3],
+    /// How long the spindle has been slower than [`STALL_RATIO`], s.
+    slow_s: f64,
     /// Last angle since the origin, and its speed.
     turns: f64,
     speed: f64,
@@ -287,6 +293,7 @@ impl Threading {
             origin: None,
             begun_at: 0.0,
             heeded: [0.0; 3],
+            slow_s: 0.0,
             turns: 0.0,
             speed: 0.0,
             now: Jet::at_rest(start),
@@ -436,10 +443,7 @@ impl Threading {
                 self.phase = Phase::Following { turned: true };
                 return true;
             }
-            let overrun = match tap.braking {
-                Some(rate) => self.begun_at * self.begun_at / (2.0 * rate),
-                None => self.begun_at * OVERRUN_S,
-            };
+            let overrun = self.begun_at * self.begun_at / (2.0 * self.braking(tap));
             if turned && angle[0] > depth + OVERRUN_TURNS + overrun {
                 self.give_up(ThreadVerdict::NotTurnedBack);
                 return false;
@@ -453,10 +457,35 @@ impl Threading {
             self.land(self.cam.end(), period_s);
             return false;
         }
-        if !turned && has_begun && ratio < STALL_RATIO {
+        // As it turns back it may still be fast the other way.
+        let is_slow = if turned { ratio.abs() } else { ratio } < STALL_RATIO;
+        if is_slow {
+            self.slow_s += period_s;
+        } else {
+            self.slow_s = 0.0;
+        }
+        if self.slow_s > self.stall_timeout(turned, has_begun) {
             self.give_up(ThreadVerdict::Stalled);
         }
         false
+    }
+
+    /// How fast the spindle turns back, turns/s^2.
+    fn braking(&self, tap: TapReturn) -> f64 {
+        tap.braking.unwrap_or(self.begun_at / (2.0 * OVERRUN_S))
+    }
+
+    /// How long the spindle may be slower than [`STALL_RATIO`] at this part of the pass, s.
+    fn stall_timeout(&self, turned: bool, has_begun: bool) -> f64 {
+        match self.tap {
+            Some(tap) if turned => {
+                let slow = STALL_RATIO * tap.turns_per_s;
+                let passed = slow + slow.min(self.begun_at);
+                STALL_TIMEOUT_S + REVERSAL_MARGIN * passed / self.braking(tap)
+            }
+            _ if has_begun => 0.0,
+            _ => f64::INFINITY,
+        }
     }
 
     /// One period of the follower: a jerk for each axis.

@@ -110,3 +110,79 @@ fn a_tap_whose_spindle_does_not_turn_back_stops() {
         assert_within(&outcome.all, &lathe(), 1_000_000, "stubborn");
     }
 }
+
+/// A tap of 15 turns at 600 rpm and the spindle for it, which turns back in 0.6 s.
+fn jammed(trouble: Trouble, braking: Option<f64>, period_ns: u64) -> Outcome {
+    let spindle = Spindle {
+        rev_s: 10.0,
+        torque: 33.0,
+        ripple: 0.0,
+        order: 1.0,
+        counts: 4096.0,
+        delay_s: 0.001,
+        index: 0.3,
+    };
+    let pass = ThreadPass {
+        tap: Some(TapReturn {
+            turns_per_s: 10.0,
+            braking,
+        }),
+        ..straight(1.0, 15.0, 10.0)
+    };
+    let never = f64::INFINITY;
+    let outcome = run(
+        lathe(),
+        period_ns,
+        PlannerKind::Optimal,
+        &pass,
+        &spindle,
+        trouble,
+        0.0..0.0,
+        never,
+    );
+    assert_within(&outcome.all, &lathe(), period_ns, &format!("{trouble:?}"));
+    outcome
+}
+
+#[test]
+fn a_tap_whose_spindle_jams_stops_with_an_error_at_every_phase() {
+    for (period_ns, braking) in [
+        (1_000_000, Some(33.0)),
+        (1_000_000, None),
+        (4_000_000, Some(33.0)),
+    ] {
+        let period = period_ns as f64 * 1e-9;
+        let whole = jammed(Trouble::None, braking, period_ns);
+        assert_eq!(whole.result.expect("a result").verdict, ThreadVerdict::Done);
+        let (begin, end) = (whole.pass.start as f64 * period, whole.pass.end as f64 * period);
+        let depth_of = |k: usize| -whole.all[k].position[2];
+        let deepest = whole
+            .pass
+            .clone()
+            .max_by(|&a, &b| depth_of(a).total_cmp(&depth_of(b)))
+            .expect("a pass");
+        let bottom = deepest as f64 * period;
+        // Into the hole, as it brakes, at the bottom, as it speeds up outwards, on the way out.
+        let mut moments: Vec<f64> = (1..20)
+            .map(|part| begin + f64::from(part) * 0.05 * (end - begin))
+            .collect();
+        moments.extend((-4..=4).map(|part| bottom + 0.07 * f64::from(part)));
+        let mut stalled = 0;
+        for at in moments {
+            let outcome = jammed(Trouble::Stall(at), braking, period_ns);
+            let result = outcome.result.expect("a result");
+            if result.verdict == ThreadVerdict::Done {
+                // It has run out of the hole by the time that it would have been slow.
+                assert!(at > end - 0.4, "{at} s of {end} s: {result:?}");
+                continue;
+            }
+            stalled += 1;
+            assert_eq!(result.verdict, ThreadVerdict::Stalled, "{at} s of {end} s");
+            assert!(result.worst_mm > 0.0 && result.worst_mm < 0.1, "{result:?}");
+            // The braking to a stand, twice the time that it may be slow, and half a second.
+            let took = outcome.pass.end as f64 * period - at;
+            assert!(took < 1.6, "{took} s after {at} s");
+        }
+        assert!(stalled > 20, "{stalled}");
+    }
+}
