@@ -25,8 +25,10 @@ const RIPPLE_SHARE: f64 = 0.3;
 const PHASE_TOLERANCE_MM: f64 = 0.1;
 /// How much slower than at the start of a pass the spindle may turn, as a ratio: it is stalled then, or nearly.
 const STALL_RATIO: f64 = 0.2;
-/// How long it may be that slow at the reversal of a tap, beyond what its braking takes, s: some drives wait at zero speed.
+/// How long it may be that slow where that is no harm, s, and in turns at its speed: at the reversal of a tap some drives wait at zero speed,
+/// and before the run-in nothing moves, while an encoder of few lines reports a slow spindle's speed in jumps.
 const STALL_TIMEOUT_S: f64 = 0.5;
+const STALL_TIMEOUT_TURNS: f64 = 0.5;
 /// How much longer than at the rate of its braking a spindle may take to turn back.
 const REVERSAL_MARGIN: f64 = 2.0;
 /// The same faster: no one has requested that.
@@ -477,14 +479,15 @@ impl Threading {
 
     /// How long the spindle may be slower than [`STALL_RATIO`] at this part of the pass, s.
     fn stall_timeout(&self, turned: bool, has_begun: bool) -> f64 {
+        let patience = |turns_per_s: f64| STALL_TIMEOUT_S.max(STALL_TIMEOUT_TURNS / turns_per_s);
         match self.tap {
             Some(tap) if turned => {
                 let slow = STALL_RATIO * tap.turns_per_s;
                 let passed = slow + slow.min(self.begun_at);
-                STALL_TIMEOUT_S + REVERSAL_MARGIN * passed / self.braking(tap)
+                patience(tap.turns_per_s) + REVERSAL_MARGIN * passed / self.braking(tap)
             }
             _ if has_begun => 0.0,
-            _ => f64::INFINITY,
+            _ => patience(self.begun_at),
         }
     }
 

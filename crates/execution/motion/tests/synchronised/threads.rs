@@ -339,3 +339,65 @@ fn what_cannot_be_cut_is_refused_at_rest() {
         "{run_in_mm}"
     );
 }
+
+#[test]
+fn a_spindle_that_stops_before_the_run_in_ends_a_pass_and_a_slow_one_does_not() {
+    // Up to one turn passes before the axes move: a second here.
+    let spindle = Spindle {
+        rev_s: 1.0,
+        torque: 10.0,
+        ripple: 0.0,
+        order: 1.0,
+        counts: 4096.0,
+        delay_s: 0.001,
+        index: 0.3,
+    };
+    let tap = TapReturn {
+        turns_per_s: 1.0,
+        braking: Some(10.0),
+    };
+    let drive = |pass: &ThreadPass, spindle: &Spindle, trouble| {
+        let (hold, never) = (0.0..0.0, f64::INFINITY);
+        let kind = PLANNERS[0];
+        run(lathe(), 1_000_000, kind, pass, spindle, trouble, hold, never)
+    };
+    for tap in [None, Some(tap)] {
+        let pass = ThreadPass {
+            tap,
+            ..straight(1.0, 4.0, 1.0)
+        };
+        let whole = drive(&pass, &spindle, Trouble::None);
+        assert_eq!(whole.result.expect("a result").verdict, ThreadVerdict::Done);
+        let moves_at = whole.pass.start as f64 * 1e-3;
+        // The angle is known after one and a quarter turns.
+        assert!(moves_at > 2.1, "{moves_at}");
+        for at in [0.15, 0.4, 0.7].map(|before| moves_at - before) {
+            let outcome = drive(&pass, &spindle, Trouble::Stall(at));
+            let result = outcome.result.expect("a result");
+            assert_eq!(
+                (result.verdict, result.stands_at, result.worst_mm),
+                (ThreadVerdict::Stalled, pass.start, 0.0),
+                "{tap:?}, {at} s"
+            );
+            assert!((outcome.pass.end as f64) * 1e-3 < at + 1.0, "{tap:?}, {at} s");
+        }
+        // A quarter of the commanded speed.
+        let slow = Spindle {
+            rev_s: 0.25,
+            ..spindle
+        };
+        let slow_pass = ThreadPass {
+            tap: tap.map(|tap| TapReturn {
+                turns_per_s: 0.25,
+                ..tap
+            }),
+            ..pass
+        };
+        let outcome = drive(&slow_pass, &slow, Trouble::None);
+        assert_eq!(
+            outcome.result.expect("a result").verdict,
+            ThreadVerdict::Done,
+            "{tap:?}"
+        );
+    }
+}
