@@ -11,7 +11,7 @@ pub(crate) const SLACK: f64 = 1.001;
 /// The same for jerk, which is read from third differences.
 const JERK_SLACK: f64 = 1.02;
 /// Rounding of positions, mm or degrees, that the check of travel forgives.
-const TRAVEL_SLACK: f64 = 1e-6;
+pub(crate) const TRAVEL_SLACK: f64 = 1e-6;
 /// Cycles after a joint of exact-path mode in which its step shows in second and third differences.
 const JOINT_CYCLES: u32 = 3;
 
@@ -177,35 +177,26 @@ impl Guard {
     /// # Errors
     /// The first axis that is not.
     pub fn check_place(&self, position: &Axes) -> Result<(), Violation> {
-        for i in 0..AXES {
-            let (axis, value) = (AxisLetter::ALL[i], position[i]);
-            if !value.is_finite() {
-                return Err(Violation {
-                    axis,
-                    quantity: Quantity::Finite,
-                    value,
-                    limit: f64::NAN,
-                });
-            }
-            if self.limits.present[i] {
-                let (low, high) = (self.limits.travel_min[i], self.limits.travel_max[i]);
-                if value < low - TRAVEL_SLACK {
-                    return Err(Violation {
-                        axis,
-                        quantity: Quantity::Travel,
-                        value,
-                        limit: low,
-                    });
-                }
-                if value > high + TRAVEL_SLACK {
-                    return Err(Violation {
-                        axis,
-                        quantity: Quantity::Travel,
-                        value,
-                        limit: high,
-                    });
-                }
-            }
+        (0..AXES).try_for_each(|i| self.check_axis(i, position[i]))
+    }
+
+    /// The same of one axis. Real-time safe.
+    pub(crate) fn check_axis(&self, i: usize, value: f64) -> Result<(), Violation> {
+        let violation = |quantity, limit| Violation {
+            axis: AxisLetter::ALL[i],
+            quantity,
+            value,
+            limit,
+        };
+        if !value.is_finite() {
+            return Err(violation(Quantity::Finite, f64::NAN));
+        }
+        let (low, high) = (self.limits.travel_min[i], self.limits.travel_max[i]);
+        if self.limits.present[i] && value < low - TRAVEL_SLACK {
+            return Err(violation(Quantity::Travel, low));
+        }
+        if self.limits.present[i] && value > high + TRAVEL_SLACK {
+            return Err(violation(Quantity::Travel, high));
         }
         Ok(())
     }

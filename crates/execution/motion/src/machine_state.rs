@@ -118,11 +118,12 @@ impl MachineState {
     /// One setpoint at rest, or of axes that are stopping by themselves.
     pub fn rest(&mut self, state: State) -> Setpoint {
         if let Some(stop) = &mut self.quick_stop {
-            let jet = stop.advance(self.period);
+            let (jet, stands) = stop.advance_within(&self.guard, self.period);
             if stop.is_over() {
                 self.quick_stop = None;
             }
-            return self.publish(jet, State::Stopping, 0);
+            let bits = if stands { flags::GUARD } else { 0 };
+            return self.publish(jet, State::Stopping, bits);
         }
         let jet = Jet::at_rest(self.last.position);
         self.publish(jet, state, 0)

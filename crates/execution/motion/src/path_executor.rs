@@ -392,14 +392,10 @@ impl PathExecutor {
     }
 
     pub(crate) fn step_quick_stop(&mut self) -> Setpoint {
-        let mut jet = match &mut self.quick_stop {
-            Some(stop) => stop.advance(self.period),
+        let jet = match &mut self.quick_stop {
+            Some(stop) => stop.advance_within(&self.guard, self.period).0,
             None => self.last,
         };
-        // The travel is the last line; standing still is all that is left beyond it.
-        if self.guard.check_place(&jet.position).is_err() {
-            jet = Jet::at_rest(self.guard.past()[0]);
-        }
         self.guard.publish(&jet.position, false);
         // Where an emergency stop begins, if it comes now.
         self.last = jet;

@@ -4,7 +4,7 @@
 
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, MachineState, PathExecutor, QueueClosed, State, flags, plan_queue};
-use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind, PathMode};
+use evolvent_path::{AXES, Arc, Axes, Curve, Line, Move, MoveKind, PathMode, Plane, Sense};
 use evolvent_planner::{
     ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Run, ScalarLimits, Segment, SegmentMarks, Step,
 };
@@ -388,4 +388,131 @@ fn at_rest_the_line_is_that_of_the_step_that_is_waited_for() {
         (State::Done, 6, 1),
     ];
     assert_eq!(seen, expected);
+}
+
+/// Every axis stops by itself behind what was published: acceleration and jerk of X and Y as published, as multiples of their limits,
+/// and the greatest X.
+fn stopped_alone(
+    mut station: MachineState,
+    mut published: Vec<Axes>,
+    limits: &Limits,
+    rate: f64,
+) -> ([f64; 2], [f64; 2], f64) {
+    station.emergency();
+    while !station.is_at_rest() {
+        published.push(station.rest(State::Fault).position);
+        assert!(published.len() < 4000, "no end");
+    }
+    published.extend([station.position(); 3]);
+    let (mut acceleration, mut jerk) = ([0.0_f64; 2], [0.0_f64; 2]);
+    for four in published.windows(4) {
+        for axis in 0..2 {
+            let [d, c, b, a] = [0, 1, 2, 3].map(|i: usize| four[i][axis]);
+            let second = (a - 2.0 * b + c).abs() * rate.powi(2) / limits.acceleration[axis];
+            let third = (a - 3.0 * b + 3.0 * c - d).abs() * rate.powi(3) / limits.jerk[axis];
+            acceleration[axis] = acceleration[axis].max(second);
+            jerk[axis] = jerk[axis].max(third);
+        }
+    }
+    let farthest = published
+        .iter()
+        .map(|position| position[0])
+        .fold(f64::MIN, f64::max);
+    (acceleration, jerk, farthest)
+}
+
+#[test]
+fn an_emergency_stop_on_a_circle_that_touches_the_travel_stays_within_it_and_within_every_acceleration() {
+    for (period_ns, radius, beside) in [
+        (250_000, 10.0, 0.0),
+        (1_000_000, 10.0, 0.0),
+        (1_000_000, 30.0, 0.0),
+        (1_000_000, 30.0, 0.02),
+        (1_000_000, 2.0, 0.0),
+        (4_000_000, 10.0, 0.0),
+        (1_000_000, 10.0, 0.3),
+    ] {
+        let mut limits = one_axis(500.0, 2000.0, 50_000.0);
+        limits.travel_max[0] = radius + beside;
+        let mut start = Axes::zeros();
+        start[0] = -radius;
+        let arc = Arc::new(Plane::Xy, start, start, [0.0, 0.0], Sense::CounterClockwise, 1).expect("arc");
+        let circle = Move {
+            curve: Curve::Arc(arc),
+            kind: MoveKind::Feed,
+            feed_mm_s: 400.0,
+            path_mode: PathMode::ExactPath,
+        };
+        let what = format!("{period_ns} ns, radius {radius} mm, {beside} mm beside the edge");
+        let rate = 1e9 / period_ns as f64;
+        let (producer, mut queue) = plan_queue(|| true);
+        let mut planner = Planner::new(PathLimits::new(limits, rate, 0.01), RULES, producer);
+        planner.push(&circle, 1, 0).expect("within the travel");
+        planner.finish(2).expect("taken");
+        let mut motion = PathExecutor::new(limits, period_ns, start);
+        let mut station = MachineState::new(limits, period_ns, start);
+        assert!(station.attach(&mut motion));
+        let (mut most, mut least) = ([0.0_f64; 4], f64::MAX);
+        let mut past = vec![start; 3];
+        while !motion.is_over() {
+            let (acceleration, jerk, farthest) = stopped_alone(station, past.clone(), &limits, rate);
+            assert!(farthest <= limits.travel_max[0] + 1e-6, "{what}: {farthest}");
+            let found = [acceleration[0], acceleration[1], jerk[0], jerk[1]];
+            for (most, found) in most.iter_mut().zip(found) {
+                *most = most.max(found);
+            }
+            least = least.min(limits.travel_max[0] - farthest);
+            planner.poll().expect("taken");
+            let setpoint = motion.step(&Inputs::default(), &mut queue);
+            station.follow(&motion, &setpoint);
+            past = vec![past[1], past[2], setpoint.position];
+        }
+        println!("{what}: acceleration XY, jerk XY {most:.3?}, to within {least:.6} mm of the edge");
+        assert!(most[0] <= 1.001 && most[1] <= 1.001, "{what}: {most:?}");
+        assert!(most[3] <= 1.02, "{what}: {most:?}");
+        // The overshoot at the limit of jerk is A^3 / 24 J^2 = 0.133 mm: farther from the edge nothing is exceeded.
+        assert!(most[2] <= 1.02 || beside < 0.2, "{what}: {most:?}");
+    }
+}
+
+/// A plan that leads X out of its travel at full speed: nothing stops that axis before the edge but a step of its speed.
+#[test]
+fn where_a_plan_leads_one_axis_out_of_the_travel_the_others_finish_their_stops() {
+    let mut limits = one_axis(200.0, 2000.0, 50_000.0);
+    limits.travel_max[0] = 50.0;
+    let (mut end, start) = (Axes::zeros(), Axes::zeros());
+    (end[0], end[1]) = (100.0, 100.0);
+    let curve = Curve::Line(Line::new(start, end).expect("line"));
+    let diagonal = Segment {
+        curve,
+        length: curve.length(),
+        ..line(0.0, 1.0)
+    };
+    let scalar = ScalarLimits {
+        velocity: 200.0,
+        acceleration: 2000.0,
+        jerk: 50_000.0,
+    };
+    let mut queue = lie(&[diagonal], scalar, &[0.0]);
+    let mut motion = PathExecutor::new(limits, 1_000_000, start);
+    let mut published = vec![start; 3];
+    while !motion.is_over() {
+        published.push(motion.step(&Inputs::default(), &mut queue).position);
+        assert!(published.len() < 4000, "no end");
+    }
+    assert_eq!(
+        motion.fault().expect("fault").quantity,
+        evolvent_motion::Quantity::Travel
+    );
+    let last = published[published.len() - 1];
+    assert!(published.iter().all(|position| position[0] <= 50.0 + 1e-6));
+    assert!(last[0] > 49.0 && last[1] > 55.0, "{last}");
+    for four in published.windows(4) {
+        let [d, c, b, a] = [0, 1, 2, 3].map(|i: usize| four[i][1]);
+        let (second, third) = ((a - 2.0 * b + c) * 1e6, (a - 3.0 * b + 3.0 * c - d) * 1e9);
+        assert!(
+            second.abs() <= 2000.0 * 1.001 && third.abs() <= 50_000.0 * 1.02,
+            "{second} {third}"
+        );
+    }
 }
