@@ -9,7 +9,6 @@
 //! - Braking distance is *not* monotone in the final speed: from 100 it takes longer to reach 33 (with zero acceleration)
 //!   than to stop. As a function of the final speed it has one maximum, so a bisection between a final speed that fits and
 //!   one that does not finds the only crossing.
-//!   final speed that fits and one that does not finds the only crossing.
 
 use crate::change::{Change, SPARE_JERK, SPEED_ROUNDING, ScalarLimits, ScalarState, bisect};
 

@@ -6,7 +6,7 @@ use evolvent_motion::{State, TransferExecutor};
 use evolvent_path::{AXES, Axes, AxisMask};
 use evolvent_transfer::AxesState;
 
-use super::jog_intent::JogIntent;
+use super::jog_intent::{JogIntent, MIN_SPEED};
 use super::leaving::Away;
 use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
@@ -42,8 +42,10 @@ fn slowed(limits: &Limits, from: &AxesState, speed: &Axes) -> Limits {
     let present = from.unavoidable_speed(limits);
     for i in 0..AXES {
         if limits.present[i] {
-            // What moves faster than is wanted now may do so while it slows down.
-            slowed.velocity[i] = speed[i].max(1.0001 * present[i]).clamp(1e-3, limits.velocity[i]);
+            // What moves faster than is wanted now may do so while it slows down. An axis may be limited to less than the
+            // lowest speed, which `clamp` would not forgive.
+            let wanted = speed[i].max(1.0001 * present[i]).max(MIN_SPEED);
+            slowed.velocity[i] = wanted.min(limits.velocity[i]);
         }
     }
     slowed
@@ -451,5 +453,17 @@ pub(super) mod tests {
         let limits = limits_here(&machine(), &position, AxisMask::from_bits(0b110));
         assert_eq!((limits.travel_min[0], limits.travel_max[0]), (40.0, 1960.0));
         assert_eq!((limits.travel_min[1], limits.travel_max[1]), (-400.0, 401.0));
+    }
+
+    #[test]
+    fn an_axis_that_may_only_creep_is_slowed_to_no_more_than_its_maximum() {
+        let mut limits = machine();
+        limits.velocity[1] = 1e-6;
+        let from = AxesState::at_rest(Axes::zeros());
+        let slowed = slowed(&limits, &from, &Axes::zeros());
+        assert_eq!(
+            (slowed.velocity[0], slowed.velocity[1]),
+            (MIN_SPEED, limits.velocity[1])
+        );
     }
 }

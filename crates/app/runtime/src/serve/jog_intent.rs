@@ -12,7 +12,7 @@ pub(super) const USUAL_FRACTION: f64 = 0.2;
 /// Maximum distance of a jog without one, mm or degrees: a thousand turns of an unlimited rotary axis.
 const MAX_DISTANCE: f64 = 360_000.0;
 /// Lowest speed of a jog, mm/s or degrees/s.
-const MIN_SPEED: f64 = 1e-3;
+pub(super) const MIN_SPEED: f64 = 1e-3;
 
 /// What an axis is to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
