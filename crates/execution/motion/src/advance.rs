@@ -1,11 +1,12 @@
 //! One period along the plan.
 
 use evolvent_path::Jet;
-use evolvent_planner::{Outcome, Profile, Run, ScalarLimits, ScalarState, Segment, Step, TimedSegment};
+use evolvent_planner::{ScalarState, Segment, Step, TimedSegment};
 
-use crate::cursor::{ActiveMotion, Cursor, RunDrive};
+use crate::cursor::{ActiveMotion, Cursor};
 use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
+use crate::run_drive::{Pace, RunProgress};
 use crate::setpoint::Inputs;
 use crate::slowdown::Ahead;
 use crate::state::State;
@@ -34,12 +35,15 @@ impl PathExecutor {
     ) {
         let standing = self.stop_requested(cursor, inputs);
         let brake = standing || self.feed_override == 0.0;
+        let pace = Pace {
+            brake,
+            feed_override: self.feed_override,
+        };
         // A profile is solved once, and again only when something that it was solved for has changed.
-        if let ActiveMotion::Run(run) = &mut cursor.drive
+        if let ActiveMotion::Run(run) = &cursor.drive
             && (brake != run.braking || (changed && !brake))
         {
-            let (now, _) = run.profile.at(run.time);
-            run.solve(now, brake, self.feed_override, cursor.step, queue);
+            cursor.solve_run(pace, queue);
         }
         let mut left = match &mut cursor.slowdown {
             Some(slowdown) => {
@@ -54,17 +58,21 @@ impl PathExecutor {
         let rests = cursor.rest.passed;
         for _ in 0..MAX_PER_CYCLE {
             let goes_on = match cursor.drive {
-                ActiveMotion::Run(_) => match cursor.advance_run(&mut left) {
-                    None => false,
-                    Some(carried) => {
-                        self.enter(cursor, carried, brake, inputs, queue);
+                ActiveMotion::Run(_) => match cursor.advance_run(&mut left, queue) {
+                    RunProgress::Within => false,
+                    RunProgress::Levelled => {
+                        cursor.solve_run(pace, queue);
+                        true
+                    }
+                    RunProgress::Left(carried) => {
+                        self.enter(cursor, carried, pace, inputs, queue);
                         true
                     }
                 },
                 ActiveMotion::TimedSegment { .. } => cursor.advance_segment(&mut left, queue),
                 ActiveMotion::Still => match cursor.wait_at_rest(left, standing, rests) {
                     None => false,
-                    Some(from) => self.enter(cursor, from, brake, inputs, queue),
+                    Some(from) => self.enter(cursor, from, pace, inputs, queue),
                 },
             };
             if !goes_on {
@@ -88,7 +96,7 @@ impl PathExecutor {
         &mut self,
         cursor: &mut Cursor,
         from: ScalarState,
-        brake: bool,
+        pace: Pace,
         inputs: &Inputs,
         queue: &mut PlanConsumer,
     ) -> bool {
@@ -113,11 +121,11 @@ impl PathExecutor {
             return queue.look(false);
         };
         // A feed of zero keeps the axes where they are, and nothing else: a dwell, an output or a stop comes when it is its turn.
-        if at_rest && brake && step.begins_motion() {
+        if at_rest && pace.brake && step.begins_motion() {
             return false;
         }
         cursor.step = index;
-        self.enter_step(cursor, step, (from, is_final), brake, inputs, queue)
+        self.enter_step(cursor, step, (from, is_final), pace, inputs, queue)
     }
 
     /// From state `from`, `is_final` if the step cannot change any more.
@@ -126,26 +134,19 @@ impl PathExecutor {
         cursor: &mut Cursor,
         step: Step,
         (from, is_final): (ScalarState, bool),
-        brake: bool,
+        pace: Pace,
         inputs: &Inputs,
-        queue: &PlanConsumer,
+        queue: &mut PlanConsumer,
     ) -> bool {
         match step {
             Step::Run(run) => {
                 cursor.starved = !is_final;
                 cursor.rest.position = None;
-                cursor.drive = ActiveMotion::Run(RunDrive::new(
-                    &run,
-                    from,
-                    brake,
-                    self.feed_override,
-                    cursor.step,
-                    queue,
-                ));
+                cursor.enter_run(&run, from, pace, queue);
             }
             Step::TimedSegment(flow) => {
                 // A stop within a piece, or a plan for another override: both are replaced before anything moves.
-                if cursor.slowdown.is_some() || !self.plan_fits(cursor.step, brake) {
+                if cursor.slowdown.is_some() || !self.plan_fits(cursor.step, pace.brake) {
                     self.rest_step = Some(step);
                     return false;
                 }
@@ -211,9 +212,7 @@ impl PathExecutor {
         }
         let still = match &cursor.drive {
             ActiveMotion::Still => true,
-            ActiveMotion::Run(run) => {
-                run.profile.at(run.time).0.v == 0.0 && run.profile.outcome() == Outcome::Rests
-            }
+            ActiveMotion::Run(run) => run.rests(),
             ActiveMotion::TimedSegment { .. } => false,
         };
         cursor.state = if self.stop {
@@ -306,29 +305,6 @@ impl PathExecutor {
 }
 
 impl Cursor {
-    /// Drives a run for the time that is left of the period; the state at its end, where it comes to it.
-    fn advance_run(&mut self, left: &mut f64) -> Option<ScalarState> {
-        let ActiveMotion::Run(run) = &mut self.drive else {
-            return None;
-        };
-        let rest = run.profile.duration() - run.time;
-        if *left < rest || run.profile.outcome() == Outcome::Rests {
-            run.time = (run.time + *left).min(run.profile.duration());
-            return None;
-        }
-        *left -= rest.max(0.0);
-        let (end, length) = (run.profile.end(), run.length);
-        self.step += 1;
-        self.travelled += length;
-        self.segment_start -= length;
-        self.drive = ActiveMotion::Still;
-        self.rest.x = end.x - length;
-        Some(ScalarState {
-            x: self.rest.x,
-            ..end
-        })
-    }
-
     /// Drives a piece of a time law for the time that is left of the period; whether another one follows in it.
     fn advance_segment(&mut self, left: &mut f64, queue: &mut PlanConsumer) -> bool {
         let ActiveMotion::TimedSegment { flow, time } = &mut self.drive else {
@@ -402,49 +378,6 @@ impl Cursor {
         self.drive = ActiveMotion::Still;
         self.rest.x = flow.piece.length;
         self.travelled = flow.path + flow.piece.length;
-    }
-}
-
-impl RunDrive {
-    fn new(
-        run: &Run,
-        from: ScalarState,
-        brake: bool,
-        feed_override: f64,
-        step: u64,
-        queue: &PlanConsumer,
-    ) -> Self {
-        let mut drive = Self {
-            length: run.length,
-            limits: run.limits,
-            feed_u_s: run.feed_u_s,
-            profile: Profile::at_rest(from.x),
-            time: 0.0,
-            braking: brake,
-        };
-        drive.solve(from, brake, feed_override, step, queue);
-        drive
-    }
-
-    fn solve(&mut self, from: ScalarState, brake: bool, feed_override: f64, step: u64, queue: &PlanConsumer) {
-        let exits = queue.exit(step);
-        self.profile = if brake {
-            Profile::brake(from, self.length, exits.doubled, &self.limits)
-        } else {
-            let limits = ScalarLimits {
-                velocity: self.limits.velocity.min(self.feed_u_s * feed_override),
-                ..self.limits
-            };
-            Profile::solve(
-                from,
-                self.length,
-                exits.at_override(feed_override),
-                exits.doubled,
-                &limits,
-            )
-        };
-        self.braking = brake;
-        self.time = 0.0;
     }
 }
 

@@ -1,8 +1,9 @@
 //! Where the cycle is in the plan.
 
 use evolvent_path::Axes;
-use evolvent_planner::{Profile, ScalarLimits, ScalarState, TimedSegment};
+use evolvent_planner::{ScalarState, TimedSegment};
 
+use crate::run_drive::RunDrive;
 use crate::slowdown::Slowdown;
 use crate::state::State;
 use crate::takeover::Takeover;
@@ -16,19 +17,6 @@ pub(crate) enum ActiveMotion {
     Run(RunDrive),
     /// A piece of the near-optimal planner's law, `time` seconds after its start.
     TimedSegment { flow: TimedSegment, time: f64 },
-}
-
-/// A run and the profile that was solved for it.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct RunDrive {
-    pub(crate) length: f64,
-    pub(crate) limits: ScalarLimits,
-    pub(crate) feed_u_s: f64,
-    pub(crate) profile: Profile,
-    /// Seconds since the profile's start.
-    pub(crate) time: f64,
-    /// The profile was solved for braking.
-    pub(crate) braking: bool,
 }
 
 /// Where and why the axes are at rest.
@@ -56,6 +44,8 @@ pub(crate) struct Cursor {
     pub(crate) step: u64,
     /// Segment in which the axes are.
     pub(crate) segment: u64,
+    /// The first segment of the run that drives, or of the next one.
+    pub(crate) run_segment: u64,
     /// Parameter of the drive (0 where it starts) at which that segment starts.
     pub(crate) segment_start: f64,
     /// Segment of the present or last piece, and the piece's start in it.
@@ -84,6 +74,7 @@ impl Cursor {
             drive: ActiveMotion::Still,
             step: 0,
             segment: 0,
+            run_segment: 0,
             segment_start: 0.0,
             piece_at: None,
             mark: 0,
@@ -111,7 +102,7 @@ impl Cursor {
                 let x = self.rest.x;
                 (ScalarState { x, v: 0.0, a: 0.0 }, 0.0)
             }
-            ActiveMotion::Run(run) => run.profile.at(run.time),
+            ActiveMotion::Run(run) => run.now(),
             ActiveMotion::TimedSegment { flow, time } => {
                 let (now, jerk) = flow.piece.law.at(*time);
                 match &self.slowdown {

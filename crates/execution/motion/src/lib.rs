@@ -82,6 +82,7 @@ mod queue;
 mod quick_stop;
 mod replan;
 mod replay;
+mod run_drive;
 mod scale;
 mod setpoint;
 mod slowdown;

@@ -451,10 +451,15 @@ impl PlanConsumer {
     /// all up to a wait for an input, or the plan is complete.
     #[must_use]
     pub fn has_final_ahead(&self, index: u64) -> bool {
+        self.has_final(index, STEPS_AHEAD)
+    }
+
+    /// The same of the next `count` steps.
+    pub(crate) fn has_final(&self, index: u64, count: u64) -> bool {
         let committed = self.table.committed.load(Ordering::Acquire);
         let waits_at = self.table.waits_at.load(Ordering::Acquire);
         let up_to_wait = committed >= waits_at && waits_at > index;
-        committed >= index + STEPS_AHEAD || up_to_wait || self.is_complete()
+        committed >= index + count || up_to_wait || self.is_complete()
     }
 
     /// Whether everything up to the program's end is final.

@@ -3,6 +3,7 @@
 mod common;
 
 mod allocation;
+mod classic_holds;
 mod determinism;
 mod excursions;
 mod faults;

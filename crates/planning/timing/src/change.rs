@@ -52,9 +52,17 @@ impl ScalarState {
         }
     }
 
-    /// Speed after the acceleration is brought to zero at once, with jerk limit `jerk`.
-    pub(crate) fn relaxed_speed(self, jerk: f64) -> f64 {
+    /// Speed after the acceleration is brought to zero at once, with jerk limit `jerk`. Below 0 a stop would run backwards. Real-time
+    /// safe.
+    #[must_use]
+    pub fn relaxed_speed(self, jerk: f64) -> f64 {
         self.v + self.a * self.a.abs() / (2.0 * jerk)
+    }
+
+    /// Distance of the fastest stop. Real-time safe.
+    #[must_use]
+    pub fn stopping_distance(self, limits: &ScalarLimits) -> f64 {
+        Change::new(self, 0.0, limits).distance
     }
 }
 

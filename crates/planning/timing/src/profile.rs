@@ -145,6 +145,39 @@ impl Profile {
         Self::last_resort(from, remaining, allowed, limits)
     }
 
+    /// Brings the acceleration to zero as fast as the jerk limit permits, and ends there. Real-time safe.
+    #[must_use]
+    pub fn level_off(from: ScalarState, limits: &ScalarLimits) -> Self {
+        Self::change(from, from.relaxed_speed(limits.jerk).max(0.0), limits)
+    }
+
+    /// The position from which on the speed is at most `speed`: negative infinity where it always is, infinity where it is higher at the
+    /// end. Real-time safe.
+    #[must_use]
+    pub fn falls_below(&self, speed: f64) -> f64 {
+        if self.exit_speed > speed {
+            return f64::INFINITY;
+        }
+        let mut position = if self.start.v > speed {
+            f64::INFINITY
+        } else {
+            f64::NEG_INFINITY
+        };
+        for (state, time, jerk) in self.phase_states() {
+            let above = state.v - speed;
+            // The later root of a speed that falls through it; none is not a number.
+            let at = if jerk == 0.0 {
+                -above / state.a
+            } else {
+                (-state.a - (state.a * state.a - 2.0 * jerk * above).sqrt()) / jerk
+            };
+            if (0.0..=time).contains(&at) && state.a + jerk * at <= 0.0 {
+                position = state.after(at, jerk).x;
+            }
+        }
+        position
+    }
+
     /// The fastest change to a speed, with zero acceleration at its end.
     pub(crate) fn change(from: ScalarState, speed: f64, limits: &ScalarLimits) -> Self {
         Self::one_change(from, f64::NAN, speed, limits, Outcome::Exits)
@@ -502,6 +535,58 @@ mod tests {
                 solved <= best * (1.0 + 1e-9),
                 "{entry} -> {exit} over {length}: {solved} > {best}"
             );
+        }
+    }
+
+    #[test]
+    fn a_profile_is_below_a_speed_from_where_it_says_on() {
+        let seed = 0x5eed_0005;
+        println!("seed {seed:#x}");
+        let mut random = Random::from_state(seed);
+        for case in 0..5000 {
+            let limits = ScalarLimits {
+                velocity: random.log(1.0, 1000.0),
+                acceleration: random.log(10.0, 1e5),
+                jerk: random.log(1e2, 1e7),
+            };
+            let plan = Profile::solve(ScalarState::default(), random.log(0.01, 300.0), 0.0, 0.0, &limits);
+            let moment = plan.at(plan.duration() * random.unit()).0;
+            let profile = if case % 2 == 0 {
+                Profile::brake(moment, f64::INFINITY, 0.0, &limits)
+            } else {
+                Profile::level_off(moment, &limits)
+            };
+            let end = profile.end();
+            if case % 2 == 1 {
+                let relaxed = moment.relaxed_speed(limits.jerk);
+                assert!(
+                    (end.v - relaxed).abs() <= 1e-9 * limits.velocity,
+                    "{case}: {end:?}"
+                );
+            }
+            let peak = moment.v.max(moment.relaxed_speed(limits.jerk));
+            let speed = peak * 1.1 * random.unit();
+            let from = profile.falls_below(speed);
+            let slack = 1e-6 * peak;
+            for part in 0..=400 {
+                let now = profile.at(profile.duration() * f64::from(part) / 400.0).0;
+                assert!(
+                    now.x < from || now.v <= speed + slack,
+                    "{case}: {now:?}, {speed} from {from}"
+                );
+            }
+            // And not from before on.
+            if from.is_finite() && from > 0.0 {
+                let fast = (0..=4000).map(|part| profile.at(profile.duration() * f64::from(part) / 4000.0).0);
+                let last = fast
+                    .filter(|now| now.v > speed)
+                    .map(|now| now.x)
+                    .fold(0.0, f64::max);
+                assert!(
+                    last >= from - 0.002 * (end.x - moment.x) - 1e-9,
+                    "{case}: {last}, {from}"
+                );
+            }
         }
     }
 
