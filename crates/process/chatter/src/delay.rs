@@ -7,18 +7,23 @@
 //! ```
 //!
 //! with `r` the sum of the modes along each direction. What happened in one period determines the next by a linear
-//! map; the cut is stable where all its eigenvalues, the multipliers, lie within the unit circle. Two ways to compute
-//! them:
+//! map; the cut is stable where all its eigenvalues, the multipliers, lie within the unit circle.
+//!
+//! [`MillingDelay::limit`] finds them as zeros of a characteristic function, with effort for every wave in the cut; it
+//! says where that is too much. Two other ways compute the largest one, for comparison:
 //!
 //! - collocation at Chebyshev's points between entries and exits of teeth, exact between cuts: the error falls faster
-//!   than any power of the number of points ([`MillingDelay::collocation`]);
+//!   than any power of the number of points, from about three a wave on ([`MillingDelay::collocation`]);
 //! - semi-discretisation (T. Insperger, G. Stepan, "Updated semi-discretization method for periodic delay-differential
 //!   equations with discrete delay", 2004): coefficients constant over a step, the delayed value the mean of two, exact
 //!   within it ([`MillingDelay::semi_discretisation`]); its error falls with the square of the step.
 
 use nalgebra::{Complex, DMatrix, DVector, Dyn, LU, Schur};
 
+mod characteristic;
+mod elements;
 mod kind;
+mod limit;
 
 use crate::error::{ChatterError, number};
 use crate::lobe::{Lobes, Milling, Mode, Turning};
@@ -166,8 +171,8 @@ impl MillingDelay {
         }
     }
 
-    /// Degree of the polynomials that makes the multipliers good to about 1e-9: 24, and more the more waves a stretch
-    /// holds.
+    /// Degree of the polynomials that makes the multipliers of collocation good to about 1e-9: 24, and more the more
+    /// waves a stretch holds; more than [`MillingDelay::collocation`] takes from 80 waves on.
     #[must_use]
     pub fn degree(&self) -> usize {
         let fastest = self
@@ -181,7 +186,7 @@ impl MillingDelay {
             .map(|stretch| stretch.end - stretch.start)
             .fold(0.0, f64::max);
         let radians = std::f64::consts::TAU * fastest * longest;
-        (24.0 + 0.75 * radians).min(400.0) as usize
+        (24.0 + 0.75 * radians) as usize
     }
 
     /// Largest multiplier, in magnitude, at a depth in m, by collocation with polynomials of the given degree (4 to
@@ -205,68 +210,6 @@ impl MillingDelay {
         number("depth in m", depth_m, 0.0, 10.0)?;
         number("steps", steps as f64, 4.0, 2000.0)?;
         Ok(leading(&SemiDiscretisation::new(self, depth_m, steps)).norm())
-    }
-
-    /// The smallest depth in m, up to `most_m`, from which on the cut chatters, to 1e-7 of it; None where none does.
-    ///
-    /// Depths are tried upwards in steps of 8 %, so an unstable island that is narrower may be missed.
-    ///
-    /// # Errors
-    /// A depth out of range.
-    pub fn limit(&self, most_m: f64) -> Result<Option<f64>, ChatterError> {
-        number("depth in m", most_m, 1e-7, 10.0)?;
-        let degree = self.degree();
-        let above = |depth: f64| Ok::<_, ChatterError>(self.collocation(depth, degree)? - 1.0);
-        let (mut low, mut below) = (0.0, 0.0);
-        let mut high = 1e-3 * most_m;
-        loop {
-            let value = above(high)?;
-            if value > 0.0 {
-                return self.narrowed(low, below, high, value, degree).map(Some);
-            }
-            if high >= most_m {
-                return Ok(None);
-            }
-            (low, below) = (high, value);
-            high = (high * 1.08).min(most_m);
-        }
-    }
-
-    /// Illinois' variant of the false position.
-    fn narrowed(
-        &self,
-        mut low: f64,
-        mut below: f64,
-        mut high: f64,
-        mut above: f64,
-        degree: usize,
-    ) -> Result<f64, ChatterError> {
-        let mut last = 0;
-        for _ in 0..80 {
-            let middle = if below < 0.0 {
-                (low * above - high * below) / (above - below)
-            } else {
-                0.5 * (low + high)
-            };
-            let value = self.collocation(middle, degree)? - 1.0;
-            if value > 0.0 {
-                (high, above) = (middle, value);
-                if last == 1 {
-                    below *= 0.5;
-                }
-                last = 1;
-            } else {
-                (low, below) = (middle, value);
-                if last == -1 {
-                    above *= 0.5;
-                }
-                last = -1;
-            }
-            if high - low <= 1e-7 * high || value.abs() < 1e-11 {
-                return Ok(middle);
-            }
-        }
-        Ok(0.5 * (low + high))
     }
 
     fn states(&self) -> usize {

@@ -54,6 +54,30 @@ pub enum ChatterError {
         /// Steps taken.
         steps: usize,
     },
+    /// The delay equation takes too long.
+    #[error(
+        "the delay equation is not solved: {waves:.0} waves of the fastest mode pass while a tooth cuts; give a higher speed, or take the zero order"
+    )]
+    TooManyWaves {
+        /// Waves of the fastest mode in the cut of one tooth period.
+        waves: f64,
+    },
+    /// The limit of the delay equation is not certain.
+    #[error(
+        "the delay equation has no certain limit: {waves:.0} waves of the fastest mode pass while a tooth cuts, and a finer computation differs; take the zero order"
+    )]
+    Unresolved {
+        /// Waves of the fastest mode in the cut of one tooth period.
+        waves: f64,
+    },
+    /// The limit of the delay equation means nothing.
+    #[error(
+        "the delay equation has no limit of use: below it a disturbance may grow {growth:.0e} times before it dies out; give a higher speed"
+    )]
+    Growth {
+        /// A bound of it.
+        growth: f64,
+    },
     /// Newton's method found no cycle near the given one.
     #[error("no cycle near {amplitude_mm:.4} mm and {frequency_hz:.2} Hz: give more harmonics")]
     NoCycle {

@@ -11,8 +11,8 @@
 //!
 //! **Regenerative chatter**, in which the tool cuts the waves of the revolution or the tooth before. [`Turning`] and
 //! [`Milling`] from measured [`Mode`]s give stability [`Lobes`] in the frequency domain; [`MillingDelay`] gives the
-//! exact multipliers of the delay equation, by collocation or semi-discretisation, and whether a limit is one of period
-//! doubling or of a vibration of its own, with its frequency ([`Chatter`]).
+//! limits and multipliers of the delay equation, and whether a limit is one of period doubling or of a vibration of its
+//! own, with its frequency ([`Chatter`]).
 //!
 //! The first knows no delay, so it predicts no lobes; the second is linear, so it predicts no amplitude.
 //!

@@ -524,3 +524,224 @@ fn the_chatter_frequency_of_turning_is_that_of_its_limit() {
         near(chatter.frequency_hz, limit.frequency_hz, 1e-6, "frequency");
     }
 }
+
+/// The mill of [`insperger`] with another natural frequency.
+fn mill_of(frequency_hz: f64, immersion: f64) -> Milling {
+    let mode = Mode {
+        frequency_hz,
+        damping_ratio: 0.011,
+        stiffness_n_m: 1_340_049.648_050_748_5,
+    };
+    let cut = MillingCut {
+        teeth: 2,
+        entry_deg: 0.0,
+        exit_deg: 180.0,
+        tangential_n_m2: 6e8,
+        radial_n_m2: 2e8,
+    };
+    Milling::new(cut.with_immersion(immersion, true), &[mode], &[]).unwrap()
+}
+
+/// What a kick to [`mill_of`] grows by from tooth to tooth, in the mean of the last half of so many teeth: the delay
+/// equation in fixed steps of 1/60 wave.
+fn growth(frequency_hz: f64, immersion: f64, rpm: f64, depth_m: f64, teeth: usize) -> f64 {
+    let omega = std::f64::consts::TAU * frequency_hz;
+    let stiffness = 1_340_049.648_050_748_5;
+    let entry = f64::acos(2.0 * immersion - 1.0);
+    let tooth_s = 30.0 / rpm;
+    let steps = (tooth_s * frequency_hz * 60.0).ceil() as usize;
+    let h = tooth_s / steps as f64;
+    let drive = |part: f64| {
+        let angle = entry + std::f64::consts::PI * part;
+        if angle > std::f64::consts::PI {
+            return 0.0;
+        }
+        let (c, s) = (f64::cos(angle), f64::sin(angle));
+        depth_m * (6e8 * c + 2e8 * s) * s * omega * omega / stiffness
+    };
+    let mut past: Vec<f64> = (0..=steps).map(|k| f64::cos(omega * k as f64 * h)).collect();
+    let (mut q, mut v) = (1.0, 0.0);
+    let mut sizes = Vec::new();
+    for _ in 0..teeth {
+        let mut now = Vec::with_capacity(steps + 1);
+        for k in 0..steps {
+            now.push(q);
+            let between = if k > 0 && k + 2 <= steps {
+                (9.0 * (past[k] + past[k + 1]) - past[k - 1] - past[k + 2]) / 16.0
+            } else {
+                0.5 * (past[k] + past[k + 1])
+            };
+            let [first, middle, last] = [0.0, 0.5, 1.0].map(|part| drive((k as f64 + part) / steps as f64));
+            let rate = |drive: f64, old: f64, q: f64, v: f64| {
+                (
+                    v,
+                    -omega * omega * q - 2.0 * 0.011 * omega * v - drive * (q - old),
+                )
+            };
+            let a = rate(first, past[k], q, v);
+            let b = rate(middle, between, q + 0.5 * h * a.0, v + 0.5 * h * a.1);
+            let c = rate(middle, between, q + 0.5 * h * b.0, v + 0.5 * h * b.1);
+            let d = rate(last, past[k + 1], q + h * c.0, v + h * c.1);
+            q += h / 6.0 * (a.0 + 2.0 * (b.0 + c.0) + d.0);
+            v += h / 6.0 * (a.1 + 2.0 * (b.1 + c.1) + d.1);
+        }
+        now.push(q);
+        sizes.push(now.iter().fold(0.0_f64, |most, q| most.max(q.abs())));
+        past = now;
+    }
+    let half = teeth / 2;
+    (sizes[teeth - 1] / sizes[half - 1]).powf(1.0 / (teeth - half) as f64)
+}
+
+/// A kick dies out below the limit and grows above it, however many waves a tooth cuts.
+#[test]
+fn limits_with_many_waves_in_the_cut_are_those_of_a_simulation() {
+    for (frequency_hz, immersion, rpm, waves) in [
+        (4000.0, 1.0, 2000.0, 60.0),
+        (4000.0, 1.0, 1000.0, 120.0),
+        (4000.0, 1.0, 700.0, 171.0),
+        (4000.0, 1.0, 500.0, 240.0),
+        (3000.0, 0.5, 300.0, 150.0),
+        (922.0, 0.5, 100.0, 138.0),
+        (4000.0, 0.1, 500.0, 49.0),
+    ] {
+        let milling = mill_of(frequency_hz, immersion);
+        let exit = milling.cut().exit_deg - milling.cut().entry_deg;
+        let held = frequency_hz * exit / 6.0 / rpm;
+        assert!((held - waves).abs() < 1.0, "{held} waves");
+        let limit = MillingDelay::milling(&milling, rpm)
+            .unwrap()
+            .limit(5e-3)
+            .unwrap()
+            .unwrap();
+        let [below, above] =
+            [0.985, 1.015].map(|part| growth(frequency_hz, immersion, rpm, part * limit, 120));
+        assert!(
+            below < 0.995 && above > 1.005,
+            "{waves} waves, {rpm} rpm: limit {} mm, growth {below} below and {above} above",
+            1e3 * limit
+        );
+    }
+}
+
+/// Collocation shares no formula with the limit but the factors of the force: there its largest multiplier is 1.
+#[test]
+fn at_limits_of_random_mills_the_multiplier_of_collocation_is_one() {
+    let (mut random, cases) = campaign(0x0c4a_0013, 24);
+    let mut limits = 0;
+    for _ in 0..cases {
+        let mut modes = |most: usize| -> Vec<Mode> {
+            let count = random.below(most + 1);
+            (0..count)
+                .map(|_| Mode {
+                    frequency_hz: random.between(300.0, 1500.0),
+                    damping_ratio: random.between(0.005, 0.06),
+                    stiffness_n_m: random.between(2e6, 5e7),
+                })
+                .collect()
+        };
+        let (mut x, y) = (modes(2), modes(2));
+        if x.is_empty() && y.is_empty() {
+            x = modes(1);
+        }
+        if x.is_empty() && y.is_empty() {
+            continue;
+        }
+        let cut = MillingCut {
+            teeth: 1 + random.below(6) as u32,
+            entry_deg: 0.0,
+            exit_deg: 180.0,
+            tangential_n_m2: random.between(4e8, 2e9),
+            radial_n_m2: random.between(1e8, 6e8),
+        };
+        let cut = cut.with_immersion(random.between(0.03, 1.0), random.below(2) == 0);
+        let milling = Milling::new(cut, &x, &y).unwrap();
+        let rpm = random.between(2000.0, 20_000.0);
+        let delay = MillingDelay::milling(&milling, rpm).unwrap();
+        let Some(limit) = delay.limit(0.02).unwrap() else {
+            continue;
+        };
+        limits += 1;
+        let what = format!("{milling:?}, {rpm} rpm, {limit} m");
+        let degree = delay.degree();
+        near(delay.collocation(limit, degree).unwrap(), 1.0, 2e-6, &what);
+        for part in [0.3, 0.7, 0.9, 0.97] {
+            assert!(
+                delay.collocation(part * limit, degree).unwrap() < 1.0,
+                "{part}: {what}"
+            );
+        }
+        assert!(delay.collocation(1.01 * limit, degree).unwrap() > 1.0, "{what}");
+    }
+    assert!(limits >= cases / 2, "{limits} limits");
+}
+
+/// A disturbance grows before it dies out, the more waves the more; the bound is one.
+#[test]
+fn growth_below_the_limit_is_bounded() {
+    for (rpm, depth_mm, least) in [(2000.0, 0.313, 4.0), (1000.0, 0.323, 300.0), (500.0, 0.311, 1e6)] {
+        let delay = MillingDelay::milling(&mill_of(4000.0, 1.0), rpm).unwrap();
+        // What a kick grew to in a simulation, teeth after it.
+        let bound = delay.growth(1e-3 * depth_mm).unwrap();
+        assert!((least..100.0 * least).contains(&bound), "{rpm} rpm: {bound}");
+    }
+}
+
+/// No limit rather than a wrong one, and soon.
+#[test]
+fn cuts_with_too_many_waves_have_no_limit_of_the_delay_equation() {
+    let milling = mill_of(4000.0, 1.0);
+    for rpm in [1.0, 10.0, 100.0, 200.0, 300.0] {
+        let refused = MillingDelay::milling(&milling, rpm).unwrap().limit(5e-3);
+        assert!(
+            matches!(
+                refused,
+                Err(ChatterError::TooManyWaves { .. } | ChatterError::Unresolved { .. })
+            ),
+            "{rpm} rpm: {refused:?}"
+        );
+    }
+    // Most of the period is free: what a tooth leaves grows from tooth to tooth until it has moved out of the cut.
+    let small = MillingDelay::milling(&mill_of(4000.0, 0.1), 200.0).unwrap();
+    assert!(matches!(small.limit(5e-3), Err(ChatterError::Growth { growth }) if growth > 1e12));
+    let delay = MillingDelay::milling(&milling, 1000.0).unwrap();
+    assert!(delay.collocation(1e-4, delay.degree()).is_err());
+}
+
+/// An island of chatter from 0.966 to 0.985 of the depth from which on all is chatter: its largest multiplier is 1.0037.
+#[test]
+fn a_narrow_island_of_chatter_is_found() {
+    let cut = MillingCut {
+        teeth: 4,
+        entry_deg: 98.217_010_733_452_71,
+        exit_deg: 180.0,
+        tangential_n_m2: 707_293_826.831_111_4,
+        radial_n_m2: 234_123_545.254_109_56,
+    };
+    let mode = |frequency_hz, damping_ratio, stiffness_n_m| Mode {
+        frequency_hz,
+        damping_ratio,
+        stiffness_n_m,
+    };
+    let x = [mode(
+        1_464.295_004_083_099,
+        0.036_784_636_442_947_9,
+        2.322_273_857_743_167e7,
+    )];
+    let y = [mode(
+        1_259.213_200_233_093_2,
+        0.044_652_427_410_923_304,
+        2_040_343.856_900_309,
+    )];
+    let milling = Milling::new(cut, &x, &y).unwrap();
+    let delay = MillingDelay::milling(&milling, 17_479.394_701_001_22).unwrap();
+    let limit = delay.limit(0.02).unwrap().unwrap();
+    assert!((3.510e-3..3.536e-3).contains(&limit), "{limit}");
+    // Two multipliers that meet on the real axis and part again.
+    for k in 0..=20 {
+        let depth = 3.643_814_577_581_661e-3 * (0.80 + 0.01 * f64::from(k));
+        let expected = delay.collocation(depth, 40).unwrap();
+        let multiplier = delay.multiplier(depth).unwrap().unwrap();
+        near(multiplier.norm(), expected, 1e-6, "multiplier");
+    }
+}

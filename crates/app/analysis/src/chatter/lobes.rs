@@ -9,6 +9,11 @@ use crate::figure::svg::{Anchor, Svg};
 /// Limits of period doubling.
 const FLIP: &str = "#8a3ffc";
 
+/// Complex multiplications for the limits of a diagram, at most: about half a minute.
+const MAX_WORK: f64 = 1.5e10;
+/// Bound of the growth of a disturbance below the limit from which on a note says so.
+const NOTED_GROWTH: f64 = 1000.0;
+
 /// The lobes of turning or milling.
 pub(crate) struct LobeAnswer {
     /// "turning" or "milling".
@@ -22,6 +27,8 @@ pub(crate) struct LobeAnswer {
     pub(crate) most_m: f64,
     /// Whether the delay equation was solved.
     pub(crate) exact: bool,
+    /// Where the delay equation has no limit, and why; where it says little.
+    pub(crate) notes: Vec<String>,
     pub(crate) assumptions: Vec<String>,
 }
 
@@ -31,8 +38,19 @@ pub(crate) struct LobePoint {
     pub(crate) speed_rpm: f64,
     /// From the frequency domain.
     pub(crate) quick: Option<Limit>,
-    /// From the delay equation: depth, m, and the kind of chatter there.
-    pub(crate) exact: Option<(f64, Chatter)>,
+    /// From the delay equation.
+    pub(crate) exact: ExactLimit,
+}
+
+/// What the delay equation says at a spindle speed.
+#[derive(Clone, Copy)]
+pub(crate) enum ExactLimit {
+    /// Not solved: not requested, or see the notes.
+    Unknown,
+    /// No depth up to the maximum chatters.
+    Beyond,
+    /// Depth, m, the kind of chatter there, and a bound of what a disturbance grows by below it.
+    At(f64, Chatter, f64),
 }
 
 impl LobePoint {
@@ -40,22 +58,34 @@ impl LobePoint {
         self.quick.map(|limit| limit.depth_m)
     }
 
+    /// The limit of the delay equation, m.
     fn exact_m(&self) -> Option<f64> {
-        self.exact.map(|(depth, _)| depth)
+        match self.exact {
+            ExactLimit::At(depth, ..) => Some(depth),
+            ExactLimit::Unknown | ExactLimit::Beyond => None,
+        }
+    }
+
+    /// Whether the delay equation decides; else the frequency domain does.
+    pub(crate) fn is_exact(&self) -> bool {
+        !matches!(self.exact, ExactLimit::Unknown)
     }
 
     /// The decisive limit, m.
-    pub(crate) fn limit_m(&self, exact: bool) -> Option<f64> {
-        if exact { self.exact_m() } else { self.quick_m() }
+    pub(crate) fn limit_m(&self) -> Option<f64> {
+        if self.is_exact() {
+            self.exact_m()
+        } else {
+            self.quick_m()
+        }
     }
 
     /// Kind and frequency, Hz, of the decisive limit. The frequency domain yields only Hopf limits.
-    pub(crate) fn chatter(&self, exact: bool) -> Option<(ChatterKind, f64)> {
-        if exact {
-            self.exact
-                .map(|(_, chatter)| (chatter.kind, chatter.frequency_hz))
-        } else {
-            self.quick.map(|limit| (ChatterKind::Hopf, limit.frequency_hz))
+    pub(crate) fn chatter(&self) -> Option<(ChatterKind, f64)> {
+        match self.exact {
+            ExactLimit::At(_, chatter, _) => Some((chatter.kind, chatter.frequency_hz)),
+            ExactLimit::Beyond => None,
+            ExactLimit::Unknown => self.quick.map(|limit| (ChatterKind::Hopf, limit.frequency_hz)),
         }
     }
 }
@@ -106,22 +136,36 @@ fn answer(
         .clamp(1e-6, 1.0);
     let [from, to] = case.lobes.speed_rpm;
     let last = (case.lobes.points - 1) as f64;
-    let point = |k: usize| {
-        let rpm = from + (to - from) * k as f64 / last;
-        let exact = if exact {
-            let delay = delay(rpm)?;
-            match delay.limit(most_m)? {
-                Some(depth) => Some((depth, delay.chatter(depth)?)),
-                None => None,
+    let rpm_of = |k: usize| from + (to - from) * k as f64 / last;
+    // Slow speeds take longest: the budget goes to the others first.
+    let mut least_rpm = f64::INFINITY;
+    if exact {
+        let mut left = MAX_WORK;
+        for k in (0..case.lobes.points).rev() {
+            left -= delay(rpm_of(k))?.limit_work();
+            if left < 0.0 {
+                break;
             }
+            least_rpm = rpm_of(k);
+        }
+    }
+    let point = |k: usize| {
+        let rpm = rpm_of(k);
+        let solved = if !exact {
+            Ok(ExactLimit::Unknown)
+        } else if rpm < least_rpm {
+            Err(NoLimit::Budget)
         } else {
-            None
+            exact_limit(&delay(rpm)?, most_m)?
         };
-        Ok::<_, ChatterError>(LobePoint {
-            speed_rpm: rpm,
-            quick: lobes.limit_at(rpm),
-            exact,
-        })
+        Ok::<_, ChatterError>((
+            LobePoint {
+                speed_rpm: rpm,
+                quick: lobes.limit_at(rpm),
+                exact: solved.as_ref().copied().unwrap_or(ExactLimit::Unknown),
+            },
+            solved.err(),
+        ))
     };
     // Two threads take interleaved halves, so that both take the same time.
     let count = case.lobes.points;
@@ -131,13 +175,16 @@ fn answer(
         (every_second(0), other.join().unwrap_or_default())
     });
     let mut points = Vec::with_capacity(count);
+    let mut missing = Vec::new();
     let mut odd = odd.into_iter();
     for point in even {
-        points.push(point?);
-        if let Some(point) = odd.next() {
-            points.push(point?);
+        for point in [Some(point), odd.next()].into_iter().flatten() {
+            let (point, reason) = point?;
+            missing.extend(reason.map(|reason| (point.speed_rpm, reason)));
+            points.push(point);
         }
     }
+    let notes = notes(&points, &missing);
     Ok(LobeAnswer {
         kind,
         minima,
@@ -145,8 +192,88 @@ fn answer(
         points,
         most_m,
         exact,
+        notes,
         assumptions,
     })
+}
+
+/// Why the delay equation has no limit at a speed.
+#[derive(Clone, Copy, PartialEq)]
+enum NoLimit {
+    /// The speeds above took the permitted work.
+    Budget,
+    Error(ChatterError),
+}
+
+/// The limit of the delay equation, or why there is none.
+fn exact_limit(delay: &MillingDelay, most_m: f64) -> Result<Result<ExactLimit, NoLimit>, ChatterError> {
+    let solved = delay.limit(most_m).and_then(|depth| {
+        Ok(match depth {
+            Some(depth) => ExactLimit::At(depth, delay.chatter(depth)?, delay.growth(depth)?),
+            None => ExactLimit::Beyond,
+        })
+    });
+    match solved {
+        Ok(limit) => Ok(Ok(limit)),
+        Err(
+            error @ (ChatterError::TooManyWaves { .. }
+            | ChatterError::Unresolved { .. }
+            | ChatterError::Growth { .. }),
+        ) => Ok(Err(NoLimit::Error(error))),
+        Err(error) => Err(error),
+    }
+}
+
+fn notes(points: &[LobePoint], missing: &[(f64, NoLimit)]) -> Vec<String> {
+    let range = |speeds: &[f64]| match speeds {
+        [] => String::new(),
+        [one] => format!("at {one:.0} rpm"),
+        [first, .., last] => format!("at {} speeds from {first:.0} to {last:.0} rpm", speeds.len()),
+    };
+    let of = |is: &dyn Fn(&NoLimit) -> bool| -> Vec<f64> {
+        let which = missing.iter().filter(|(_, reason)| is(reason));
+        which.map(|(rpm, _)| *rpm).collect()
+    };
+    let mut notes = Vec::new();
+    let reasons: [(Vec<f64>, &str); 4] = [
+        (
+            of(&|reason| matches!(reason, NoLimit::Budget)),
+            "it would take too long; give fewer points or higher speeds",
+        ),
+        (
+            of(&|reason| matches!(reason, NoLimit::Error(ChatterError::TooManyWaves { .. }))),
+            "too many waves in a cut",
+        ),
+        (
+            of(&|reason| matches!(reason, NoLimit::Error(ChatterError::Unresolved { .. }))),
+            "it is not resolved",
+        ),
+        (
+            of(&|reason| matches!(reason, NoLimit::Error(ChatterError::Growth { .. }))),
+            "below its limit a disturbance grows beyond all measure before it dies out",
+        ),
+    ];
+    for (speeds, why) in reasons {
+        if !speeds.is_empty() {
+            notes.push(format!(
+                "no limit of the delay equation {}: {why}. The zero order is taken there, which may be too deep",
+                range(&speeds)
+            ));
+        }
+    }
+    let growing: Vec<f64> = points
+        .iter()
+        .filter(|point| matches!(point.exact, ExactLimit::At(_, _, growth) if growth > NOTED_GROWTH))
+        .map(|point| point.speed_rpm)
+        .collect();
+    if !growing.is_empty() {
+        notes.push(format!(
+            "{} a disturbance may grow more than {NOTED_GROWTH:.0} times before it dies out, right below the limit \
+             of the delay equation: keep a margin",
+            range(&growing)
+        ));
+    }
+    notes
 }
 
 pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
@@ -192,13 +319,20 @@ pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
                 1.4,
                 "stroke-dasharray=\"6 4\"",
             );
-            chart.line(&mut svg, &line(&LobePoint::exact_m), STABLE, 2.2, "");
+            let exact: Vec<_> = line(&LobePoint::exact_m)
+                .into_iter()
+                .zip(&answer.points)
+                .map(|(place, point)| place.filter(|_| point.is_exact()))
+                .collect();
+            chart.line(&mut svg, &exact, STABLE, 2.2, "");
             let doubling: Vec<_> = answer
                 .points
                 .iter()
-                .map(|point| {
-                    let (depth, chatter) = point.exact?;
-                    (chatter.kind == ChatterKind::Flip).then_some((point.speed_rpm, 1e3 * depth))
+                .map(|point| match point.exact {
+                    ExactLimit::At(depth, chatter, _) if chatter.kind == ChatterKind::Flip => {
+                        Some((point.speed_rpm, 1e3 * depth))
+                    }
+                    _ => None,
                 })
                 .collect();
             chart.line(&mut svg, &doubling, FLIP, 3.0, "");
@@ -216,7 +350,7 @@ pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
             }
         }
         top += 530.0;
-        lines.extend(answer.assumptions.iter().cloned());
+        lines.extend(answer.notes.iter().chain(&answer.assumptions).cloned());
     }
     let end = foot(&mut svg, top - 36.0, &lines);
     svg.finish(end, STYLE)

@@ -8,7 +8,7 @@ use evolvent_chatter::{
 use serde_json::{Value, json};
 
 use super::answer::Answer;
-use super::lobes::{LobeAnswer, LobePoint};
+use super::lobes::{ExactLimit, LobeAnswer, LobePoint};
 
 pub(crate) fn text(case: &Case, oscillation: Option<&Answer>, lobes: &[LobeAnswer]) -> String {
     let mut text = String::new();
@@ -311,9 +311,8 @@ fn lobe_text(text: &mut String, case: &Case, answer: &LobeAnswer) -> std::fmt::R
             lobes.join(", ")
         )?;
     }
-    let of = |point: &LobePoint| point.limit_m(answer.exact);
     let order = |a: &&LobePoint, b: &&LobePoint| {
-        let depth = |point: &LobePoint| of(point).unwrap_or(answer.most_m);
+        let depth = |point: &LobePoint| point.limit_m().unwrap_or(answer.most_m);
         depth(a).total_cmp(&depth(b))
     };
     let ends = [
@@ -323,7 +322,7 @@ fn lobe_text(text: &mut String, case: &Case, answer: &LobeAnswer) -> std::fmt::R
     for (what, point) in ends {
         let Some(point) = point else { continue };
         let [from, to] = case.lobes.speed_rpm;
-        let depth = match of(point) {
+        let depth = match point.limit_m() {
             Some(depth) if depth < answer.most_m => format!("{:.3} mm", 1e3 * depth),
             _ => format!("more than {:.3} mm", 1e3 * answer.most_m),
         };
@@ -331,20 +330,28 @@ fn lobe_text(text: &mut String, case: &Case, answer: &LobeAnswer) -> std::fmt::R
             text,
             "  {what} from {from:.0} to {to:.0} rpm: {depth} at {:.0} rpm{} ({})",
             point.speed_rpm,
-            match point.chatter(answer.exact) {
+            match point.chatter() {
                 Some((ChatterKind::Flip, frequency)) =>
                     format!(", beyond it period doubling (flip) at {frequency:.1} Hz"),
                 Some((_, frequency)) => format!(", beyond it chatter (Hopf) at {frequency:.1} Hz"),
                 None => String::new(),
             },
-            if answer.exact {
-                "delay equation"
-            } else {
-                "frequency domain"
-            }
+            method(answer, point)
         )?;
     }
+    for note in &answer.notes {
+        writeln!(text, "  note: {note}")?;
+    }
     assumptions_text(text, &answer.assumptions)
+}
+
+/// The method of a decisive limit.
+fn method(answer: &LobeAnswer, point: &LobePoint) -> &'static str {
+    match (point.is_exact(), answer.exact) {
+        (true, _) => "delay equation",
+        (false, true) => "zero order",
+        (false, false) => "frequency domain",
+    }
 }
 
 pub(crate) fn json(case: &Case, oscillation: Option<&Answer>, lobes: &[LobeAnswer]) -> Value {
@@ -536,13 +543,19 @@ fn lobe_json(answer: &LobeAnswer) -> Value {
         })
     });
     let points = answer.points.iter().map(|point| {
+        let exact = match point.exact {
+            ExactLimit::At(depth, chatter, growth) => Some((depth, chatter, growth)),
+            ExactLimit::Unknown | ExactLimit::Beyond => None,
+        };
         json!({
             "speed_rpm": point.speed_rpm,
             "limit_mm": point.quick.map(|limit| 1e3 * limit.depth_m),
             "frequency_hz": point.quick.map(|limit| limit.frequency_hz),
-            "exact_limit_mm": point.exact.map(|(depth, _)| 1e3 * depth),
-            "exact_kind": point.exact.map(|(_, chatter)| chatter.kind.as_str()),
-            "exact_frequency_hz": point.exact.map(|(_, chatter)| chatter.frequency_hz),
+            "method": method(answer, point).replace(' ', "-"),
+            "exact_limit_mm": exact.map(|(depth, ..)| 1e3 * depth),
+            "exact_kind": exact.map(|(_, chatter, _)| chatter.kind.as_str()),
+            "exact_frequency_hz": exact.map(|(_, chatter, _)| chatter.frequency_hz),
+            "exact_growth": exact.map(|(.., growth)| growth),
         })
     });
     json!({
@@ -550,6 +563,7 @@ fn lobe_json(answer: &LobeAnswer) -> Value {
         "minima": minima.collect::<Vec<_>>(),
         "max_depth_mm": 1e3 * answer.most_m,
         "points": points.collect::<Vec<_>>(),
+        "notes": answer.notes,
         "assumptions": answer.assumptions,
     })
 }

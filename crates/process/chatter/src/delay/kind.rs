@@ -2,7 +2,7 @@
 
 use nalgebra::Complex;
 
-use super::{Collocation, MillingDelay, leading, mean_factors};
+use super::{MillingDelay, mean_factors};
 use crate::error::{ChatterError, number};
 
 /// How a cut loses its stability, by its largest multiplier.
@@ -41,15 +41,14 @@ pub struct Chatter {
 }
 
 impl MillingDelay {
-    /// Kind and frequency of the chatter at a depth in m, by collocation as [`MillingDelay::collocation`] does it.
+    /// Kind and frequency of the chatter at a depth in m, by [`MillingDelay::multiplier`].
     ///
     /// # Errors
-    /// A depth out of range; a motion without a largest multiplier.
+    /// A depth out of range; a multiplier that is small or cannot be resolved.
     pub fn chatter(&self, depth_m: f64) -> Result<Chatter, ChatterError> {
         number("depth in m", depth_m, 0.0, 10.0)?;
-        let multiplier = Collocation::new(self, depth_m, self.degree())
-            .map_or(Complex::new(f64::NAN, 0.0), |map| leading(&map));
-        number("largest multiplier", multiplier.norm(), 0.0, 1e9)?;
+        let multiplier = self.multiplier(depth_m)?.unwrap_or(Complex::ZERO);
+        number("largest multiplier", multiplier.norm(), 0.3, 1e9)?;
         let kind = if multiplier.im.abs() > 1e-6 * multiplier.norm() {
             ChatterKind::Hopf
         } else if multiplier.re < 0.0 {
