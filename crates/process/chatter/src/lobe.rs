@@ -191,37 +191,61 @@ pub trait Lobes {
     /// The limit of the depth at a spindle speed, to 1e-10 of the frequency; None where no depth chatters.
     fn limit_at(&self, speed_rpm: f64) -> Option<Limit> {
         let period = 60.0 / (speed_rpm * f64::from(self.cuts_per_rev()));
-        // How far the waves between two cuts are from what the phase asks for, -0.5 to 0.5.
-        let miss = |frequency: f64, root: usize| {
-            let limit = self.limits(frequency)[root]?;
-            let waves = frequency * period - limit.phase;
-            Some((waves - libm::round(waves), limit))
-        };
-        let frequencies = self.frequencies();
+        // Between these frequencies the depth rises or falls: the crossing at its lower end is the only one to look at,
+        // of however many.
+        let mut frequencies = self.frequencies();
+        frequencies.extend(self.minima().iter().map(|limit| limit.frequency_hz));
+        frequencies.sort_by(f64::total_cmp);
+        let wrapped = |phase: f64| phase - libm::round(phase);
         let mut best: Option<Limit> = None;
         for root in 0..2 {
-            let mut before: Option<(f64, f64)> = None;
-            for &frequency in &frequencies {
-                let here = miss(frequency, root).map(|(miss, _)| (frequency, miss));
-                if let (Some((low, from)), Some((high, to))) = (before, here)
-                    && from * to <= 0.0
-                    && (from - to).abs() < 0.5
-                {
-                    let (mut low, mut high) = (low, high);
-                    for _ in 0..60 {
-                        let middle = 0.5 * (low + high);
-                        match miss(middle, root) {
-                            Some((value, _)) if (value > 0.0) == (from > 0.0) => low = middle,
-                            _ => high = middle,
-                        }
-                    }
-                    if let Some((_, limit)) = miss(0.5 * (low + high), root)
-                        && best.is_none_or(|best| limit.depth_m < best.depth_m)
-                    {
-                        best = Some(limit);
+            let limits = frequencies.iter().map(|&frequency| self.limits(frequency)[root]);
+            let limits: Vec<Option<Limit>> = limits.collect();
+            for pair in limits.windows(2) {
+                let (Some(first), Some(second)) = (pair[0], pair[1]) else {
+                    continue;
+                };
+                let (low, high) = if first.depth_m <= second.depth_m {
+                    (first, second)
+                } else {
+                    (second, first)
+                };
+                if best.is_some_and(|best| best.depth_m <= low.depth_m) {
+                    continue;
+                }
+                // Waves between two cuts without what the phase asks for, which does not jump between neighbours.
+                let waves = |limit: &Limit| {
+                    limit.frequency_hz * period - low.phase - wrapped(limit.phase - low.phase)
+                };
+                let (from, to) = (waves(&low), waves(&high));
+                let whole = if to >= from {
+                    libm::ceil(from)
+                } else {
+                    libm::floor(from)
+                };
+                if (whole - from) * (whole - to) > 0.0 {
+                    continue;
+                }
+                let (mut near, mut far) = (low.frequency_hz, high.frequency_hz);
+                let mut found = low;
+                for _ in 0..60 {
+                    let middle = 0.5 * (near + far);
+                    let Some(limit) = self.limits(middle)[root] else {
+                        break;
+                    };
+                    found = limit;
+                    if (waves(&limit) - whole) * (from - whole) > 0.0 {
+                        near = middle;
+                    } else {
+                        far = middle;
                     }
                 }
-                before = here;
+                // Where roots change their order there is a jump, and no crossing.
+                if (waves(&found) - whole).abs() < 1e-6
+                    && best.is_none_or(|best| found.depth_m < best.depth_m)
+                {
+                    best = Some(found);
+                }
             }
         }
         best

@@ -86,6 +86,46 @@ fn the_turning_benchmark_with_two_modes() {
     }
 }
 
+/// At low speed many waves lie between two cuts, more than one between two frequencies of the grid; a fine grid is the
+/// measure.
+#[test]
+fn limits_of_turning_at_low_speed_are_those_of_a_fine_grid() {
+    for (frequency_hz, damping_ratio) in [(250.0, 0.02), (800.0, 0.05), (1200.0, 0.04), (700.0, 0.08)] {
+        let mode = Mode {
+            frequency_hz,
+            damping_ratio,
+            stiffness_n_m: 2e7,
+        };
+        let tool = TurningMode {
+            mode,
+            direction_deg: 0.0,
+        };
+        let turning = Turning::new(&[tool], 0.0, 2e9).unwrap();
+        for speed in [20.0, 60.0, 100.0, 160.0, 250.0, 400.0, 1000.0] {
+            let mut least = f64::INFINITY;
+            let mut before: Option<(f64, f64)> = None;
+            for k in 0..=200_000 {
+                let frequency = frequency_hz * (1.0 + 0.6 * f64::from(k) / 200_000.0);
+                let Some(limit) = turning.limits(frequency)[0] else {
+                    continue;
+                };
+                let waves = frequency * 60.0 / speed - limit.phase;
+                let part = waves - waves.round();
+                if let Some((depth, other)) = before
+                    && part * other <= 0.0
+                    && (part - other).abs() < 0.5
+                {
+                    // Where the part of a wave is 0, on the line between both.
+                    least = least.min(depth + (limit.depth_m - depth) * other / (other - part));
+                }
+                before = Some((limit.depth_m, part));
+            }
+            let what = format!("{frequency_hz} Hz, {speed} rpm");
+            near(turning.limit_at(speed).unwrap().depth_m, least, 1e-5, &what);
+        }
+    }
+}
+
 /// One mode: `b = 2 k z (1 + z) / (K cos^2)` at `f sqrt(1 + 2 z)`.
 #[test]
 fn one_mode_has_its_closed_form() {
