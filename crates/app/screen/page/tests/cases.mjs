@@ -1027,6 +1027,22 @@ export const cases = {
     await until('100 %', async () => (await text(page, 'feed_override')) === '100 %' || text(page, 'feed_override'));
   },
 
+  async 'overrides that change while a command is on its way all take effect'(page) {
+    await ready(page);
+    await page.evaluate(() => {
+      for (const [name, percent] of [['feed', 50], ['feed', 40], ['rapid', 70], ['feed', 30], ['rapid', 60]]) {
+        const slider = document.querySelector(`#${name}_override`);
+        slider.value = String(percent);
+        slider.dispatchEvent(new Event('input', { bubbles: true }));
+        slider.dispatchEvent(new Event('change', { bubbles: true }));
+      }
+    });
+    for (const [name, percent] of [['feed', '30 %'], ['rapid', '60 %']]) {
+      await until(percent, async () => (await text(page, `${name}_override`)) === percent || text(page, `${name}_override`));
+      await page.locator(at(`${name}_override`)).click();
+    }
+  },
+
   async 'an override takes any whole percent that its range has'(page) {
     await takeControl(page);
     const exact = page.locator(at('feed_override-exact'));

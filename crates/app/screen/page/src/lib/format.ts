@@ -34,6 +34,11 @@ export function bytes(count: number): string {
   return `${(count / 1024 / 1024).toFixed(1)} MiB`;
 }
 
-export function clock(ms: number): string {
-  return new Date(ms).toTimeString().slice(0, 8);
+/** The time of day, after the date (2026-11-26) where that is not `now`'s. */
+export function clock(ms: number, now = Date.now()): string {
+  const [at, present] = [new Date(ms), new Date(now)];
+  const time = at.toTimeString().slice(0, 8);
+  if (at.toDateString() === present.toDateString()) return time;
+  const [month, day] = [at.getMonth() + 1, at.getDate()].map((part) => String(part).padStart(2, '0'));
+  return `${at.getFullYear()}-${month}-${day} ${time}`;
 }

@@ -2,6 +2,7 @@
 import type { SignalValues } from '../generated/SignalValues';
 import type { Incoming, LinkLoss, Sample } from '../link/incoming';
 import type { Source } from '../link/source';
+import { WORK_SYSTEMS } from './model';
 import type { Answer, Command, EventEntry, Lease, Machine, Macro, ProgramInfo, Status, Tool, WorkOffset } from './model';
 import { changes, newestEvents } from './journal';
 import { settings } from './settings.svelte';
@@ -115,6 +116,8 @@ class Session {
   /** a program is on its way from this page: what is loaded is not what was wanted last */
   isUploading = $state(false);
   offsets = $state.raw<WorkOffset[]>([]);
+  /** of the work offset in force, degrees */
+  readonly rotation = $derived(this.offsets.find((entry) => WORK_SYSTEMS[entry.system - 1] === this.status?.workSystem)?.rotation ?? 0);
   tools = $state.raw<Tool[]>([]);
   macros = $state.raw<Macro[]>([]);
   /** null before the first, and on a machine without signals */
