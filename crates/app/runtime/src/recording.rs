@@ -61,7 +61,9 @@ impl Further {
     /// Goes on in the next file; the present one is finished by a thread of its own, because its index and the disk take time.
     fn go_on(&mut self, recorder: &mut Recorder, sequence: u64) -> Result<(), RecordError> {
         let path = self.series.file_of_now();
-        self.info.extra.insert(CONTINUES_AT.to_owned(), sequence.to_string());
+        self.info
+            .extra
+            .insert(CONTINUES_AT.to_owned(), sequence.to_string());
         let next = Recorder::create(&path, &self.info)?;
         let old = std::mem::replace(recorder, next);
         self.progress.bytes.store(0, Ordering::Relaxed);
