@@ -10,6 +10,10 @@ use crate::case_file::{
 use crate::lobe::{Milling, MillingCut, Mode, Turning, TurningMode};
 use crate::model::{CuttingTool, PrincipalAxis};
 
+/// Frequencies of both axes, one over the other, at most: disturbances are followed for 1000 periods of the slower axis
+/// in steps of the faster one.
+const MAX_FREQUENCY_RATIO: f64 = 100.0;
+
 /// Where the force law is to be had.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LawSource {
@@ -179,6 +183,14 @@ impl Reader<'_> {
             self.axis("tool.axis[0]", first)?,
             self.axis("tool.axis[1]", second)?,
         ];
+        let [a, b] = axes.map(|axis| axis.frequency_hz());
+        if a.max(b) > MAX_FREQUENCY_RATIO * a.min(b) {
+            return Err(self.sheet.error(
+                "tool.axis",
+                format!("frequencies of {a:.4} and {b:.4} Hz"),
+                "correct mass, stiffness or frequency: those of the axes may differ by a factor of 100 at most",
+            ));
+        }
         let (law, floor_m_min) = self.force(force)?;
         if cut.speed_m_min <= floor_m_min {
             return Err(self.sheet.error(

@@ -167,10 +167,14 @@ impl<'a> Follower<'a> {
         Ok(state + (first + (second + third) * 2.0 + fourth) * (h / 6.0))
     }
 
-    /// Samples of the motion from a state, time in s and state, until `duration_s` or where the force law ends.
+    /// Steps of [`Follower::samples`], at most.
+    pub const MAX_STEPS: usize = 1_000_000;
+
+    /// Samples of the motion from a state, time in s and state, until `duration_s` or where the force law ends, and
+    /// [`Self::MAX_STEPS`] steps at most.
     #[must_use]
     pub fn samples(&self, start: State, duration_s: f64) -> Vec<(f64, State)> {
-        let count = (duration_s / self.step_s).clamp(0.0, 1e6) as usize;
+        let count = (duration_s / self.step_s).clamp(0.0, Self::MAX_STEPS as f64) as usize;
         let mut all = Vec::with_capacity(count + 1);
         let mut state = start;
         all.push((0.0, state));

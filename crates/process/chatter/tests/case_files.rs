@@ -29,3 +29,22 @@ fn bad_files_are_refused_with_line_column_and_key() {
         Case::parse,
     );
 }
+
+/// Following a disturbance for a thousand periods of 252 Hz in steps of 132 kHz would not end.
+#[test]
+fn axes_with_frequencies_far_apart_are_refused() {
+    let text = shipped("processes/chatter-40x.toml");
+    let apart = |stiffness: &str| {
+        let text = text.replace("30020020.401035063", stiffness);
+        Case::parse(&text, "case.toml")
+            .map(|_| ())
+            .map_err(|error| error.to_string())
+    };
+    // 99 and 101 times the frequency of the other axis.
+    assert_eq!(apart("1.4696e11"), Ok(()));
+    let refused = apart("1.5296e11").unwrap_err();
+    assert!(
+        refused.contains("tool.axis") && refused.contains("a factor of 100"),
+        "{refused}"
+    );
+}

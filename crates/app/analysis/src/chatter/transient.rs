@@ -20,6 +20,8 @@ pub(crate) struct Transient {
     fate: Fate,
     /// Time, s, and state.
     samples: Vec<(f64, State)>,
+    /// The duration, s, that was to be shown, if it takes too many steps.
+    cut_off_s: Option<f64>,
 }
 
 /// Simulates the response to an impulse, m/s, for `seconds`, or until small vibrations have changed by e^4.
@@ -40,10 +42,15 @@ pub(crate) fn transient(
     let period = 1.0 / tool.axes[0].frequency_hz().min(tool.axes[1].frequency_hz());
     let shown = 4.0 / rest.growth_per_s().abs();
     let duration_s = seconds.unwrap_or(shown.clamp(PERIODS[0] * period, PERIODS[1] * period));
+    let samples = follower.samples(start, duration_s);
+    let end_s = samples.last().map_or(0.0, |(time, _)| *time);
+    // The last step may be shorter.
+    let is_cut_off = samples.len() > Follower::MAX_STEPS && end_s < (1.0 - 1e-5) * duration_s;
     Some(Transient {
         kick_m_s,
         fate: follower.fate(start),
-        samples: follower.samples(start, duration_s),
+        samples,
+        cut_off_s: is_cut_off.then_some(duration_s),
     })
 }
 
@@ -73,8 +80,15 @@ impl Transient {
             Fate::Leaves => "grows out of the model".to_owned(),
             Fate::BeginsOutside => "is too large: it brings the speed to the floor at once".to_owned(),
         };
+        let cut_off = match (self.cut_off_s, self.samples.last()) {
+            (Some(asked), Some((shown, _))) => format!(
+                "; {shown:.1} s of {asked} s shown, which are {} steps",
+                Follower::MAX_STEPS
+            ),
+            _ => String::new(),
+        };
         format!(
-            "  kick of {:.3} m/s along the cutting speed: {fate}\n",
+            "  kick of {:.3} m/s along the cutting speed: {fate}{cut_off}\n",
             self.kick_m_s
         )
     }
@@ -84,6 +98,7 @@ impl Transient {
             "kick_m_s": self.kick_m_s,
             "fate": fate_word(&self.fate),
             "duration_s": self.samples.last().map(|(time, _)| time),
+            "cut_off_from_s": self.cut_off_s,
         })
     }
 }

@@ -93,6 +93,17 @@ pub(crate) fn run(
             )));
         }
     }
+    for (option, given) in [
+        ("--harmonics", args.harmonics.is_some()),
+        ("--least-squares", args.least_squares),
+    ] {
+        if given && case.oscillation.is_none() {
+            return Err(CommandError::Usage(format!(
+                "{}: {option} is for self-oscillation: the case has no [cut], [force] and [tool]; leave it out",
+                args.case.display()
+            )));
+        }
+    }
     check_outputs(
         [&args.plot, &args.map, &args.transient, &args.lobes]
             .into_iter()

@@ -269,6 +269,52 @@ fn the_transient_of_a_kick_ends_where_the_cycle_is() {
     );
 }
 
+/// 100 s are more than a million steps of this tool.
+#[test]
+fn a_response_that_is_cut_off_is_said_to_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = |seconds: f64| {
+        let args = ChatterArgs {
+            case: shipped("processes/chatter-40x"),
+            transient: Some(folder.path().join("kick.svg")),
+            seconds: Some(seconds),
+            ..ChatterArgs::default()
+        };
+        let (result, text) = ran(&args);
+        assert_eq!(result, Ok(Ending::Clean));
+        text
+    };
+    let long = text(100.0);
+    assert!(
+        long.contains("of 100 s shown") && long.contains("1000000 steps"),
+        "{long}"
+    );
+    assert!(!text(1.0).contains("shown"));
+}
+
+#[test]
+fn options_of_self_oscillation_are_refused_for_lobes() {
+    let args = ChatterArgs {
+        case: shipped("processes/lobes-turning"),
+        ..ChatterArgs::default()
+    };
+    let refused = |args: &ChatterArgs| match ran(args).0 {
+        Err(CommandError::Usage(message)) => message,
+        other => panic!("{other:?}"),
+    };
+    let harmonics = ChatterArgs {
+        harmonics: Some(7),
+        case: args.case.clone(),
+        ..ChatterArgs::default()
+    };
+    assert!(refused(&harmonics).contains("--harmonics"));
+    let least_squares = ChatterArgs {
+        least_squares: true,
+        ..args
+    };
+    assert!(refused(&least_squares).contains("--least-squares"));
+}
+
 #[test]
 fn json_cases_say_the_same_as_toml() {
     let folder = tempfile::tempdir().unwrap();
