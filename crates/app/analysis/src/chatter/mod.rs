@@ -6,6 +6,8 @@ mod lobes;
 mod map;
 mod picture;
 mod report;
+#[cfg(test)]
+mod tests;
 mod transient;
 mod warn;
 

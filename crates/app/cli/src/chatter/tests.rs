@@ -140,57 +140,6 @@ fn the_least_limit_of_milling_is_that_of_the_delay_equation() {
     assert!(!text.contains("stable at every speed"), "{text}");
 }
 
-fn lobes_at(speed_rpm: &str) -> (Value, String) {
-    let folder = tempfile::tempdir().unwrap();
-    let case = folder.path().join("case.toml");
-    let text = std::fs::read_to_string(shipped("processes/lobes-milling")).unwrap();
-    let changed = text
-        .replace("[5000.0, 25000.0]", speed_rpm)
-        .replace("points = 201", "points = 5");
-    std::fs::write(&case, changed).unwrap();
-    let of = |json: bool| {
-        ran(&ChatterArgs {
-            case: case.clone(),
-            json,
-            ..ChatterArgs::default()
-        })
-        .1
-    };
-    let answer: Value = serde_json::from_str(&of(true)).unwrap();
-    (answer["lobes"][0].clone(), of(false))
-}
-
-/// 138 waves in a cut: a simulation has 0.60 to 0.62 mm at 100 rpm.
-#[test]
-fn limits_at_low_speed_are_right_or_left_out() {
-    let (lobes, text) = lobes_at("[100.0, 200.0]");
-    for point in lobes["points"].as_array().unwrap() {
-        assert_eq!(point["method"], "delay-equation");
-        let limit = point["exact_limit_mm"].as_f64().unwrap();
-        assert!((0.595..0.63).contains(&limit), "{point}");
-    }
-    let notes = lobes["notes"].to_string();
-    assert!(notes.contains("keep a margin"), "{notes}");
-    assert!(
-        text.contains("note: at ") && text.contains("(delay equation)"),
-        "{text}"
-    );
-
-    let (lobes, text) = lobes_at("[1.0, 10.0]");
-    for point in lobes["points"].as_array().unwrap() {
-        assert_eq!(point["method"], "zero-order");
-        assert!(
-            point["exact_limit_mm"].is_null() && point["limit_mm"].is_f64(),
-            "{point}"
-        );
-    }
-    assert!(
-        text.contains("no limit of the delay equation at 5 speeds from 1 to 10 rpm"),
-        "{text}"
-    );
-    assert!(text.contains("(zero order)"), "{text}");
-}
-
 /// The verdicts of the report, for cuts whose every blow another program sees grow out of the model.
 #[test]
 fn cuts_that_leave_the_model_are_said_to_and_depths_are_lengths() {
@@ -267,29 +216,6 @@ fn the_transient_of_a_kick_ends_where_the_cycle_is() {
     assert!(
         matches!(ran(&args(Some(f64::NAN))).0, Err(CommandError::Usage(message)) if message.contains("--kick"))
     );
-}
-
-/// 100 s are more than a million steps of this tool.
-#[test]
-fn a_response_that_is_cut_off_is_said_to_be() {
-    let folder = tempfile::tempdir().unwrap();
-    let text = |seconds: f64| {
-        let args = ChatterArgs {
-            case: shipped("processes/chatter-40x"),
-            transient: Some(folder.path().join("kick.svg")),
-            seconds: Some(seconds),
-            ..ChatterArgs::default()
-        };
-        let (result, text) = ran(&args);
-        assert_eq!(result, Ok(Ending::Clean));
-        text
-    };
-    let long = text(100.0);
-    assert!(
-        long.contains("of 100 s shown") && long.contains("1000000 steps"),
-        "{long}"
-    );
-    assert!(!text(1.0).contains("shown"));
 }
 
 #[test]
