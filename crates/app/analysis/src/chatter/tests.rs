@@ -17,7 +17,7 @@ fn answer(file: &str, changes: &[(&str, &str)], request: &ChatterRequest) -> Cha
     ChatterAnswer::new(&path, case, request).unwrap()
 }
 
-/// 138 waves in a cut: a simulation has 0.60 to 0.62 mm at 100 rpm.
+/// 138 to 69 waves in a cut: a simulation has 0.60 to 0.62 mm at 100 rpm and 0.624 to 0.643 mm at 200 rpm.
 #[test]
 fn limits_at_low_speed_are_right_or_left_out() {
     let at = |speed_rpm: &str| {
@@ -33,7 +33,7 @@ fn limits_at_low_speed_are_right_or_left_out() {
     for point in lobes["points"].as_array().unwrap() {
         assert_eq!(point["method"], "delay-equation");
         let limit = point["exact_limit_mm"].as_f64().unwrap();
-        assert!((0.595..0.63).contains(&limit), "{point}");
+        assert!((0.595..0.643).contains(&limit), "{point}");
     }
     assert!(
         text.contains("keep a margin") && text.contains("(delay equation)"),
