@@ -40,9 +40,9 @@ pub(crate) enum ModeArg {
 pub(crate) enum Action {
     /// Show what the machine is doing.
     Status,
-    /// Show inputs, outputs and spindles with their values; an input that no bridge sends is unknown.
+    /// Show inputs, outputs, switches of the axes and spindles; an input that no bridge sends is unknown.
     Io {
-        /// The machine file, for the names. Default: everything that is sent is listed by number.
+        /// The machine file, for the names and the inputs that nobody sends. Default: what is sent is listed by number.
         #[arg(long, value_name = "FILE")]
         machine: Option<PathBuf>,
     },

@@ -1,13 +1,15 @@
-//! `evolvent ctl io`: inputs, outputs and spindles as they are.
+//! `evolvent ctl io`: inputs, outputs, switches and spindles as they are.
 
 use std::io::{self, Write};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{
-    ClientBus, MachineInputs, MachineOutputs, PROBE_STATES, SPINDLE_DIRECTIONS, SpindleReading, Status,
+    ClientBus, Feedback, MachineInputs, MachineOutputs, PROBE_STATES, SPINDLE_DIRECTIONS, SpindleReading,
+    Status,
 };
 use evolvent_machine::{MAX_SPINDLES, Machine, SignalKind, SignalSettings};
+use evolvent_path::{AxisLetter, AxisMask};
 use evolvent_runtime::{MonotonicClock, objection_to_inputs};
 use serde_json::{Value, json};
 
@@ -40,6 +42,37 @@ struct Spindle {
     measured_rpm: Option<f64>,
 }
 
+/// The axes whose switches are closed, as bridges report them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Switches {
+    home: AxisMask,
+    positive: AxisMask,
+    negative: AxisMask,
+}
+
+impl Switches {
+    /// Of all bridges; none if none is heard.
+    fn of(bridges: &[Feedback]) -> Option<Self> {
+        let mask = |of: fn(&Feedback) -> u32| {
+            let bits = bridges.iter().map(of).fold(0, |all, bits| all | bits);
+            AxisMask::from_bits(bits)
+        };
+        (!bridges.is_empty()).then(|| Self {
+            home: mask(|bridge| bridge.home_switch_mask),
+            positive: mask(|bridge| bridge.positive_limit_mask),
+            negative: mask(|bridge| bridge.negative_limit_mask),
+        })
+    }
+
+    fn named(&self) -> [(&'static str, AxisMask); 3] {
+        [
+            ("home", self.home),
+            ("positive limit", self.positive),
+            ("negative limit", self.negative),
+        ]
+    }
+}
+
 /// Everything received.
 #[derive(Clone, Debug, Default)]
 struct Periphery {
@@ -47,6 +80,10 @@ struct Periphery {
     outputs: Vec<Signal>,
     spindles: Vec<Spindle>,
     probe: u32,
+    /// With the names of the machine file.
+    is_named: bool,
+    /// None if no bridge sends feedback.
+    switches: Option<Switches>,
     /// Why the core discards messages of inputs: what they say is unknown.
     discarded: Vec<String>,
 }
@@ -67,10 +104,16 @@ pub(crate) fn run(
         ),
         None => None,
     };
-    let (outputs, inputs, status) = listen(bus, settings.as_ref()).map_err(|error| failed(&error))?;
+    let Heard {
+        outputs,
+        inputs,
+        feedback,
+        status,
+    } = listen(bus, settings.as_ref()).map_err(|error| failed(&error))?;
     let (inputs, discarded) = accepted(settings.as_ref(), inputs, MonotonicClock::now_ns());
     let periphery = Periphery {
         discarded,
+        switches: Switches::of(&feedback),
         ..Periphery::of(settings.as_ref(), outputs.as_ref(), &inputs, status.as_ref())
     };
     let written = if json {
@@ -82,14 +125,20 @@ pub(crate) fn run(
     Ok(Ending::Clean)
 }
 
-/// Outputs, inputs of each bridge, and the status.
-type Heard = (Option<MachineOutputs>, Vec<MachineInputs>, Option<Status>);
+/// The present outputs and status, and the newest messages of each bridge that are not too old.
+struct Heard {
+    outputs: Option<MachineOutputs>,
+    inputs: Vec<MachineInputs>,
+    feedback: Vec<Feedback>,
+    status: Option<Status>,
+}
 
-/// The present outputs and status, and the newest message of each bridge that is not too old.
+/// Listens for as long as messages are collected.
 fn listen(bus: &ClientBus, settings: Option<&SignalSettings>) -> Result<Heard, Box<dyn std::error::Error>> {
     let (mut outputs, mut inputs, mut status) = (bus.outputs()?, bus.inputs()?, bus.status()?);
+    let mut reports = bus.feedback()?;
     let mut last = None;
-    let mut bridges: Vec<MachineInputs> = Vec::new();
+    let (mut bridges, mut feedback) = (Vec::<MachineInputs>::new(), Vec::<Feedback>::new());
     let begin = Instant::now();
     while begin.elapsed() < LISTENING {
         while let Some(message) = outputs.receive()? {
@@ -99,12 +148,21 @@ fn listen(bus: &ClientBus, settings: Option<&SignalSettings>) -> Result<Heard, B
             bridges.retain(|known| known.instance != message.instance);
             bridges.push(message);
         }
+        while let Some(message) = reports.receive()? {
+            feedback.retain(|known| known.instance != message.instance);
+            feedback.push(message);
+        }
         std::thread::sleep(POLL);
     }
     let now_ns = MonotonicClock::now_ns();
     let max_age_s = settings.map_or(LISTENING.as_secs_f64(), |settings| settings.input_timeout_s);
     bridges.retain(|message| now_ns.saturating_sub(message.time_ns) as f64 * 1e-9 <= max_age_s);
-    Ok((last, bridges, status.latest()?))
+    Ok(Heard {
+        outputs: last,
+        inputs: bridges,
+        feedback,
+        status: status.latest()?,
+    })
 }
 
 /// The messages that the core uses, and why it discards the others. Without the machine file its inputs are not known.
@@ -144,6 +202,7 @@ impl Periphery {
     ) -> Self {
         let mut found = Self {
             probe: bridges.iter().map(|bridge| bridge.probe).max().unwrap_or(0),
+            is_named: settings.is_some(),
             ..Self::default()
         };
         for kind in [SignalKind::Digital, SignalKind::Analog] {
@@ -213,6 +272,11 @@ impl Periphery {
             "outputs": list(&self.outputs),
             "spindles": spindles,
             "probe": word(&PROBE_STATES, self.probe),
+            "switches": self.switches.map(|switches| {
+                switches.named().map(|(name, closed)| (name.replace(' ', "_"), json!(letters(closed))))
+                    .into_iter()
+                    .collect::<serde_json::Map<_, _>>()
+            }),
             "discarded": self.discarded,
         })
     }
@@ -220,7 +284,12 @@ impl Periphery {
     fn write(&self, out: &mut dyn Write) -> io::Result<()> {
         for (heading, signals) in [("inputs", &self.inputs), ("outputs", &self.outputs)] {
             if signals.is_empty() {
-                writeln!(out, "{heading}: none")?;
+                let why = if self.is_named {
+                    "none"
+                } else {
+                    "none is sent; --machine FILE lists those of the machine"
+                };
+                writeln!(out, "{heading}: {why}")?;
                 continue;
             }
             writeln!(out, "{heading}")?;
@@ -245,6 +314,16 @@ impl Periphery {
             }
         }
         writeln!(out, "probe: {}", word(&PROBE_STATES, self.probe))?;
+        match &self.switches {
+            None => writeln!(out, "switches: unknown, no bridge sends feedback")?,
+            Some(switches) => {
+                let closed = switches.named().map(|(name, closed)| {
+                    let axes = letters(closed).join(" ");
+                    format!("{name} {}", if axes.is_empty() { "none" } else { &axes })
+                });
+                writeln!(out, "switches closed: {}", closed.join(", "))?;
+            }
+        }
         for text in &self.discarded {
             writeln!(
                 out,
@@ -253,6 +332,12 @@ impl Periphery {
         }
         Ok(())
     }
+}
+
+fn letters(axes: AxisMask) -> Vec<String> {
+    axes.axes()
+        .map(|axis| AxisLetter::ALL[axis].letter().to_string())
+        .collect()
 }
 
 /// A signal that is in the machine file or, without one, has a value.
@@ -360,6 +445,34 @@ number = 63
             .unwrap();
         let page = String::from_utf8(page).unwrap();
         assert_eq!(page.matches("unknown").count(), 3, "{page}");
+    }
+
+    #[test]
+    fn switches_of_all_bridges_are_shown_by_axis() {
+        let [one, other] =
+            [(1, 0b001, 0b100, 0), (2, 0b010, 0, 0b1)].map(|(instance, home, positive, negative)| Feedback {
+                instance,
+                home_switch_mask: home,
+                positive_limit_mask: positive,
+                negative_limit_mask: negative,
+                ..Feedback::default()
+            });
+        let shown = Periphery {
+            switches: Switches::of(&[one, other]),
+            ..Periphery::default()
+        };
+        assert_eq!(
+            shown.to_json()["switches"],
+            json!({"home": ["X", "Y"], "positive_limit": ["Z"], "negative_limit": ["X"]})
+        );
+        let mut page = Vec::new();
+        shown.write(&mut page).unwrap();
+        let page = String::from_utf8(page).unwrap();
+        assert!(
+            page.contains("switches closed: home X Y, positive limit Z, negative limit X"),
+            "{page}"
+        );
+        assert_eq!(Switches::of(&[]), None);
     }
 
     #[test]
