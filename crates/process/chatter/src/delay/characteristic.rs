@@ -43,9 +43,12 @@ impl Circle {
         let mut values: Vec<C> = (0..=count / 2).map(|k| at(k, count)).collect();
         let mut before = f64::INFINITY;
         for _ in 0..=MAX_DOUBLINGS {
+            // `max` would leave NaN out.
+            if values.iter().any(|value| value.norm().is_nan()) {
+                return None;
+            }
             let largest = values.iter().fold(0.0_f64, |most, value| most.max(value.norm()));
-            // NaN, too.
-            if !(largest < 1e9) {
+            if largest >= 1e9 {
                 return None;
             }
             let coefficients = coefficients(&values);

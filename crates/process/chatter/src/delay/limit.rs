@@ -86,7 +86,8 @@ impl<'a> Solver<'a> {
         let change = depth * radius * self.strength.mean * self.delay.period_s;
         let points = 24.0 + 1.5 * change;
         let value = Elements::work(self.delay, &self.strength, self.most_m * (1.0 + radius));
-        if !(0.5 * points * value <= MAX_CIRCLE_WORK) {
+        let work = 0.5 * points * value;
+        if work.is_nan() || work > MAX_CIRCLE_WORK {
             return Err(ChatterError::TooManyWaves {
                 waves: Elements::waves(self.delay),
             });
