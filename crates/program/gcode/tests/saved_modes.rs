@@ -60,3 +60,19 @@ fn compensation_that_was_on_is_not_switched_on_again() {
     let program = format!("{contour}M70\nG1 X12\nM72\nG1 X20\nG40\nM2\n");
     assert_eq!(last(&program).1, None);
 }
+
+#[test]
+fn each_repetition_of_m98_starts_with_the_modes_of_the_caller() {
+    for (within, times, z) in [
+        ("M73\nG91\nG1 Z1", 2, 9.0),
+        ("M73\nG91 G1 Z1\nG20", 3, 9.0),
+        // Nothing restores what M70 saved.
+        ("M70\nG91\nG1 Z1", 2, 11.0),
+    ] {
+        let program = format!("F100\nM98 P100 L{times}\nG1 Z9\nM30\nO100\n{within}\nM99\n");
+        assert_eq!(last(&program), (z, None), "{within}");
+    }
+    // What one repetition saved is not for the next one.
+    let program = "F100\nM98 P100 L2\nM30\nO100\nO1 if [#1 EQ 1]\nM72\nO1 endif\n#1=1\nM70\nM99\n";
+    assert_eq!(last(program).1, Some((Code::NothingSaved, 6)));
+}

@@ -165,7 +165,10 @@ impl<R: BufRead> Interpreter<R> {
             frame.at = frame.first;
             frame.open.clear();
             frame.exit_from = None;
-            return Ok(());
+            return match frame.saved.take() {
+                Some((saved, true)) => self.restore_saved(saved),
+                _ => Ok(()),
+            };
         }
         let Some(frame) = self.flow.frames.pop() else {
             return Ok(());
