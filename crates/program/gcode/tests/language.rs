@@ -626,3 +626,14 @@ impl std::io::Read for Endless {
         Ok(count)
     }
 }
+
+#[test]
+fn x_of_g43_1_is_a_diameter_by_the_mode_of_its_line() {
+    for (program, x) in [
+        ("G7 G43.1 X10\nG0 X0", 5.0),
+        ("G7\nG8 G43.1 X10\nG0 X0", 10.0),
+        ("G43.1 X2\nG7 G43.2 X10\nG0 X0", 7.0),
+    ] {
+        assert_near(ends(program)[0][0], x);
+    }
+}

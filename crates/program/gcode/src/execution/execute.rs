@@ -312,6 +312,10 @@ impl Executor<'_> {
         if let Some(GCode::Inches(inches)) = line.g(Group::Units) {
             self.state.modes.inches = inches;
         }
+        // Before the codes that read X words.
+        if let Some(GCode::Diameter(diameter)) = line.g(Group::Diameter) {
+            self.state.modes.diameter = diameter;
+        }
         if let Some(code) = line.compensation() {
             self.compensation(code)?;
         }
@@ -345,9 +349,6 @@ impl Executor<'_> {
         }
         if let Some(GCode::ArcCentreAbsolute(absolute)) = line.g(Group::ArcDistance) {
             modes.arc_centre_absolute = absolute;
-        }
-        if let Some(GCode::Diameter(diameter)) = line.g(Group::Diameter) {
-            modes.diameter = diameter;
         }
         if let Some(GCode::RetractToOld(old)) = line.g(Group::Retract) {
             modes.retract_to_old = old;
