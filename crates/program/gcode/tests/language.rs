@@ -637,3 +637,30 @@ fn x_of_g43_1_is_a_diameter_by_the_mode_of_its_line() {
         assert_near(ends(program)[0][0], x);
     }
 }
+
+#[test]
+fn a_tool_is_measured_in_a_rotated_system() {
+    let (sin, cos) = 30.0_f64.to_radians().sin_cos();
+    let turned = |x: f64, y: f64| [cos * x - sin * y, sin * x + cos * y];
+    // X1 Y2 of the machine in the turned coordinates.
+    let (x, y) = (cos + 2.0 * sin, 2.0 * cos - sin);
+    for (measured, [x, y]) in [
+        ("G10 L10 P4 X1", turned(4.0, 0.0)),
+        ("G10 L10 P4 X1 Y3", turned(4.0, -1.0)),
+        ("G10 L10 P4 Z1", [0.0, 0.0]),
+        // The word that is missing stays as it is in these coordinates.
+        ("G10 L1 P4 X1 Y2\nG10 L10 P4 X1", turned(4.0, y)),
+        ("G10 L1 P4 X1 Y2\nG10 L10 P4 Y1", turned(x, 1.0)),
+        ("G10 L1 P4 X1 Y2", [1.0, 2.0]),
+    ] {
+        let program = format!("G10 L2 P1 R30\nG0 X5 Y2\n{measured}\nG43 H4\nG0 X0 Y0");
+        let found = *ends(&program).last().unwrap();
+        assert_near(found[0], x);
+        assert_near(found[1], y);
+    }
+    // By G59.3, which is turned by 30 degrees too, and the work by more.
+    let program = "G10 L2 P9 R30\nG10 L2 P1 R50\nG53 G0 X5 Y2\nG10 L11 P4 X1 Y2\nG43 H4\nG59.3 G0 X1 Y2 Z1";
+    let found = ends(program);
+    assert_near(found[1][0], 5.0);
+    assert_near(found[1][1], 2.0);
+}

@@ -268,12 +268,24 @@ impl Executor<'_> {
             there.g92 = Axes::zeros();
         }
         let bare = there.program_of(there.programmed());
+        // An offset acts along the axes of the machine, and the words are along those of the system.
+        let mut wanted = there.turn_back(tool.offset);
         for axis in AxisLetter::ALL {
             let place = axis.index();
             if let Some(value) = line.axis(place) {
                 let value = value * self.state.word_unit(place);
-                tool.offset[place] = if what == 1 { value } else { bare[place] - value };
-                check_coordinate(tool.offset[place], axis, line)?;
+                wanted[place] = if what == 1 { value } else { bare[place] - value };
+            }
+        }
+        let rotated = what != 1 && there.rotation[0] != 0.0;
+        let offset = if rotated { there.turn(wanted) } else { wanted };
+        // In rotated coordinates a length along X has a component of both axes of the machine.
+        let level = rotated && (line.has(b'X') || line.has(b'Y'));
+        for axis in AxisLetter::ALL {
+            let place = axis.index();
+            if line.axis(place).is_some() || level && place < 2 {
+                check_coordinate(offset[place], axis, line)?;
+                tool.offset[place] = offset[place];
             }
         }
         if let Some(radius) = line.word(b'R') {
