@@ -270,6 +270,8 @@ const TABLE: &[(&str, Code, u32)] = {
         ("F1\nG5.2 P1 L3\nX1", WordMissing, 1),
         ("F1\nG5.2 P0 L3", OutOfRange, 6),
         ("F1\nG5.2 P1 L99", OutOfRange, 9),
+        ("F1\nG5.2 @5 ^30 P1 L3", PolarCoordinates, 6),
+        ("F1\nG5.2 P1 L3\nP1 ^30", PolarCoordinates, 4),
         // Holes.
         ("F1\nG13.2 X0 Y0 Z-1 R1 D10 Q1", HoleRefused, 1),
         ("F1\nG13.2 X0 Y0 Z-1 R1 Q1 E2", WordMissing, 1),

@@ -136,6 +136,12 @@ impl Executor<'_> {
     pub(crate) fn control_point(&mut self) -> Result<(), Fault> {
         self.begin_spline("G5.2")?;
         let line = self.line;
+        if line.has_polar() {
+            let letter = if line.has(b'@') { b'@' } else { b'^' };
+            let message = "@ and ^ have no meaning for G5.2";
+            return Err(Fault::new(Code::PolarCoordinates, line.span(letter), message)
+                .help("write the control points of a NURBS with X and Y"));
+        }
         if self.state.nurbs_order.is_none() {
             let order = line.whole(b'L')?.unwrap_or(3);
             if !(2..=MAX_ORDER).contains(&order) {
