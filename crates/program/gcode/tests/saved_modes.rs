@@ -76,3 +76,25 @@ fn each_repetition_of_m98_starts_with_the_modes_of_the_caller() {
     let program = "F100\nM98 P100 L2\nM30\nO100\nO1 if [#1 EQ 1]\nM72\nO1 endif\n#1=1\nM70\nM99\n";
     assert_eq!(last(program).1, Some((Code::NothingSaved, 6)));
 }
+
+#[test]
+fn whether_g92_is_active_is_restored_and_not_its_values() {
+    for (before, within, z) in [
+        ("", "G92 Z5", 1.0),
+        ("", "G52 Z3", 1.0),
+        ("G92 Z5", "G92.2", -4.0),
+        ("G92 Z5", "G92 Z7", -6.0),
+        ("G92 Z5", "G92.1", 1.0),
+        ("G92 Z5\nG92.2", "G92.3", 1.0),
+    ] {
+        let program = format!("o1 sub\nM73\n{within}\no1 endsub\n{before}\no1 call\nG0 Z1\nM2\n");
+        assert_eq!(last(&program), (z, None), "{before}, {within}");
+        let program = format!("{before}\nM70\n{within}\nM72\nG0 Z1\nM2\n");
+        assert_eq!(last(&program), (z, None), "{before}, {within}");
+    }
+    // The parameter says so.
+    assert_eq!(
+        last("G92 Z5\nM70\nG92.2\nM72\nG53 G0 Z[7+#5210]\nM2\n"),
+        (8.0, None)
+    );
+}

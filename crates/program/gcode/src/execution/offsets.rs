@@ -154,18 +154,25 @@ impl Executor<'_> {
                 self.parameters.set_numbered(G92_ACTIVE, 0.0);
                 self.parameters.set_axes(G92, &Axes::zeros());
             }
-            NonModal::SuspendOffset => {
-                self.state.g92 = Axes::zeros();
-                self.parameters.set_numbered(G92_ACTIVE, 0.0);
-            }
-            NonModal::RestoreOffset => {
-                self.state.g92 = self.parameters.axes(G92);
-                for axis in AxisLetter::ALL {
-                    check_coordinate(self.state.g92[axis.index()], axis, line)?;
-                }
-                self.parameters.set_numbered(G92_ACTIVE, 1.0);
-            }
+            NonModal::SuspendOffset => self.suspend_offset(),
+            NonModal::RestoreOffset => self.restore_offset()?,
         }
+        Ok(())
+    }
+
+    /// G92.2.
+    pub(crate) fn suspend_offset(&mut self) {
+        self.state.g92 = Axes::zeros();
+        self.parameters.set_numbered(G92_ACTIVE, 0.0);
+    }
+
+    /// G92.3.
+    pub(crate) fn restore_offset(&mut self) -> Result<(), Fault> {
+        self.state.g92 = self.parameters.axes(G92);
+        for axis in AxisLetter::ALL {
+            check_coordinate(self.state.g92[axis.index()], axis, self.line)?;
+        }
+        self.parameters.set_numbered(G92_ACTIVE, 1.0);
         Ok(())
     }
 

@@ -5,7 +5,7 @@ use evolvent_path::Axes;
 use crate::codes::modal_groups::Compensation;
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::execution::execute::Executor;
-use crate::parameters::values::WORK_OFFSET;
+use crate::parameters::values::{G92_ACTIVE, Parameters, WORK_OFFSET};
 use crate::state::machine_state::{Modes, State};
 use crate::{Code, ToolTable};
 
@@ -15,6 +15,8 @@ pub(crate) struct SavedModes {
     modes: Modes,
     length: SavedLength,
     compensation: Compensation,
+    /// Whether the offset of G92 and G52 is active.
+    is_offset_active: bool,
 }
 
 /// The tool length that is in force.
@@ -30,7 +32,7 @@ enum SavedLength {
 
 impl SavedModes {
     /// What M70 saves.
-    pub(crate) fn new(state: &State, tools: Option<&ToolTable>) -> Self {
+    pub(crate) fn new(state: &State, tools: Option<&ToolTable>, parameters: &Parameters) -> Self {
         let State {
             tool, tool_offset, ..
         } = *state;
@@ -48,6 +50,7 @@ impl SavedModes {
             modes: state.modes,
             length,
             compensation: state.cutter.code,
+            is_offset_active: parameters.numbered(G92_ACTIVE) != 0.0,
         }
     }
 }
@@ -83,6 +86,14 @@ impl Executor<'_> {
             SavedLength::OfTool | SavedLength::Of { .. } => length_of(present, self.tools.as_ref()),
         };
         self.restore(saved.modes);
+        if saved.is_offset_active == (self.parameters.numbered(G92_ACTIVE) != 0.0) {
+            return Ok(());
+        }
+        // As in LinuxCNC the switch is saved, and not the offset.
+        if saved.is_offset_active {
+            return self.restore_offset();
+        }
+        self.suspend_offset();
         Ok(())
     }
 

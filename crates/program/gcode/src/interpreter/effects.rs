@@ -61,7 +61,7 @@ impl<R: BufRead> Interpreter<R> {
                 Ok(())
             }
             Request::Modes(code) => {
-                let modes = SavedModes::new(&self.state, self.tools.as_ref());
+                let modes = SavedModes::new(&self.state, self.tools.as_ref(), &self.parameters);
                 let Some(frame) = self.flow.frames.last_mut() else {
                     return Ok(());
                 };
