@@ -164,3 +164,15 @@ fn a_hole_uses_tool_table_offsets_and_inches() {
     assert!((reach(&found, [0.0, 0.0]) - 0.5 * (2.0 * 25.4 - 12.7)).abs() < 1e-9);
     assert!((found.last().unwrap().curve.end()[2] - 25.4).abs() < 1e-9);
 }
+
+#[test]
+fn increments_of_a_nurbs_are_from_its_start() {
+    let absolute = moves("F600 G0 X10 Y20\nG5.2 X11 Y21 P1 L3\nX12 Y22 P1\nX13 Y20 P2\nG5.3");
+    let increments = moves("F600 G0 X10 Y20\nG91 G5.2 X1 Y1 P1 L3\nX2 Y2 P1\nX3 Y0 P2\nG5.3");
+    assert_eq!(absolute.len(), increments.len());
+    for (a, b) in absolute.iter().zip(&increments) {
+        for (a, b) in points(&a.curve, 8).iter().zip(points(&b.curve, 8)) {
+            assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-12, "{a:?} {b:?}");
+        }
+    }
+}

@@ -159,18 +159,18 @@ impl Executor<'_> {
         }
         if line.has_axes() {
             let weight = self.weight()?;
-            // Missing words and increments refer to the last control point.
-            let mut base = self.state.program_of(self.state.position);
-            if let Some(last) = self.control_points.last() {
-                (base[0], base[1]) = (last[0], last[1]);
-            }
+            // Missing words keep the last control point; increments are from the start, as in LinuxCNC.
+            let start = self.state.program_of(self.state.position);
+            let mut point = match self.control_points.last() {
+                Some(last) => [last[0], last[1]],
+                None => [start[0], start[1]],
+            };
             let unit = self.state.unit_mm();
-            let mut point = [base[0], base[1]];
             for (axis, value) in point.iter_mut().enumerate() {
                 if let Some(word) = line.axis(axis) {
                     let word = word * self.state.word_unit(axis).min(unit);
                     *value = if self.state.modes.incremental {
-                        *value + word
+                        start[axis] + word
                     } else {
                         word
                     };
