@@ -550,7 +550,12 @@ impl Statement {
         claim(self.motion_words());
         match self.once() {
             Some(NonModal::Dwell) => claim(bit(b'P')),
-            Some(NonModal::SetData) => claim(bits(b"LPRIJQ")),
+            Some(NonModal::SetData) => claim(match self.word(b'L') {
+                Some(2.0) => bits(b"LPR"),
+                Some(20.0) => bits(b"LP"),
+                // Those of a tool; L0 takes all as in LinuxCNC, and an unknown L is an error of its own.
+                _ => bits(b"LPRIJQ"),
+            }),
             _ => {}
         }
         if self.g(Group::PathControl) == Some(GCode::Path(PathControl::Blend)) {
