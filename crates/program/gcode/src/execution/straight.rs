@@ -416,7 +416,8 @@ impl Executor<'_> {
     /// G33.
     pub(crate) fn thread(&mut self) -> Result<(), Fault> {
         if !self.line.has_axes() {
-            return Ok(());
+            let message = "G33 needs an axis word: the end of the thread";
+            return Err(Fault::new(Code::WordMissing, self.line.motion_span(), message));
         }
         let pitch_mm = self.pitch("G33", b'K')?;
         let start_degrees = self.line.word(b'Q').unwrap_or(0.0);
@@ -455,7 +456,8 @@ impl Executor<'_> {
     /// G33.1.
     pub(crate) fn rigid_tap(&mut self) -> Result<(), Fault> {
         if !self.line.has_axes() {
-            return Ok(());
+            let message = "G33.1 needs an axis word: the end of the thread";
+            return Err(Fault::new(Code::WordMissing, self.line.motion_span(), message));
         }
         let pitch_mm = self.pitch("G33.1", b'K')?;
         let return_factor = self.line.word(b'I').unwrap_or(1.0);

@@ -74,6 +74,11 @@ impl Executor<'_> {
                 .help("cycles need a feed per minute or per revolution: G94 or G95"));
         }
         self.check_feed(name)?;
+        if !line.has_axes() {
+            let message = format!("{name} needs an axis word");
+            return Err(Fault::new(Code::WordMissing, line.motion_span(), message)
+                .help("name the position of the hole, at least by one of its axes"));
+        }
         let here = self.state.program_of(self.state.programmed());
         let before = self.state.sticky;
         if before.running != Some(motion) {
