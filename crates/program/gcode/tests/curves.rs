@@ -176,3 +176,15 @@ fn increments_of_a_nurbs_are_from_its_start() {
         }
     }
 }
+
+#[test]
+fn a_curve_through_its_start_in_the_middle_is_not_dropped() {
+    // It is 30 t (1 - t) (1 - 2 t) along X, and half of that along Y: out and back on both sides.
+    let found = moves("F600\nG5 X0 Y0 I10 J5 P-10 Q-5");
+    let total: f64 = found.iter().map(|step| step.curve.length()).sum();
+    let farthest = 30.0 / (6.0 * 3.0_f64.sqrt());
+    let expected = 4.0 * farthest * 1.25_f64.sqrt();
+    assert!((total - expected).abs() < 1e-3, "{total} instead of {expected}");
+    let end = found.last().unwrap().curve.end();
+    assert!(end[0].hypot(end[1]) < 1e-9);
+}
