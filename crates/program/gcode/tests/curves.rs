@@ -188,3 +188,19 @@ fn a_curve_through_its_start_in_the_middle_is_not_dropped() {
     let end = found.last().unwrap().curve.end();
     assert!(end[0].hypot(end[1]) < 1e-9);
 }
+
+#[test]
+fn a_nurbs_without_its_end_is_a_warning() {
+    let warnings = |program: &str| {
+        Interpreter::new(program.as_bytes(), Settings::default())
+            .filter(|command| {
+                let action = command.as_ref().map(|command| &command.action);
+                matches!(action, Ok(Action::Warning(text)) if text.contains("G5.3"))
+            })
+            .count()
+    };
+    let nurbs = "F600\nG5.2 P1 L3\nX1 Y2 P1\nX3 Y0 P1\n";
+    assert_eq!(warnings(&format!("{nurbs}M2\n")), 1);
+    assert_eq!(warnings(nurbs), 1);
+    assert_eq!(warnings(&format!("{nurbs}G5.3\nM2\n")), 0);
+}

@@ -198,6 +198,11 @@ impl Executor<'_> {
     /// M2: spindle and coolant off, back to G54, then the end.
     pub(crate) fn end(&mut self) {
         self.leave_compensation();
+        if self.state.nurbs_order.is_some() {
+            self.out(Action::Warning(
+                "the program ends between G5.2 and G5.3, so its last NURBS is not executed; write G5.3 at the end of it".to_owned(),
+            ));
+        }
         if self.state.modes.work_index != 0 {
             self.select_work(0);
         }
