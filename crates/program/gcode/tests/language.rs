@@ -664,3 +664,11 @@ fn a_tool_is_measured_in_a_rotated_system() {
     assert_near(found[1][0], 5.0);
     assert_near(found[1][1], 2.0);
 }
+
+#[test]
+fn a_half_in_the_count_of_repeat_is_rounded_to_even() {
+    for (count, moves) in [("2.5", 2), ("1.5", 2), ("0.5", 0), ("3.5", 4), ("2.6", 3)] {
+        let program = format!("G91\nO1 repeat [{count}]\nG0 X1\nO1 endrepeat");
+        assert_eq!(ends(&program).len(), moves, "{count}");
+    }
+}

@@ -291,7 +291,8 @@ impl<R: BufRead> Interpreter<R> {
 
     fn repeat_(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
         let times = match self.value(word) {
-            Ok(times) => times.round(),
+            // As in LinuxCNC.
+            Ok(times) => times.round_ties_even(),
             Err(fault) => {
                 self.skip_loop(name, Keyword::EndRepeat);
                 return Err(fault);
