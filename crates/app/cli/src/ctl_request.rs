@@ -65,6 +65,16 @@ pub(crate) fn tool(
     if number == 0 {
         return Err(CommandError::Usage("tools are numbered from 1".to_owned()));
     }
+    if let Some(diameter) = diameter.filter(|diameter| !(diameter.is_finite() && *diameter >= 0.0)) {
+        return Err(CommandError::Usage(format!(
+            "--diameter {diameter} is out of range: it must be a number of mm from 0"
+        )));
+    }
+    if values.is_empty() && diameter.is_none() {
+        return Err(CommandError::Usage(format!(
+            "nothing to set of tool {number}: write an offset, as in Z12.5, or --diameter"
+        )));
+    }
     Ok(ControlRequest {
         index: number,
         amount: diameter.unwrap_or(-1.0),
@@ -202,6 +212,14 @@ mod tests {
         );
         assert!(jog(&["X".into()], None, None).is_err());
         assert!(jog(&["X*".into()], None, None).is_err());
+        let z = ["Z1".to_owned()];
+        for diameter in [-4.0, f64::NAN, f64::INFINITY] {
+            assert!(tool(7, &z, Some(diameter)).is_err(), "{diameter}");
+        }
+        assert_eq!(tool(7, &z, Some(0.0)).unwrap().amount, 0.0);
+        assert_eq!(tool(7, &z, None).unwrap().amount, -1.0);
+        assert_eq!(tool(7, &[], Some(4.0)).unwrap().axes_mask, 0);
+        assert!(tool(7, &[], None).is_err());
         let twice = jog(&["X+".into(), "X-".into()], Some(1.0), None).map(|_| ());
         assert!(format!("{twice:?}").contains("named twice"));
         let rapid = percent(CommandCode::RapidOverride, 101.0).map(|_| ());

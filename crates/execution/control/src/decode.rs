@@ -114,7 +114,11 @@ impl Command {
                 }
                 Self::Tool(ToolEntry {
                     number: raw.index,
-                    axes: AxisMask::from_bits(raw.axes_mask) & present,
+                    // A diameter alone names no axis.
+                    axes: match raw.axes_mask {
+                        0 => AxisMask::from_bits(0),
+                        _ => axes(raw, present)?,
+                    },
                     offset: values(raw)?,
                     // Below zero: not given.
                     diameter_mm: (raw.amount >= 0.0).then_some(raw.amount),
@@ -530,11 +534,11 @@ mod tests {
             (of(CommandCode::Tool, 1, -1.0), tool(1, xz, None), "tool 1 set"),
             (
                 RawCommand {
-                    // Offsets of axes that the machine has not are left out.
-                    axes_mask: 0b1101,
+                    // A diameter alone.
+                    axes_mask: 0,
                     ..of(CommandCode::Tool, 2, 6.0)
                 },
-                tool(2, xz, Some(6.0)),
+                tool(2, 0, Some(6.0)),
                 "tool 2 set",
             ),
             (
@@ -629,6 +633,12 @@ mod tests {
             ..of(CommandCode::Tool, 1, 0.0)
         };
         assert_eq!(refused(&too_wide), Alarm::BadNumber);
+        // An axis that the machine does not have is not dropped.
+        let absent = RawCommand {
+            axes_mask: 0b1101,
+            ..of(CommandCode::Tool, 1, 0.0)
+        };
+        assert_eq!(refused(&absent), Alarm::NoAxis);
         let far = RawCommand {
             values: [-1.000_1 * MOST; AXES],
             ..of(CommandCode::TouchOff, 1, 0.0)
