@@ -125,6 +125,11 @@ pub(crate) fn valued(code: CommandCode, words: &[String]) -> Result<ControlReque
         let bad = || CommandError::Usage(format!("{word:?} is not an axis with a value, as in X12.5"));
         let mut letters = word.chars();
         let axis = axis_of(letters.next().ok_or_else(bad)?)?;
+        if AxisMask::from_bits(wanted.axes_mask).contains(axis) {
+            return Err(CommandError::Usage(format!(
+                "{word:?}: the axis is named twice; name each axis once, with one value"
+            )));
+        }
         let number = letters.as_str().trim_start_matches('=');
         values[axis] = number.parse().map_err(|_| bad())?;
         wanted.axes_mask |= AxisMask::one(axis).bits();
@@ -204,6 +209,8 @@ mod tests {
         assert_eq!((offset.values[0], offset.values[2]), (10.0, -2.5));
         assert!(valued(CommandCode::WorkOffset, &["Q1".into()]).is_err());
         assert!(valued(CommandCode::WorkOffset, &["X".into()]).is_err());
+        let twice = valued(CommandCode::WorkOffset, &["X10".into(), "x=20".into()]).map(|_| ());
+        assert!(format!("{twice:?}").contains("named twice"));
         let jog_both = jog(&["X+".into(), "Y-".into()], Some(5.0), Some(600.0)).unwrap();
         assert_eq!((jog_both.axes_mask, jog_both.index), (0b11, 1));
         assert_eq!(
