@@ -292,3 +292,24 @@ fn few_descriptors_are_named_and_not_blamed_on_the_core() {
     );
     scene.end();
 }
+
+/// Below 0 first: NaN would jog until the end of the travel.
+#[test]
+fn a_jog_for_no_number_of_seconds_is_refused_before_anything_moves() {
+    unless_disturbed(|| {
+        let scene = Scene::new("ctl-seconds");
+        let mut operator = up(&scene);
+        let before = operator.waits("a status", |_| true);
+        for seconds in ["--seconds=-1", "--seconds=nan", "--seconds=inf"] {
+            let finished = done(&scene, &["jog", "X+", seconds]).expect_code(&[2]);
+            assert!(finished.err.contains("out of range"), "{}", finished.err);
+        }
+        let after = operator.waits("a status", |_| true);
+        assert_eq!(
+            (after.job, after.position_machine),
+            (before.job, before.position_machine)
+        );
+        drop(operator);
+        scene.end();
+    });
+}

@@ -10,6 +10,7 @@ use evolvent_bus::{ControlAnswer, ControlClient, ControlRequest, Status, StatusR
 use evolvent_control::{Alarm, CommandCode, JogEnable, Mode};
 use evolvent_runtime::BEFORE_LINE;
 
+use crate::bridge::duration_of;
 use crate::ctl_answer::{JobEnd, has_latched_alarm, tell};
 use crate::ctl_args::Action;
 use crate::ctl_away::is_of_program;
@@ -154,6 +155,7 @@ impl Session {
                 speed,
                 seconds,
             } => {
+                let duration = duration_of(*seconds)?;
                 let jog = jog(axes, *distance, *speed)?;
                 let is_away = is_of_program(status);
                 if !is_away {
@@ -163,7 +165,7 @@ impl Session {
                     return self.give_away(&jog, out);
                 }
                 if distance.is_none() {
-                    return self.jog_on(&jog, status, *seconds, out, err);
+                    return self.jog_on(&jog, status, duration, out, err);
                 }
                 Order::awaited(jog, Waiting::stopped_by(CommandCode::JogStop))
             }
@@ -478,7 +480,7 @@ impl Session {
         &mut self,
         jog: &ControlRequest,
         status: &Status,
-        seconds: Option<f64>,
+        duration: Option<Duration>,
         out: &mut dyn Write,
         err: &mut dyn Write,
     ) -> Result<Ending, CommandError> {
@@ -489,12 +491,12 @@ impl Session {
         if answer.verdict != 0 {
             return tell(&answer, None, self.json, out);
         }
-        if seconds.is_none() && !self.json {
+        if duration.is_none() && !self.json {
             drop(writeln!(err, "jogging; Ctrl-C stops"));
         }
         let begin = Instant::now();
         let every = Duration::from_nanos(JogEnable::PATIENCE_NS / 3);
-        let over = |begin: Instant| seconds.is_some_and(|seconds| begin.elapsed().as_secs_f64() >= seconds);
+        let over = |begin: Instant| duration.is_some_and(|duration| begin.elapsed() >= duration);
         let mut renewed = Instant::now();
         while !stop.load(Ordering::Relaxed) && !over(begin) {
             if renewed.elapsed() >= every {
