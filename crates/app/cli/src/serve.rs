@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
 use evolvent_analysis::{load_setup, sort_process_files};
+use evolvent_config::check_outputs;
 use evolvent_machine::ControlRate;
 use evolvent_runtime::{
     Clock, ProgramMemory, ServeConfig, ServeNews, ServeSummary, Setup, StartError, TraceTo, serve,
@@ -67,6 +68,7 @@ pub(crate) fn run(
     let mut setup: Setup = load_setup(&args.machine, args.rate)?;
     setup.memory = ProgramMemory::of_machine(&setup.machine, &args.machine)
         .map_err(|error| CommandError::Usage(error.to_string()))?;
+    check_trace(args, &setup.memory)?;
     let chatter = sort_process_files(&mut setup, &args.process, Clock::Realtime)?.map(Path::to_path_buf);
     if chatter.is_some() && !args.screen.is_wanted() {
         return Err(CommandError::Usage(
@@ -121,6 +123,19 @@ pub(crate) fn run(
         _ => CommandError::Failed(error.to_string()),
     })?;
     report(args.json, &summary, out)
+}
+
+/// The trace must not replace a file that is read.
+fn check_trace(args: &ServeArgs, memory: &ProgramMemory) -> Result<(), CommandError> {
+    let inputs = [
+        (Some(args.machine.as_path()), "the machine file"),
+        (memory.tools_file.as_deref(), "the tool table"),
+        (memory.kept_file.as_deref(), "the parameter file"),
+        (args.operate.macros.as_deref(), "the file of macros"),
+    ];
+    let inputs = inputs.into_iter().filter_map(|(file, what)| Some((file?, what)));
+    let processes = args.process.iter().map(|file| (file.as_path(), "a process file"));
+    Ok(check_outputs(args.trace.as_deref(), inputs.chain(processes))?)
 }
 
 /// A limit of the traces in GiB, as bytes.

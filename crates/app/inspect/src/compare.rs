@@ -175,9 +175,7 @@ pub fn compare_runs(run_a: ComparedRun<'_>, run_b: ComparedRun<'_>) -> Result<Co
     };
     for (name, opened, run) in [("A", &mut a, run_a), ("B", &mut b, run_b)] {
         if run.job.is_none() && opened.run.extra.contains_key("served") {
-            let jobs = recorded_jobs(&mut opened.trace)?
-                .back()
-                .map_or(0, |start| start.job);
+            let jobs = recorded_jobs(&mut opened.trace)?.len();
             let option = name.to_ascii_lowercase();
             result.notes.push(format!(
                 "{name} is a service with {jobs} jobs, of which each counts its path from 0: positions are matched within one job \

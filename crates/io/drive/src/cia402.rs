@@ -114,6 +114,8 @@ impl Cia402 {
             Some(DriveState::Fault | DriveState::FaultReactionActive | DriveState::QuickStopActive)
         );
         match request {
+            // Without a core nobody requests it.
+            PowerRequest::Off if fault_reset.is_none() => {}
             PowerRequest::Off => self.locked_out = false,
             PowerRequest::QuickStop => self.locked_out = true,
             PowerRequest::On => self.locked_out |= has_stopped,

@@ -183,6 +183,18 @@ pub struct Follower {
     quick_stop: bool,
 }
 
+impl Target {
+    /// What the core requested last, also while it is silent.
+    #[must_use]
+    pub const fn requested_power(&self) -> PowerRequest {
+        if self.is_silent {
+            PowerRequest::On
+        } else {
+            self.power
+        }
+    }
+}
+
 impl Follower {
     /// A follower that waits for its first setpoint.
     ///
@@ -630,7 +642,7 @@ impl Follower {
                 .current
                 .is_some_and(|current| now_ns.saturating_sub(current.due_ns) > self.longest_ns());
             if target.is_silent {
-                target.power = PowerRequest::Off;
+                (target.power, target.fault_reset) = (PowerRequest::Off, None);
             }
         }
         if self.quick_stop {

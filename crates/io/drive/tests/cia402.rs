@@ -244,7 +244,8 @@ struct Pair {
     controller: Cia402,
     drive: DriveMachine,
     events: DriveEvents,
-    resets: u32,
+    /// None without a core.
+    resets: Option<u32>,
     braking: Braking,
 }
 
@@ -258,7 +259,7 @@ impl Pair {
                 at_rest: true,
                 fault: None,
             },
-            resets: 0,
+            resets: Some(0),
             braking: Braking {
                 period_s: 1e-3,
                 is_standing: None,
@@ -271,7 +272,7 @@ impl Pair {
             let order = self.controller.step(
                 self.drive.status_word(),
                 request,
-                Some(self.resets),
+                self.resets,
                 7.0,
                 3.0,
                 self.braking,
@@ -307,7 +308,7 @@ fn after_a_fault_power_comes_back_only_by_reset_and_a_new_request() {
         DriveState::Fault,
         "no reset was asked for"
     );
-    pair.resets += 1;
+    pair.resets = pair.resets.map(|count| count + 1);
     assert_eq!(pair.run(PowerRequest::On, 1), DriveState::SwitchOnDisabled);
     assert_eq!(pair.controller.resets_done(), 1);
     assert_eq!(
@@ -392,6 +393,21 @@ fn a_quick_stop_ends_without_torque_and_locks_out_until_another_request() {
     pair.events.at_rest = true;
     assert_eq!(pair.run(PowerRequest::On, 2), DriveState::SwitchOnDisabled);
     assert_eq!(pair.run(PowerRequest::On, 50), DriveState::SwitchOnDisabled);
+}
+
+/// A core that is silent for a moment while drives come into operation has not requested *off*.
+#[test]
+fn power_that_is_off_without_a_core_unlocks_nothing() {
+    let mut pair = Pair::new();
+    pair.run(PowerRequest::On, 5);
+    pair.run(PowerRequest::QuickStop, 1);
+    assert_eq!(pair.run(PowerRequest::On, 5), DriveState::SwitchOnDisabled);
+    pair.resets = None;
+    pair.run(PowerRequest::Off, 5);
+    pair.resets = Some(0);
+    assert_eq!(pair.run(PowerRequest::On, 50), DriveState::SwitchOnDisabled);
+    pair.run(PowerRequest::Off, 1);
+    assert_eq!(pair.run(PowerRequest::On, 5), DriveState::OperationEnabled);
 }
 
 /// The core commands rest long before a drive with a longer ramp (object 6085h) has stopped.

@@ -335,7 +335,7 @@ impl DriveSet {
             let switches = [one, other].map(|drive| drive.switches()[0]);
             pair.gantry.step(&GantryInputs {
                 is_enabled,
-                power: target.power,
+                power: target.requested_power(),
                 position: [one, other].map(|drive| drive.position()),
                 velocity: target.velocity[one.index()],
                 switches: pair.has_switches.then_some(switches),

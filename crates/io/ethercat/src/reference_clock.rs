@@ -4,24 +4,27 @@
 /// SYNC0 goes on at the periods of the time before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ReferenceClock {
-    low: u32,
     time_ns: u64,
+    /// When it was read last, by the clock of this computer.
+    read_ns: u64,
 }
 
 impl ReferenceClock {
-    /// From a first reading, by which SYNC0 was set up.
-    pub(crate) const fn new(register: u64) -> Self {
+    /// From a first reading, by which SYNC0 was set up; `now_ns` is of this computer's clock.
+    pub(crate) const fn new(register: u64, now_ns: u64) -> Self {
         Self {
-            low: register as u32,
             time_ns: register,
+            read_ns: now_ns,
         }
     }
 
-    /// The time of a reading, less than 2.1 s from the last one: the lower half is right for both kinds.
-    pub(crate) const fn take(&mut self, register: u64) -> u64 {
-        let step_ns = (register as u32).wrapping_sub(self.low).cast_signed();
-        self.low = register as u32;
-        self.time_ns = self.time_ns.wrapping_add_signed(step_ns as i64);
+    /// The time of a reading. The lower half is right for both kinds; the upper half is the one that fits what has passed by this
+    /// computer's clock: devices may take seconds to their next state, and two clocks are apart by less than 2.1 s after hours.
+    pub(crate) const fn take(&mut self, register: u64, now_ns: u64) -> u64 {
+        let expected_ns = self.time_ns.wrapping_add(now_ns.wrapping_sub(self.read_ns));
+        let step_ns = (register as u32).wrapping_sub(expected_ns as u32).cast_signed();
+        self.time_ns = expected_ns.wrapping_add_signed(step_ns as i64);
+        self.read_ns = now_ns;
         self.time_ns
     }
 }
@@ -36,12 +39,25 @@ mod tests {
     fn a_clock_of_either_kind_keeps_the_phase_of_its_frames() {
         let begin_ns = 77 * PERIOD_NS + 123_456;
         for mask in [u64::MAX, u64::from(u32::MAX)] {
-            let mut clock = ReferenceClock::new(begin_ns & mask);
+            let mut clock = ReferenceClock::new(begin_ns & mask, 5000);
+            // This computer's clock is faster by 100 ppm.
+            let here_ns = |passed_ns: u64| 5000 + passed_ns + passed_ns / 10_000;
             // Twenty seconds, in which 32 bits wrap four times; one frame is late.
             for period in 1..20_000_u64 {
                 let late_ns = if period == 5000 { 700 } else { 0 };
                 let time_ns = begin_ns + period * PERIOD_NS + late_ns;
-                assert_eq!(clock.take(time_ns & mask), time_ns, "{mask:x} at {period}");
+                let now_ns = here_ns(time_ns - begin_ns);
+                assert_eq!(
+                    clock.take(time_ns & mask, now_ns),
+                    time_ns,
+                    "{mask:x} at {period}"
+                );
+            }
+            // Devices that take long to their next state, over one wrap and over three.
+            for pause_ns in [3_000_000_000, 13_000_000_000] {
+                let mut clock = ReferenceClock::new(begin_ns & mask, 5000);
+                let time_ns = begin_ns + pause_ns;
+                assert_eq!(clock.take(time_ns & mask, here_ns(pause_ns)), time_ns, "{mask:x}");
             }
         }
     }

@@ -281,7 +281,7 @@ impl AxisSet {
             let switches = motors.map(|motor| self.axes[motor].switches()[0]);
             pair.gantry.step(&GantryInputs {
                 is_enabled,
-                power: target.power,
+                power: target.requested_power(),
                 position: motors.map(|motor| self.axes[motor].position()),
                 velocity: target.velocity[self.axes[pair.first].index()],
                 switches: pair.has_switches.then_some(switches),

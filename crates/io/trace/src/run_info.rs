@@ -83,7 +83,6 @@ pub fn configuration_hash(parts: &[&[u8]]) -> String {
 }
 
 impl RunInfo {
-    /// The metadata `evolvent.run`.
     /// The number of the first cycle: 0, except in a file that continues an earlier one.
     #[must_use]
     pub fn first_sequence(&self) -> u64 {
@@ -91,6 +90,7 @@ impl RunInfo {
         continued.and_then(|text| text.parse().ok()).unwrap_or(0)
     }
 
+    /// The metadata `evolvent.run`.
     pub(crate) fn to_metadata(&self) -> BTreeMap<String, String> {
         let mut map: BTreeMap<String, String> = self
             .extra

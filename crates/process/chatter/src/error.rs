@@ -56,15 +56,17 @@ pub enum ChatterError {
     },
     /// The delay equation takes too long.
     #[error(
-        "the delay equation is not solved: {waves:.0} waves of the fastest mode pass while a tooth cuts; give a higher speed, or take the zero order"
+        "the delay equation is not solved: {waves:.0} waves of the fastest mode pass while a tooth cuts, too many for {modes} modes; give a higher speed or fewer modes, or take the zero order"
     )]
     TooManyWaves {
         /// Waves of the fastest mode in the cut of one tooth period.
         waves: f64,
+        /// Modes of both axes.
+        modes: usize,
     },
     /// The limit of the delay equation is not certain.
     #[error(
-        "the delay equation has no certain limit: {waves:.0} waves of the fastest mode pass while a tooth cuts, and a finer computation differs; take the zero order"
+        "the delay equation has no certain limit: {waves:.0} waves of the fastest mode pass while a tooth cuts, which it cannot tell apart from rounding; take the zero order"
     )]
     Unresolved {
         /// Waves of the fastest mode in the cut of one tooth period.

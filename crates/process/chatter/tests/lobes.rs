@@ -716,6 +716,47 @@ fn at_limits_of_random_mills_the_multiplier_of_collocation_is_one() {
     assert!(limits >= cases / 2, "{limits} limits");
 }
 
+/// As a modal analysis measures tools: 20 modes, in a few waves of the fastest.
+#[test]
+fn mills_with_many_modes_have_a_limit() {
+    let (mut random, _) = campaign(0x0c4a_0014, 1);
+    for (count, rpm) in [(5, 3000.0), (10, 10_000.0), (20, 20_000.0)] {
+        let mut modes = || -> Vec<Mode> {
+            (0..count / 2 + count % 2)
+                .map(|_| Mode {
+                    frequency_hz: random.between(500.0, 3000.0),
+                    damping_ratio: random.between(0.02, 0.05),
+                    stiffness_n_m: random.between(1e7, 1e8),
+                })
+                .collect()
+        };
+        let cut = MillingCut {
+            teeth: 2,
+            entry_deg: 0.0,
+            exit_deg: 180.0,
+            tangential_n_m2: 6e8,
+            radial_n_m2: 2e8,
+        };
+        let milling = Milling::new(cut.with_immersion(0.5, false), &modes(), &modes()).unwrap();
+        let delay = MillingDelay::milling(&milling, rpm).unwrap();
+        let limit = delay.limit(0.1).unwrap().expect("a limit");
+        let what = format!("{count} modes at {rpm} rpm: {limit} m");
+        if count > 10 {
+            // Collocation would take ten seconds.
+            assert!((1e-5..0.1).contains(&limit), "{what}");
+            continue;
+        }
+        assert!(
+            delay.collocation(0.97 * limit, delay.degree()).unwrap() < 1.0,
+            "{what}"
+        );
+        assert!(
+            delay.collocation(1.03 * limit, delay.degree()).unwrap() > 1.0,
+            "{what}"
+        );
+    }
+}
+
 /// A disturbance grows before it dies out, the more waves the more; the bound is one.
 #[test]
 fn growth_below_the_limit_is_bounded() {

@@ -242,7 +242,7 @@ fn notes(points: &[LobePoint], missing: &[(f64, NoLimit)]) -> Vec<String> {
         ),
         (
             of(&|reason| matches!(reason, NoLimit::Error(ChatterError::TooManyWaves { .. }))),
-            "too many waves in a cut",
+            "too many waves in a cut for its modes",
         ),
         (
             of(&|reason| matches!(reason, NoLimit::Error(ChatterError::Unresolved { .. }))),

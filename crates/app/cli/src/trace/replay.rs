@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
 use clap::Args;
@@ -122,7 +122,8 @@ pub(super) fn run(
 
 /// The lines of standard input, read by a thread of its own: a request to end is noticed while no line comes.
 fn lines_of_input() -> Receiver<String> {
-    let (sender, lines) = channel();
+    // One line ahead: whatever is piped in stays in the pipe until the setpoint is due.
+    let (sender, lines) = sync_channel(1);
     // It ends with the process, or with the input.
     std::thread::spawn(move || {
         for line in io::stdin().lines().map_while(Result::ok) {

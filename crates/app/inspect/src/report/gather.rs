@@ -133,7 +133,10 @@ impl CycleCounts {
         if self.cycles == 0 {
             return 0;
         }
-        self.last_sequence + 1 - self.first_sequence
+        // Numbers that go back, or end at the last one, are of a damaged file.
+        self.last_sequence
+            .saturating_sub(self.first_sequence)
+            .saturating_add(1)
     }
 }
 

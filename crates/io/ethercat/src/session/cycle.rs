@@ -362,7 +362,7 @@ impl<'m> Cycle<'_, 'm> {
         let Some(register) = exchanged.time_ns else {
             return Ok(0);
         };
-        let time_ns = self.reference.take(register);
+        let time_ns = self.reference.take(register, monotonic_ns());
         let phase_ns = self.phase_ns(time_ns);
         if self.operational {
             ends.clocks.take_frame(sent_ns, time_ns, phase_ns);

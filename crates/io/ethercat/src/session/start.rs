@@ -112,7 +112,8 @@ pub(super) async fn start<'m>(
         if let Some(first) = group.iter(main).position(|device| device.dc_support().any()) {
             let read = Command::fprd(FIRST_STATION + first as u16, RegisterAddress::DcSystemTime.into());
             let time = read.receive::<u64>(main).await;
-            reference = ReferenceClock::new(time.map_err(failed("reading the reference clock"))?);
+            let time_ns = time.map_err(failed("reading the reference clock"))?;
+            reference = ReferenceClock::new(time_ns, monotonic_ns());
         }
         let group = group.into_safe_op(main).await.map_err(refused("SAFE-OP"))?;
         Devices::Clocked(group.request_into_op(main).await.map_err(refused("OP"))?)

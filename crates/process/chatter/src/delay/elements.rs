@@ -21,7 +21,7 @@ type C = Complex<f64>;
 
 /// Terms of the power series of an element, about.
 const USUAL_TERMS: f64 = 20.0;
-/// Complex multiplications of one characteristic value, at most: some 10 ms.
+/// Complex multiplications of one characteristic value, at most: some 10 ms, and ten times as much with many modes.
 const MAX_VALUE_WORK: f64 = 4e6;
 /// Terms of the power series of an element, at most.
 const MAX_TERMS: usize = 64;
@@ -122,8 +122,12 @@ impl Elements {
     ) -> Result<Self, ChatterError> {
         let states = delay.states();
         let waves = Self::waves(delay);
-        if Self::work(delay, strength, most_p) > MAX_VALUE_WORK {
-            return Err(ChatterError::TooManyWaves { waves });
+        let most_work = MAX_VALUE_WORK * (0.25 * (states * states) as f64).clamp(1.0, 10.0);
+        if Self::work(delay, strength, most_p) > most_work {
+            return Err(ChatterError::TooManyWaves {
+                waves,
+                modes: states / 2,
+            });
         }
         let mut elements = Vec::new();
         for stretch in &delay.stretches {

@@ -25,8 +25,10 @@ const SMALL_STEP: f64 = 1.01;
 const NEAR: f64 = 1.1;
 /// Differences that give derivatives, relative: far above the rounding of the characteristic function.
 const DIFFERENCE: f64 = 1e-5;
-/// Complex multiplications of a circle, at most: some 20 ms, and a limit takes up to a hundred circles.
+/// Complex multiplications of a circle with one mode, at most: some 20 ms, and a limit takes up to a hundred circles.
 const MAX_CIRCLE_WORK: f64 = 1e7;
+/// The same with many modes, which take longer with few waves, too.
+const MAX_CIRCLE_WORK_OF_MODES: f64 = 3e8;
 /// What a disturbance may grow by before it dies out, at most: beyond, it would leave any cut, and rounding passes for
 /// a motion.
 const MAX_GROWTH: f64 = 1e9;
@@ -87,9 +89,10 @@ impl<'a> Solver<'a> {
         let points = 24.0 + 1.5 * change;
         let value = Elements::work(self.delay, &self.strength, self.most_m * (1.0 + radius));
         let work = 0.5 * points * value;
-        if work.is_nan() || work > MAX_CIRCLE_WORK {
+        if work.is_nan() || work > most_circle_work(self.delay) {
             return Err(ChatterError::TooManyWaves {
                 waves: Elements::waves(self.delay),
+                modes: self.delay.states() / 2,
             });
         }
         Circle::new(&self.elements, depth, radius, points as usize).ok_or_else(|| self.unresolved())
@@ -180,6 +183,12 @@ fn safe_m(delay: &MillingDelay, strength: &Strength) -> f64 {
     0.5 * least / strength.mean
 }
 
+/// Complex multiplications of a circle, at most.
+fn most_circle_work(delay: &MillingDelay) -> f64 {
+    let states = delay.states() as f64;
+    (MAX_CIRCLE_WORK * states * states / 4.0).clamp(MAX_CIRCLE_WORK, MAX_CIRCLE_WORK_OF_MODES)
+}
+
 impl MillingDelay {
     /// The smallest depth in m, up to `most_m`, from which on the cut chatters, to 1e-6 of it; None where none does.
     ///
@@ -261,8 +270,9 @@ impl MillingDelay {
         let depth = 3.0 * safe_m(self, &strength);
         let points = 24.0 + 1.5 * depth * strength.mean * self.period_s;
         let circle = 0.5 * points * Elements::work(self, &strength, 3.0 * depth);
-        if circle > MAX_CIRCLE_WORK {
-            return MAX_CIRCLE_WORK;
+        let most = most_circle_work(self);
+        if circle > most {
+            return most;
         }
         CIRCLES * circle
     }

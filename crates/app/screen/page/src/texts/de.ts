@@ -381,7 +381,7 @@ export const de: Texts = {
     why: 'Warum',
     later: (seconds, mm) => `Auf den ${mm} mm, die beide fuhren, brauchte B ${seconds} s.`,
     same: 'Beide waren an denselben Stellen.',
-    apart: (mm, line) => `Sie liegen bis zu ${mm} mm auseinander (Zeile ${line}).`,
+    apart: (way, line) => `Sie liegen bis zu ${way} auseinander (Zeile ${line}).`,
     lag: (low, high) => `Um wie viel B später dort ist als A, entlang der Bahn: ${low} bis ${high} s`,
   },
   events: {

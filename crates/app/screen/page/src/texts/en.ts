@@ -388,7 +388,7 @@ export const en = {
     why: 'Why',
     later: (seconds: string, mm: string) => `On the ${mm} mm that both drove B took ${seconds} s.`,
     same: 'Both were at the same places.',
-    apart: (mm: string, line: number) => `They are up to ${mm} mm apart (line ${line}).`,
+    apart: (way: string, line: number) => `They are up to ${way} apart (line ${line}).`,
     lag: (low: string, high: string) => `How much later B is there than A, along the path: ${low} to ${high} s`,
   },
   events: {

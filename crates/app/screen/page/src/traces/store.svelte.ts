@@ -11,6 +11,8 @@ export interface Comparison {
   duration_s: [number, number];
   common_s: [number, number];
   max_deviation_mm: number;
+  max_rotary_deviation_deg: number | null;
+  rotary_deviation_line: number;
   deviation_at_mm: number;
   deviation_line: number;
   first_deviation: [number, number] | null;
