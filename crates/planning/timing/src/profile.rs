@@ -151,20 +151,20 @@ impl Profile {
         Self::change(from, from.relaxed_speed(limits.jerk).max(0.0), limits)
     }
 
-    /// The position from which on the speed is at most `speed`: negative infinity where it always is, infinity where it is higher at the
+    /// The position from which on the speed is at most `speed_u_s`: negative infinity where it always is, infinity where it is higher at the
     /// end. Real-time safe.
     #[must_use]
-    pub fn falls_below(&self, speed: f64) -> f64 {
-        if self.exit_speed > speed {
+    pub fn falls_below(&self, speed_u_s: f64) -> f64 {
+        if self.exit_speed > speed_u_s {
             return f64::INFINITY;
         }
-        let mut position = if self.start.v > speed {
+        let mut position = if self.start.v > speed_u_s {
             f64::INFINITY
         } else {
             f64::NEG_INFINITY
         };
         for (state, time, jerk) in self.phase_states() {
-            let above = state.v - speed;
+            let above = state.v - speed_u_s;
             // The later root of a speed that falls through it; none is not a number.
             let at = if jerk == 0.0 {
                 -above / state.a
