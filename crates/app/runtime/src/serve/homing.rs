@@ -122,6 +122,7 @@ impl Operator {
                 Some(shift),
             );
         }
+        self.view.setpoint.position = renamed;
         if self.view.presence == Presence::Absent {
             // Nobody else counts.
             self.desk.set_homed(self.desk.homed() | declared);
@@ -131,9 +132,6 @@ impl Operator {
 
     /// Renames the positions of the axes: they stand at `position`; those of `zeroed` are homed once the feedback shows it.
     pub(super) fn rename(&mut self, position: Axes, zeroed: AxisMask, home_offset: Axes) {
-        // Views from before the cycle has carried it out show the old names.
-        self.drives.renaming += position - self.view.setpoint.position;
-        self.view.setpoint.position = position;
         let renaming = Renaming {
             datum: self.view.datum + 1,
             zeroed,
@@ -277,6 +275,7 @@ impl Operator {
                 renamed[i] += shift;
                 let mut home_offset = self.drives.home_offset;
                 home_offset[i] -= shift;
+                self.view.setpoint.position = renamed;
                 self.rename(renamed, AxisMask::one(i), home_offset);
                 let mut text = format!("axis {}: machine zero set, shifted by {shift:.6}", axis.letter());
                 if let Some(from_switch) = from_switch {

@@ -40,6 +40,8 @@ impl Operator {
         if renamed == here {
             return;
         }
+        self.drives.renaming = renamed - here;
+        self.view.setpoint.position = renamed;
         self.rename(renamed, self.drives.zeroed, home_offset);
         let text = format!("whole turns: {}", removed.join(", "));
         self.record(ExternalEventKind::Command, NO_COMMAND, text, None);
