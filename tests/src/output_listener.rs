@@ -32,17 +32,17 @@ impl OutputListener {
         };
         let (heard, over) = (Arc::new(Mutex::new(Vec::new())), Arc::new(AtomicBool::new(false)));
         let (asked, answered) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
-        let (its_ears, its_end) = (Arc::clone(&heard), Arc::clone(&over));
+        let (received, ended) = (Arc::clone(&heard), Arc::clone(&over));
         let (question, answer) = (Arc::clone(&asked), Arc::clone(&answered));
         let thread = std::thread::spawn(move || {
             let bus = evolvent_bus::ClientBus::open(&config).expect("the bus");
             let mut outputs = bus.outputs().expect("outputs");
             let mut setpoints = bus.setpoints().expect("setpoints");
-            while !its_end.load(Ordering::Acquire) {
+            while !ended.load(Ordering::Acquire) {
                 let until = question.load(Ordering::Acquire);
                 while let Ok(Some(_)) = setpoints.receive() {}
                 while let Ok(Some(message)) = outputs.receive() {
-                    its_ears.lock().expect("nobody panicked").push(message);
+                    received.lock().expect("nobody panicked").push(message);
                 }
                 answer.store(until, Ordering::Release);
                 std::thread::sleep(Duration::from_millis(1));
@@ -66,7 +66,10 @@ impl OutputListener {
         let question = self.asked.fetch_add(1, Ordering::AcqRel) + 1;
         let begin = Instant::now();
         while self.answered.load(Ordering::Acquire) < question {
-            assert!(begin.elapsed() < Duration::from_secs(60), "the listener is deaf");
+            assert!(
+                begin.elapsed() < Duration::from_secs(60),
+                "the listener does not read the bus"
+            );
             std::thread::sleep(Duration::from_millis(1));
         }
         self.heard.lock().expect("nobody panicked").clone()

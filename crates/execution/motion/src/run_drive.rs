@@ -98,7 +98,7 @@ impl RunDrive {
         (state, jerk)
     }
 
-    /// Whether it has come to rest before the end of the run.
+    /// Whether the axes are at rest before the end of the run.
     pub(crate) fn rests(&self) -> bool {
         self.profile.at(self.time).0.v == 0.0 && self.profile.outcome() == Outcome::Rests
     }

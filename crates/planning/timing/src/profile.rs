@@ -151,8 +151,8 @@ impl Profile {
         Self::change(from, from.relaxed_speed(limits.jerk).max(0.0), limits)
     }
 
-    /// The position from which on the speed is at most `speed_u_s`: negative infinity where it always is, infinity where it is higher at the
-    /// end. Real-time safe.
+    /// The position from which on the speed is at most `speed_u_s`: negative infinity where it always is, infinity where it is
+    /// higher at the end. Real-time safe.
     #[must_use]
     pub fn falls_below(&self, speed_u_s: f64) -> f64 {
         if self.exit_speed > speed_u_s {

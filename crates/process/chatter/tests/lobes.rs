@@ -31,20 +31,13 @@ fn altintas() -> Turning {
 
 /// T. Insperger's and G. Stepan's mill: one mode along the feed, two teeth.
 fn insperger(immersion: f64) -> Milling {
+    mill_of(922.0, immersion)
+}
+
+/// The stiffness of the mode of [`insperger`], of which mass and frequency are published.
+fn stiffness_n_m() -> f64 {
     let omega = 922.0 * std::f64::consts::TAU;
-    let mode = Mode {
-        frequency_hz: 922.0,
-        damping_ratio: 0.011,
-        stiffness_n_m: 0.03993 * omega * omega,
-    };
-    let cut = MillingCut {
-        teeth: 2,
-        entry_deg: 0.0,
-        exit_deg: 180.0,
-        tangential_n_m2: 6e8,
-        radial_n_m2: 2e8,
-    };
-    Milling::new(cut.with_immersion(immersion, true), &[mode], &[]).unwrap()
+    0.03993 * omega * omega
 }
 
 #[test]
@@ -570,7 +563,7 @@ fn mill_of(frequency_hz: f64, immersion: f64) -> Milling {
     let mode = Mode {
         frequency_hz,
         damping_ratio: 0.011,
-        stiffness_n_m: 1_340_049.648_050_748_5,
+        stiffness_n_m: stiffness_n_m(),
     };
     let cut = MillingCut {
         teeth: 2,
@@ -582,11 +575,11 @@ fn mill_of(frequency_hz: f64, immersion: f64) -> Milling {
     Milling::new(cut.with_immersion(immersion, true), &[mode], &[]).unwrap()
 }
 
-/// What a kick to [`mill_of`] grows by from tooth to tooth, in the mean of the last half of so many teeth: the delay
+/// The factor by which a kick to [`mill_of`] grows from tooth to tooth, the mean over the last half of `teeth`: the delay
 /// equation in fixed steps of 1/60 wave.
 fn growth(frequency_hz: f64, immersion: f64, rpm: f64, depth_m: f64, teeth: usize) -> f64 {
     let omega = std::f64::consts::TAU * frequency_hz;
-    let stiffness = 1_340_049.648_050_748_5;
+    let stiffness = stiffness_n_m();
     let entry = f64::acos(2.0 * immersion - 1.0);
     let tooth_s = 30.0 / rpm;
     let steps = (tooth_s * frequency_hz * 60.0).ceil() as usize;

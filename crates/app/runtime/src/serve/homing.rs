@@ -130,7 +130,7 @@ impl Operator {
         self.rename(renamed, declared.without(self.desk.homed()), home_offset);
     }
 
-    /// Renames the positions of the axes: they stand at `position`; those of `zeroed` are homed once the feedback shows it.
+    /// Renames the position of the axes to `position`; those of `zeroed` are homed once the feedback shows it.
     pub(super) fn rename(&mut self, position: Axes, zeroed: AxisMask, home_offset: Axes) {
         let renaming = Renaming {
             datum: self.view.datum + 1,

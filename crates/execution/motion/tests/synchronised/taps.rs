@@ -74,25 +74,31 @@ fn a_tap_goes_in_and_out_in_phase_and_stops_at_its_depth() {
     }
 }
 
+/// A tap of 15 turns at 600 rpm and the spindle for it, which turns back in 0.6 s.
+fn tap_of_15_turns(braking: Option<f64>) -> (Spindle, ThreadPass) {
+    let spindle = Spindle {
+        rev_s: 10.0,
+        torque: 33.0,
+        ripple: 0.0,
+        order: 1.0,
+        counts: 4096.0,
+        delay_s: 0.001,
+        index: 0.3,
+    };
+    let pass = ThreadPass {
+        tap: Some(TapReturn {
+            turns_per_s: 10.0,
+            braking,
+        }),
+        ..straight(1.0, 15.0, 10.0)
+    };
+    (spindle, pass)
+}
+
 #[test]
 fn a_tap_whose_spindle_does_not_turn_back_stops() {
     for braking in [None, Some(33.0)] {
-        let spindle = Spindle {
-            rev_s: 10.0,
-            torque: 33.0,
-            ripple: 0.0,
-            order: 1.0,
-            counts: 4096.0,
-            delay_s: 0.001,
-            index: 0.3,
-        };
-        let pass = ThreadPass {
-            tap: Some(TapReturn {
-                turns_per_s: 10.0,
-                braking,
-            }),
-            ..straight(1.0, 15.0, 10.0)
-        };
+        let (spindle, pass) = tap_of_15_turns(braking);
         let outcome = run(
             lathe(),
             1_000_000,
@@ -111,24 +117,9 @@ fn a_tap_whose_spindle_does_not_turn_back_stops() {
     }
 }
 
-/// A tap of 15 turns at 600 rpm and the spindle for it, which turns back in 0.6 s.
+/// How that tap goes where the spindle has this trouble.
 fn jammed(trouble: Trouble, braking: Option<f64>, period_ns: u64) -> Outcome {
-    let spindle = Spindle {
-        rev_s: 10.0,
-        torque: 33.0,
-        ripple: 0.0,
-        order: 1.0,
-        counts: 4096.0,
-        delay_s: 0.001,
-        index: 0.3,
-    };
-    let pass = ThreadPass {
-        tap: Some(TapReturn {
-            turns_per_s: 10.0,
-            braking,
-        }),
-        ..straight(1.0, 15.0, 10.0)
-    };
+    let (spindle, pass) = tap_of_15_turns(braking);
     let never = f64::INFINITY;
     let outcome = run(
         lathe(),

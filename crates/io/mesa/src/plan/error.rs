@@ -168,7 +168,7 @@ pub enum PlanError {
     Full(#[from] PacketFull),
 }
 
-/// The remedy for a counter that may overflow within so many periods.
+/// The remedy for a counter that may overflow within this number of periods.
 fn cure(periods: u32) -> String {
     match periods.saturating_sub(1) {
         0 => "choose a higher control rate, or fewer counts".to_owned(),

@@ -30,7 +30,7 @@ pub(super) struct Circle {
 }
 
 impl Circle {
-    /// From so many points that the last coefficients are as good as 0, beginning with `points`; None if there are too
+    /// With as many points, beginning with `points`, as make the last coefficients 0 within rounding; None if there are too
     /// many, or if the motion grows so much within a period that nothing is left of the smaller values.
     pub(super) fn new(elements: &Elements, depth: f64, radius: f64, points: usize) -> Option<Self> {
         let mut count = points.next_multiple_of(16).max(32);
