@@ -280,12 +280,8 @@ impl<D: Drives> Bench<D> {
         (0..cycles)
             .map(|_| {
                 self.now += 1;
-                let report = self.drives.report(self.now);
-                if let Some(report) = report {
-                    let _full = self.to_cycle.push(report);
-                }
-                let computed = step(&mut self.cycle, self.now, &mut self.counts);
-                self.drives.receive(&computed, self.now);
+                let (cycle, drives, to_cycle) = (&mut self.cycle, &mut self.drives, &mut self.to_cycle);
+                let (report, computed) = run_cycle(cycle, drives, to_cycle, self.now, &mut self.counts);
                 if let (Some(desk), Some(report)) = (&mut self.to_desk, report) {
                     let _full = desk.push(report);
                 }
@@ -293,6 +289,23 @@ impl<D: Drives> Bench<D> {
                 self.last
             })
             .collect()
+    }
+
+    /// One cycle more, which ends while the desk takes in the views of those before it.
+    pub(super) fn ticks_beside_a_cycle(&mut self) {
+        let now_ns = self.desk_ns();
+        let (views, events, answers) = (&mut self.views, &mut self.events, &mut self.answers);
+        let (cycle, drives, to_cycle) = (&mut self.cycle, &mut self.drives, &mut self.to_cycle);
+        let (now, counts) = (&mut self.now, &mut self.counts);
+        let mut ended = None;
+        self.operator.tick(now_ns, views, events, answers, |_| {
+            if ended.is_none() {
+                *now += 1;
+                ended = Some(run_cycle(cycle, drives, to_cycle, *now, counts).1);
+            }
+        });
+        let computed = ended.expect("a view before");
+        (self.last, self.power) = (computed.setpoint, computed.drive.power);
     }
 
     /// One cycle after the other, each seen at the desk.
@@ -309,6 +322,23 @@ fn chain_input(is_closed: bool) -> InputImage {
     let mut image = InputImage::default();
     image.set(SignalKind::Digital, 0, Some(f64::from(u8::from(is_closed))));
     image
+}
+
+/// One cycle with its drives: what they reported before it, and what it has computed for them.
+fn run_cycle(
+    cycle: &mut ServedCycle,
+    drives: &mut impl Drives,
+    to_cycle: &mut Producer<Feedback>,
+    number: u64,
+    counts: &mut CycleCounts,
+) -> (Option<Feedback>, Computed) {
+    let report = drives.report(number);
+    if let Some(report) = report {
+        let _full = to_cycle.push(report);
+    }
+    let computed = step(cycle, number, counts);
+    drives.receive(&computed, number);
+    (report, computed)
 }
 
 fn step(cycle: &mut ServedCycle, number: u64, counts: &mut CycleCounts) -> Computed {

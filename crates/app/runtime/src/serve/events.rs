@@ -117,7 +117,7 @@ impl Operator {
         self.desk.drop_power();
         self.switch_off_at_rest();
         self.give_up_waiting(JobResult::Fault);
-        self.cancel_homing();
+        self.cancel_homing(JobResult::Fault);
     }
 
     fn applied(&mut self, id: u64, sequence: u64) {
@@ -151,12 +151,8 @@ impl Operator {
                 steered, cancelled, ..
             } => {
                 *steered = None;
-                if *cancelled || result == JobResult::Fault {
-                    let result = if result == JobResult::Fault {
-                        result
-                    } else {
-                        JobResult::Stopped
-                    };
+                let fault = (result == JobResult::Fault).then_some(result);
+                if let Some(result) = fault.or(*cancelled) {
                     self.end_job(result);
                 }
             }

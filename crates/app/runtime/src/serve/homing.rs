@@ -66,20 +66,21 @@ impl Operator {
             self.job = Job::Homing {
                 homing: Homing::new(axes, first_request),
                 steered: None,
-                cancelled: false,
+                cancelled: None,
             };
         }
         Ok(number)
     }
 
-    pub(super) fn cancel_homing(&mut self) {
+    /// Homing cannot go on, and ends so once its motion has.
+    pub(super) fn cancel_homing(&mut self, result: JobResult) {
         if let Job::Homing {
             steered, cancelled, ..
         } = &mut self.job
         {
-            *cancelled = true;
+            let result = *cancelled.get_or_insert(result);
             if steered.is_none() {
-                self.end_job(JobResult::Stopped);
+                self.end_job(result);
             }
         }
     }
@@ -87,7 +88,7 @@ impl Operator {
     /// Homing cannot go on: its motion stops.
     pub(super) fn end_homing(&mut self) {
         if matches!(self.job, Job::Homing { .. }) {
-            self.cancel_homing();
+            self.cancel_homing(JobResult::Stopped);
             self.order(CycleCommand::Stop);
         }
     }
@@ -167,7 +168,7 @@ impl Operator {
         }
         self.desk.set_homed(self.desk.homed().without(lost));
         self.drives.zeroed = self.drives.zeroed.without(lost);
-        self.cancel_homing();
+        self.cancel_homing(JobResult::Fault);
         if matches!(self.job, Job::None) {
             self.relocate(self.view.setpoint.position, false);
         }
@@ -224,7 +225,7 @@ impl Operator {
         let Job::Homing {
             homing,
             steered,
-            cancelled: false,
+            cancelled: None,
         } = &mut self.job
         else {
             return;

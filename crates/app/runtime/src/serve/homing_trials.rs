@@ -1,7 +1,7 @@
 //! Homing that is broken off at any moment: operator, cycle and a bridge with one drive in one thread, in time of their own.
 
 use evolvent_bus::{Feedback, Setpoint};
-use evolvent_control::{CommandCode, MachineState};
+use evolvent_control::{CommandCode, JobResult, MachineState};
 use evolvent_drive::{DriveState, Follower, FollowerSettings, PowerRequest};
 use evolvent_path::{AXES, Axes, AxisMask};
 
@@ -237,6 +237,35 @@ fn an_axis_is_homed_only_once_its_drive_shows_the_coordinate() {
         }
     }
     assert!(kept > 4 && lost > 4, "{kept} {lost}");
+}
+
+/// The desk may look in the middle of a cycle: whoever sees that power is gone or that homing has ended sees the alarm, too.
+#[test]
+fn homing_that_a_drive_fault_ends_never_ends_without_its_alarm() {
+    let mut bench = Bench::homed_by_switch();
+    let mut ended = 0;
+    for moment in [1, 20, 100] {
+        bench.commands(CommandCode::Home, 0);
+        bench.runs_seen(moment);
+        bench.runs(1);
+        bench.drives.has_fault = true;
+        for _ in 0..400 {
+            bench.ticks_beside_a_cycle();
+            let desk = &bench.operator.desk;
+            if desk.machine() != MachineState::On || !bench.is_busy() {
+                assert!(desk.has_latched_alarm(), "{moment}");
+                ended += 1;
+            }
+            bench.runs(1);
+        }
+        assert_eq!(bench.operator.desk.result(), JobResult::Fault, "{moment}");
+        bench.drives.has_fault = false;
+        for code in [CommandCode::ClearAlarms, CommandCode::On, CommandCode::Mode] {
+            bench.commands(code, u32::from(code == CommandCode::Mode));
+            bench.runs_seen(200);
+        }
+    }
+    assert!(ended > 3, "no fault came: {ended}");
 }
 
 #[test]

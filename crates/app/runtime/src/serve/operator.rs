@@ -50,7 +50,8 @@ pub(super) enum Job {
     Homing {
         homing: Homing,
         steered: Option<Box<Steered>>,
-        cancelled: bool,
+        /// As what it ends, once its motion has.
+        cancelled: Option<JobResult>,
     },
 }
 
@@ -465,7 +466,7 @@ impl Operator {
         self.cancel_reading();
         self.give_up_waiting(result);
         self.cancel_command();
-        self.cancel_homing();
+        self.cancel_homing(result);
         if !matches!(self.job, Job::None) {
             // It may be on its way to the cycle, which has found the chain open and has stopped nothing.
             self.order(CycleCommand::Stop);
@@ -528,7 +529,7 @@ impl Operator {
             self.cancel_reading();
             self.give_up_waiting(JobResult::Stopped);
             self.cancel_command();
-            self.cancel_homing();
+            self.cancel_homing(JobResult::Stopped);
             self.order(CycleCommand::End);
             self.record(
                 ExternalEventKind::Command,
@@ -554,7 +555,7 @@ impl Operator {
         self.desk.raise(Alarm::Trace, text);
         if self.setup.machine.trace.on_full == OnFull::Stop {
             self.give_up_waiting(JobResult::Stopped);
-            self.cancel_homing();
+            self.cancel_homing(JobResult::Stopped);
             self.order(CycleCommand::Stop);
         }
     }
@@ -568,10 +569,6 @@ impl Operator {
         answers: &mut Consumer<Feedback>,
         mut observe: impl FnMut(&CycleView),
     ) {
-        // Events first: the view of their cycle comes after them.
-        while let Ok(event) = events.pop() {
-            self.inbox.push_back(event);
-        }
         while let Ok(view) = views.pop() {
             observe(&view);
             self.view = view;
@@ -581,6 +578,11 @@ impl Operator {
             } else {
                 self.drives.renaming = Axes::zeros();
             }
+        }
+        // After the views: a cycle reports its events before its view, so whatever led to what the view shows is here too. The other
+        // way round power could be seen to be gone before its alarm, and a job would end without a reason.
+        while let Ok(event) = events.pop() {
+            self.inbox.push_back(event);
         }
         while self
             .inbox

@@ -341,7 +341,7 @@ impl Operator {
 
     pub(super) fn stop(&mut self, command: &Command) {
         self.give_up_waiting(JobResult::Stopped);
-        self.cancel_homing();
+        self.cancel_homing(JobResult::Stopped);
         self.cancel_command();
         self.stops.stopping = !matches!(self.job, Job::None);
         self.stops.hold = false;
