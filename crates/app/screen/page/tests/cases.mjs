@@ -2071,6 +2071,17 @@ export const cases = {
     await until('the limit', async () => /S3000: stable up to a depth of/.test(await text(page, 'chatter-here')) || text(page, 'chatter-here'), 60_000);
     const limit = Number(/depth of ([0-9.]+) mm/.exec(await text(page, 'chatter-here'))[1]);
     assert.ok(limit >= 7.184 && limit < 40, `${limit}`);
+    // A mill whose delay equation chatters at no depth at this speed and was not solved at another, as the core answers.
+    const point = (speed_rpm, method, limit_mm, exact_limit_mm) => ({ speed_rpm, method, limit_mm, exact_limit_mm });
+    const points = [point(2000, 'delay-equation', 1, 1), point(3000, 'delay-equation', 2, null), point(4000, 'zero-order', 3, null)];
+    const lobes = [{ kind: 'milling', max_depth_mm: 5, points, notes: ['no limit of the delay equation at 4000 rpm'] }];
+    await page.route('**/chatter', (route) => route.fulfill({ json: { case: 'a mill', description: '', oscillation: null, lobes } }));
+    await view(page, 'mdi');
+    await view(page, 'cut');
+    await page.locator(at('cut-chatter')).click();
+    await until('the mill', async () => (await text(page, 'chatter-here')) === 'S3000: stable up to a depth of 5.000 mm' || text(page, 'chatter-here'));
+    assert.equal(await text(page, 'lobes-note'), 'no limit of the delay equation at 4000 rpm');
+    await page.unroute('**/chatter');
   },
 
   async 'the path is coloured by what limits it, in the box of its stock'(page, context) {

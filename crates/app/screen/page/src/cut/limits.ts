@@ -11,7 +11,8 @@ export interface ChatterAnswer {
   lobes: {
     kind: 'turning' | 'milling';
     max_depth_mm: number;
-    points: { speed_rpm: number; limit_mm: number | null; exact_limit_mm: number | null }[];
+    points: { speed_rpm: number; method: string; limit_mm: number | null; exact_limit_mm: number | null }[];
+    notes: string[];
   }[];
 }
 
@@ -24,16 +25,20 @@ export interface Curve {
   most: number;
   /** rpm and mm; null where there is none */
   points: [number, number | null][];
+  /** where it says less than it seems to */
+  notes: string[];
 }
 
 export function curvesOf(answer: ChatterAnswer): Curve[] {
-  const curves: Curve[] = answer.lobes.map(({ kind, max_depth_mm: most, points }) => ({
+  const curves: Curve[] = answer.lobes.map(({ kind, max_depth_mm: most, points, notes }) => ({
     kind,
     isLimit: true,
     from: points[0]?.speed_rpm ?? 0,
     to: points.at(-1)?.speed_rpm ?? 1,
     most,
-    points: points.map((point) => [point.speed_rpm, point.exact_limit_mm ?? point.limit_mm]),
+    // Without a limit no depth up to the largest that was looked at chatters.
+    points: points.map((point) => [point.speed_rpm, (point.method === 'delay-equation' ? point.exact_limit_mm : point.limit_mm) ?? most]),
+    notes,
   }));
   const oscillation = answer.oscillation;
   if (oscillation !== null && oscillation.speed_rpm !== null && oscillation.sweep.length > 1) {
@@ -43,7 +48,7 @@ export function curvesOf(answer: ChatterAnswer): Curve[] {
       return [speed * perSpeed, stable.length > 0 ? Math.max(...stable) : null];
     });
     const most = Math.max(1e-6, ...points.map(([, value]) => value ?? 0)) * 1.1;
-    curves.push({ kind: 'oscillation', isLimit: false, from: points[0]![0], to: points.at(-1)![0], most, points });
+    curves.push({ kind: 'oscillation', isLimit: false, from: points[0]![0], to: points.at(-1)![0], most, points, notes: [] });
   }
   return curves;
 }
