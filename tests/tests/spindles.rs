@@ -190,6 +190,14 @@ fn a_served_machine_waits_for_the_speed_and_stops_for_a_spindle_in_trouble() {
         let served = Served::start(&machine, "spun", &domain, &workshop.path("state"), &[]);
         let mut operator = Operator::join("spun", &domain);
         operator.brings_up();
+        // Whoever waits for the speed is not held.
+        operator.says_number("MODE", 0);
+        let program = workshop.write("turn.ngc", "G21 G90 G94 F1200 M3 S1000\nG1 X1\nM2\n");
+        operator.says_text("LOAD", &program.display().to_string());
+        let job = operator.says("START").job;
+        let end = operator.sees_end(job);
+        assert_eq!((end.job_result, end.program_held_s), (DONE, 0.0));
+        assert!(end.program_time_s > 0.9, "no wait: {}", end.program_time_s);
         operator.says_number("MODE", 2);
         for block in ["G21 G90 G94 F1200 M3 S1000", "G1 X5"] {
             let job = operator.says_text("MDI", block).job;

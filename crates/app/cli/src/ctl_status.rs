@@ -371,9 +371,9 @@ fn write_messages(out: &mut dyn Write, status: &Status) -> io::Result<()> {
     Ok(())
 }
 
-/// Hours, minutes and whole seconds.
+/// Hours, minutes and the nearest second, as at the screen.
 fn clock_time(time_s: f64) -> String {
-    let seconds = time_s.max(0.0) as u64;
+    let seconds = time_s.max(0.0).round() as u64;
     format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
 }
 

@@ -253,7 +253,7 @@ pub(crate) struct LobesFile {
     /// Speeds. Default: 400.
     #[schemars(range(min = 2, max = 5000))]
     pub(crate) points: Option<i64>,
-    /// Largest depth to look at. Default: 6 times the least limit.
+    /// Largest depth to look at. Default: 6 times the minimum limit.
     #[schemars(range(min = 1e-3, max = 1e3))]
     pub(crate) max_depth_mm: Option<f64>,
     /// The limit of the delay equation too (milling). Default: true.

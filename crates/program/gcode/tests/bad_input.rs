@@ -412,6 +412,14 @@ fn invalid_utf8_is_permitted_in_comments_only() {
 }
 
 #[test]
+fn utf16_is_named() {
+    for text in [b"\xff\xfeG\x000\x00", b"\xfe\xff\x00G\x000"] {
+        let help = errors(text)[0].help.clone().expect("help");
+        assert!(help.contains("UTF-16"), "{help}");
+    }
+}
+
+#[test]
 fn one_pass_finds_the_errors_of_many_lines() {
     let program = "G21 F60\nG1 X1\nG20 G91 X?\nG55 G0 X5 P1\nG1 X2\nG6\nM2\nthis is not reached";
     let mut commands = Vec::new();

@@ -316,7 +316,7 @@ fn lobe_text(text: &mut String, case: &Case, answer: &LobeAnswer) -> std::fmt::R
         depth(a).total_cmp(&depth(b))
     };
     let ends = [
-        ("least limit", answer.points.iter().min_by(order)),
+        ("minimum limit", answer.points.iter().min_by(order)),
         ("deepest stable cut", answer.points.iter().max_by(order)),
     ];
     for (what, point) in ends {

@@ -10,9 +10,9 @@ use super::trial::TurningTrial;
 /// One line of the comparison: label, values, time saved by the job in percent.
 pub(crate) fn comparison(trial: &TurningTrial) -> Vec<(&'static str, Figures, f64)> {
     let saved = |figures: &Figures| 100.0 * (1.0 - trial.figures.time_s / figures.time_s);
-    trial
-        .fixed
-        .iter()
+    // A job that was stopped has saved nothing.
+    let fixed = trial.fixed.iter().filter(|_| trial.figures.done);
+    fixed
         .map(|(name, figures)| (*name, *figures, saved(figures)))
         .collect()
 }

@@ -123,7 +123,7 @@ fn the_least_limit_of_milling_is_that_of_the_delay_equation() {
     .1;
     let said = text
         .lines()
-        .find(|line| line.contains("least limit from"))
+        .find(|line| line.contains("minimum limit from"))
         .unwrap();
     let depth: f64 = said
         .split(": ")

@@ -620,10 +620,15 @@ impl Operator {
             // Whatever took the power: a machine that is on without it would accept jobs that move nothing.
             self.lose_power();
         }
-        let is_at_rest = matches!(self.view.setpoint.state, State::Held | State::ProgramStop);
+        // The program waits for a spindle or an input in the state of a program stop: that is no time of an operator.
+        let is_held = match self.view.setpoint.state {
+            State::Held => true,
+            State::ProgramStop => !self.view.at_wait,
+            _ => false,
+        };
         self.program
             .tally
-            .observe(self.view.setpoint.sequence, is_at_rest);
+            .observe(self.view.setpoint.sequence, is_held);
         self.follow_program();
         self.follow_jog();
         self.follow_handwheel();

@@ -368,7 +368,12 @@ impl<'text> Lexer<'text> {
 
     fn not_ascii(&self, byte: u8) -> Fault {
         let piece = &self.text[self.at..self.text.len().min(self.at + 4)];
-        let help = "outside comments a program must be plain ASCII";
+        // Windows marks UTF-16 by its first two bytes.
+        let help = if self.text.starts_with(&[0xFF, 0xFE]) || self.text.starts_with(&[0xFE, 0xFF]) {
+            "the file is UTF-16; save it as plain text or UTF-8"
+        } else {
+            "outside comments a program must be plain ASCII"
+        };
         match String::from_utf8_lossy(piece).chars().next() {
             Some(character) if character != char::REPLACEMENT_CHARACTER => {
                 let span = Span::new(self.at, self.at + character.len_utf8());
