@@ -252,6 +252,9 @@ pub trait Lobes {
     }
 }
 
+/// Of a mode, the part of force and motion that counts, below which it is that of rounding.
+const UNEXCITED: f64 = 1e-12;
+
 impl Turning {
     /// Modes, the angle between the cutting force and the direction of the chip's thickness in degrees, and the
     /// cutting coefficient in N/m2.
@@ -269,6 +272,8 @@ impl Turning {
             number("direction_deg", mode.direction_deg, -360.0, 360.0)?;
             let (along, force) = (mode.direction_deg.to_radians(), force_deg.to_radians());
             let gain = libm::cos(along) * libm::cos(along - force);
+            // At a right angle neither cosine is 0 to the last bit: a mode that the force does not excite has no limit.
+            let gain = if gain.abs() < UNEXCITED { 0.0 } else { gain };
             checked.push((mode.mode.checked()?, gain));
         }
         Ok(Self {

@@ -168,6 +168,22 @@ fn one_mode_has_its_closed_form() {
     near(turning.minima()[0].depth_m, 7.318_784e-3, 1e-7, "limit");
 }
 
+/// The force of 60 degrees drives modes at 90 and 150 degrees to the chip's thickness, which their motion or the force does not reach.
+#[test]
+fn a_mode_that_is_not_excited_has_no_limit() {
+    let mode = Mode {
+        frequency_hz: 250.0,
+        damping_ratio: 0.05,
+        stiffness_n_m: 2e7,
+    };
+    for direction_deg in [90.0, -90.0, 150.0] {
+        let tool = TurningMode { mode, direction_deg };
+        let turning = Turning::new(&[tool], 60.0, 2e9).unwrap();
+        assert!(turning.minima().is_empty(), "{direction_deg}");
+        assert!(turning.limit_at(3000.0).is_none(), "{direction_deg}");
+    }
+}
+
 #[test]
 fn zero_order_analysis_of_two_mills() {
     let mode = |frequency_hz, damping_ratio, stiffness_n_m| Mode {

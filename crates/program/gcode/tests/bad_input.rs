@@ -213,6 +213,7 @@ const TABLE: &[(&str, Code, u32)] = {
         ("F100\nG95 G1 X1", FeedMissing, 5),
         ("G93 F1 G1 X1\nG94 X2", FeedMissing, 5),
         ("G95 F1 G1 X1", SpindleSpeedMissing, 8),
+        ("G96 S100 D0 M3", SpindleSpeedMissing, 10),
         ("S100\nS0\nG95 F1 G1 X1", SpindleSpeedMissing, 8),
         ("G53 G2 X1 I.5 F1", MachineCoordinatesMotion, 1),
         ("G53", MachineCoordinatesMotion, 1),

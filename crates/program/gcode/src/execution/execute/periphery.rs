@@ -90,11 +90,17 @@ impl Executor<'_> {
                     .help("in metres per minute, or feet per minute in G20"),
             );
         }
-        if let Some(limit) = line.word(b'D')
-            && on
-            && limit < 0.0
-        {
-            return Err(crate::syntax::word_faults::negative('D', limit, line.span(b'D')));
+        if let Some(limit) = line.word(b'D').filter(|_| on) {
+            let span = line.span(b'D');
+            if limit < 0.0 {
+                return Err(crate::syntax::word_faults::negative('D', limit, span));
+            }
+            if limit == 0.0 {
+                return Err(
+                    Fault::new(Code::SpindleSpeedMissing, span, "D0 permits no spindle speed")
+                        .help("D is the maximum speed in rpm; leave it out for that of the machine"),
+                );
+            }
         }
         if on {
             let limit = line.word(b'D').unwrap_or(f64::INFINITY);
