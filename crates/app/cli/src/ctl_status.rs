@@ -462,7 +462,7 @@ mod tests {
         assert!(page.contains("a hold stops within 3.250 mm and 45 ms so far: longest on line 17"));
         assert!(page.contains("put tool 4 into the spindle"), "{page}");
         assert!(
-            page.contains("parts 12, program 1:02:05, of which held 0:00:09"),
+            page.contains("parts 12, program 1:02:06, of which held 0:00:10"),
             "{page}"
         );
     }
