@@ -381,6 +381,25 @@ impl Follower {
         Ok(())
     }
 
+    /// Rejects queued setpoints that no axis can reach. They arrived while none was followed, when a core may still be adapting to the
+    /// position of the axes, so their steps were not checked.
+    fn check_queue(&mut self) {
+        let Some(mut tail) = self.current else { return };
+        let mut queue = core::mem::take(&mut self.queue);
+        let arrived = queue.len();
+        queue.retain(|point| {
+            let is_possible = self.check_step(&tail, point).is_ok();
+            if is_possible {
+                tail = *point;
+            }
+            is_possible
+        });
+        for _ in queue.len()..arrived {
+            self.refuse(Note::Jump);
+        }
+        self.queue = queue;
+    }
+
     /// One period of the drives at their time `now_ns`. `enabled` tells whether every drive follows its
     /// target, `actual` the position of the axes.
     pub fn step(&mut self, now_ns: u64, enabled: bool, actual: &[f64; AXES]) -> Target {
@@ -407,6 +426,7 @@ impl Follower {
         if self.state == BridgeState::Holding && self.synchronise(now_ns) {
             self.state = BridgeState::Following;
             self.is_tied = true;
+            self.check_queue();
             let _reached = self.follow(now_ns, &mut states);
         }
         if matches!(
@@ -604,8 +624,10 @@ impl Follower {
         for axis in self.axes() {
             let off = (current.position[axis] - self.hold[axis]).abs();
             let slow = current.velocity[axis].abs() <= 0.001 * self.settings.max_velocity[axis];
+            let hardest = TOLERATED_ACCELERATION * self.settings.max_acceleration[axis];
+            let is_possible = slow && current.acceleration[axis].abs() <= hardest;
             // Written so that a value that is not a number does not match.
-            if !(off <= self.settings.sync_tolerance[axis] && slow) {
+            if !(off <= self.settings.sync_tolerance[axis] && is_possible) {
                 self.note = Note::Jump;
                 return false;
             }

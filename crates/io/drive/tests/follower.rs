@@ -277,6 +277,44 @@ fn a_jump_is_refused_and_what_follows_it_too() {
     assert!(shares.iter().all(|share| *share <= 1.01), "{shares:?}");
 }
 
+/// Setpoints arrive two periods before they are due: the one that comes in the period in which following starts was not checked.
+#[test]
+fn a_jump_that_was_queued_before_the_drives_came_into_operation_is_refused_too() {
+    let wrongs: [fn(&mut Setpoint); 3] = [
+        |setpoint| setpoint.position[0] += 3.0,
+        |setpoint| setpoint.velocity[1] = 2.0 * LIMITS[0],
+        |setpoint| setpoint.acceleration[0] = 1e9,
+    ];
+    // The first wrong setpoint, and how many follow it.
+    for (wrong, many) in wrongs.into_iter().flat_map(|wrong| [(wrong, 1), (wrong, 300)]) {
+        let mut bench = Bench::new();
+        let (enabled_at, first_wrong, mut has_noted) = (12, 12, false);
+        for cycle in 0..first_wrong + many + 60 {
+            let mut offered = setpoint(0);
+            (offered.sequence, offered.due_time_ns) = (cycle, setpoint(cycle).due_time_ns);
+            if (first_wrong..first_wrong + many).contains(&cycle) {
+                wrong(&mut offered);
+            }
+            let _noted = bench.follower.offer(bench.now_ns, &offered);
+            bench.now_ns += PERIOD_NS;
+            let target = bench
+                .follower
+                .step(bench.now_ns, cycle >= enabled_at, &bench.actual);
+            assert_eq!(target.position[..2], [0.0; 2], "{cycle}: {target:?}");
+            bench.targets.push(target);
+            has_noted |= bench.follower.note() == Note::Jump;
+        }
+        assert!(has_noted && bench.follower.missed() > 0);
+        // One is bridged; many stop the axes, and the setpoints after them are where the axes are.
+        let has_held = bench.targets[20..]
+            .iter()
+            .any(|target| target.state == BridgeState::Holding);
+        assert_eq!(has_held, many > 1);
+        let last = bench.targets.last().expect("targets");
+        assert_eq!(last.state, BridgeState::Following);
+    }
+}
+
 /// Numbers that are finite, and due times in order, from which no axis can move as they say.
 #[test]
 fn accelerations_and_due_times_that_are_impossible_are_refused() {
