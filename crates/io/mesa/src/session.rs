@@ -280,13 +280,13 @@ impl Cycle<'_> {
             {
                 // Axes that can still be commanded decelerate within their limits.
                 self.axes.set_lost();
-                self.axes.end();
+                self.end();
                 ending = Some((now_ns, Err(error)));
             }
             let asked = ends.bus.stop.load(Ordering::Relaxed)
                 || ends.bus.period_ns.load(Ordering::Relaxed) != self.period_ns;
             if asked && ending.is_none() {
-                self.axes.end();
+                self.end();
                 ending = Some((now_ns, Ok(())));
             }
             if let Some((since_ns, _)) = &ending {
@@ -305,6 +305,12 @@ impl Cycle<'_> {
                 next_ns += late_ns / self.period_ns * self.period_ns;
             }
         }
+    }
+
+    /// Axes stop and outputs are safe from the next command on; the axes keep their torque until they have stopped.
+    const fn end(&mut self) {
+        self.axes.end();
+        self.signals.end();
     }
 
     /// Sets outputs to their safe values, then makes the pins inputs.
@@ -346,7 +352,7 @@ impl Cycle<'_> {
         {
             // From here on the axes are lost, and decelerate.
             self.axes.set_lost();
-            self.axes.end();
+            self.end();
             self.command(now_ns)?;
             return Err(error);
         }

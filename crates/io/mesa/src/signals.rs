@@ -72,6 +72,8 @@ pub(crate) struct Signals {
     coolant: [Option<Pin>; 2],
     sent: MachineInputs,
     outputs_sequence: u64,
+    /// The session ends: all outputs are safe.
+    ending: bool,
 }
 
 impl Signals {
@@ -116,7 +118,13 @@ impl Signals {
                 ..MachineInputs::default()
             },
             outputs_sequence: 0,
+            ending: false,
         }
+    }
+
+    /// From now on all outputs are safe and spindles stop, whatever the core sends.
+    pub(crate) const fn end(&mut self) {
+        self.ending = true;
     }
 
     pub(crate) fn offer(&mut self, now_ns: u64, message: &MachineOutputs) {
@@ -126,7 +134,7 @@ impl Signals {
 
     /// The outputs of this moment; far in the future they are safe. Returns what the core has commanded.
     pub(crate) fn step(&mut self, now_ns: u64, plan: &Plan, outputs: &mut Outputs) -> MachineOutputs {
-        let wanted = self.follower.step(now_ns);
+        let wanted = self.follower.step(if self.ending { u64::MAX } else { now_ns });
         self.outputs_sequence = wanted.sequence;
         for output in &self.outputs {
             let value = output.value(&wanted);

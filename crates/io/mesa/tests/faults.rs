@@ -5,7 +5,7 @@ use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use evolvent_bridge_sim::monotonic_ns;
-use evolvent_bridge_trial::states;
+use evolvent_bridge_trial::{TrialCore, states};
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_mesa::BoardSettings;
 use evolvent_mesa_board::{BoardModel, FaultKind};
@@ -347,6 +347,53 @@ fn a_spindle_turns_by_its_pwm_and_stops_with_the_core() {
             core.rest(0.6);
             assert!(server.lock().duty(0).abs() < 1e-9, "no message for 0.6 s");
             assert!(!server.lock().level(15) && !server.lock().level(14));
+        },
+    );
+}
+
+/// The board still receives packets when its replies are lost: the axes brake by them, which takes a while, but outputs do not wait.
+#[test]
+fn outputs_are_safe_while_the_axes_still_brake_at_the_end_of_a_session() {
+    use evolvent_bus::MachineOutputs;
+    with_bridge(
+        |_| {},
+        |core, server, _| {
+            core.bring_up();
+            let mut outputs = MachineOutputs {
+                spindle_mask: 1,
+                digital_mask: 1,
+                digital: 1,
+                ..MachineOutputs::default()
+            };
+            (outputs.spindle_direction[0], outputs.spindle_rpm[0]) = (1, 12_000.0);
+            let mut cycle = |core: &mut TrialCore| {
+                outputs.sequence += 1;
+                outputs.due_time_ns = monotonic_ns();
+                let _reached = core.bus.publish_outputs(&outputs);
+                core.cycle();
+                let board = server.lock();
+                let is_on = board.level(14) || board.level(15) || board.duty(0).abs() > 1e-9;
+                (is_on, board.step_rate(0).abs())
+            };
+            core.velocity_x = 100.0;
+            let mut full_rate = 0.0;
+            for _ in 0..200 {
+                full_rate = cycle(core).1;
+            }
+            assert!(cycle(core).0 && full_rate > 90.0 * STEPS, "{full_rate}");
+            server.lock().fault_now(FaultKind::LossOut, Some(2_000_000_000));
+            let begin = std::time::Instant::now();
+            let rate_when_safe = loop {
+                let (is_on, rate) = cycle(core);
+                if !is_on {
+                    break rate;
+                }
+                assert!(begin.elapsed() < std::time::Duration::from_secs(3), "never safe");
+            };
+            assert!(
+                rate_when_safe > 0.3 * full_rate,
+                "outputs were safe when X was at {rate_when_safe} of {full_rate} steps/s"
+            );
         },
     );
 }
