@@ -97,9 +97,9 @@ struct SimArgs {
     /// Damping ratio of the position loops.
     #[arg(long, value_name = "RATIO", default_value_t = 0.9)]
     damping: f64,
-    /// Number of periods for which motion continues when setpoints are missing.
-    #[arg(long, value_name = "N", default_value_t = 10)]
-    bridge_cycles: u32,
+    /// Number of periods for which motion continues when setpoints are missing; otherwise 10, at least 2 ms.
+    #[arg(long, value_name = "N")]
+    bridge_cycles: Option<u32>,
     /// Error of the encoders' positions until the axes are homed, mm or degrees.
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
     reference_offset: f64,
@@ -467,7 +467,7 @@ fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
         .map_err(|error| error.to_string())?;
     let increments = machine.increments();
     let mut settings = SimSettings::usual("", period_ns);
-    settings.bridge_cycles = args.bridge_cycles;
+    settings.bridge_cycles = args.bridge_cycles.unwrap_or(settings.bridge_cycles);
     settings.absolute = args.absolute;
     for axis in &machine.axes {
         let index = axis.letter.index();

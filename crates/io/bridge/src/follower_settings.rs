@@ -1,11 +1,9 @@
 //! The limits of a bridge's follower.
 
-use evolvent_drive::FollowerSettings;
+use evolvent_drive::{FollowerSettings, bridge_cycles};
 use evolvent_machine::Machine;
 use evolvent_path::{AXES, AxisMask};
 
-/// Number of periods for which the last motion continues if setpoints are missing.
-const BRIDGE_CYCLES: u32 = 10;
 /// Maximum distance of a setpoint from the axis at which following starts, mm or degrees; less where the machine permits a smaller
 /// following error only.
 const SYNC_TOLERANCE: f64 = 0.5;
@@ -15,7 +13,7 @@ const SYNC_TOLERANCE: f64 = 0.5;
 pub fn follower_settings(machine: &Machine, axes: AxisMask, period_ns: u64) -> FollowerSettings {
     let mut settings = FollowerSettings {
         period_ns,
-        bridge_cycles: BRIDGE_CYCLES,
+        bridge_cycles: bridge_cycles(period_ns),
         axes,
         max_velocity: [1.0; AXES],
         max_acceleration: [1.0; AXES],

@@ -23,12 +23,33 @@ const TOLERATED_ACCELERATION: f64 = 2.0;
 /// thousandth at most.
 const TOLERATED_DELAY: f64 = 0.5;
 
+/// Number of periods for which motion continues without setpoints, at rates at which they last longer than [`SHORTEST_BRIDGED_NS`].
+const BRIDGED_CYCLES: u64 = 10;
+/// Minimum time for which motion continues without setpoints, ns: the default lead, by which a setpoint precedes its due time, and so the
+/// lateness of which a host is expected to be capable. In this time an axis leaves its path by at most a t^2 / 2, and 0.02 mm at 10 m/s2.
+const SHORTEST_BRIDGED_NS: u64 = 2_000_000;
+/// Maximum of [`FollowerSettings::bridge_cycles`].
+const MAX_BRIDGE_CYCLES: u32 = 100;
+
+/// For how many periods of `period_ns` motion continues without setpoints: ten, but at least 2 ms, and at most 100.
+///
+/// ```
+/// assert_eq!(evolvent_drive::bridge_cycles(1_000_000), 10);
+/// // At 35 kHz ten periods are 0.29 ms, which the pauses of a host exceed.
+/// assert_eq!(evolvent_drive::bridge_cycles(28_571), 71);
+/// ```
+#[must_use]
+pub fn bridge_cycles(period_ns: u64) -> u32 {
+    let cycles = SHORTEST_BRIDGED_NS.div_ceil(period_ns.max(1)).max(BRIDGED_CYCLES);
+    u32::try_from(cycles).map_or(MAX_BRIDGE_CYCLES, |cycles| cycles.min(MAX_BRIDGE_CYCLES))
+}
+
 /// The limits of a follower. Lengths are mm or degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FollowerSettings {
     /// The period of the setpoints, ns.
     pub period_ns: u64,
-    /// Number of periods for which the last motion continues if setpoints are missing.
+    /// Number of periods for which the last motion continues if setpoints are missing: see [`bridge_cycles`].
     pub bridge_cycles: u32,
     /// Bit i set: axis i is driven.
     pub axes: AxisMask,
@@ -206,7 +227,7 @@ impl Follower {
                 period_ns: settings.period_ns,
             });
         }
-        if settings.bridge_cycles > 100 {
+        if settings.bridge_cycles > MAX_BRIDGE_CYCLES {
             return Err(SettingsError::BridgeCycles {
                 cycles: settings.bridge_cycles,
             });

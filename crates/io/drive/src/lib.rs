@@ -71,7 +71,7 @@ pub use cia402::{Braking, CYCLIC_SYNCHRONOUS_POSITION, Cia402, DriveOrder, contr
 pub use command::Command;
 pub use drive_machine::{DriveEvents, DriveMachine, QuickStopOption};
 pub use entry::FeedbackBounds;
-pub use follower::{Follower, FollowerSettings, Rejection, SettingsError, Target};
+pub use follower::{Follower, FollowerSettings, Rejection, SettingsError, Target, bridge_cycles};
 pub use gantry::{Gantry, GantryFault, GantryInputs, GantrySettings, is_homed, worse_status};
 pub use index_latch::{IndexLatch, IndexRequest};
 pub use input_entry::{InputEntry, InputFault, KnownInputs, KnownProbe};

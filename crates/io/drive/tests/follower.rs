@@ -526,3 +526,42 @@ fn settings_that_are_none_are_named() {
         Err(SettingsError::BridgeCycles { .. })
     ));
 }
+
+/// 35 kHz: the core sends nothing for 1.5 ms in motion, then what it has missed, and a scheduling pause of that length stops no axis.
+#[test]
+fn a_pause_of_the_host_at_a_high_rate_does_not_stop_the_axes() {
+    let period_ns = 28_571;
+    for (pause_ns, is_stopped) in [(1_500_000, false), (3_000_000, true)] {
+        let settings = FollowerSettings {
+            period_ns,
+            bridge_cycles: evolvent_drive::bridge_cycles(period_ns),
+            ..settings()
+        };
+        let mut follower = Follower::new(settings).expect("limits");
+        let (mut actual, mut has_stopped) = ([0.0; AXES], false);
+        let pause = 3000..3000 + pause_ns / period_ns;
+        for cycle in 0..5000_u64 {
+            let due_time_ns = 5_000_000 + cycle * period_ns;
+            let [position, velocity, acceleration] =
+                if cycle < 700 { [[0.0; AXES]; 3] } else { motion(((cycle - 700) * period_ns) as f64 * 1e-9) };
+            let sent = Setpoint {
+                sequence: cycle,
+                due_time_ns,
+                period_ns,
+                position,
+                velocity,
+                acceleration,
+                ..setpoint(0)
+            };
+            let now_ns = due_time_ns - 2 * period_ns;
+            if !pause.contains(&cycle) {
+                let _noted = follower.offer(now_ns, &sent);
+            }
+            let target = follower.step(now_ns, true, &actual);
+            actual = target.position;
+            has_stopped |= cycle > 100
+                && !matches!(target.state, BridgeState::Following | BridgeState::Bridging);
+        }
+        assert_eq!(has_stopped, is_stopped, "{pause_ns} ns");
+    }
+}

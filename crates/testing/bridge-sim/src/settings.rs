@@ -1,7 +1,7 @@
 //! What is simulated.
 
 use evolvent_bus::AXES;
-use evolvent_drive::FollowerSettings;
+use evolvent_drive::{FollowerSettings, bridge_cycles};
 use evolvent_path::AxisMask;
 
 use crate::fault::Fault;
@@ -123,7 +123,7 @@ impl SimSettings {
         Self {
             period_ns,
             axes: letters.chars().filter_map(index).map(SimAxis::usual).collect(),
-            bridge_cycles: 10,
+            bridge_cycles: bridge_cycles(period_ns),
             sync_tolerance: 0.5,
             faults: Vec::new(),
             absolute: false,
