@@ -185,8 +185,8 @@ pub(crate) fn run(
         RunError::Bridge(
             BridgeError::Bus(BusError::Name(_) | BusError::Prefix { .. }) | BridgeError::Axes { .. },
         )
-        | RunError::Interface { .. }
         | RunError::Dump { .. } => usage(error.to_string()),
+        // An interface may appear, or come up, after the bridge has started at boot: units start it again.
         error => CommandError::Failed(error.to_string()),
     })?;
     if args.json {
