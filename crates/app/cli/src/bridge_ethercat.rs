@@ -182,11 +182,10 @@ pub(crate) fn run(
         let _told = writeln!(err, "{text}");
     });
     let report = report.map_err(|error| match error {
-        RunError::Bridge(
-            BridgeError::Bus(BusError::Name(_) | BusError::Prefix { .. }) | BridgeError::Axes { .. },
-        )
+        RunError::Bridge(BridgeError::Bus(BusError::Name(_) | BusError::Prefix { .. }))
         | RunError::Dump { .. } => usage(error.to_string()),
-        // An interface may appear, or come up, after the bridge has started at boot: units start it again.
+        // An interface may come up after the bridge has started at boot, and a core with other axes may start again with the right ones:
+        // units start the bridge again.
         error => CommandError::Failed(error.to_string()),
     })?;
     if args.json {

@@ -542,8 +542,11 @@ fn a_pause_of_the_host_at_a_high_rate_does_not_stop_the_axes() {
         let pause = 3000..3000 + pause_ns / period_ns;
         for cycle in 0..5000_u64 {
             let due_time_ns = 5_000_000 + cycle * period_ns;
-            let [position, velocity, acceleration] =
-                if cycle < 700 { [[0.0; AXES]; 3] } else { motion(((cycle - 700) * period_ns) as f64 * 1e-9) };
+            let [position, velocity, acceleration] = if cycle < 700 {
+                [[0.0; AXES]; 3]
+            } else {
+                motion(((cycle - 700) * period_ns) as f64 * 1e-9)
+            };
             let sent = Setpoint {
                 sequence: cycle,
                 due_time_ns,
@@ -559,8 +562,8 @@ fn a_pause_of_the_host_at_a_high_rate_does_not_stop_the_axes() {
             }
             let target = follower.step(now_ns, true, &actual);
             actual = target.position;
-            has_stopped |= cycle > 100
-                && !matches!(target.state, BridgeState::Following | BridgeState::Bridging);
+            has_stopped |=
+                cycle > 100 && !matches!(target.state, BridgeState::Following | BridgeState::Bridging);
         }
         assert_eq!(has_stopped, is_stopped, "{pause_ns} ns");
     }

@@ -626,9 +626,7 @@ impl Operator {
             State::ProgramStop => !self.view.at_wait,
             _ => false,
         };
-        self.program
-            .tally
-            .observe(self.view.setpoint.sequence, is_held);
+        self.program.tally.observe(self.view.setpoint.sequence, is_held);
         self.follow_program();
         self.follow_jog();
         self.follow_handwheel();
