@@ -185,7 +185,7 @@ fn a_served_machine_waits_for_the_speed_and_stops_for_a_spindle_in_trouble() {
     unless_disturbed(|| {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let machine = machine(&workshop, "spun", 20.0);
-        let options = ["--spindle-acceleration", "1000", "--fault", "spindle-silent@10"];
+        let options = ["--spindle-acceleration", "1000", "--fault", "spindle-silent@20"];
         let _drives = Drives::start(&machine, &domain, &options);
         let served = Served::start(&machine, "spun", &domain, &workshop.path("state"), &[]);
         let mut operator = Operator::join("spun", &domain);

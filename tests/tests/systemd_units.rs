@@ -67,7 +67,7 @@ fn bridges_are_started_for_ever() {
             "{}",
             unit.display()
         );
-        // Wrong arguments and files are not mended by another start, and would fill the journal.
+        // Another start does not correct wrong arguments and files, and would fill the journal.
         assert!(
             service.lines().any(|line| line == "RestartPreventExitStatus=2"),
             "{}",

@@ -467,7 +467,7 @@ fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
         .map_err(|error| error.to_string())?;
     let increments = machine.increments();
     let mut settings = SimSettings::usual("", period_ns);
-    settings.bridge_cycles = args.bridge_cycles.unwrap_or(settings.bridge_cycles);
+    settings.bridge_cycles = args.bridge_cycles;
     settings.absolute = args.absolute;
     for axis in &machine.axes {
         let index = axis.letter.index();

@@ -155,7 +155,7 @@ payload! {
         parts: u32,
         /// Running time of the current or last run of the program, in s.
         program_time_s: f64,
-        /// Time of it spent in holds and program stops, in s.
+        /// Time of it spent in holds and program stops, in s, without waits for a spindle, an input or a user-defined M code.
         program_held_s: f64,
         /// Bit i set: axis i was jogged away from the program that is held.
         away_mask: u32,

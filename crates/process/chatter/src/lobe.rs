@@ -252,7 +252,7 @@ pub trait Lobes {
     }
 }
 
-/// Of a mode, the part of force and motion that counts, below which it is that of rounding.
+/// Gain below which a mode counts as not excited: rounding of two cosines gives 6e-17, a mode at 0.001 degrees from the right angle 2e-5.
 const UNEXCITED: f64 = 1e-12;
 
 impl Turning {

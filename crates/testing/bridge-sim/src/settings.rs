@@ -103,8 +103,8 @@ pub struct SimSettings {
     pub period_ns: u64,
     /// The axes.
     pub axes: Vec<SimAxis>,
-    /// For how many periods the last motion goes on where setpoints are missing.
-    pub bridge_cycles: u32,
+    /// For how many periods the last motion goes on where setpoints are missing; as every bridge if `None`.
+    pub bridge_cycles: Option<u32>,
     /// How far from the axis a setpoint may lie with which following begins.
     pub sync_tolerance: f64,
     /// What goes wrong, and when.
@@ -123,7 +123,7 @@ impl SimSettings {
         Self {
             period_ns,
             axes: letters.chars().filter_map(index).map(SimAxis::usual).collect(),
-            bridge_cycles: bridge_cycles(period_ns),
+            bridge_cycles: None,
             sync_tolerance: 0.5,
             faults: Vec::new(),
             absolute: false,
@@ -144,7 +144,10 @@ impl SimSettings {
     pub(crate) fn follower(&self) -> FollowerSettings {
         let mut settings = FollowerSettings {
             period_ns: self.period_ns,
-            bridge_cycles: self.bridge_cycles,
+            // Of the period that the core runs at, which its machine file need not have.
+            bridge_cycles: self
+                .bridge_cycles
+                .unwrap_or_else(|| bridge_cycles(self.period_ns)),
             axes: self.axes_mask(),
             max_velocity: [1.0; AXES],
             max_acceleration: [1.0; AXES],

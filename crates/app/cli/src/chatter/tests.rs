@@ -113,7 +113,7 @@ fn the_lobes_have_their_figures() {
 
 /// The delay equation's limits lie below the least one of the zero order here: that one must not be promised.
 #[test]
-fn the_least_limit_of_milling_is_that_of_the_delay_equation() {
+fn the_minimum_limit_of_milling_is_that_of_the_delay_equation() {
     let lobes = &json("processes/lobes-milling")["lobes"][0];
     let zero = lobes["minima"][0]["depth_mm"].as_f64().unwrap();
     let text = ran(&ChatterArgs {

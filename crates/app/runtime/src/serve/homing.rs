@@ -78,7 +78,10 @@ impl Operator {
             steered, cancelled, ..
         } = &mut self.job
         {
-            let result = *cancelled.get_or_insert(result);
+            // A fault after a stop is the result.
+            if cancelled.is_none() || result == JobResult::Fault {
+                *cancelled = Some(result);
+            }
             if steered.is_none() {
                 self.end_job(result);
             }

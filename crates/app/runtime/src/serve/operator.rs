@@ -50,7 +50,7 @@ pub(super) enum Job {
     Homing {
         homing: Homing,
         steered: Option<Box<Steered>>,
-        /// As what it ends, once its motion has.
+        /// Result of the job once its motion has ended.
         cancelled: Option<JobResult>,
     },
 }
@@ -620,10 +620,10 @@ impl Operator {
             // Whatever took the power: a machine that is on without it would accept jobs that move nothing.
             self.lose_power();
         }
-        // The program waits for a spindle or an input in the state of a program stop: that is no time of an operator.
+        // The program waits for a spindle, an input or a program of a user in the state of a program stop: no operator holds it.
         let is_held = match self.view.setpoint.state {
             State::Held => true,
-            State::ProgramStop => !self.view.at_wait,
+            State::ProgramStop => !self.is_waiting(),
             _ => false,
         };
         self.program.tally.observe(self.view.setpoint.sequence, is_held);

@@ -60,5 +60,7 @@ export function limitAt(curve: Curve, rpm: number): number | null {
   const [x1, y1] = curve.points[next]!;
   const [x0, y0] = curve.points[Math.max(0, next - 1)]!;
   if (y0 === null || y1 === null) return x1 === rpm ? y1 : null;
+  // Towards a point without a limit nothing is known of how the limit rises.
+  if (curve.isLimit && x1 !== rpm && Math.max(y0, y1) >= curve.most) return Math.min(y0, y1);
   return x1 > x0 ? y0 + ((y1 - y0) * (rpm - x0)) / (x1 - x0) : y1;
 }
