@@ -408,7 +408,7 @@ typedef struct evolvent_status {
     uint32_t parts;
     /* Running time of the current or last run of the program, in s. */
     double program_time_s;
-    /* Time of it spent in holds and program stops, in s. */
+    /* Time of it spent in holds and program stops, in s, without waits for a spindle, an input or a user-defined M code. */
     double program_held_s;
     /* Bit i set: axis i was jogged away from the program that is held. */
     uint32_t away_mask;

@@ -501,7 +501,7 @@ class Status(ctypes.Structure):
         ("parts", ctypes.c_uint32),
         # Running time of the current or last run of the program, in s.
         ("program_time_s", ctypes.c_double),
-        # Time of it spent in holds and program stops, in s.
+        # Time of it spent in holds and program stops, in s, without waits for a spindle, an input or a user-defined M code.
         ("program_held_s", ctypes.c_double),
         # Bit i set: axis i was jogged away from the program that is held.
         ("away_mask", ctypes.c_uint32),

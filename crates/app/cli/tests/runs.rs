@@ -379,13 +379,14 @@ fn a_run_finds_tools_parameters_and_subroutines_and_keeps_what_it_leaves() {
     let machine = fs::read_to_string(MACHINE).unwrap();
     let keys = "[program]\ntool_table = \"mill.tbl\"\nparameters = \"mill.var\"\nsubroutines = [\"subs\"]\n";
     fs::write(bench.path("mill.toml"), format!("{machine}\n{keys}")).unwrap();
-    let run = |more: &[&str]| {
+    let run_by = |clock: &str, more: &[&str]| {
         let machine = bench.path("mill.toml");
         let mut arguments = vec!["run", as_str(&program), "--machine", as_str(&machine)];
-        arguments.extend(["--clock", "virtual", "--no-bus", "--no-trace", "--json"]);
+        arguments.extend(["--clock", clock, "--no-bus", "--no-trace", "--json"]);
         arguments.extend(more);
         evolvent(&arguments)
     };
+    let run = |more: &[&str]| run_by("virtual", more);
     let output = run(&[]);
     assert_eq!(
         output.status.code(),
@@ -396,6 +397,17 @@ fn a_run_finds_tools_parameters_and_subroutines_and_keeps_what_it_leaves() {
     assert_eq!(
         json(&output)["end_position"],
         serde_json::json!([5.0, 0.0, -15.0])
+    );
+    // What no machine has done is not kept.
+    assert_eq!(fs::read_to_string(bench.path("mill.var")).unwrap(), "31 4\n");
+    let tools = fs::read_to_string(bench.path("mill.tbl")).unwrap();
+    assert_eq!(tools, "T1 P1 Z-20 D6 ;the mill\n");
+    // In real time, whose setpoints may be late here.
+    let output = run_by("realtime", &[]);
+    assert!(
+        matches!(output.status.code(), Some(0 | 3)),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
     );
     let kept = fs::read_to_string(bench.path("mill.var")).unwrap();
     assert!(

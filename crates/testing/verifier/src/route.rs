@@ -93,6 +93,9 @@ impl Route {
                 Action::Move(motion) => route.push(&motion, command.line, machine)?,
                 Action::SelectTool(_)
                 | Action::Message(_)
+                | Action::Warning(_)
+                | Action::Print(_)
+                | Action::Log(_)
                 | Action::ProgramStop { optional: true, .. }
                 | Action::Output {
                     synchronised: true, ..

@@ -90,7 +90,11 @@ impl Operator {
 
     /// Homing cannot go on: its motion stops.
     pub(super) fn end_homing(&mut self) {
-        if matches!(self.job, Job::Homing { .. }) {
+        if let Job::Homing { cancelled, .. } = &self.job {
+            if cancelled.is_none() {
+                self.message
+                    .tell("homing was stopped: the axes were not at rest when machine zero was to be set; home again");
+            }
             self.cancel_homing(JobResult::Stopped);
             self.order(CycleCommand::Stop);
         }

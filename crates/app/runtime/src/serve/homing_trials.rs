@@ -299,6 +299,7 @@ fn new_coordinates_that_the_cycle_refuses_are_forgotten() {
         bench.runs_seen(1);
         assert!(bench.now < begun + 10_000, "homing goes on, or does not end");
     }
+    assert!(bench.operator.message.text().contains("not at rest"), "no reason");
     let drives = &bench.operator.drives;
     assert_eq!(
         (bench.operator.view.datum, drives.datum, drives.home_offset),

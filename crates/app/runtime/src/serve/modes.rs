@@ -44,7 +44,9 @@ impl Modes {
     pub(crate) fn preamble(&self) -> String {
         let mut text = String::new();
         let offset = &self.modal.tool_offset;
-        if *offset != Axes::zeros() {
+        if *offset == Axes::zeros() {
+            text.push_str("G49");
+        } else {
             text.push_str("G21 G43.1");
             for axis in AxisLetter::ALL
                 .into_iter()
@@ -74,7 +76,10 @@ impl Modes {
         let words: Vec<&str> = words
             .take_while(|word| !word.starts_with('S'))
             // Offsets of tools are given by their values above, and the work offset in force by the kept parameters.
-            .filter(|word| !["G41", "G43"].contains(word) && !word.starts_with('F') && !selects_work(word))
+            // A G49 of MDI before a program would take back the length with which that has ended.
+            .filter(|word| {
+                !["G41", "G43", "G49"].contains(word) && !word.starts_with('F') && !selects_work(word)
+            })
             .collect();
         text.push_str(&words.join(" "));
         text.push('\n');
@@ -181,6 +186,27 @@ mod tests {
                 modes.text[from..from + modes.text[from..].find(" G9").unwrap()].to_owned()
             };
             assert_eq!(path(&again), path(&modes), "{text:?}");
+        }
+    }
+
+    /// A program has ended since, of which the modes at the end are known, and not the words.
+    #[test]
+    fn the_tool_length_of_the_end_of_a_program_counts_behind_it() {
+        for (text, length) in [
+            ("G49\n", 45.2),
+            ("", 45.2),
+            ("G43.1 Z7\n", 45.2),
+            ("G43.1 Z7\n", 0.0),
+        ] {
+            let mut modes = after(text, 0).modes;
+            modes.modal.tool_offset[2] = length;
+            let next = after(&(modes.preamble() + "G0 X1\n"), 0).modes;
+            assert_eq!(
+                next.modal.tool_offset[2],
+                length,
+                "{text:?} by {:?}",
+                modes.preamble()
+            );
         }
     }
 
