@@ -24,23 +24,6 @@ fn square(rate_hz: f64) -> Motion {
         .to(xyz(0.0, 0.0, 0.0), 0.3)
 }
 
-#[test]
-fn nothing_that_is_only_told_needs_a_rest() {
-    for told in [
-        "(PRINT, half)",
-        "(DEBUG, half)",
-        "(MSG, half)",
-        "(LOGOPEN, half.txt)\n(LOG, half)\n(LOGCLOSE)",
-    ] {
-        let program = format!("G21 G64 P0.02 G90 F12000\nG1 X10\n{told}\nG1 X20\nM2\n");
-        let motion = Motion::new(1000.0).to(xyz(20.0, 0.0, 0.0), 0.6);
-        assert_eq!(found(&program, &motion).0, [], "{told}");
-    }
-    let stopped = "G21 G64 P0.02 G90 F12000\nG1 X10\nG4 P0.1\nG1 X20\nM2\n";
-    let motion = Motion::new(1000.0).to(xyz(20.0, 0.0, 0.0), 0.6);
-    assert!(found(stopped, &motion).0.contains(&Kind::Rest));
-}
-
 /// Lines, arcs and helices in three planes, involutes outwards and inwards.
 const CURVES: &str = "G21 G61 G90 F12000
 G1 X20
