@@ -321,20 +321,25 @@ fn lost_packets_in_which_a_counter_may_turn_over_are_refused() {
     });
 }
 
+/// The spindle at 12000 rpm, and the first digital output on.
+fn outputs_with_spindle() -> evolvent_bus::MachineOutputs {
+    let mut outputs = evolvent_bus::MachineOutputs {
+        spindle_mask: 1,
+        digital_mask: 1,
+        digital: 1,
+        ..evolvent_bus::MachineOutputs::default()
+    };
+    (outputs.spindle_direction[0], outputs.spindle_rpm[0]) = (1, 12_000.0);
+    outputs
+}
+
 #[test]
 fn a_spindle_turns_by_its_pwm_and_stops_with_the_core() {
-    use evolvent_bus::MachineOutputs;
     with_bridge(
         |_| {},
         |core, server, _| {
             core.bring_up();
-            let mut outputs = MachineOutputs {
-                spindle_mask: 1,
-                digital_mask: 1,
-                digital: 1,
-                ..MachineOutputs::default()
-            };
-            (outputs.spindle_direction[0], outputs.spindle_rpm[0]) = (1, 12_000.0);
+            let mut outputs = outputs_with_spindle();
             for _ in 0..100 {
                 outputs.sequence += 1;
                 outputs.due_time_ns = monotonic_ns();
@@ -354,18 +359,11 @@ fn a_spindle_turns_by_its_pwm_and_stops_with_the_core() {
 /// The board still receives packets when its replies are lost: the axes brake by them, which takes a while, but outputs do not wait.
 #[test]
 fn outputs_are_safe_while_the_axes_still_brake_at_the_end_of_a_session() {
-    use evolvent_bus::MachineOutputs;
     with_bridge(
         |_| {},
         |core, server, _| {
             core.bring_up();
-            let mut outputs = MachineOutputs {
-                spindle_mask: 1,
-                digital_mask: 1,
-                digital: 1,
-                ..MachineOutputs::default()
-            };
-            (outputs.spindle_direction[0], outputs.spindle_rpm[0]) = (1, 12_000.0);
+            let mut outputs = outputs_with_spindle();
             let mut cycle = |core: &mut TrialCore| {
                 outputs.sequence += 1;
                 outputs.due_time_ns = monotonic_ns();
