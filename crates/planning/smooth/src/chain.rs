@@ -77,6 +77,16 @@ impl ProgramSegment {
         self.smoothed || self.kept
     }
 
+    /// Whether another segment is driven with the same feed.
+    pub(crate) fn has_feed_of(&self, other: &Self) -> bool {
+        (self.feed_mm_s, self.rapid) == (other.feed_mm_s, other.rapid)
+    }
+
+    /// Its feed, without limit for a rapid.
+    pub(crate) fn max_feed_mm_s(&self) -> f64 {
+        if self.rapid { f64::INFINITY } else { self.feed_mm_s }
+    }
+
     /// The start point.
     pub(crate) fn start(&self) -> &Axes {
         &self.start

@@ -115,6 +115,9 @@ pub(crate) fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
 struct Straight {
     behind: f64,
     ahead: f64,
+    /// The extent of that part of it which has the feed of the segment.
+    feed_behind: f64,
+    feed_ahead: f64,
     sharp: bool,
 }
 
@@ -122,6 +125,8 @@ struct Straight {
 /// not depend on how much more of the path is known.
 fn straight(chain: &Chain, number: usize, segment: &ProgramSegment, u: f64, limit: f64) -> Straight {
     let (mut behind, mut ahead, mut sharp) = (u - segment.from, segment.to - u, false);
+    let (mut feed_behind, mut feed_ahead) = (behind, ahead);
+    let (mut same_behind, mut same_ahead) = (true, true);
     let mut first = number;
     while behind < limit
         && let Some(here) = chain.get(first)
@@ -131,6 +136,10 @@ fn straight(chain: &Chain, number: usize, segment: &ProgramSegment, u: f64, limi
             Some(before) if !here.corner() && before.straight && before.tolerance >= segment.tolerance => {
                 first -= 1;
                 behind = u - before.from;
+                same_behind &= before.has_feed_of(segment);
+                if same_behind {
+                    feed_behind = behind;
+                }
             }
             _ => {
                 sharp |= here.sharp;
@@ -148,8 +157,18 @@ fn straight(chain: &Chain, number: usize, segment: &ProgramSegment, u: f64, limi
         }
         ahead = here.to - u;
         last += 1;
+        same_ahead &= here.has_feed_of(segment);
+        if same_ahead {
+            feed_ahead = ahead;
+        }
     }
-    Straight { behind, ahead, sharp }
+    Straight {
+        behind,
+        ahead,
+        feed_behind,
+        feed_ahead,
+        sharp,
+    }
 }
 
 /// The distance ahead of a sample over which the path has to be known.
@@ -532,9 +551,10 @@ impl SampleBuilder<'_> {
         }
         // At a sharp corner the corner point must be missed by at most twice the tolerance.
         let reach = if straight.sharp { segment.tolerance } else { reach };
+        // Feeds change at the parameter of a joint. A point that slid past it would have the feed of the other block.
         made.tangential_slack = (
-            straight.behind.clamp(0.0, reach),
-            straight.ahead.clamp(0.0, reach),
+            straight.feed_behind.clamp(0.0, reach),
+            straight.feed_ahead.clamp(0.0, reach),
         );
         for d in 0..3 {
             made.along[d] = slope[d];

@@ -1,6 +1,7 @@
 //! Blocks in, path out.
 
 mod fallback;
+mod feed_boundary;
 mod zones;
 
 use std::collections::VecDeque;
@@ -67,6 +68,8 @@ pub struct Smoother {
     kept: f64,
     /// The present end of a zone, if it differs from the programmed point.
     offset_point: Option<Axes>,
+    /// Number of the segment whose feed holds at the present end of a zone.
+    feed_segment: usize,
     /// Number of intervals since the last joint of the zone became known, and that joint.
     spent: (usize, usize),
     /// Whether the path leaves the last kept position in motion, and whether that is a joint.
@@ -126,6 +129,7 @@ impl Smoother {
             unsmoothed: 0..0,
             kept: 0.0,
             offset_point: None,
+            feed_segment: 0,
             spent: (0, 0),
             departure: Departure::default(),
             active: [false; AXES],
@@ -365,6 +369,7 @@ impl Smoother {
             EndCondition::Jet(self.jet(self.cursor))
         };
         self.zone.begin(self.cursor);
+        self.feed_segment = self.chain.find(self.cursor);
         self.spent = (0, joint);
         self.state = State::BlendZone {
             start,

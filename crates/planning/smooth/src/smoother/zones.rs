@@ -3,6 +3,7 @@
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Curve, Jet, ParamCurve, Spline};
 
+use super::feed_boundary::FeedBoundary;
 use super::{EXTENT, Ending, MIN_LENGTH, Smoother, State, release};
 use crate::chain::Chain;
 use crate::spacing::{self, GROWTH};
@@ -186,20 +187,23 @@ impl Smoother {
             };
             gone = i + 1;
             let curve = Curve::Spline(spline);
-            let mut number = self.chain.find(from);
             let mut at = from;
-            while let Some(segment) = self.chain.get(number) {
-                let mut stop = segment.to;
-                number += 1;
-                while stop < to
-                    && let Some(next) = self.chain.get(number)
-                    && (next.feed_mm_s, next.rapid) == (segment.feed_mm_s, segment.rapid)
+            loop {
+                // Joints at which the feed does not change need not be looked at again.
+                while let (Some(here), Some(next)) = (
+                    self.chain.get(self.feed_segment),
+                    self.chain.get(self.feed_segment + 1),
+                ) && next.from <= at
+                    && next.has_feed_of(here)
                 {
-                    stop = next.to;
-                    number += 1;
+                    self.feed_segment += 1;
                 }
-                let last = stop >= to - MIN_LENGTH;
-                let stop = if last { to } else { stop };
+                let Some(segment) = self.chain.get(self.feed_segment) else {
+                    break;
+                };
+                let boundary = FeedBoundary::next(&self.chain, self.feed_segment, to);
+                let passed = boundary.and_then(|boundary| boundary.passed(&spline, (from, to), at));
+                let stop = passed.filter(|&stop| stop < to - MIN_LENGTH).unwrap_or(to);
                 if stop - at > MIN_LENGTH {
                     out.push(Output::Segment(PathSegment {
                         curve,
@@ -213,9 +217,10 @@ impl Smoother {
                     at = stop;
                     release(&mut self.marks, self.base + at, out);
                 }
-                if last {
+                let (Some(boundary), Some(_)) = (boundary, passed) else {
                     break;
-                }
+                };
+                self.feed_segment = boundary.segment;
             }
             self.cursor = to;
             self.offset_point = Some(behind);

@@ -1,0 +1,119 @@
+//! Where the smoothed path passes from the feed of one block to that of the next.
+//!
+//! The path runs by the parameter of the program, but its point at a joint's parameter may lie before the joint or beyond it: by
+//! the tolerance, or twice that where samples follow the path. If the feed changed at the parameter, that stretch would be driven
+//! at the feed of the wrong block, a cut at rapid. The path passes a joint also where it passes the plane that bisects it: before
+//! it the earlier block is nearer, behind it the later one. A lower feed counts from the earlier of both on, a higher one from
+//! the later.
+
+use evolvent_path::{Axes, ParamCurve, Spline};
+
+use crate::chain::Chain;
+
+/// Distance on both sides of a joint in which the path passes it, in tolerances.
+const REACH: f64 = 2.0;
+/// Minimum length of the sum of both directions at a joint; below it the path reverses, and no plane bisects it.
+const MIN_NORMAL: f64 = 0.1;
+/// Number of parts of the reach that are searched, and of bisections of the part that is found.
+const PARTS: usize = 8;
+const BISECTIONS: usize = 30;
+
+/// A joint between blocks of different feed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FeedBoundary {
+    /// Number of the segment that starts there.
+    pub(super) segment: usize,
+    /// Parameter of the joint, and how far from it the path may pass it.
+    parameter: f64,
+    reach: f64,
+    /// The joint, and the normal of the bisecting plane; none if other axes tie the path to the parameter, or it reverses.
+    place: Axes,
+    normal: Option<Axes>,
+    /// Whether the feed behind it is lower.
+    slower: bool,
+}
+
+impl FeedBoundary {
+    /// The next joint behind a segment at which the feed changes, if the path may pass it before `until`.
+    pub(super) fn next(chain: &Chain, number: usize, until: f64) -> Option<Self> {
+        let holding = chain.get(number)?;
+        let mut number = number;
+        loop {
+            let before = chain.get(number)?;
+            number += 1;
+            let segment = chain.get(number)?;
+            let reach = REACH * segment.tolerance.max(before.tolerance);
+            if segment.from - reach >= until {
+                return None;
+            }
+            if !segment.has_feed_of(holding) {
+                let (end, start) = (before.jet(before.to), segment.jet(segment.from));
+                let tied = [end.first, start.first]
+                    .iter()
+                    .any(|first| first.as_slice()[3..].iter().any(|&rate| rate != 0.0));
+                let normal = end.first.normalize() + start.first.normalize();
+                return Some(Self {
+                    segment: number,
+                    parameter: segment.from,
+                    reach,
+                    place: start.position,
+                    normal: (!tied && normal.norm() > MIN_NORMAL).then_some(normal),
+                    slower: segment.max_feed_mm_s() < holding.max_feed_mm_s(),
+                });
+            }
+        }
+    }
+
+    /// The parameter from which the feed behind it counts on a piece of the path, from `from` to `to`, searched from `at`; none if
+    /// it does not count there.
+    pub(super) fn passed(&self, piece: &Spline, (from, to): (f64, f64), at: f64) -> Option<f64> {
+        let by_parameter = (self.parameter <= to).then_some(self.parameter.max(at));
+        let Some(normal) = self.normal else {
+            return by_parameter;
+        };
+        let by_plane = self.passed_plane(piece, (from, to), at, &normal);
+        match (by_parameter, by_plane) {
+            (Some(a), Some(b)) if self.slower => Some(a.min(b)),
+            (Some(a), Some(b)) => Some(a.max(b)),
+            (a, b) if self.slower => a.or(b),
+            _ => None,
+        }
+    }
+
+    /// The parameter at which the piece passes the plane.
+    fn passed_plane(&self, piece: &Spline, (from, to): (f64, f64), at: f64, normal: &Axes) -> Option<f64> {
+        if self.parameter + self.reach <= at {
+            return Some(at);
+        }
+        let (low, high) = (
+            (self.parameter - self.reach).max(at),
+            (self.parameter + self.reach).min(to),
+        );
+        if low >= high {
+            return None;
+        }
+        let behind = |u: f64| (piece.position(u - from) - self.place).dot(normal) >= 0.0;
+        if behind(low) {
+            return Some(low);
+        }
+        let mut before = low;
+        for part in 1..=PARTS {
+            let u = low + (high - low) * part as f64 / PARTS as f64;
+            if behind(u) {
+                let mut after = u;
+                for _ in 0..BISECTIONS {
+                    let middle = 0.5 * (before + after);
+                    if behind(middle) {
+                        after = middle;
+                    } else {
+                        before = middle;
+                    }
+                }
+                return Some(after);
+            }
+            before = u;
+        }
+        // Beyond the reach it has passed the joint, whatever the plane says.
+        (high < to).then_some(high)
+    }
+}
