@@ -9,20 +9,12 @@ use thiserror::Error;
 use crate::brake::{Brake, BrakeState};
 use crate::index_latch::IndexRequest;
 use crate::power::{BridgeState, Note, PowerRequest};
+use crate::step_check::{StepCheck, TOLERATED_ACCELERATION};
 
 /// Capacity for future setpoints: the longest lead plus a burst.
 const ROOM: usize = 2048;
 /// No core computes setpoints further ahead, ns.
 const FURTHEST_NS: u64 = 10_000_000_000;
-/// Factor by which a setpoint may exceed the velocity of an axis: rounding, and a guard that permits a
-/// thousandth.
-const TOLERATED: f64 = 1.1;
-/// The same for its acceleration: a spindle that is followed, and corrections of the axes, add some percent; nothing doubles it.
-const TOLERATED_ACCELERATION: f64 = 2.0;
-/// By how many periods the due times of setpoints in motion may be farther apart than their numbers: the core changes its period by a
-/// thousandth at most.
-const TOLERATED_DELAY: f64 = 0.5;
-
 /// Number of periods for which motion continues without setpoints, at rates at which they last longer than [`SHORTEST_BRIDGED_NS`].
 const BRIDGED_CYCLES: u64 = 10;
 /// Minimum time for which motion continues without setpoints, ns: the default lead, by which a setpoint precedes its due time, and so the
@@ -157,21 +149,23 @@ impl Target {
     }
 }
 
+/// A setpoint that arrived.
 #[derive(Clone, Copy, Debug)]
-struct Point {
-    sequence: u64,
-    due_ns: u64,
-    position: [f64; AXES],
-    velocity: [f64; AXES],
-    acceleration: [f64; AXES],
+pub(crate) struct Point {
+    pub(crate) sequence: u64,
+    pub(crate) due_ns: u64,
+    pub(crate) position: [f64; AXES],
+    pub(crate) velocity: [f64; AXES],
+    pub(crate) acceleration: [f64; AXES],
+    pub(crate) flags: u32,
     power: PowerRequest,
     fault_reset: u32,
-    datum: u64,
+    pub(crate) datum: u64,
     index: IndexRequest,
 }
 
 impl Point {
-    fn stands(&self) -> bool {
+    pub(crate) fn stands(&self) -> bool {
         self.velocity.iter().all(|velocity| velocity.abs() <= 1e-9)
     }
 }
@@ -202,6 +196,7 @@ pub struct Follower {
     is_new_core: bool,
     datums_lost: u32,
     quick_stop: bool,
+    steps: StepCheck,
 }
 
 impl Target {
@@ -260,6 +255,7 @@ impl Follower {
             is_new_core: true,
             datums_lost: 0,
             quick_stop: false,
+            steps: StepCheck::default(),
         })
     }
 
@@ -318,6 +314,7 @@ impl Follower {
             position: setpoint.position,
             velocity: setpoint.velocity,
             acceleration: setpoint.acceleration,
+            flags: setpoint.flags,
             power: PowerRequest::from_number(setpoint.power_request),
             fault_reset: setpoint.fault_reset,
             datum: setpoint.datum,
@@ -346,6 +343,7 @@ impl Follower {
                 self.note = Note::Restart;
                 self.queue.clear();
                 (self.current, self.is_tied, self.is_new_core) = (None, false, true);
+                self.steps.reset();
             } else if point.sequence == tail.sequence {
                 return Ok(());
             } else {
@@ -368,43 +366,23 @@ impl Follower {
     }
 
     /// Whether every axis can get from one setpoint to the next, if the first is being followed.
-    fn check_step(&self, tail: &Point, point: &Point) -> Result<(), Rejection> {
+    fn check_step(&mut self, tail: &Point, point: &Point) -> Result<(), Rejection> {
         if !self.is_following() {
             return Ok(());
         }
-        if point.datum != tail.datum {
-            // A new coordinate for the position of the axes.
-            return if self.is_renaming(tail, point) {
-                Ok(())
-            } else {
-                Err(Rejection::Jump)
-            };
-        }
-        let interval_s = (point.due_ns - tail.due_ns) as f64 * 1e-9;
-        let periods = (point.sequence - tail.sequence) as f64;
-        let longest_s = (periods + TOLERATED_DELAY) * self.settings.period_ns as f64 * 1e-9;
-        // At rest a pause of the core is none of the axes.
-        if interval_s > longest_s && !(tail.stands() && point.stands()) {
-            return Err(Rejection::Jump);
-        }
-        for axis in self.axes() {
-            let fastest = TOLERATED * self.settings.max_velocity[axis];
-            let hardest = TOLERATED_ACCELERATION * self.settings.max_acceleration[axis];
-            let step = point.position[axis] - tail.position[axis];
-            let way = fastest * interval_s.min(longest_s);
-            let is_possible = step.abs() <= way
-                && point.velocity[axis].abs() <= fastest
-                && point.acceleration[axis].abs() <= hardest;
-            if !is_possible {
-                return Err(Rejection::Jump);
-            }
-        }
-        Ok(())
+        let is_accepted = if point.datum == tail.datum {
+            self.steps.accepts(&self.settings, tail, point)
+        } else {
+            // A new coordinate for the position of the axes. After a jump it is not known of which.
+            self.steps.is_clear() && self.is_renaming(tail, point)
+        };
+        if is_accepted { Ok(()) } else { Err(Rejection::Jump) }
     }
 
     /// Rejects queued setpoints that no axis can reach. They arrived while none was followed, when a core may still be adapting to the
     /// position of the axes, so their steps were not checked.
     fn check_queue(&mut self) {
+        self.steps.reset();
         let Some(mut tail) = self.current else { return };
         let mut queue = core::mem::take(&mut self.queue);
         let arrived = queue.len();

@@ -63,6 +63,7 @@ mod spindle_entry;
 mod spindle_orientation;
 mod spindle_power;
 mod status_word;
+mod step_check;
 mod watch;
 
 pub use alarm::DriveAlarm;

@@ -9,6 +9,7 @@ mod gantry;
 mod input_entry;
 mod phase;
 mod renaming;
+mod step_check;
 mod watch;
 
 // It counts by thread, so that tests beside each other do not count together.
