@@ -235,7 +235,12 @@ pub const CASES: [Case; 25] = [
         false,
         false
     ),
-    case!(jump, "refuses a setpoint that no axis can reach", false, false),
+    case!(
+        jump,
+        "refuses a setpoint that no axis can reach, and those that continue it",
+        false,
+        false
+    ),
     case!(not_finite, "refuses numbers that are none", false, false),
     case!(
         version,

@@ -157,6 +157,10 @@ pub(crate) fn power(stage: &mut Stage<'_>) -> Judged {
 /// How long a quick stop may take to show, ns: much less than the lead, after which it is due.
 const AT_ONCE_NS: u64 = 120_000_000;
 const _: () = assert!(AT_ONCE_NS < LEAD * PERIOD_NS * 3 / 4);
+/// A jump that persists, mm.
+const JUMP: f64 = 2.0;
+/// Way in which an axis stops from the middle of a move of 0.6 s, with ten periods for which it goes on, mm.
+const ROLLING: f64 = 1.2;
 /// From where on a setpoint is elsewhere, mm: a bridge may begin within 1 mm, and a drive may hold that little besides its position.
 const ELSEWHERE: f64 = 1.0 + CLOSE;
 /// Speed of setpoints that pass by, mm/s.
@@ -379,6 +383,40 @@ pub(crate) fn jump(stage: &mut Stage<'_>) -> Judged {
     let moved = extent(&core.take_log());
     demand(moved <= CLOSE, || {
         format!("a jump by 400 mm was followed for {moved:.3}")
+    })?;
+    core.bring_up()?;
+    // Jumps that an axis could go in the time for which a bridge waits for setpoints.
+    for by in [ELSEWHERE, -JUMP] {
+        let _before = core.take_log();
+        core.rest_with(0.6, &mut |setpoint| {
+            setpoint.position[0] += by;
+            Fate::Sent
+        });
+        let moved = extent(&core.take_log());
+        demand(moved <= CLOSE, || {
+            format!("a jump by {by} mm that persists was followed for {moved:.3}")
+        })?;
+        core.bring_up()?;
+    }
+    // The same in motion, from the middle of a move on.
+    let _before = core.take_log();
+    let (mut sent, half) = (0, 0.6e9 as u64 / PERIOD_NS / 2);
+    core.move_by(WAY, 0.6, &mut |setpoint| {
+        sent += 1;
+        setpoint.position[0] += if sent > half { JUMP } else { 0.0 };
+        Fate::Sent
+    });
+    let end = core.commanded()[0];
+    core.rest_with(0.6, &mut |setpoint| {
+        setpoint.position[0] = end + JUMP;
+        Fate::Sent
+    });
+    let moved = extent(&core.take_log());
+    demand(moved <= WAY / 2.0 + ROLLING, || {
+        format!(
+            "went {moved:.3} in a move with a jump by {JUMP} mm after {} mm",
+            WAY / 2.0
+        )
     })?;
     core.bring_up()?;
     follows(&mut core)

@@ -59,6 +59,8 @@ enum Flaw {
     SaysItFollows,
     /// Rule 7.
     FollowsJumps,
+    /// A jump is followed once an axis could have gone there in the time.
+    FollowsJumpsLater,
     PassesOnNonsense,
     /// Rule 8.
     KeepsItsDatum,
@@ -135,6 +137,7 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
     let (mut ports, mut heard_ns, mut count) = (None, 0, 0_u64);
     let (mut last_due_ns, mut newest, first_ns) = (0, 0, monotonic_ns());
     let (mut tick_ns, mut is_blind) = (first_ns, false);
+    let (mut passed_x, mut withheld) = (0.0_f64, 0);
     let mut wired = Wired::default();
     let mut turning = Turning::new();
     // Message and time are late by as much, so that only two speeds reveal it.
@@ -157,6 +160,14 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
                     continue;
                 }
                 newest = setpoint.sequence;
+                if flaw == Flaw::FollowsJumpsLater {
+                    let is_jump = (setpoint.position[0] - passed_x).abs() > 0.5;
+                    withheld = if is_jump { withheld + 1 } else { 0 };
+                    if (1..10).contains(&withheld) {
+                        continue;
+                    }
+                    passed_x = setpoint.position[0];
+                }
                 bend(flaw, &mut setpoint, tick_ns, &mut last_due_ns);
                 let waits = flaw == Flaw::QuickStopWhenDue
                     && setpoint.power_request == PowerRequest::QuickStop.number();
@@ -425,7 +436,7 @@ fn play(flaw: Flaw, case: &str) -> Result<Outcome, String> {
 }
 
 /// The case that a flaw must fail.
-const FLAWS: [(Flaw, &str); 45] = [
+const FLAWS: [(Flaw, &str); 46] = [
     (Flaw::OneCoreOnly, "core_restart"),
     (Flaw::AnswersEverySecond, "feedback"),
     (Flaw::OldTime, "feedback"),
@@ -449,6 +460,7 @@ const FLAWS: [(Flaw, &str); 45] = [
     (Flaw::BeginsInMotion, "begin"),
     (Flaw::SaysItFollows, "silence"),
     (Flaw::FollowsJumps, "jump"),
+    (Flaw::FollowsJumpsLater, "jump"),
     (Flaw::PassesOnNonsense, "not_finite"),
     (Flaw::KeepsItsDatum, "datum"),
     (Flaw::OutputsOnArrival, "output_due"),
