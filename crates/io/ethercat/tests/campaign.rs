@@ -44,7 +44,7 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, ring: 
     for _ in 0..10 + random.below(200) {
         core.cycle();
         if core.position[0].abs() > REACH {
-            core.velocity_x = -core.velocity_x;
+            core.velocity_x = -core.velocity_x.abs() * core.position[0].signum();
         }
     }
     let device = match kind {
@@ -85,7 +85,7 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, ring: 
             is_stopped = true;
         }
         if core.position[0].abs() > REACH {
-            core.velocity_x = -core.velocity_x;
+            core.velocity_x = -core.velocity_x.abs() * core.position[0].signum();
         }
     }
     if is_stopped {

@@ -154,7 +154,7 @@ fn drives_find_their_zero_in_order_when_power_is_requested() {
                     for _ in 0..100 {
                         core.cycle();
                     }
-                    core.velocity_x = 0.0;
+                    core.stop();
                     let goal = core.position[0];
                     core.until("the goal", |feedback| (feedback.position[0] - goal).abs() < 1e-3);
                 },
@@ -276,7 +276,7 @@ fn the_touch_probe_latches_and_the_drive_tells_its_following_error() {
                         for _ in 0..500 {
                             core.cycle();
                         }
-                        core.velocity_x = 0.0;
+                        core.stop();
                         let goal = core.position[0];
                         core.until("beyond the probe", |feedback| {
                             (feedback.position[0] - goal).abs() < 1e-2
@@ -295,7 +295,7 @@ fn the_touch_probe_latches_and_the_drive_tells_its_following_error() {
                         for _ in 0..800 {
                             core.cycle();
                         }
-                        core.velocity_x = 0.0;
+                        core.stop();
                         let goal = core.position[0];
                         core.until("before the probe", |feedback| {
                             (feedback.position[0] - goal).abs() < 1e-2

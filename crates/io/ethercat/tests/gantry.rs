@@ -79,7 +79,7 @@ fn both_drives_move_together_whatever_their_counters_say() {
                         let [one, other] = turns(ring);
                         apart = apart.max((one - other).abs() * 5.0);
                     }
-                    core.velocity_x = 0.0;
+                    core.stop();
                     let goal = core.position[0];
                     core.until("the goal", |feedback| {
                         (feedback.position[0] - goal).abs() < 1e-3 && feedback.velocity[0].abs() < 0.5

@@ -162,13 +162,12 @@ fn lost_packets_lose_no_pulse() {
             for _ in 0..2 {
                 let expected = latch.next(0, 1.0);
                 latch.core.index = (latch.core.index.0 + 1, 0);
-                let before = latch.core.position[0];
-                let (mut lost, step) = (0, 0.02);
+                let mut lost = 0;
                 let around_pulse = expected - random.between(0.02, 0.15);
                 for i in 0..220 {
                     // The arming comes due a lead after it is sent: 50 periods.
                     if i > 60 {
-                        latch.core.position[0] += step;
+                        latch.core.velocity_x = 10.0;
                     }
                     if i == 48 || lost == 1 && latch.core.position[0] > around_pulse {
                         latch.server.lock().fault_now(kind, Some(16_000_000));
@@ -176,8 +175,9 @@ fn lost_packets_lose_no_pulse() {
                     }
                     latch.core.cycle();
                 }
-                let way = expected - before;
-                latch.core.travel(0, (way + 0.5 - 159.0 * step).max(0.1), 20.0);
+                latch.core.stop();
+                let left = expected + 0.5 - latch.core.position[0];
+                latch.core.travel(0, left.max(0.1), 20.0);
                 latch.check(0, expected);
                 latch.server.lock().clear_faults();
             }

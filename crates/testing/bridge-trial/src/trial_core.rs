@@ -1,4 +1,4 @@
-//! A core that stands, or moves X at a constant velocity.
+//! A core that stands, or moves X at a velocity.
 
 use core::time::Duration;
 use std::time::Instant;
@@ -9,10 +9,13 @@ use evolvent_drive::{DriveState, PowerRequest};
 
 /// The core's period: slow enough for a busy machine.
 pub const PERIOD_NS: u64 = 2_000_000;
+const PERIOD_S: f64 = PERIOD_NS as f64 * 1e-9;
 /// Periods that a setpoint is sent before it is due.
 pub const LEAD: u64 = 50;
 /// Feedback that is older is not judged by.
 const FRESH: Duration = Duration::from_millis(100);
+/// Acceleration of every motion, mm/s2: within the limits of the machines of trials.
+const ACCELERATION: f64 = 800.0;
 /// How long something may take that is waited for: a busy host may need that.
 pub(crate) const LATEST: Duration = Duration::from_secs(30);
 
@@ -25,8 +28,10 @@ pub struct TrialCore {
     next_ns: u64,
     /// Where the axes are commanded to be, mm.
     pub position: [f64; AXES],
-    /// mm/s.
+    /// The velocity that X is brought to, mm/s.
     pub velocity_x: f64,
+    /// The velocity of the last setpoint, mm/s.
+    velocity: [f64; AXES],
     /// What the core asks of the drives.
     pub power: PowerRequest,
     /// The number of the newest reset of the drives' faults.
@@ -56,6 +61,7 @@ impl TrialCore {
             next_ns: monotonic_ns(),
             position: [0.0; AXES],
             velocity_x: 0.0,
+            velocity: [0.0; AXES],
             power: PowerRequest::Off,
             fault_reset: 0,
             datum: 0,
@@ -67,12 +73,25 @@ impl TrialCore {
 
     /// Sends the next setpoint, sleeps until that after it is to be sent, and collects what came.
     pub fn cycle(&mut self) {
-        self.position[0] += self.velocity_x * PERIOD_NS as f64 * 1e-9;
-        let mut setpoint = Setpoint {
+        let change = ACCELERATION * PERIOD_S;
+        let by = (self.velocity_x - self.velocity[0]).clamp(-change, change);
+        self.advance(0, self.velocity[0] + by);
+        self.send();
+    }
+
+    /// One period of an axis to a velocity, at a constant acceleration.
+    fn advance(&mut self, axis: usize, velocity: f64) {
+        self.position[axis] += 0.5 * (self.velocity[axis] + velocity) * PERIOD_S;
+        self.velocity[axis] = velocity;
+    }
+
+    fn send(&mut self) {
+        let setpoint = Setpoint {
             sequence: self.sequence,
             due_time_ns: self.next_ns + LEAD * PERIOD_NS,
             period_ns: PERIOD_NS,
             position: self.position,
+            velocity: self.velocity,
             axes_mask: 0b111,
             state: 1,
             override_ratio: 1.0,
@@ -83,7 +102,6 @@ impl TrialCore {
             index_axis: self.index.1,
             ..Setpoint::default()
         };
-        setpoint.velocity[0] = self.velocity_x;
         self.sequence += 1;
         let _reached = self.bus.publish_setpoint(&setpoint);
         self.next_ns = (self.next_ns + PERIOD_NS).max(monotonic_ns().saturating_sub(LEAD * PERIOD_NS / 2));
@@ -104,12 +122,28 @@ impl TrialCore {
         }
     }
 
-    /// Moves an axis by a distance at constant velocity and waits until it is at rest.
-    pub fn travel(&mut self, axis: usize, distance: f64, velocity: f64) {
-        let step = velocity * PERIOD_NS as f64 * 1e-9 * distance.signum();
-        for _ in 0..(distance / step).round() as u64 {
-            self.position[axis] += step;
+    /// Brings X to rest.
+    pub fn stop(&mut self) {
+        self.velocity_x = 0.0;
+        while self.velocity[0] != 0.0 {
             self.cycle();
+        }
+    }
+
+    /// Moves an axis by a distance at constant velocity, apart from its ramps, and waits until it is at rest.
+    pub fn travel(&mut self, axis: usize, distance: f64, velocity: f64) {
+        let ramp = (velocity / (ACCELERATION * PERIOD_S)).ceil();
+        // The ramps take as long as one of them would at full velocity.
+        let cruise = (distance.abs() / (velocity * PERIOD_S) - ramp).round().max(1.0);
+        let speed = distance / ((cruise + ramp) * PERIOD_S);
+        let periods = cruise + 2.0 * ramp;
+        for period in 1..=periods as u64 {
+            let period = period as f64;
+            self.advance(
+                axis,
+                speed * (period / ramp).min((periods - period) / ramp).min(1.0),
+            );
+            self.send();
         }
         self.rest(0.5);
     }
@@ -172,7 +206,7 @@ impl TrialCore {
     /// # Panics
     /// If they are not in operation in time.
     pub fn bring_up(&mut self) -> Feedback {
-        (self.power, self.velocity_x) = (PowerRequest::Off, 0.0);
+        (self.power, self.velocity_x, self.velocity) = (PowerRequest::Off, 0.0, [0.0; AXES]);
         let here = self.until("feedback with the drives off", |feedback| {
             states(feedback) == [Some(DriveState::SwitchOnDisabled); 3]
         });
