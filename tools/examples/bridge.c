@@ -13,10 +13,13 @@ static uint64_t now_ns(void) {
     return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
 }
 
-static int reachable(const evolvent_setpoint_t *s, const double *at, int following) {
-    const double far = following ? 2.0 : 0.5, fast = following ? 2000.0 : 1.0;
-    for (int i = 0; i < EVOLVENT_AXES; i++) /* begin close and at rest, go on in steps that axes can do; never with what is no number */
-        if ((s->axes_mask >> i & 1u) && !(fabs(s->position[i] - at[i]) < far && fabs(s->velocity[i]) < fast)) return 0;
+static int reachable(const evolvent_setpoint_t *s, const double *at, const double *speed, double h, int following) {
+    const double hardest = 20000.0; /* twice the acceleration of the axes, per s2 */
+    const double far = following ? hardest * h * h / 4.0 : 0.5, fast = following ? 2000.0 : 1.0;
+    for (int i = 0; i < EVOLVENT_AXES; i++) { /* begin close and at rest, go on in steps that axes can do; never with what is no number */
+        const double v = s->velocity[i], step = s->position[i] - at[i] - (following ? h * (speed[i] + v) / 2.0 : 0.0);
+        if ((s->axes_mask >> i & 1u) && !(fabs(step) < far && fabs(v) < fast && (!following || fabs(v - speed[i]) < hardest * h))) return 0;
+    }
     return 1;
 }
 int main(void) {
@@ -38,10 +41,12 @@ int main(void) {
         for (; count > 0 && queue[first].due_time_ns <= tick; first = (first + 1) % 1024, count--) {
             const evolvent_setpoint_t *q = &queue[first];
             if (f.sequence + 1 < q->sequence && due) f.missed_setpoints += (uint32_t)(q->sequence - f.sequence - 1);
-            f.sequence = q->sequence, f.axes_mask = q->axes_mask, due = q->due_time_ns;
+            f.sequence = q->sequence, f.axes_mask = q->axes_mask;
+            const double h = (double)(q->due_time_ns - due) * 1e-9;
+            due = q->due_time_ns;
             locked = quick || q->power_request == EVOLVENT_POWER_QUICK_STOP || (locked && q->power_request != EVOLVENT_POWER_OFF);
             const int on = q->power_request == EVOLVENT_POWER_ON && !locked, renamed = q->datum != f.datum,
-                      fits = reachable(q, at, f.bridge_state == EVOLVENT_BRIDGE_FOLLOWING);
+                      fits = reachable(q, at, f.velocity, h, f.bridge_state == EVOLVENT_BRIDGE_FOLLOWING);
             f.bridge_state = !on ? EVOLVENT_BRIDGE_OFF : fits || renamed ? EVOLVENT_BRIDGE_FOLLOWING : EVOLVENT_BRIDGE_HOLDING;
             for (int i = 0; i < EVOLVENT_AXES; i++) {
                 f.status_word[i] = on ? 0x1237 : 0x0240;

@@ -15,11 +15,21 @@ import evolvent_bus as bus  # noqa: E402
 ON, OFF = 0x1237, 0x0240  # status words: operation enabled, switch on disabled
 
 
-def reachable(setpoint, at, following):
-    # Following begins close to the axes and at rest, and goes on in steps that they can do.
-    far, fast = (2, 2000) if following else (0.5, 1)
-    axes = [i for i in range(bus.AXES) if setpoint.axes_mask >> i & 1]
-    return all(abs(setpoint.position[i] - at[i]) < far and abs(setpoint.velocity[i]) < fast for i in axes)
+HARDEST = 20000  # twice the acceleration of the axes, per s2
+
+
+def reachable(setpoint, at, speed, time_s, following):
+    # Following begins close to the axes and at rest, and goes on in steps that they can do (rule 7 of docs/bridges.md).
+    for i in (i for i in range(bus.AXES) if setpoint.axes_mask >> i & 1):
+        step, velocity = setpoint.position[i] - at[i], setpoint.velocity[i]
+        if not following:
+            fits = abs(step) < 0.5 and abs(velocity) < 1
+        else:
+            bend = abs(step - time_s * (speed[i] + velocity) / 2)
+            fits = bend < HARDEST * time_s**2 / 4 and abs(velocity - speed[i]) < HARDEST * time_s and abs(velocity) < 2000
+        if not fits:
+            return False
+    return True
 
 
 def main(machine, prefix=None):
@@ -27,20 +37,23 @@ def main(machine, prefix=None):
     period = bridge.period_ns
     queue = evolvent.Queue(patience_ns=10 * period)
     answer = bus.Feedback(bridge_state=bus.BRIDGE_WAITING)
-    at, locked, quick, heard, tick = [0.0] * bus.AXES, False, False, 0, evolvent.monotonic_ns()
+    at, speed = [0.0] * bus.AXES, [0.0] * bus.AXES
+    locked, quick, heard, tick = False, False, 0, evolvent.monotonic_ns()
     while True:
         for setpoint in bridge.setpoints():
             answer.note = answer.note if queue.put(setpoint, tick) else bus.NOTE_LATE
             quick = setpoint.power_request == bus.POWER_QUICK_STOP  # at once, before it is due
         for setpoint in queue.due(tick):
-            heard, power = setpoint.due_time_ns, setpoint.power_request
+            time_s, heard, power = (setpoint.due_time_ns - heard) * 1e-9, setpoint.due_time_ns, setpoint.power_request
             # After a quick stop power comes back only by way of off.
             locked = quick or power == bus.POWER_QUICK_STOP or (locked and power != bus.POWER_OFF)
             on = power == bus.POWER_ON and not locked
-            fits = setpoint.datum != answer.datum or reachable(setpoint, at, answer.bridge_state == bus.BRIDGE_FOLLOWING)
+            fits = setpoint.datum != answer.datum or reachable(
+                setpoint, at, speed, time_s, answer.bridge_state == bus.BRIDGE_FOLLOWING
+            )
             answer.bridge_state = bus.BRIDGE_OFF if not on else bus.BRIDGE_FOLLOWING if fits else bus.BRIDGE_HOLDING
             if on and fits:
-                at = list(setpoint.position)
+                at, speed = list(setpoint.position), list(setpoint.velocity)
             answer.sequence, answer.axes_mask, answer.datum = setpoint.sequence, setpoint.axes_mask, setpoint.datum
             answer.status_word[:] = [ON if on else OFF] * bus.AXES
             answer.phase_error_ns, answer.fault_reset_done = tick - setpoint.due_time_ns, setpoint.fault_reset
