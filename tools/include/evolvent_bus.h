@@ -354,7 +354,7 @@ typedef struct evolvent_status {
     uint32_t alarm_count;
     /* Bytes of `program` in use. */
     uint32_t program_length;
-    /* Numbers of the alarms in force, the oldest first. */
+    /* Numbers of the alarms in force: their cause first (the first fault, else the job's, else the first warning), then from the oldest. */
     uint32_t alarms[16];
     /* Name of the loaded program, UTF-8. */
     uint8_t program[128];
@@ -390,7 +390,7 @@ typedef struct evolvent_status {
     uint32_t alarm_text_length;
     /* Bytes of `message` in use. */
     uint32_t message_length;
-    /* The sentence of the newest alarm in force: the error and its remedy, UTF-8. */
+    /* The sentence of the first of `alarms`: the error and its remedy, UTF-8. */
     uint8_t alarm_text[256];
     /* The program's last message to the operator, UTF-8. */
     uint8_t message[256];

@@ -447,7 +447,7 @@ class Status(ctypes.Structure):
         ("alarm_count", ctypes.c_uint32),
         # Bytes of `program` in use.
         ("program_length", ctypes.c_uint32),
-        # Numbers of the alarms in force, the oldest first.
+        # Numbers of the alarms in force: their cause first (the first fault, else the job's, else the first warning), then from the oldest.
         ("alarms", ctypes.c_uint32 * 16),
         # Name of the loaded program, UTF-8.
         ("program", ctypes.c_uint8 * 128),
@@ -483,7 +483,7 @@ class Status(ctypes.Structure):
         ("alarm_text_length", ctypes.c_uint32),
         # Bytes of `message` in use.
         ("message_length", ctypes.c_uint32),
-        # The sentence of the newest alarm in force: the error and its remedy, UTF-8.
+        # The sentence of the first of `alarms`: the error and its remedy, UTF-8.
         ("alarm_text", ctypes.c_uint8 * 256),
         # The program's last message to the operator, UTF-8.
         ("message", ctypes.c_uint8 * 256),

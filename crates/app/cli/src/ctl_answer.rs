@@ -63,9 +63,9 @@ pub(crate) fn has_latched_alarm(status: &Status) -> bool {
         .any(|&number| Alarm::from_number(number).is_none_or(Alarm::is_latched))
 }
 
-/// The newest alarm with its number.
+/// The cause of the alarms in force with its number.
 fn alarm_text(status: &Status) -> Option<String> {
-    let number = status.listed_alarms().last().copied()?;
+    let number = status.listed_alarms().first().copied()?;
     let known = Alarm::from_number(number).map_or("", |alarm| alarm.sentence());
     let text = match status.alarm_sentence() {
         "" => known,

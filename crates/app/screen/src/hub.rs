@@ -242,6 +242,11 @@ impl Hub {
         }
     }
 
+    #[cfg(test)]
+    pub(crate) fn log_entries(&self) -> Vec<crate::messages::LogEntry> {
+        self.lock().log.entries()
+    }
+
     pub(crate) fn log(&self, kind: LogKind, number: Option<u32>, text: String, cure: Option<String>) {
         self.lock().add(kind, number, text, cure);
     }

@@ -197,6 +197,10 @@ fn follow(shown: &mut Status, setpoint: &Setpoint) {
 }
 
 fn log_changes(hub: &Hub, before: &Status, now: &Status) {
+    let message = now.operator_message();
+    // The core has none at the start of a job: the same text in another job is another message.
+    let is_new = !message.is_empty() && (message != before.operator_message() || now.job != before.job);
+    let mut is_logged = false;
     for &number in now.listed_alarms() {
         if before.listed_alarms().contains(&number) {
             continue;
@@ -207,17 +211,19 @@ fn log_changes(hub: &Hub, before: &Status, now: &Status) {
             _ => LogKind::Alarm,
         };
         let cure = alarm.map(|alarm| alarm.sentence().to_owned());
-        let is_newest = now.listed_alarms().last() == Some(&number);
-        let text = match (is_newest, now.alarm_sentence(), &cure) {
+        let is_cause = now.listed_alarms().first() == Some(&number);
+        // The core gives the sentence of a lost reference as its message too, because it stays when the alarm of the lost link is cleared.
+        let is_message = is_new && alarm == Some(Alarm::ReferenceLost);
+        is_logged |= is_message;
+        let text = match (is_cause, now.alarm_sentence(), &cure) {
+            _ if is_message => message.to_owned(),
             (true, sentence, _) if !sentence.is_empty() => sentence.to_owned(),
             (_, _, Some(cure)) => cure.clone(),
             _ => format!("alarm {number}"),
         };
         hub.log(kind, Some(number), text, cure);
     }
-    let message = now.operator_message();
-    // The core has none at the start of a job: the same text in another job is another message.
-    if !message.is_empty() && (message != before.operator_message() || now.job != before.job) {
+    if is_new && !is_logged {
         hub.log(LogKind::Message, None, message.to_owned(), None);
     }
 }
@@ -225,6 +231,27 @@ fn log_changes(hub: &Hub, before: &Status, now: &Status) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_lost_link_is_two_alarms_of_the_log_each_with_its_sentence() {
+        let hub = Hub::new(ToPage::Core { alive: true });
+        let before = Status::default();
+        let mut now = Status::default();
+        for alarm in [Alarm::FeedbackStale, Alarm::ReferenceLost] {
+            now.push_alarm(alarm.number());
+        }
+        now.set_alarm_text("the bridge is silent");
+        now.set_message("home XYZ again");
+        log_changes(&hub, &before, &now);
+        log_changes(&hub, &now, &now);
+        let logged = hub.log_entries();
+        let logged: Vec<_> = logged
+            .iter()
+            .map(|entry| (entry.number, entry.text.as_str()))
+            .collect();
+        let expected = [(Some(401), "the bridge is silent"), (Some(418), "home XYZ again")];
+        assert_eq!(logged, expected);
+    }
 
     #[test]
     fn a_status_follows_the_setpoint_except_where_its_system_is_rotated() {

@@ -442,10 +442,21 @@ impl OperatorState {
         self.alarms.iter().any(|raised| raised.alarm.is_latched())
     }
 
-    /// The alarms in force with their sentences, the oldest first.
+    /// The alarms in force with their sentences, the cause first and the others in the order in which they came.
+    ///
+    /// The cause is the first fault since the alarms were cleared: what comes after it, a bridge that is silent and then axes that are not
+    /// homed any more, is usually its consequence. Without a fault it is the alarm of the job, and without that the first warning.
     pub fn alarms(&self) -> impl Iterator<Item = (Alarm, &str)> {
-        self.alarms
+        let first = |kind| self.alarms.iter().position(|raised| raised.alarm.kind() == kind);
+        let cause = first(AlarmKind::Fault)
+            .or_else(|| first(AlarmKind::Job))
+            .unwrap_or(0);
+        let (before, rest) = self.alarms.split_at(cause);
+        let (cause, after) = rest.split_at(rest.len().min(1));
+        cause
             .iter()
+            .chain(before)
+            .chain(after)
             .map(|raised| (raised.alarm, raised.text.as_str()))
     }
 

@@ -101,7 +101,7 @@ payload! {
         alarm_count: u32,
         /// Bytes of `program` in use.
         program_length: u32,
-        /// Numbers of the alarms in force, the oldest first.
+        /// Numbers of the alarms in force: their cause first (the first fault, else the job's, else the first warning), then from the oldest.
         alarms: [u32; MAX_ALARMS],
         /// Name of the loaded program, UTF-8.
         program: [u8; TEXT_BYTES],
@@ -137,7 +137,7 @@ payload! {
         alarm_text_length: u32,
         /// Bytes of `message` in use.
         message_length: u32,
-        /// The sentence of the newest alarm in force: the error and its remedy, UTF-8.
+        /// The sentence of the first of `alarms`: the error and its remedy, UTF-8.
         alarm_text: [u8; SENTENCE_BYTES],
         /// The program's last message to the operator, UTF-8.
         message: [u8; SENTENCE_BYTES],
@@ -249,12 +249,12 @@ impl Status {
         self.feedback_age_ns != u64::MAX
     }
 
-    /// Writes the sentence of the newest alarm, truncated like the program's name.
+    /// Writes the sentence of the first of `alarms`, truncated like the program's name.
     pub fn set_alarm_text(&mut self, text: &str) {
         self.alarm_text_length = put_text(&mut self.alarm_text, text);
     }
 
-    /// The sentence of the newest alarm; empty if there is none.
+    /// The sentence of the first of `alarms`; empty if there is none.
     #[must_use]
     pub fn alarm_sentence(&self) -> &str {
         get_text(&self.alarm_text, self.alarm_text_length)
@@ -279,7 +279,7 @@ impl Status {
         self.alarm_count = self.alarm_count.saturating_add(1);
     }
 
-    /// The listed alarms, the oldest first.
+    /// The listed alarms, the cause first and the others in the order in which they came.
     #[must_use]
     pub fn listed_alarms(&self) -> &[u32] {
         &self.alarms[..(self.alarm_count as usize).min(MAX_ALARMS)]

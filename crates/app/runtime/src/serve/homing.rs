@@ -179,25 +179,7 @@ impl Operator {
         if matches!(self.job, Job::None) {
             self.relocate(self.view.setpoint.position, false);
         }
-        let letters =
-            |axes: AxisMask| -> String { axes.axes().map(|axis| AxisLetter::ALL[axis].letter()).collect() };
-        let mut text = format!(
-            "the link to the drives of {lost} was lost or their positions jumped, so their machine zero may have moved: home {lost} again",
-            lost = letters(lost)
-        );
-        let by_hand = lost & self.without_homing();
-        if !by_hand.is_empty() {
-            let homes: Vec<String> = by_hand
-                .axes()
-                .map(|axis| format!("{}{}", AxisLetter::ALL[axis].letter(), self.limits.home[axis]))
-                .collect();
-            let _infallible = write!(
-                text,
-                "; jog to {} first: without [[homing]], HOME declares that the axes are there",
-                homes.join(" ")
-            );
-        }
-        text += " (a bridge whose drives keep it says so in absolute_mask)";
+        let text = reference_lost(lost, lost & self.without_homing(), &self.limits.home);
         // Other alarms of a lost link come first, and their RESET ends this one: what has to be done stays.
         self.message.tell(&*text);
         self.raise(sequence, Alarm::ReferenceLost, text);
@@ -335,5 +317,49 @@ impl Operator {
                 self.end_job(JobResult::Fault);
             }
         }
+    }
+}
+
+/// The sentence of alarm 418: of any axes it fits into the status. `by_hand` are those of `lost` without `[[homing]]`.
+fn reference_lost(lost: AxisMask, by_hand: AxisMask, home: &Axes) -> String {
+    let letter = |axis: usize| AxisLetter::ALL[axis].letter();
+    let lost: String = lost.axes().map(letter).collect();
+    let mut text = format!("the link to drives {lost} was lost or positions jumped: home {lost} again");
+    if !by_hand.is_empty() {
+        // To a micrometre: decimal fractions of inches have more digits than anybody can jog to.
+        let homes: Vec<String> = by_hand
+            .axes()
+            .map(|axis| format!("{}{}", letter(axis), (home[axis] * 1000.0).round() / 1000.0))
+            .collect();
+        let _infallible = write!(
+            text,
+            "; jog to {} first (without [[homing]], HOME only declares it)",
+            homes.join(" ")
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_bus::SENTENCE_BYTES;
+
+    use super::*;
+
+    #[test]
+    fn the_sentence_of_a_lost_reference_fits_into_the_status_with_every_axis() {
+        let all = (0..AxisLetter::ALL.len()).collect::<AxisMask>();
+        let home = Axes::from([-12345.678_912_345; AxisLetter::ALL.len()]);
+        let text = reference_lost(all, all, &home);
+        assert!(text.len() <= SENTENCE_BYTES, "{} bytes: {text}", text.len());
+        assert!(
+            text.ends_with(" W-12345.679 first (without [[homing]], HOME only declares it)"),
+            "{text}"
+        );
+        let two = [0, 2].into_iter().collect::<AxisMask>();
+        assert_eq!(
+            reference_lost(two, AxisMask::one(2), &Axes::default()),
+            "the link to drives XZ was lost or positions jumped: home XZ again; jog to Z0 first (without [[homing]], HOME only declares it)"
+        );
     }
 }

@@ -200,8 +200,10 @@ pub(crate) fn snapshot(
     show_within_turn(&mut status, operator.unlimited);
     status.set_program(desk.program().unwrap_or_default());
     status.set_message(operator.message.text());
-    for (alarm, text) in desk.alarms() {
+    for (alarm, _) in desk.alarms() {
         status.push_alarm(alarm.number());
+    }
+    if let Some((_, text)) = desk.alarms().next() {
         status.set_alarm_text(text);
     }
     if desk.unlisted_alarms() > 0 {

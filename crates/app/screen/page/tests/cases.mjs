@@ -1137,6 +1137,13 @@ export const cases = {
     const rejection = page.locator(at('rejection'));
     await rejection.waitFor();
     assert.deepEqual(await places(), before, 'nothing moves');
+    const isCovered = () => page.evaluate(() => [...document.querySelectorAll('[role="tab"]')].some((tab) => {
+      const box = tab.getBoundingClientRect();
+      return !tab.contains(document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2));
+    }));
+    assert.equal(await isCovered(), false, 'a long sentence covers no tab');
+    await page.locator(at('said-whole')).click();
+    assert.deepEqual(await places(), before, 'nothing moves when the whole is shown');
     const isWhole = await rejection.evaluate((element) => {
       // Its last word, and whether it is what is seen there.
       const range = document.createRange();
@@ -1154,9 +1161,9 @@ export const cases = {
       await page.keyboard.press('Escape');
     };
     await language('de');
-    assert.match(await rejection.innerText(), /^Abgelehnt \(901\): Diesen Befehl gibt es nicht.*\(this is why .* its end\)/s);
+    assert.match(await rejection.innerText(), /^Abgelehnt \(901\): Diesen Befehl gibt es nicht.*\(im Original: this is why .* its end\)/s);
     await page.evaluate(() => globalThis.raiseMadeUpAlarm(413));
-    await until('its alarm', async () => /^die Brücke .* \(made up\)/s.test(await text(page, 'advice')) || text(page, 'advice'));
+    await until('its alarm', async () => /^413: die Brücke .* \(im Original: made up\)/s.test(await text(page, 'advice')) || text(page, 'advice'));
     await page.evaluate(() => globalThis.changeMadeUp({ alarms: [], alarmText: '' }));
     await language('en');
     await page.evaluate(() => globalThis.rejectMadeUp(''));
@@ -1727,6 +1734,53 @@ export const cases = {
     await until('goes on', async () => (await text(page, 'state')) === 'Program' || text(page, 'state'));
     await page.locator(at('stop')).click();
     await until('stopped', async () => (await text(page, 'state')) === 'Ready' || text(page, 'state'));
+  },
+
+  async 'of several alarms the cause is told, in full where it is asked for, and covers nothing'(page, context) {
+    if (context.real) return 'not measured';
+    await ready(page);
+    const sentence = `${'no feedback for 25 ms from the bridge of the axes, '.repeat(4)}and this is its end`;
+    const faults = () =>
+      page.evaluate(() => {
+        const bar = document.querySelector('header').getBoundingClientRect();
+        const seen = (element) => {
+          const box = element.getBoundingClientRect();
+          return element.contains(document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2));
+        };
+        const shown = [...document.querySelectorAll('[role="tab"], header button:not(.away)')].filter((element) => element.offsetParent !== null && element.getBoundingClientRect().right <= innerWidth);
+        return {
+          covered: shown.filter((element) => !element.disabled && !seen(element)).map((element) => element.textContent.trim()),
+          below: [...document.querySelectorAll('.sentences, .sentences > *')].filter((element) => element.getBoundingClientRect().bottom > bar.bottom + 1).map((element) => element.textContent),
+        };
+      });
+    for (const language of ['en', 'de']) {
+      await page.locator(at('menu')).click();
+      await page.locator(`dialog[open] [lang="${language}"]`).click();
+      await page.keyboard.press('Escape');
+      await page.evaluate((alarmText) => globalThis.changeMadeUp({ alarms: [401, 418, 407], alarmText }), sentence);
+      for (const [width, height] of [[1024, 600], [3840, 2160], [390, 844]]) {
+        await page.setViewportSize({ width, height });
+        const begin = language === 'en' ? /^401 \(and 2 more\): no feedback/ : /^401 \(und 2 weitere\): die Rückmeldung blieb aus \(im Original: no feedback/;
+        await until('the cause', async () => begin.test(await text(page, 'cause')) || text(page, 'cause'));
+        await page.waitForTimeout(100);
+        assert.deepEqual(await faults(), { covered: [], below: [] }, `${language}, ${width} x ${height}`);
+        if (width > 2000) continue;
+        await page.locator(at('said-whole')).click();
+        const end = await page.locator(at('cause')).evaluate((element) => {
+          const range = document.createRange();
+          range.selectNodeContents(element);
+          const box = [...range.getClientRects()].at(-1);
+          return element.contains(document.elementFromPoint(box.right - 4, box.top + box.height / 2));
+        });
+        assert.equal(end, true, `${language}: its end is seen`);
+        await page.locator(at('said-whole')).click();
+      }
+      await page.setViewportSize({ width: 1024, height: 600 });
+      await page.locator(at('alarms')).click();
+      assert.equal(await page.locator(`${at('alarm-list')} li`).first().locator(at('alarm-text')).innerText(), sentence);
+      await page.locator(`${at('alarm-list')} .row button`).last().click();
+    }
+    await page.evaluate(() => globalThis.changeMadeUp({ alarms: [], alarmText: '' }));
   },
 
   async 'alarms, rejections and events lead to their place in the documentation'(page, context) {

@@ -129,11 +129,11 @@ pub struct ScreenStatus {
     pub handwheel_step: f64,
     /// Modal G codes times ten.
     pub modal: Vec<u32>,
-    /// Numbers of the alarms in force, the oldest first.
+    /// Numbers of the alarms in force: their cause first, then the others, the oldest first.
     pub alarms: Vec<u32>,
     /// Name of the loaded program.
     pub program: String,
-    /// Sentence of the newest alarm.
+    /// Sentence of the first of `alarms`.
     pub alarm_text: String,
     /// The program's last message to the operator.
     pub message: String,

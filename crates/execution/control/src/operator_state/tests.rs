@@ -406,16 +406,44 @@ fn an_alarm_that_latches_is_listed_however_many_others_are() {
     desk.raise(Alarm::DriveFault, "axis X");
     assert!(desk.has_latched_alarm());
     assert_eq!((desk.alarms().count(), desk.unlisted_alarms()), (MAX_ALARMS, 1));
-    assert_eq!(desk.alarms().last(), Some((Alarm::DriveFault, "axis X")));
-    // And where all of them are: the newest, whose sentence the status shows.
+    assert_eq!(desk.alarms().next(), Some((Alarm::DriveFault, "axis X")));
+    // And where all of them are: the cause, whose sentence the status shows, and the newest.
     for alarm in kinds(true) {
         desk.raise(alarm, "a fault");
     }
     let newest = kinds(true).next_back().unwrap();
+    assert_eq!(desk.alarms().next(), Some((Alarm::DriveFault, "axis X")));
     assert_eq!(desk.alarms().last(), Some((newest, "a fault")));
     assert!(desk.alarms().all(|(alarm, _)| alarm.is_latched()));
     desk.clear_alarms();
     assert_eq!((desk.alarms().count(), desk.unlisted_alarms()), (0, 0));
+}
+
+#[test]
+fn the_first_of_the_alarms_is_their_cause() {
+    let mut desk = OperatorState::default();
+    let listed = |desk: &OperatorState| desk.alarms().map(|(alarm, _)| alarm).collect::<Vec<_>>();
+    desk.raise(Alarm::Trace, "the disk is full");
+    desk.raise(Alarm::NotKept, "the disk is full");
+    assert_eq!(listed(&desk), [Alarm::Trace, Alarm::NotKept]);
+    desk.raise(Alarm::Mdi, "no such code");
+    assert_eq!(listed(&desk), [Alarm::Mdi, Alarm::Trace, Alarm::NotKept]);
+    // A bridge that is silent, then what comes of it.
+    desk.raise(Alarm::FeedbackStale, "the bridge is silent");
+    desk.raise(Alarm::ReferenceLost, "home X again");
+    desk.raise(Alarm::DriveFault, "axis X");
+    let expected = [
+        Alarm::FeedbackStale,
+        Alarm::Trace,
+        Alarm::NotKept,
+        Alarm::Mdi,
+        Alarm::ReferenceLost,
+        Alarm::DriveFault,
+    ];
+    assert_eq!(listed(&desk), expected);
+    desk.clear_alarms();
+    desk.raise(Alarm::ReferenceLost, "home X again");
+    assert_eq!(listed(&desk), [Alarm::ReferenceLost]);
 }
 
 #[test]

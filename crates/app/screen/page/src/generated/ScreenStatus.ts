@@ -198,7 +198,7 @@ handwheel_step: number,
  */
 modal: Array<number>, 
 /**
- * Numbers of the alarms in force, the oldest first.
+ * Numbers of the alarms in force: their cause first, then the others, the oldest first.
  */
 alarms: Array<number>, 
 /**
@@ -206,7 +206,7 @@ alarms: Array<number>,
  */
 program: string, 
 /**
- * Sentence of the newest alarm.
+ * Sentence of the first of `alarms`.
  */
 alarm_text: string, 
 /**

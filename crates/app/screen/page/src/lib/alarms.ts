@@ -24,5 +24,5 @@ export function serverSaid(texts: Texts, number: number, sentence: string): stri
   const alarms: Record<number, readonly [string, string]> = texts.alarmTexts;
   const rejections: Record<number, string> = texts.rejectionTexts;
   const meaning = rejections[number] ?? alarms[number]?.[0];
-  return meaning === undefined ? sentence : `${meaning} (${sentence})`;
+  return meaning === undefined ? sentence : `${meaning} (${texts.alarms.original} ${sentence})`;
 }

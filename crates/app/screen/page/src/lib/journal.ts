@@ -23,11 +23,11 @@ export function changes(texts: Texts, before: Status | null, now: Status): Omit<
   const entries: Omit<EventEntry, 'id' | 'at'>[] = [];
   const state = (text: string): void => void entries.push({ kind: 'state', number: null, text, cure: null });
   const fresh = now.alarms.filter((number) => !before?.alarms.includes(number));
-  fresh.forEach((number, at) => {
-    // The status has the sentence of the newest alarm; of the others what their number means.
+  fresh.forEach((number) => {
+    // The status has the sentence of the first of its alarms; of the others what their number means.
     const known: readonly [string, string] | undefined = (texts.alarmTexts as Record<number, readonly [string, string]>)[number];
-    const newest = at === fresh.length - 1 ? now.alarmText : '';
-    entries.push({ kind: 'alarm', number, text: newest || known?.[0] || texts.alarms.unknown, cure: known?.[1] ?? null });
+    const sentence = number === now.alarms[0] ? now.alarmText : '';
+    entries.push({ kind: 'alarm', number, text: sentence || known?.[0] || texts.alarms.unknown, cure: known?.[1] ?? null });
   });
   if (before === null) return entries;
   if (before.alarms.length > 0 && now.alarms.length === 0) state(texts.events.cleared);

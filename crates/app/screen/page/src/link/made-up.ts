@@ -82,7 +82,7 @@ export class MadeUp implements Source {
       rejectMadeUp: (text: string, refusal: Refusal | null = null) => ([this.#rejection, this.#refusal] = [text, refusal]),
       // As if the server or the link stood still.
       quietMadeUp: (on: boolean) => (this.#isQuiet = on),
-      raiseMadeUpAlarm: (number: number) => Object.assign(this.#status, { alarms: [number], alarmText: 'made up' }),
+      raiseMadeUpAlarm: (...alarms: number[]) => Object.assign(this.#status, { alarms, alarmText: 'made up' }),
     });
     setInterval(() => this.#tick(), 16);
   }

@@ -100,6 +100,9 @@ export const de: Texts = {
   alarms: {
     button: (count) => (count === 0 ? 'Kein Alarm' : plural(count, 'Alarm', 'Alarme')),
     title: 'Alarme',
+    original: 'im Original:',
+    further: (count) => `und ${count} weitere`,
+    whole: 'Den ganzen Text zeigen',
     cure: 'Was zu tun ist:',
     none: 'Es liegt kein Alarm an.',
     clear: 'Alarme löschen',

@@ -108,6 +108,10 @@ export const en = {
   alarms: {
     button: (count: number) => (count === 0 ? 'No alarm' : plural(count, 'alarm', 'alarms')),
     title: 'Alarms',
+    /** before a sentence of the control, which has details and is English */
+    original: 'original:',
+    further: (count: number) => `and ${count} more`,
+    whole: 'Show the whole text',
     cure: 'What to do:',
     none: 'No alarm is in force.',
     clear: 'Clear alarms',
