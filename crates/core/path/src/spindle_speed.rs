@@ -57,6 +57,15 @@ impl SpindleSpeed {
         rpm.min(max_rpm).clamp(0.0, MAX_RPM)
     }
 
+    /// The maximum of a surface speed, rpm: closer to the centre the speed is constant. Infinite of a constant speed.
+    #[must_use]
+    pub fn max_rpm(&self) -> f64 {
+        match self {
+            Self::Constant { .. } => f64::INFINITY,
+            Self::Surface(surface) => surface.max_rpm.min(MAX_RPM),
+        }
+    }
+
     /// Minimum and maximum speed in rpm between two X in machine coordinates, mm, the smaller X first. Real-time safe.
     #[must_use]
     pub fn range_rpm(&self, x_mm: (f64, f64)) -> (f64, f64) {

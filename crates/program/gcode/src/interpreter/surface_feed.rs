@@ -5,10 +5,16 @@ use evolvent_path::{Axes, Curve, MoveKind, PathMode, SpindleSpeed};
 
 use crate::{Action, Command, SPINDLES};
 
-/// Maximum ratio of spindle speeds along a piece, so that the feed per revolution is accurate to half of the excess over 1.
-const MAX_SPEED_RATIO: f64 = 1.02;
+/// Maximum ratio of spindle speeds along a piece: the feed per revolution is accurate to half of the excess over 1.
+const MAX_SPEED_RATIO: f64 = 1.01;
 /// Minimum length of a piece, mm: near the centre the surface speed would need an unlimited number.
 const MIN_PIECE_MM: f64 = 0.005;
+/// A piece is shorter than it could be by at most this fraction, so a few bisections find its end.
+const END_FRACTION: f64 = 0.05;
+/// Bisections for the place where the maximum speed is reached: the rest is 1e-12 of the move.
+const MAX_BISECTIONS: u32 = 40;
+/// A speed is the maximum up to rounding.
+const AT_MAX: f64 = 1.0 - 1e-9;
 
 /// Divides moves on output, after cutter compensation and cycles.
 #[derive(Debug, Default)]
@@ -61,22 +67,7 @@ impl SurfaceFeed {
             return command;
         };
         let length_mm = motion.curve.length();
-        let mut end_mm = length_mm;
-        let mut range = range_rpm(&speed, &motion.curve, done_mm, end_mm);
-        while range.1 > MAX_SPEED_RATIO * range.0 && end_mm - done_mm > 2.0 * MIN_PIECE_MM {
-            let middle_mm = 0.5 * (done_mm + end_mm);
-            if motion.curve.part(done_mm, middle_mm).is_none() {
-                break;
-            }
-            end_mm = middle_mm;
-            range = range_rpm(&speed, &motion.curve, done_mm, end_mm);
-        }
-        // An indivisible move has the feed of its slowest point, so that no chip is thicker than programmed.
-        let rpm = if range.1 > MAX_SPEED_RATIO * range.0 {
-            range.0
-        } else {
-            (range.0 * range.1).sqrt()
-        };
+        let (end_mm, rpm) = next_piece(&speed, &motion.curve, done_mm, length_mm);
         motion.feed_mm_s = feed * rpm / 60.0;
         if done_mm == 0.0 && end_mm == length_mm {
             return command;
@@ -97,6 +88,56 @@ impl SurfaceFeed {
         }
         piece
     }
+}
+
+/// Where the piece that begins at `done_mm` ends, and the spindle speed that its feed is for. It ends where the maximum speed is reached
+/// or left, so that the feed is exact where the speed is constant.
+fn next_piece(speed: &SpindleSpeed, curve: &Curve, done_mm: f64, length_mm: f64) -> (f64, f64) {
+    let max_rpm = speed.max_rpm();
+    let range = |end_mm: f64| range_rpm(speed, curve, done_mm, end_mm);
+    let is_even = |(slow, fast): (f64, f64)| fast <= MAX_SPEED_RATIO * slow;
+    let is_divisible = curve.part(done_mm, 0.5 * (done_mm + length_mm)).is_some();
+    let crosses_max =
+        |(slow, fast): (f64, f64)| fast >= AT_MAX * max_rpm && slow < AT_MAX * max_rpm && slow < fast;
+    let mut end_mm = length_mm;
+    if is_divisible && crosses_max(range(end_mm)) {
+        let at_mm = bisect(done_mm, end_mm, 0.0, |at_mm| !crosses_max(range(at_mm))).1;
+        if at_mm - done_mm > MIN_PIECE_MM && length_mm - at_mm > MIN_PIECE_MM {
+            end_mm = at_mm;
+        }
+    }
+    if is_divisible && !is_even(range(end_mm)) && end_mm - done_mm > 2.0 * MIN_PIECE_MM {
+        let (even_mm, _) = bisect(done_mm, end_mm, END_FRACTION, |at_mm| is_even(range(at_mm)));
+        // Nothing that is too short is left over.
+        end_mm = even_mm.clamp(done_mm + MIN_PIECE_MM, end_mm - MIN_PIECE_MM);
+    }
+    let (slow, fast) = range(end_mm);
+    // An indivisible move has the feed of its slowest point, so that no chip is thicker than programmed. So has a piece at the maximum.
+    let rpm = if is_even((slow, fast)) && slow < AT_MAX * max_rpm {
+        (slow * fast).sqrt()
+    } else {
+        slow
+    };
+    (end_mm, rpm)
+}
+
+/// Where a property that holds at first is lost before `high_mm`: a place where it holds and one where it does not. They are apart by at
+/// most `fraction` of the first one's distance from `from_mm`, or by rounding.
+fn bisect(from_mm: f64, high_mm: f64, fraction: f64, holds: impl Fn(f64) -> bool) -> (f64, f64) {
+    let (mut low_mm, mut high_mm) = (from_mm, high_mm);
+    for _ in 0..MAX_BISECTIONS {
+        let middle_mm = 0.5 * (low_mm + high_mm);
+        if holds(middle_mm) {
+            low_mm = middle_mm;
+        } else {
+            high_mm = middle_mm;
+        }
+        let is_at_minimum = high_mm - from_mm < MIN_PIECE_MM;
+        if fraction > 0.0 && (is_at_minimum || high_mm - low_mm <= fraction * (low_mm - from_mm)) {
+            break;
+        }
+    }
+    (low_mm, high_mm)
 }
 
 /// Minimum and maximum spindle speed along a part of a curve.
