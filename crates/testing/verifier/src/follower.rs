@@ -201,6 +201,12 @@ impl<'a> Follower<'a> {
         1.05 * self.tolerance(block) + 4.0 * self.chord_mm
     }
 
+    /// The same about a block's end, whose corner belongs to the next block too.
+    fn within_corner(&self, block: usize) -> f64 {
+        let next = (block + 1).min(self.route.blocks.len() - 1);
+        self.within(block).max(self.within(next))
+    }
+
     /// The earliest place from `place` on that lies near `point`, if all that is passed over lies near the stretch to it.
     fn search(&self, before: &Axes, point: &Axes, mut place: Place) -> Option<Place> {
         // The place begins so far behind: where the tolerance becomes finer at once, that is no leaving of the path.
@@ -214,7 +220,7 @@ impl<'a> Follower<'a> {
                 if away <= within {
                     return Some(place);
                 }
-                let near = NEIGHBOURHOOD * within.max(behind);
+                let near = NEIGHBOURHOOD * self.within_corner(place.block).max(behind);
                 if from_stretch(&there, before, point) > near && !self.was_near(&there, near) {
                     return None;
                 }
@@ -302,7 +308,7 @@ impl<'a> Follower<'a> {
             if off < best.0 {
                 best = (off, index, u);
             }
-            let near = NEIGHBOURHOOD * self.within(index);
+            let near = NEIGHBOURHOOD * self.within_corner(index);
             let goes_on = index + 1 < self.route.blocks.len()
                 && !lost
                 && (distance(point, &block.end) <= near || self.was_near(&block.end, near));
@@ -322,7 +328,9 @@ impl<'a> Follower<'a> {
         for index in self.done..self.route.blocks.len() {
             let block = &self.route.blocks[index];
             let off = from_stretch(&block.end, before, point);
-            if index >= passed && off > 2.0 * NEIGHBOURHOOD * self.within(index) {
+            // The place may lag by the tolerance of its block, also where the next ones are finer.
+            let within = self.within_corner(index).max(self.within(passed));
+            if index >= passed && off > 2.0 * NEIGHBOURHOOD * within {
                 break;
             }
             if self.ends.len() <= index - self.done {
@@ -347,7 +355,7 @@ impl<'a> Follower<'a> {
             if off > self.coverage.farthest.0 {
                 self.coverage.farthest = (off, self.done);
             }
-            if off > NEIGHBOURHOOD * self.within(self.done) {
+            if off > NEIGHBOURHOOD * self.within_corner(self.done) {
                 self.coverage.missed += 1;
                 self.coverage.first_missed.get_or_insert(self.done);
             }

@@ -1,7 +1,7 @@
 //! The judge: positions in, verdict out.
 
 use evolvent_machine::Machine;
-use evolvent_path::Axes;
+use evolvent_path::{AXES, Axes};
 
 use crate::differences::Differences;
 use crate::follower::Follower;
@@ -20,6 +20,8 @@ pub struct Judge<'a> {
     differences: Differences,
     jerk: Axes,
     period_s: f64,
+    /// How far from a rest that lies between two setpoints the nearer one may be.
+    rest_mm: f64,
     chord_mm: f64,
     /// The block nearest to the last setpoint.
     block: usize,
@@ -34,13 +36,18 @@ impl<'a> Judge<'a> {
     #[must_use]
     pub fn new(machine: &Machine, period_ns: u64, route: &'a Route) -> Self {
         let period_s = period_ns as f64 * 1e-9;
+        let limits = machine.limits();
         let chord_mm = machine.path.chord_error_increments / machine.increments_per_mm;
         Self {
             route,
             follower: Follower::new(route, chord_mm),
             differences: Differences::new(machine, period_s, route.start()),
-            jerk: machine.limits().jerk,
+            jerk: limits.jerk,
             period_s,
+            rest_mm: (0..AXES)
+                .filter(|&axis| limits.present[axis])
+                .map(|axis| limits.jerk[axis] * (0.5 * period_s).powi(3) / 6.0)
+                .fold(0.0, f64::hypot),
             chord_mm,
             block: 0,
             last: route.start(),
@@ -90,7 +97,8 @@ impl<'a> Judge<'a> {
         verdict
             .reverse
             .see(coverage.farthest.0, 0, line(coverage.farthest.1), 0);
-        verdict.rest.see(coverage.rest.0, 0, line(coverage.rest.1), 0);
+        let rest = (coverage.rest.0 - self.rest_mm).max(0.0);
+        verdict.rest.see(rest, 0, line(coverage.rest.1), 0);
         self.verdict
     }
 
