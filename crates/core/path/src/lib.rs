@@ -90,7 +90,7 @@ pub use involute_error::InvoluteError;
 pub use jet::Jet;
 pub use joint::{JointKind, JointLimits, classify_joint};
 pub use line::Line;
-pub use metric::{FeedMetric, feed_rate};
+pub use metric::{Feed, FeedMetric, feed_rate};
 pub use plane::{Plane, Sense};
 pub use spindle_speed::{SpindleSpeed, SurfaceSpeed};
 pub use spirals::{Archimedean, half_circle_radii_mm, half_circles_length_mm, helix_length_mm};

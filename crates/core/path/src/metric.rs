@@ -78,6 +78,45 @@ impl FeedMetric {
     }
 }
 
+/// A feed and the axes to which it refers.
+///
+/// A smoothed path deviates from its blocks: where only a rotary axis is programmed, X may still move by a rest of the block
+/// before. The feed refers to the axes of the block all the same.
+///
+/// ```
+/// use evolvent_path::{Axes, AxisLetter, Feed, FeedMetric};
+///
+/// let mut first = Axes::zeros();
+/// first[AxisLetter::X.index()] = 1e-6;
+/// first[AxisLetter::A.index()] = 1.0;
+/// let feed = Feed { mm_s: 5.0, metric: Some(FeedMetric::Abc) };
+/// assert_eq!(feed.parameter_speed(&first), 5.0);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Feed {
+    /// Speed in the metric, mm/s or degrees/s; infinite for rapids.
+    pub mm_s: f64,
+    /// The metric of the block; that of the motion itself if there is none.
+    pub metric: Option<FeedMetric>,
+}
+
+impl Feed {
+    /// Speed of the parameter per s at a first derivative by it. Real-time safe.
+    #[must_use]
+    pub fn parameter_speed(&self, first: &Axes) -> f64 {
+        let rate = self
+            .metric
+            .map_or_else(|| feed_rate(first), |metric| metric.norm(first));
+        self.mm_s / rate
+    }
+}
+
+impl From<f64> for Feed {
+    fn from(mm_s: f64) -> Self {
+        Self { mm_s, metric: None }
+    }
+}
+
 /// Speed in the feed metric per unit of parameter speed, from the first derivative by the parameter: mm of XYZ where XYZ
 /// moves, else mm of UVW, else degrees of ABC. Zero if no axis moves. Real-time safe.
 #[must_use]

@@ -11,7 +11,7 @@
 use std::collections::VecDeque;
 
 use evolvent_machine::Limits;
-use evolvent_path::AXES;
+use evolvent_path::{AXES, Feed};
 use evolvent_timing::{
     Entry, Exit, FeedError, Grid, MAX_INTERVALS, Optimizer, PathLimits, PathPosition, Piece, PlanSnapshot,
 };
@@ -178,11 +178,10 @@ impl<S: PlanSink> Horizon<S> {
         &mut self.sink
     }
 
-    /// Appends a path segment; `feed_mm_s` in the feed metric, infinite for rapids.
-    pub(crate) fn segment(&mut self, segment: Segment, feed_mm_s: f64) {
+    /// Appends a path segment and its feed.
+    pub(crate) fn segment(&mut self, segment: Segment, feed: Feed) {
         self.limit_marks();
-        self.grid
-            .push(&segment.curve, segment.from, segment.length, feed_mm_s);
+        self.grid.push(&segment.curve, segment.from, segment.length, feed);
         self.path.segments.push_back((self.path.length, segment));
         self.path.length += segment.length;
     }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use evolvent_path::{Move, MoveKind, PathMode};
+use evolvent_path::{Feed, Move, MoveKind, PathMode};
 use evolvent_smooth::{Block, Output, PathSegment, Settings, Smoother, Tolerance};
 use evolvent_timing::PathLimits;
 
@@ -12,8 +12,8 @@ use crate::straight::Straightener;
 
 /// Receives the path in order.
 pub trait PathSink {
-    /// Appends a path segment; `feed_mm_s` in the feed metric, mm/s or degrees/s, infinite for rapids.
-    fn segment(&mut self, segment: Segment, feed_mm_s: f64);
+    /// Appends a path segment and its feed.
+    fn segment(&mut self, segment: Segment, feed: Feed);
 
     /// Limits the speed of the path parameter at the present end, per s; 0 is a stop.
     fn cap(&mut self, speed_u_s: f64);
@@ -30,7 +30,7 @@ pub trait PathSink {
 #[expect(clippy::large_enum_variant, reason = "nearly all are segments")]
 pub enum PathItem {
     /// A path segment and its feed.
-    Segment(Segment, f64),
+    Segment(Segment, Feed),
     /// A limit of the speed at the present end.
     Cap(f64),
     /// The start of a block.
@@ -43,7 +43,7 @@ impl PathItem {
     /// Performs the call on a sink.
     pub fn apply_to(self, sink: &mut impl PathSink) {
         match self {
-            Self::Segment(segment, feed_mm_s) => sink.segment(segment, feed_mm_s),
+            Self::Segment(segment, feed) => sink.segment(segment, feed),
             Self::Cap(speed_u_s) => sink.cap(speed_u_s),
             Self::Mark(mark) => sink.mark(mark),
             Self::Rest(step) => sink.rest(step),
@@ -52,8 +52,8 @@ impl PathItem {
 }
 
 impl PathSink for Vec<PathItem> {
-    fn segment(&mut self, segment: Segment, feed_mm_s: f64) {
-        self.push(PathItem::Segment(segment, feed_mm_s));
+    fn segment(&mut self, segment: Segment, feed: Feed) {
+        self.push(PathItem::Segment(segment, feed));
     }
 
     fn cap(&mut self, speed_u_s: f64) {
@@ -189,5 +189,9 @@ fn emit(sink: &mut impl PathSink, piece: Option<PathSegment>, block: Option<&(u3
             joint: piece.joint,
         },
     };
-    sink.segment(segment, piece.feed_mm_s);
+    let feed = Feed {
+        mm_s: piece.feed_mm_s,
+        metric: Some(piece.metric),
+    };
+    sink.segment(segment, feed);
 }

@@ -45,6 +45,7 @@ fn join(left: &PathSegment, right: &PathSegment) -> Option<(PathSegment, f64)> {
         return None;
     };
     let alike = left.feed_mm_s == right.feed_mm_s
+        && left.metric == right.metric
         && left.rapid == right.rapid
         && left.blend == right.blend
         && !right.joint
@@ -83,6 +84,8 @@ fn distance_from_line(start: &Axes, end: &Axes, point: &Axes) -> Option<f64> {
 mod tests {
     #![allow(clippy::expect_used, reason = "a test may fail")]
 
+    use evolvent_path::FeedMetric;
+
     use super::*;
     use crate::recorder::point;
 
@@ -94,6 +97,7 @@ mod tests {
             from: 0.0,
             length: curve.domain(),
             feed_mm_s: feed,
+            metric: FeedMetric::Xyz,
             rapid: false,
             blend: false,
             joint: false,

@@ -1,5 +1,6 @@
 //! Path in, plan out: the second stage of the time-optimal planner.
 
+use evolvent_path::Feed;
 use evolvent_timing::PathLimits;
 
 use crate::horizon::Horizon;
@@ -65,8 +66,8 @@ impl<S: PlanSink> TimingStage<S> {
 }
 
 impl<S: PlanSink> PathSink for TimingStage<S> {
-    fn segment(&mut self, segment: Segment, feed_mm_s: f64) {
-        self.horizon.segment(segment, feed_mm_s);
+    fn segment(&mut self, segment: Segment, feed: Feed) {
+        self.horizon.segment(segment, feed);
     }
 
     fn cap(&mut self, speed_u_s: f64) {

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use evolvent_path::{Axes, Curve, Jet};
+use evolvent_path::{Axes, Curve, FeedMetric, Jet};
 
 use crate::Block;
 
@@ -14,6 +14,8 @@ pub(crate) struct ProgramSegment {
     pub(crate) to: f64,
     pub(crate) curve: Curve,
     pub(crate) feed_mm_s: f64,
+    /// The axes to which the feed refers.
+    pub(crate) metric: FeedMetric,
     pub(crate) rapid: bool,
     /// Maximum deviation, 0 if it is kept.
     pub(crate) tolerance: f64,
@@ -44,6 +46,7 @@ impl ProgramSegment {
             to: from + curve.domain(),
             curve,
             feed_mm_s: block.feed_mm_s,
+            metric: FeedMetric::of(&jet.first).unwrap_or(FeedMetric::Xyz),
             rapid: block.rapid,
             tolerance: block.tolerance.mm(),
             straight: matches!(curve, Curve::Line(_)),
@@ -79,7 +82,7 @@ impl ProgramSegment {
 
     /// Whether another segment is driven with the same feed.
     pub(crate) fn has_feed_of(&self, other: &Self) -> bool {
-        (self.feed_mm_s, self.rapid) == (other.feed_mm_s, other.rapid)
+        (self.feed_mm_s, self.metric, self.rapid) == (other.feed_mm_s, other.metric, other.rapid)
     }
 
     /// Its feed, without limit for a rapid.

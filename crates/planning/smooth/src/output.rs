@@ -1,6 +1,6 @@
 //! Output of the smoother: the driven path.
 
-use evolvent_path::Curve;
+use evolvent_path::{Curve, FeedMetric};
 
 /// One element of the output, in the order of the path.
 ///
@@ -36,6 +36,8 @@ pub struct PathSegment {
     pub length: f64,
     /// Programmed feed as in [`crate::Block::feed_mm_s`].
     pub feed_mm_s: f64,
+    /// The axes of the block to which the feed refers.
+    pub metric: FeedMetric,
     /// Whether it belongs to a rapid.
     pub rapid: bool,
     /// Whether it deviates from the programmed curve.

@@ -1,6 +1,6 @@
 //! One interval between two stations, with the limits that apply there.
 
-use evolvent_path::{AXES, Axes, Curve, Involute, Jet, feed_rate};
+use evolvent_path::{AXES, Axes, Curve, Feed, Involute, Jet};
 
 use crate::limits::PathLimits;
 
@@ -30,7 +30,7 @@ const SPEED_SAMPLES: u32 = 8;
 pub(crate) struct PathSegment {
     pub(crate) curve: Curve,
     pub(crate) from: f64,
-    pub(crate) feed_mm_s: f64,
+    pub(crate) feed: Feed,
 }
 
 /// Derivatives at one point of an interval and the maximum speeds there.
@@ -185,14 +185,10 @@ impl Cell {
 impl Point {
     /// The point at an offset from the start of a segment.
     pub(crate) fn of(segment: &PathSegment, offset: f64, limits: &PathLimits) -> Self {
-        Self::new(
-            &segment.curve.jet(segment.from + offset),
-            segment.feed_mm_s,
-            limits,
-        )
+        Self::new(&segment.curve.jet(segment.from + offset), segment.feed, limits)
     }
 
-    fn new(jet: &Jet, feed_mm_s: f64, limits: &PathLimits) -> Self {
+    fn new(jet: &Jet, feed: Feed, limits: &PathLimits) -> Self {
         let axes = limits.axes();
         let mut speed = limits.chord_speed(&jet.second);
         for i in 0..AXES {
@@ -205,7 +201,7 @@ impl Point {
             second: jet.second,
             third: jet.third,
             speed_u_s: speed,
-            feed_u_s: feed_mm_s / feed_rate(&jet.first),
+            feed_u_s: feed.parameter_speed(&jet.first),
         }
     }
 
@@ -247,7 +243,7 @@ mod tests {
                 let segment = PathSegment {
                     curve,
                     from,
-                    feed_mm_s: 1.0,
+                    feed: Feed::from(1.0),
                 };
                 let intervals: Vec<_> = segment.intervals(length).collect();
                 let direction = |x: f64| {

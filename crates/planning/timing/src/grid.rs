@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use evolvent_path::{Axes, Curve};
+use evolvent_path::{Axes, Curve, Feed};
 
 use crate::cell::{Cell, PathSegment};
 use crate::limits::PathLimits;
@@ -44,18 +44,21 @@ impl Grid {
         }
     }
 
-    /// Appends a segment: `curve` over `from..from + length` of its regular parameter, at `feed_mm_s` in the feed metric per second
-    /// (infinite for rapids).
+    /// Appends a segment: `curve` over `from..from + length` of its regular parameter, at `feed`.
     ///
     /// A segment shorter than rounding, or of a NaN length, has no interval. A feed that is not a positive number is raised to
     /// 1e-6. Not real-time safe.
-    pub fn push(&mut self, curve: &Curve, from: f64, length: f64, feed_mm_s: f64) {
+    pub fn push(&mut self, curve: &Curve, from: f64, length: f64, feed: impl Into<Feed>) {
         let index = self.first_segment + self.segments.len() as u64;
-        let feed_mm_s = feed_mm_s.max(1e-6);
+        let feed = feed.into();
+        let feed = Feed {
+            mm_s: feed.mm_s.max(1e-6),
+            ..feed
+        };
         let segment = PathSegment {
             curve: *curve,
             from,
-            feed_mm_s,
+            feed,
         };
         if from.is_finite() && length.is_finite() && length > MIN_LENGTH {
             for (x, width) in segment.intervals(length) {

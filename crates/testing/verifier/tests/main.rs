@@ -2,5 +2,6 @@
 
 mod common;
 
+mod feeds;
 mod planted;
 mod rates;

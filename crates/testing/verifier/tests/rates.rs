@@ -2,7 +2,7 @@
 
 #[expect(dead_code, reason = "shared with the benchmarks")]
 #[path = "../benches/support/trial.rs"]
-mod trial;
+pub(crate) mod trial;
 
 use evolvent_verifier::{Allowances, Program, suite};
 use trial::{root, setup, trial};

@@ -73,7 +73,7 @@ fn append(horizon: &mut Horizon<RequestingSink>, k: u32) {
         block: k,
         marks: SegmentMarks::default(),
     };
-    horizon.segment(segment, 20.0 + f64::from(k % 2));
+    horizon.segment(segment, (20.0 + f64::from(k % 2)).into());
 }
 
 #[test]

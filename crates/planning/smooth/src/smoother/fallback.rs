@@ -116,6 +116,7 @@ impl Smoother {
             from: 0.0,
             length,
             feed_mm_s: segment.feed_mm_s,
+            metric: segment.metric,
             rapid: segment.rapid,
             blend: true,
             joint: false,

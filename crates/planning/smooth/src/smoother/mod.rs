@@ -397,6 +397,7 @@ impl Smoother {
                     from: self.cursor - segment.from,
                     length: stop - self.cursor,
                     feed_mm_s: segment.feed_mm_s,
+                    metric: segment.metric,
                     rapid: segment.rapid,
                     blend: false,
                     joint: std::mem::take(&mut self.departure.joint),

@@ -210,6 +210,7 @@ impl Smoother {
                         from: at - from,
                         length: stop - at,
                         feed_mm_s: segment.feed_mm_s,
+                        metric: segment.metric,
                         rapid: segment.rapid,
                         blend: true,
                         joint: std::mem::take(&mut self.departure.joint),

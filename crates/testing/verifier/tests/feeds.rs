@@ -1,0 +1,88 @@
+//! Programs in which feeds and tolerances change from block to block, judged from their positions.
+
+use evolvent_random::Random;
+use evolvent_verifier::Allowances;
+
+use crate::rates::trial::{root, setup, trial};
+
+/// Runs a program on a shipped machine and names what is wrong with its motion.
+fn violations(machine: &str, name: &str, text: &str) -> Vec<String> {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join(name);
+    std::fs::write(&path, text).expect("a file in the temporary folder");
+    let machine = root().join("config/machines").join(machine);
+    let setup = setup(&machine, None, None).expect("machine");
+    let trial = trial(&path, &setup).expect("a run");
+    assert_eq!(trial.error, None, "{name}");
+    let violations = trial.verdict.violations(&Allowances::default());
+    violations.iter().map(ToString::to_string).collect()
+}
+
+/// Moves along lines that go on, turn or turn back, rapids among feeds of every size.
+fn program(random: &mut Random) -> String {
+    let tolerance = random.one_of(&[0.01, 0.05, 0.2, 1.0]);
+    let mut text = format!("G21 G90 G17 G54 G64 P{tolerance}\nF200\n");
+    let mut place = [0.0_f64; 3];
+    let mut direction = [1.0, 0.0, 0.0];
+    for _ in 0..5 + random.below(25) {
+        let length = random.log(0.03, 40.0);
+        match random.below(10) {
+            0..4 => {}
+            4 => direction = direction.map(|x| -x),
+            _ => {
+                let (turn, lift) = (random.between(0.0, 6.28), random.between(-1.0, 1.0));
+                let flat = (1.0 - lift * lift).sqrt();
+                direction = [flat * turn.cos(), flat * turn.sin(), lift];
+            }
+        }
+        let next: [f64; 3] = std::array::from_fn(|i| place[i] + length * direction[i]);
+        if next.iter().any(|x| x.abs() > 45.0) {
+            direction = direction.map(|x| -x);
+            continue;
+        }
+        place = next;
+        let [x, y, z] = place;
+        if random.unit() < 0.45 {
+            text.push_str(&format!("G0 X{x:.4} Y{y:.4} Z{z:.4}\n"));
+        } else {
+            let feed = random.one_of(&[60, 200, 600, 2000, 6000]);
+            text.push_str(&format!("G1 X{x:.4} Y{y:.4} Z{z:.4} F{feed}\n"));
+        }
+    }
+    text + "M2\n"
+}
+
+#[test]
+fn feeds_hold_beside_short_rapids() {
+    let mut random = Random::seeded(0xF33D_0001);
+    for case in 0..evolvent_random::cases(24) {
+        let text = program(&mut random);
+        let found = violations("mill-3axis.toml", "feeds.ngc", &text);
+        assert!(found.is_empty(), "case {case}: {found:?}\n{text}");
+    }
+}
+
+#[test]
+fn the_feed_of_a_rotary_axis_holds_beside_linear_moves() {
+    for text in [
+        "G64 P0.05\nG1 X40 F5000\nG1 A-20 F300\nG1 X80 F5000\nG1 A-10 F300\nM2\n",
+        "G64 P0.01\nG0 X100\nG1 A-20 F300\nG0 Y50\nM2\n",
+        "G64 P0.05\nG1 X40 F2000\nG93\nG1 A-20 F2\nM2\n",
+    ] {
+        let found = violations("five-axis.toml", "rotary.ngc", text);
+        assert!(found.is_empty(), "{found:?}\n{text}");
+    }
+}
+
+/// Correct motions whose tolerance changes at a corner, or whose rest lies between two setpoints.
+#[test]
+fn a_change_of_tolerance_is_not_called_a_deviation() {
+    for text in [
+        "G0 X20\nG64 P0.5\nG1 X19 Y-3 F500\nG1 X20 Y5\nM2\n",
+        "G64 P1\nG1 X20 F1000\nG61\nG1 X20.1 Y0.1\nG1 X20.3 Y0.15\nG1 X20.5 Y0.4\nG1 X21 Y0.5\nG1 X30\nM2\n",
+        "G61.1\nG0 X10\nG1 X20 F1000\nM2\n",
+    ] {
+        let found = violations("mill-3axis.toml", "tolerance.ngc", text);
+        assert!(found.is_empty(), "{found:?}\n{text}");
+    }
+}
