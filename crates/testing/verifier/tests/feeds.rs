@@ -1,5 +1,9 @@
 //! Programs in which feeds and tolerances change from block to block, judged from their positions.
 
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
+use std::f64::consts::TAU;
+
 use evolvent_random::Random;
 use evolvent_verifier::Allowances;
 
@@ -30,7 +34,7 @@ fn program(random: &mut Random) -> String {
             0..4 => {}
             4 => direction = direction.map(|x| -x),
             _ => {
-                let (turn, lift) = (random.between(0.0, 6.28), random.between(-1.0, 1.0));
+                let (turn, lift) = (random.between(0.0, TAU), random.between(-1.0, 1.0));
                 let flat = (1.0 - lift * lift).sqrt();
                 direction = [flat * turn.cos(), flat * turn.sin(), lift];
             }

@@ -349,7 +349,7 @@ mod tests {
     #[test]
     fn the_sentence_of_a_lost_reference_fits_into_the_status_with_every_axis() {
         let all = (0..AxisLetter::ALL.len()).collect::<AxisMask>();
-        let home = Axes::from([-12345.678_912_345; AxisLetter::ALL.len()]);
+        let home = Axes::from([-12_345.678_912_345; AxisLetter::ALL.len()]);
         let text = reference_lost(all, all, &home);
         assert!(text.len() <= SENTENCE_BYTES, "{} bytes: {text}", text.len());
         assert!(
