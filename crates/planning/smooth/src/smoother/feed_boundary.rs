@@ -3,8 +3,7 @@
 //! The path runs by the parameter of the program, but its point at a joint's parameter may lie before the joint or beyond it: by
 //! the tolerance, or twice that where samples follow the path. If the feed changed at the parameter, that stretch would be driven
 //! at the feed of the wrong block, a cut at rapid. The path passes a joint also where it passes the plane that bisects it: before
-//! it the earlier block is nearer, behind it the later one. A lower feed counts from the earlier of both on, a higher one from
-//! the later.
+//! it the earlier block is nearer, behind it the later one. The lower of the feeds by parameter and by plane counts.
 
 use evolvent_path::{Axes, ParamCurve, Spline};
 
@@ -29,8 +28,6 @@ pub(super) struct FeedBoundary {
     /// The joint, and the normal of the bisecting plane; none if other axes tie the path to the parameter, or it reverses.
     place: Axes,
     normal: Option<Axes>,
-    /// Whether the feed behind it is lower.
-    slower: bool,
 }
 
 impl FeedBoundary {
@@ -58,30 +55,16 @@ impl FeedBoundary {
                     reach,
                     place: start.position,
                     normal: (!tied && normal.norm() > MIN_NORMAL).then_some(normal),
-                    slower: segment.max_feed_mm_s() < holding.max_feed_mm_s(),
                 });
             }
         }
     }
 
-    /// The parameter from which the feed behind it counts on a piece of the path, from `from` to `to`, searched from `at`; none if
-    /// it does not count there.
+    /// The parameter at which a piece of the path, from `from` to `to`, passes the joint, searched from `at`; none if it does not.
     pub(super) fn passed(&self, piece: &Spline, (from, to): (f64, f64), at: f64) -> Option<f64> {
-        let by_parameter = (self.parameter <= to).then_some(self.parameter.max(at));
         let Some(normal) = self.normal else {
-            return by_parameter;
+            return (self.parameter <= to).then_some(self.parameter.max(at));
         };
-        let by_plane = self.passed_plane(piece, (from, to), at, &normal);
-        match (by_parameter, by_plane) {
-            (Some(a), Some(b)) if self.slower => Some(a.min(b)),
-            (Some(a), Some(b)) => Some(a.max(b)),
-            (a, b) if self.slower => a.or(b),
-            _ => None,
-        }
-    }
-
-    /// The parameter at which the piece passes the plane.
-    fn passed_plane(&self, piece: &Spline, (from, to): (f64, f64), at: f64, normal: &Axes) -> Option<f64> {
         if self.parameter + self.reach <= at {
             return Some(at);
         }
@@ -92,7 +75,7 @@ impl FeedBoundary {
         if low >= high {
             return None;
         }
-        let behind = |u: f64| (piece.position(u - from) - self.place).dot(normal) >= 0.0;
+        let behind = |u: f64| (piece.position(u - from) - self.place).dot(&normal) >= 0.0;
         if behind(low) {
             return Some(low);
         }

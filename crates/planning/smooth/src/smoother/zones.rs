@@ -162,6 +162,24 @@ impl Smoother {
         }
     }
 
+    /// The end of the feed of a segment by the parameter, at most `to`.
+    fn feed_end(&self, number: usize, to: f64) -> f64 {
+        let mut number = number;
+        let Some(first) = self.chain.get(number) else {
+            return to;
+        };
+        let mut end = first.to;
+        while end < to {
+            number += 1;
+            match self.chain.get(number) {
+                Some(next) if next.has_feed_of(first) => end = next.to,
+                Some(_) => break,
+                None => return to,
+            }
+        }
+        end.min(to)
+    }
+
     /// Outputs the intervals that are final. If one of them is invalid, outputs those before it and returns its end.
     fn output_final(&mut self, end: Option<EndCondition>, out: &mut Vec<Output>) -> Option<f64> {
         let zone = &self.zone;
@@ -198,12 +216,19 @@ impl Smoother {
                 {
                     self.feed_segment += 1;
                 }
-                let Some(segment) = self.chain.get(self.feed_segment) else {
-                    break;
-                };
                 let boundary = FeedBoundary::next(&self.chain, self.feed_segment, to);
                 let passed = boundary.and_then(|boundary| boundary.passed(&spline, (from, to), at));
-                let stop = passed.filter(|&stop| stop < to - MIN_LENGTH).unwrap_or(to);
+                let by_parameter = self.chain.find(at + MIN_LENGTH);
+                let (Some(nearest), Some(segment)) =
+                    (self.chain.get(self.feed_segment), self.chain.get(by_parameter))
+                else {
+                    break;
+                };
+                let stop = self.feed_end(by_parameter, to).min(passed.unwrap_or(to));
+                let stop = if stop < to - MIN_LENGTH { stop } else { to };
+                let slower =
+                    nearest.metric == segment.metric && nearest.max_feed_mm_s() < segment.max_feed_mm_s();
+                let segment = if slower { nearest } else { segment };
                 if stop - at > MIN_LENGTH {
                     out.push(Output::Segment(PathSegment {
                         curve,
@@ -218,10 +243,13 @@ impl Smoother {
                     at = stop;
                     release(&mut self.marks, self.base + at, out);
                 }
-                let (Some(boundary), Some(_)) = (boundary, passed) else {
+                if let Some(boundary) = boundary
+                    && passed.is_some_and(|passed| passed <= stop)
+                {
+                    self.feed_segment = boundary.segment;
+                } else if at >= to - MIN_LENGTH {
                     break;
-                };
-                self.feed_segment = boundary.segment;
+                }
             }
             self.cursor = to;
             self.offset_point = Some(behind);
