@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Status};
 use evolvent_control::{CommandCode, JobResult};
+use evolvent_path::FeedMetric;
 
 use crate::ctl_answer::tell;
 use crate::ctl_request::request;
@@ -21,6 +22,16 @@ const APPEARS: u64 = 20;
 /// Whether a program or block of MDI is active.
 pub(crate) fn is_of_program(status: &Status) -> bool {
     matches!(status.activity, 1 | 2)
+}
+
+/// How far an axis with this index is from its target, mm or degrees. Angles are shown modulo a turn where the axis is unlimited.
+fn off_target(axis: usize, difference: f64) -> f64 {
+    if FeedMetric::Abc.contains(axis) {
+        let rest = difference.rem_euclid(360.0);
+        rest.min(360.0 - rest)
+    } else {
+        difference.abs()
+    }
 }
 
 impl Session {
@@ -54,8 +65,8 @@ impl Session {
             )));
         }
         let misses = |target: &[f64; 9]| {
-            let mut pairs = target.iter().zip(&status.position_machine);
-            pairs.any(|(target, at)| (target - at).abs() > AT_TARGET)
+            let mut pairs = target.iter().zip(&status.position_machine).enumerate();
+            pairs.any(|(axis, (target, at))| off_target(axis, target - at) > AT_TARGET)
         };
         if target.as_ref().is_some_and(misses) {
             return Err(CommandError::Failed(format!(
@@ -102,5 +113,18 @@ impl Session {
             }
             std::thread::sleep(POLL);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::off_target;
+
+    #[test]
+    fn a_turn_of_a_rotary_axis_is_no_distance() {
+        assert!(off_target(3, 372.0 - 12.0) < 1e-9);
+        assert!(off_target(3, -31.0 - 329.0) < 1e-9);
+        assert_eq!(off_target(3, -0.5), 0.5);
+        assert_eq!(off_target(0, 360.0), 360.0);
     }
 }

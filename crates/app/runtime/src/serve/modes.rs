@@ -189,6 +189,20 @@ mod tests {
         }
     }
 
+    /// The contact of an earlier block is no contact of this one.
+    #[test]
+    fn an_abort_behind_a_probing_move_is_left_to_the_check() {
+        let abort = "o1 if [#5070 NE 0]\n(ABORT,contact)\no1 endif\nG91\n";
+        let modes = after(&format!("#5070=1\nG38.3 X10 F100\n{abort}"), 0).modes;
+        assert!(modes.text.contains("G91"), "{}", modes.text);
+        let before = simulate_modes(
+            &format!("#5070=1\n{abort}"),
+            &Settings::default(),
+            &KeptParameters::default(),
+        );
+        assert!(before.is_err());
+    }
+
     /// A program has ended since, of which the modes at the end are known, and not the words.
     #[test]
     fn the_tool_length_of_the_end_of_a_program_counts_behind_it() {

@@ -140,6 +140,7 @@ impl<R: BufRead> Interpreter<R> {
     pub fn start_at(&mut self, line: u32) -> Result<Restart, Box<Diagnostic>> {
         let tool = self.state().tool;
         let mut executed = 0_u64;
+        let mut has_probed = false;
         let waits_succeed = std::mem::replace(&mut self.settings.waits_succeed, true);
         // Tools were changed, and measured, by an earlier run; the tool table has their lengths and pockets. An MDI block changes one.
         let changer = (self.settings.features.tool_change).take_if(|_| !self.settings.is_block);
@@ -153,7 +154,18 @@ impl<R: BufRead> Interpreter<R> {
             {
                 return Err(Box::new(self.inside_subroutine(line, definition)));
             }
-            let probed = self.step_silently()?;
+            let probed = match self.step_silently() {
+                Ok(probed) => probed,
+                // Nothing has been probed yet: the (ABORT) follows from the contact of an earlier block. The check decides.
+                Err(diagnostic)
+                    if self.settings.is_block && has_probed && diagnostic.code == Code::ActiveComment =>
+                {
+                    self.finished = false;
+                    None
+                }
+                Err(diagnostic) => return Err(diagnostic),
+            };
+            has_probed |= probed.is_some();
             if let Some(probing) = probed.filter(|_| !self.settings.is_block) {
                 return Err(Box::new(self.depends_on_contact(line, probing)));
             }
