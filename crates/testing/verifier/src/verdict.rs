@@ -175,11 +175,33 @@ pub struct Violation {
 
 impl fmt::Display for Violation {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{:?} {:.6}", self.kind, self.value)?;
-        if let Some(axis) = self.axis {
-            write!(formatter, " of {axis}")?;
-        }
-        write!(formatter, " (line {}, setpoint {})", self.line, self.setpoint)
+        let (value, line, setpoint) = (self.value, self.line, self.setpoint);
+        let of_axis = self.axis.map_or_else(String::new, |axis| format!(" of {axis}"));
+        let what = match self.kind {
+            Kind::Velocity => format!("velocity{of_axis} {value:.6} times its limit"),
+            Kind::Acceleration => format!("acceleration{of_axis} {value:.6} times its limit"),
+            Kind::Jerk => format!("jerk{of_axis} {value:.6} times its limit"),
+            Kind::Joint => format!("step of acceleration{of_axis} at a joint {value:.6} times its limit"),
+            Kind::Deviation => format!("distance from the program {value:.6} times the tolerance"),
+            Kind::Between => {
+                format!("distance from the program between setpoints {value:.6} times the tolerance")
+            }
+            Kind::Chord => format!("chord error {value:.6} times what is permitted"),
+            Kind::Feed => format!("speed {value:.6} times the feed word"),
+            Kind::Travel => format!("{value:.6} mm or degrees beyond the travel{of_axis}"),
+            Kind::Order => format!("{value} setpoints do not follow the program"),
+            Kind::Missed => return write!(formatter, "{value} ends of moves left out, the first of line {line}"),
+            Kind::Rest => {
+                return write!(
+                    formatter,
+                    "no setpoint within {value:.6} mm or degrees of the stop of line {line}"
+                );
+            }
+            Kind::Start => return write!(formatter, "start {value:.6} mm or degrees from that of the program"),
+            Kind::End => return write!(formatter, "end {value:.6} mm or degrees from that of the program"),
+            Kind::Unreadable => return write!(formatter, "{value} setpoints that are no numbers"),
+        };
+        write!(formatter, "{what} (line {line}, setpoint {setpoint})")
     }
 }
 
