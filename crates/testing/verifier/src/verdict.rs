@@ -190,14 +190,24 @@ impl fmt::Display for Violation {
             Kind::Feed => format!("speed {value:.6} times the feed word"),
             Kind::Travel => format!("{value:.6} mm or degrees beyond the travel{of_axis}"),
             Kind::Order => format!("{value} setpoints do not follow the program"),
-            Kind::Missed => return write!(formatter, "{value} ends of moves left out, the first of line {line}"),
+            Kind::Missed => {
+                return write!(
+                    formatter,
+                    "{value} ends of moves left out, the first of line {line}"
+                );
+            }
             Kind::Rest => {
                 return write!(
                     formatter,
                     "no setpoint within {value:.6} mm or degrees of the stop of line {line}"
                 );
             }
-            Kind::Start => return write!(formatter, "start {value:.6} mm or degrees from that of the program"),
+            Kind::Start => {
+                return write!(
+                    formatter,
+                    "start {value:.6} mm or degrees from that of the program"
+                );
+            }
             Kind::End => return write!(formatter, "end {value:.6} mm or degrees from that of the program"),
             Kind::Unreadable => return write!(formatter, "{value} setpoints that are no numbers"),
         };

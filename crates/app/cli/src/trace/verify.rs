@@ -83,7 +83,11 @@ fn write_verified(out: &mut dyn Write, verified: &Verified) -> io::Result<()> {
         }
     }
     if verified.jobs > 0 {
-        writeln!(out, "{} jobs of a served machine", verified.jobs)?;
+        writeln!(
+            out,
+            "{} motions of a served machine: programs, blocks of MDI, jogs, homing",
+            verified.jobs
+        )?;
     }
     if verified.uncompared > 0 {
         writeln!(
