@@ -8,30 +8,26 @@
 #include <unistd.h>
 
 static uint64_t now_ns(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    struct timespec t; clock_gettime(CLOCK_MONOTONIC, &t);
     return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
 }
-
 static int reachable(const evolvent_setpoint_t *s, const double *at, const double *speed, double h, int following) {
-    const double hardest = 20000.0; /* twice the acceleration of the axes, per s2 */
-    const double far = following ? hardest * h * h / 4.0 : 0.5, fast = following ? 2000.0 : 1.0;
-    for (int i = 0; i < EVOLVENT_AXES; i++) { /* begin close and at rest, go on in steps that axes can do; never with what is no number */
-        const double v = s->velocity[i], step = s->position[i] - at[i] - (following ? h * (speed[i] + v) / 2.0 : 0.0);
-        if ((s->axes_mask >> i & 1u) && !(fabs(step) < far && fabs(v) < fast && (!following || fabs(v - speed[i]) < hardest * h))) return 0;
+    int fits = 1; /* begin close and at rest, go on in steps that axes can do; never with what is no number */
+    for (int i = 0; i < EVOLVENT_AXES; i++) {
+        const double v = s->velocity[i], step = s->position[i] - at[i], most = 20000.0 * h; /* twice the acceleration of the axes */
+        const int goes_on = fabs(step - h * (speed[i] + v) / 2.0) < most * h / 4.0 && fabs(v - speed[i]) < most;
+        fits &= !(s->axes_mask >> i & 1u) || (following ? goes_on : fabs(step) < 0.5 && fabs(v) < 1.0);
     }
-    return 1;
+    return fits;
 }
 int main(void) {
-    char error[256];
     const char *name = getenv("EVOLVENT_MACHINE_NAME"), *prefix = getenv("EVOLVENT_BUS_PREFIX");
-    evolvent_bridge_t *bus = NULL;
+    evolvent_bridge_t *bus = NULL; char error[256];
     while ((bus = evolvent_bridge_open(name, prefix, 1000, error, sizeof error)) == NULL) fprintf(stderr, "%s\n", error);
     const uint64_t period = evolvent_bridge_period_ns(bus), instance = now_ns();
     static evolvent_setpoint_t queue[1024], s; /* sent ahead: kept until they are due */
     evolvent_feedback_t f = {.instance = instance, .bridge_state = EVOLVENT_BRIDGE_WAITING};
-    double at[EVOLVENT_AXES] = {0};
-    unsigned first = 0, count = 0, locked = 0, quick = 0;
+    double at[EVOLVENT_AXES] = {0}; unsigned first = 0, count = 0, locked = 0, quick = 0;
     for (uint64_t tick = instance, due = 0;; tick += period) {
         for (int got; (got = evolvent_bridge_receive(bus, &s)) != 0;) {
             quick = got == 1 ? s.power_request == EVOLVENT_POWER_QUICK_STOP : quick; /* at once, before it is due */
@@ -41,9 +37,8 @@ int main(void) {
         for (; count > 0 && queue[first].due_time_ns <= tick; first = (first + 1) % 1024, count--) {
             const evolvent_setpoint_t *q = &queue[first];
             if (f.sequence + 1 < q->sequence && due) f.missed_setpoints += (uint32_t)(q->sequence - f.sequence - 1);
-            f.sequence = q->sequence, f.axes_mask = q->axes_mask;
             const double h = (double)(q->due_time_ns - due) * 1e-9;
-            due = q->due_time_ns;
+            f.sequence = q->sequence, f.axes_mask = q->axes_mask, due = q->due_time_ns;
             locked = quick || q->power_request == EVOLVENT_POWER_QUICK_STOP || (locked && q->power_request != EVOLVENT_POWER_OFF);
             const int on = q->power_request == EVOLVENT_POWER_ON && !locked, renamed = q->datum != f.datum,
                       fits = reachable(q, at, f.velocity, h, f.bridge_state == EVOLVENT_BRIDGE_FOLLOWING);

@@ -12,33 +12,24 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 import evolvent  # noqa: E402
 import evolvent_bus as bus  # noqa: E402
 
-ON, OFF = 0x1237, 0x0240  # status words: operation enabled, switch on disabled
+ON, OFF, HARDEST = 0x1237, 0x0240, 20000  # status words; twice the acceleration of the axes, per s2
 
 
-HARDEST = 20000  # twice the acceleration of the axes, per s2
-
-
-def reachable(setpoint, at, speed, time_s, following):
-    # Following begins close to the axes and at rest, and goes on in steps that they can do (rule 7 of docs/bridges.md).
-    for i in (i for i in range(bus.AXES) if setpoint.axes_mask >> i & 1):
-        step, velocity = setpoint.position[i] - at[i], setpoint.velocity[i]
-        if not following:
-            fits = abs(step) < 0.5 and abs(velocity) < 1
-        else:
-            bend = abs(step - time_s * (speed[i] + velocity) / 2)
-            fits = bend < HARDEST * time_s**2 / 4 and abs(velocity - speed[i]) < HARDEST * time_s and abs(velocity) < 2000
-        if not fits:
-            return False
-    return True
+def reachable(setpoint, at, speed, time_s, state):
+    # Begin close to the axes and at rest, go on in steps that they can do (rule 7 of docs/bridges.md).
+    def fits(step, before, after):
+        bend, most = abs(step - time_s * (before + after) / 2), HARDEST * time_s
+        goes_on = bend < most * time_s / 4 and abs(after - before) < most
+        return goes_on if state == bus.BRIDGE_FOLLOWING else abs(step) < 0.5 and abs(after) < 1
+    axes = [i for i in range(bus.AXES) if setpoint.axes_mask >> i & 1]
+    return all(fits(setpoint.position[i] - at[i], speed[i], setpoint.velocity[i]) for i in axes)
 
 
 def main(machine, prefix=None):
     bridge = evolvent.Bridge(machine, prefix, timeout_s=86400)
     period = bridge.period_ns
-    queue = evolvent.Queue(patience_ns=10 * period)
-    answer = bus.Feedback(bridge_state=bus.BRIDGE_WAITING)
-    at, speed = [0.0] * bus.AXES, [0.0] * bus.AXES
-    locked, quick, heard, tick = False, False, 0, evolvent.monotonic_ns()
+    queue, answer = evolvent.Queue(patience_ns=10 * period), bus.Feedback(bridge_state=bus.BRIDGE_WAITING)
+    at, speed, locked, quick, heard, tick = [0.0] * bus.AXES, [0.0] * bus.AXES, False, False, 0, evolvent.monotonic_ns()
     while True:
         for setpoint in bridge.setpoints():
             answer.note = answer.note if queue.put(setpoint, tick) else bus.NOTE_LATE
@@ -48,12 +39,9 @@ def main(machine, prefix=None):
             # After a quick stop power comes back only by way of off.
             locked = quick or power == bus.POWER_QUICK_STOP or (locked and power != bus.POWER_OFF)
             on = power == bus.POWER_ON and not locked
-            fits = setpoint.datum != answer.datum or reachable(
-                setpoint, at, speed, time_s, answer.bridge_state == bus.BRIDGE_FOLLOWING
-            )
+            fits = setpoint.datum != answer.datum or reachable(setpoint, at, speed, time_s, answer.bridge_state)
             answer.bridge_state = bus.BRIDGE_OFF if not on else bus.BRIDGE_FOLLOWING if fits else bus.BRIDGE_HOLDING
-            if on and fits:
-                at, speed = list(setpoint.position), list(setpoint.velocity)
+            at, speed = (list(setpoint.position), list(setpoint.velocity)) if on and fits else (at, speed)
             answer.sequence, answer.axes_mask, answer.datum = setpoint.sequence, setpoint.axes_mask, setpoint.datum
             answer.status_word[:] = [ON if on else OFF] * bus.AXES
             answer.phase_error_ns, answer.fault_reset_done = tick - setpoint.due_time_ns, setpoint.fault_reset
@@ -61,8 +49,7 @@ def main(machine, prefix=None):
             locked, answer.bridge_state, answer.status_word[:] = True, bus.BRIDGE_OFF, [OFF] * bus.AXES
         if tick - heard > 10 * period and answer.bridge_state == bus.BRIDGE_FOLLOWING:
             answer.bridge_state, answer.note = bus.BRIDGE_HOLDING, bus.NOTE_SILENCE  # ideal axes stand at once
-        answer.position[:] = at
-        answer.missed_setpoints = queue.missed + bridge.refused
+        answer.position[:], answer.missed_setpoints = at, queue.missed + bridge.refused
         bridge.answer(answer)
         tick += period
         time.sleep(max(0, tick - evolvent.monotonic_ns()) * 1e-9)
