@@ -508,7 +508,7 @@ fn without_homing_tables(hardware: &dyn Hardware, name: &str) {
     let said = status.operator_message().to_owned();
     assert!(
         said.contains("home XYZ again")
-            && said.contains("jog to X0 Y0 Z0 first: without [[homing]], HOME declares"),
+            && said.contains("jog to X0 Y0 Z0 first (without [[homing]], HOME only declares it)"),
         "{said}"
     );
     mill.recovers();
