@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Status};
 use evolvent_control::{CommandCode, JobResult};
-use evolvent_path::FeedMetric;
+use evolvent_path::AxisLetter;
 
 use crate::ctl_answer::tell;
 use crate::ctl_request::request;
@@ -26,7 +26,7 @@ pub(crate) fn is_of_program(status: &Status) -> bool {
 
 /// How far an axis with this index is from its target, mm or degrees. Angles are shown modulo a turn where the axis is unlimited.
 fn off_target(axis: usize, difference: f64) -> f64 {
-    if FeedMetric::Abc.contains(axis) {
+    if AxisLetter::ALL.get(axis).is_some_and(|letter| letter.is_rotary()) {
         let rest = difference.rem_euclid(360.0);
         rest.min(360.0 - rest)
     } else {

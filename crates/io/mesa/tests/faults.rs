@@ -5,7 +5,7 @@ use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use evolvent_bridge_sim::monotonic_ns;
-use evolvent_bridge_trial::{LEAD, PERIOD_NS, TrialCore, states};
+use evolvent_bridge_trial::{TrialCore, states};
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_mesa::BoardSettings;
 use evolvent_mesa_board::{BoardModel, FaultKind};
@@ -392,32 +392,10 @@ fn outputs_are_safe_while_the_axes_still_brake_at_the_end_of_a_session() {
     );
 }
 
-/// Also jumps that an axis could go in the ten periods for which a bridge waits for setpoints.
 #[test]
 fn a_jump_that_persists_is_not_followed() {
     with_bridge(
         |_| {},
-        |core, server, _| {
-            for (velocity, jump) in [0.0, 20.0]
-                .into_iter()
-                .flat_map(|velocity| [0.6, 1.0, 2.0].map(|jump| (velocity, jump)))
-            {
-                core.bring_up();
-                core.velocity_x = velocity;
-                core.rest(0.3);
-                let (from, motor) = (core.position[0], server.lock().motor_steps(0));
-                core.position[0] += jump;
-                core.rest(0.3);
-                let turned = (server.lock().motor_steps(0) - motor) / STEPS;
-                // The motor is up to a lead behind the core, and goes on for ten periods, brakes, and stops.
-                let most = velocity * ((LEAD + 12) * PERIOD_NS) as f64 * 1e-9 + 0.5 * velocity.min(1.0);
-                assert!(
-                    turned <= most + 2.0 / STEPS,
-                    "{turned} mm at {velocity} mm/s, {jump} mm, {from}"
-                );
-                let (_, feedback) = core.heard.expect("feedback");
-                assert_eq!((feedback.bridge_state, feedback.note), (4, 4), "{feedback:?}");
-            }
-        },
+        |core, server, _| core.jumps(2.0 / STEPS, || server.lock().motor_steps(0) / STEPS),
     );
 }

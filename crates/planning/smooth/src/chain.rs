@@ -85,11 +85,6 @@ impl ProgramSegment {
         (self.feed_mm_s, self.metric, self.rapid) == (other.feed_mm_s, other.metric, other.rapid)
     }
 
-    /// Its feed, without limit for a rapid.
-    pub(crate) fn max_feed_mm_s(&self) -> f64 {
-        if self.rapid { f64::INFINITY } else { self.feed_mm_s }
-    }
-
     /// The start point.
     pub(crate) fn start(&self) -> &Axes {
         &self.start

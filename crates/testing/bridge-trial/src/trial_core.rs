@@ -11,7 +11,7 @@ use evolvent_drive::{DriveState, PowerRequest};
 pub const PERIOD_NS: u64 = 2_000_000;
 const PERIOD_S: f64 = PERIOD_NS as f64 * 1e-9;
 /// Periods that a setpoint is sent before it is due.
-pub const LEAD: u64 = 50;
+const LEAD: u64 = 50;
 /// Feedback that is older is not judged by.
 const FRESH: Duration = Duration::from_millis(100);
 /// Acceleration of every motion, mm/s2: within the limits of the machines of trials.
@@ -119,6 +119,34 @@ impl TrialCore {
     pub fn rest(&mut self, seconds: f64) {
         for _ in 0..(seconds * 1e9) as u64 / PERIOD_NS {
             self.cycle();
+        }
+    }
+
+    /// Jumps of X that persist, also such that an axis could go in the ten periods for which a bridge waits for setpoints, at rest and
+    /// in motion. `moved_mm` tells how far the motor of X has turned.
+    ///
+    /// # Panics
+    /// If the motor follows one by more than `resolution_mm`.
+    pub fn jumps(&mut self, resolution_mm: f64, mut moved_mm: impl FnMut() -> f64) {
+        for (velocity, jump) in [0.0, 20.0]
+            .into_iter()
+            .flat_map(|velocity| [0.6, 1.0, 2.0].map(|jump| (velocity, jump)))
+        {
+            self.bring_up();
+            self.velocity_x = velocity;
+            self.rest(0.3);
+            let from = moved_mm();
+            self.position[0] += jump;
+            self.rest(0.3);
+            let moved = moved_mm() - from;
+            // The motor is up to a lead behind the core, and goes on for ten periods, brakes, and stops.
+            let most = velocity * (LEAD + 12) as f64 * PERIOD_S + 0.5 * velocity.min(1.0);
+            assert!(
+                moved <= most + resolution_mm,
+                "{moved} mm at {velocity} mm/s, {jump} mm"
+            );
+            let (_, feedback) = self.heard.expect("feedback");
+            assert_eq!((feedback.bridge_state, feedback.note), (4, 4), "{feedback:?}");
         }
     }
 

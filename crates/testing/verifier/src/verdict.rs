@@ -199,7 +199,7 @@ impl fmt::Display for Violation {
             Kind::Rest => {
                 return write!(
                     formatter,
-                    "no setpoint within {value:.6} mm or degrees of the stop of line {line}"
+                    "the stop of line {line} missed by {value:.6} mm or degrees"
                 );
             }
             Kind::Start => {

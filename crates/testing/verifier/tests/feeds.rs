@@ -9,22 +9,22 @@ use evolvent_verifier::Allowances;
 
 use crate::rates::trial::{root, setup, trial};
 
-/// Runs a program on a shipped machine and names what is wrong with its motion.
-fn violations(machine: &str, name: &str, text: &str) -> Vec<String> {
+/// Runs a program on a shipped machine; nothing may be wrong with its motion.
+fn keeps_everything(machine: &str, text: &str) {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let path = folder.path().join(name);
+    let path = folder.path().join("feeds.ngc");
     std::fs::write(&path, text).expect("a file in the temporary folder");
     let machine = root().join("config/machines").join(machine);
     let setup = setup(&machine, None, None).expect("machine");
     let trial = trial(&path, &setup).expect("a run");
-    assert_eq!(trial.error, None, "{name}");
+    assert_eq!(trial.error, None, "{text}");
     let violations = trial.verdict.violations(&Allowances::default());
-    violations.iter().map(ToString::to_string).collect()
+    assert!(violations.is_empty(), "{violations:?}\n{text}");
 }
 
 /// Moves along lines that go on, turn or turn back, rapids among feeds of every size.
 fn program(random: &mut Random) -> String {
-    let tolerance = random.one_of(&[0.01, 0.05, 0.2, 1.0]);
+    let tolerance = random.one_of(&[0.01, 0.05, 0.2, 1.0, 5.0]);
     let mut text = format!("G21 G90 G17 G54 G64 P{tolerance}\nF200\n");
     let mut place = [0.0_f64; 3];
     let mut direction = [1.0, 0.0, 0.0];
@@ -59,10 +59,8 @@ fn program(random: &mut Random) -> String {
 #[test]
 fn feeds_hold_beside_short_rapids() {
     let mut random = Random::seeded(0xF33D_0001);
-    for case in 0..evolvent_random::cases(24) {
-        let text = program(&mut random);
-        let found = violations("mill-3axis.toml", "feeds.ngc", &text);
-        assert!(found.is_empty(), "case {case}: {found:?}\n{text}");
+    for _ in 0..evolvent_random::cases(24) {
+        keeps_everything("mill-3axis.toml", &program(&mut random));
     }
 }
 
@@ -73,8 +71,7 @@ fn the_feed_of_a_rotary_axis_holds_beside_linear_moves() {
         "G64 P0.01\nG0 X100\nG1 A-20 F300\nG0 Y50\nM2\n",
         "G64 P0.05\nG1 X40 F2000\nG93\nG1 A-20 F2\nM2\n",
     ] {
-        let found = violations("five-axis.toml", "rotary.ngc", text);
-        assert!(found.is_empty(), "{found:?}\n{text}");
+        keeps_everything("five-axis.toml", text);
     }
 }
 
@@ -86,7 +83,6 @@ fn a_change_of_tolerance_is_not_called_a_deviation() {
         "G64 P1\nG1 X20 F1000\nG61\nG1 X20.1 Y0.1\nG1 X20.3 Y0.15\nG1 X20.5 Y0.4\nG1 X21 Y0.5\nG1 X30\nM2\n",
         "G61.1\nG0 X10\nG1 X20 F1000\nM2\n",
     ] {
-        let found = violations("mill-3axis.toml", "tolerance.ngc", text);
-        assert!(found.is_empty(), "{found:?}\n{text}");
+        keeps_everything("mill-3axis.toml", text);
     }
 }

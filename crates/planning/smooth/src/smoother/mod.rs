@@ -264,10 +264,12 @@ impl Smoother {
                 .chain
                 .get(self.chain.first())
                 .map_or(0.0, |segment| spacing::max_spacing(segment.tolerance));
-        // The last joint of a zone determines its end.
+        // The last joint of a zone determines its end, and the joint that the path passes next the feed.
         let needed = match self.state {
             State::BlendZone { joint, .. } => {
-                self.chain.get(joint).map_or(self.cursor, |segment| segment.from)
+                let last = self.chain.get(joint).map_or(self.cursor, |segment| segment.from);
+                let passing = self.chain.get(self.feed_segment);
+                last.min(passing.map_or(self.cursor, |segment| segment.to))
             }
             State::Exact => self.cursor,
         };

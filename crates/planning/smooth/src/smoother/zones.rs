@@ -182,11 +182,11 @@ impl Smoother {
 
     /// Outputs the intervals that are final. If one of them is invalid, outputs those before it and returns its end.
     fn output_final(&mut self, end: Option<EndCondition>, out: &mut Vec<Output>) -> Option<f64> {
-        let zone = &self.zone;
-        let count = zone.intervals();
-        let done = zone.fixed.saturating_sub(3).min(count);
+        let count = self.zone.intervals();
+        let done = self.zone.fixed.saturating_sub(3).min(count);
         let (mut gone, mut bad) = (0, None);
         for i in 0..done {
+            let zone = &self.zone;
             let jet = zone.jet(i);
             let behind = match end {
                 _ if i + 1 < count => zone.jet(i + 1).position,
@@ -204,57 +204,12 @@ impl Smoother {
                 break;
             };
             gone = i + 1;
-            let curve = Curve::Spline(spline);
-            let mut at = from;
-            loop {
-                // Joints at which the feed does not change need not be looked at again.
-                while let (Some(here), Some(next)) = (
-                    self.chain.get(self.feed_segment),
-                    self.chain.get(self.feed_segment + 1),
-                ) && next.from <= at
-                    && next.has_feed_of(here)
-                {
-                    self.feed_segment += 1;
-                }
-                let boundary = FeedBoundary::next(&self.chain, self.feed_segment, to);
-                let passed = boundary.and_then(|boundary| boundary.passed(&spline, (from, to), at));
-                let by_parameter = self.chain.find(at + MIN_LENGTH);
-                let (Some(nearest), Some(segment)) =
-                    (self.chain.get(self.feed_segment), self.chain.get(by_parameter))
-                else {
-                    break;
-                };
-                let stop = self.feed_end(by_parameter, to).min(passed.unwrap_or(to));
-                let stop = if stop < to - MIN_LENGTH { stop } else { to };
-                let slower =
-                    nearest.metric == segment.metric && nearest.max_feed_mm_s() < segment.max_feed_mm_s();
-                let segment = if slower { nearest } else { segment };
-                if stop - at > MIN_LENGTH {
-                    out.push(Output::Segment(PathSegment {
-                        curve,
-                        from: at - from,
-                        length: stop - at,
-                        feed_mm_s: segment.feed_mm_s,
-                        metric: segment.metric,
-                        rapid: segment.rapid,
-                        blend: true,
-                        joint: std::mem::take(&mut self.departure.joint),
-                    }));
-                    at = stop;
-                    release(&mut self.marks, self.base + at, out);
-                }
-                if let Some(boundary) = boundary
-                    && passed.is_some_and(|passed| passed <= stop)
-                {
-                    self.feed_segment = boundary.segment;
-                } else if at >= to - MIN_LENGTH {
-                    break;
-                }
-            }
+            self.output_interval(&spline, (from, to), out);
             self.cursor = to;
             self.offset_point = Some(behind);
             release(&mut self.marks, self.base + to, out);
         }
+        let zone = &self.zone;
         for sample in zone.samples.iter().take_while(|sample| sample.interval < gone) {
             let error = sample.error(&zone.points[sample.interval..sample.interval + 4]);
             let used = sample.ratio(&error).sqrt() * sample.radius2.sqrt();
@@ -262,6 +217,56 @@ impl Smoother {
         }
         self.zone.forget(gone);
         bad
+    }
+
+    /// Outputs a final interval, divided where another feed counts.
+    fn output_interval(&mut self, spline: &Spline, (from, to): (f64, f64), out: &mut Vec<Output>) {
+        let mut at = from;
+        loop {
+            // Joints at which the feed does not change need not be looked at again.
+            while let (Some(here), Some(next)) = (
+                self.chain.get(self.feed_segment),
+                self.chain.get(self.feed_segment + 1),
+            ) && next.from <= at
+                && next.has_feed_of(here)
+            {
+                self.feed_segment += 1;
+            }
+            let boundary = FeedBoundary::next(&self.chain, self.feed_segment, to);
+            let passed = boundary.and_then(|boundary| boundary.passed(spline, (from, to), at));
+            let by_parameter = self.chain.find(at + MIN_LENGTH);
+            let Some(segment) = self.chain.get(by_parameter) else {
+                break;
+            };
+            let stop = self.feed_end(by_parameter, to).min(passed.unwrap_or(to));
+            let stop = if stop < to - MIN_LENGTH { stop } else { to };
+            let slower = self
+                .chain
+                .get(self.feed_segment)
+                .filter(|nearest| nearest.metric == segment.metric && nearest.feed_mm_s < segment.feed_mm_s);
+            let segment = slower.unwrap_or(segment);
+            if stop - at > MIN_LENGTH {
+                out.push(Output::Segment(PathSegment {
+                    curve: Curve::Spline(*spline),
+                    from: at - from,
+                    length: stop - at,
+                    feed_mm_s: segment.feed_mm_s,
+                    metric: segment.metric,
+                    rapid: segment.rapid,
+                    blend: true,
+                    joint: std::mem::take(&mut self.departure.joint),
+                }));
+                at = stop;
+                release(&mut self.marks, self.base + at, out);
+            }
+            if let Some(boundary) = boundary
+                && passed.is_some_and(|passed| passed <= stop)
+            {
+                self.feed_segment = boundary.segment;
+            } else if at >= to - MIN_LENGTH {
+                break;
+            }
+        }
     }
 }
 

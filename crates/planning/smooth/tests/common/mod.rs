@@ -390,22 +390,17 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                     .clamp(1, blocks.len())
                     - 1];
                 // Near a joint the feed of the block before or behind it counts if it is lower.
-                let lower = |other: &Block| {
-                    let from = |index: usize| programmed.starts[index];
-                    let reach = 2.0 * max + 1e-9;
-                    other.feed_mm_s == stretch.feed_mm_s
-                        && other.rapid == stretch.rapid
-                        && stretch.feed_mm_s < by_middle.feed_mm_s
-                        && blocks.iter().enumerate().any(|(index, block)| {
-                            block == other
-                                && from(index) <= u + stretch.length + reach
-                                && from(index + 1) >= u - reach
-                        })
+                let reach = 2.0 * max + 1e-9;
+                let is_lower = |(block, starts): (&Block, &[f64])| {
+                    (block.feed_mm_s, block.rapid) == (stretch.feed_mm_s, stretch.rapid)
+                        && block.feed_mm_s < by_middle.feed_mm_s
+                        && starts[0] <= u + stretch.length + reach
+                        && starts[1] >= u - reach
                 };
                 assert!(
                     (stretch.feed_mm_s, stretch.rapid) == feed_there
                         || (stretch.feed_mm_s, stretch.rapid) == (by_middle.feed_mm_s, by_middle.rapid)
-                        || blocks.iter().any(lower),
+                        || blocks.iter().zip(programmed.starts.windows(2)).any(is_lower),
                     "{what}: feed {} at {u}",
                     stretch.feed_mm_s
                 );

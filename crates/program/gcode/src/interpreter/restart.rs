@@ -156,7 +156,7 @@ impl<R: BufRead> Interpreter<R> {
             }
             let probed = match self.step_silently() {
                 Ok(probed) => probed,
-                // Nothing has been probed yet: the (ABORT) follows from the contact of an earlier block. The check decides.
+                // A probing move of this block has no result here, so the (ABORT) may follow from an earlier one: the check decides.
                 Err(diagnostic)
                     if self.settings.is_block && has_probed && diagnostic.code == Code::ActiveComment =>
                 {
