@@ -1,10 +1,9 @@
 //! A correction over the position of an axis.
 
-/// A C2 cubic spline through the points of a table, constant before the first and after the last point.
+/// The natural cubic spline through the points of a table: C2, without curvature at the first and the last point, so that a uniform
+/// error of pitch stays uniform.
 ///
-/// Slope and curvature are zero at both ends, so the spline joins the constants smoothly. The two additional conditions at
-/// each end need one additional knot, in the middle of the first and of the last interval. A table of two points has its two
-/// knots at one and three quarters.
+/// Beyond the table the slope fades to zero over the length of the interval beside it, and then the curve is constant.
 ///
 /// Exact up to rounding; evaluation is a binary search and a polynomial.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,33 +42,32 @@ impl ErrorCurve {
     /// [`ScrewTable`](crate::ScrewTable).
     pub(crate) fn through(positions: &[f64], values: &[f64]) -> Self {
         let last = positions.len() - 1;
-        let mut pieces = Vec::with_capacity(last + 4);
-        pieces.push(Piece::constant(f64::NEG_INFINITY, values[0]));
-        if last == 1 {
-            single_interval(positions, values, &mut pieces);
-        } else {
-            let slopes = slopes(positions, values);
-            for i in 0..last {
-                let (x, h) = (positions[i], positions[i + 1] - positions[i]);
-                let change = values[i + 1] - values[i];
-                if i == 0 {
-                    first_interval(x, h, values[0], change, slopes[1], &mut pieces);
-                } else if i + 1 == last {
-                    last_interval(x, h, values[i], change, slopes[i], &mut pieces);
-                } else {
-                    let (left, right) = (slopes[i], slopes[i + 1]);
-                    let mean = change / h;
-                    let c = [
-                        values[i],
-                        left,
-                        (3.0 * mean - 2.0 * left - right) / h,
-                        (left + right - 2.0 * mean) / (h * h),
-                    ];
-                    pieces.push(Piece { start: x, c });
-                }
-            }
+        let length = |i: usize| positions[i + 1] - positions[i];
+        let slopes = slopes(positions, values);
+        let mut pieces = Vec::with_capacity(last + 6);
+        fade_in(positions[0], length(0), values[0], slopes[0], &mut pieces);
+        for i in 0..last {
+            let h = length(i);
+            let mean = (values[i + 1] - values[i]) / h;
+            let (left, right) = (slopes[i], slopes[i + 1]);
+            let c = [
+                values[i],
+                left,
+                (3.0 * mean - 2.0 * left - right) / h,
+                (left + right - 2.0 * mean) / (h * h),
+            ];
+            pieces.push(Piece {
+                start: positions[i],
+                c,
+            });
         }
-        pieces.push(Piece::constant(positions[last], values[last]));
+        fade_out(
+            positions[last],
+            length(last - 1),
+            values[last],
+            slopes[last],
+            &mut pieces,
+        );
         Self { pieces }
     }
 
@@ -123,92 +121,62 @@ impl ErrorCurve {
     }
 }
 
-/// Slopes at the inner points (the outer two are zero) from the continuity of the second derivative: Thomas algorithm on a
-/// diagonally dominant tridiagonal system.
+/// Slopes at the points, from the continuity of the second derivative, which is zero at both ends: Thomas algorithm on a diagonally
+/// dominant tridiagonal system.
 fn slopes(positions: &[f64], values: &[f64]) -> Vec<f64> {
     let last = positions.len() - 1;
+    // Of an interval: what it adds to the diagonal's half and to the right side.
+    let interval = |i: usize| {
+        let h = positions[i + 1] - positions[i];
+        (1.0 / h, 3.0 * (values[i + 1] - values[i]) / (h * h))
+    };
     let mut slopes = vec![0.0; last + 1];
-    // Of the previous row, normalised: the factor of the next slope, and the right side.
+    // Of the previous row, normalised: the factor of the next slope.
     let mut above = vec![0.0; last + 1];
-    for i in 1..last {
-        let (h0, h1) = (positions[i] - positions[i - 1], positions[i + 1] - positions[i]);
-        let (change0, change1) = (values[i] - values[i - 1], values[i + 1] - values[i]);
-        // With the middle knot, and zero slope and curvature at the outer end: curvature = 6 slope/h - 12 change/h^2.
-        let (lower, diagonal0, right0) = if i == 1 {
-            (0.0, 6.0 / h0, 12.0 * change0 / (h0 * h0))
-        } else {
-            (2.0 / h0, 4.0 / h0, 6.0 * change0 / (h0 * h0))
+    let (mut lower, mut right0) = (0.0, 0.0);
+    for i in 0..=last {
+        let (upper, right1) = if i < last { interval(i) } else { (0.0, 0.0) };
+        let (factor, before) = match i.checked_sub(1) {
+            Some(before) => (above[before], slopes[before]),
+            None => (0.0, 0.0),
         };
-        let (upper, diagonal1, right1) = if i + 1 == last {
-            (0.0, 6.0 / h1, 12.0 * change1 / (h1 * h1))
-        } else {
-            (2.0 / h1, 4.0 / h1, 6.0 * change1 / (h1 * h1))
-        };
-        let pivot = diagonal0 + diagonal1 - lower * above[i - 1];
+        let pivot = 2.0 * (lower + upper) - lower * factor;
         above[i] = upper / pivot;
-        slopes[i] = (right0 + right1 - lower * slopes[i - 1]) / pivot;
+        slopes[i] = (right0 + right1 - lower * before) / pivot;
+        (lower, right0) = (upper, right1);
     }
-    for i in (1..last).rev() {
+    for i in (0..last).rev() {
         slopes[i] -= above[i] * slopes[i + 1];
     }
     slopes
 }
 
-/// `a t^3` up to the middle knot, plus `b (t - h/2)^3` after it; value and slope at the end determine `a` and `b`.
-fn first_interval(x: f64, h: f64, value: f64, change: f64, slope: f64, pieces: &mut Vec<Piece>) {
-    let (a, b) = end_coefficients(h, change, slope);
-    let u = 0.5 * h;
+/// From a constant to `value` at `x` with this slope and no curvature, over `length`: constant third derivative, and its negative.
+fn fade_in(x: f64, length: f64, value: f64, slope: f64, pieces: &mut Vec<Piece>) {
+    let rise = slope * length / 12.0;
+    let c3 = slope / (1.5 * length * length);
+    pieces.push(Piece::constant(f64::NEG_INFINITY, value - 6.0 * rise));
+    pieces.push(Piece {
+        start: x - length,
+        c: [value - 6.0 * rise, 0.0, 0.0, c3],
+    });
+    pieces.push(Piece {
+        start: x - 0.5 * length,
+        c: [value - 5.0 * rise, 0.5 * slope, slope / length, -c3],
+    });
+}
+
+/// The reverse of `fade_in`.
+fn fade_out(x: f64, length: f64, value: f64, slope: f64, pieces: &mut Vec<Piece>) {
+    let rise = slope * length / 12.0;
+    let c3 = slope / (1.5 * length * length);
     pieces.push(Piece {
         start: x,
-        c: [value, 0.0, 0.0, a],
+        c: [value, slope, 0.0, -c3],
     });
     pieces.push(Piece {
-        start: x + u,
-        c: [value + a * u * u * u, 3.0 * a * u * u, 3.0 * a * u, a + b],
+        start: x + 0.5 * length,
+        c: [value + 5.0 * rise, 0.5 * slope, -slope / length, c3],
     });
-}
-
-/// The mirror image of `first_interval`.
-fn last_interval(x: f64, h: f64, value: f64, change: f64, slope: f64, pieces: &mut Vec<Piece>) {
-    let (a, b) = end_coefficients(h, -change, -slope);
-    let u = 0.5 * h;
-    pieces.push(Piece {
-        start: x,
-        c: [value, slope, 3.0 * a * h + 3.0 * b * u, -(a + b)],
-    });
-    pieces.push(Piece {
-        start: x + u,
-        c: [value + change + a * u * u * u, -3.0 * a * u * u, 3.0 * a * u, -a],
-    });
-}
-
-fn end_coefficients(h: f64, change: f64, slope: f64) -> (f64, f64) {
-    let a = (6.0 * change / h - slope) / (3.0 * h * h);
-    (a, 8.0 * (change / (h * h * h) - a))
-}
-
-/// The transition between two constants: knots at one and three quarters of `h`, third derivatives in the ratio 1 : -1 : 1.
-fn single_interval(positions: &[f64], values: &[f64], pieces: &mut Vec<Piece>) {
-    let h = positions[1] - positions[0];
-    let a = 16.0 / 3.0 * (values[1] - values[0]) / (h * h * h);
-    let (u, w) = (0.25 * h, 0.5 * h);
-    let quarter = values[0] + a * u * u * u;
-    let (slope, half_curvature) = (3.0 * a * u * u, 3.0 * a * u);
-    pieces.push(Piece {
-        start: positions[0],
-        c: [values[0], 0.0, 0.0, a],
-    });
-    pieces.push(Piece {
-        start: positions[0] + u,
-        c: [quarter, slope, half_curvature, -a],
-    });
-    pieces.push(Piece {
-        start: positions[0] + 3.0 * u,
-        c: [
-            quarter + slope * w + half_curvature * w * w - a * w * w * w,
-            slope,
-            -half_curvature,
-            a,
-        ],
-    });
+    pieces.push(Piece::constant(x + length, value + 6.0 * rise));
 }

@@ -37,8 +37,8 @@
 //! q = y + m(y) + b g(y) + o
 //! ```
 //!
-//! `m` is the mean correction of both directions, `g` is half of their difference plus half of the backlash. Both are C2 cubic
-//! splines over the position ([`ErrorCurve`]), constant outside the table. `b` is the direction, -1 to 1: a hysteresis
+//! `m` is the mean correction of both directions, `g` is half of their difference plus half of the backlash. Both are natural cubic
+//! splines over the position ([`ErrorCurve`]); beyond the table the slope fades to zero, then the curve is constant. `b` is the direction, -1 to 1: a hysteresis
 //! ([`Direction`]) whose steps are smoothed by three moving averages ([`TripleAverage`]), so that the take-up of the backlash
 //! has bounded velocity, acceleration and jerk. `o` is the thermal offset, limited in rate and smoothed in the same way.
 //!

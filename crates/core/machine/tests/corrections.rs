@@ -63,7 +63,13 @@ fn tables_of_all_formats_are_read_into_corrections() {
         (-100.0, -0.003, 0.0025),
         (0.0, 0.0, 0.005),
         (100.0, 0.004, 0.009),
-        (150.0, 0.004, 0.009),
+        // The slopes at the end are 0.0425 and 0.04375 um/mm; half-way 5/12 of 100 mm of them have been added, and 1/2 in the end.
+        (
+            150.0,
+            0.004 + 0.004_25 * 5.0 / 12.0,
+            0.009 + 0.004_375 * 5.0 / 12.0,
+        ),
+        (250.0, 0.006_125, 0.011_187_5),
     ];
     assert_corrections(&machine, 0, &expected);
     assert_eq!(machine.corrections.files.len(), 1);
@@ -140,6 +146,23 @@ fn squareness_and_thermal_inputs_are_read() {
         .collect();
     // The default rate is 1 um/s.
     assert!((after[5000] - 5.025).abs() < 1e-4 && (after[11_999] - 5.03).abs() < 1e-9);
+}
+
+/// While an axis moves by 100 mm the tool drifts by what the key of the pair says, and by nothing else: the slides go back as much.
+#[test]
+fn each_pair_of_axes_has_its_own_squareness() {
+    let z = Y.replace("\"Y\"", "\"Z\"");
+    for (key, moving, drifting) in [("xy_um_m", 1, 0), ("xz_um_m", 2, 0), ("yz_um_m", 2, 1)] {
+        let text = format!("{HEAD}{X}{Y}{z}[squareness]\n{key} = 150\n");
+        let machine = Machine::parse(&text, "m.toml").unwrap();
+        let mut compensation = machine.corrections.design.compensation(0.001, Axes::zeros());
+        let mut ideal = Jet::at_rest(Axes::zeros());
+        ideal.position[moving] = 100.0;
+        let slides = compensation.step(&ideal).position;
+        let mut expected = ideal.position;
+        expected[drifting] = -0.015;
+        assert!((slides - expected).norm() < 1e-12, "{key}: {slides:?}");
+    }
 }
 
 #[track_caller]
