@@ -15,6 +15,7 @@ use evolvent_bridge_test::{
     CASES, Outcome, Part, ProcessBridge, SIMULATED_PROBE, Stage, ThreadBridge, run_case, run_core,
 };
 use evolvent_bus::{AXES, BusError, MachineInputs, MachineOutputs, Setpoint};
+use evolvent_config::plain;
 use evolvent_machine::{HomingMethod, HomingSettings, Machine, SignalKind};
 use evolvent_runtime::{InputScript, RealtimeRequest, apply_to_this_thread};
 use evolvent_turning::{Job as TurningJob, SimulatedProcess};
@@ -331,7 +332,8 @@ fn checked_ranges(args: &SimArgs) -> Result<Option<Duration>, CommandError> {
             return Ok(());
         }
         Err(usage(format!(
-            "--{name} {value} is out of range: choose {least} to {most}"
+            "--{name} {} is out of range: choose {least} to {most}",
+            plain(value)
         )))
     };
     within("frequency", args.frequency, 0.1, 10_000.0)?;

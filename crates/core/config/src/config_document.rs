@@ -7,7 +7,7 @@ use toml::de::DeTable;
 
 use crate::error::ConfigError;
 use crate::place::{Found, byte_of, find_json, find_toml, line_and_column};
-use crate::words::{in_plain_words, one_line, plain, shortened};
+use crate::words::{in_plain_words, one_line, plain, shortened, with_plain_numbers};
 
 /// A user-written configuration file, parsed once: TOML, or JSON if the file name ends in `.json`.
 ///
@@ -168,6 +168,20 @@ impl<'a> ConfigDocument<'a> {
         Err(self.error(key, format!("{} is out of range", plain(value)), advice))
     }
 
+    /// The line of a dotted key, or of the innermost table of it that exists, from 1.
+    #[must_use]
+    pub fn line(&self, key: &str) -> u32 {
+        let (Found::Key(place) | Found::Parent(place)) = self.find(key);
+        line_and_column(self.text, place).0 as u32
+    }
+
+    fn find(&self, key: &str) -> Found {
+        match &self.content {
+            Content::Toml(table, whole) => find_toml(table, whole.start, key),
+            Content::Json => find_json(self.text, key),
+        }
+    }
+
     /// An error at a dotted key, or at the innermost table of it that exists.
     #[must_use]
     pub fn error(&self, key: &str, what: String, advice: impl Into<String>) -> ConfigError {
@@ -175,18 +189,15 @@ impl<'a> ConfigDocument<'a> {
     }
 
     fn error_at(&self, key: &str, at: Option<usize>, what: String, advice: String) -> ConfigError {
-        let (found, whole) = match &self.content {
-            Content::Toml(table, whole) => (find_toml(table, whole.start, key), key),
-            Content::Json => (find_json(self.text, key), key),
-        };
-        let place = match (found, at) {
+        let (what, advice) = (with_plain_numbers(what), with_plain_numbers(advice));
+        let place = match (self.find(key), at) {
             (Found::Key(place), _) | (_, Some(place)) | (Found::Parent(place), None) => place,
         };
         let (line, column) = line_and_column(self.text, place);
-        let key = if whole.is_empty() || whole == "." {
+        let key = if key.is_empty() || key == "." {
             "the file".to_owned()
         } else {
-            shortened(whole)
+            shortened(key)
         };
         ConfigError::Key {
             file: self.file.to_owned(),

@@ -31,6 +31,36 @@ fn shortened_to(text: &str, most_chars: usize) -> String {
     }
 }
 
+/// Numbers with more digits are put as [`plain`] puts them. Those of a double number are 17, and a file may write some more.
+const MAX_DIGITS: usize = 24;
+
+/// A message in which no number fills lines: others format what a user has written as it comes.
+pub(crate) fn with_plain_numbers(message: String) -> String {
+    if message.len() <= MAX_DIGITS {
+        return message;
+    }
+    let is_digit = |letter: char| letter.is_ascii_digit() || letter == '.';
+    let mut text = String::with_capacity(message.len().min(4096));
+    let mut rest = message.as_str();
+    while let Some(start) = rest.find(is_digit) {
+        let (before, from) = rest.split_at(start);
+        let (number, after) = from.split_at(from.find(|letter| !is_digit(letter)).unwrap_or(from.len()));
+        text.push_str(before);
+        // The last may be the full stop of a sentence.
+        let digits = number.trim_end_matches('.');
+        match digits.parse() {
+            Ok(value) if digits.len() > MAX_DIGITS => {
+                text.push_str(&plain(value));
+                text.push_str(&number[digits.len()..]);
+            }
+            _ => text.push_str(number),
+        }
+        rest = after;
+    }
+    text.push_str(rest);
+    text
+}
+
 /// Formats a number for messages; very large ones stay short (1e308).
 #[must_use]
 pub fn plain(value: f64) -> String {
@@ -39,5 +69,26 @@ pub fn plain(value: f64) -> String {
         format!("{value:e}")
     } else {
         format!("{value}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_number_of_a_message_fills_lines() {
+        let huge = format!("home is {} and below {}.", 1e300, -2.5e-200);
+        assert!(huge.len() > 500, "{huge}");
+        assert_eq!(with_plain_numbers(huge), "home is 1e300 and below -2.5e-200.");
+        for same in [
+            "",
+            "...",
+            "from 0.1 to 10000.",
+            "line 12: 0.30000000000000004",
+            "1.2.3",
+        ] {
+            assert_eq!(with_plain_numbers(same.to_owned()), same);
+        }
     }
 }

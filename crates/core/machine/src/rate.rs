@@ -2,6 +2,7 @@
 //!
 //! Source: Kombarov and Sorokin (see `chord.rs`), equations (3) to (11).
 
+use evolvent_config::plain;
 use serde::Serialize;
 
 use crate::chord::{acceleration_feed_mm_s, jerk_feed_mm_s, max_chord_mm, rate_for};
@@ -75,7 +76,7 @@ pub struct RationalRate {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum RateError {
     /// A number is zero, negative, NaN or out of range.
-    #[error("{name} is {value}: give a number above {min:e} and up to {max:e} {unit}")]
+    #[error("{name} is {}: give a number above {min:e} and up to {max:e} {unit}", plain(*.value))]
     OutOfRange {
         /// Name of the quantity.
         name: &'static str,

@@ -16,7 +16,8 @@ const ROUNDING_DEG: f64 = 1e-6;
 pub fn angle_within_turn(angle_deg: f64) -> f64 {
     let within = angle_deg.rem_euclid(TURN_DEG);
     // A tiny negative angle is rounded up to a whole turn.
-    if within >= TURN_DEG { 0.0 } else { within }
+    // A negative whole number of turns leaves -0.0.
+    if within >= TURN_DEG { 0.0 } else { within + 0.0 }
 }
 
 /// The whole turns nearest to a coordinate, degrees.
@@ -112,6 +113,10 @@ mod tests {
             (-1e-20, 0.0),
         ] {
             assert_eq!(angle_within_turn(angle), shown);
+        }
+        for turns in [-1000.0, -1.0, -0.0, 0.0, 1.0] {
+            let shown = angle_within_turn(TURN_DEG * turns);
+            assert!(shown == 0.0 && shown.is_sign_positive(), "{turns}: {shown:?}");
         }
     }
 }

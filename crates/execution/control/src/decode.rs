@@ -1,5 +1,6 @@
 //! From the numbers of a request to a command with a meaning; whatever makes no sense is refused.
 
+use evolvent_config::plain;
 use evolvent_path::{AXES, Axes, AxisMask};
 
 use crate::alarm::Alarm;
@@ -150,7 +151,12 @@ impl Command {
 fn range(what: &str, value: f64, low: f64, high: f64) -> Rejection {
     Rejection::new(
         Alarm::BadNumber,
-        format!("{what} is {value}, it must be {low} to {high}"),
+        format!(
+            "{what} is {}, it must be {} to {}",
+            plain(value),
+            plain(low),
+            plain(high)
+        ),
     )
 }
 

@@ -1,5 +1,6 @@
 //! Why there is no prediction.
 
+use evolvent_config::plain;
 use evolvent_cutting::ForceError;
 use thiserror::Error;
 
@@ -7,7 +8,7 @@ use thiserror::Error;
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum ChatterError {
     /// A number is not finite or far from any machine.
-    #[error("{name} is {value}: give a number from {least} to {most}")]
+    #[error("{name} is {}: give a number from {least} to {most}", plain(*.value))]
     Number {
         /// Which.
         name: &'static str,

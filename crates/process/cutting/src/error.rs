@@ -1,5 +1,6 @@
 //! Why there is no force, or no law.
 
+use evolvent_config::plain;
 use thiserror::Error;
 
 /// Why a law has no force for a cut. Small and without text of its own, so that the cycle may return it.
@@ -35,7 +36,8 @@ pub enum ForceError {
     },
     /// A table ends before this cut.
     #[error(
-        "the table of forces ends before {value} {quantity}: it covers {least} to {most}; extend the table"
+        "the table of forces ends before {} {quantity}: it covers {least} to {most}; extend the table",
+        plain(*.value)
     )]
     Outside {
         /// Quantity with its unit.
@@ -65,7 +67,7 @@ pub enum ForceError {
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum LawError {
     /// A number is not finite or far from anything real.
-    #[error("{name} is {value}: give a number from {least} to {most}")]
+    #[error("{name} is {}: give a number from {least} to {most}", plain(*.value))]
     Number {
         /// The coefficient.
         name: &'static str,
@@ -97,7 +99,7 @@ pub enum LawError {
         factor: f64,
     },
     /// An axis of a table does not rise, or is too short or too long.
-    #[error("the table's axis {axis} must have 1 to 200 rising, positive entries; entry {entry} is {value}")]
+    #[error("the table's axis {axis} must have 1 to 200 rising, positive entries; entry {entry} is {}", plain(*.value))]
     Axis {
         /// Name of the axis.
         axis: &'static str,

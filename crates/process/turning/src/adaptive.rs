@@ -4,6 +4,7 @@
 //! load at the programmed feed is worked out from the load and the feed of the moment (`load ~ feed^exponent`), and the
 //! factor follows from it at once, within limits and slew rates. What cannot be believed slows down and stops.
 
+use evolvent_config::plain;
 use evolvent_machine::LoadSample;
 
 use crate::chip::ChipTrail;
@@ -86,7 +87,7 @@ impl AdaptiveSettings {
 
 /// Why settings are refused.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("{name} is {value}; it must lie from {least} to {most}")]
+#[error("{name} is {}; it must lie from {least} to {most}", plain(*.value))]
 pub struct AdaptiveError {
     /// Which.
     pub name: &'static str,

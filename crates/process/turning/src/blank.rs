@@ -1,5 +1,7 @@
 //! The stock as it comes: what stands above the final size before anything is cut.
 
+use evolvent_config::plain;
+
 /// A blank along the cut. Heights are measured outwards from the final size, places from the face at which the tool
 /// comes in, both in mm.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,7 +26,7 @@ pub enum BlankError {
     #[error("the outline of the stock needs one point at least, and at most 10000")]
     Points,
     /// A number outside what makes sense.
-    #[error("{name} of the stock is {value}; it must lie from {least} to {most}")]
+    #[error("{name} of the stock is {}; it must lie from {least} to {most}", plain(*.value))]
     Number {
         /// Which.
         name: &'static str,

@@ -4,6 +4,7 @@
 use crate::law::CutLaw;
 use crate::tool::Tool;
 use crate::wear::Wear;
+use evolvent_config::plain;
 
 /// What the figures are made from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,7 +90,7 @@ pub enum RegimeError {
         feed_exponent: f64,
     },
     /// A number that makes no sense.
-    #[error("{name} is {value}; it must be a number above 0 and at most {most}")]
+    #[error("{name} is {}; it must be a number above 0 and at most {most}", plain(*.value))]
     Number {
         /// Which.
         name: &'static str,

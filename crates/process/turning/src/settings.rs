@@ -1,5 +1,6 @@
 //! What self-programmed turning is set up with, and what is refused.
 
+use evolvent_config::plain;
 use evolvent_timing::ScalarLimits;
 
 use crate::cone::{Cone, ConeError};
@@ -163,7 +164,7 @@ pub struct TurningSettings {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SettingsError {
     /// A number outside what makes sense.
-    #[error("{name} is {value}; it must lie from {least} to {most}")]
+    #[error("{name} is {}; it must lie from {least} to {most}", plain(*.value))]
     Number {
         /// Which.
         name: &'static str,
@@ -200,7 +201,8 @@ pub enum SettingsError {
     },
     /// Feeds of the strategy outside the regime.
     #[error(
-        "{name} is {value} mm/rev; it must lie from the smallest to the largest feed, {least} to {most} mm/rev"
+        "{name} is {} mm/rev; it must lie from the smallest to the largest feed, {least} to {most} mm/rev",
+        plain(*.value)
     )]
     StrategyFeed {
         /// Which.

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use evolvent_config::plain;
 use evolvent_machine::{
     RateInput, chord_error_increments, chord_feed_limit_mm_s, max_chord_mm, min_radius_for_chord_mm, rate_for,
 };
@@ -23,7 +24,7 @@ pub struct ChordQuestion {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ChordQuestionError {
     /// A number that is not above 0, or too large.
-    #[error("{name} {value} is impossible: give a number above 0 and up to {most:e}")]
+    #[error("{name} {} is impossible: give a number above 0 and up to {most:e}", plain(*.value))]
     Impossible {
         /// Name of the number: `rate`, `feed`, `radius`, `increments per mm` or `permitted error`.
         name: &'static str,

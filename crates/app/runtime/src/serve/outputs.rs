@@ -1,5 +1,6 @@
 //! Outputs by hand.
 
+use evolvent_config::plain;
 use evolvent_control::{Alarm, Rejection};
 use evolvent_machine::{OutputSettings, SignalKind};
 use evolvent_signals::{Change, Moment};
@@ -39,15 +40,20 @@ fn change_of(output: &OutputSettings, value: f64) -> Result<Change, Rejection> {
         }
         SignalKind::Digital => {
             let text = format!(
-                "the output {} is digital: it takes 0 (off) or 1 (on), not {value}",
-                output.name
+                "the output {} is digital: it takes 0 (off) or 1 (on), not {}",
+                output.name,
+                plain(value)
             );
             Err(Rejection::new(Alarm::BadNumber, text))
         }
         SignalKind::Analog => {
             let [low, high] = output.range;
             if !(low..=high).contains(&value) {
-                let text = format!("the output {} takes {low} to {high}, not {value}", output.name);
+                let text = format!(
+                    "the output {} takes {low} to {high}, not {}",
+                    output.name,
+                    plain(value)
+                );
                 return Err(Rejection::new(Alarm::BadNumber, text));
             }
             change.set_analog(output.number, value);

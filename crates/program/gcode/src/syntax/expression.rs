@@ -10,6 +10,7 @@ use crate::parameters::names::Normal;
 use crate::parameters::values::NUMBERED;
 use crate::state::scope::Scope;
 use crate::syntax::lexer::Lexer;
+use evolvent_config::plain;
 
 /// Maximum nesting depth of brackets, functions and parameters of parameters.
 const DEPTH: u32 = 64;
@@ -369,11 +370,15 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         let rounded = value.round();
         let place = Span::new(start, self.lexer.place());
         if (value - rounded).abs() > 1e-4 {
-            let message = format!("#{value}: the number of a parameter must be an integer");
+            let message = format!("#{}: the number of a parameter must be an integer", plain(value));
             return Err(Fault::new(Code::NotInteger, place, message));
         }
         if !(1.0..NUMBERED as f64).contains(&rounded) {
-            let message = format!("#{rounded}: parameters have numbers from 1 to {}", NUMBERED - 1);
+            let message = format!(
+                "#{}: parameters have numbers from 1 to {}",
+                plain(rounded),
+                NUMBERED - 1
+            );
             return Err(Fault::new(Code::Parameter, place, message));
         }
         Ok(Target::Numbered(rounded as usize))
