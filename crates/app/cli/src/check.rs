@@ -38,6 +38,8 @@ pub(crate) fn run(
     err: &mut dyn Write,
 ) -> Result<Ending, CommandError> {
     let mut setup = args.program.setup()?;
+    // Folders that do not exist are among the warnings of the check.
+    crate::program::warn_of_values(&setup.machine, err);
     let case = sort_process_files(&mut setup, &args.process, Clock::Realtime)?;
     let start = args.program.tell_start(&setup, err);
     let file_name = args.program.program.display().to_string();

@@ -52,6 +52,7 @@ pub(crate) struct PlanArgs {
 
 pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let mut setup = args.program.setup()?;
+    crate::program::warn_of_machine(&setup, err);
     let case = sort_process_files(&mut setup, &args.process, Clock::Virtual)?;
     let mut inputs = args.program.inputs(&setup);
     inputs.extend(args.inputs.as_deref().map(|file| (file, "the file of inputs")));

@@ -123,6 +123,21 @@ impl ProgramArgs {
     }
 }
 
+/// Warns of a machine file: of values that are those of no machine, and of folders that do not exist.
+pub(crate) fn warn_of_machine(setup: &Setup, err: &mut dyn Write) {
+    warn_of_values(&setup.machine, err);
+    for warning in setup.missing_folders() {
+        drop(writeln!(err, "warning: {warning}"));
+    }
+}
+
+/// Warns of values of a machine file that are those of no machine. If standard error is closed, nobody is left to inform.
+pub(crate) fn warn_of_values(machine: &Machine, err: &mut dyn Write) {
+    for warning in &machine.warnings {
+        drop(writeln!(err, "warning: {warning}"));
+    }
+}
+
 /// Makes sure that a program can be opened in time.
 ///
 /// # Errors

@@ -86,6 +86,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         ));
     }
     let mut setup = args.program.setup()?;
+    crate::program::warn_of_machine(&setup, err);
     let adaptive = adaptive_settings(args, &mut setup)?;
     let clock = match args.clock {
         ClockArg::Realtime => Clock::Realtime,

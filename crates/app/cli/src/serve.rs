@@ -68,6 +68,7 @@ pub(crate) fn run(
     let mut setup: Setup = load_setup(&args.machine, args.rate)?;
     setup.memory = ProgramMemory::of_machine(&setup.machine, &args.machine)
         .map_err(|error| CommandError::Usage(error.to_string()))?;
+    crate::program::warn_of_machine(&setup, err);
     check_trace(args, &setup.memory)?;
     let chatter = sort_process_files(&mut setup, &args.process, Clock::Realtime)?.map(Path::to_path_buf);
     if chatter.is_some() && !args.screen.is_wanted() {

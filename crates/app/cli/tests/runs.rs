@@ -620,3 +620,51 @@ fn a_turning_job_without_its_whole_trace_ends_with_the_code_of_lost_data() {
     );
     assert!(err.contains("warning: "), "{err}");
 }
+
+#[test]
+fn what_is_of_no_machine_and_folders_that_do_not_exist_are_warned_of() {
+    let bench = Bench::new();
+    let program = bench.program("G21 G90 F9999999\nG1 X1\nX2 F8888888\nM2\n");
+    let text = fs::read_to_string(MACHINE).unwrap();
+    let key = "max_jerk_m_s3 = 200";
+    assert!(text.contains(key));
+    let text = text.replacen(key, "max_jerk_m_s3 = 0.5", 1);
+    let machine = bench.path("machine.toml");
+    // A key of another table that begins alike, and the folder on a line of its own.
+    let folders = "[program]\nuser_codes = [] # subroutines\n\"subroutines\" = [\n  \".\",\n  \"gone\",\n]\n";
+    fs::write(&machine, format!("{text}\n{folders}")).unwrap();
+    let lines = text.lines().count() + 6;
+    for command in ["check", "plan"] {
+        let output = evolvent(&[command, as_str(&program), "--machine", as_str(&machine)]);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        for part in [
+            "max_jerk_m_s3: axis X takes 10 s".to_owned(),
+            format!("machine.toml:{lines}: program.subroutines[1]: there is no folder"),
+        ] {
+            assert_eq!(told.matches(&part).count(), 1, "{command}: {part}: {told}");
+        }
+        assert!(told.contains("warning: "), "{told}");
+    }
+    let output = evolvent(&["check", as_str(&program), "--machine", MACHINE]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{told}");
+    assert!(
+        told.contains(":2: F9999999 is far above what the machine can do") && !told.contains("F8888888"),
+        "{told}"
+    );
+    // At its line, as other warnings of a program.
+    for command in ["plan", "run"] {
+        let output = evolvent(&[command, as_str(&program), "--machine", MACHINE]);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        let words = "line 2: warning: F9999999 is far above what the machine can do";
+        assert_eq!(told.matches(words).count(), 1, "{command}: {told}");
+        assert!(!told.contains("F8888888"), "{command}: {told}");
+    }
+    // Inverse time, and a few times the speed of the machine: as fast as possible.
+    for text in ["G93\nG1 X0.001 F99999\nG94\nM2\n", "F100000\nG1 X1\nM2\n"] {
+        let program = bench.program(text);
+        let output = evolvent(&["check", as_str(&program), "--machine", MACHINE]);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!told.contains("warning"), "{told}");
+    }
+}

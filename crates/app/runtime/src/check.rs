@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::convert::Infallible;
+use std::io::Read;
 use std::path::Path;
 
 use evolvent_config::open_regular;
@@ -43,6 +44,13 @@ pub struct Warning {
     pub line: u32,
     /// What it does, and what to write if that was not meant.
     pub message: String,
+}
+
+impl std::fmt::Display for Warning {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let file = self.file.as_deref().unwrap_or("the program");
+        write!(formatter, "{file}:{}: {}", self.line, self.message)
+    }
 }
 
 impl Warning {
@@ -96,7 +104,32 @@ pub(crate) fn check_while(
     if let Some(unchecked) = &mut check.checked.unchecked {
         unchecked.name_loop(interpreter.outermost_loop());
     }
+    check.checked.warnings.extend(setup.missing_folders());
+    if !holds_block(program)? {
+        check.checked.warnings.push(Warning {
+            file: None,
+            line: 1,
+            message: "the program holds no block; see whether it was written to its end".to_owned(),
+        });
+    }
     Ok(check.checked)
+}
+
+/// Whether a program has more than comments, blank lines and `%`. Of a program that has, only the beginning is read.
+fn holds_block(program: &Path) -> std::io::Result<bool> {
+    let mut comment_ends_at = None;
+    for byte in reader_of(open_regular(program)?).bytes() {
+        match (comment_ends_at, byte?) {
+            (Some(end), byte) if byte == end || byte == b'\n' => comment_ends_at = None,
+            (Some(_), _) => {}
+            (None, b'(') => comment_ends_at = Some(b')'),
+            (None, b';') => comment_ends_at = Some(b'\n'),
+            (None, b'%') => {}
+            (None, byte) if byte.is_ascii_whitespace() => {}
+            (None, _) => return Ok(true),
+        }
+    }
+    Ok(false)
 }
 
 /// Whether more of a program is looked at.

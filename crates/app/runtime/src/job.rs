@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use evolvent_config::ConfigDocument;
 use evolvent_gcode as gcode;
 use evolvent_machine::{
     ControlRate, Machine, MachineKind, Magazine, PathMode, PeriodError, RotaryWay, ToolChange, TurningWords,
@@ -12,6 +13,7 @@ use evolvent_path::{AXES, Axes};
 use evolvent_planner::{PathLimits, PathRules};
 use evolvent_turning::Job as TurningJob;
 
+use crate::check::Warning;
 use crate::input_script::InputScript;
 use crate::memory::ProgramMemory;
 use crate::rt::RealtimeRequest;
@@ -116,6 +118,32 @@ impl Setup {
             rapid_override: 1.0,
             process: None,
         })
+    }
+
+    /// Warns of folders of subroutines in the machine file that do not exist. That is no error: the disk may be mounted later.
+    #[must_use]
+    pub fn missing_folders(&self) -> Vec<Warning> {
+        let beside = self.machine_file.parent().unwrap_or(Path::new(""));
+        let file = self.machine_file.display().to_string();
+        let document = ConfigDocument::toml(&self.machine_text, &file).ok();
+        let folders = self.machine.program.subroutines.iter().enumerate();
+        let missing = folders
+            .map(|(index, folder)| (index, beside.join(folder)))
+            .filter(|(_, folder)| !folder.is_dir());
+        missing
+            .map(|(index, folder)| {
+                let key = format!("program.subroutines[{index}]");
+                let line = document.as_ref().map_or(1, |document| document.line(&key));
+                Warning {
+                    file: Some(file.clone()),
+                    line,
+                    message: format!(
+                        "{key}: there is no folder {}, so no subroutine is found there: create it, or correct the path",
+                        folder.display()
+                    ),
+                }
+            })
+            .collect()
     }
 
     /// Programs write their files where the machine file says, else in `logs` of the state folder.

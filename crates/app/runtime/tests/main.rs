@@ -3,6 +3,7 @@
 mod common;
 
 mod adaptive;
+mod empty_programs;
 mod holds;
 mod overrides;
 mod signals;

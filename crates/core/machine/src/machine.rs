@@ -354,7 +354,7 @@ impl Default for ProgramSettings {
     }
 }
 
-/// A checked machine: every number is finite and plausible.
+/// A checked machine: every number is finite and possible.
 ///
 /// The cycle may read it; loading is for start-up.
 #[derive(Clone, Debug, PartialEq)]
@@ -398,6 +398,8 @@ pub struct Machine {
     pub handwheel: Option<HandwheelSettings>,
     /// Backlash, screw error, squareness and thermal offset.
     pub corrections: CorrectionSettings,
+    /// Values that are possible, but those of no machine: each with file, line, column, key and what to do.
+    pub warnings: Vec<String>,
 }
 
 impl Machine {

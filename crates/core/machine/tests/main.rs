@@ -6,6 +6,7 @@ mod figures;
 mod handwheel;
 mod homing;
 mod machine_files;
+mod plausible;
 mod random_text;
 mod rational_rate;
 mod signals;

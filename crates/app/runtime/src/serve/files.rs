@@ -46,6 +46,8 @@ pub(super) struct ProgramFile {
     pub(super) text: Option<Vec<u8>>,
     /// What a short one came to. A long one, or one with a long loop, is checked while no client waits.
     pub(super) verdict: Option<CheckVerdict>,
+    /// What the operator should know of it, whatever the verdict is.
+    pub(super) notes: Vec<String>,
 }
 
 impl ProgramFile {
@@ -72,6 +74,7 @@ impl ProgramFile {
             look,
             text,
             verdict: None,
+            notes: Vec::new(),
         })
     }
 
@@ -103,9 +106,10 @@ pub(super) enum Found {
 /// Opens a program and checks a short one.
 pub(super) fn read_program(file: &Path, setup: &Setup) -> Result<Found, Rejection> {
     let bounds = CheckBounds::while_one_waits(1);
-    Ok(Found::Program(
-        ProgramFile::open(file, SHORT)?.judged(setup, 0, bounds),
-    ))
+    let mut file = ProgramFile::open(file, SHORT)?.judged(setup, 0, bounds);
+    let missing = setup.missing_folders();
+    file.notes = missing.iter().map(ToString::to_string).collect();
+    Ok(Found::Program(file))
 }
 
 /// A block of MDI: what it leaves, and the file from which it is planned.
@@ -262,7 +266,32 @@ impl Reading {
 
 #[cfg(test)]
 mod tests {
+    use super::super::bench::Bench;
     use super::*;
+
+    #[test]
+    fn a_folder_of_subroutines_that_does_not_exist_is_told_with_each_program() {
+        let mut bench = Bench::new();
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("part.ngc");
+        std::fs::write(&program, "G21\nM2\n").unwrap();
+        let mut setup = bench.operator.setup.clone();
+        let Ok(Found::Program(file)) = read_program(&program, &setup) else {
+            panic!("a program")
+        };
+        assert_eq!(file.notes, [""; 0]);
+        setup.machine.program.subroutines = vec![folder.path().to_path_buf(), "gone".into()];
+        let Ok(Found::Program(file)) = read_program(&program, &setup) else {
+            panic!("a program")
+        };
+        bench.operator.load(&file).unwrap();
+        let text = bench.operator.message.text();
+        assert!(
+            text.contains("program.subroutines[1]: there is no folder"),
+            "{text}"
+        );
+        assert_eq!(bench.operator.take_cautions().len(), 1);
+    }
 
     fn reading(work: impl FnOnce() -> Result<Found, Rejection> + Send + 'static) -> Reading {
         Readers::default()

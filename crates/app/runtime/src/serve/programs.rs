@@ -24,7 +24,7 @@ use super::state_store::Saved;
 use super::track::Track;
 use crate::job::Setup;
 use crate::job_start::ProgramStart;
-use crate::news::UserCall;
+use crate::news::{ExternalEventKind, UserCall};
 use crate::rt::take_turns;
 use crate::source::{Commands, Start};
 use crate::switches::{SwitchState, Switches, Switching};
@@ -138,7 +138,13 @@ impl Operator {
             // A long one is checked while no client waits.
             Alarm::Checking => Ok(()),
             _ => Err(refusal),
-        })
+        })?;
+        for note in &file.notes {
+            self.record(ExternalEventKind::Warning, 0, note.clone(), None);
+            self.files.cautions.push(note.clone());
+            self.message.tell_of_program(note.clone());
+        }
+        Ok(())
     }
 
     /// What program text and machine have against a program, with the offsets and tools of now.

@@ -9,6 +9,7 @@ mod corrections;
 mod handwheel;
 mod homing;
 mod numbers;
+mod plausible;
 mod signals;
 
 use std::path::PathBuf;
@@ -68,7 +69,9 @@ impl Check<'_> {
         )?;
         let signals = self.signals(&raw)?;
         let corrections = self.corrections(&raw, &axes, &signals, read_file)?;
+        let homing = self.homing(&raw.homing, &axes)?;
         let machine = Machine {
+            warnings: self.warnings(&raw, &axes, &homing),
             handwheel: self.handwheel(&raw, &axes, &signals.inputs)?,
             homing: self.homing(&raw.homing, &axes)?,
             path: self.path(&raw)?,

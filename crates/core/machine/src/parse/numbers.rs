@@ -59,7 +59,12 @@ impl Check<'_> {
                     format!("keep one of {}", alternatives(quantity, units)),
                 ));
             }
-            self.number(&key, value, MIN_NUMBER / factor, MAX_NUMBER / factor)?;
+            self.number(
+                &key,
+                value,
+                as_written(MIN_NUMBER / factor),
+                as_written(MAX_NUMBER / factor),
+            )?;
             found = Some((value * factor, unit));
         }
         Ok(found.map(|(value, _)| value))
@@ -84,6 +89,11 @@ impl Check<'_> {
         let range = format!("give a whole number from {min} to {max}");
         Err(self.error(key, format!("{value} is out of range"), range))
     }
+}
+
+/// A limit in another unit without the error of the conversion: 1e-9 instead of 9.999999999999999e-10.
+fn as_written(limit: f64) -> f64 {
+    format!("{limit:.12e}").parse().unwrap_or(limit)
 }
 
 fn alternatives(quantity: &str, units: &[(&str, Option<f64>, f64)]) -> String {
