@@ -48,4 +48,41 @@ impl Limits {
         }
         limits
     }
+
+    /// The velocity of a path parameter at which the first axis reaches its limit, for the first derivatives of the axes by the
+    /// parameter; infinite where no axis moves.
+    ///
+    /// ```
+    /// use evolvent_path::Axes;
+    ///
+    /// let machine = evolvent_machine::Machine::load("../../../config/machines/mill-3axis.toml".as_ref())?;
+    /// let limits = machine.limits();
+    /// let mut diagonal = Axes::zeros();
+    /// (diagonal[0], diagonal[1]) = (0.6, 0.8);
+    /// assert_eq!(limits.velocity_along(&diagonal), limits.velocity[1] / 0.8);
+    /// # Ok::<(), evolvent_machine::MachineError>(())
+    /// ```
+    #[must_use]
+    pub fn velocity_along(&self, first: &Axes) -> f64 {
+        self.along(&self.velocity, first)
+    }
+
+    /// The same for the acceleration along a straight line, which is less on a curve.
+    #[must_use]
+    pub fn acceleration_along(&self, first: &Axes) -> f64 {
+        self.along(&self.acceleration, first)
+    }
+
+    /// The same for the jerk along a straight line.
+    #[must_use]
+    pub fn jerk_along(&self, first: &Axes) -> f64 {
+        self.along(&self.jerk, first)
+    }
+
+    fn along(&self, limit: &Axes, first: &Axes) -> f64 {
+        (0..AXES)
+            .filter(|&i| self.present[i])
+            .map(|i| limit[i] / first[i].abs())
+            .fold(f64::INFINITY, f64::min)
+    }
 }

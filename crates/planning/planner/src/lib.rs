@@ -57,6 +57,7 @@ mod path_stage;
 mod planner;
 #[cfg(test)]
 mod recorder;
+mod speed_step;
 mod step;
 mod straight;
 mod timing_stage;

@@ -7,6 +7,7 @@ use evolvent_smooth::{Block, Output, PathSegment, Settings, Smoother, Tolerance}
 use evolvent_timing::PathLimits;
 
 use crate::planner::PathRules;
+use crate::speed_step::SpeedStep;
 use crate::step::{BlockMark, Segment, SegmentMarks, Step};
 use crate::straight::Straightener;
 
@@ -74,6 +75,7 @@ impl PathSink for Vec<PathItem> {
 pub struct PathStage {
     smoother: Smoother,
     straightener: Straightener,
+    speed_step: SpeedStep,
     rules: PathRules,
     out: Vec<Output>,
     /// Blocks whose end is not in the output yet, oldest first.
@@ -93,6 +95,7 @@ impl PathStage {
         Self {
             smoother: Smoother::new(settings),
             straightener: Straightener::default(),
+            speed_step: SpeedStep::new(limits.axes()),
             rules,
             out: Vec::new(),
             blocks: VecDeque::new(),
@@ -139,7 +142,8 @@ impl PathStage {
     pub fn rest(&mut self, step: Step, sink: &mut impl PathSink) {
         self.smoother.rest(&mut self.out);
         self.emit_outputs(sink);
-        emit(sink, self.straightener.flush(), self.blocks.front());
+        self.flush(None, sink);
+        self.speed_step.cap(0.0);
         sink.rest(step);
     }
 
@@ -156,11 +160,14 @@ impl PathStage {
         for output in out.drain(..) {
             match output {
                 Output::Segment(segment) => {
-                    let complete = self.straightener.push(segment);
-                    emit(sink, complete, self.blocks.front());
+                    if let Some(complete) = self.straightener.push(segment) {
+                        let after = self.speed_step.start_speed(&segment);
+                        self.emit(&complete, Some(after), sink);
+                    }
                 }
                 Output::Cap { speed } => {
-                    emit(sink, self.straightener.flush(), self.blocks.front());
+                    self.flush((speed > 0.0).then_some(speed), sink);
+                    self.speed_step.cap(speed);
                     sink.cap(speed);
                 }
                 Output::Mark(mark) => {
@@ -172,26 +179,35 @@ impl PathStage {
         }
         self.out = out;
     }
-}
 
-fn emit(sink: &mut impl PathSink, piece: Option<PathSegment>, block: Option<&(u32, u32)>) {
-    let Some(piece) = piece else { return };
-    let (line, block) = block.copied().unwrap_or_default();
-    let segment = Segment {
-        curve: piece.curve,
-        from: piece.from,
-        length: piece.length,
-        line,
-        block,
-        marks: SegmentMarks {
-            blend: piece.blend,
-            rapid: piece.rapid,
-            joint: piece.joint,
-        },
-    };
-    let feed = Feed {
-        mm_s: piece.feed_mm_s,
-        metric: Some(piece.metric),
-    };
-    sink.segment(segment, feed);
+    /// Hands over what nothing can join any more.
+    fn flush(&mut self, after: Option<f64>, sink: &mut impl PathSink) {
+        if let Some(complete) = self.straightener.flush() {
+            self.emit(&complete, after, sink);
+        }
+    }
+
+    /// `after`: the highest speed of the parameter behind the segment where that is known, per s.
+    fn emit(&mut self, whole: &PathSegment, after: Option<f64>, sink: &mut impl PathSink) {
+        let (line, block) = self.blocks.front().copied().unwrap_or_default();
+        for part in self.speed_step.divide(whole, after) {
+            let segment = Segment {
+                curve: part.curve,
+                from: part.from,
+                length: part.length,
+                line,
+                block,
+                marks: SegmentMarks {
+                    blend: part.blend,
+                    rapid: part.rapid,
+                    joint: part.joint,
+                },
+            };
+            let feed = Feed {
+                mm_s: part.feed_mm_s,
+                metric: Some(part.metric),
+            };
+            sink.segment(segment, feed);
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! One interval between two stations, with the limits that apply there.
 
-use evolvent_path::{AXES, Axes, Curve, Feed, Involute, Jet};
+use evolvent_path::{Axes, Curve, Feed, Involute, Jet};
 
 use crate::limits::PathLimits;
 
@@ -189,13 +189,9 @@ impl Point {
     }
 
     fn new(jet: &Jet, feed: Feed, limits: &PathLimits) -> Self {
-        let axes = limits.axes();
-        let mut speed = limits.chord_speed(&jet.second);
-        for i in 0..AXES {
-            if axes.present[i] {
-                speed = speed.min(axes.velocity[i] / jet.first[i].abs());
-            }
-        }
+        let speed = limits
+            .chord_speed(&jet.second)
+            .min(limits.axes().velocity_along(&jet.first));
         Self {
             first: jet.first,
             second: jet.second,

@@ -118,10 +118,8 @@ fn tangential(grid: &Grid, from: PathPosition, until: u64, reach: f64) -> Option
     for k in 0..=last {
         let place = walk.to(reach * f64::from(k) / 16.0);
         let point = walk.point(place)?;
-        for i in (0..AXES).filter(|&i| axes.present[i]) {
-            acceleration = acceleration.min(axes.acceleration[i] / point.first[i].abs());
-            jerk = jerk.min(axes.jerk[i] / point.first[i].abs());
-        }
+        acceleration = acceleration.min(axes.acceleration_along(&point.first));
+        jerk = jerk.min(axes.jerk_along(&point.first));
     }
     (acceleration.is_finite() && jerk.is_finite()).then_some(ScalarLimits {
         velocity: f64::MAX,

@@ -1,7 +1,5 @@
 //! Feasible motions from which the solver starts.
 
-use evolvent_path::AXES;
-
 use crate::barrier::Iterate;
 use crate::limits::PathLimits;
 use crate::stub::Stub;
@@ -160,12 +158,10 @@ pub(crate) fn initial_guess(window: &Window, limits: &PathLimits, x: &Iterate, o
     // Along the tangent: acceleration and the root of jerk, for the intervals before and after a station.
     let tangential = |k: usize, point: usize| {
         let first = &window.cells[window.span_index(k)].points[point].first;
-        let (mut acceleration, mut jerk) = (f64::INFINITY, f64::INFINITY);
-        for i in (0..AXES).filter(|&i| axes.present[i]) {
-            acceleration = acceleration.min(axes.acceleration[i] / first[i].abs());
-            jerk = jerk.min(axes.jerk[i] / first[i].abs());
-        }
-        (acceleration.min(1e30), jerk.min(1e30))
+        (
+            axes.acceleration_along(first).min(1e30),
+            axes.jerk_along(first).min(1e30),
+        )
     };
     let stub = |end: Stub| 0.75 * end.length * end.max_b;
     for k in 0..=n {

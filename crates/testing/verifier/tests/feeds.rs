@@ -4,13 +4,14 @@
 
 use std::f64::consts::TAU;
 
+use evolvent_machine::Limits;
 use evolvent_random::Random;
 use evolvent_verifier::Allowances;
 
 use crate::rates::trial::{root, setup, trial};
 
-/// Runs a program on a shipped machine; nothing may be wrong with its motion.
-fn keeps_everything(machine: &str, text: &str) {
+/// Runs a program on a shipped machine; nothing may be wrong with its motion. Returns how long it takes, s.
+fn keeps_everything(machine: &str, text: &str) -> f64 {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("feeds.ngc");
     std::fs::write(&path, text).expect("a file in the temporary folder");
@@ -20,6 +21,60 @@ fn keeps_everything(machine: &str, text: &str) {
     assert_eq!(trial.error, None, "{text}");
     let violations = trial.verdict.violations(&Allowances::default());
     assert!(violations.is_empty(), "{violations:?}\n{text}");
+    trial.verdict.duration_s
+}
+
+/// Way and time of a change of speed in the shortest time along one axis, mm and s.
+fn change(limits: &Limits, axis: usize, from: f64, to: f64) -> (f64, f64) {
+    let (acceleration, jerk) = (limits.acceleration[axis], limits.jerk[axis]);
+    let change = (to - from).abs();
+    let seconds = if change * jerk <= acceleration * acceleration {
+        2.0 * (change / jerk).sqrt()
+    } else {
+        change / acceleration + acceleration / jerk
+    };
+    (0.5 * (from + to) * seconds, seconds)
+}
+
+/// Along a line the speed changes in the faster block and in no longer time than the limits take.
+#[test]
+fn a_slow_block_on_a_line_does_not_slow_the_next() {
+    let mut random = Random::seeded(0x57EF_0001);
+    let name = "mill-3axis.toml";
+    let limits = setup(&root().join("config/machines").join(name), None, None)
+        .expect("machine")
+        .machine
+        .limits();
+    for _ in 0..evolvent_random::cases(12) {
+        let axis = random.below(2);
+        let letter = ["X", "Y"][axis];
+        let mode = random.one_of(&["G61", "G64 P0.01", "G64 P0.5"]);
+        let mut text = format!("G21 G90 {mode}\n");
+        let (mut at, mut before, mut shortest, mut slack) = (0.0, 0.0, 0.0, 0.0);
+        let mut blocks = 0;
+        while blocks < 6 {
+            let (length, feed) = (random.log(12.0, 40.0), random.log(30.0, 6000.0));
+            if at + length > 150.0 {
+                break;
+            }
+            let speed = (feed / 60.0 * 1e4).round() / 1e4;
+            (at, blocks) = (at + length, blocks + 1);
+            text.push_str(&format!("G1 {letter}{at:.6} F{:.6}\n", 60.0 * speed));
+            let (way, seconds) = change(&limits, axis, before, speed);
+            shortest += length / speed + seconds - way / speed.max(before);
+            (before, slack) = (speed, slack + 0.01 + 0.5 * seconds);
+        }
+        let (way, last) = change(&limits, axis, before, 0.0);
+        shortest += last - way / before;
+        let seconds = keeps_everything(name, &(text.clone() + "M2\n"));
+        // What the intervals cost: half as much again, and 10 ms where a change is short.
+        let most = shortest + slack + 0.01 + 0.5 * last;
+        assert!(seconds <= most, "{seconds} s, shortest {shortest} s\n{text}");
+        assert!(
+            seconds >= 0.999 * shortest,
+            "{seconds} s, shortest {shortest} s\n{text}"
+        );
+    }
 }
 
 /// Moves along lines that go on, turn or turn back, rapids among feeds of every size.
