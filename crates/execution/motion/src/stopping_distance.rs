@@ -1,8 +1,8 @@
 //! How far a plan goes on after a hold, measured on the plan without driving it.
 //!
 //! A [`StoppingDistance`] receives the setpoints of a plan that is driven without interruption. At most [`SPACING_S`] of path
-//! time apart it starts a hold there, with the slowdown of the cycle on the derivatives of the setpoints, and keeps the one
-//! with the longest path. Not real-time safe: it is for planning.
+//! time apart, or [`SPACING_FRACTION`] of the time that holds take, it starts a hold there, with the slowdown of the cycle on
+//! the derivatives of the setpoints, and keeps the one with the longest path. Not real-time safe: it is for planning.
 
 use std::collections::VecDeque;
 
@@ -15,6 +15,10 @@ use crate::slowdown::{Lookahead, STEP_S, Slowdown, between};
 
 /// Path time from one hold to the next, s.
 const SPACING_S: f64 = 0.01;
+/// Path time from one hold to the next as a fraction of the time that holds take, where that is more: with jerk limits so low that a hold
+/// takes seconds, the work would grow with the square of that time. A hold that comes between two of them rests no farther than the
+/// later one, so the path between the two is added.
+const SPACING_FRACTION: f64 = 1.0 / 32.0;
 /// Least path time from one sample of the plan to the next, s: that of the cycle's preview, whatever the rate.
 const SAMPLE_S: f64 = 0.0005;
 /// What a hold in the cycle may need beyond the one that is computed here: fractions where setpoints are no farther apart
@@ -47,6 +51,8 @@ struct Hold {
     begin: usize,
     path_mm: f64,
     speed: f64,
+    /// Path from the hold before it, where that is farther back than [`SPACING_S`].
+    unseen_mm: f64,
     line: u32,
     sequence: u64,
 }
@@ -65,6 +71,8 @@ pub struct StoppingDistance {
     /// Setpoints since the last sample and since the last hold.
     since_sample: f64,
     since_hold: f64,
+    /// The path at the last hold.
+    last_hold_mm: f64,
     time: f64,
     longest: Option<LongestStop>,
 }
@@ -82,6 +90,7 @@ impl StoppingDistance {
             holds: VecDeque::new(),
             since_sample: f64::INFINITY,
             since_hold: f64::INFINITY,
+            last_hold_mm: 0.0,
             time: 0.0,
             longest: None,
         }
@@ -110,8 +119,11 @@ impl StoppingDistance {
         };
         self.refine(&sample, setpoint.path_mm);
         self.samples.push_back((sample, setpoint.path_mm));
-        if !rests && self.since_hold + half >= SPACING_S {
-            self.since_hold = 0.0;
+        let spacing = self.spacing();
+        if !rests && self.since_hold + half >= spacing {
+            let is_wide = self.since_hold < f64::INFINITY && spacing > SPACING_S;
+            let from_last_mm = setpoint.path_mm - self.last_hold_mm;
+            (self.since_hold, self.last_hold_mm) = (0.0, setpoint.path_mm);
             self.holds.push_back(Hold {
                 slowdown: Slowdown::new(0.0),
                 seconds: 0.0,
@@ -119,11 +131,17 @@ impl StoppingDistance {
                 begin: self.first + self.samples.len() - 1,
                 path_mm: setpoint.path_mm,
                 speed: setpoint.feed_mm_s,
+                unseen_mm: if is_wide { from_last_mm } else { 0.0 },
                 line: setpoint.line,
                 sequence: setpoint.sequence,
             });
         }
         self.follow();
+    }
+
+    fn spacing(&self) -> f64 {
+        let seconds = self.holds.iter().map(|hold| hold.seconds);
+        SPACING_S.max(SPACING_FRACTION * seconds.fold(0.0, f64::max))
     }
 
     /// The hold with the longest path, of all that were followed to rest. The path includes a margin for what lies between
@@ -230,7 +248,7 @@ impl StoppingDistance {
         } else {
             MARGIN.1
         };
-        let path_mm = (path - hold.path_mm) * margin + MARGIN_S * hold.speed;
+        let path_mm = (path - hold.path_mm) * margin + MARGIN_S * hold.speed + hold.unseen_mm;
         if self.longest.is_none_or(|longest| path_mm > longest.path_mm) {
             self.longest = Some(LongestStop {
                 path_mm,
