@@ -1,7 +1,7 @@
 //! The active limit at a setpoint, derived from the setpoint itself.
 //!
-//! The planner is not consulted: a value at or above 97 % of its limit is limiting, and the largest share
-//! decides. The result is the same for every planner, and unused capacity is visible ([`Limiting::Nothing`]).
+//! A value at or above 97 % of its limit is limiting, and the largest share decides, so that unused capacity is visible
+//! ([`Limiting::Nothing`]). Of the planner only the fraction of the permitted chord error is used that it aims at.
 
 use evolvent_machine::{Machine, chord_feed_limit_mm_s};
 use evolvent_motion::{Setpoint, State, flags};
@@ -122,7 +122,8 @@ impl Limiting {
 pub struct Shares {
     /// Path speed relative to the feed word; 0 without one.
     pub feed_ratio: f64,
-    /// Path speed relative to the speed permitted by the chord error; 0 on straight paths.
+    /// Path speed relative to the speed at which the chord error is what the planner aims at
+    /// ([`chord_fraction`](evolvent_machine::PlannerKind::chord_fraction) of the permitted one); 0 on straight paths.
     pub chord_ratio: f64,
     /// Velocity, acceleration and jerk of each axis relative to their limits.
     pub axes: [[f64; 3]; 9],
@@ -135,11 +136,12 @@ pub struct LimitClassifier {
     inverse: [[f64; 3]; 9],
     rate_hz: f64,
     increments_per_mm: f64,
+    /// The chord error that the planner aims at.
     chord_error_increments: f64,
 }
 
 impl LimitClassifier {
-    /// A classifier for a machine and a control period, s.
+    /// A classifier for a machine with its planner and a control period, s.
     #[must_use]
     pub fn new(machine: &Machine, period_s: f64) -> Self {
         let mut inverse = [[0.0; 3]; 9];
@@ -154,7 +156,8 @@ impl LimitClassifier {
             inverse,
             rate_hz: 1.0 / period_s,
             increments_per_mm: machine.increments_per_mm,
-            chord_error_increments: machine.path.chord_error_increments,
+            chord_error_increments: machine.path.planner.chord_fraction()
+                * machine.path.chord_error_increments,
         }
     }
 
@@ -246,6 +249,7 @@ pub(crate) fn bend(setpoint: &Setpoint) -> (f64, f64) {
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use evolvent_machine::PlannerKind;
     use evolvent_path::Axes;
 
     use super::*;
@@ -334,13 +338,20 @@ pub(crate) mod tests {
     #[test]
     fn the_chord_error_limits_where_the_sagitta_of_a_period_is_all_that_is_permitted() {
         // Geometry: on radius R a chord of v/f misses by R - sqrt(R^2 - (v/2f)^2); 1 um is permitted.
-        for radius in [1.0_f64, 20.0, 300.0] {
-            let half = (radius * radius - (radius - 1e-3) * (radius - 1e-3)).sqrt();
+        for (radius, planner) in [
+            (1.0_f64, PlannerKind::Optimal),
+            (20.0, PlannerKind::Optimal),
+            (20.0, PlannerKind::Classic),
+            (300.0, PlannerKind::Classic),
+        ] {
+            let inner = radius - 1e-3 * planner.chord_fraction();
+            let half = (radius * radius - inner * inner).sqrt();
             let speed = 2.0 * half * 1000.0;
             let on_circle =
                 |speed: f64| moving([speed, 0.0, 0.0], [0.0, speed * speed / radius, 0.0], [0.0; 3]);
             // A machine without any other limit.
             let mut machine = mill();
+            machine.path.planner = planner;
             for axis in &mut machine.axes {
                 (axis.max_velocity, axis.max_acceleration, axis.max_jerk) = (1e9, 1e12, 1e15);
             }

@@ -109,6 +109,16 @@ impl PlannerKind {
         }
     }
 
+    /// Fraction of the permitted chord error that this planner uses where it bends the path. The time-optimal planner keeps a reserve:
+    /// it derives the speed from the curvature at its stations, and the curvature changes within a period.
+    #[must_use]
+    pub const fn chord_fraction(self) -> f64 {
+        match self {
+            Self::Optimal => 0.94,
+            Self::Classic => 1.0,
+        }
+    }
+
     /// The planner with this name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {

@@ -1,5 +1,6 @@
 //! Path in, plan out: the second stage of the time-optimal planner.
 
+use evolvent_machine::PlannerKind;
 use evolvent_path::Feed;
 use evolvent_timing::PathLimits;
 
@@ -7,9 +8,6 @@ use crate::horizon::Horizon;
 use crate::path_stage::PathSink;
 use crate::planner::PathRules;
 use crate::step::{BlockMark, PlanSink, Segment, Step};
-
-/// Fraction of the permitted chord error used at the stations of the time-optimal plan.
-const CHORD_FRACTION: f64 = 0.94;
 
 /// Plans the time law for the path of one program. The plan depends on the path and on the requests of the cycle, not on when
 /// the path arrives.
@@ -24,7 +22,7 @@ impl<S: PlanSink> TimingStage<S> {
     pub fn new(limits: &PathLimits, rules: &PathRules, sink: S) -> Self {
         Self {
             horizon: Horizon::new(
-                &limits.with_chord_fraction(CHORD_FRACTION),
+                &limits.with_chord_fraction(PlannerKind::Optimal.chord_fraction()),
                 rules.feed_override,
                 sink,
             ),

@@ -69,12 +69,9 @@ fn candidates(job: &Job, program: &Surroundings, seen: &Seen) -> Vec<Change> {
         }
     }
     // The tolerance of the machine file can be changed here, a programmed one cannot.
-    let default = |corner: Corner| matches!(corner, Corner::WithinDefault(_));
-    let blended = program.moves.iter().any(|block| default(block.corner_after))
-        || program
-            .before
-            .as_ref()
-            .is_some_and(|before| default(before.block.corner_after));
+    let blended = program
+        .corners()
+        .any(|corner| matches!(corner, Corner::WithinDefault(_)));
     if blended && !seen.places.is_empty() {
         changes.truncate(MOST - 1);
         changes.push(Change::Tolerance);

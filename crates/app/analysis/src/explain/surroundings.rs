@@ -30,6 +30,25 @@ pub(crate) enum Corner {
     WithinDefault(f64),
 }
 
+impl Corner {
+    /// The corner between a move of this mode and one of the mode `next`, as the planner takes it: a stop belongs to the move before,
+    /// and both must permit rounding.
+    fn before(self, next: Self) -> Self {
+        match (self.tolerance_mm(), next.tolerance_mm()) {
+            (Some(own), Some(other)) if other < own => next,
+            (Some(_), None) => Self::Exact,
+            _ => self,
+        }
+    }
+
+    fn tolerance_mm(self) -> Option<f64> {
+        match self {
+            Self::Exact | Self::Stop => None,
+            Self::Within(mm) | Self::WithinDefault(mm) => Some(mm),
+        }
+    }
+}
+
 /// One move of the program.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(crate) struct Block {
@@ -47,6 +66,8 @@ pub(crate) struct Block {
 pub(crate) struct Neighbour {
     #[serde(flatten)]
     pub(crate) block: Block,
+    /// How the corner between the two moves is taken.
+    pub(crate) corner: Corner,
     /// Angle between the two moves; `None` if X, Y and Z do not move.
     pub(crate) corner_degrees: Option<f64>,
     /// Action at standstill between the moves, and its line.
@@ -71,6 +92,13 @@ pub(crate) struct Surroundings {
 }
 
 impl Surroundings {
+    /// How the corners on both sides of the line and within it are taken.
+    pub(crate) fn corners(&self) -> impl Iterator<Item = Corner> {
+        let within = self.moves.split_last().map_or(&[][..], |(_, before)| before);
+        let ends = self.before.iter().chain(&self.after).map(|side| side.corner);
+        ends.chain(within.iter().map(|block| block.corner_after))
+    }
+
     pub(crate) fn read(program: &Path, setup: &Setup, line: u32) -> Result<Self, ProgramError> {
         let mut found = Self::default();
         (found.text, found.lines) = source(program, line).map_err(|source| ProgramError::Read {
@@ -129,6 +157,7 @@ impl Walk {
         if line == self.line && !self.over {
             if found.moves.is_empty() {
                 found.before = self.last.take().map(|(before, curve)| Neighbour {
+                    corner: before.corner_after.before(block.corner_after),
                     block: before,
                     corner_degrees: corner(&curve, &motion.curve),
                     rest,
@@ -138,7 +167,8 @@ impl Walk {
             found.moves.push(block.clone());
         } else if !found.moves.is_empty() {
             if !self.over {
-                found.after = self.last.as_ref().map(|(_, curve)| Neighbour {
+                found.after = self.last.as_ref().map(|(last, curve)| Neighbour {
+                    corner: last.corner_after.before(block.corner_after),
                     block: block.clone(),
                     corner_degrees: corner(curve, &motion.curve),
                     rest,
@@ -244,4 +274,26 @@ fn source(program: &Path, line: u32) -> io::Result<(String, u32)> {
         shown.push('\u{2026}');
     }
     Ok((shown, lines))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Corner::{Exact, Stop, Within, WithinDefault};
+
+    #[test]
+    fn a_corner_is_rounded_only_if_both_moves_permit_it_and_by_the_smaller_tolerance() {
+        for (own, next, taken) in [
+            (Within(0.05), Exact, Exact),
+            (Within(0.05), Stop, Exact),
+            (WithinDefault(0.05), Exact, Exact),
+            (Exact, Within(0.05), Exact),
+            (Stop, Within(0.05), Stop),
+            (Stop, Exact, Stop),
+            (Within(0.05), Within(0.02), Within(0.02)),
+            (Within(0.01), WithinDefault(0.02), Within(0.01)),
+            (Within(0.05), WithinDefault(0.02), WithinDefault(0.02)),
+        ] {
+            assert_eq!(own.before(next), taken, "{own:?} before {next:?}");
+        }
+    }
 }

@@ -357,7 +357,8 @@ impl Watch {
         }
         used.push(Used {
             limit: Limiting::ChordError.name(),
-            share: shares.chord_ratio * shares.chord_ratio,
+            // Of the permitted error: the planner aims at less.
+            share: shares.chord_ratio * shares.chord_ratio * self.machine.path.planner.chord_fraction(),
             value: 1e3 * self.machine.path.chord_error_increments / self.machine.increments_per_mm,
             unit: "um",
             cause: Limiting::ChordError,

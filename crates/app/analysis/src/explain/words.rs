@@ -82,11 +82,7 @@ fn reason(place: &Place, side: Option<&Neighbour>, program: &Surroundings) -> Op
             "{speed} at its {name}: line {line} is {what}, for which the axes stand still"
         ));
     }
-    // The joint belongs to the move before it.
-    let joint = match place.at {
-        Where::Start => side.block.corner_after,
-        _ => program.moves.last()?.corner_after,
-    };
+    let joint = side.corner;
     let mut causes = Vec::new();
     match side.corner_degrees {
         Some(angle) if angle >= SLIGHT_DEGREES => {
@@ -146,33 +142,21 @@ fn within(place: &Place) -> Option<String> {
 }
 
 fn exact_corner(program: &Surroundings, seen: &Seen) -> Option<String> {
-    let exact = |corner: Corner| matches!(corner, Corner::Exact | Corner::Stop);
     let at = |at: Where| seen.places.iter().any(|place| place.at == at);
-    let cornered =
-        |side: &Neighbour| side.rest.is_none() && side.corner_degrees.is_some_and(|a| a >= SLIGHT_DEGREES);
-    let start = at(Where::Start)
-        && program
-            .before
-            .as_ref()
-            .is_some_and(|before| cornered(before) && exact(before.block.corner_after));
-    let end = at(Where::End)
-        && program.after.as_ref().is_some_and(cornered)
-        && program
-            .moves
-            .last()
-            .is_some_and(|block| exact(block.corner_after));
+    let is_exact = |side: &Neighbour| {
+        side.rest.is_none()
+            && side.corner_degrees.is_some_and(|angle| angle >= SLIGHT_DEGREES)
+            && matches!(side.corner, Corner::Exact | Corner::Stop)
+    };
+    let start = at(Where::Start) && program.before.as_ref().is_some_and(is_exact);
+    let end = at(Where::End) && program.after.as_ref().is_some_and(is_exact);
     (start || end).then(|| "G64 P instead of G61, if the part permits rounded corners".to_owned())
 }
 
 fn program_tolerance(program: &Surroundings) -> bool {
-    let blocks = program
-        .before
-        .iter()
-        .map(|before| &before.block)
-        .chain(&program.moves);
-    blocks
-        .into_iter()
-        .any(|block| matches!(block.corner_after, Corner::Within(_)))
+    program
+        .corners()
+        .any(|corner| matches!(corner, Corner::Within(_)))
 }
 
 fn short_neighbours(program: &Surroundings) -> bool {
