@@ -27,6 +27,7 @@
 //! Real-time safety: [`Signals`] neither allocates nor frees; what has been carried out goes back to the scheduler to be
 //! dropped. The same schedule, progress and inputs give the same outputs, cycle by cycle.
 
+mod encoder_step;
 mod feed_law;
 mod image;
 mod override_switches;

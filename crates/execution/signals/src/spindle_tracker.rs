@@ -8,14 +8,16 @@
 
 use std::f64::consts::TAU;
 
+use crate::encoder_step::EncoderStep;
+
 /// Harmonics of the turn that are learned.
 pub const HARMONICS: usize = 3;
 /// Angle, speed, acceleration.
 const MEAN: usize = 3;
 const STATES: usize = MEAN + 2 * HARMONICS;
 
-/// Variance of a sample, turns squared: an encoder of 4096 steps, evenly wrong within one. Finer ones do no harm.
-const SAMPLE_VARIANCE: f64 = 1.0 / (12.0 * 4096.0 * 4096.0);
+/// The finest step of an encoder that is distinguished, turns. Finer ones do no harm.
+const FINEST_STEP: f64 = 1.0 / 4096.0;
 /// How fast the acceleration drifts, turns^2/s^5: the filter then follows up to some 15 Hz at 1000 samples a second.
 const ACCELERATION_DRIFT: f64 = 5.0;
 /// Errors of the prediction, as multiples of what is to be expected squared and smoothed, above which the spindle does something
@@ -66,6 +68,8 @@ pub struct SpindleTracker {
     last: Option<SpindleAngle>,
     state: [f64; STATES],
     covariance: [[f64; STATES]; STATES],
+    /// Of the encoder, as its samples tell.
+    step: EncoderStep,
     surprise: f64,
     samples: u32,
     turned: f64,
@@ -81,6 +85,7 @@ impl SpindleTracker {
             last: None,
             state: [0.0; STATES],
             covariance: [[0.0; STATES]; STATES],
+            step: EncoderStep::NEW,
             surprise: 0.0,
             samples: 0,
             turned: 0.0,
@@ -106,6 +111,7 @@ impl SpindleTracker {
                 self.samples = self.samples.saturating_add(1);
                 self.turned += (sample.turns - last.turns).abs();
                 self.seconds += seconds;
+                self.step.observe(sample.turns - last.turns, FINEST_STEP);
                 self.predict(seconds);
                 self.correct(sample.turns);
             }
@@ -177,6 +183,12 @@ impl SpindleTracker {
             .sum()
     }
 
+    /// Of a sample, turns squared: evenly wrong within a step.
+    fn sample_variance(&self) -> f64 {
+        let step = self.step.turns().max(FINEST_STEP);
+        step * step / 12.0
+    }
+
     fn begin(&mut self, sample: &SpindleAngle) {
         self.last = Some(*sample);
         self.state = [0.0; STATES];
@@ -184,12 +196,14 @@ impl SpindleTracker {
         self.covariance = [[0.0; STATES]; STATES];
         let [speed, acceleration, harmonic] = START;
         // The angle of the even spindle differs from the sample by what the harmonics may be.
-        self.covariance[0][0] = SAMPLE_VARIANCE + harmonic * harmonic;
+        self.covariance[0][0] = self.sample_variance() + harmonic * harmonic;
         self.covariance[1][1] = speed * speed;
         self.covariance[2][2] = acceleration * acceleration;
         for at in MEAN..STATES {
             self.covariance[at][at] = harmonic * harmonic;
         }
+        // A trace that begins here has no earlier samples.
+        self.step = EncoderStep::NEW;
         (self.surprise, self.samples, self.turned, self.seconds) = (0.0, 1, 0.0, 0.0);
     }
 
@@ -230,7 +244,8 @@ impl SpindleTracker {
         for (value, row) in gain.iter_mut().zip(&self.covariance) {
             *value = row.iter().zip(&measures).map(|(a, b)| a * b).sum();
         }
-        let variance: f64 = gain.iter().zip(&measures).map(|(a, b)| a * b).sum::<f64>() + SAMPLE_VARIANCE;
+        let variance: f64 =
+            gain.iter().zip(&measures).map(|(a, b)| a * b).sum::<f64>() + self.sample_variance();
         let predicted: f64 = self.state.iter().zip(&measures).map(|(a, b)| a * b).sum();
         let innovation = turns - predicted;
         // Row by row, so that the matrix stays symmetric to the last bit.
@@ -305,6 +320,26 @@ mod tests {
         }
         assert!(tracker.is_settled());
         worst
+    }
+
+    /// The angle that a coarse encoder shows is a staircase; the spindle's speed is even all the same.
+    #[test]
+    fn a_coarse_encoder_is_predicted_within_its_step() {
+        for counts in [72.0, 100.0, 256.0, 400.0, 1024.0, 2500.0, 4096.0] {
+            for rpm in [60.0, 100.0, 300.0, 600.0, 1500.0, 3000.0] {
+                for (order, ripple) in [(1.0, 0.0), (1.0, 0.01), (3.0, 0.01)] {
+                    let spindle = Uneven {
+                        rev_s: rpm / 60.0,
+                        order,
+                        ripple,
+                        counts,
+                    };
+                    let steps = worst(&spindle, 5) * counts;
+                    let what = format!("{counts} counts, {rpm} rpm, ripple {ripple} of order {order}");
+                    assert!(steps < 1.1, "{what}: {steps} steps");
+                }
+            }
+        }
     }
 
     #[test]

@@ -174,7 +174,8 @@ fn run(
             );
             image.angle = Some(SpindleAngle {
                 cycle: time_s / period,
-                turns: (angle * spindle.counts).floor() / spindle.counts,
+                // The middle of a count, as bridges tell it.
+                turns: ((angle * spindle.counts).floor() + 0.5) / spindle.counts,
             });
             signals.observe(&image);
         }
