@@ -1,4 +1,5 @@
 //! Threads beside a simulated spindle: phase by what its encoder said, holds, faults, taps, and what is refused.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::PathBuf;
 
@@ -273,4 +274,128 @@ fn the_last_cycle_of_a_thread_is_exactly_at_its_end() {
             .any(|cycle| cycle.position[..3] == [15.5, 0.0, -30.0] && cycle.velocity[Z] == 0.0)
     );
     verifies(&trace);
+}
+
+/// Where the groove of each pass towards negative Z lies, as a part of a turn, and how much that differs within the pass, in turns. With
+/// the virtual clock the angle is in no sample: between commands the spindle turns evenly.
+fn grooves(trace: &std::path::Path, turns_per_s: f64, pitch: f64) -> Vec<(f64, f64)> {
+    let mut found: Vec<(f64, f64)> = Vec::new();
+    let mut last = 0;
+    for cycle in cycles(trace) {
+        // In phase: between run-in and run-out the axis has its speed.
+        let even = cycle.velocity[Z] + pitch * turns_per_s;
+        if even.abs() > 1e-6 * pitch {
+            continue;
+        }
+        let turns = cycle.sequence as f64 * 1e-3 * turns_per_s + cycle.position[Z] / pitch;
+        if cycle.sequence > last + 50 {
+            found.push((turns, 0.0));
+        }
+        last = cycle.sequence;
+        if let Some((start, spread)) = found.last_mut() {
+            *spread = spread.max((turns - *start).abs());
+        }
+    }
+    let first = found.first().map_or(0.0, |pass| pass.0);
+    (found.into_iter())
+        .map(|(start, spread)| ((start - first).rem_euclid(1.0), spread))
+        .collect()
+}
+
+/// Runs a program with the virtual clock twice, and plans it; its trace.
+fn imagine(workshop: &Workshop, program: &str) -> PathBuf {
+    let machine = lathe(workshop);
+    let program = workshop.write("program.ngc", program);
+    let [trace, again] = ["run.mcap", "again.mcap"].map(|name| workshop.path(name));
+    for trace in [&trace, &again] {
+        Launch::in_virtual_time(&program, &machine)
+            .trace(trace)
+            .finish()
+            .expect_code(&[0]);
+    }
+    let all = cycles(&trace);
+    assert!(
+        (all.iter().zip(&cycles(&again))).all(|(one, other)| one.position == other.position),
+        "the same program, the same bits"
+    );
+    let mut plan = evolvent();
+    plan.arg("plan")
+        .arg(&program)
+        .arg("--machine")
+        .arg(&machine)
+        .arg("--json");
+    let planned = Finished::from(plan.output().expect("the binary to start"));
+    let seconds = planned.expect_code(&[0]).json()["duration_s"].as_f64();
+    let driven = all.len() as f64 * 1e-3;
+    let seconds = seconds.expect("a time");
+    assert!(
+        (seconds - driven).abs() < 0.002,
+        "{seconds} s planned, {driven} s driven"
+    );
+    verifies(&trace);
+    trace
+}
+
+#[test]
+fn with_the_virtual_clock_every_pass_lies_in_the_same_groove() {
+    for (rpm, pitch) in [(200, 2.0), (1237, 1.5)] {
+        let workshop = Workshop::new();
+        let program = format!(
+            "G21 G18 G90 G8\nS{rpm} M3\nG0 X15 Z5\nG76 P{pitch} Z-20 I-1 J0.3 K0.8 R1 H1\nG0 X20\nM5\nM2\n"
+        );
+        let trace = imagine(&workshop, &program);
+        let passes = grooves(&trace, f64::from(rpm) / 60.0, pitch);
+        assert!(passes.len() >= 4, "{passes:?}");
+        for (groove, spread) in &passes {
+            let apart = groove.min(1.0 - groove);
+            // 2 um, and within a pass.
+            assert!(
+                apart * pitch < 0.002 && spread * pitch < 0.002,
+                "{rpm} rpm: {passes:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn with_the_virtual_clock_starts_and_taps_keep_their_angle() {
+    let workshop = Workshop::new();
+    // Counter-clockwise.
+    let program = "G21 G18 G90 G8\nS600 M4\nG0 X15 Z5\nG33 Z-15 K2\nG0 X20\nG0 Z5\nG0 X15\nG33 Z-15 K2 Q180\nG0 X20\nM5\nM2\n";
+    let passes = grooves(&imagine(&workshop, program), 10.0, 2.0);
+    assert_eq!(passes.len(), 2, "{passes:?}");
+    assert!((passes[1].0 - 0.5).abs() < 1e-3, "{passes:?}");
+    // A hole, tapped twice: in and out again by the same thread, whose groove the second tap meets.
+    let program =
+        "G21 G18 G90 G8\nS480 M3\nG0 X0 Z5\nG33.1 Z-10 K1\nG4 P0.33\nG33.1 Z-10 K1\nG0 X20\nM5\nM2\n";
+    let workshop = Workshop::new();
+    let trace = imagine(&workshop, program);
+    let taps = grooves(&trace, 8.0, 1.0);
+    assert_eq!(taps.len(), 2, "{taps:?}");
+    let all = cycles(&trace);
+    let deepest = (all.iter())
+        .map(|cycle| cycle.position[Z])
+        .fold(f64::INFINITY, f64::min);
+    assert!((deepest + 10.0).abs() < 0.02, "{deepest}");
+    // Out by the same thread as in. The spindle reverses by 2000 rpm per second, from where Z is no longer as fast as the thread.
+    let (mut turns, mut speed, mut wanted, mut worst) = (0.0_f64, 8.0_f64, 8.0_f64, 0.0_f64);
+    let (mut start, mut compared) = (None, 0);
+    let rate = 2000.0 / 60.0 * 1e-3;
+    for cycle in &all {
+        let velocity = cycle.velocity[Z];
+        if cycle.position[Z] < -8.5 && (velocity + 8.0).abs() > 1e-6 {
+            wanted = -8.0;
+        }
+        let next = speed + (wanted - speed).clamp(-rate, rate);
+        turns += 0.5 * (speed + next) * 1e-3;
+        speed = next;
+        if (-7.0..3.0).contains(&cycle.position[Z]) && (velocity.abs() - 8.0).abs() < 1e-6 {
+            let groove = turns + cycle.position[Z];
+            worst = worst.max((groove - *start.get_or_insert(groove)).abs());
+            compared += 1;
+        } else if wanted < 0.0 && cycle.position[Z] > 4.9 {
+            break;
+        }
+    }
+    assert!(compared > 2000 && worst < 0.002, "{worst} of {compared}");
 }

@@ -69,6 +69,37 @@ fn a_long_line_at_its_feed_is_limited_by_its_feed_word() {
     assert!(joined(&json["advice"]).contains("higher feed word"));
 }
 
+/// A pass of a thread, which the cycle drives in step with the spindle, has no block: lines after it have their own feed words.
+#[test]
+fn lines_after_threads_are_compared_with_their_own_feed_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let lathe = std::fs::read_to_string(Path::new(MACHINE).with_file_name("lathe-2axis.toml")).unwrap();
+    let spindle = "\n[[spindle]]\nmax_rpm = 4000\nfeedback = true\nacceleration_rpm_s = 2000\n";
+    std::fs::write(folder.path().join("lathe.toml"), lathe + spindle).unwrap();
+    let text = "G21 G18 G90 G8 G61\nG0 X50 Z100\nS300 M3\nG33 Z95 K1\nG33 Z90 K1\nG33 Z85 K1\n\
+                G1 Z75 F600\nG1 Z65 F60\nG1 Z55 F6000\nG1 Z45 F1200\nM2\n";
+    std::fs::write(folder.path().join("thread.ngc"), text).unwrap();
+    for line in [7, 8, 10] {
+        let output = Command::new(env!("CARGO_BIN_EXE_evolvent"))
+            .args([
+                "plan",
+                "thread.ngc",
+                "--machine",
+                "lathe.toml",
+                "--json",
+                "--explain",
+            ])
+            .arg(line.to_string())
+            .current_dir(folder.path())
+            .output()
+            .unwrap();
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let limited_by = &json["explanation"]["limited_by"][0];
+        assert_eq!(limited_by[0], "feed word", "line {line}: {json}");
+        assert!(limited_by[1].as_f64().unwrap() > 0.7, "line {line}: {limited_by}");
+    }
+}
+
 #[test]
 fn a_short_rapid_is_limited_by_the_jerk_of_its_axis_and_twice_of_it_helps_by_the_cube_root() {
     // 1 mm from rest to rest with J alone takes (32 d / J)^(1/3): 86.2 ms, and 68.4 ms with 2 J.

@@ -575,6 +575,7 @@ impl ProgramProgress {
             actions: setpoint.actions,
             blocks: if self.has_moved { setpoint.block + 1 } else { 0 },
             phase,
+            x_mm: setpoint.position[0],
         }
     }
 }

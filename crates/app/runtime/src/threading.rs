@@ -18,6 +18,7 @@ use crate::refusal::{about_line_with, explain};
 pub(crate) struct ThreadChain {
     start: Axes,
     legs: Vec<ThreadLeg>,
+    /// The pieces of the path and their pitches, mm.
     curves: Vec<(Curve, f64)>,
     /// Number of the spindle that it follows.
     spindle: u32,

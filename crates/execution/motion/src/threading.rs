@@ -204,37 +204,6 @@ impl Landing {
     }
 }
 
-/// A spindle where time is not real: it follows its command, but not at once.
-#[derive(Clone, Copy, Debug)]
-struct ImaginedSpindle {
-    motion: AngleJet,
-    wanted: f64,
-    braking: f64,
-}
-
-impl ImaginedSpindle {
-    /// So fast it speeds up where nothing is known of it: to the speed of the pass in so many seconds.
-    const SPEED_UP_S: f64 = 0.25;
-
-    fn new(turns_per_s: f64, tap: Option<TapReturn>) -> Self {
-        let known = tap.and_then(|tap| tap.braking);
-        Self {
-            motion: [0.0, turns_per_s, 0.0],
-            wanted: turns_per_s,
-            braking: known.unwrap_or(turns_per_s.abs() / Self::SPEED_UP_S),
-        }
-    }
-
-    fn advance(&mut self, period_s: f64) {
-        let [turns, speed, _] = self.motion;
-        let most = self.braking * period_s;
-        let change = (self.wanted - speed).clamp(-most, most);
-        let acceleration = change / period_s;
-        let next = speed + change;
-        self.motion = [turns + 0.5 * (speed + next) * period_s, next, acceleration];
-    }
-}
-
 /// A pass, driven setpoint by setpoint. Built outside the cycle and handed over in a box by a
 /// [`ThreadingSender`](crate::ThreadingSender), before the plan's [`Step::Thread`](evolvent_planner::Step::Thread), which hands it back
 /// with its result.
@@ -247,7 +216,6 @@ pub struct Threading {
     tap: Option<TapReturn>,
     clear_at: Option<(usize, f64)>,
     phase: Phase,
-    imagined: ImaginedSpindle,
     /// Angle of the spindle at which the thread begins, turns the way it turns.
     origin: Option<f64>,
     /// Speed at the start of the pass.
@@ -291,7 +259,6 @@ impl Threading {
             tap,
             clear_at,
             phase: Phase::Waiting(0.0),
-            imagined: ImaginedSpindle::new(turns_per_s.abs(), tap),
             origin: None,
             begun_at: 0.0,
             heeded: [0.0; 3],
@@ -322,8 +289,7 @@ impl Threading {
     /// Angle the way the spindle turns, its speed and acceleration, and the third derivative of what is followed of its ripple.
     fn angle(&self, spindle: &SpindleInput) -> Option<(AngleJet, f64)> {
         match spindle.knowledge {
-            SpindleKnowledge::Imagined => Some((self.imagined.motion, 0.0)),
-            SpindleKnowledge::Tracked => {
+            SpindleKnowledge::Tracked | SpindleKnowledge::Imagined => {
                 let way = self.turns_per_s.signum();
                 let (mut angle, mut third) = (spindle.mean, 0.0);
                 for ((order, ripple), share) in spindle.ripple.iter().enumerate().zip(self.heeded) {
@@ -372,6 +338,10 @@ impl Threading {
             };
             return;
         };
+        if spindle.knowledge == SpindleKnowledge::Imagined && angle[2] != 0.0 {
+            // No wait of the program has seen it reach its speed; it will.
+            return;
+        }
         if angle[1] < STALL_RATIO * self.turns_per_s.abs() {
             self.phase = if waited > KNOWLEDGE_TIMEOUT_S {
                 Phase::Over(ThreadVerdict::Stalled)
@@ -386,9 +356,7 @@ impl Threading {
             self.phase = Phase::Over(ThreadVerdict::Refused(objection));
             return;
         }
-        if spindle.knowledge == SpindleKnowledge::Tracked {
-            self.heed(spindle);
-        }
+        self.heed(spindle);
         self.begun_at = angle[1];
         // The next turn whose run-in lies ahead.
         let head_start = HEAD_START_TURNS + 2.0 * angle[1] * period_s;
@@ -441,7 +409,6 @@ impl Threading {
             let depth = self.cam.turns();
             let braking = tap.braking.map_or(0.0, |rate| angle[1] * angle[1] / (2.0 * rate));
             if !turned && angle[0] + braking >= depth {
-                self.imagined.wanted = -tap.turns_per_s;
                 self.phase = Phase::Following { turned: true };
                 return true;
             }
@@ -452,7 +419,6 @@ impl Threading {
             }
             if turned && angle[0] <= -run_in {
                 self.land(self.cam.start(), period_s);
-                self.imagined.wanted = self.turns_per_s.abs();
                 return true;
             }
         } else if angle[0] >= ended {
@@ -551,9 +517,6 @@ impl Threading {
 
     /// One period: `hold` and `stop` as asked for.
     fn advance(&mut self, spindle: &SpindleInput, hold: bool, stop: bool, period_s: f64) -> Driven {
-        if spindle.knowledge == SpindleKnowledge::Imagined {
-            self.imagined.advance(period_s);
-        }
         let mut acts = false;
         match self.phase {
             Phase::Waiting(waited) if !hold && !stop => self.wait(spindle, waited, period_s),

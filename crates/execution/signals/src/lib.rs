@@ -13,7 +13,7 @@
 //! let mut change = Change::at(Moment::Block(3));
 //! change.set_digital(0, true);
 //! assert!(scheduler.change(change));
-//! let before = Progress { actions: 0, blocks: 3, phase: Phase::Runs };
+//! let before = Progress { actions: 0, blocks: 3, phase: Phase::Runs, x_mm: 0.0 };
 //! assert_eq!(signals.step(&before).digital, 0);
 //! // Block 3 is the fourth to begin.
 //! assert_eq!(signals.step(&Progress { blocks: 4, ..before }).digital, 1);
@@ -37,6 +37,7 @@ mod signals;
 mod spindle_input;
 mod spindle_state;
 mod spindle_tracker;
+mod virtual_spindle;
 mod wait;
 
 pub use feed_law::FeedLaw;
@@ -48,4 +49,5 @@ pub use signals::{Phase, Progress, Signals};
 pub use spindle_input::{SpindleInput, SpindleKnowledge};
 pub use spindle_state::SpindleState;
 pub use spindle_tracker::{AngleJet, HARMONICS, SpindleAngle, SpindleMotion, SpindleTracker};
+pub use virtual_spindle::SpindleTarget;
 pub use wait::{Awaited, InputWait, WaitMode, WaitResult};

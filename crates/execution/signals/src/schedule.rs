@@ -5,6 +5,7 @@ use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::feed_law::FeedLaw;
 use crate::override_switches::OverrideSwitches;
+use crate::virtual_spindle::SpindleTarget;
 use crate::wait::{InputWait, WaitResult};
 
 /// Changes and waits on the way: one for each block mark and step that a plan queue holds at most, 131 072 and 36 800, and for
@@ -41,6 +42,8 @@ pub struct Change {
     pub feed_law: Option<FeedLaw>,
     /// The spindle whose angle motion follows from then on; none where that stays as it is.
     pub follows: Option<u32>,
+    /// How a spindle turns from then on, where time is not real; none where that stays as it is.
+    pub spindle: Option<SpindleTarget>,
 }
 
 impl Change {
@@ -56,6 +59,7 @@ impl Change {
             overrides: None,
             feed_law: None,
             follows: None,
+            spindle: None,
         }
     }
 
@@ -81,7 +85,11 @@ impl Change {
     /// Whether nothing changes.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        !self.sets_outputs() && self.overrides.is_none() && self.feed_law.is_none() && self.follows.is_none()
+        !self.sets_outputs()
+            && self.overrides.is_none()
+            && self.feed_law.is_none()
+            && self.follows.is_none()
+            && self.spindle.is_none()
     }
 
     /// Whether an output changes.
@@ -93,6 +101,10 @@ impl Change {
 
 /// Something that is scheduled.
 #[derive(Clone, Copy, Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "nearly all are changes, and each is boxed"
+)]
 pub(crate) enum Scheduled {
     Change(Change),
     Wait(InputWait),

@@ -9,7 +9,8 @@ use crate::probe_image::{ProbeInput, ProbeState};
 use crate::schedule::{Change, Moment, ScheduleConsumer, Scheduled};
 use crate::spindle_input::{SpindleInput, SpindleKnowledge};
 use crate::spindle_state::SpindleState;
-use crate::spindle_tracker::SpindleTracker;
+use crate::spindle_tracker::{SpindleMotion, SpindleTracker};
+use crate::virtual_spindle::VirtualSpindle;
 use crate::wait::ActiveWait;
 
 /// The feed follows the measured speed of the spindle where they differ by more than this.
@@ -31,7 +32,7 @@ pub enum Phase {
 }
 
 /// How far a program is with one setpoint.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress {
     /// Actions that have taken effect.
     pub actions: u32,
@@ -39,6 +40,8 @@ pub struct Progress {
     pub blocks: u32,
     /// What the machine is doing.
     pub phase: Phase,
+    /// X of the tool in machine coordinates, mm.
+    pub x_mm: f64,
 }
 
 /// The outputs that one rule makes safe.
@@ -95,6 +98,9 @@ pub struct Signals {
     inputs: InputImage,
     probe: ProbeInput,
     tracker: SpindleTracker,
+    /// What turns where time is not real.
+    virtual_spindles: [VirtualSpindle; MAX_SPINDLES as usize],
+    period_s: f64,
     /// Setpoints after which a sample of the angle is too old: what holds for every input, where the publisher says nothing either.
     stale_cycles: f64,
     wait: Option<ActiveWait>,
@@ -133,6 +139,10 @@ impl Signals {
             inputs: InputImage::default(),
             probe: ProbeInput::default(),
             tracker: SpindleTracker::new(period_s),
+            virtual_spindles: std::array::from_fn(|number| {
+                VirtualSpindle::new(settings.spindle(number as u32))
+            }),
+            period_s,
             stale_cycles: f64::from(lead_cycles) + settings.input_timeout_s / period_s,
             wait: None,
             go_on: false,
@@ -238,7 +248,14 @@ impl Signals {
         };
         let motion = match knowledge {
             SpindleKnowledge::Tracked => self.tracker.at(cycle).unwrap_or_default(),
-            _ => Default::default(),
+            SpindleKnowledge::Imagined => SpindleMotion {
+                mean: self
+                    .virtual_spindles
+                    .get(self.follows as usize)
+                    .map_or([0.0; 3], VirtualSpindle::motion),
+                ..SpindleMotion::default()
+            },
+            SpindleKnowledge::Unknown | SpindleKnowledge::Seeking => SpindleMotion::default(),
         };
         SpindleInput {
             knowledge,
@@ -311,6 +328,7 @@ impl Signals {
     /// The outputs with a setpoint, the program having come so far. Once for each setpoint.
     pub fn step(&mut self, progress: &Progress) -> OutputImage {
         self.carry_out(progress);
+        self.turn_virtual_spindles(progress.x_mm);
         match progress.phase {
             Phase::Runs | Phase::Held => {}
             Phase::Stopped => self.on_stop.apply(&mut self.programmed, &self.safe),
@@ -322,6 +340,15 @@ impl Signals {
             self.on_hold.apply(&mut image, &self.safe);
         }
         image
+    }
+
+    /// The spindles that follow their commands are a period further: how they turn when the next setpoint is due.
+    fn turn_virtual_spindles(&mut self, x_mm: f64) {
+        for (spindle, state) in self.virtual_spindles.iter_mut().zip(&self.inputs.spindles) {
+            if *state == Some(SpindleState::OBEDIENT) {
+                spindle.advance(x_mm, self.period_s);
+            }
+        }
     }
 
     /// Goes on with the schedule up to here.
@@ -360,6 +387,11 @@ impl Signals {
                     self.overrides = change.overrides.unwrap_or(self.overrides);
                     self.feed_law = change.feed_law.unwrap_or(self.feed_law);
                     self.follows = change.follows.unwrap_or(self.follows);
+                    if let Some(target) = change.spindle
+                        && let Some(spindle) = self.virtual_spindles.get_mut(target.spindle as usize)
+                    {
+                        spindle.command(&target);
+                    }
                 }
                 Scheduled::Wait(wait) => {
                     let mut wait = ActiveWait::new(wait, self.lead_cycles);
@@ -400,6 +432,7 @@ mod tests {
             actions: 0,
             blocks,
             phase: Phase::Runs,
+            x_mm: 0.0,
         };
         let measured = |signals: &mut Signals, rpm: Option<f64>| {
             signals.observe(&InputImage {

@@ -40,6 +40,7 @@ fn a_full_queue_is_carried_out_without_the_allocator_and_in_order() {
         actions,
         blocks,
         phase: Phase::Runs,
+        x_mm: 0.0,
     };
     for block in 0..blocks {
         let outputs = signals.step(&at(block + 1, 0));
@@ -80,6 +81,7 @@ fn a_wait_begins_a_lead_later_and_ends_by_its_timeout() {
             actions,
             blocks: 0,
             phase: Phase::Runs,
+            x_mm: 0.0,
         };
         signals.step(&progress(4));
         assert!(!signals.is_waiting());

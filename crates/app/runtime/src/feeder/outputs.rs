@@ -1,9 +1,9 @@
 //! Outputs, spindle, coolant and the feed law: what changes with a block or at rest.
 
-use evolvent_gcode::{Action, Command, Move, MoveKind, Outputs, SPINDLES};
+use evolvent_gcode::{Action, Command, Move, MoveKind, Outputs, SPINDLES, SpindleDirection};
 use evolvent_motion::QueueClosed;
 use evolvent_planner::{PlanError, PlanSink, Step};
-use evolvent_signals::{Change, FeedLaw, Moment as SignalMoment, OverrideSwitches, Scheduler};
+use evolvent_signals::{Change, FeedLaw, Moment as SignalMoment, OverrideSwitches, Scheduler, SpindleTarget};
 
 use super::{CARRIER_NAP, Feeder};
 use crate::news::describe;
@@ -207,6 +207,29 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
     }
 
+    /// With the next action a spindle turns as commanded, where time is not real.
+    pub(super) fn turn_virtual_spindle(&mut self, spindle: u32) -> Result<(), QueueClosed> {
+        let change = Change {
+            spindle: Some(self.spindle_target(spindle)),
+            ..Change::at(SignalMoment::Rest(self.actions))
+        };
+        self.schedule(|signals| signals.change(change))
+    }
+
+    /// How a spindle is commanded now.
+    pub(super) fn spindle_target(&self, spindle: u32) -> SpindleTarget {
+        let output = self.periphery.outputs.spindle(spindle);
+        SpindleTarget {
+            spindle,
+            sign: match output.direction {
+                SpindleDirection::Stopped => 0.0,
+                SpindleDirection::Clockwise => 1.0,
+                SpindleDirection::CounterClockwise => -1.0,
+            },
+            speed: output.speed(),
+        }
+    }
+
     /// Something of the periphery takes effect at rest.
     pub(super) fn switch(&mut self, action: &Action, line: u32) -> Result<(), PlanError<QueueClosed>> {
         self.periphery.apply(action);
@@ -215,6 +238,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         | Action::OrientSpindle { spindle, .. } = action
         {
             self.command_spindle(*spindle);
+            self.turn_virtual_spindle(*spindle).map_err(PlanError::Sink)?;
             self.release_feed(*spindle)?;
         }
         self.report_periphery(self.actions);

@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use evolvent_gcode::{Command, Move, MoveKind, PathMode};
+use evolvent_gcode::Command;
 use evolvent_motion::{QueueClosed, ThreadPass, ThreadResult, Threading, ThreadingSender};
-use evolvent_path::{Curve, Line};
 use evolvent_planner::{PlanError, PlanSink, Step};
 use evolvent_signals::{Change, Moment as SignalMoment};
 
@@ -66,21 +65,16 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
                 return Err(ThreadTrouble::Program(self.wrong(diagnostic)));
             }
         };
-        if self.links.threadings.is_some() {
-            match self.suspend_override(chain.spindle(), line) {
-                Ok(()) => {}
-                Err(PlanError::Sink(gone)) => return Err(gone.into()),
-                // A rest is within every limit.
-                Err(_) => return Err(ThreadTrouble::Gone),
-            }
+        match self.suspend_override(chain.spindle(), line) {
+            Ok(()) => {}
+            Err(PlanError::Sink(gone)) => return Err(gone.into()),
+            // A rest is within every limit.
+            Err(_) => return Err(ThreadTrouble::Gone),
         }
         if let Some((message, help)) = self.await_speeds(line)? {
             return Err(ThreadTrouble::Program(
                 self.refused(first, program, message, help),
             ));
-        }
-        if self.links.threadings.is_none() {
-            return self.preview_thread(chain, rpm, line);
         }
         let result = self.drive_thread(chain, pass, run_in_mm, line)?;
         self.planner.set_position(&result.stands_at);
@@ -90,35 +84,6 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             ));
         }
         self.report_blocks(false);
-        Ok(())
-    }
-
-    /// Nothing is driven: the path at the speed that the spindle would have.
-    fn preview_thread(&mut self, chain: &ThreadChain, rpm: f64, line: u32) -> Result<(), ThreadTrouble> {
-        let back = chain.is_tap().then(|| {
-            let mut back: Vec<_> = chain.curves().to_vec();
-            back.reverse();
-            for (curve, _) in &mut back {
-                if let Ok(line) = Line::new(curve.end(), curve.start()) {
-                    *curve = Curve::Line(line);
-                }
-            }
-            back
-        });
-        for (curve, pitch_mm) in chain.curves().iter().copied().chain(back.into_iter().flatten()) {
-            let motion = Move {
-                curve,
-                kind: MoveKind::Feed,
-                feed_mm_s: pitch_mm * rpm.abs() / 60.0,
-                path_mode: PathMode::ExactPath,
-            };
-            match self.push_move(&motion, line) {
-                Ok(()) => {}
-                Err(PlanError::Sink(gone)) => return Err(gone.into()),
-                // Its travel was checked, and its speed.
-                Err(_) => return Err(ThreadTrouble::Gone),
-            }
-        }
         Ok(())
     }
 
@@ -136,11 +101,11 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             self.next.follows = chain.spindle();
             change.follows = Some(chain.spindle());
         }
-        if !change.is_empty() {
-            // The pass is no block: what is to change with it changes where it begins, at rest.
-            change.moment = SignalMoment::Rest(action);
-            self.schedule(|signals| signals.change(change))?;
-        }
+        // Again, for a spindle that turned before the program began.
+        change.spindle = Some(self.spindle_target(chain.spindle()));
+        // The pass is no block: what is to change with it changes where it begins, at rest.
+        change.moment = SignalMoment::Rest(action);
+        self.schedule(|signals| signals.change(change))?;
         self.periphery.follows_angle = Some(chain.spindle());
         self.periphery.in_pass = Some(chain.spindle());
         self.report_periphery(action);
@@ -151,7 +116,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             self.report_reversal(
                 chain.spindle(),
                 pass.tap.map_or(0.0, |tap| 60.0 * tap.turns_per_s),
-            );
+            )?;
         }
         (self.last_line, self.end_line) = (0, line);
         self.planner.rest(&Step::Action { action, line })?;
@@ -179,7 +144,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
     }
 
     /// The next two actions, which the pass itself carries out: the spindle turns back at this speed, and then as before.
-    fn report_reversal(&mut self, spindle: u32, back_rpm: f64) {
+    fn report_reversal(&mut self, spindle: u32, back_rpm: f64) -> Result<(), QueueClosed> {
         use evolvent_gcode::SpindleDirection::{Clockwise, CounterClockwise, Stopped};
         let before = self.periphery.outputs;
         let back = match before.spindle(spindle).direction {
@@ -194,8 +159,10 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         for outputs in [reversed, before] {
             self.periphery.outputs = outputs;
             self.command_spindle(spindle);
+            self.turn_virtual_spindle(spindle)?;
             self.report_periphery(self.actions);
             self.actions += 1;
         }
+        Ok(())
     }
 }

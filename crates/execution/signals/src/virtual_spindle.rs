@@ -1,0 +1,147 @@
+//! The angle of a spindle where time is not real and no encoder reports one.
+
+use evolvent_machine::SpindleSettings;
+use evolvent_path::SpindleSpeed;
+
+use crate::spindle_tracker::AngleJet;
+
+/// Time in which a spindle reaches its speed from rest where the machine file gives no rate, s.
+const SPEED_UP_S: f64 = 0.25;
+
+/// How a spindle is to turn from a moment on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpindleTarget {
+    /// Number of the spindle.
+    pub spindle: u32,
+    /// 1 clockwise, -1 counter-clockwise, 0 stopped.
+    pub sign: f64,
+    /// Its speed.
+    pub speed: SpindleSpeed,
+}
+
+/// A spindle that turns as commanded: it changes its speed at a constant rate, and its angle goes on from pass to pass. The angle is 0
+/// where the run begins. It depends on commands and the number of setpoints alone, so the same program gives the same bits.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct VirtualSpindle {
+    /// Turns, turns/s and turns/s^2; negative counter-clockwise.
+    motion: AngleJet,
+    sign: f64,
+    speed: SpindleSpeed,
+    max_rpm: f64,
+    /// Turns/s^2, from the machine file.
+    rate: Option<f64>,
+    /// Highest speed since the last command and the one at it, turns/s: sets the rate where the machine file gives none.
+    fastest: f64,
+}
+
+impl VirtualSpindle {
+    /// At rest. `settings`: of the machine file, where it has this spindle.
+    pub(crate) fn new(settings: Option<&SpindleSettings>) -> Self {
+        Self {
+            motion: [0.0; 3],
+            sign: 0.0,
+            speed: SpindleSpeed::Constant { rpm: 0.0 },
+            max_rpm: settings.map_or(f64::INFINITY, |settings| settings.max_rpm),
+            rate: settings
+                .and_then(SpindleSettings::braking_rpm_s)
+                .map(|rate| rate / 60.0),
+            fastest: 0.0,
+        }
+    }
+
+    /// Angle, speed and acceleration.
+    pub(crate) const fn motion(&self) -> AngleJet {
+        self.motion
+    }
+
+    /// Turns so from the next setpoint on.
+    pub(crate) fn command(&mut self, target: &SpindleTarget) {
+        (self.sign, self.speed) = (target.sign, target.speed);
+        self.fastest = self.motion[1].abs();
+    }
+
+    /// One period, with the tool at X in machine coordinates, mm.
+    pub(crate) fn advance(&mut self, x_mm: f64, period_s: f64) {
+        let [turns, speed, _] = self.motion;
+        let wanted = self.sign * self.speed.overridden_rpm_at(x_mm, 1.0, self.max_rpm) / 60.0;
+        self.fastest = self.fastest.max(wanted.abs());
+        let most = self.rate.unwrap_or(self.fastest / SPEED_UP_S) * period_s;
+        let change = (wanted - speed).clamp(-most, most);
+        // The speed itself at the end: a sum could miss it by its last bit, and would never rest.
+        let next = if change == wanted - speed {
+            wanted
+        } else {
+            speed + change
+        };
+        self.motion = [turns + 0.5 * (speed + next) * period_s, next, change / period_s];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PERIOD_S: f64 = 1e-3;
+
+    fn target(sign: f64, rpm: f64) -> SpindleTarget {
+        SpindleTarget {
+            spindle: 0,
+            sign,
+            speed: SpindleSpeed::Constant { rpm },
+        }
+    }
+
+    fn advance(spindle: &mut VirtualSpindle, cycles: u32) {
+        for _ in 0..cycles {
+            spindle.advance(0.0, PERIOD_S);
+        }
+    }
+
+    #[test]
+    fn without_a_rate_it_has_its_speed_after_a_quarter_of_a_second_and_turns_on() {
+        let mut spindle = VirtualSpindle::new(None);
+        spindle.command(&target(1.0, 800.0));
+        advance(&mut spindle, 249);
+        assert!(spindle.motion()[1] < 800.0 / 60.0);
+        advance(&mut spindle, 3);
+        assert_eq!(spindle.motion()[1..], [800.0 / 60.0, 0.0]);
+        let before = spindle.motion()[0];
+        advance(&mut spindle, 3000);
+        assert!((spindle.motion()[0] - before - 40.0).abs() < 1e-9);
+        // The other way: 0.25 s to rest, and as long to the speed.
+        spindle.command(&target(-1.0, 800.0));
+        advance(&mut spindle, 250);
+        assert!(spindle.motion()[1].abs() < 1e-9, "{:?}", spindle.motion());
+        advance(&mut spindle, 252);
+        assert_eq!(spindle.motion()[1..], [-800.0 / 60.0, 0.0]);
+        // It stops, and keeps its angle.
+        spindle.command(&target(0.0, 800.0));
+        advance(&mut spindle, 252);
+        let at_rest = spindle.motion();
+        assert_eq!(at_rest[1..], [0.0, 0.0]);
+        advance(&mut spindle, 100);
+        assert_eq!(spindle.motion(), at_rest);
+    }
+
+    #[test]
+    fn a_surface_speed_goes_by_the_radius() {
+        let mut spindle = VirtualSpindle::new(None);
+        let surface = evolvent_path::SurfaceSpeed {
+            speed_m_min: 100.0,
+            max_rpm: 2000.0,
+            centre_mm: 0.0,
+        };
+        spindle.command(&SpindleTarget {
+            spindle: 0,
+            sign: 1.0,
+            speed: SpindleSpeed::Surface(surface),
+        });
+        for x_mm in [20.0, 40.0, 1.0] {
+            for _ in 0..1000 {
+                spindle.advance(x_mm, PERIOD_S);
+            }
+            let expected = SpindleSpeed::Surface(surface).rpm_at(x_mm) / 60.0;
+            assert_eq!(spindle.motion()[1], expected, "X {x_mm}");
+        }
+    }
+}
