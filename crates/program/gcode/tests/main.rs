@@ -9,6 +9,7 @@ mod dialect_values;
 mod dialects;
 mod fanuc_threads;
 mod flow;
+mod interpreted;
 mod language;
 mod linuxcnc;
 mod mutations;

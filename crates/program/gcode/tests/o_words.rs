@@ -1,17 +1,8 @@
 //! Errors of O-words: one for each mistake, in the order of lines, with the word and the line with which its block begins.
 
-use evolvent_gcode::{Code, Command, Diagnostic, Interpreter, Settings};
+use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Settings};
 
-fn interpret(program: &str, settings: Settings) -> (Vec<Command>, Vec<Diagnostic>) {
-    let (mut commands, mut errors) = (Vec::new(), Vec::new());
-    for item in Interpreter::new(program.as_bytes(), settings) {
-        match item {
-            Ok(command) => commands.push(command),
-            Err(error) => errors.push(error),
-        }
-    }
-    (commands, errors)
-}
+use crate::interpreted::interpret;
 
 /// The only error of a program.
 fn only_error(program: &str) -> Diagnostic {
@@ -242,6 +233,100 @@ fn a_percent_inside_an_open_block_is_an_error_in_its_line() {
     assert_eq!(errors, []);
     assert!(matches!(
         commands.last().map(|last| &last.action),
-        Some(evolvent_gcode::Action::ProgramEnd)
+        Some(Action::ProgramEnd)
     ));
+}
+
+/// The warnings of a program without errors: line and text. Its last command is its end.
+fn warnings(program: &str, settings: Settings) -> Vec<(u32, String)> {
+    let (commands, errors) = interpret(program, settings);
+    assert_eq!(errors, [], "{program}");
+    assert!(
+        matches!(commands.last().map(|last| &last.action), Some(Action::ProgramEnd)),
+        "{program}: {commands:?}"
+    );
+    let warning = |command: &Command| match &command.action {
+        Action::Warning(text) => Some((command.line, text.clone())),
+        _ => None,
+    };
+    commands.iter().filter_map(warning).collect()
+}
+
+#[test]
+fn what_is_open_at_m2_and_never_ends_is_warned_of() {
+    // LinuxCNC executes each of these programs to its M2.
+    for (block, end) in [
+        ("o1 while [1]", "endwhile"),
+        ("o1 repeat [2]", "endrepeat"),
+        ("o1 do", "while"),
+        ("o1 if [1]", "endif"),
+    ] {
+        let begin = block.split(' ').nth(1).unwrap();
+        // The same number again is another block.
+        let another = "o1 repeat [2]\nG0 X3\no1 endrepeat\no1 if [1]\no1 endif\n";
+        for rest in [
+            "",
+            "G0 X2\nM2\n",
+            &format!("{block}\n{another}"),
+            "%\no1 endif\no1 endwhile\n",
+        ] {
+            let percent = if rest.starts_with('%') { "%" } else { "" };
+            let found = warnings(
+                &format!("{percent}\nG0 X0\n{block}\nG0 X1 M2\n{rest}"),
+                Settings::default(),
+            );
+            let [(4, text)] = &found[..] else {
+                panic!("{block:?} {rest:?}: {found:?}")
+            };
+            let named = format!("O<1> {begin} of line 3, because O<1> {end} is missing");
+            assert!(text.contains(&named), "{text}");
+            assert_eq!(text.contains("not repeated"), begin != "if", "{text}");
+        }
+    }
+}
+
+#[test]
+fn an_m2_inside_a_block_that_ends_later_is_not_warned_of() {
+    for program in [
+        "o1 if [1]\nM2\no1 endif\nM2\n",
+        "o1 if [1]\no2 if [1]\nM2\no2 else\nM2\no2 endif\no1 elseif [1]\nM2\no1 endif\n",
+        "o1 while [1]\nG0 X1\no2 if [1]\nM2\no2 endif\no1 endwhile\n",
+        "o1 do\no2 repeat [2]\nM2\no2 endrepeat\no1 while [1]\nM2\n",
+        "o1 sub\no2 if [1]\nM2\no2 endif\no1 endsub\no3 if [1]\no1 call\no3 endif\n",
+    ] {
+        assert_eq!(warnings(program, Settings::default()), [], "{program}");
+    }
+}
+
+#[test]
+fn a_block_around_the_call_of_a_subroutine_with_m2_is_warned_of() {
+    let program = "o1 sub\no2 if [1]\nM2\no2 endif\no1 endsub\no3 if [1]\no1 call\nM2\n";
+    let found = warnings(program, Settings::default());
+    assert!(
+        matches!(&found[..], [(3, text)] if text.contains("O<3> if of line 6")),
+        "{found:?}"
+    );
+    let program = "o1 sub\no2 repeat [2]\nM2\no1 endsub\no3 if [1]\no1 call\no3 endif\nM2\n";
+    let found = warnings(program, Settings::default());
+    assert!(
+        matches!(&found[..], [(3, text)] if text.contains("O<2> repeat of line 2")),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn what_is_open_at_the_end_of_a_subroutine_is_warned_of() {
+    // LinuxCNC executes it.
+    for (block, end) in [("if [1]", "endif"), ("repeat [2]", "endrepeat"), ("do", "while")] {
+        let begin = block.split(' ').next().unwrap();
+        let program = format!("o1 sub\no2 {block}\nG0 X1\no1 endsub\no1 call\nM2\n");
+        let found = warnings(&program, Settings::default());
+        let named = format!("O<2> {begin} of line 2, because O<2> {end} is missing");
+        assert!(
+            matches!(&found[..], [(4, text)] if text.contains(&named)),
+            "{found:?}"
+        );
+    }
+    let program = "o1 sub\no2 if [1]\no1 return\no2 endif\no1 endsub\no1 call\nM2\n";
+    assert_eq!(warnings(program, Settings::default()), []);
 }

@@ -191,7 +191,7 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// Outputs a warning of the present line.
-    pub(super) fn warn(&mut self, text: String) {
+    pub(crate) fn warn(&mut self, text: String) {
         let (line, origin) = (self.shown_line(), self.origin());
         self.output.pending.push_back(Command {
             line,

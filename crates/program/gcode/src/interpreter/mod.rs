@@ -9,7 +9,9 @@ mod dialect_advice;
 pub(crate) mod doubt;
 pub(crate) mod effects;
 mod error_history;
+pub(crate) mod execute_line;
 pub(crate) mod modal;
+pub(crate) mod next_line;
 pub(crate) mod o_words;
 pub(crate) mod output;
 pub(crate) mod pairs;
@@ -39,7 +41,6 @@ use crate::interpreter::tool_change::Resumed;
 use crate::parameters::values::Parameters;
 use crate::state::machine_state::State;
 use crate::state::scope::Scope;
-use crate::syntax::parser::{first_character, is_block_delete, is_percent, parse};
 use crate::syntax::reader::LineReader;
 use crate::syntax::statement::Statement;
 use crate::{Action, Code, Command, Diagnostic, Origin, Settings, ToolTable};
@@ -218,14 +219,6 @@ impl<R: BufRead> Interpreter<R> {
         self.state.ended
     }
 
-    /// Number of the next line of the program.
-    pub(crate) fn next_of_program(&self) -> u32 {
-        match self.flow.tape.get(self.flow.frames[0].at) {
-            Some((_, line)) => line,
-            None => self.reader.line() + 1,
-        }
-    }
-
     /// Executes a line and discards its commands. The line number of a probing move among them, whose result is unknown.
     pub(crate) fn step_silently(&mut self) -> Result<Option<u32>, Box<Diagnostic>> {
         let mut probed = None;
@@ -270,18 +263,31 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
+    /// Executes another statement on a state of its own.
     pub(crate) fn executor<'a>(
         &'a mut self,
         statement: &'a Statement,
         state: &'a mut State,
         number: u32,
     ) -> Executor<'a> {
+        Executor {
+            state,
+            line: statement,
+            number,
+            ..self.executor_of_line(false)
+        }
+    }
+
+    /// Executes the present statement.
+    #[inline]
+    pub(crate) fn executor_of_line(&mut self, passes_end: bool) -> Executor<'_> {
+        let number = self.shown_line();
         let (origin, calls) = (self.origin(), self.current.place.calls.clone());
         Executor {
             origin,
             calls,
-            state,
-            line: statement,
+            state: &mut self.state,
+            line: &self.current.statement,
             settings: &self.settings,
             tools: &mut self.tools,
             parameters: &mut self.parameters,
@@ -289,7 +295,7 @@ impl<R: BufRead> Interpreter<R> {
             out: &mut self.output.pending,
             changed: &mut self.output.changed,
             watch: &mut self.output.watch,
-            passes_end: false,
+            passes_end,
             number,
         }
     }
@@ -436,213 +442,6 @@ impl<R: BufRead> Interpreter<R> {
             "lines with errors were executed {MAX_REPEATED_ERRORS} times more in loops; lines after this one were not checked"
         );
         Fault::new(Code::TooManySteps, place, message).help("correct the errors reported before this one")
-    }
-
-    /// Reads the next line; false at the end of this frame.
-    fn next_line(&mut self) -> Result<bool, Fault> {
-        let last = self.flow.frames.len() - 1;
-        let frame = &mut self.flow.frames[last];
-        if let Some(lines) = &frame.lines {
-            let Some((text, line)) = lines.get(frame.at) else {
-                return Ok(false);
-            };
-            self.current.text.clear();
-            self.current.text.extend_from_slice(text);
-            self.current.number = line;
-            frame.at += 1;
-            return Ok(true);
-        }
-        if let Some((text, line)) = self.flow.tape.get(frame.at) {
-            self.current.text.clear();
-            self.current.text.extend_from_slice(text);
-            self.current.number = line;
-            frame.at += 1;
-            self.flow.on_tape = true;
-            return Ok(true);
-        }
-        let recording = self.recording();
-        if !recording && self.flow.tape.len() > 0 {
-            self.flow.tape.clear();
-            self.flow.frames[0].at = 0;
-        }
-        self.flow.on_tape = false;
-        let line_before = self.current.number;
-        let read = self.reader.read_into(&mut self.current.text)?;
-        self.current.number = self.reader.line();
-        if !read && line_before != self.current.number {
-            // That of a subroutine, which has ended.
-            self.current.text.clear();
-        }
-        if read && recording {
-            self.flow.tape.push(self.current.number, &self.current.text);
-            self.flow.frames[0].at = self.flow.tape.len();
-            self.flow.on_tape = true;
-            if self.flow.tape.size() > self.settings.limits.max_body_bytes {
-                self.finished = true;
-                return Err(self.body_too_long());
-            }
-        }
-        Ok(read)
-    }
-
-    /// Processes the end of the lines of a frame.
-    fn end_of_lines(&mut self) -> Result<(), Box<Diagnostic>> {
-        let open = self.unfinished();
-        if self.flow.frames.len() > 1 {
-            let may_end = self.flow.frames.last().is_some_and(Frame::is_whole_file);
-            // A tool change that ends inside a condition is incomplete.
-            let is_cut_off =
-                self.flow.skip.is_some() || self.flow.definition.is_some() || !self.frame().open.is_empty();
-            let is_change = self.frame().change.is_some();
-            let fault = open
-                .filter(|_| !may_end || is_cut_off && is_change)
-                .map(|fault| self.locate(fault));
-            self.flow.skip = None;
-            self.flow.definition = None;
-            let returned = self.return_from(None).map_err(|fault| self.locate(fault));
-            return fault.map_or(returned, Err);
-        }
-        let fault = open.map(|fault| self.locate(fault));
-        self.flow.skip = None;
-        self.flow.definition = None;
-        self.flow.frames[0].open.clear();
-        self.end();
-        fault.map_or(Ok(()), Err)
-    }
-
-    /// Whether the line read is the `%` at the end of a program that started with one: the program ends as at the end of its file.
-    fn ends_by_percent(&self) -> bool {
-        self.percent == Some(true) && self.flow.frames.len() == 1 && is_percent(&self.current.text)
-    }
-
-    fn interpret(&mut self) -> Result<(), Fault> {
-        if first_character(&self.current.text).is_none() {
-            return Ok(());
-        }
-        if self.parameters.assumption.is_some() {
-            self.begin_assumed_line();
-        }
-        if self.flow.frames.len() > 1 {
-            // The delimiters of a file have no meaning inside the program.
-            if is_percent(&self.current.text) {
-                return Ok(());
-            }
-        } else {
-            if self.percent.is_none() && is_percent(&self.current.text) {
-                self.percent = Some(true);
-                return Ok(());
-            }
-            self.percent.get_or_insert(false);
-            if self.flow.frames[0].lines.is_none() {
-                self.current.calling_line = self.current.number;
-            }
-        }
-        if is_block_delete(&self.current.text) {
-            let (skipped, executed) = &mut self.block_delete_lines;
-            if self.settings.block_delete {
-                *skipped += 1;
-                return Ok(());
-            }
-            *executed += 1;
-        }
-        if self.flow()? {
-            self.warn_of_foreign_reads();
-            return Ok(());
-        }
-        let scope = Scope {
-            parameters: &self.parameters,
-            state: &self.state,
-            settings: &self.settings,
-            line: self.current.number,
-        };
-        parse(&self.current.text, &mut self.current.block, &scope)?;
-        self.warn_of_foreign_reads();
-        let profile = self.capture.is_some();
-        if profile {
-            self.take_corner()?;
-        }
-        if self.current.block.words.is_empty() {
-            // Parameters and comments alone give no command.
-            self.assign()?;
-            self.warn_of_assignments();
-            let number = self.shown_line();
-            self.remarks(number)?;
-            self.parameters.commit();
-            return Ok(());
-        }
-        let modal = self.state.motion;
-        self.current
-            .statement
-            .fill(&self.current.block, modal, &self.settings)?;
-        if self.settings.features.lathe {
-            self.check_lathe_forms()?;
-        }
-        self.assign()?;
-        let number = self.shown_line();
-        if !self.current.block.comments.is_empty() {
-            self.remarks(number)?;
-        }
-        if self.divides()? {
-            return self.divide();
-        }
-        self.execute_statement()?;
-        if profile {
-            self.profile_line();
-        }
-        Ok(())
-    }
-
-    /// Executes the present statement; if it fails, the state is as before.
-    pub(crate) fn execute_statement(&mut self) -> Result<(), Fault> {
-        let number = self.shown_line();
-        // A line with only a straight move changes little of the state, and long programs consist of such lines.
-        let small = self.current.statement.is_plain_move() && self.state.is_plain();
-        let plain_move_state = self.state.plain_move_state();
-        if !small {
-            self.before = self.state;
-        }
-        let (origin, calls) = (self.origin(), self.current.place.calls.clone());
-        let passes_end = self.passes_end();
-        let request = Executor {
-            origin,
-            calls,
-            state: &mut self.state,
-            line: &self.current.statement,
-            settings: &self.settings,
-            tools: &mut self.tools,
-            parameters: &mut self.parameters,
-            control_points: &mut self.control_points,
-            out: &mut self.output.pending,
-            changed: &mut self.output.changed,
-            watch: &mut self.output.watch,
-            passes_end,
-            number,
-        }
-        .run();
-        let answered = request.and_then(|request| match request {
-            Some(request) => self.answer(request),
-            None => Ok(()),
-        });
-        if answered.is_err() {
-            if small {
-                self.state.restore_plain_move_state(plain_move_state);
-            } else {
-                self.state = self.before;
-            }
-            return answered;
-        }
-        self.parameters.commit();
-        self.finished |= self.state.ended;
-        if passes_end {
-            self.warn_of_passed_end();
-        }
-        if self.settings.probes_succeed {
-            self.follow_assumption();
-        }
-        if self.errors.doubt.is_any() {
-            self.errors.doubt.accept(&self.current.statement, &self.state);
-        }
-        Ok(())
     }
 
     fn take_pending(&mut self) -> Option<Command> {

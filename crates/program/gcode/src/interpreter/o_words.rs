@@ -260,6 +260,7 @@ impl<R: BufRead> Interpreter<R> {
             return Err(self.wrong_end_of_active(word));
         }
         let value = self.optional_value(word)?;
+        self.warn_of_open_at_endsub();
         self.return_from(value)
     }
 

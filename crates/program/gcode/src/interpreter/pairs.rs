@@ -5,7 +5,6 @@
 
 use std::io::BufRead;
 
-use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
 use crate::interpreter::o_words::{Definition, Open, Skip, order};
@@ -13,6 +12,7 @@ use crate::parameters::names::NameId;
 use crate::syntax::block::{Keyword, OWord};
 use crate::syntax::lines::Lines;
 use crate::syntax::parser::{is_percent, o_word};
+use crate::{Action, Code};
 
 /// A block that is open: what begins it, where, and what ends it.
 struct OpenBlock {
@@ -55,10 +55,18 @@ impl<R: BufRead> Interpreter<R> {
 
     /// The line with which a condition or loop of the present frame begins.
     pub(crate) fn line_of(&self, open: Open) -> u32 {
+        self.line_in_frame(self.flow.frames.len() - 1, open)
+    }
+
+    fn line_in_frame(&self, frame: usize, open: Open) -> u32 {
         if let Open::If { line, .. } = open {
             return line;
         }
-        let lines = self.flow.frames.last().and_then(|frame| frame.lines.as_deref());
+        let lines = self
+            .flow
+            .frames
+            .get(frame)
+            .and_then(|frame| frame.lines.as_deref());
         let lines = lines.unwrap_or(&self.flow.tape);
         let place = open.loop_start().and_then(|start| lines.get(start));
         place.map_or(self.current.number, |(_, line)| line)
@@ -86,15 +94,23 @@ impl<R: BufRead> Interpreter<R> {
 
     /// The line farther down that ends what has begun with this name, before another begins so.
     fn line_of_end(&mut self, name: NameId, begin: Keyword, end: Keyword) -> Option<u32> {
-        let mut place = self.frame().at;
-        let frames = self.flow.frames.len();
-        if frames == 1 && !self.flow.on_tape {
+        self.line_of_end_in_frame(self.flow.frames.len() - 1, name, begin, end)
+    }
+
+    fn line_of_end_in_frame(
+        &mut self,
+        frame: usize,
+        name: NameId,
+        begin: Keyword,
+        end: Keyword,
+    ) -> Option<u32> {
+        if self.flow.frames.len() == 1 && !self.flow.on_tape {
             self.mark();
-            place = 1;
         }
+        let (index, mut place) = (frame, self.flow.frames.get(frame)?.at);
         let mut text = Vec::new();
         loop {
-            let frame = &self.flow.frames[frames - 1];
+            let frame = self.flow.frames.get(index)?;
             let kept = match &frame.lines {
                 Some(lines) => Some(lines.get(place)?),
                 None => self.flow.tape.get(place),
@@ -112,7 +128,7 @@ impl<R: BufRead> Interpreter<R> {
                 self.reader.line()
             };
             place += 1;
-            if frames == 1 && self.percent == Some(true) && is_percent(&text) {
+            if index == 0 && self.percent == Some(true) && is_percent(&text) {
                 return None;
             }
             let Ok(Some(word)) = o_word(&text, &self.scope()) else {
@@ -254,6 +270,66 @@ impl<R: BufRead> Interpreter<R> {
         // It ends here, so that the end of the text is no error as well.
         self.frame().open.pop();
         Fault::new(Code::OWordOrder, word.span, message).help("write the same name or number at both")
+    }
+
+    /// Warns of a condition or loop around the end of a program (M2) that no later line ends. It is valid, but its end was
+    /// probably forgotten before M2: the lines of a loop are then executed once.
+    pub(crate) fn warn_of_open_at_end(&mut self) {
+        let frames = &self.flow.frames;
+        if self.settings.is_block || frames.iter().all(|frame| frame.open.is_empty()) {
+            return;
+        }
+        for frame in (0..self.flow.frames.len()).rev() {
+            for open in self.flow.frames[frame].open.clone().into_iter().rev() {
+                let (name, begin, end) = (open.name(), open.begin(), open.end());
+                let is_ended = self.line_of_end_in_frame(frame, name, begin, end).is_some();
+                if is_ended || self.flow.tape.size() > self.settings.limits.max_body_bytes {
+                    continue;
+                }
+                let text = self.open_at("the program ends", frame, open);
+                self.warn_before_end(text);
+                return;
+            }
+        }
+    }
+
+    /// Warns of a condition or loop around the end of a subroutine. It is valid too, but nothing can end it any more.
+    pub(crate) fn warn_of_open_at_endsub(&mut self) {
+        if let Some(open) = self.frame().open.last().copied() {
+            let text = self.open_at("the subroutine ends", self.flow.frames.len() - 1, open);
+            self.warn(text);
+        }
+    }
+
+    /// The warning of a condition or loop that has no end.
+    fn open_at(&self, what_ends: &str, frame: usize, open: Open) -> String {
+        let (name, begin, end) = (self.name_of(open.name()), open.begin().name(), open.end().name());
+        let lines = self.flow.frames.get(frame).and_then(|frame| frame.lines.as_ref());
+        let file = lines.and_then(|lines| lines.file.as_deref());
+        let of_file = file.map_or_else(String::new, |file| format!(" of {file}"));
+        let once = if open.is_loop() {
+            ", and its lines are not repeated"
+        } else {
+            ""
+        };
+        format!(
+            "{what_ends} inside O<{name}> {begin} of line {}{of_file}, because O<{name}> {end} is missing{once}: write \
+             O<{name}> {end} after the last line that belongs to it",
+            self.line_in_frame(frame, open)
+        )
+    }
+
+    /// Nothing may follow the end of a program.
+    fn warn_before_end(&mut self, text: String) {
+        self.warn(text);
+        let pending = &mut self.output.pending;
+        if let Some(end) = pending
+            .iter()
+            .rposition(|command| command.action == Action::ProgramEnd)
+            && let Some(warning) = pending.pop_back()
+        {
+            pending.insert(end, warning);
+        }
     }
 
     /// The innermost block that is open at the end of a frame.

@@ -1,0 +1,127 @@
+//! Executes the line that was read.
+
+use std::io::BufRead;
+
+use crate::diagnostics::diagnostic::Fault;
+use crate::interpreter::Interpreter;
+use crate::state::scope::Scope;
+use crate::syntax::parser::{first_character, is_block_delete, is_percent, parse};
+
+impl<R: BufRead> Interpreter<R> {
+    /// Executes the present line: an O-word, assignments and comments, or a statement.
+    pub(super) fn interpret(&mut self) -> Result<(), Fault> {
+        if first_character(&self.current.text).is_none() {
+            return Ok(());
+        }
+        if self.parameters.assumption.is_some() {
+            self.begin_assumed_line();
+        }
+        if self.flow.frames.len() > 1 {
+            // The delimiters of a file have no meaning inside the program.
+            if is_percent(&self.current.text) {
+                return Ok(());
+            }
+        } else {
+            if self.percent.is_none() && is_percent(&self.current.text) {
+                self.percent = Some(true);
+                return Ok(());
+            }
+            self.percent.get_or_insert(false);
+            if self.flow.frames[0].lines.is_none() {
+                self.current.calling_line = self.current.number;
+            }
+        }
+        if is_block_delete(&self.current.text) {
+            let (skipped, executed) = &mut self.block_delete_lines;
+            if self.settings.block_delete {
+                *skipped += 1;
+                return Ok(());
+            }
+            *executed += 1;
+        }
+        if self.flow()? {
+            self.warn_of_foreign_reads();
+            return Ok(());
+        }
+        let scope = Scope {
+            parameters: &self.parameters,
+            state: &self.state,
+            settings: &self.settings,
+            line: self.current.number,
+        };
+        parse(&self.current.text, &mut self.current.block, &scope)?;
+        self.warn_of_foreign_reads();
+        let profile = self.capture.is_some();
+        if profile {
+            self.take_corner()?;
+        }
+        if self.current.block.words.is_empty() {
+            // Parameters and comments alone give no command.
+            self.assign()?;
+            self.warn_of_assignments();
+            let number = self.shown_line();
+            self.remarks(number)?;
+            self.parameters.commit();
+            return Ok(());
+        }
+        let modal = self.state.motion;
+        self.current
+            .statement
+            .fill(&self.current.block, modal, &self.settings)?;
+        if self.settings.features.lathe {
+            self.check_lathe_forms()?;
+        }
+        self.assign()?;
+        let number = self.shown_line();
+        if !self.current.block.comments.is_empty() {
+            self.remarks(number)?;
+        }
+        if self.divides()? {
+            return self.divide();
+        }
+        self.execute_statement()?;
+        if profile {
+            self.profile_line();
+        }
+        Ok(())
+    }
+
+    /// Executes the present statement; if it fails, the state is as before.
+    pub(crate) fn execute_statement(&mut self) -> Result<(), Fault> {
+        // A line with only a straight move changes little of the state, and long programs consist of such lines.
+        let small = self.current.statement.is_plain_move() && self.state.is_plain();
+        let plain_move_state = self.state.plain_move_state();
+        if !small {
+            self.before = self.state;
+        }
+        let passes_end = self.passes_end();
+        let request = self.executor_of_line(passes_end).run();
+        let answered = request.and_then(|request| match request {
+            Some(request) => self.answer(request),
+            None => Ok(()),
+        });
+        if answered.is_err() {
+            if small {
+                self.state.restore_plain_move_state(plain_move_state);
+            } else {
+                self.state = self.before;
+            }
+            return answered;
+        }
+        self.parameters.commit();
+        self.finished |= self.state.ended;
+        if self.state.ended {
+            self.warn_of_open_at_end();
+        }
+        if passes_end {
+            self.warn_of_passed_end();
+        }
+        if self.settings.probes_succeed {
+            self.follow_assumption();
+        }
+        if self.errors.doubt.is_any() {
+            self.errors.doubt.accept(&self.current.statement, &self.state);
+        }
+        Ok(())
+    }
+}

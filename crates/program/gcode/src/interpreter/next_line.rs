@@ -1,0 +1,96 @@
+//! Where the next line comes from: the stream, stored lines of loops, or a subroutine; and what happens where they end.
+
+use std::io::BufRead;
+
+use crate::Diagnostic;
+use crate::diagnostics::diagnostic::Fault;
+use crate::interpreter::Interpreter;
+use crate::interpreter::o_words::Frame;
+use crate::syntax::parser::is_percent;
+
+impl<R: BufRead> Interpreter<R> {
+    /// Number of the next line of the program.
+    pub(crate) fn next_of_program(&self) -> u32 {
+        match self.flow.tape.get(self.flow.frames[0].at) {
+            Some((_, line)) => line,
+            None => self.reader.line() + 1,
+        }
+    }
+
+    /// Reads the next line; false at the end of this frame.
+    pub(super) fn next_line(&mut self) -> Result<bool, Fault> {
+        let last = self.flow.frames.len() - 1;
+        let frame = &mut self.flow.frames[last];
+        if let Some(lines) = &frame.lines {
+            let Some((text, line)) = lines.get(frame.at) else {
+                return Ok(false);
+            };
+            self.current.text.clear();
+            self.current.text.extend_from_slice(text);
+            self.current.number = line;
+            frame.at += 1;
+            return Ok(true);
+        }
+        if let Some((text, line)) = self.flow.tape.get(frame.at) {
+            self.current.text.clear();
+            self.current.text.extend_from_slice(text);
+            self.current.number = line;
+            frame.at += 1;
+            self.flow.on_tape = true;
+            return Ok(true);
+        }
+        let recording = self.recording();
+        if !recording && self.flow.tape.len() > 0 {
+            self.flow.tape.clear();
+            self.flow.frames[0].at = 0;
+        }
+        self.flow.on_tape = false;
+        let line_before = self.current.number;
+        let read = self.reader.read_into(&mut self.current.text)?;
+        self.current.number = self.reader.line();
+        if !read && line_before != self.current.number {
+            // That of a subroutine, which has ended.
+            self.current.text.clear();
+        }
+        if read && recording {
+            self.flow.tape.push(self.current.number, &self.current.text);
+            self.flow.frames[0].at = self.flow.tape.len();
+            self.flow.on_tape = true;
+            if self.flow.tape.size() > self.settings.limits.max_body_bytes {
+                self.finished = true;
+                return Err(self.body_too_long());
+            }
+        }
+        Ok(read)
+    }
+
+    /// Processes the end of the lines of a frame.
+    pub(super) fn end_of_lines(&mut self) -> Result<(), Box<Diagnostic>> {
+        let open = self.unfinished();
+        if self.flow.frames.len() > 1 {
+            let may_end = self.flow.frames.last().is_some_and(Frame::is_whole_file);
+            // A tool change that ends inside a condition is incomplete.
+            let is_cut_off =
+                self.flow.skip.is_some() || self.flow.definition.is_some() || !self.frame().open.is_empty();
+            let is_change = self.frame().change.is_some();
+            let fault = open
+                .filter(|_| !may_end || is_cut_off && is_change)
+                .map(|fault| self.locate(fault));
+            self.flow.skip = None;
+            self.flow.definition = None;
+            let returned = self.return_from(None).map_err(|fault| self.locate(fault));
+            return fault.map_or(returned, Err);
+        }
+        let fault = open.map(|fault| self.locate(fault));
+        self.flow.skip = None;
+        self.flow.definition = None;
+        self.flow.frames[0].open.clear();
+        self.end();
+        fault.map_or(Ok(()), Err)
+    }
+
+    /// Whether the line read is the `%` at the end of a program that started with one: the program ends as at the end of its file.
+    pub(super) fn ends_by_percent(&self) -> bool {
+        self.percent == Some(true) && self.flow.frames.len() == 1 && is_percent(&self.current.text)
+    }
+}
