@@ -8,6 +8,8 @@ use evolvent_bus::MachineOutputs;
 use evolvent_tests::{Domain, Drives, Operator, OutputListener, Served, Workshop, unless_disturbed};
 
 const DONE: u32 = 1;
+const AUTO: u32 = 0;
+const MDI: u32 = 2;
 /// A busy host may take its time.
 const PATIENCE: Duration = Duration::from_secs(60);
 const OFF: [f64; 2] = [0.0, 0.0];
@@ -86,7 +88,7 @@ fn mdi_and_stop_ramp_both_spindles_and_estop_switches_them_off_at_once() {
         let mut operator = Operator::join("ramped-pair", &domain);
         let listener = OutputListener::of(&domain, "ramped-pair");
         operator.brings_up();
-        operator.says_number("MODE", 2);
+        operator.says_number("MODE", MDI);
         for block in ["G21 G90 G94 F1200 M3 S600", "M4 S900 $1", "G1 X5"] {
             let job = operator.says_text("MDI", block).job;
             assert_eq!(operator.sees_end(job).job_result, DONE, "{block}");
@@ -119,6 +121,92 @@ fn mdi_and_stop_ramp_both_spindles_and_estop_switches_them_off_at_once() {
         operator.brings_up();
         std::thread::sleep(Duration::from_millis(300));
         assert_eq!(listener.messages().last().map(speeds), Some(OFF));
+        served.end().expect_code(&[0, 1, 3]);
+    });
+}
+
+#[test]
+fn no_surface_speed_outlives_its_program_a_stop_or_a_reset() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let machine = machine(&workshop, "surface-speed");
+        let _drives = Drives::start(&machine, &domain, &[]);
+        let served = Served::start(&machine, "surface-speed", &domain, &workshop.path("state"), &[]);
+        let mut operator = Operator::join("surface-speed", &domain);
+        let listener = OutputListener::of(&domain, "surface-speed");
+        operator.brings_up();
+        let surface = "G21 G90 G94 F6000\nG96 S40 D900 M3\nG1 X60\n";
+        let ends = [
+            // A spindle that is off when the program ends has nothing to be switched off.
+            ("M5 before M2", format!("{surface}M5\nM2\n"), ""),
+            ("M2", format!("{surface}M2\n"), ""),
+            ("STOP", format!("{surface}G1 X200 F60\nM2\n"), "STOP"),
+            ("RESET", String::new(), "RESET"),
+        ];
+        for (what, text, command) in ends {
+            if text.is_empty() {
+                operator.says_number("MODE", MDI);
+                let job = operator.says_text("MDI", "G96 S40 D900").job;
+                assert_eq!(operator.sees_end(job).job_result, DONE, "{what}");
+                operator.says(command);
+            } else {
+                operator.says_number("MODE", AUTO);
+                let program = workshop.write("surface.ngc", &text);
+                operator.says_text("LOAD", &program.display().to_string());
+                let job = operator.says("START").job;
+                if !command.is_empty() {
+                    operator.waits("the slow move", |status| status.position_machine[0] > 60.2);
+                    operator.says(command);
+                }
+                operator.sees_end(job);
+            }
+            reach(&listener, OFF);
+            operator.says_number("MODE", MDI);
+            let job = operator.says_text("MDI", "S300 M3").job;
+            assert_eq!(operator.sees_end(job).job_result, DONE, "{what}");
+            reach(&listener, [300.0, 0.0]);
+            let job = operator.says_text("MDI", "G90 G94 G0 X0 M5").job;
+            assert_eq!(operator.sees_end(job).job_result, DONE, "{what}");
+            reach(&listener, OFF);
+        }
+        served.end().expect_code(&[0, 1, 3]);
+    });
+}
+
+/// The planner gets such a move in pieces of 1 % of speed. For the operator it is one: RETRACE went back to the start of a piece.
+#[test]
+fn a_move_whose_feed_follows_the_surface_speed_is_driven_back_as_a_whole() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let machine = machine(&workshop, "surface-feed");
+        let _drives = Drives::start(&machine, &domain, &[]);
+        let served = Served::start(&machine, "surface-feed", &domain, &workshop.path("state"), &[]);
+        let mut operator = Operator::join("surface-feed", &domain);
+        operator.brings_up();
+        operator.says_number("MODE", AUTO);
+        let text = "G21 G18 G90 G54 G64\nG0 X20\nG95 G96 S60 D1500 M3\nG1 X30 F0.5\nG1 X120 F0.5\nM2\n";
+        let program = workshop.write("facing.ngc", text);
+        operator.says_text("LOAD", &program.display().to_string());
+        let job = operator.says("START").job;
+        let middle = operator.waits("the middle of line 5", |status| status.position_machine[0] > 60.0);
+        let to_go = 120.0 - middle.position_machine[0];
+        assert!((middle.distance_to_go[0] - to_go).abs() < 1e-9, "{middle:?}");
+        operator.says("HOLD");
+        let rests = |status: &evolvent_bus::Status| status.velocity.iter().all(|v| *v == 0.0);
+        let held = operator.waits("a hold", |status| rests(status) && status.retrace_blocks > 0);
+        assert_eq!(held.retrace_blocks, 3);
+        operator.says("RETRACE");
+        let back = operator.waits("the start of line 5", |status| {
+            rests(status) && status.retrace_blocks == 2
+        });
+        // In the blend of the corner, which here is straight on.
+        assert!(
+            (back.position_machine[0] - 30.0).abs() < 0.2,
+            "{}",
+            back.position_machine[0]
+        );
+        operator.says("STOP");
+        operator.sees_end(job);
         served.end().expect_code(&[0, 1, 3]);
     });
 }

@@ -113,7 +113,9 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         if let Some(stops) = &mut stops {
             stops.push(setpoint);
         }
-        let word = feeds.as_mut().and_then(|feeds| feeds.of_block(setpoint.block));
+        let word = feeds
+            .as_mut()
+            .and_then(|feeds| feeds.at(setpoint.block, setpoint.path_mm));
         if let Some(figure) = &mut figure {
             figure.see(setpoint, word, classifier.classify(setpoint, word));
         }

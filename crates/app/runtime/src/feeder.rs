@@ -503,6 +503,7 @@ mod tests {
                 calls: evolvent_gcode::CallChain::default(),
                 feed_mm_rev: None,
                 feed_spindle: 0,
+                continues: false,
             };
             assert!(feeder.execute(&command).unwrap());
         }

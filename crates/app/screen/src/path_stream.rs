@@ -197,7 +197,7 @@ fn send_planned(file: PathBuf, setup: Setup, mut writer: ChunkWriter) -> Option<
         } else {
             setpoint.feed_mm_s
         };
-        let word = feeds.as_mut().and_then(|feeds| feeds.of_block(block));
+        let word = feeds.as_mut().and_then(|feeds| feeds.at(block, setpoint.path_mm));
         let limit = classifier.classify(setpoint, word).index() as u8;
         writer.chunk.push([x, y, z], feed as f32, line, limit);
         if writer.is_due() && is_received {

@@ -1,6 +1,7 @@
 //! The programmed path: the curves of a program's moves as polylines with the programmed feed. It needs no plan, so it is
 //! drawn until the planned path arrives.
 
+use std::iter::Peekable;
 use std::path::Path;
 
 use evolvent_gcode::{Action, MoveKind};
@@ -26,7 +27,7 @@ pub(crate) struct ProgrammedVertex {
 
 /// Interprets a program and draws its moves.
 pub(crate) struct ProgrammedPath {
-    commands: Commands,
+    commands: Peekable<Commands>,
     max_feed_mm_s: f64,
     /// Maximum velocity of every axis; infinite where the machine has none.
     max_velocity: [f64; 9],
@@ -51,7 +52,7 @@ impl ProgrammedPath {
             max_velocity[axis.letter.index()] = axis.max_velocity;
         }
         Ok(Self {
-            commands: Commands::open(program, setup)?,
+            commands: Commands::open(program, setup)?.peekable(),
             max_feed_mm_s: setup.machine.max_feed_mm_s.unwrap_or(f64::INFINITY),
             max_velocity,
             end: None,
@@ -80,7 +81,7 @@ impl ProgrammedPath {
         }
         match &command.action {
             Action::Move(motion) => {
-                self.moves += 1;
+                self.moves += u32::from(!command.continues);
                 let is_rapid = motion.kind == MoveKind::Rapid;
                 self.draw(&motion.curve, motion.feed_mm_s, is_rapid, command.line, put);
             }
@@ -99,8 +100,13 @@ impl ProgrammedPath {
 
     /// Number of vertices up to the end of a block. The block number must not decrease.
     pub(crate) fn vertices_through(&mut self, block: u32) -> u32 {
-        while self.moves <= block && self.advance(&mut |_| {}) {}
+        while (self.moves <= block || self.part_follows()) && self.advance(&mut |_| {}) {}
         self.vertices
+    }
+
+    /// Whether the next command is a further part of the present move.
+    fn part_follows(&mut self) -> bool {
+        matches!(self.commands.peek(), Some(Ok(command)) if command.continues)
     }
 
     fn draw(
@@ -180,6 +186,17 @@ mod tests {
         let mut vertices = Vec::new();
         while path.advance(&mut |vertex| vertices.push(vertex)) {}
         vertices
+    }
+
+    #[test]
+    fn the_parts_of_a_move_are_one_block() {
+        let text =
+            "G21 G90 G18 G54\nG0 X20\nG95 G96 S60 D1500 M3\nG1 X30 F0.5\nG1 X120 F0.5\nG94 G1 X130 F77\nM2\n";
+        let all = vertices(text).len() as u32;
+        let (_folder, mut path) = path(text);
+        let counts: Vec<u32> = (0..4).map(|block| path.vertices_through(block)).collect();
+        assert!(counts[2] > counts[1] + 50, "{counts:?}");
+        assert_eq!((counts[3], counts[3] - counts[2]), (all, 1), "{counts:?}");
     }
 
     #[test]

@@ -22,6 +22,8 @@ pub struct Command {
     pub feed_mm_rev: Option<f64>,
     /// The spindle whose revolutions `feed_mm_rev` refers to (`$` of G95).
     pub feed_spindle: u32,
+    /// A further part of the move of the command before (G95 with G96, where the feed changes along a move).
+    pub continues: bool,
 }
 
 /// The subroutine calls that led to a line, in shared memory. Empty in the program itself.

@@ -112,6 +112,8 @@ fn modes_of_speed_are_of_each_spindle() {
         "1 cw 100 m/min to 2000",
         "1 cw 200",
         "0 stop 50 m/min to 500",
+        // The end: no surface speed outlives its program, also that of a spindle at rest.
+        "0 stop 0",
         "1 stop 200",
     ];
     assert_eq!(told, expected);

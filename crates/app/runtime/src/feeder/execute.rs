@@ -18,7 +18,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         match &command.action {
             Action::Move(motion) => {
                 self.go_by(command, motion);
-                self.push_move(motion, line)?;
+                self.push_move(motion, line, command.continues)?;
             }
             Action::Dwell { seconds } => {
                 if self.reporter.has_passing() {
@@ -160,7 +160,13 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(())
     }
 
-    pub(super) fn push_move(&mut self, motion: &Move, line: u32) -> Result<(), PlanError<QueueClosed>> {
+    /// `continues`: it is a further part of the move before, and has its number.
+    pub(super) fn push_move(
+        &mut self,
+        motion: &Move,
+        line: u32,
+        continues: bool,
+    ) -> Result<(), PlanError<QueueClosed>> {
         let mut motion = *motion;
         let SwitchState {
             single_step,
@@ -180,7 +186,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         if motion.kind == MoveKind::Feed {
             self.restore_override();
         }
-        let block = self.next_block;
+        let block = self.next_block - u32::from(continues && self.next_block > 0);
         if !self.next.change.is_empty() {
             let nothing = Change::at(SignalMoment::Block(block));
             let mut change = std::mem::replace(&mut self.next.change, nothing);
@@ -190,8 +196,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
         self.reporter.release(Moment::Block(block));
         self.planner.push(&motion, line, block)?;
-        self.next_block += 1;
-        self.counts.moves += 1;
+        self.counts.moves += u64::from(block == self.next_block);
+        self.next_block = block + 1;
         self.last_line = line;
         self.counts.path_mm += motion.curve.length();
         if self.reporter.with_blocks {

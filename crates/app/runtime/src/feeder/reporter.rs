@@ -178,12 +178,16 @@ impl Reporter {
                 (_, Curve::Involute(_)) => BlockKind::Involute,
                 (_, Curve::Blend(_) | Curve::Spline(_)) => BlockKind::Other,
             };
-            self.open.push_back(OpenBlock {
-                block,
-                line,
-                kind,
-                length_mm: motion.curve.length(),
-            });
+            let length_mm = motion.curve.length();
+            match self.open.back_mut() {
+                Some(open) if open.block == block => open.length_mm += length_mm,
+                _ => self.open.push_back(OpenBlock {
+                    block,
+                    line,
+                    kind,
+                    length_mm,
+                }),
+            }
         }
     }
 

@@ -61,7 +61,10 @@ impl Track {
             }
             self.notices.drain(..due).for_each(|notice| message(&notice));
         }
-        while self.blocks.len() > 1 && self.blocks[0].block < setpoint.block {
+        while let (Some(first), Some(second)) = (self.blocks.front(), self.blocks.get(1))
+            && (first.block < setpoint.block
+                || (first.block == second.block && first.path_mm < setpoint.path_mm))
+        {
             self.blocks.pop_front();
         }
         let mut modal = None;
@@ -85,9 +88,15 @@ impl Track {
         newest
     }
 
-    /// The block at work.
-    pub(crate) fn block(&self, setpoint: &Setpoint) -> Option<&QueuedBlock> {
-        self.blocks.front().filter(|block| block.block >= setpoint.block)
+    /// The block at work, with the feed of the part of it that is.
+    pub(crate) fn block(&self, setpoint: &Setpoint) -> Option<QueuedBlock> {
+        let first = self
+            .blocks
+            .front()
+            .filter(|block| block.block >= setpoint.block)?;
+        let parts = self.blocks.iter().take_while(|part| part.block == first.block);
+        let end = parts.last()?.end;
+        Some(QueuedBlock { end, ..*first })
     }
 
     /// Programmed path of all that has been planned, mm.

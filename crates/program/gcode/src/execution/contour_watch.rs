@@ -369,6 +369,7 @@ impl ClosedContour {
             calls: CallChain::default(),
             feed_mm_rev: None,
             feed_spindle: 0,
+            continues: false,
         }
     }
 }

@@ -76,6 +76,7 @@ impl Executor<'_> {
             calls: self.calls.clone(),
             feed_mm_rev: None,
             feed_spindle: 0,
+            continues: false,
         });
     }
 
@@ -214,11 +215,12 @@ impl Executor<'_> {
             // An angle is not held any longer either.
             let turning = spindle.turns() || spindle.orientation.is_some();
             spindle.direction = SpindleDirection::Stopped;
-            if spindle.speed.is_surface() {
-                // The next program starts in G97, where metres per minute are not a speed.
+            // What follows starts in G97, where metres per minute are not a speed; a block of MDI takes the speed from the outputs.
+            let is_surface = spindle.speed.is_surface();
+            if is_surface {
                 spindle.speed = ProgrammedSpeed::Rpm(0.0);
             }
-            if turning {
+            if turning || is_surface {
                 self.spindle(number);
             }
         }

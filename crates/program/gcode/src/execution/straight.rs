@@ -221,6 +221,7 @@ impl Executor<'_> {
             calls: self.calls.clone(),
             feed_mm_rev: self.feed_per_revolution(kind, rotary),
             feed_spindle: self.state.modes.feed_spindle as u32,
+            continues: false,
         });
         Ok(())
     }
@@ -265,6 +266,7 @@ impl Executor<'_> {
             calls: self.calls.clone(),
             feed_mm_rev: self.feed_per_revolution(kind, false),
             feed_spindle: self.state.modes.feed_spindle as u32,
+            continues: false,
         });
         Ok(())
     }

@@ -200,6 +200,7 @@ impl<R: BufRead> Interpreter<R> {
             calls: self.current.place.calls.clone(),
             feed_mm_rev: None,
             feed_spindle: 0,
+            continues: false,
         });
     }
 

@@ -173,6 +173,7 @@ impl<R: BufRead> Interpreter<R> {
                 calls,
                 feed_mm_rev: None,
                 feed_spindle: 0,
+                continues: false,
             });
         }
         Ok(())

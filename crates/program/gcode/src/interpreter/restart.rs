@@ -67,6 +67,7 @@ impl Restart {
                 calls: CallChain::default(),
                 feed_mm_rev: None,
                 feed_spindle: 0,
+                continues: false,
             });
         }
         let mut out = *from;
@@ -121,6 +122,7 @@ impl Restart {
                 calls: CallChain::default(),
                 feed_mm_rev: None,
                 feed_spindle: 0,
+                continues: false,
             });
             at = to;
         }

@@ -76,6 +76,7 @@ impl SurfaceFeed {
             return command;
         };
         let mut piece = command.clone();
+        piece.continues = done_mm > 0.0;
         if let Action::Move(motion) = &mut piece.action {
             motion.curve = part;
             if end_mm < length_mm {

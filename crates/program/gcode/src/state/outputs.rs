@@ -69,11 +69,21 @@ impl Outputs {
         self.spindles.get(number as usize).copied().unwrap_or_default()
     }
 
-    /// Stops every spindle; the speeds are kept.
+    /// Stops every spindle. Constant speeds are kept; a surface speed ends (G97, S0), since a block of MDI that follows could not
+    /// tell it from the revolutions per minute that an operator means by S.
     pub fn stop_spindles(&mut self) {
         for spindle in &mut self.spindles {
             spindle.direction = SpindleDirection::Stopped;
+            if spindle.surface.take().is_some() {
+                spindle.speed_rpm = 0.0;
+            }
         }
+    }
+
+    /// Whether a spindle has a surface speed (G96).
+    #[must_use]
+    pub fn has_surface_speed(&self) -> bool {
+        self.spindles.iter().any(|spindle| spindle.surface.is_some())
     }
 }
 

@@ -206,7 +206,11 @@ impl Operator {
 
     /// Spindle and coolant go off, whatever has switched them on.
     pub(in crate::serve) fn switch_periphery_off(&mut self) {
+        let ends_surface_speed = self.periphery.now().outputs.has_surface_speed();
         self.periphery.switch_off(self.view.setpoint.sequence);
+        if ends_surface_speed {
+            self.refresh_modes();
+        }
     }
 
     /// The same where no program runs; one that runs and is being stopped has them off where it stops.
