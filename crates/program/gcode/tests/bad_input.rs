@@ -126,6 +126,9 @@ const TABLE: &[(&str, Code, u32)] = {
         ("G0 @1 ^30 X2", PolarCoordinates, 4),
         ("G91 G0 @1 ^30", PolarCoordinates, 8),
         ("G92 @1", PolarCoordinates, 5),
+        ("G18 G0 X1 Z3\nG1 F100 @10 ^30", WrongPlane, 9),
+        ("G19 G0 Y1\nG0 ^30", WrongPlane, 4),
+        ("G18 G91 G81 Z-1 R1 F100 @10", WrongPlane, 9),
         ("M3 $1 S100", SpindleSelection, 4),
         ("(ABORT, no)", ActiveComment, 2),
         // N and /.

@@ -667,3 +667,29 @@ fn the_tool_leaves_a_contour_straight_up_after_g40() {
     let last = steps.last().map_or(f64::NAN, |step| step.feed_mm_s);
     assert!((last - 50.0 / 60.0).abs() < 1e-9, "{last}");
 }
+
+/// The warnings of a program.
+fn warnings(program: &str) -> Vec<String> {
+    let actions = run(program).unwrap_or_else(|error| panic!("{}\n{program}", error.render("x")));
+    let texts = actions.into_iter().filter_map(|action| match action {
+        Action::Warning(text) => Some(text),
+        _ => None,
+    });
+    texts.collect()
+}
+
+#[test]
+fn compensation_without_a_tool_is_warned_of() {
+    let contour = "G1 X10 F100\nX20\nG40\nM2\n";
+    for code in ["G41", "G42"] {
+        let found = warnings(&format!("{code}\n{contour}"));
+        assert!(
+            matches!(&found[..], [text] if text.contains("no tool is in the spindle")),
+            "{found:?}"
+        );
+    }
+    // A tool in the spindle, one named by D, and a diameter that is written.
+    for code in ["T3 M6\nG41", "M61 Q3\nG42", "G41 D4", "G41.1 D0"] {
+        assert_eq!(warnings(&format!("{code}\n{contour}")), [""; 0], "{code}");
+    }
+}

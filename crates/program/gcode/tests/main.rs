@@ -7,6 +7,7 @@ mod curves;
 mod cutters;
 mod dialect_values;
 mod dialects;
+mod drilling_cycles;
 mod fanuc_threads;
 mod flow;
 mod interpreted;

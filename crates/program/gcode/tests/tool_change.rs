@@ -334,3 +334,25 @@ fn a_tool_is_measured_in_its_change() {
     assert_eq!(interpreter.parameter(5403), -20.0);
     assert_eq!(interpreter.modal().tool_offset[2], -20.0);
 }
+
+#[test]
+fn a_pocket_of_a_fixed_magazine_with_two_tools_is_warned_of() {
+    let table = "T1 P11\nT2 P12\nT3 P13\nT7 P12\nT8 P0\nT9 P0\n";
+    let warnings = |program: &str| {
+        let run = Magazine::new(table, false, CHANGE).run(program);
+        assert_eq!(run.errors, [], "{program}");
+        let texts = run.actions.into_iter().filter_map(|(line, action)| match action {
+            Action::Warning(text) => Some((line, text)),
+            _ => None,
+        });
+        texts.collect::<Vec<_>>()
+    };
+    // The tool is fetched from the pocket, then it is put back into it.
+    let found = warnings("T1 M6\nT2 M6\nT3 M6\nM2\n");
+    let lines: Vec<u32> = found.iter().map(|(line, _)| *line).collect();
+    assert_eq!(lines, [2, 3], "{found:?}");
+    for (_, text) in &found {
+        assert!(text.contains("pocket 12 has tool 2 and tool 7"), "{text}");
+    }
+    assert_eq!(warnings("T1 M6\nT3 M6\nT8 M6\nT9 M6\nT0 M6\nM2\n"), []);
+}

@@ -193,6 +193,13 @@ impl Executor<'_> {
     fn cutter_of_table(&mut self) -> Result<(f64, u32), Fault> {
         let number = self.tool_number(b'D')?;
         let tool = self.tool(number, b'D', Group::CutterCompensation)?;
+        if number == 0 {
+            self.out(Action::Warning(
+                "no tool is in the spindle, so cutter compensation has diameter 0 and has no effect: load a tool by T.. M6, \
+                 name one by D.., or write the diameter with G41.1 D.. or G42.1 D.."
+                    .to_owned(),
+            ));
+        }
         let turning = !matches!(tool.orientation, 0 | 9);
         if turning && self.state.plane() != Some(Plane::Zx) {
             let span = self.line.group_span(Group::CutterCompensation);

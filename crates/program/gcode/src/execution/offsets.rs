@@ -34,6 +34,9 @@ impl Executor<'_> {
         if code != LengthOffset::Off && !by_axes {
             let number = self.tool_number(b'H')?;
             change = self.tool(number, b'H', Group::LengthOffset)?.offset;
+            if code == LengthOffset::Table {
+                self.warn_of_other_length(number, &change);
+            }
         }
         match code {
             LengthOffset::Off => self.state.tool_offset = Axes::zeros(),
@@ -55,6 +58,19 @@ impl Executor<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Warns of the length of another tool than the one in the spindle. Without a tool change nobody knows which one that is.
+    fn warn_of_other_length(&mut self, number: u32, offset: &Axes) {
+        let present = self.state.tool;
+        let own = self.tools.as_ref().and_then(|tools| tools.get(present));
+        if present == 0 || number == present || own.is_none_or(|own| own.offset == *offset) {
+            return;
+        }
+        self.out(Action::Warning(format!(
+            "G43 H{number} takes the length of tool {number}, but tool {present} is in the spindle: write H{present}, or G43 \
+             alone for the tool in the spindle"
+        )));
     }
 
     /// The tool of H or D; without the word, or with 0, the tool in the spindle.
@@ -313,7 +329,7 @@ impl Executor<'_> {
         }
         self.tools.get_or_insert_default().set(tool);
         if number == self.state.tool {
-            self.publish_tool(&tool);
+            self.parameters.publish_tool(&tool);
         }
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! Straight moves: G0, G1, G28, G30, G33, G38.
 
-use evolvent_path::{Axes, AxisLetter, Curve, Line, ParamCurve as _, turn_shorter};
+use evolvent_path::{Axes, AxisLetter, Curve, Line, ParamCurve as _, Plane, turn_shorter};
 
 use crate::codes::modal_groups::{FeedMode, Group, Motion, NonModal};
 use crate::diagnostics::diagnostic::Fault;
@@ -109,6 +109,12 @@ impl Executor<'_> {
                 message.to_owned(),
             ))
         };
+        if self.state.plane() != Some(Plane::Xy) {
+            let letter = if line.has(b'@') { b'@' } else { b'^' };
+            let message = "@ and ^ are coordinates of the XY plane, and another plane is active";
+            return Err(Fault::new(Code::WrongPlane, line.span(letter), message)
+                .help("write G17 before them, or give the end by its axes"));
+        }
         if line.has(b'X') || line.has(b'Y') {
             return bad(b'@', "X and Y cannot be combined with @ and ^");
         }

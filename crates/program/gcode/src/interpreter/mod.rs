@@ -106,6 +106,10 @@ impl<R: BufRead> Interpreter<R> {
         }
         state.publish(&settings, &mut parameters);
         state.load_work(&parameters);
+        let tools = settings.tools.as_ref();
+        if let Some(tool) = tools.and_then(|tools| tools.get(settings.tool)) {
+            parameters.publish_tool(tool);
+        }
         parameters.commit();
         let mut surface_feed = SurfaceFeed::default();
         for spindle in 0..crate::SPINDLES {

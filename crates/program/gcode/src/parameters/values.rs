@@ -5,6 +5,7 @@
 
 use evolvent_path::{AXES, Axes};
 
+use crate::Tool;
 use crate::parameters::assumption::Assumption;
 use crate::parameters::foreign_reads::ForeignReads;
 use crate::parameters::names::{NameId, NameKind, Names, Normal};
@@ -110,6 +111,23 @@ impl Parameters {
         if let Some(slot) = self.numbered.get_mut(index) {
             self.undo.push(Change::Numbered(index, *slot));
             *slot = value;
+        }
+    }
+
+    /// Writes the data of the tool in the spindle to the parameters #5400 to #5413.
+    pub(crate) fn publish_tool(&mut self, tool: &Tool) {
+        self.set_numbered(TOOL, f64::from(tool.number));
+        self.set_axes(TOOL + 1, &tool.offset);
+        for (place, value) in [
+            tool.diameter_mm,
+            tool.front_angle_deg,
+            tool.back_angle_deg,
+            f64::from(tool.orientation),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            self.set_numbered(TOOL_DIAMETER + place, value);
         }
     }
 

@@ -61,6 +61,14 @@ pub enum ToolTableError {
         /// As written.
         word: String,
     },
+    /// A word occurs twice on a line.
+    #[error("line {line} of the tool table has {letter} twice; keep one of the words")]
+    Repeated {
+        /// Line, from 1.
+        line: usize,
+        /// The letter.
+        letter: char,
+    },
     /// A tool occurs twice.
     #[error("line {line} of the tool table names tool {tool} again; keep one of the lines")]
     Twice {
@@ -79,6 +87,7 @@ impl ToolTableError {
             Self::Word { line, .. }
             | Self::NoTool { line }
             | Self::Orientation { line, .. }
+            | Self::Repeated { line, .. }
             | Self::Twice { line, .. } => *line,
         }
     }
@@ -271,6 +280,7 @@ fn tool_of(content: &str, line: usize) -> Result<Option<Tool>, ToolTableError> {
     let mut tool = Tool::new(0);
     let mut named = false;
     let mut any = false;
+    let mut letters = BTreeSet::new();
     for word in content.split_whitespace() {
         any = true;
         let bad = || ToolTableError::Word {
@@ -284,6 +294,9 @@ fn tool_of(content: &str, line: usize) -> Result<Option<Tool>, ToolTableError> {
         let value = number
             .filter(|value| value.is_finite() && value.abs() <= 1e6)
             .ok_or_else(bad)?;
+        if !letters.insert(letter) {
+            return Err(ToolTableError::Repeated { line, letter });
+        }
         let whole = |value: f64| {
             let right = value.fract() == 0.0 && value >= 0.0;
             right.then_some(value as u32).ok_or_else(bad)
@@ -366,6 +379,10 @@ mod tests {
         assert_eq!(
             ToolTable::parse("T1\nT1 Z2"),
             Err(ToolTableError::Twice { line: 2, tool: 1 })
+        );
+        assert_eq!(
+            ToolTable::parse("T1 Z5\nT2 Z50 D3 z61"),
+            Err(ToolTableError::Repeated { line: 2, letter: 'Z' })
         );
         assert!(matches!(
             ToolTable::parse("T1 Q9\nT2 Q10"),

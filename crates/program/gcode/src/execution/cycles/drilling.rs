@@ -23,6 +23,9 @@ const LONG_PECK: f64 = 100.0;
 /// Maximum number of pecks of one hole.
 const MAX_PECKS: f64 = 100_000.0;
 
+/// Heights that differ by less are the same: those of the tool come from machine coordinates, and offsets round them.
+const SAME_HEIGHT_MM: f64 = 1e-7;
+
 /// Where G87 stops the spindle.
 const AT_ZERO: SpindleAngle = SpindleAngle {
     degrees: 0.0,
@@ -120,7 +123,7 @@ impl Executor<'_> {
         }
         let old = self.state.sticky.old;
         let mut at = here;
-        if old < hole.r {
+        if old < hole.r - SAME_HEIGHT_MM {
             at[along] = hole.r;
             self.rapid_to(at, &hole)?;
         }
@@ -144,7 +147,7 @@ impl Executor<'_> {
                 }
             }
             // Sideways at the present height; at R or below it, at the height to which the cycle retracts.
-            if at[along] <= hole.r {
+            if at[along] <= hole.r + SAME_HEIGHT_MM {
                 at[along] = hole.clear;
             }
             self.rapid_to(at, &hole)?;

@@ -3,7 +3,6 @@
 use super::{Executor, Request};
 use crate::codes::modal_groups::{Group, MCode};
 use crate::diagnostics::diagnostic::{Fault, Span};
-use crate::parameters::values::{TOOL, TOOL_DIAMETER};
 use crate::{Action, Code, SPINDLES, SpindleDirection, Tool};
 
 /// The arguments of a tool-change subroutine.
@@ -90,7 +89,7 @@ impl Executor<'_> {
     }
 
     /// The pocket of the new tool, and the pocket for the present one.
-    fn tool_call(&self, tool: u32, span: Span) -> Result<ToolCall, Fault> {
+    fn tool_call(&mut self, tool: u32, span: Span) -> Result<ToolCall, Fault> {
         let present = self.state.tool;
         let is_random = self
             .settings
@@ -111,7 +110,7 @@ impl Executor<'_> {
                 (_, Some(tool)) => Ok(tool.pocket),
                 (_, None) => Err(missing(number).help(help.to_owned())),
             };
-            return Ok(ToolCall {
+            let call = ToolCall {
                 tool,
                 present,
                 from_pocket: pocket(tool, "write its line, such as T3 P3, into the tool table")?,
@@ -119,7 +118,10 @@ impl Executor<'_> {
                     present,
                     "write its line into the tool table; M61 Q names the tool in the spindle if it is another",
                 )?,
-            });
+            };
+            self.warn_of_shared_pocket(tool, call.from_pocket);
+            self.warn_of_shared_pocket(present, call.to_pocket);
+            return Ok(call);
         }
         let Some(known) = row(tool) else {
             let help = if tool == 0 {
@@ -161,6 +163,21 @@ impl Executor<'_> {
         })
     }
 
+    /// Warns of a pocket of a fixed magazine that the tool table gives to another tool too.
+    fn warn_of_shared_pocket(&mut self, tool: u32, pocket: u32) {
+        let others = self.tools.iter().flat_map(|tools| tools.tools());
+        let other = others
+            .filter(|other| pocket != 0 && other.pocket == pocket)
+            .map(|other| other.number)
+            .find(|other| *other != tool);
+        if let Some(other) = other {
+            self.out(Action::Warning(format!(
+                "pocket {pocket} has tool {tool} and tool {other} in the tool table: check the pocket, then correct P of the \
+                 other one in the tool table"
+            )));
+        }
+    }
+
     /// A random tool changer has stored the present tool in the pocket of the new one.
     pub(crate) fn move_pockets(&mut self, tool: u32) {
         let present = self.state.tool;
@@ -180,23 +197,6 @@ impl Executor<'_> {
         self.state.tool = number;
         let known = self.tools.as_ref().and_then(|tools| tools.get(number)).copied();
         let tool = known.unwrap_or_else(|| Tool::new(number));
-        self.publish_tool(&tool);
-    }
-
-    /// Writes the data of the tool in the spindle to the parameters #5400 to #5413.
-    pub(crate) fn publish_tool(&mut self, tool: &Tool) {
-        self.parameters.set_numbered(TOOL, f64::from(tool.number));
-        self.parameters.set_axes(TOOL + 1, &tool.offset);
-        for (place, value) in [
-            tool.diameter_mm,
-            tool.front_angle_deg,
-            tool.back_angle_deg,
-            f64::from(tool.orientation),
-        ]
-        .into_iter()
-        .enumerate()
-        {
-            self.parameters.set_numbered(TOOL_DIAMETER + place, value);
-        }
+        self.parameters.publish_tool(&tool);
     }
 }
