@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use evolvent_config::open_regular;
 use evolvent_gcode::{Action, Command, Diagnostic, Interpreter, KeptParameters, Modal, Restart};
-use evolvent_machine::{MachineKind, ToolChange};
+use evolvent_machine::{Machine, MachineKind, SignalKind, ToolChange};
 use evolvent_path::{Axes, AxisLetter};
 
 use crate::job::Setup;
@@ -24,8 +24,28 @@ const MAX_READ_AHEAD: u64 = 128 * 1024;
 pub struct Start {
     /// What the lines before have left.
     pub restart: Restart,
+    /// Outputs of the machine that are set before the approach, in this order.
+    pub outputs: Vec<String>,
     /// The moves to the place where it goes on, one per line.
     pub approach: Vec<String>,
+}
+
+/// The output that an action sets, by its name in the machine file; none of other actions.
+fn output_text(action: &Action, machine: &Machine) -> Option<String> {
+    let name = |kind, index: u32| {
+        let named = machine.signals.output(kind, index);
+        named.map_or_else(|| index.to_string(), |output| output.name.clone())
+    };
+    match *action {
+        Action::Output { index, on, .. } => {
+            let way = if on { "on" } else { "off" };
+            Some(format!("{} {way}", name(SignalKind::Digital, index)))
+        }
+        Action::AnalogOutput { index, value, .. } => {
+            Some(format!("{} {value}", name(SignalKind::Analog, index)))
+        }
+        _ => None,
+    }
 }
 
 /// Interprets a program file as commands are asked for. Everything that needs the commands of a program gets them here, so
@@ -121,8 +141,20 @@ impl Commands {
                 .map_or(from[axis.index()], |axis| axis.travel_max);
             let approach = restart.approach(&from, axis, clear).map_err(wrong)?;
             first.extend(approach.commands);
+            // A further piece of a thread is refused before anything moves.
+            if interpreter.begins_behind_thread() {
+                match interpreter.next() {
+                    Some(Ok(command)) => first.push_back(command),
+                    Some(Err(diagnostic)) => return Err(wrong(Box::new(diagnostic))),
+                    None => {}
+                }
+            }
+            let outputs = (restart.actions.iter())
+                .filter_map(|action| output_text(action, &setup.machine))
+                .collect();
             start = Some(Start {
                 restart,
+                outputs,
                 approach: approach.told,
             });
         }
@@ -247,8 +279,15 @@ impl Start {
                 place.join(" ")
             }
         );
+        if !self.outputs.is_empty() {
+            let _ = write!(
+                text,
+                "\n  outputs before the approach: {}",
+                self.outputs.join(", ")
+            );
+        }
         for step in &self.approach {
-            let _ = write!(text, "\n  approach: {step}");
+            let _ = write!(text, "\n  approach (machine coordinates): {step}");
         }
         text
     }
@@ -259,6 +298,54 @@ mod tests {
     use evolvent_machine::Machine;
 
     use super::*;
+
+    #[test]
+    fn a_start_at_a_line_names_the_outputs_that_it_sets() {
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("part.ngc");
+        std::fs::write(
+            &program,
+            "M64 P1\nM62 P0\nG0 X1\nM65 P0\nM68 E0 Q2.5\nG0 X2\nG0 X3\nM2\n",
+        )
+        .unwrap();
+        let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let outputs = "\n[[output]]\nnumber = 1\nname = \"air\"\n[[output]]\nnumber = 0\nname = \"drawbar\"\n\
+             [[output]]\nnumber = 0\nname = \"laser\"\nkind = \"analog\"\n";
+        let file = folder.path().join("mill.toml");
+        let text = std::fs::read_to_string(shipped).unwrap() + outputs;
+        std::fs::write(&file, text).unwrap();
+        let machine = Machine::load(&file).unwrap();
+        let mut setup = Setup::new(machine, file, String::new(), None).unwrap();
+        setup.start_line = Some(7);
+        let commands = Commands::open(&program, &setup).unwrap();
+        let told = commands.start().unwrap().told();
+        assert!(
+            told.contains("outputs before the approach: drawbar off, air on, laser 2.5\n"),
+            "{told}"
+        );
+    }
+
+    /// Nothing has moved when the program is opened.
+    #[test]
+    fn a_start_inside_a_thread_is_refused_when_the_program_is_opened() {
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("part.ngc");
+        std::fs::write(&program, "S500 M3\nG0 Z10\nG33 Z5 K1\nG33 Z0 K1\nG0 X9\nM2\n").unwrap();
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let machine = Machine::load(&file).unwrap();
+        let mut setup = Setup::new(machine, file, String::new(), None).unwrap();
+        setup.start_line = Some(4);
+        let error = Commands::open(&program, &setup).err().unwrap().to_string();
+        assert!(
+            error.contains("line 4 continues the thread that begins in line 3"),
+            "{error}"
+        );
+        for line in [3, 5] {
+            setup.start_line = Some(line);
+            let commands: Vec<_> = Commands::open(&program, &setup).unwrap().collect();
+            assert!(commands.iter().all(Result::is_ok), "{line}: {commands:?}");
+        }
+    }
 
     #[test]
     fn block_delete_counts_from_the_next_line_that_is_read() {

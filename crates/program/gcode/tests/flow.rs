@@ -367,6 +367,25 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
 }
 
 #[test]
+fn a_refused_restart_shows_the_line_where_it_was_to_start() {
+    for (program, line) in [
+        ("F1\nG41.1 D2\nG1 X5\nX9\nX10\nG40\n", 4),
+        ("F9\nG5.2 X1 Y1 P1 L3\nX2 Y2 P1\nX3 Y1 P1\nG5.3\n", 4),
+        ("G21\no1 sub\nG0 X1\nG0 X2\no1 endsub\no1 call\n", 4),
+    ] {
+        let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
+        let error = interpreter.start_at(line).expect_err(program);
+        let text = program.lines().nth(line as usize - 1).unwrap();
+        assert_eq!(
+            (error.code, error.line),
+            (Code::RestartRefused, line),
+            "{error:?}"
+        );
+        assert_eq!(&*error.source, text, "{error:?}");
+    }
+}
+
+#[test]
 fn a_restart_inside_a_subroutine_tells_where_to_start_instead() {
     let refused = |program: &str, line: u32| {
         let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
@@ -395,6 +414,33 @@ fn a_restart_inside_a_subroutine_tells_where_to_start_instead() {
     let (message, help) = refused("G21\nM98 P100\nM30\nO100\nG0 X5\nM99\n", 5);
     assert!(message.contains("ends in line 3, before line 5"), "{message}");
     assert!(help.contains("M98 P"), "{help}");
+}
+
+/// A piece begins at the angle at which the piece before has ended, not at one of its own: started there it would cut beside its groove.
+#[test]
+fn a_restart_inside_a_chain_of_threads_is_refused() {
+    let program = "G18 G7 S500 M3\nG0 X20 Z10\nG33 Z-10.7 K2\nG33 X28 Z-30 K2\n(a comment)\nG33 Z-40 K2\n\
+                   G0 X40\nG0 X20 Z10\nG33 Z-20 K2\nM5\nM2\n";
+    let begin = |line: u32| {
+        let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
+        interpreter.start_at(line).expect("the lines before");
+        interpreter.next().expect("a command")
+    };
+    for line in [4, 5, 6] {
+        let error = begin(line).expect_err("a piece of a chain");
+        let at = line.max(4 + 2 * u32::from(line == 5));
+        assert_eq!((error.code, error.line), (Code::RestartRefused, at));
+        assert!(
+            error
+                .message
+                .contains(&format!("line {at} continues the thread that begins in line 3")),
+            "{}",
+            error.message
+        );
+    }
+    for line in [2, 3, 7, 8, 9, 10] {
+        begin(line).expect("a start of its own");
+    }
 }
 
 /// Moves must chain, whatever lines fail between them. Found by damaging programs.

@@ -17,6 +17,7 @@ pub(crate) mod output;
 pub(crate) mod pairs;
 pub(crate) mod restart;
 pub(crate) mod surface_feed;
+pub(crate) mod thread_before;
 pub(crate) mod tool_change;
 pub(crate) mod volatile;
 
@@ -37,6 +38,7 @@ use crate::interpreter::error_history::{ErrorHistory, MAX_REPEATED_ERRORS, Repor
 use crate::interpreter::o_words::Frame;
 use crate::interpreter::output::Output;
 use crate::interpreter::surface_feed::SurfaceFeed;
+use crate::interpreter::thread_before::ThreadBefore;
 use crate::interpreter::tool_change::Resumed;
 use crate::parameters::values::Parameters;
 use crate::state::machine_state::State;
@@ -80,6 +82,8 @@ pub struct Interpreter<R> {
     errors: ErrorHistory,
     /// Outputs as set by the lines before a restart, by kind and number.
     pub(crate) outputs_left: BTreeMap<(bool, u32), Action>,
+    /// A thread that the lines before a restart have begun; none once the first command has come.
+    pub(crate) thread_before: Option<ThreadBefore>,
     /// The tool whose change has just started.
     pub(crate) begun_change: Option<u32>,
     /// The remainder of a line that was divided by its tool change.
@@ -131,6 +135,7 @@ impl<R: BufRead> Interpreter<R> {
             },
             errors: ErrorHistory::default(),
             outputs_left: BTreeMap::new(),
+            thread_before: None,
             begun_change: None,
             resumed: None,
             capture: None,
@@ -228,7 +233,9 @@ impl<R: BufRead> Interpreter<R> {
         let mut probed = None;
         self.advance()?;
         if self.state.cutter.held.is_none() && self.capture.is_none() {
+            let thread = self.thread_before.get_or_insert_default();
             for command in self.output.pending.drain(..) {
+                thread.note(&command.action, command.line);
                 match command.action {
                     Action::Output { index, on, .. } => {
                         let synchronised = false;
@@ -489,6 +496,12 @@ impl<R: BufRead> Iterator for Interpreter<R> {
                 && let Some(command) = self.output.watch.finding().or_else(|| self.take_pending())
             {
                 self.output.lines_without_command = 0;
+                if let Some(mut thread) = self.thread_before.take()
+                    && let Some(first) = thread.note(&command.action, command.line)
+                {
+                    self.finished = true;
+                    return Some(Err(self.inside_thread(first)));
+                }
                 return Some(Ok(command));
             }
             if self.finished {

@@ -7,7 +7,6 @@ use evolvent_path::{Axes, AxisLetter, Curve, Line, Plane};
 use crate::codes::modal_groups::{Compensation, FeedMode, PlaneCode};
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
-use crate::interpreter::o_words::Definition;
 use crate::state::machine_state::ProgrammedSpeed;
 use crate::state::machine_state::{INCH_MM, State};
 use crate::{
@@ -138,7 +137,8 @@ impl<R: BufRead> Interpreter<R> {
     /// # Errors
     /// The first error of the lines before; [`Code::TooManySteps`] if they loop without end; [`Code::RestartRefused`] if the program
     /// ends before the line, the line is inside cutter compensation or a NURBS, or a probing move comes before it: offsets and
-    /// positions may depend on a contact that nobody knows.
+    /// positions may depend on a contact that nobody knows. A line that continues a thread is no error here, but the first command
+    /// is ([`Interpreter::begins_behind_thread`]).
     pub fn start_at(&mut self, line: u32) -> Result<Restart, Box<Diagnostic>> {
         let tool = self.state().tool;
         let mut executed = 0_u64;
@@ -152,9 +152,9 @@ impl<R: BufRead> Interpreter<R> {
                 return Err(Box::new(self.endless_loop(line)));
             }
             if self.next_of_program() == line
-                && let Some(definition) = &self.flow.definition
+                && let Some(inside) = self.inside_subroutine(line)
             {
-                return Err(Box::new(self.inside_subroutine(line, definition)));
+                return Err(Box::new(inside));
             }
             let probed = match self.step_silently() {
                 Ok(probed) => probed,
@@ -240,18 +240,28 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// The error of a line that is not reached from above: only a call executes it, with its arguments.
-    fn inside_subroutine(&self, line: u32, definition: &Definition) -> Diagnostic {
-        let (name, begin) = (&definition.text, definition.line);
+    fn inside_subroutine(&mut self, line: u32) -> Option<Diagnostic> {
+        let definition = self.flow.definition.as_ref()?;
+        let (name, begin) = (definition.text.clone(), definition.line);
+        self.quote_next_line();
         let message = format!("line {line} is inside the subroutine O<{name}>, which starts in line {begin}");
-        Fault::new(
+        let fault = Fault::new(
             Code::RestartRefused,
             Span::new(0, self.current.text.len()),
             message,
         )
         .help(format!(
             "choose the line that calls it, O<{name}> call, or a line of the program outside of it"
-        ))
-        .locate(self.current.number, &self.current.text)
+        ));
+        Some(fault.locate(self.current.number, &self.current.text))
+    }
+
+    /// The error is one of the line at which the program is to start, which has not been read yet.
+    fn quote_next_line(&mut self) {
+        let before = (self.current.number, self.current.text.clone());
+        if !matches!(self.next_line(), Ok(true)) {
+            (self.current.number, self.current.text) = before;
+        }
     }
 
     fn depends_on_contact(&self, line: u32, probing: u32) -> Diagnostic {
@@ -302,7 +312,27 @@ impl<R: BufRead> Interpreter<R> {
         .locate(self.current.number, &self.current.text)
     }
 
-    fn reject(&self, message: String) -> Diagnostic {
+    /// Whether the lines before a restart end with a piece of a thread. Then the first command is an error
+    /// ([`Code::RestartRefused`]) if it is another piece of it.
+    #[must_use]
+    pub fn begins_behind_thread(&self) -> bool {
+        self.thread_before.is_some_and(|thread| thread.is_open())
+    }
+
+    /// A further piece of a thread continues at the spindle angle at which the piece before ended; alone it would begin at another angle.
+    pub(crate) fn inside_thread(&self, first: u32) -> Diagnostic {
+        let line = self.current.number;
+        self.reject_here(format!(
+            "line {line} continues the thread that begins in line {first}"
+        ))
+    }
+
+    fn reject(&mut self, message: String) -> Diagnostic {
+        self.quote_next_line();
+        self.reject_here(message)
+    }
+
+    fn reject_here(&self, message: String) -> Diagnostic {
         let place = Span::new(0, self.current.text.len());
         Fault::new(Code::RestartRefused, place, message)
             .help("choose a line between two operations, such as a rapid move to the next one")
