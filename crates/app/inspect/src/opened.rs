@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use evolvent_gcode::{KeptParameters, Outputs, ToolTable};
 use evolvent_machine::{Machine, PlannerKind, ToolChange, WithoutToolTable};
+use evolvent_path::AxisMask;
 use evolvent_runtime::{ProgramMemory, Setup, TABLES};
 use evolvent_trace::{ReadError, RunInfo, TraceFile};
 use evolvent_turning::Job as TurningJob;
@@ -187,6 +188,7 @@ impl Opened {
             start_line: start_line.filter(|&line| line > 0),
             // A program run by `run` starts at home, with spindle and coolant off.
             place: None,
+            unhomed: AxisMask::NONE,
             tool: tool.unwrap_or(0),
             selected_tool: None,
             tool_unknown: None,

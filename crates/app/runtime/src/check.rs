@@ -9,7 +9,7 @@ use evolvent_config::open_regular;
 use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move, Origin, Settings};
 use evolvent_machine::Limits;
 use evolvent_motion::ProbeMove;
-use evolvent_path::{AXES, AxisLetter};
+use evolvent_path::{AXES, AxisLetter, AxisMask, Curve};
 use evolvent_planner::{MoveValidator, PlanError, TRAVEL_SLACK};
 
 use crate::check_bounds::{CheckBound, CheckBounds, Unchecked};
@@ -22,6 +22,7 @@ use crate::signal_check::signal_objection;
 use crate::source::reader_of;
 use crate::threading::ThreadCheck;
 use crate::turning::turning;
+use crate::unlikely_feed::UnlikelyFeed;
 use crate::user_code::UserCodes;
 
 /// What was found.
@@ -93,6 +94,7 @@ pub(crate) fn check_while(
             Ok(command) => {
                 check.assumed = interpreter.assumed_axes();
                 check.doubtful = interpreter.doubtful_axes();
+                check.warn_of_feed(&command, interpreter.feed_per_minute());
                 check.command(&command, &mut go_on)
             }
             Err(diagnostic) => check.error_in_text(diagnostic),
@@ -157,10 +159,13 @@ struct ProgramCheck<'a> {
     assumed: [bool; AXES],
     /// Axes whose position depends on lines with errors, which had no effect.
     doubtful: [bool; AXES],
+    /// Axes that are not homed and have not been sent anywhere yet: they may be anywhere.
+    anywhere: AxisMask,
     /// A move beyond the travel was refused.
     has_strayed: bool,
     /// The last of them depends on an assumed contact or on a line with an error.
     strayed_openly: bool,
+    unlikely_feed: UnlikelyFeed,
     /// Commands in all.
     commands: u64,
     /// Commands since a new line was reached.
@@ -185,8 +190,10 @@ impl<'a> ProgramCheck<'a> {
             warned: BTreeSet::new(),
             assumed: [false; AXES],
             doubtful: [false; AXES],
+            anywhere: setup.unhomed,
             has_strayed: false,
             strayed_openly: false,
+            unlikely_feed: UnlikelyFeed::new(&limits),
             commands: 0,
             round: 0,
             farthest: 0,
@@ -230,7 +237,17 @@ impl<'a> ProgramCheck<'a> {
         if let Action::Thread { curve, .. } = &command.action {
             self.validator.set_position(&curve.end());
         }
-        let Some(objection) = self.objection(&command.action) else {
+        // Only a straight move sends an axis to a place of its own; one to where the axis stands is no move, and comes here with the next.
+        let is_curve =
+            matches!(&command.action, Action::Move(motion) if !matches!(motion.curve, Curve::Line(_)));
+        if is_curve {
+            self.know_where_sent();
+        }
+        let objection = self.objection(&command.action);
+        if matches!(command.action, Action::Move(_)) {
+            self.know_where_sent();
+        }
+        let Some(objection) = objection else {
             return CheckStep::Next;
         };
         if objection.is_of_travel(&self.doubtful) {
@@ -256,10 +273,25 @@ impl<'a> ProgramCheck<'a> {
         self.end_if_full(command.line)
     }
 
+    /// Axes that the program has sent to a place are known to be there.
+    fn know_where_sent(&mut self) {
+        for axis in self.anywhere.axes() {
+            if !self.doubtful[axis] {
+                self.anywhere = self.anywhere.without(AxisMask::one(axis));
+            }
+        }
+    }
+
     fn warn(&mut self, command: &Command, text: String, is_assumed: bool) {
         let (origin, line) = place_of(command);
         if self.warned.insert((origin, line, is_assumed)) {
             self.checked.warnings.push(Warning::of(command, text));
+        }
+    }
+
+    fn warn_of_feed(&mut self, command: &Command, feed: Option<(f64, f64)>) {
+        if let Some(text) = self.unlikely_feed.warning(command, feed) {
+            self.warn(command, text, false);
         }
     }
 
@@ -332,6 +364,13 @@ impl<'a> ProgramCheck<'a> {
             other => other.err(),
         };
         if let Some(error @ PlanError::Travel { axis, limit, .. }) = &refused {
+            if self.anywhere.contains(axis.index()) {
+                let own = self.leaves_elsewhere(motion);
+                if own.is_some() {
+                    (self.has_strayed, self.strayed_openly) = (true, false);
+                }
+                return own.map(Objection::Plan);
+            }
             let is_open = |axis: usize| self.assumed[axis] || self.doubtful[axis];
             // Where a move led on an assumption only, one that is certain to end beyond is an error of its own.
             let is_own =
@@ -349,22 +388,28 @@ impl<'a> ProgramCheck<'a> {
         refused.map(Objection::Plan)
     }
 
-    /// The first axis that a move takes out of the travel in which it was before, where another axis was beyond it already.
+    /// The first axis that a move takes out of the travel in which it was before, where another axis was beyond it already. Of an
+    /// axis that comes from anywhere the end counts.
     fn leaves_elsewhere(&self, motion: &Move) -> Option<PlanError<Infallible>> {
         let (low, high) = motion.curve.bounds(0.0, motion.curve.domain());
-        let start = motion.curve.start();
+        let (start, end) = (motion.curve.start(), motion.curve.end());
         AxisLetter::ALL.into_iter().find_map(|axis| {
             let i = axis.index();
             let (lowest, highest) = (self.limits.travel_min[i], self.limits.travel_max[i]);
             let is_known = self.limits.present[i] && !self.assumed[i] && !self.doubtful[i];
-            if !is_known || !(lowest..=highest).contains(&start[i]) {
+            let comes_from_anywhere = self.anywhere.contains(i);
+            if !is_known || !comes_from_anywhere && !(lowest..=highest).contains(&start[i]) {
                 return None;
             }
+            let (low, high) = match comes_from_anywhere {
+                true => (end[i], end[i]),
+                false => (low[i], high[i]),
+            };
             let beyond = |reached: f64, limit: f64| PlanError::Travel { axis, reached, limit };
-            if low[i] < lowest - TRAVEL_SLACK {
-                Some(beyond(low[i], lowest))
+            if low < lowest - TRAVEL_SLACK {
+                Some(beyond(low, lowest))
             } else {
-                (high[i] > highest + TRAVEL_SLACK).then(|| beyond(high[i], highest))
+                (high > highest + TRAVEL_SLACK).then(|| beyond(high, highest))
             }
         })
     }

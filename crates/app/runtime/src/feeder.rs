@@ -29,6 +29,7 @@ use crate::source::Commands;
 use crate::stages::Stages;
 use crate::switches::{SwitchState, Switched, Switching};
 use crate::threading::ThreadChain;
+use crate::unlikely_feed::UnlikelyFeed;
 use crate::user_code::UserCodes;
 
 use links::CycleLinks;
@@ -95,6 +96,7 @@ pub(crate) struct Feeder<'a, S> {
     chain: ThreadChain,
     /// Files that the program writes, from the first one on.
     logs: Option<LogFiles>,
+    unlikely_feed: UnlikelyFeed,
 }
 
 /// What has been read and planned.
@@ -147,6 +149,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             codes: None,
             chain: ThreadChain::default(),
             logs: None,
+            unlikely_feed: UnlikelyFeed::new(setup.path_limits().axes()),
         }
     }
 
@@ -295,6 +298,9 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                     return Err(self.refused(&command, program, message, help));
                 }
                 continue;
+            }
+            if let Some(text) = self.unlikely_feed.warning(&command, commands.feed_per_minute()) {
+                self.warn(line, &text);
             }
             self.reporter.modal(&commands, self.next_block);
             match self.wait_for_spindle(&command, program)? {

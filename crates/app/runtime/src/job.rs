@@ -9,7 +9,7 @@ use evolvent_machine::{
     ControlRate, Machine, MachineKind, Magazine, PathMode, PeriodError, RotaryWay, ToolChange, TurningWords,
     WithoutToolTable,
 };
-use evolvent_path::{AXES, Axes};
+use evolvent_path::{AXES, Axes, AxisMask, Plane};
 use evolvent_planner::{PathLimits, PathRules};
 use evolvent_turning::Job as TurningJob;
 
@@ -55,6 +55,8 @@ pub struct Setup {
     pub start_line: Option<u32>,
     /// Where the machine stands, machine coordinates; at home where this is none.
     pub place: Option<Axes>,
+    /// Axes that are not homed: their position there means nothing. A program is only checked then, and does not start.
+    pub unhomed: AxisMask,
     /// The tool in the spindle; 0 for none.
     pub tool: u32,
     /// Tool that T has selected for the next M6, by MDI or in a program before.
@@ -107,6 +109,7 @@ impl Setup {
             memory: ProgramMemory::default(),
             start_line: None,
             place: None,
+            unhomed: AxisMask::NONE,
             tool: 0,
             selected_tool: None,
             log_folder: None,
@@ -255,6 +258,7 @@ impl Setup {
             features: self.features(),
             subroutine_folders: self.memory.folders.clone(),
             start: self.start(),
+            unknown: std::array::from_fn(|axis| self.unhomed.contains(axis)),
             tool: self.tool,
             selected_tool: self.selected_tool,
             outputs: self.outputs,

@@ -83,6 +83,7 @@ mod threading;
 mod turning;
 mod turning_motion;
 mod turning_tally;
+mod unlikely_feed;
 mod user_code;
 mod user_code_runner;
 

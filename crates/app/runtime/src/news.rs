@@ -227,7 +227,6 @@ pub(crate) fn describe(action: &Action) -> Option<String> {
         }
         Action::ToolNumber(tool) => format!("tool {tool} is in the spindle"),
         Action::Message(text) | Action::Print(text) => text.clone(),
-        Action::Warning(text) => format!("warning: {text}"),
         _ => return None,
     })
 }

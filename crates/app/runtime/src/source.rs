@@ -212,6 +212,11 @@ impl Commands {
         self.interpreter.modal()
     }
 
+    /// The F word in force after the line that was read last, and what it means in mm/s.
+    pub(crate) fn feed_per_minute(&self) -> Option<(f64, f64)> {
+        self.interpreter.feed_per_minute()
+    }
+
     /// Lines that set what the machine has answered so far, in another program, except parameters that a file keeps.
     fn results(&self, kept: Option<&KeptParameters>) -> String {
         RESULTS

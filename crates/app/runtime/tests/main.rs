@@ -10,3 +10,4 @@ mod signals;
 mod signals_bus;
 mod surface_speed;
 mod turning;
+mod unhomed;

@@ -25,4 +25,5 @@ mod surface_speed;
 mod tool_change;
 mod turning;
 mod turning_passes;
+mod unknown_start;
 mod unlimited;

@@ -99,19 +99,29 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             | Action::ToolNumber(_) => {
                 self.switch(&command.action, line)?;
             }
+            Action::Warning(text) => self.warn_once(line, text),
             other => {
                 if let Some(text) = describe(other) {
                     // Neither a message nor the next tool's number is a reason to stop.
-                    // Loops would say it again and again.
-                    if matches!(other, Action::Warning(_)) && !self.reporter.warned.insert(line) {
-                        return Ok(true);
-                    }
                     let is_message = !matches!(other, Action::SelectTool(_));
                     self.reporter.announce_in_passing(line, is_message, &text);
                 }
             }
         }
         Ok(true)
+    }
+
+    /// A warning of the interpreter. Loops would repeat it: once for a line.
+    fn warn_once(&mut self, line: u32, text: &str) {
+        if self.reporter.warned.insert(line) {
+            self.warn(line, text);
+        }
+    }
+
+    /// Warns in passing.
+    pub(super) fn warn(&mut self, line: u32, text: &str) {
+        self.reporter
+            .announce_in_passing(line, true, &format!("warning: {text}"));
     }
 
     /// Stops and waits for a resume. An action before it makes it known by its number.

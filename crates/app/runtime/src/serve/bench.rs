@@ -254,11 +254,18 @@ impl<D: Drives> Bench<D> {
     }
 
     /// Whether it was accepted.
-    pub(super) fn says(&mut self, client: u64, mut request: ControlRequest) -> bool {
+    pub(super) fn says(&mut self, client: u64, request: ControlRequest) -> bool {
+        self.reply(client, request).is_none()
+    }
+
+    /// The alarm with which it was rejected, if it was.
+    pub(super) fn reply(&mut self, client: u64, mut request: ControlRequest) -> Option<u32> {
         self.serial += 1;
         (request.client, request.serial) = (client, self.serial);
         let answer = self.operator.answer(&request, self.desk_ns());
-        answer.is_none_or(|answer| answer.verdict == 0)
+        answer
+            .filter(|answer| answer.verdict != 0)
+            .map(|answer| answer.alarm)
     }
 
     /// The time at the desk.

@@ -7,6 +7,7 @@ use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::thread;
 
 use evolvent_control::{Alarm, Rejection};
+use evolvent_path::AxisMask;
 
 use super::files::Look;
 use super::programs::sentence;
@@ -44,6 +45,8 @@ pub(super) struct Checking {
     look: Look,
     /// What offsets and tools were then.
     memory: ProgramMemory,
+    /// Which axes were not homed then: their positions were not checked.
+    unhomed: AxisMask,
     verdict: Option<CheckVerdict>,
     /// Whether [`Checking::finding`] has told the verdict.
     is_told: bool,
@@ -69,6 +72,7 @@ impl Checking {
         Ok(Self {
             look,
             memory: setup.memory.clone(),
+            unhomed: setup.unhomed,
             verdict: None,
             is_told: false,
             result,
@@ -76,9 +80,9 @@ impl Checking {
         })
     }
 
-    /// Whether it is about this program as it is now, with the offsets and tools of now.
+    /// Whether it is about this program as it is now, with the offsets, tools and homed axes of now.
     pub(super) fn is_about(&self, look: &Look, setup: &Setup) -> bool {
-        *look == self.look && self.memory == setup.memory
+        *look == self.look && self.memory == setup.memory && self.unhomed == setup.unhomed
     }
 
     /// What is wrong with the program, or what of it could not be checked; once, whoever has asked for the verdict before.
@@ -168,6 +172,7 @@ mod tests {
         let checking = Checking {
             look,
             memory: ProgramMemory::default(),
+            unhomed: AxisMask::NONE,
             verdict: None,
             is_told: false,
             result,

@@ -1,7 +1,9 @@
 //! Homing that is broken off at any moment: operator, cycle and a bridge with one drive in one thread, in time of their own.
 
+use std::time::{Duration, Instant};
+
 use evolvent_bus::{Feedback, Setpoint};
-use evolvent_control::{CommandCode, JobResult, MachineState};
+use evolvent_control::{Alarm, CommandCode, JobResult, MachineState};
 use evolvent_drive::{DriveState, Follower, FollowerSettings, PowerRequest};
 use evolvent_path::{AXES, Axes, AxisMask};
 
@@ -182,6 +184,51 @@ impl Bench<Bridge> {
     fn error(&self) -> f64 {
         let coordinate = self.operator.view.setpoint.position[0];
         (coordinate - self.drives.motor[0] - (REFERENCE - EDGE)).abs()
+    }
+}
+
+/// Where the axes stand before homing is no reason to refuse a program, which starts only after it.
+#[test]
+fn a_program_is_loaded_while_an_axis_that_is_not_homed_stands_outside_its_travel() {
+    for added in [HOMING, ""] {
+        let mut bench = Bench::assemble(added, |setup| {
+            let (mut place, mut drives) = (Axes::zeros(), Bridge::new(setup));
+            (place[0], drives.motor[0]) = (1000.0, 1000.0);
+            Equipment {
+                drives,
+                watch: watch_settings(&setup.machine, PERIOD_NS),
+                place,
+                has_signals: false,
+                is_heard_at_desk: true,
+            }
+        });
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("part.ngc");
+        std::fs::write(&file, "G0 X10\nM2\n").unwrap();
+        bench.runs_seen(50);
+        bench.comes_up();
+        let mut load = bench.command(CommandCode::Load);
+        assert!(load.set_text(file.to_str().unwrap()));
+        assert_eq!(bench.reply(1, load), None, "it is being read");
+        let begun = Instant::now();
+        let answer = loop {
+            if let Some(answer) = bench.operator.finish_reading(bench.now * PERIOD_NS) {
+                break answer;
+            }
+            bench.runs_seen(1);
+            std::thread::sleep(Duration::from_millis(1));
+            assert!(begun.elapsed() < Duration::from_secs(30), "no answer");
+        };
+        let (loads, starts) = if bench.is_homed() {
+            (Alarm::SoftLimit.number(), Alarm::NoProgram)
+        } else {
+            (0, Alarm::NotHomed)
+        };
+        assert_eq!(answer.alarm, loads, "{}", answer.text());
+        bench.commands(CommandCode::Mode, 0);
+        bench.runs_seen(10);
+        let start = bench.command(CommandCode::Start);
+        assert_eq!(bench.reply(1, start), Some(starts.number()), "{added}");
     }
 }
 

@@ -187,6 +187,7 @@ impl Operator {
         let mut setup = self.setup.clone();
         setup.memory = self.keep.memory.clone();
         setup.place = Some(self.view.setpoint.position);
+        setup.unhomed = self.present.without(self.desk.homed());
         setup.tool = self.keep.tool;
         setup.selected_tool = self.program.modes.modal.selected_tool;
         setup.tool_unknown = self.keep.change.map(ChangeMark::sentence);

@@ -1,20 +1,24 @@
-//! What is unknown after a refused line, so that errors caused by it alone are not reported for later lines.
+//! What is unknown after a refused line, or before the first line, so that errors caused by it alone are not reported.
 //!
 //! A refused line has no effect. The lines after it were written for its effect: arcs start at its end, words have the meaning
 //! of its mode, moves use its feed. Errors that are likely due to that alone are not reported; the next run shows them if they
 //! are errors of their own.
 
-use evolvent_path::AXES;
+use evolvent_path::{AXES, AxisLetter};
 
 use crate::Code;
-use crate::codes::modal_groups::{GCode, Group, Motion};
+use crate::codes::modal_groups::{GCode, Group, Motion, NonModal};
 use crate::state::machine_state::State;
 use crate::syntax::block::{Block, Word};
 use crate::syntax::statement::Statement;
 
-/// What is unknown after the refused lines so far.
+/// What is unknown after the lines so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Doubt {
+    /// Axes that have not left a start whose position means nothing.
+    start: [bool; AXES],
+    /// Axes with an offset that was set from such a position.
+    offset: [bool; AXES],
     /// The position along X, Y and Z.
     position: [bool; 3],
     /// The motion mode.
@@ -29,8 +33,24 @@ pub(crate) struct Doubt {
 }
 
 impl Doubt {
+    /// Before the first line: the positions of these axes mean nothing.
+    pub(crate) const fn of_start(unknown: [bool; AXES]) -> Self {
+        Self {
+            start: unknown,
+            offset: [false; AXES],
+            position: [false; 3],
+            mode: false,
+            feed: false,
+            contour: false,
+            values: false,
+            frame: false,
+        }
+    }
+
     pub(crate) fn is_any(&self) -> bool {
-        self.mode || self.feed || self.contour || self.values || self.frame || self.position != [false; 3]
+        let has_place =
+            self.position != [false; 3] || self.start != [false; AXES] || self.offset != [false; AXES];
+        self.mode || self.feed || self.contour || self.values || self.frame || has_place
     }
 
     /// Adds what a refused line would have changed: according to its words if they could be read, otherwise to the letters in its text
@@ -70,9 +90,34 @@ impl Doubt {
 
     /// Removes what an executed line defines again.
     pub(crate) fn accept(&mut self, line: &Statement, state: &State) {
+        let is_rotated = state.rotation[0] != 0.0;
         if matches!(line.motion(), Some(Motion::Rapid | Motion::Linear)) && !state.modes.incremental {
             for (position, letter) in self.position.iter_mut().zip(*b"XYZ") {
                 *position &= !line.has(letter);
+            }
+            // In rotated coordinates X alone leads along both axes of the machine, from a Y that means nothing.
+            let both = line.has(b'X') && line.has(b'Y');
+            for (index, (start, axis)) in self.start.iter_mut().zip(AxisLetter::ALL).enumerate() {
+                let is_sent = if is_rotated && index < 2 {
+                    both
+                } else {
+                    line.has(axis.letter() as u8)
+                };
+                *start &= !is_sent;
+            }
+        }
+        // An offset that is set from a position that means nothing means as little.
+        let sets_offset = match line.once() {
+            Some(NonModal::SetOffset) => true,
+            Some(NonModal::SetData) => matches!(line.word(b'L'), Some(10.0 | 11.0 | 20.0)),
+            _ => false,
+        };
+        if sets_offset {
+            for (index, axis) in AxisLetter::ALL.into_iter().enumerate() {
+                self.offset[index] |= self.start[index] && line.has(axis.letter() as u8);
+            }
+            if is_rotated && (line.has(b'X') || line.has(b'Y')) && (self.start[0] || self.start[1]) {
+                (self.offset[0], self.offset[1]) = (true, true);
             }
         }
         self.mode &= line.motion_code().is_none();
@@ -80,10 +125,14 @@ impl Doubt {
         self.contour &= state.cutter.is_on();
     }
 
-    /// The axes along which a move may leave the travel only because of the refused lines.
-    pub(crate) fn of_travel(&self, text: &[u8]) -> [bool; AXES] {
+    /// The axes along which a move may leave the travel only because of the refused lines or of the start.
+    pub(crate) fn of_travel(&self, text: &[u8], is_rotated: bool) -> [bool; AXES] {
         let all = self.frame || self.values && text.contains(&b'#');
-        std::array::from_fn(|axis| all || self.position.get(axis) == Some(&true))
+        let level = is_rotated && (self.offset[0] || self.offset[1]);
+        std::array::from_fn(|axis| {
+            let is_unknown = self.start[axis] || self.offset[axis] || level && axis < 2;
+            all || is_unknown || self.position.get(axis) == Some(&true)
+        })
     }
 
     /// Whether the error of a line may be due to what is unknown alone.
@@ -92,7 +141,7 @@ impl Doubt {
             let (first, second, _) = plane.axes();
             [first, second]
         });
-        let position = plane.iter().any(|axis| self.position[*axis]);
+        let position = plane.iter().any(|axis| self.position[*axis] || self.start[*axis]);
         let mode = self.mode && !block.words.iter().any(is_motion);
         match code {
             Code::ArcNoChord

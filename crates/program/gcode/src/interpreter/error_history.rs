@@ -41,6 +41,14 @@ pub(super) enum Report {
 }
 
 impl ErrorHistory {
+    /// No errors, and what is unknown before the first line.
+    pub(super) fn beginning_with(doubt: Doubt) -> Self {
+        Self {
+            doubt,
+            ..Self::default()
+        }
+    }
+
     /// Records an error of a line. `is_finished` says that the program has ended with it anyway.
     pub(super) fn record(
         &mut self,

@@ -28,12 +28,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use evolvent_path::{AXES, Axes};
 
+use crate::codes::modal_groups::FeedMode;
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::diagnostics::foreign;
 use crate::execution::execute::{Executor, MAX_HELD_COMMANDS};
 use crate::interpreter::capture::Capture;
 use crate::interpreter::control_flow::ControlFlow;
 use crate::interpreter::current_line::{CurrentLine, Place};
+use crate::interpreter::doubt::Doubt;
 use crate::interpreter::error_history::{ErrorHistory, MAX_REPEATED_ERRORS, Report};
 use crate::interpreter::o_words::Frame;
 use crate::interpreter::output::Output;
@@ -41,7 +43,7 @@ use crate::interpreter::surface_feed::SurfaceFeed;
 use crate::interpreter::thread_before::ThreadBefore;
 use crate::interpreter::tool_change::Resumed;
 use crate::parameters::values::Parameters;
-use crate::state::machine_state::State;
+use crate::state::machine_state::{ProgrammedFeed, State};
 use crate::state::scope::Scope;
 use crate::syntax::reader::LineReader;
 use crate::syntax::statement::Statement;
@@ -101,6 +103,7 @@ pub struct Interpreter<R> {
 impl<R: BufRead> Interpreter<R> {
     /// Starts at the first line of `input`.
     pub fn new(input: R, settings: Settings) -> Self {
+        let unknown = settings.unknown;
         let mut state = State::new(&settings);
         let mut parameters = Parameters::new();
         for (index, value) in &settings.parameters {
@@ -133,7 +136,7 @@ impl<R: BufRead> Interpreter<R> {
                 surface_feed,
                 ..Output::default()
             },
-            errors: ErrorHistory::default(),
+            errors: ErrorHistory::beginning_with(Doubt::of_start(unknown)),
             outputs_left: BTreeMap::new(),
             thread_before: None,
             begun_change: None,
@@ -175,10 +178,25 @@ impl<R: BufRead> Interpreter<R> {
         self.interrupt = Some(flag);
     }
 
-    /// The axes along which the line read last may leave the travel only because lines with errors before it had no effect.
+    /// The axes along which the line read last may leave the travel only because lines with errors before it had no effect, or
+    /// because no line so far says where an axis of [`Settings::unknown`] is.
     #[must_use]
     pub fn doubtful_axes(&self) -> [bool; AXES] {
-        self.errors.doubt.of_travel(&self.current.text)
+        let is_rotated = self.state.rotation[0] != 0.0;
+        self.errors.doubt.of_travel(&self.current.text, is_rotated)
+    }
+
+    /// The F word in force after the lines read so far and the feed that it means for linear axes, mm/s; none without G94.
+    #[must_use]
+    pub fn feed_per_minute(&self) -> Option<(f64, f64)> {
+        match self.state.modes.feed? {
+            ProgrammedFeed::PerMinute { word, linear_mm_s }
+                if self.state.modes.feed_mode == FeedMode::PerMinute =>
+            {
+                Some((word, linear_mm_s))
+            }
+            _ => None,
+        }
     }
 
     /// The value of a numbered parameter after the lines read so far, lengths of offsets in mm; 0 for numbers that do not exist.

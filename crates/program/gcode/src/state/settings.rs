@@ -11,6 +11,8 @@ pub struct Settings {
     pub start: Axes,
     /// The existing axes. A word for any other axis is an error.
     pub axes: [bool; AXES],
+    /// Axes whose position in `start` means nothing, because they are not homed ([`crate::Interpreter::doubtful_axes`]).
+    pub unknown: [bool; AXES],
     /// Offsets at the start.
     pub offsets: StartOffsets,
     /// Path control mode before the first G61 or G64.
@@ -177,6 +179,7 @@ impl Default for Settings {
         Self {
             start: Axes::zeros(),
             axes: [true; AXES],
+            unknown: [false; AXES],
             offsets: StartOffsets::default(),
             features: MachineFeatures::default(),
             limits: ProgramLimits::default(),
