@@ -88,6 +88,38 @@ fn mdi_remembers_modes_moves_and_is_refused_before_anything_moves() {
     });
 }
 
+/// A machine in inches, as LinuxCNC starts one. M2 leaves the units as they are, as there; RESET is a new start.
+#[test]
+fn mdi_starts_in_the_units_of_the_machine() {
+    unless_disturbed(|| {
+        let program = "[program]\nstart_unit = \"inch\"\nparameter_unit = \"inch\"\n[trace]";
+        let scene = Scene::with_changes("op-inch", &[("[trace]", program)], &[]);
+        let mut operator = scene.operator();
+        operator.brings_up();
+        assert!(operator.now().modal.contains(&200));
+        operator.says_number("MODE", 2);
+        let mut block = |text: &str| {
+            let job = operator.says_text("MDI", text).job;
+            let status = operator.sees_end(job);
+            assert_eq!(status.job_result, DONE, "{text}");
+            (status.position_machine[0], status.modal.contains(&200))
+        };
+        let near = |(x, inches): (f64, bool), expected: f64| inches && (x - expected).abs() < 1e-9;
+        assert!(near(block("G90 G0 X1"), 25.4));
+        assert!(near(block("G10 L2 P1 X0.5"), 25.4));
+        assert!(near(block("G0 X[2*#5221]"), 38.1));
+        assert!(!block("G21").1);
+        assert!(!block("G91 M2").1);
+        let (x, inches) = block("G90 G0 X2");
+        assert!(!inches && (x - 14.7).abs() < 1e-9, "{x}");
+        operator.says("RESET");
+        let status = operator.waits("the start", |status| status.modal.contains(&200));
+        assert!(status.modal.contains(&900));
+        drop(operator);
+        scene.end();
+    });
+}
+
 #[test]
 fn parameters_of_mdi_count_for_later_blocks_and_not_for_programs() {
     unless_disturbed(|| {

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use evolvent_config::ConfigDocument;
 use evolvent_gcode as gcode;
 use evolvent_machine::{
-    ControlRate, Machine, MachineKind, Magazine, PathMode, PeriodError, RotaryWay, ToolChange, TurningWords,
-    WithoutToolTable,
+    ControlRate, LengthUnit, Machine, MachineKind, Magazine, PathMode, PeriodError, RotaryWay, StartPlane,
+    StartX, ToolChange, TurningWords, WithoutToolTable,
 };
 use evolvent_path::{AXES, Axes, AxisMask, Plane};
 use evolvent_planner::{PathLimits, PathRules};
@@ -264,6 +264,14 @@ impl Setup {
             outputs: self.outputs,
             is_block: self.is_mdi,
             restored: self.restored,
+            inches: program.start_unit == LengthUnit::Inch,
+            plane: match program.start_plane {
+                StartPlane::Xy => Plane::Xy,
+                StartPlane::Zx => Plane::Zx,
+                StartPlane::Yz => Plane::Yz,
+            },
+            diameter: program.start_x == StartX::Diameter,
+            parameters_in_inches: program.parameter_unit == LengthUnit::Inch,
             tools_without_table: program.without_tool_table == WithoutToolTable::Zero,
             block_delete: self.block_delete,
             axes,

@@ -14,8 +14,9 @@ use crate::corrections::{SquarenessFile, TableFormat, TableUnit};
 use crate::handwheel::HandwheelFile;
 use crate::homing::HomingFile;
 use crate::machine::{
-    ControlRate, CycleRecording, FeedbackMode, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, Magazine,
-    OnFull, PathMode, PlannerKind, RotaryWay, ToolChange, TurningWords, WithoutToolTable,
+    ControlRate, CycleRecording, FeedbackMode, Kinematics, LengthUnit, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind,
+    Magazine, OnFull, PathMode, PlannerKind, RotaryWay, StartPlane, StartX, ToolChange, TurningWords,
+    WithoutToolTable,
 };
 use crate::signals::{EstopFile, InputFile, OutputFile, ProbeFile, SignalsFile, SpindleFile};
 
@@ -311,6 +312,19 @@ pub(crate) struct ProgramFile {
     /// Default: "fixed".
     #[serde(default)]
     pub(crate) magazine: Magazine,
+    /// Unit of length at the start of a program and of MDI: "mm" for G21, "inch" for G20. Default: "mm".
+    #[serde(default)]
+    pub(crate) start_unit: LengthUnit,
+    /// Plane of arcs and cycles at the start of a program and of MDI: "xy" for G17, "zx" for G18, "yz" for G19. Default: "xy".
+    #[serde(default)]
+    pub(crate) start_plane: StartPlane,
+    /// Meaning of X at the start of a program and of MDI: "radius" for G8, "diameter" for G7. Default: "radius".
+    #[serde(default)]
+    pub(crate) start_x: StartX,
+    /// Unit in which programs read and write the lengths of offsets, of G28 and G30 and of the tool, #5161 to #5410: "mm" or
+    /// "inch". Files are in mm in any case. Default: "mm".
+    #[serde(default)]
+    pub(crate) parameter_unit: LengthUnit,
     /// File of the persistent parameters, in LinuxCNC's format. Default: none, nothing is kept.
     pub(crate) parameters: Option<String>,
     /// Folder of the files that programs write with LOGOPEN, LOGAPPEND and PROBEOPEN. Default: "logs" in the state folder.

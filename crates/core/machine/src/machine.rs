@@ -270,6 +270,41 @@ pub enum TurningWords {
     Mode,
 }
 
+/// A unit of length of programs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum LengthUnit {
+    /// Millimetres, G21.
+    #[default]
+    Mm,
+    /// Inches, G20.
+    Inch,
+}
+
+/// The plane of arcs and cycles at the start of programs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum StartPlane {
+    /// XY, G17.
+    #[default]
+    Xy,
+    /// ZX, G18.
+    Zx,
+    /// YZ, G19.
+    Yz,
+}
+
+/// Meaning of X at the start of programs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum StartX {
+    /// Radii, G8.
+    #[default]
+    Radius,
+    /// Diameters, G7.
+    Diameter,
+}
+
 /// Default name of the tool-change subroutine.
 pub(crate) const DEFAULT_TOOL_CHANGE_SUBROUTINE: &str = "toolchange";
 
@@ -323,6 +358,14 @@ pub struct ProgramSettings {
     pub tool_change_subroutine: String,
     /// Where the tool changer stores tools.
     pub magazine: Magazine,
+    /// Unit of length at the start of a program and of MDI.
+    pub start_unit: LengthUnit,
+    /// Plane of arcs and cycles at the start of a program and of MDI.
+    pub start_plane: StartPlane,
+    /// Meaning of X at the start of a program and of MDI.
+    pub start_x: StartX,
+    /// Unit in which programs read and write the lengths of offsets and of the tool in numbered parameters.
+    pub parameter_unit: LengthUnit,
     /// File of the persistent parameters, likewise relative.
     pub parameters: Option<PathBuf>,
     /// Folder of the files that programs write (LOGOPEN, PROBEOPEN), likewise relative.
@@ -351,6 +394,10 @@ impl Default for ProgramSettings {
             tool_change: ToolChange::default(),
             tool_change_subroutine: DEFAULT_TOOL_CHANGE_SUBROUTINE.to_owned(),
             magazine: Magazine::default(),
+            start_unit: LengthUnit::default(),
+            start_plane: StartPlane::default(),
+            start_x: StartX::default(),
+            parameter_unit: LengthUnit::default(),
             parameters: None,
             log_folder: None,
             subroutines: Vec::new(),

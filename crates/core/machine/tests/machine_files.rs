@@ -338,6 +338,18 @@ fn invalid_files_are_rejected_with_key_and_advice() {
     );
     rejected(&[("[trace]", "[tracing]")], &["tracing", "unknown field"]);
     rejected(
+        &[("[trace]", "[program]\nstart_unit = \"in\"\n[trace]")],
+        &["start_unit", "`mm` or `inch`"],
+    );
+    rejected(
+        &[("[trace]", "[program]\nstart_plane = \"G18\"\n[trace]")],
+        &["start_plane", "`xy`, `zx`, `yz`"],
+    );
+    rejected(
+        &[("[trace]", "[program]\nstart_x = \"G7\"\n[trace]")],
+        &["start_x", "`radius` or `diameter`"],
+    );
+    rejected(
         &[("name = \"m\"", "name = \"m\"\nname = \"n\"")],
         &["bad.toml:2:1: not valid TOML"],
     );

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use evolvent_gcode::{
-    Action, Code, Diagnostic, Interpreter, MachineFeatures, PathMode, ProgramLimits, Settings,
-    SpindleDirection, ToolChanger,
+    Action, Code, Diagnostic, Interpreter, KeptParameters, MachineFeatures, PathMode, ProgramLimits,
+    Settings, SpindleDirection, Tool, ToolChanger, ToolTable,
 };
 use evolvent_path::{Axes, AxisLetter};
 
@@ -216,6 +216,85 @@ fn parameters_and_tools_can_be_kept_from_run_to_run() {
     let mut second = Interpreter::new(&b"G43 H5 G0 X#100 Z0"[..], settings);
     assert!(second.by_ref().all(|item| item.is_ok()));
     assert_eq!((second.position()[0], second.position()[2]), (2.5, 3.0));
+}
+
+/// Blocks of MDI and programs begin with the tool of the one before.
+#[test]
+fn parameters_have_the_tool_in_the_spindle_from_the_first_line() {
+    let mut tool = Tool::new(5);
+    (tool.offset[2], tool.diameter_mm) = (50.5, 12.0);
+    let settings = Settings {
+        tool: 5,
+        tools: Some(ToolTable::new(vec![tool])),
+        ..Settings::default()
+    };
+    let mut interpreter = Interpreter::new(&b"G0 X#5403 Y#5410 Z#5400\n"[..], settings);
+    assert!(interpreter.by_ref().all(|item| item.is_ok()));
+    assert_eq!(
+        interpreter.position().fixed_rows::<3>(0).as_slice(),
+        [50.5, 12.0, 5.0]
+    );
+}
+
+/// A machine of LinuxCNC in inches: the unit at the start is G20, and #5161 to #5410 are in inches in G21 too.
+#[test]
+fn parameters_of_a_machine_in_inches_are_in_inches_and_kept_in_mm() {
+    let mut tool = Tool::new(5);
+    tool.offset[2] = 50.8;
+    tool.offset[3] = 3.0;
+    tool.diameter_mm = 12.7;
+    let mut settings = Settings {
+        inches: true,
+        parameters_in_inches: true,
+        tool: 5,
+        tools: Some(ToolTable::new(vec![tool])),
+        ..Settings::default()
+    };
+    let kept = "5161 25.4\n5164 25.4\n5241 254\n5244 30\n100 25.4\n";
+    KeptParameters::parse(kept).unwrap().apply(&mut settings);
+    for (unit, unit_mm) in [("G20", 25.4), ("G21", 1.0)] {
+        let text = format!(
+            "{unit}\nG92 X{}\n#200=#5161 #201=#5164 #202=#5403 #203=#5404 #204=#5410 #205=#5241 #206=#5244\n\
+             #207=#5211 #208=#100 #209=#5400 #210=#5220\n#5221=3 #5224=4\nG10 L2 P1 Y{}\n#211=#5222 #5230=7\n#5390=8\n",
+            25.4 / unit_mm,
+            50.8 / unit_mm
+        );
+        let mut interpreter = Interpreter::new(text.as_bytes(), settings.clone());
+        for item in interpreter.by_ref() {
+            assert!(item.is_ok(), "{unit}: {item:?}");
+        }
+        let found: Vec<f64> = (200..212).map(|number| interpreter.parameter(number)).collect();
+        let expected = [1.0, 25.4, 2.0, 3.0, 0.5, 10.0, 30.0, -1.0, 25.4, 5.0, 1.0, 2.0];
+        for (index, (found, expected)) in found.iter().zip(expected).enumerate() {
+            assert!(
+                (found - expected).abs() < 1e-12,
+                "{unit}: #{}: {found}",
+                200 + index
+            );
+        }
+        let mut kept = KeptParameters::default();
+        kept.update(&interpreter);
+        let stored = [
+            (5211, -25.4),
+            (5221, 76.2),
+            (5222, 50.8),
+            (5224, 4.0),
+            (5230, 7.0),
+            (5390, 8.0),
+        ];
+        for (number, expected) in stored {
+            let found = kept.get(number).unwrap();
+            assert!((found - expected).abs() < 1e-12, "{unit}: #{number}: {found}");
+        }
+    }
+    let x = |text: &str| {
+        let mut interpreter = Interpreter::new(text.as_bytes(), settings.clone());
+        assert!(interpreter.by_ref().all(|item| item.is_ok()), "{text}");
+        interpreter.position()[0]
+    };
+    assert_eq!(x("G0 X1\nM2\n"), 25.4);
+    assert_eq!(x("G21 G0 X1\nM2\n"), 1.0);
+    assert!((x("#5221=2\nG54\nG0 X1\nM2\n") - 76.2).abs() < 1e-9);
 }
 
 #[test]

@@ -214,12 +214,16 @@ fn a_tool_is_as_long_as_it_is() {
         let program = format!(
             "G21\n{offset}G43 H4\n{code}\no<probe_tool> call [-200] [150] [300] [20] [2]\n(PRINT,%.6f#<_probe_length>)\nM2\n"
         );
-        let probed = probe(&program, [0.0, 0.0, -20.0], 0.0, &surface);
-        assert!(probed.error.is_none(), "{:?}", probed.error);
-        assert_near(&probed.values, &[73.25]);
-        let length = probed.table.get(4).expect("the tool").offset[2];
-        assert!((length - 73.25).abs() < 1e-9, "{length}");
-        assert_eq!(probed.contacts, 2);
+        for parameters_in_inches in [false, true] {
+            let mut settings = mill([0.0, 0.0, -20.0]);
+            settings.parameters_in_inches = parameters_in_inches;
+            let probed = probe_on(settings, &program, 0.0, &surface);
+            assert!(probed.error.is_none(), "{:?}", probed.error);
+            assert_near(&probed.values, &[73.25]);
+            let length = probed.table.get(4).expect("the tool").offset[2];
+            assert!((length - 73.25).abs() < 1e-9, "{length}");
+            assert_eq!(probed.contacts, 2);
+        }
     }
 }
 

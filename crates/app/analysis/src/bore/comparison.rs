@@ -266,7 +266,7 @@ impl Comparison<'_> {
     fn program(&self, from: &str, path: &str) -> String {
         let tolerance = self.tolerance_mm.unwrap_or(BLEND_MM);
         let feed_mm_min = self.feed_mm_min;
-        format!("G17 G21 G40 G49 G90 G94 G64 P{tolerance}\nG0 {from}\nG4 P0\nF{feed_mm_min}\n{path}\nM2\n")
+        format!("G8 G17 G21 G40 G49 G90 G94 G64 P{tolerance}\nG0 {from}\nG4 P0\nF{feed_mm_min}\n{path}\nM2\n")
     }
 }
 

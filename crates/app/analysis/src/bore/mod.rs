@@ -297,7 +297,8 @@ impl BoreProgram {
     fn write(&self, out: &mut String) -> fmt::Result {
         self.header(out)?;
         let request = &self.request;
-        writeln!(out, "G17 G21 G40 G49 G90 G94")?;
+        // G8: a machine file may have programs start with diameters.
+        writeln!(out, "G8 G17 G21 G40 G49 G90 G94")?;
         match request.tolerance_mm {
             Some(tolerance) => writeln!(out, "G64 P{}", word(tolerance))?,
             None => writeln!(out, "G61")?,

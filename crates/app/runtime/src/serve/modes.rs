@@ -47,7 +47,8 @@ impl Modes {
         if *offset == Axes::zeros() {
             text.push_str("G49");
         } else {
-            text.push_str("G21 G43.1");
+            // In G7 X would be a diameter.
+            text.push_str("G21 G8 G43.1");
             for axis in AxisLetter::ALL
                 .into_iter()
                 .filter(|axis| offset[axis.index()] != 0.0)
@@ -113,11 +114,12 @@ pub(crate) fn simulate_modes(
     let mut kept = kept.clone();
     kept.update(&interpreter);
     if interpreter.has_ended() {
-        // M2 or M30: what follows begins as a program does.
+        // M2 or M30: what follows begins as a program does. G20 and G21 stay, as in LinuxCNC.
         let tools = interpreter.tools().cloned();
         let fresh = Settings {
             outputs: Outputs::default(),
             restored: Restored::default(),
+            inches: interpreter.modal().codes.contains(&200),
             offsets: StartOffsets {
                 work: std::array::from_fn(|index| kept.work_offset(index)),
                 active: kept.active_offset(),
@@ -143,6 +145,8 @@ pub(crate) fn simulate_modes(
 
 #[cfg(test)]
 mod tests {
+    use evolvent_path::Plane;
+
     use super::*;
 
     /// With the work offset that is active at the start.
@@ -170,6 +174,25 @@ mod tests {
             let first = after(text, 0);
             let modes = first.modes;
             let again = after(&modes.preamble(), first.kept.active_offset()).modes;
+            let inches = Settings {
+                inches: true,
+                plane: Plane::Zx,
+                diameter: true,
+                offsets: StartOffsets {
+                    active: first.kept.active_offset(),
+                    ..StartOffsets::default()
+                },
+                ..Settings::default()
+            };
+            let in_inches = simulate_modes(&modes.preamble(), &inches, &first.kept).unwrap();
+            assert_eq!(
+                in_inches.modes.modal, again.modal,
+                "{text:?} on a lathe in inches, X in diameters"
+            );
+            assert_eq!(
+                in_inches.modes.text, again.text,
+                "{text:?} on a lathe in inches, X in diameters"
+            );
             let mut expected = modes.modal;
             expected.spindle_rpm = 0.0;
             // The setup has it.
@@ -310,8 +333,22 @@ mod tests {
             assert_eq!(first.modes.modal.work_offset[0], 9.0, "{end}");
             let text = format!("G91 G20 G55 G95 G96 S100 M3\nG10 L2 P2 X7 {end}\n");
             let after = simulate_modes(&text, &settings, &kept).unwrap();
-            let start = Modes::at_start(&settings).unwrap();
+            let inches = Settings {
+                inches: true,
+                ..settings.clone()
+            };
+            let start = Modes::at_start(&inches).unwrap();
             assert_eq!(after.modes.modal, start.modal, "{end}");
+            let lathe = Settings {
+                plane: Plane::Zx,
+                diameter: true,
+                ..settings.clone()
+            };
+            let after = simulate_modes(&format!("G17 G8 {end}\n"), &lathe, &kept).unwrap();
+            for code in [180, 70] {
+                assert!(after.modes.modal.codes.contains(&code), "{end} {code}");
+            }
+            let after = simulate_modes(&text, &settings, &kept).unwrap();
             assert!((after.kept.work_offset(1)[0] - 177.8).abs() < 1e-9, "{end}");
         }
         assert!(

@@ -73,7 +73,7 @@ impl Check<'_> {
         let machine = Machine {
             warnings: self.warnings(&raw, &axes, &homing),
             handwheel: self.handwheel(&raw, &axes, &signals.inputs)?,
-            homing: self.homing(&raw.homing, &axes)?,
+            homing,
             path: self.path(&raw)?,
             realtime: self.realtime(&raw)?,
             program: self.program(&raw)?,
@@ -269,6 +269,10 @@ impl Check<'_> {
             tool_change: program.tool_change,
             tool_change_subroutine: self.tool_change_subroutine(program)?,
             magazine: program.magazine,
+            start_unit: program.start_unit,
+            start_plane: program.start_plane,
+            start_x: program.start_x,
+            parameter_unit: program.parameter_unit,
             parameters: optional("parameters", &program.parameters)?,
             log_folder: optional("log_folder", &program.log_folder)?,
             subroutines: folders

@@ -114,7 +114,8 @@ impl<R: BufRead> Interpreter<R> {
         for (target, value) in &self.current.block.assignments {
             match *target {
                 Target::Numbered(index) => {
-                    self.parameters.set_numbered(index, *value);
+                    let stored = value * self.settings.parameter_mm(index);
+                    self.parameters.set_numbered(index, stored);
                     self.parameters.foreign_reads.set(index);
                     if let Some(assumption) = &mut self.parameters.assumption {
                         assumption.set_numbered(index);

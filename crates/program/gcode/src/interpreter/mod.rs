@@ -203,7 +203,7 @@ impl<R: BufRead> Interpreter<R> {
     /// To keep parameters from run to run, read them here and supply them in [`Settings::parameters`].
     #[must_use]
     pub fn parameter(&self, number: u32) -> f64 {
-        self.scope().numbered(number as usize)
+        self.scope().stored(number as usize)
     }
 
     /// The tool table after the lines read so far; G10 writes it.

@@ -99,6 +99,20 @@ impl Parameters {
         matches!(index, TOOL..=5413 | POSITION..=5428)
     }
 
+    /// Whether a numbered parameter is a length that is stored in mm: the linear axes of G28, G30, G92, the work offsets and the
+    /// tool, and its diameter.
+    pub(crate) fn is_stored_length(index: usize) -> bool {
+        let nine_from = |first: usize| index.checked_sub(first).filter(|axis| *axis < AXES);
+        let of_work = || {
+            (WORK_OFFSET_1..TOOL)
+                .contains(&index)
+                .then(|| (index - WORK_OFFSET_1) % 20)
+        };
+        let others = [HOME_G28, HOME_G30, G92, TOOL + 1];
+        let axis = others.into_iter().find_map(nine_from).or_else(of_work);
+        index == TOOL_DIAMETER || matches!(axis, Some(0..=2 | 6..=8))
+    }
+
     /// A numbered parameter; 0 outside of the range.
     #[inline]
     pub(crate) fn numbered(&self, index: usize) -> f64 {

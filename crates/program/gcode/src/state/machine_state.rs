@@ -282,7 +282,7 @@ impl State {
             position: settings.start,
             motion: Motion::None,
             modes: Modes {
-                plane: PlaneCode::Main(Plane::Xy),
+                plane: PlaneCode::Main(settings.plane),
                 inches: settings.inches,
                 incremental: false,
                 arc_centre_absolute: false,
@@ -291,7 +291,7 @@ impl State {
                 path_mode: settings.path_mode,
                 work_index: settings.offsets.active.min(settings.offsets.work.len() - 1),
                 retract_to_old: false,
-                diameter: false,
+                diameter: settings.diameter,
                 spindles: outputs
                     .spindles
                     .map(|output| SpindleModes::new(&output, settings.is_block)),

@@ -16,9 +16,15 @@ pub(crate) struct Scope<'a> {
 }
 
 impl Scope<'_> {
-    /// A numbered parameter.
+    /// A numbered parameter in the unit that programs read it in.
     #[inline]
     pub(crate) fn numbered(&self, index: usize) -> f64 {
+        self.stored(index) / self.settings.parameter_mm(index)
+    }
+
+    /// A numbered parameter, lengths of offsets in mm.
+    #[inline]
+    pub(crate) fn stored(&self, index: usize) -> f64 {
         if let Some(assumption) = &self.parameters.assumption {
             assumption.read_numbered(index);
         }

@@ -1,7 +1,9 @@
 //! Settings of the interpreter: machine and set-up before the first line.
 
-use evolvent_path::{AXES, Axes};
+use evolvent_path::{AXES, Axes, Plane};
 
+use crate::parameters::values::Parameters;
+use crate::state::machine_state::INCH_MM;
 use crate::{Outputs, PathMode, SPINDLES, ToolTable};
 
 /// Set-up at the start of a program. [`Settings::default`] is a machine of nine axes at zero.
@@ -19,6 +21,13 @@ pub struct Settings {
     pub path_mode: PathMode,
     /// Whether the program starts in inches (G20) instead of mm (G21).
     pub inches: bool,
+    /// The plane before the first G17, G18 or G19.
+    pub plane: Plane,
+    /// Whether X is a diameter (G7) instead of a radius (G8) at the start of the program.
+    pub diameter: bool,
+    /// Whether programs read and write the lengths of offsets, of G28 and G30 and of the tool (#5161 to #5410) in inches, whatever
+    /// unit is in force: the unit of a machine of LinuxCNC in inches. [`Settings::parameters`] are in mm in any case.
+    pub parameters_in_inches: bool,
     /// Whether lines that start with `/` are skipped.
     pub block_delete: bool,
     /// Whether #5399 of a wait (M66) without an answer is the awaited value; otherwise -1, as after a timeout.
@@ -188,6 +197,9 @@ impl Default for Settings {
                 merge_mm: None,
             },
             inches: false,
+            plane: Plane::Xy,
+            diameter: false,
+            parameters_in_inches: false,
             block_delete: true,
             waits_succeed: false,
             probes_succeed: false,
@@ -249,6 +261,16 @@ impl Default for ProgramLimits {
 }
 
 impl Settings {
+    /// By what a program's value of a numbered parameter is multiplied to be stored.
+    #[inline]
+    pub(crate) fn parameter_mm(&self, index: usize) -> f64 {
+        if self.parameters_in_inches && Parameters::is_stored_length(index) {
+            INCH_MM
+        } else {
+            1.0
+        }
+    }
+
     /// The pocket of a tool.
     pub(crate) fn pocket(&self, tool: u32) -> Option<u32> {
         self.tools.as_ref()?.get(tool).map(|tool| tool.pocket)
