@@ -7,6 +7,8 @@ use evolvent_gcode::{Action, Diagnostic, Interpreter, Settings, Tool, ToolChange
 use evolvent_path::Axes;
 use evolvent_random::Random;
 
+use crate::interpreted::errors;
+
 /// How far the ball goes on after contact, mm.
 const OVERTRAVEL: f64 = 0.08;
 
@@ -297,4 +299,12 @@ fn what_is_not_found_or_wrong_is_told_by_the_cycle() {
         assert!(error.message.contains(word), "{call}: {error:?}");
         assert!(error.file.is_some_and(|file| file.contains("probe_")));
     }
+}
+
+#[test]
+fn a_probe_to_where_an_unanswered_one_ends_is_no_error() {
+    let found = errors("F100 G90\nG38.3 Z-5\nG38.5 Z-5\nG38.3 X2\nG38.5 X2\n");
+    assert!(found.is_empty(), "{found:?}");
+    // Where nothing was probed it is one.
+    assert_eq!(errors("F100 G90\nG0 Z-5\nG38.5 Z-5\n").len(), 1);
 }
