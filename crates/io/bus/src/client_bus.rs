@@ -1,6 +1,7 @@
 //! The clients' side of the bus: bridges, screens, loggers, tests.
 
 use crate::config::{ClientConfig, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
+use crate::deadline::Deadline;
 use crate::domain::{
     ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, Domain, EventService, Ipc, PubSub, Wanted,
     attribute,
@@ -16,7 +17,6 @@ use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::*;
-use std::time::Instant;
 
 /// One client of one machine. It must stay on the thread that opened it.
 #[derive(Debug)]
@@ -35,7 +35,7 @@ impl ClientBus {
     /// # Errors
     /// No core in time, or one with another version, period or axes.
     pub fn open(config: &ClientConfig) -> Result<Self, BusError> {
-        let deadline = Instant::now() + config.wait;
+        let deadline = Deadline::after(config.wait);
         let prefix = config.prefix.as_deref();
         let domain = Domain::join_core(&config.machine_name, prefix, "client", deadline)?;
         let wanted: Wanted = [
@@ -265,8 +265,8 @@ impl ClientBus {
         Ok(SpindleSender { publisher })
     }
 
-    fn deadline(&self) -> Instant {
-        Instant::now() + self.config.wait
+    fn deadline(&self) -> Deadline {
+        Deadline::after(self.config.wait)
     }
 
     fn service_name(&self, channel: Channel) -> String {

@@ -5,9 +5,9 @@ use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::port::client::Client;
 use iceoryx2::port::server::Server;
 use iceoryx2::prelude::*;
-use std::time::Instant;
 
 use crate::config::{BusConfig, ClientConfig, PLACES_FOR_OPERATORS};
+use crate::deadline::Deadline;
 use crate::discovery::no_core;
 use crate::domain::{
     ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, ControlService, Domain, Ipc, Wanted,
@@ -67,7 +67,7 @@ impl ControlServer {
             (ATTRIBUTE_PERIOD, Some(config.period_ns.to_string())),
             (ATTRIBUTE_AXES, Some(config.axes.clone())),
         ];
-        let deadline = Instant::now() + config.open_timeout;
+        let deadline = Deadline::after(config.open_timeout);
         domain.begin_core(deadline)?;
         let service = domain.create_control(&wanted, deadline)?;
         let server = loop {
@@ -79,7 +79,7 @@ impl ControlServer {
                 Ok(server) => break server,
                 Err(cause) => cause,
             };
-            if Instant::now() >= deadline {
+            if deadline.has_passed() {
                 return Err(BusError::Service {
                     service: Channel::Control.service_name(&config.machine_name)?,
                     cause: format!("{cause:?}"),
@@ -174,9 +174,9 @@ impl ControlClient {
     }
 
     fn join(config: &ClientConfig, kept: usize) -> Result<Self, BusError> {
-        let begin = Instant::now();
+        let deadline = Deadline::after(config.wait);
         let prefix = config.prefix.as_deref();
-        let domain = Domain::join_core(&config.machine_name, prefix, "operator", begin + config.wait)?;
+        let domain = Domain::join_core(&config.machine_name, prefix, "operator", deadline)?;
         let wanted: Wanted = [
             (ATTRIBUTE_INTERFACE, Some(crate::INTERFACE_VERSION.to_string())),
             (
@@ -185,11 +185,11 @@ impl ControlClient {
             ),
             (ATTRIBUTE_AXES, config.axes.clone()),
         ];
-        let service = domain.open_control(&wanted, begin + config.wait)?;
+        let service = domain.open_control(&wanted, deadline)?;
         // A core creates the service before its own end of it: a command in between would be lost.
         while service.dynamic_config().number_of_servers() == 0 {
-            if begin.elapsed() >= config.wait {
-                return Err(no_core(&config.machine_name, prefix, begin));
+            if deadline.has_passed() {
+                return Err(no_core(&config.machine_name, prefix, deadline));
             }
             std::thread::sleep(POLL);
         }
@@ -258,7 +258,7 @@ impl ControlClient {
         request: &ControlRequest,
         timeout: Duration,
     ) -> Result<ControlAnswer, CommandError> {
-        let begin = Instant::now();
+        let deadline = Deadline::after(timeout);
         let pending = self
             .client
             .send_copy(*request)
@@ -273,9 +273,9 @@ impl ControlClient {
             if let Some(answer) = answer {
                 return Ok(*answer.payload());
             }
-            if begin.elapsed() >= timeout {
+            if deadline.has_passed() {
                 return Err(CommandError::NoAnswer {
-                    waited_ms: begin.elapsed().as_millis() as u64,
+                    waited_ms: deadline.waited_ms(),
                 });
             }
             std::thread::sleep(POLL);

@@ -1,6 +1,7 @@
 //! The core's side of the bus.
 
 use crate::config::{BusConfig, MAX_SETPOINT_BUFFER, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
+use crate::deadline::Deadline;
 use crate::domain::{
     ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, Domain, EventService, Ipc, PubSub, Sizes, Wanted,
 };
@@ -17,7 +18,6 @@ use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::*;
-use std::time::Instant;
 
 /// The ports of one core. It must stay on the thread that opened it: open it on the publisher's thread.
 ///
@@ -55,7 +55,7 @@ struct Opening<'a> {
     domain: &'a Domain,
     machine_name: &'a str,
     wanted: &'a Wanted,
-    deadline: Instant,
+    deadline: Deadline,
 }
 
 impl Opening<'_> {
@@ -108,7 +108,7 @@ impl CoreBus {
             (ATTRIBUTE_PERIOD, Some(config.period_ns.to_string())),
             (ATTRIBUTE_AXES, Some(config.axes.clone())),
         ];
-        let deadline = Instant::now() + config.open_timeout;
+        let deadline = Deadline::after(config.open_timeout);
         domain.begin_core(deadline)?;
         let opening = Opening {
             domain: &domain,
@@ -309,10 +309,10 @@ impl CoreBus {
     /// setpoint reaches them all. Returns their number, which is smaller after a timeout.
     #[must_use]
     pub fn wait_for_setpoint_subscribers(&self, count: usize, timeout: Duration) -> usize {
-        let deadline = Instant::now() + timeout;
+        let deadline = Deadline::after(timeout);
         loop {
             let found = self.setpoint_subscribers();
-            if found >= count || Instant::now() >= deadline {
+            if found >= count || deadline.has_passed() {
                 // A failure appears again, as an error, with the first setpoint.
                 let _ = self.setpoint.update_connections();
                 return found;
@@ -358,7 +358,7 @@ fn publisher<P: Debug + ZeroCopySend + Copy>(
     channel: Channel,
     machine_name: &str,
     sizes: Sizes,
-    deadline: Instant,
+    deadline: Deadline,
 ) -> Result<Publisher<Ipc, P, ()>, BusError> {
     let name = channel.service_name(machine_name)?;
     loop {
@@ -371,7 +371,7 @@ fn publisher<P: Debug + ZeroCopySend + Copy>(
                         pid,
                     });
                 }
-                if Instant::now() >= deadline {
+                if deadline.has_passed() {
                     return Err(BusError::NoPlace {
                         service: name,
                         port: "publisher",
@@ -396,7 +396,7 @@ fn notifier(
     domain: &Domain,
     service: &EventService,
     machine_name: &str,
-    deadline: Instant,
+    deadline: Deadline,
 ) -> Result<Notifier<Ipc>, BusError> {
     loop {
         let cause = match service.notifier_builder().create() {
@@ -410,7 +410,7 @@ fn notifier(
                 cause: format!("{cause:?}"),
             });
         }
-        if Instant::now() >= deadline {
+        if deadline.has_passed() {
             return Err(BusError::NoPlace {
                 service,
                 port: "notifier",

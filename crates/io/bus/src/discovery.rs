@@ -1,12 +1,12 @@
 //! Which machines have a core, and which other users have one.
 
+use crate::deadline::Deadline;
 use crate::domain::{Ipc, configuration, pattern};
 use crate::error::BusError;
 use crate::folder::{BusFolder, login_name, other_users, user_name};
 use crate::name::Channel;
 use crate::stale_resources;
 use iceoryx2::prelude::*;
-use std::time::Instant;
 
 /// Whether a service is described in a folder. It may belong to a dead core.
 pub(crate) fn has_service(folder: &BusFolder, name: &str, channel: Channel) -> bool {
@@ -17,10 +17,10 @@ pub(crate) fn has_service(folder: &BusFolder, name: &str, channel: Channel) -> b
 }
 
 /// No core in time. A core of another user is not accessible, but its existence is visible.
-pub(crate) fn no_core(machine_name: &str, prefix: Option<&str>, begin: Instant) -> BusError {
+pub(crate) fn no_core(machine_name: &str, prefix: Option<&str>, deadline: Deadline) -> BusError {
     BusError::NoCore {
         machine_name: machine_name.to_owned(),
-        waited_ms: begin.elapsed().as_millis() as u64,
+        waited_ms: deadline.waited_ms(),
         elsewhere: cores_of_other_users(prefix),
     }
 }

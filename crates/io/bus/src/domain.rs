@@ -1,6 +1,7 @@
 //! A domain of iceoryx2: node, attributes, and opening despite the resources of killed runs.
 
 use crate::config::PLACES_FOR_OPERATORS;
+use crate::deadline::Deadline;
 use crate::descriptors;
 use crate::discovery::{has_service, no_core};
 use crate::error::BusError;
@@ -23,7 +24,6 @@ use iceoryx2::service::builder::request_response::{
     RequestResponseCreateError, RequestResponseOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::{event, publish_subscribe, request_response};
-use std::time::Instant;
 
 pub(crate) type Ipc = ipc::Service;
 pub(crate) type PubSub<P> = publish_subscribe::PortFactory<Ipc, P, ()>;
@@ -82,10 +82,9 @@ impl Domain {
         machine_name: &str,
         prefix: Option<&str>,
         role: &str,
-        deadline: Instant,
+        deadline: Deadline,
     ) -> Result<Self, BusError> {
         descriptors::check(descriptors::OF_A_CLIENT)?;
-        let begin = Instant::now();
         let name = Channel::Setpoint.service_name(machine_name)?;
         loop {
             for folder in BusFolder::existing(prefix)? {
@@ -93,8 +92,8 @@ impl Domain {
                     return Self::join_in(machine_name, &folder, role);
                 }
             }
-            if Instant::now() >= deadline {
-                return Err(no_core(machine_name, prefix, begin));
+            if deadline.has_passed() {
+                return Err(no_core(machine_name, prefix, deadline));
             }
             std::thread::sleep(RETRY);
         }
@@ -138,7 +137,7 @@ impl Domain {
     }
 
     /// Keeps other cores from opening at the same time, and removes the incomplete resources of a killed one.
-    pub(crate) fn begin_core(&mut self, deadline: Instant) -> Result<(), BusError> {
+    pub(crate) fn begin_core(&mut self, deadline: Deadline) -> Result<(), BusError> {
         let lock = OpeningLock::acquire(self.node.config(), deadline)?;
         for channel in [
             Channel::Setpoint,
@@ -178,7 +177,7 @@ impl Domain {
         channel: Channel,
         wanted: &Wanted,
         sizes: Sizes,
-        deadline: Instant,
+        deadline: Deadline,
     ) -> Result<PubSub<P>, BusError> {
         let (text, name) = self.name(channel)?;
         let verifier = verifier(wanted)?;
@@ -212,7 +211,7 @@ impl Domain {
         &self,
         channel: Channel,
         wanted: &Wanted,
-        deadline: Instant,
+        deadline: Deadline,
     ) -> Result<PubSub<P>, BusError> {
         let (text, name) = self.name(channel)?;
         let verifier = verifier(wanted)?;
@@ -226,7 +225,7 @@ impl Domain {
     }
 
     /// Opens the event service as the core does.
-    pub(crate) fn create_event(&self, wanted: &Wanted, deadline: Instant) -> Result<EventService, BusError> {
+    pub(crate) fn create_event(&self, wanted: &Wanted, deadline: Deadline) -> Result<EventService, BusError> {
         let (text, name) = self.name(Channel::Event)?;
         let verifier = verifier(wanted)?;
         let id = |kind: EventKind| EventId::new(kind.number() as usize);
@@ -256,7 +255,7 @@ impl Domain {
     }
 
     /// Opens the event service that the core has created.
-    pub(crate) fn open_event(&self, wanted: &Wanted, deadline: Instant) -> Result<EventService, BusError> {
+    pub(crate) fn open_event(&self, wanted: &Wanted, deadline: Deadline) -> Result<EventService, BusError> {
         let (text, name) = self.name(Channel::Event)?;
         let verifier = verifier(wanted)?;
         self.retry(&text, Channel::Event, wanted, deadline, || {
@@ -273,7 +272,7 @@ impl Domain {
     pub(crate) fn create_control(
         &self,
         wanted: &Wanted,
-        deadline: Instant,
+        deadline: Deadline,
     ) -> Result<ControlService, BusError> {
         let (text, name) = self.name(Channel::Control)?;
         let verifier = verifier(wanted)?;
@@ -309,7 +308,7 @@ impl Domain {
     pub(crate) fn open_control(
         &self,
         wanted: &Wanted,
-        deadline: Instant,
+        deadline: Deadline,
     ) -> Result<ControlService, BusError> {
         let (text, name) = self.name(Channel::Control)?;
         let verifier = verifier(wanted)?;
@@ -329,10 +328,9 @@ impl Domain {
         service: &str,
         channel: Channel,
         wanted: &Wanted,
-        deadline: Instant,
+        deadline: Deadline,
         attempt: impl Fn() -> Result<T, OpenFailure>,
     ) -> Result<T, BusError> {
-        let begin = Instant::now();
         let is_core = self.lock.is_some();
         loop {
             let failure = match attempt() {
@@ -360,10 +358,10 @@ impl Domain {
                         },
                     });
                 }
-                OpenFailure::Missing if Instant::now() >= deadline => {
-                    return Err(no_core(&machine_name, None, begin));
+                OpenFailure::Missing if deadline.has_passed() => {
+                    return Err(no_core(&machine_name, None, deadline));
                 }
-                OpenFailure::Passing(cause) | OpenFailure::Hung(cause) if Instant::now() >= deadline => {
+                OpenFailure::Passing(cause) | OpenFailure::Hung(cause) if deadline.has_passed() => {
                     return Err(BusError::Service { service, cause });
                 }
                 OpenFailure::Hung(_) if is_core => self.remove_service(channel),

@@ -56,6 +56,7 @@ mod client_bus;
 mod config;
 mod control_bus;
 mod core_bus;
+mod deadline;
 mod descriptors;
 mod discovery;
 mod domain;

@@ -1,12 +1,12 @@
 //! Resources of killed processes that iceoryx2 0.10.0 does not remove.
 //!
-//! Five kinds persist if a process dies within the microseconds in which it creates them:
+//! Five kinds persist if a process dies within the moment in which it creates them:
 //! - the description of a service that was written but not released: every later opening waits for it and
 //!   fails;
 //! - the folder of a node in which a tag was started: every later cleaning fails on it;
 //! - the folder of a node that has no monitor yet: nothing looks for it;
 //! - the files of a node whose monitor is incomplete: whether it is alive cannot be determined;
-//! - a segment of shared memory without a size: a process that opens it waits for its size forever.
+//! - a segment of shared memory that is not complete: a process that opens it waits for that forever.
 //!
 //! The mode marks incomplete resources: iceoryx2 makes a file read-only, a segment readable, when it is
 //! complete.
@@ -14,6 +14,7 @@
 //! Only cores create services, and they do so under the [`OpeningLock`]: its holder knows that every
 //! incomplete resource is left over.
 
+use crate::deadline::Deadline;
 use crate::domain::Ipc;
 use crate::error::BusError;
 use core::time::Duration;
@@ -22,9 +23,8 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::service_hash::ServiceHash;
 use std::collections::BTreeSet;
 use std::fs::{File, Metadata, TryLockError, read_dir, remove_dir, remove_file};
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path as StdPath, PathBuf};
-use std::time::Instant;
 
 /// Lets one core at a time open its services. The operating system releases it when the process dies.
 #[derive(Debug)]
@@ -34,7 +34,7 @@ pub(crate) struct OpeningLock {
 
 impl OpeningLock {
     /// Waits for the lock on iceoryx2's folder, which must exist.
-    pub(crate) fn acquire(config: &Config, deadline: Instant) -> Result<Self, BusError> {
+    pub(crate) fn acquire(config: &Config, deadline: Deadline) -> Result<Self, BusError> {
         let folder = path(config.global.root_path());
         let failed = |cause: String| BusError::Domain { cause };
         let file = File::open(&folder).map_err(|cause| failed(format!("{}: {cause}", folder.display())))?;
@@ -44,7 +44,7 @@ impl OpeningLock {
                 Err(TryLockError::Error(cause)) => {
                     return Err(failed(format!("{}: {cause}", folder.display())));
                 }
-                Err(TryLockError::WouldBlock) if Instant::now() >= deadline => {
+                Err(TryLockError::WouldBlock) if deadline.has_passed() => {
                     return Err(failed("another core hangs while it opens".to_owned()));
                 }
                 Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(2)),
@@ -53,26 +53,42 @@ impl OpeningLock {
     }
 }
 
-/// Removes segments of shared memory whose creator died before they had a size. iceoryx2 would wait for one
+/// A segment that is still incomplete after this number of checks, at this interval, is left over. Its age proves nothing: while the host
+/// suspends all processes, its creator cannot complete it.
+const LOOKS: u32 = 100;
+const LOOK_EVERY: Duration = Duration::from_millis(10);
+
+/// Removes segments of shared memory whose creator died before they were complete. iceoryx2 would wait for one
 /// forever, so this comes before any other call.
 ///
-/// A live creator is in that state for microseconds; a segment younger than a quarter of a second is waited
-/// for.
+/// A live creator is in that state for milliseconds, in which it fills the segment; one that is still incomplete after a second is left
+/// over. If it were removed while its creator lives, that process would go on, and nobody could reach it.
 pub(crate) fn clear_unborn_segments(config: &Config) {
-    const AGE: Duration = Duration::from_millis(250);
-    let prefix = config.global.prefix.to_string();
-    for file in files(StdPath::new("/dev/shm")).filter(|file| begins_with(file, &prefix)) {
-        let age = || match file.metadata() {
-            Ok(facts) if is_unborn(&facts) => facts.modified().ok()?.elapsed().ok(),
-            _ => None,
-        };
-        let Some(rest) = age().map(|age| AGE.saturating_sub(age)) else {
-            continue;
-        };
-        std::thread::sleep(rest);
-        if age().is_some() {
-            let _ = remove_file(&file);
+    clear_unborn_in(StdPath::new("/dev/shm"), &config.global.prefix.to_string());
+}
+
+fn clear_unborn_in(folder: &StdPath, prefix: &str) {
+    let number_of_unborn = |file: &PathBuf| {
+        let facts = file.metadata().ok()?;
+        is_unborn(&facts).then(|| facts.ino())
+    };
+    let mut unborn: Vec<(PathBuf, u64)> = files(folder)
+        .filter(|file| begins_with(file, prefix))
+        .filter_map(|file| {
+            let number = number_of_unborn(&file)?;
+            Some((file, number))
+        })
+        .collect();
+    for _ in 0..LOOKS {
+        if unborn.is_empty() {
+            return;
         }
+        std::thread::sleep(LOOK_EVERY);
+        // A file of that name that was made meanwhile is another.
+        unborn.retain(|(file, number)| number_of_unborn(file) == Some(*number));
+    }
+    for (file, _) in unborn {
+        let _ = remove_file(&file);
     }
 }
 
@@ -260,4 +276,51 @@ fn files(folder: &StdPath) -> impl Iterator<Item = PathBuf> {
 
 fn path(path: &Path) -> PathBuf {
     PathBuf::from(path.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs::Permissions;
+    use std::time::SystemTime;
+
+    /// A segment that is being created, begun before the host stood still for an hour.
+    fn begun(folder: &StdPath, name: &str) -> PathBuf {
+        let path = folder.join(name);
+        let file = File::create(&path).unwrap();
+        file.set_len(100).unwrap();
+        file.set_modified(SystemTime::now() - Duration::from_secs(3600))
+            .unwrap();
+        file.set_permissions(Permissions::from_mode(0o200)).unwrap();
+        path
+    }
+
+    #[test]
+    fn a_segment_whose_creator_lives_stays_however_old_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let [completed, other] = ["p-completed", "q-other"].map(|name| begun(folder.path(), name));
+        std::thread::scope(|scope| {
+            let path = completed.clone();
+            scope.spawn(move || {
+                std::thread::sleep(Duration::from_millis(50));
+                std::fs::set_permissions(path, Permissions::from_mode(0o600)).unwrap();
+            });
+            clear_unborn_in(folder.path(), "p-");
+        });
+        assert!(completed.exists() && other.exists());
+    }
+
+    #[test]
+    fn a_segment_that_nobody_completes_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        let left = ["p-begun", "p-empty"].map(|name| begun(folder.path(), name));
+        std::fs::set_permissions(&left[1], Permissions::from_mode(0o600)).unwrap();
+        File::options()
+            .write(true)
+            .open(&left[1])
+            .and_then(|file| file.set_len(0))
+            .unwrap();
+        clear_unborn_in(folder.path(), "p-");
+        assert!(left.iter().all(|file| !file.exists()));
+    }
 }

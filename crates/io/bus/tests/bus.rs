@@ -7,6 +7,8 @@ use evolvent_bus::{
     AXES, BusConfig, BusError, ClientBus, ClientConfig, ControlAnswer, ControlClient, ControlRequest,
     ControlServer, CoreBus, EventKind, Feedback, Load, MAX_SETPOINT_BUFFER, Setpoint, Status,
 };
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 fn setpoint(sequence: u64) -> Setpoint {
@@ -542,4 +544,29 @@ fn texts_of_commands_keep_to_their_room() {
     let mut answer = ControlAnswer::default();
     answer.set_text(&"\u{00e4}".repeat(1000));
     assert_eq!(answer.text().len(), evolvent_bus::ANSWER_TEXT_BYTES);
+}
+
+/// Whoever clears a domain away waits for what is ending in it.
+#[test]
+fn a_domain_is_cleared_away_once_its_last_process_has_ended() {
+    let domain = PrivateDomain::new();
+    let (ends, config) = (Arc::new(AtomicBool::new(false)), domain.core("mill"));
+    let (tell, told) = std::sync::mpsc::channel();
+    let ending = std::thread::spawn({
+        let ends = Arc::clone(&ends);
+        move || {
+            let core = CoreBus::open(&config).expect("a core");
+            tell.send(()).expect("a listener");
+            std::thread::sleep(Duration::from_millis(500));
+            ends.store(true, Ordering::Relaxed);
+            drop(core);
+        }
+    });
+    told.recv().expect("a core");
+    drop(domain);
+    assert!(
+        ends.load(Ordering::Relaxed),
+        "its files were removed under a core that lives"
+    );
+    ending.join().expect("no panic");
 }

@@ -4,7 +4,7 @@
 mod common;
 
 use common::PrivateDomain;
-use evolvent_bus::{BusConfig, BusError, CoreBus, EventKind, Setpoint, Status};
+use evolvent_bus::{BusConfig, BusError, CoreBus, EventKind, Setpoint, SetpointReader, Status};
 use evolvent_random::Random;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -50,6 +50,26 @@ fn start(prefix: &str) -> Child {
         .expect("a child")
 }
 
+/// Waits for a setpoint of a child. Its process number is in each, so that they cannot be taken for those of an earlier core.
+fn hear(setpoints: &mut SetpointReader, child: &Child) {
+    let begin = Instant::now();
+    loop {
+        match setpoints.receive().expect("received") {
+            Some(setpoint) if setpoint.line == child.id() => return,
+            _ => std::thread::sleep(Duration::from_millis(1)),
+        }
+        assert!(begin.elapsed() < Duration::from_secs(60), "no setpoints");
+    }
+}
+
+/// A child that has opened all of its bus. Its services are there before its publishers, and clients find the services.
+fn start_to_publish(domain: &PrivateDomain) -> Child {
+    let child = start(&domain.prefix);
+    let client = domain.client("mill");
+    hear(&mut client.setpoints().expect("a reader"), &child);
+    child
+}
+
 fn kill(mut child: Child) {
     child.kill().expect("killed");
     child.wait().expect("waited");
@@ -87,10 +107,7 @@ fn nodes_whose_monitor_is_not_whole_are_cleared_away_with_their_domain() {
         "node_monitor_owner_lock",
     ];
     let domain = PrivateDomain::new();
-    let child = start(&domain.prefix);
-    drop(domain.client("mill"));
-    // The child may not have its publisher yet when its services are there.
-    std::thread::sleep(Duration::from_millis(100));
+    let child = start_to_publish(&domain);
     let files = domain.files();
     let folder = files
         .iter()
@@ -151,20 +168,9 @@ fn clients_survive_the_death_of_their_core_and_read_the_next() {
     let mut setpoints = client.setpoints().expect("a reader");
     let mut events = client.events().expect("a listener");
     let mut next = Some(child);
-    for round in 0..6 {
+    for _ in 0..6 {
         let child = next.take().unwrap_or_else(|| start(&domain.prefix));
-        // The new core's tell themselves by its process.
-        let begin = Instant::now();
-        loop {
-            match setpoints.receive().expect("received") {
-                Some(setpoint) if setpoint.line == child.id() => break,
-                _ => std::thread::sleep(Duration::from_millis(1)),
-            }
-            assert!(
-                begin.elapsed() < Duration::from_secs(60),
-                "round {round}: no setpoints"
-            );
-        }
+        hear(&mut setpoints, &child);
         std::thread::sleep(Duration::from_micros(random.bits() % 30_000));
         kill(child);
         while setpoints.receive().expect("received").is_some() {}
@@ -177,10 +183,7 @@ fn clients_survive_the_death_of_their_core_and_read_the_next() {
 #[test]
 fn a_core_in_another_process_is_named_with_its_pid() {
     let domain = PrivateDomain::new();
-    let child = start(&domain.prefix);
-    drop(domain.client("mill"));
-    // The child may not have its publisher yet when its services are there.
-    std::thread::sleep(Duration::from_millis(100));
+    let child = start_to_publish(&domain);
     let pid = i32::try_from(child.id()).ok();
     let error = CoreBus::open(&domain.core("mill")).err();
     kill(child);
