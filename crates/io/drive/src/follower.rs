@@ -1,84 +1,21 @@
 //! A bridge's conversion of arriving setpoints to a target for every period of the drives.
 
-use evolvent_path::AxisMask;
 use std::collections::VecDeque;
 
 use evolvent_wire::{AXES, Setpoint};
-use thiserror::Error;
 
 use crate::brake::{Brake, BrakeState};
+use crate::follower_settings::{FollowerSettings, SettingsError};
 use crate::index_latch::IndexRequest;
+use crate::point::Point;
 use crate::power::{BridgeState, Note, PowerRequest};
+use crate::start_offset::StartOffsets;
 use crate::step_check::{StepCheck, TOLERATED_ACCELERATION};
 
 /// Capacity for future setpoints: the longest lead plus a burst.
 const ROOM: usize = 2048;
 /// No core computes setpoints further ahead, ns.
 const FURTHEST_NS: u64 = 10_000_000_000;
-/// Number of periods for which motion continues without setpoints, at rates at which they last longer than [`SHORTEST_BRIDGED_NS`].
-const BRIDGED_CYCLES: u64 = 10;
-/// Minimum time for which motion continues without setpoints, ns: the default lead, by which a setpoint precedes its due time, and so the
-/// lateness of which a host is expected to be capable. In this time an axis leaves its path by at most a t^2 / 2, and 0.02 mm at 10 m/s2.
-const SHORTEST_BRIDGED_NS: u64 = 2_000_000;
-/// Maximum of [`FollowerSettings::bridge_cycles`].
-const MAX_BRIDGE_CYCLES: u32 = 100;
-
-/// For how many periods of `period_ns` motion continues without setpoints: ten, but at least 2 ms, and at most 100.
-///
-/// ```
-/// assert_eq!(evolvent_drive::bridge_cycles(1_000_000), 10);
-/// // At 35 kHz ten periods are 0.29 ms, which the pauses of a host exceed.
-/// assert_eq!(evolvent_drive::bridge_cycles(28_571), 71);
-/// ```
-#[must_use]
-pub fn bridge_cycles(period_ns: u64) -> u32 {
-    let cycles = SHORTEST_BRIDGED_NS.div_ceil(period_ns.max(1)).max(BRIDGED_CYCLES);
-    u32::try_from(cycles).map_or(MAX_BRIDGE_CYCLES, |cycles| cycles.min(MAX_BRIDGE_CYCLES))
-}
-
-/// The limits of a follower. Lengths are mm or degrees.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FollowerSettings {
-    /// The period of the setpoints, ns.
-    pub period_ns: u64,
-    /// Number of periods for which the last motion continues if setpoints are missing: see [`bridge_cycles`].
-    pub bridge_cycles: u32,
-    /// Bit i set: axis i is driven.
-    pub axes: AxisMask,
-    /// Largest velocity of each axis.
-    pub max_velocity: [f64; AXES],
-    /// Largest acceleration.
-    pub max_acceleration: [f64; AXES],
-    /// Largest jerk.
-    pub max_jerk: [f64; AXES],
-    /// Maximum distance of a setpoint from the axis at which following starts.
-    pub sync_tolerance: [f64; AXES],
-}
-
-/// Why settings are invalid.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
-pub enum SettingsError {
-    /// A value of an axis is not a valid limit.
-    #[error("axis {axis} has {value} as a limit: it must be a positive number")]
-    Limit {
-        /// The axis.
-        axis: usize,
-        /// The number.
-        value: f64,
-    },
-    /// The period is invalid.
-    #[error("a period of {period_ns} ns is out of range: it must be 1000 ns to 1 s")]
-    Period {
-        /// The period in ns.
-        period_ns: u64,
-    },
-    /// Too many periods without setpoints.
-    #[error("{cycles} periods without setpoints are too many to continue: at most 100")]
-    BridgeCycles {
-        /// The number.
-        cycles: u32,
-    },
-}
 
 /// Why a setpoint was not accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -149,31 +86,11 @@ impl Target {
     }
 }
 
-/// A setpoint that arrived.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Point {
-    pub(crate) sequence: u64,
-    pub(crate) due_ns: u64,
-    pub(crate) position: [f64; AXES],
-    pub(crate) velocity: [f64; AXES],
-    pub(crate) acceleration: [f64; AXES],
-    pub(crate) flags: u32,
-    power: PowerRequest,
-    fault_reset: u32,
-    pub(crate) datum: u64,
-    index: IndexRequest,
-}
-
-impl Point {
-    pub(crate) fn stands(&self) -> bool {
-        self.velocity.iter().all(|velocity| velocity.abs() <= 1e-9)
-    }
-}
-
 /// Follows setpoints by their due times. If they are missing the last motion continues for a few periods,
 /// never longer; then every axis brakes within its limits and holds. From there following starts again only
 /// with a setpoint at the position of the axes: the core has to adapt to the machine, not the machine to the
-/// core.
+/// core. The small distance that is permitted between both ([`FollowerSettings::sync_tolerance`]) is added to the setpoints, and decays to
+/// zero within a twentieth of the limits of each axis.
 ///
 /// May be called by a real-time cycle; only [`Follower::new`] allocates.
 #[derive(Clone, Debug)]
@@ -188,6 +105,8 @@ pub struct Follower {
     brakes: [Brake; AXES],
     brake_since_ns: u64,
     stepped_ns: u64,
+    /// What is added to the setpoints since following began.
+    offsets: StartOffsets,
     datum: u64,
     /// The core of the current setpoint has been followed. Until then it takes over the bridge's datum and coordinates, and a change
     /// of its datum renames nothing.
@@ -217,27 +136,7 @@ impl Follower {
     /// # Errors
     /// An invalid limit.
     pub fn new(settings: FollowerSettings) -> Result<Self, SettingsError> {
-        if !(1_000..=1_000_000_000).contains(&settings.period_ns) {
-            return Err(SettingsError::Period {
-                period_ns: settings.period_ns,
-            });
-        }
-        if settings.bridge_cycles > MAX_BRIDGE_CYCLES {
-            return Err(SettingsError::BridgeCycles {
-                cycles: settings.bridge_cycles,
-            });
-        }
-        for axis in settings.axes.axes() {
-            let limits = [
-                settings.max_velocity[axis],
-                settings.max_acceleration[axis],
-                settings.max_jerk[axis],
-                settings.sync_tolerance[axis],
-            ];
-            if let Some(&value) = limits.iter().find(|&&limit| !(limit.is_finite() && limit > 0.0)) {
-                return Err(SettingsError::Limit { axis, value });
-            }
-        }
+        settings.check()?;
         let rest = Brake::new(BrakeState::default(), 1.0, 1.0);
         Ok(Self {
             settings,
@@ -250,6 +149,7 @@ impl Follower {
             brakes: [rest; AXES],
             brake_since_ns: 0,
             stepped_ns: 0,
+            offsets: StartOffsets::default(),
             datum: 0,
             is_tied: false,
             is_new_core: true,
@@ -308,28 +208,7 @@ impl Follower {
                 return Err(Rejection::NotFinite);
             }
         }
-        let mut point = Point {
-            sequence: setpoint.sequence,
-            due_ns: setpoint.due_time_ns,
-            position: setpoint.position,
-            velocity: setpoint.velocity,
-            acceleration: setpoint.acceleration,
-            flags: setpoint.flags,
-            power: PowerRequest::from_number(setpoint.power_request),
-            fault_reset: setpoint.fault_reset,
-            datum: setpoint.datum,
-            index: IndexRequest {
-                number: setpoint.index_request,
-                axis: setpoint.index_axis as usize,
-            },
-        };
-        for axis in AxisMask::ALL.without(self.settings.axes).axes() {
-            (
-                point.position[axis],
-                point.velocity[axis],
-                point.acceleration[axis],
-            ) = (0.0, 0.0, 0.0);
-        }
+        let point = Point::of(setpoint, self.settings.axes);
         let patience_ns = self.settings.period_ns * u64::from(self.settings.bridge_cycles.max(1));
         if point.due_ns.saturating_add(patience_ns) < now_ns {
             return Err(Rejection::Late);
@@ -423,10 +302,7 @@ impl Follower {
             self.brake(now_ns, &mut states);
         }
         if self.state == BridgeState::Holding && self.synchronise(now_ns) {
-            self.state = BridgeState::Following;
-            self.is_tied = true;
-            self.check_queue();
-            let _reached = self.follow(now_ns, &mut states);
+            self.begin_following(now_ns, &mut states);
         }
         if matches!(
             self.state,
@@ -516,7 +392,19 @@ impl Follower {
         matches!(self.state, BridgeState::Following | BridgeState::Bridging)
     }
 
-    /// The target positions of the setpoints now; false if they have run out.
+    /// The first period of following: the axes are still where they were held, and at rest.
+    fn begin_following(&mut self, now_ns: u64, states: &mut [BrakeState; AXES]) {
+        self.state = BridgeState::Following;
+        self.is_tied = true;
+        self.check_queue();
+        self.offsets = StartOffsets::default();
+        let _reached = self.follow(now_ns, states);
+        self.offsets = StartOffsets::new(now_ns, &self.settings, &self.hold, states);
+        let _reached = self.follow(now_ns, states);
+    }
+
+    /// The target positions now: those of the setpoints, and what is left of the distance at the start. False if the setpoints have run
+    /// out.
     fn follow(&mut self, now_ns: u64, states: &mut [BrakeState; AXES]) -> bool {
         let Some(last) = self.current else {
             // The motion of the previous core is void, and only the last target of the axes is known.
@@ -526,6 +414,23 @@ impl Follower {
             self.brake_since_ns = self.stepped_ns;
             return false;
         };
+        let is_reached = self.interpolate(now_ns, &last, states);
+        let of_ns = if is_reached { now_ns } else { self.brake_since_ns };
+        for axis in self.axes() {
+            let offset = self.offsets.at(of_ns, axis);
+            states[axis].position += offset.position;
+            states[axis].velocity += offset.velocity;
+            states[axis].acceleration += offset.acceleration;
+            if is_reached {
+                // A brake would start here if another core replaced this one.
+                self.brakes[axis] = self.brake_of(axis, states[axis]);
+            }
+        }
+        is_reached
+    }
+
+    /// The position of the setpoints now; false if they have run out, and then of when they did, `brake_since_ns`.
+    fn interpolate(&mut self, now_ns: u64, last: &Point, states: &mut [BrakeState; AXES]) -> bool {
         let period_ns = self.settings.period_ns;
         let patience = u64::from(self.settings.bridge_cycles);
         let age_ns = now_ns.saturating_sub(last.due_ns);
@@ -543,9 +448,9 @@ impl Follower {
             let interval_s = (next.due_ns - last.due_ns) as f64 * 1e-9;
             for axis in 0..AXES {
                 states[axis] = if next.datum == last.datum {
-                    between(&last, next, axis, age_ns as f64 * 1e-9, interval_s)
+                    last.between(next, axis, age_ns as f64 * 1e-9, interval_s)
                 } else {
-                    onward(&last, axis, 1.0, 0.0)
+                    last.onward(axis, 1.0, 0.0)
                 };
             }
         } else {
@@ -561,17 +466,13 @@ impl Follower {
             }
             for axis in 0..AXES {
                 let jerk = self.settings.max_jerk[axis];
-                states[axis] = onward(&last, axis, jerk, age_ns.min(longest_ns) as f64 * 1e-9);
+                states[axis] = last.onward(axis, jerk, age_ns.min(longest_ns) as f64 * 1e-9);
             }
             if age_ns > longest_ns {
                 self.missed = self.missed.saturating_add(1);
                 self.brake_since_ns = last.due_ns + longest_ns;
                 return false;
             }
-        }
-        // A brake would start here if another core replaced this one.
-        for axis in self.axes() {
-            self.brakes[axis] = self.brake_of(axis, states[axis]);
         }
         true
     }
@@ -679,63 +580,5 @@ impl Follower {
             target.phase_error_ns = if early { late_ns - period_ns } else { late_ns };
         }
         target
-    }
-}
-
-/// The motion that continues after a setpoint: the acceleration is reduced to zero with full jerk. A motion
-/// within its limits could do so at any moment, so this neither exceeds a velocity nor reverses.
-fn onward(point: &Point, axis: usize, max_jerk: f64, time_s: f64) -> BrakeState {
-    let (position, velocity, acceleration) = (
-        point.position[axis],
-        point.velocity[axis],
-        point.acceleration[axis],
-    );
-    let fading_s = if max_jerk > 0.0 {
-        acceleration.abs() / max_jerk
-    } else {
-        0.0
-    };
-    let jerk = -max_jerk.copysign(acceleration);
-    let t = time_s.min(fading_s);
-    let faded = BrakeState {
-        position: position + t * (velocity + t * (0.5 * acceleration + t * jerk / 6.0)),
-        velocity: velocity + t * (acceleration + 0.5 * t * jerk),
-        acceleration: if time_s < fading_s {
-            acceleration + t * jerk
-        } else {
-            0.0
-        },
-    };
-    BrakeState {
-        position: faded.position + (time_s - t) * faded.velocity,
-        ..faded
-    }
-}
-
-/// Between two setpoints: the quintic with position, velocity and acceleration of both.
-fn between(a: &Point, b: &Point, axis: usize, time_s: f64, interval_s: f64) -> BrakeState {
-    let h = interval_s;
-    let u = (time_s / h).clamp(0.0, 1.0);
-    let (p0, v0, a0) = (
-        a.position[axis],
-        a.velocity[axis] * h,
-        a.acceleration[axis] * h * h,
-    );
-    let (p1, v1, a1) = (
-        b.position[axis],
-        b.velocity[axis] * h,
-        b.acceleration[axis] * h * h,
-    );
-    // What is left to the three highest coefficients at u = 1.
-    let dp = p1 - p0 - v0 - 0.5 * a0;
-    let dv = v1 - v0 - a0;
-    let da = a1 - a0;
-    let c3 = 10.0 * dp - 4.0 * dv + 0.5 * da;
-    let c4 = -15.0 * dp + 7.0 * dv - da;
-    let c5 = 6.0 * dp - 3.0 * dv + 0.5 * da;
-    BrakeState {
-        position: p0 + u * (v0 + u * (0.5 * a0 + u * (c3 + u * (c4 + u * c5)))),
-        velocity: (v0 + u * (a0 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))) / h,
-        acceleration: (a0 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (h * h),
     }
 }

@@ -2,8 +2,9 @@
 
 use evolvent_wire::flags;
 
-use crate::follower::{FollowerSettings, Point};
+use crate::follower_settings::FollowerSettings;
 use crate::phase::MAX_CORRECTION_RATIO;
+use crate::point::Point;
 
 /// Factor by which a setpoint may exceed the velocity of an axis: rounding, and a guard that permits a
 /// thousandth.

@@ -74,7 +74,7 @@ pub enum Presence {
     Absent,
     /// A bridge sends feedback; power is not requested.
     Idle,
-    /// Power is requested; the drives are coming into operation. Nothing may be moved yet.
+    /// Power is requested; the drives are coming into operation, or the axes to their setpoints. Nothing may be moved yet.
     Enabling,
     /// Every drive is in operation and monitored.
     Operational,
@@ -83,8 +83,23 @@ pub enum Presence {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     Off,
-    Enabling { since_ns: u64, from_sequence: u64 },
-    Armed,
+    Enabling {
+        since_ns: u64,
+        from_sequence: u64,
+    },
+    /// Everything is monitored.
+    Armed {
+        /// When power was requested.
+        since_ns: u64,
+        /// Every axis has been at its setpoint.
+        has_arrived: bool,
+    },
+}
+
+impl Phase {
+    const fn is_armed(self) -> bool {
+        matches!(self, Self::Armed { .. })
+    }
 }
 
 /// A setpoint for which feedback may still arrive.
@@ -101,8 +116,9 @@ struct Sent {
 ///
 /// A message that cannot be true ([`FeedbackBounds`]) is never used. Everything else is checked only while
 /// power is requested. From the request on the drives have their time to come into operation; from then on
-/// everything is monitored until power is no longer requested. An alarm is not latched here: it is returned
-/// in each step while its cause lasts.
+/// everything is monitored until power is no longer requested. A bridge begins beside the setpoints and removes the
+/// distance: the drives count as operational once every axis has been within half of its following error, or when
+/// that time has passed. An alarm is not latched here: it is returned in each step while its cause lasts.
 #[derive(Clone, Debug)]
 pub struct FeedbackWatch {
     settings: WatchSettings,
@@ -190,14 +206,30 @@ impl FeedbackWatch {
         };
         self.check_life(now_ns, &last)?;
         self.check_drives(now_ns, command, &last)?;
-        if self.phase == Phase::Armed {
+        if self.phase.is_armed() {
             self.check_switches(command, &last)?;
             if feedback.is_some() && !self.repeats {
-                self.check_positions(now_ns, command, &last, previous.as_ref())?;
+                let are_near = self.check_positions(now_ns, command, &last, previous.as_ref())?;
+                self.note_arrival(now_ns, are_near);
             }
-            return Ok(Presence::Operational);
         }
-        Ok(Presence::Enabling)
+        match self.phase {
+            Phase::Armed {
+                has_arrived: true, ..
+            } => Ok(Presence::Operational),
+            _ => Ok(Presence::Enabling),
+        }
+    }
+
+    /// A constant error within the bound delays operation until the time limit of power on at most.
+    fn note_arrival(&mut self, now_ns: u64, are_near: bool) {
+        if let Phase::Armed {
+            since_ns,
+            has_arrived,
+        } = &mut self.phase
+        {
+            *has_arrived |= are_near || now_ns.saturating_sub(*since_ns) > self.settings.enable_timeout_ns;
+        }
     }
 
     /// Whether a message that arrives now can be true. See [`FeedbackBounds::check`].
@@ -336,7 +368,7 @@ impl FeedbackWatch {
         match self.instance {
             Some(instance) if instance != last.instance => Err(DriveAlarm::BridgeRestarted),
             _ => {
-                if self.phase == Phase::Armed {
+                if self.phase.is_armed() {
                     self.instance = Some(last.instance);
                 }
                 Ok(())
@@ -366,7 +398,7 @@ impl FeedbackWatch {
         }
         let state = BridgeState::from_number(last.bridge_state);
         match self.phase {
-            Phase::Armed => {
+            Phase::Armed { .. } => {
                 if let Some((axis, status_word)) = waiting {
                     return Err(DriveAlarm::DriveOff { axis, status_word });
                 }
@@ -385,7 +417,10 @@ impl FeedbackWatch {
             } => {
                 let answers = (from_sequence..=command.sequence).contains(&last.sequence);
                 if waiting.is_none() && answers && state == Some(BridgeState::Following) {
-                    self.phase = Phase::Armed;
+                    self.phase = Phase::Armed {
+                        since_ns,
+                        has_arrived: false,
+                    };
                     self.unanswered = [0.0; AXES];
                     self.answered = None;
                     self.instance = Some(last.instance);
@@ -429,16 +464,17 @@ impl FeedbackWatch {
         Ok(())
     }
 
+    /// Whether every axis is within half of its following error: the other half is left for the error of a motion.
     fn check_positions(
         &mut self,
         now_ns: u64,
         command: &Command,
         last: &Feedback,
         previous: Option<&Feedback>,
-    ) -> Result<(), DriveAlarm> {
+    ) -> Result<bool, DriveAlarm> {
         let sent = self.sent[(last.sequence % self.sent.len() as u64) as usize];
         if sent.sequence != last.sequence {
-            return Ok(());
+            return Ok(false);
         }
         if sent.datum != last.datum {
             // While homing assigns new coordinates, feedback with the previous ones is under way.
@@ -449,7 +485,7 @@ impl FeedbackWatch {
                     found: last.datum,
                 });
             }
-            return Ok(());
+            return Ok(false);
         }
         self.datum_since_ns = None;
         // Setpoints are sent ahead: only those with feedback can have moved the axes.
@@ -460,6 +496,7 @@ impl FeedbackWatch {
                 self.unanswered[axis] += (sent.position[axis] - before[axis]).abs();
             }
         }
+        let mut are_near = true;
         let interval_ns = previous.map_or(0, |previous| last.time_ns.saturating_sub(previous.time_ns));
         for axis in self.axes() {
             let position = last.position[axis];
@@ -500,7 +537,8 @@ impl FeedbackWatch {
                     velocity,
                 });
             }
+            are_near &= error.abs() <= 0.5 * bound;
         }
-        Ok(())
+        Ok(are_near)
     }
 }

@@ -8,9 +8,12 @@ mod follower;
 mod gantry;
 mod input_entry;
 mod phase;
+mod random_motion;
 mod renaming;
+mod start;
 mod step_check;
 mod watch;
+mod watch_bench;
 
 // It counts by thread, so that tests beside each other do not count together.
 #[global_allocator]

@@ -7,6 +7,8 @@ use evolvent_path::AxisMask;
 use evolvent_random::{Random, cases};
 use evolvent_wire::{AXES, Setpoint, flags};
 
+use crate::random_motion::RandomMotion;
+
 /// Due time of the setpoint with the number 0, ns.
 const BEGIN_NS: u64 = 5_000_000_000;
 /// Velocity, acceleration and jerk of an axis: a mill and a heavy machine of 0.01 g.
@@ -285,49 +287,6 @@ fn a_stop_at_the_end_of_the_travel_by_the_guard_is_followed() {
     }
 }
 
-/// A motion of one axis with random changes of velocity.
-struct RandomMotion {
-    limits: [f64; 3],
-    /// Acceleration changes at once, as at a joint of exact-path mode.
-    has_steps: bool,
-    state: [f64; 3],
-    wanted: f64,
-}
-
-impl RandomMotion {
-    fn new(random: &mut Random, limits: [f64; 3], has_steps: bool) -> Self {
-        Self {
-            limits,
-            has_steps,
-            state: [random.between(-2_000.0, 2_000.0), 0.0, 0.0],
-            wanted: 0.0,
-        }
-    }
-
-    fn advance(&mut self, random: &mut Random, t: f64) {
-        let [most_v, most_a, most_j] = self.limits;
-        if random.below(40) == 0 {
-            self.wanted = random.between(-0.9, 0.9) * most_v * random.below(4).min(1) as f64;
-        }
-        let [p, v, a] = self.state;
-        let left = self.wanted - v;
-        // As much acceleration as leaves time to bring it to zero, and as brings the velocity there in one period.
-        let aim = most_a.min((most_j * left.abs()).sqrt()).min(left.abs() / t) * left.signum();
-        let j = if self.has_steps {
-            self.state[2] = aim;
-            0.0
-        } else {
-            ((aim - a) / t).clamp(-most_j, most_j)
-        };
-        let a = self.state[2];
-        self.state = [
-            p + t * (v + t * (0.5 * a + t * j / 6.0)),
-            v + t * (a + 0.5 * t * j),
-            (a + t * j).clamp(-most_a, most_a),
-        ];
-    }
-}
-
 /// Random limits, rates, motions, losses and clocks.
 #[test]
 fn a_motion_within_the_limits_is_followed_whatever_is_lost() {
@@ -342,11 +301,12 @@ fn a_motion_within_the_limits_is_followed_whatever_is_lost() {
         let share = random.between(0.3, 1.95);
         let driven = [velocity, share * acceleration, limits[2]];
         let has_steps = random.below(2) == 0;
-        let mut motions = [(); 2].map(|()| RandomMotion::new(&mut random, driven, has_steps));
+        let mut motions =
+            [(); 2].map(|()| RandomMotion::from_rest(random.between(-2_000.0, 2_000.0), driven, has_steps));
         let mut follower = Follower::new(settings).expect("limits");
         let (mut due_ns, mut lost, mut wander) = (BEGIN_NS, 0, 0.0_f64);
         let mut was_taken = true;
-        let actual = std::array::from_fn(|axis| motions.get(axis).map_or(0.0, |motion| motion.state[0]));
+        let actual = std::array::from_fn(|axis| motions.get(axis).map_or(0.0, |motion| motion.state()[0]));
         for sequence in 0..4_000 {
             if sequence > 20 {
                 for motion in &mut motions {
@@ -362,7 +322,7 @@ fn a_motion_within_the_limits_is_followed_whatever_is_lost() {
                     setpoint.position[axis],
                     setpoint.velocity[axis],
                     setpoint.acceleration[axis],
-                ] = motion.state;
+                ] = motion.state();
             }
             if was_taken && sequence > 20 && random.below(12) == 0 {
                 // With one more the motion ends a thousandth of its time too early, by the clock.

@@ -1,137 +1,12 @@
 //! The core's watch: silent while all is well, and the right alarm for each thing that is not.
 
-#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
-
 use evolvent_drive::{
-    BridgeState, Command, DriveAlarm, DriveState, FeedbackWatch, Note, PowerRequest, Presence, WatchMode,
-    WatchSettings, bits,
+    BridgeState, DriveAlarm, DriveState, Note, PowerRequest, Presence, WatchMode, WatchSettings,
 };
 use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Feedback};
 
-const PERIOD_NS: u64 = 1_000_000;
-const AXES_MASK: u32 = 0b111;
-/// The feedback answers the setpoint of so many cycles ago.
-const DELAY: u64 = 4;
-/// Time by which the axes trail behind, s.
-const LAG_S: f64 = 0.008;
-
-fn settings() -> WatchSettings {
-    let mut settings = WatchSettings::new(PERIOD_NS, AxisMask::from_bits(AXES_MASK));
-    settings.enable_timeout_ns = 100_000_000;
-    settings
-}
-
-/// A core that moves X to and fro at up to 300 mm/s, and a bridge that answers well.
-struct Bench {
-    watch: FeedbackWatch,
-    cycle: u64,
-    power: PowerRequest,
-    datum: u64,
-    instance: u64,
-    absolute_mask: u32,
-    status: DriveState,
-    state: BridgeState,
-    shift: f64,
-    delay: u64,
-    switches_expected: [AxisMask; 2],
-}
-
-impl Bench {
-    fn new(settings: WatchSettings) -> Self {
-        Self {
-            watch: FeedbackWatch::new(settings),
-            cycle: 0,
-            power: PowerRequest::On,
-            datum: 0,
-            instance: 1,
-            absolute_mask: 0,
-            status: DriveState::OperationEnabled,
-            state: BridgeState::Following,
-            shift: 0.0,
-            delay: DELAY,
-            switches_expected: [AxisMask::NONE; 2],
-        }
-    }
-
-    fn position(time_s: f64) -> [f64; 2] {
-        // 30 mm and 10 rad/s, from rest.
-        let angle = 10.0 * time_s.max(0.0);
-        [30.0 * (1.0 - angle.cos()), 300.0 * angle.sin()]
-    }
-
-    fn command(&self) -> Command {
-        let [position, velocity] = Self::position((self.cycle as f64 - 50.0) * 1e-3);
-        let mut command = Command {
-            sequence: self.cycle,
-            position: [0.0; AXES],
-            velocity: [0.0; AXES],
-            datum: self.datum,
-            power: self.power,
-            fault_reset: 0,
-            switches_expected: self.switches_expected,
-        };
-        command.position[0] = position + self.shift;
-        command.velocity[0] = if self.cycle < 50 { 0.0 } else { velocity };
-        command
-    }
-
-    fn now_ns(&self) -> u64 {
-        1_000_000_000 + self.cycle * PERIOD_NS
-    }
-
-    fn answer(&self) -> Feedback {
-        let [position, velocity] =
-            Self::position((self.cycle as f64 - self.delay as f64 - 50.0) * 1e-3 - LAG_S);
-        let mut answer = Feedback {
-            sequence: self.cycle.saturating_sub(self.delay),
-            time_ns: self.now_ns() - PERIOD_NS / 2,
-            axes_mask: AXES_MASK,
-            bridge_state: self.state.number(),
-            datum: self.datum,
-            instance: self.instance,
-            absolute_mask: self.absolute_mask,
-            status_word: [u32::from(self.status.code() | bits::REMOTE); AXES],
-            ..Feedback::default()
-        };
-        answer.position[0] = position + self.shift;
-        answer.velocity[0] = velocity;
-        answer
-    }
-
-    /// One cycle with the answer changed; none if the change says so.
-    fn cycle(&mut self, change: impl FnOnce(Feedback) -> Option<Feedback>) -> Result<Presence, DriveAlarm> {
-        let answer = change(self.answer());
-        let result = self.watch.step(self.now_ns(), &self.command(), answer.as_ref());
-        self.cycle += 1;
-        result
-    }
-
-    /// Good cycles, which must raise nothing.
-    fn run(&mut self, cycles: u64) -> Presence {
-        let mut last = Presence::Absent;
-        for _ in 0..cycles {
-            last = self.cycle(Some).expect("nothing is wrong");
-        }
-        last
-    }
-
-    /// The first alarm within so many cycles with changed answers, and after how many.
-    fn alarm(&mut self, cycles: u64, change: impl Fn(Feedback) -> Option<Feedback>) -> (DriveAlarm, u64) {
-        for n in 0..cycles {
-            if let Err(alarm) = self.cycle(&change) {
-                return (alarm, n);
-            }
-        }
-        unreachable!("no alarm in {cycles} cycles");
-    }
-}
-
-fn running() -> Bench {
-    let mut bench = Bench::new(settings());
-    assert_eq!(bench.run(200), Presence::Operational);
-    bench
-}
+use crate::watch_bench::{Bench, DELAY, PERIOD_NS, running, settings};
 
 #[test]
 fn a_bridge_that_does_its_work_is_never_complained_of() {
@@ -332,6 +207,72 @@ fn a_jump_is_a_jump_and_a_growing_error_a_following_error() {
     };
     assert_eq!(bound, 0.5);
     assert!((error + 0.51).abs() < 1e-9, "{error}");
+}
+
+/// Following begins beside the setpoints, and what bridges do about it is theirs: until then nothing may be moved.
+#[test]
+fn drives_are_operational_once_the_axes_are_at_their_setpoints() {
+    // Distance of Y from its setpoint by cycle, and the cycle from which on it is operational.
+    let decays = |n: u64| 0.49 * (1.0 - n as f64 / 40.0).max(0.0);
+    let stays = |_: u64| 0.3;
+    let is_at_once = |_: u64| 0.2;
+    type Distance = fn(u64) -> f64;
+    let cases: [(Distance, u64); 3] = [(decays, 20), (stays, 101), (is_at_once, 0)];
+    for (distance, expected) in cases {
+        for sign in [1.0, -1.0] {
+            let mut bench = Bench::new(settings());
+            let mut first = None;
+            for n in 0..300 {
+                let off = sign * distance(n);
+                let presence = bench.cycle(|mut answer| {
+                    answer.position[1] += off;
+                    Some(answer)
+                });
+                match presence {
+                    Ok(Presence::Operational) => first = first.or(Some(n)),
+                    found => assert_eq!((found, first), (Ok(Presence::Enabling), None), "{n}"),
+                }
+            }
+            assert_eq!(first, Some(expected));
+        }
+    }
+}
+
+/// An encoder that counts backwards drives its axis away from the beginning on.
+#[test]
+fn axes_that_never_arrive_at_their_setpoints_are_monitored_all_the_same() {
+    for (off, moves) in [(0.51, 0.0), (0.3, 0.01), (0.3, 2.0)] {
+        let mut bench = Bench::new(settings());
+        let mut found = None;
+        for n in 0..50 {
+            let result = bench.cycle(|mut answer| {
+                answer.position[2] += off + moves * f64::from(n);
+                Some(answer)
+            });
+            assert_ne!(result, Ok(Presence::Operational));
+            found = found.or(result.err());
+        }
+        let is_right = match found {
+            Some(DriveAlarm::FollowingError { axis: 2, .. }) => moves < 1.0,
+            Some(DriveAlarm::Jump { axis: 2, .. }) => moves > 1.0,
+            _ => false,
+        };
+        assert!(is_right, "{off} {moves}: {found:?}");
+    }
+    let mut bench = Bench::new(settings());
+    let far = |mut answer: Feedback| {
+        answer.position[1] += 0.3;
+        Some(answer)
+    };
+    assert_eq!(bench.cycle(far), Ok(Presence::Enabling));
+    bench.status = DriveState::Fault;
+    assert!(matches!(
+        bench.cycle(far),
+        Err(DriveAlarm::DriveFault { axis: 0, .. })
+    ));
+    bench.status = DriveState::OperationEnabled;
+    bench.state = BridgeState::Holding;
+    assert!(matches!(bench.cycle(far), Err(DriveAlarm::BridgeStopped { .. })));
 }
 
 #[test]

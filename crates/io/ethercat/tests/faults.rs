@@ -4,12 +4,12 @@
 
 use std::time::{Duration, Instant};
 
-use evolvent_bridge_trial::states;
+use evolvent_bridge_trial::{PERIOD_NS, states};
 use evolvent_bus::Feedback;
 use evolvent_disturbance::unless_disturbed;
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_ethercat::Network;
-use evolvent_ethercat_ring::{FaultKind, on_bench};
+use evolvent_ethercat_ring::{FaultKind, SharedRing, SubDevice, on_bench};
 
 use crate::support::*;
 
@@ -388,6 +388,47 @@ fn a_jump_that_persists_is_not_followed() {
                         let ring = ring.lock().expect("no panic");
                         ring.devices()[1].as_drive().expect("a drive").motor_turns() * 5.0
                     });
+                },
+            );
+        });
+    });
+}
+
+/// Following begins beside the axes: no target of the drive steps by that distance, at rest and where X moves at once.
+#[test]
+fn following_begins_without_a_step_of_the_targets() {
+    /// Lead of X, mm per turn.
+    const LEAD_MM: f64 = 5.0;
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            with_bridge(
+                |_| {},
+                ring,
+                |core, ring, _| {
+                    for (distance, velocity) in [(0.05, 0.0), (-0.3, 0.0), (0.45, 0.0), (-0.45, 20.0)] {
+                        let drive = |ring: &SharedRing| {
+                            let mut ring = ring.lock().expect("no panic");
+                            let drive = ring.device_mut(1).and_then(SubDevice::as_drive_mut);
+                            let drive = drive.expect("a drive");
+                            let step_mm = drive.take_longest_step_turns() * LEAD_MM;
+                            (step_mm, drive.motor_turns() * LEAD_MM)
+                        };
+                        drive(ring);
+                        core.bring_up_beside(distance);
+                        core.velocity_x = velocity;
+                        core.rest(0.4);
+                        core.stop();
+                        core.rest(0.4);
+                        let (step_mm, at_mm) = drive(ring);
+                        // It takes dozens of periods; a host that is busy may skip some.
+                        let most = 0.125 * distance.abs() + 3.0 * velocity * PERIOD_NS as f64 * 1e-9;
+                        assert!(
+                            step_mm > 0.0 && step_mm <= most,
+                            "{distance} mm at {velocity} mm/s: {step_mm} mm"
+                        );
+                        let off = at_mm - core.position[0];
+                        assert!(off.abs() < 0.02, "{distance} mm at {velocity} mm/s: {off} mm off");
+                    }
                 },
             );
         });

@@ -399,3 +399,33 @@ fn a_jump_that_persists_is_not_followed() {
         |core, server, _| core.jumps(2.0 / STEPS, || server.lock().motor_steps(0) / STEPS),
     );
 }
+
+/// Following begins beside the axes: the motor is not told to make up for that distance at once.
+#[test]
+fn following_begins_without_a_step_of_the_targets() {
+    with_bridge(
+        |_| {},
+        |core, server, _| {
+            for (distance, velocity) in [(0.05, 0.0), (-0.3, 0.0), (0.45, 0.0), (-0.45, 20.0)] {
+                core.bring_up_beside(distance);
+                core.velocity_x = velocity;
+                core.rest(0.4);
+                core.stop();
+                core.rest(0.4);
+                let fastest = server.lock().take_fastest_rate(0) / STEPS;
+                // A share of the distance, as long as that takes, and steps that are found at their edges.
+                let most = 20.0 * f64::abs(distance) + 1.0 + velocity;
+                assert!(
+                    fastest > 0.0 && fastest <= most,
+                    "{distance} mm at {velocity} mm/s: {fastest} mm/s"
+                );
+                let (_, feedback) = core.heard.expect("feedback");
+                let off = feedback.position[0] - core.position[0];
+                assert!(
+                    off.abs() < 2.0 / STEPS,
+                    "{distance} mm at {velocity} mm/s: {off} mm off"
+                );
+            }
+        },
+    );
+}

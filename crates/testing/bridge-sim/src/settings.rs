@@ -105,7 +105,7 @@ pub struct SimSettings {
     pub axes: Vec<SimAxis>,
     /// For how many periods the last motion goes on where setpoints are missing; as every bridge if `None`.
     pub bridge_cycles: Option<u32>,
-    /// How far from the axis a setpoint may lie with which following begins.
+    /// How far from the axis a setpoint may lie with which following begins. The axis goes there within its limits.
     pub sync_tolerance: f64,
     /// What goes wrong, and when.
     pub faults: Vec<Fault>,

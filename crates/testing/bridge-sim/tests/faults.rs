@@ -35,6 +35,8 @@ fn settings() -> SimSettings {
 struct Core {
     watch: FeedbackWatch,
     cycle: u64,
+    /// Initial position of all axes, mm; the drives are at 0.
+    base: f64,
     /// Cycle at which motion began.
     moving_since: Option<u64>,
     stop: Option<(u64, [Brake; 3])>,
@@ -44,13 +46,17 @@ struct Core {
 }
 
 impl Core {
-    fn new() -> Self {
+    fn new(base: f64) -> Self {
         Self {
+            base,
             watch: FeedbackWatch::new(WatchSettings::new(PERIOD_NS, AxisMask::from_bits(0b111))),
             cycle: 0,
             moving_since: None,
             stop: None,
-            last: [BrakeState::default(); 3],
+            last: [BrakeState {
+                position: base,
+                ..BrakeState::default()
+            }; 3],
             alarm: None,
             power: PowerRequest::On,
         }
@@ -73,7 +79,13 @@ impl Core {
             self.last = brakes.map(|brake| brake.at(time_s));
         } else if let Some(since) = self.moving_since {
             let time_s = (self.cycle - since) as f64 * PERIOD_S;
-            self.last = core::array::from_fn(|axis| Self::motion(axis, time_s));
+            self.last = core::array::from_fn(|axis| {
+                let motion = Self::motion(axis, time_s);
+                BrakeState {
+                    position: self.base + motion.position,
+                    ..motion
+                }
+            });
         }
         let mut setpoint = Setpoint {
             sequence: self.cycle,
@@ -129,7 +141,7 @@ fn run(fault: Option<Fault>, seconds: f64) -> Outcome {
         duration_ns: None,
         axis: None,
     }));
-    let mut core = Core::new();
+    let mut core = Core::new(0.0);
     let mut on_the_way: VecDeque<Feedback> = VecDeque::new();
     let mut outcome = Outcome {
         alarm: None,
@@ -182,6 +194,37 @@ fn a_minute_without_faults_has_no_alarm() {
         "{:?}",
         outcome.shares
     );
+}
+
+/// Following begins beside the setpoints by less than the following error: the core moves nothing until most of that is gone.
+#[test]
+fn a_core_beside_its_axes_waits_until_they_have_come() {
+    let floor = WatchSettings::new(PERIOD_NS, AxisMask::NONE).following_floor[0];
+    for base in [0.1, -0.3, 0.45, -0.49] {
+        let mut bridge = SimBridge::new(&settings()).expect("limits");
+        let mut core = Core::new(base);
+        let mut newest = None;
+        let mut followed_from = None;
+        for cycle in 0..2_000 {
+            let now_ns = 1_000_000_000 + cycle * PERIOD_NS;
+            let setpoint = core.cycle(now_ns, newest.as_ref());
+            if newest.is_some_and(|feedback: Feedback| feedback.bridge_state == 1) {
+                followed_from = followed_from.or(Some(cycle));
+            }
+            if core.moving_since == Some(core.cycle) {
+                let far = (base - bridge.true_positions()[0]).abs();
+                assert!(far <= 0.5 * floor, "{base}: moves {far} mm beside its axes");
+                // The decay takes 0.15 s at most, and half of it is over after half of it.
+                let waited = cycle - followed_from.expect("a bridge that follows");
+                assert!(waited < 100, "{base}: waits for {waited} ms");
+                assert_eq!(waited > 20, base.abs() > 0.5 * floor, "{base}: {waited} ms");
+            }
+            bridge.offer(now_ns, &setpoint);
+            newest = bridge.step(now_ns + 400_000);
+        }
+        assert_eq!(core.alarm, None, "{base}");
+        assert!(core.moving_since.is_some(), "{base}: never moves");
+    }
 }
 
 /// Whether an alarm is the right name for a fault of an axis.
@@ -269,7 +312,7 @@ fn drives_stop_by_themselves_when_the_core_dies() {
     for _ in 0..50 {
         let dies = random.between(60.0, 1500.0) as u64;
         let mut bridge = SimBridge::new(&settings()).expect("limits");
-        let mut core = Core::new();
+        let mut core = Core::new(0.0);
         let (mut newest, mut velocity) = (None, [0.0; 3]);
         let mut at_death = [0.0; 3];
         for cycle in 0..dies + 1500 {
@@ -304,7 +347,7 @@ fn drives_stop_by_themselves_when_the_core_dies() {
 fn the_same_inputs_give_the_same_feedback_to_the_bit() {
     let feedback = || {
         let mut bridge = SimBridge::new(&settings()).expect("limits");
-        let mut core = Core::new();
+        let mut core = Core::new(0.0);
         let mut newest = None;
         let mut all = Vec::new();
         for cycle in 0..500 {

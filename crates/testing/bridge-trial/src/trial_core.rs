@@ -234,11 +234,20 @@ impl TrialCore {
     /// # Panics
     /// If they are not in operation in time.
     pub fn bring_up(&mut self) -> Feedback {
+        self.bring_up_beside(0.0)
+    }
+
+    /// The same with setpoints of X that are so far from where X stands, mm.
+    ///
+    /// # Panics
+    /// As [`TrialCore::bring_up`].
+    pub fn bring_up_beside(&mut self, distance: f64) -> Feedback {
         (self.power, self.velocity_x, self.velocity) = (PowerRequest::Off, 0.0, [0.0; AXES]);
         let here = self.until("feedback with the drives off", |feedback| {
             states(feedback) == [Some(DriveState::SwitchOnDisabled); 3]
         });
         self.position = here.position;
+        self.position[0] += distance;
         self.rest(0.2);
         self.power = PowerRequest::On;
         self.until("operation", |feedback| {

@@ -84,6 +84,8 @@ pub struct Drive {
     demand: Demand,
     /// Turns a step on the way to the newest target, and steps that are left.
     stride: (f64, u32),
+    /// The longest way from one target to the next in operation, in turns.
+    longest_step_turns: f64,
     integral_n_m: f64,
     torque_n_m: f64,
     homing: Homing,
@@ -113,6 +115,7 @@ impl Drive {
                 velocity: 0.0,
             },
             stride: (0.0, 0),
+            longest_step_turns: 0.0,
             integral_n_m: 0.0,
             torque_n_m: 0.0,
             homing: Homing::default(),
@@ -207,6 +210,7 @@ impl Drive {
 
     /// Takes over outputs. `cycle_ns` is the period of SYNC0, where that is on.
     pub(crate) fn take_outputs(&mut self, objects: &Dictionary, cycle_ns: Option<u64>) {
+        let before = self.orders;
         self.orders = Orders {
             control_word: objects.integer(0x6040, 0) as u16,
             mode: objects.integer(0x6060, 0) as i8,
@@ -221,6 +225,19 @@ impl Drive {
         let steps = (cycle_s / STEP_S).round().clamp(1.0, 800.0);
         let away = self.turns(self.orders.target) - self.demand.position;
         self.stride = (away / steps, steps as u32);
+        // By the targets themselves: the motor is slower.
+        if self.machine.state() == DriveState::OperationEnabled
+            && (before.mode, self.orders.mode) == (CSP, CSP)
+        {
+            let step = self.orders.target.wrapping_sub(before.target);
+            let turns = f64::from(step).abs() / f64::from(self.settings.resolution);
+            self.longest_step_turns = self.longest_step_turns.max(turns);
+        }
+    }
+
+    /// The longest way from one target position to the next while the drive was in operation, turns, since the last call.
+    pub fn take_longest_step_turns(&mut self) -> f64 {
+        core::mem::take(&mut self.longest_step_turns)
     }
 
     /// The fieldbus is not in OP: what it ordered is void.

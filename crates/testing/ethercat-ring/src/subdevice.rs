@@ -240,7 +240,8 @@ impl SubDevice {
         }
     }
 
-    pub(crate) fn as_drive_mut(&mut self) -> Option<&mut Drive> {
+    /// The same, to change it.
+    pub fn as_drive_mut(&mut self) -> Option<&mut Drive> {
         match &mut self.device {
             Device::Drive(drive) => Some(drive),
             Device::Terminal(_) => None,

@@ -215,6 +215,13 @@ impl Board {
         })
     }
 
+    /// The largest rate, steps/s, as it was set since the last call.
+    pub fn take_fastest_rate(&mut self, unit: usize) -> f64 {
+        self.step_generators.get_mut(unit).map_or(0.0, |generator| {
+            f64::from(generator.take_fastest()) * f64::from(CLOCK_LOW) / 4_294_967_296.0
+        })
+    }
+
     /// What the motor of a step generator can do: highest rate, steps/s, and by how much it may change at once.
     pub fn set_motor(&mut self, unit: usize, max_rate: f64, max_jump: f64) {
         if let Some(generator) = self.step_generators.get_mut(unit) {

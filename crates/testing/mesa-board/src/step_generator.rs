@@ -9,6 +9,8 @@ const MASK: u64 = (1 << 48) - 1;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StepGenerator {
     pub(crate) rate: u32,
+    /// The largest magnitude of the rate as it was set.
+    fastest: u32,
     accumulator: u64,
     pub(crate) mode: u32,
     pub(crate) dir_setup: u32,
@@ -44,6 +46,16 @@ impl Default for StepMotor {
 }
 
 impl StepGenerator {
+    pub(crate) fn set_rate(&mut self, rate: u32) {
+        self.rate = rate;
+        self.fastest = self.fastest.max((rate as i32).unsigned_abs());
+    }
+
+    /// The largest magnitude of the rate since the last call.
+    pub(crate) fn take_fastest(&mut self) -> u32 {
+        core::mem::take(&mut self.fastest)
+    }
+
     /// The top 32 bits: 16 bits of whole steps, 16 below.
     pub(crate) const fn accumulator(&self) -> u32 {
         (self.accumulator >> 16) as u32

@@ -151,7 +151,7 @@ impl Board {
                 };
                 let time = value & 0x3FFF;
                 match area {
-                    0x2000 => generator.rate = value,
+                    0x2000 => generator.set_rate(value),
                     0x2100 => generator.set_accumulator(value),
                     0x2200 => generator.mode = value & 3,
                     0x2300 => generator.dir_setup = time,
