@@ -24,7 +24,7 @@ class Outputs:
         self._reader, self._ahead, self._now, self._heard_ns = reader, [], None, 0
 
     def now(self):
-        """Sequence and digital outputs of this moment."""
+        """Sequence and digital outputs of this moment; safe ones are of no message."""
         while (message := self._reader.receive()) is not None:
             if self._ahead and message.sequence <= self._ahead[-1].sequence:
                 self._ahead.clear()
@@ -35,7 +35,7 @@ class Outputs:
         if self._now is None:
             return 0, 0
         is_silent = time.monotonic_ns() - self._heard_ns > SILENCE_NS
-        return self._now.sequence, self._now.safe_digital if is_silent else self._now.digital
+        return (0, self._now.safe_digital) if is_silent else (self._now.sequence, self._now.digital)
 
 
 def read(digital, wires, closed):

@@ -79,9 +79,9 @@ alarms! {
     /// A drive is in fault.
     DriveFault = 406, Fault, "a drive is in fault; see its own message, then clear the alarms and switch on";
     /// A drive left operation by itself.
-    DriveOff = 407, Fault, "a drive has switched off by itself; check its enabling input and its supply";
+    DriveOff = 407, Fault, "a drive has switched off by itself; check its enabling input and its supply, or switch on again after homing by the drive";
     /// The drives were not enabled in time.
-    NotEnabled = 408, Fault, "the drives were not enabled in time; check supply, safety circuit and bridge";
+    NotEnabled = 408, Fault, "the drives were not enabled in time; check supply, safety circuit and bridge, and whether they home by themselves";
     /// The actual position jumped.
     PositionJump = 409, Fault, "the actual position jumped; check encoder and cable, and home again";
     /// The following error is too large.

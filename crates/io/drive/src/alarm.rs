@@ -1,6 +1,7 @@
 //! Faults of drives or bridge, with their alarm numbers.
 
 use evolvent_path::AxisLetter;
+use evolvent_wire::{BRIDGE_NOTES, BRIDGE_STATES};
 use thiserror::Error;
 
 /// What to do about an error code of a drive.
@@ -12,6 +13,12 @@ const fn fault_advice(error_code: u32) -> &'static str {
         }
         _ => "see the drive's manual, remove the cause, reset",
     }
+}
+
+/// The name of a number on the bus, after a space; nothing if it has none.
+fn named(names: &[(&'static str, u32)], number: u32) -> String {
+    let name = names.iter().find(|(_, known)| *known == number);
+    name.map_or_else(String::new, |(name, _)| format!(" {name}"))
 }
 
 fn ms(ns: u64) -> f64 {
@@ -99,7 +106,7 @@ pub enum DriveAlarm {
     /// A drive has left operation without a fault.
     #[error(
         "the drive of axis {} has switched itself off (status word {status_word:#06x}): check its enable \
-         input and its supply",
+         input and its supply; one that homes by itself switches off for it: then switch on again",
         AxisLetter::letter_of(*axis)
     )]
     DriveOff {
@@ -111,8 +118,7 @@ pub enum DriveAlarm {
     /// A drive does not come into operation.
     #[error(
         "the drive of axis {} was not ready within {:.0} ms (status word {status_word:#06x}): check supply, \
-         safety \
-         circuit and bridge",
+         safety circuit and bridge; one that homes by itself: wait for its end, then switch off and on",
         AxisLetter::letter_of(*axis), ms(*waited_ns)
     )]
     NotEnabled {
@@ -175,8 +181,9 @@ pub enum DriveAlarm {
     BridgeRestarted,
     /// The bridge stopped following.
     #[error(
-        "the bridge has stopped the axes (bridge state {state}, note {note}): it received no usable \
-         setpoints; check the core's lateness and the bridge's messages"
+        "the bridge has stopped the axes (bridge state {state}{}, note {note}{}): it received no usable \
+         setpoints, or has ended its session; check the core's lateness and the bridge's messages",
+        named(&BRIDGE_STATES, *state), named(&BRIDGE_NOTES, *note)
     )]
     BridgeStopped {
         /// A number of the bus's list of bridge states.

@@ -271,7 +271,7 @@ impl SignalSet {
         if !self.speaks {
             return None;
         }
-        self.read.outputs_sequence = self.in_force.sequence;
+        self.read.outputs_sequence = if self.ending { 0 } else { self.in_force.sequence };
         (self.read.sequence, self.read.time_ns) = (self.sent.sequence, self.sent.time_ns);
         let is_old = now_ns.saturating_sub(self.sent.time_ns) >= INPUTS_EVERY_NS;
         if self.read == self.sent && !is_old || now_ns <= self.sent.time_ns {

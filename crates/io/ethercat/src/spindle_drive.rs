@@ -185,7 +185,7 @@ impl SpindleDrive {
             wanted.spindle_direction[number]
         };
         (self.direction, self.rpm) = (direction, wanted.spindle_rpm[number]);
-        self.outputs_sequence = wanted.sequence;
+        self.outputs_sequence = if is_silent { 0 } else { wanted.sequence };
         if direction != ORIENT {
             if let Some(orientation) = &mut self.orientation {
                 orientation.end();
