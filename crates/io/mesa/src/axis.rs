@@ -1,8 +1,8 @@
 //! One axis: its position from counts, its velocity command, and the power states of its drive.
 
 use evolvent_drive::{
-    Brake, BrakeState, Braking, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest, QuickStopOption,
-    Target,
+    Brake, BrakeState, Braking, Cia402, DriveEvents, DriveMachine, DriveState, GantryMotor, PowerRequest,
+    QuickStopOption, Target,
 };
 
 use crate::board_settings::{Actuator, BoardAxis};
@@ -75,7 +75,7 @@ pub(crate) struct MesaAxis {
     /// The axis's own ramp, and its elapsed time.
     ramp: Option<(Brake, f64)>,
     integral: f64,
-    last_error: f64,
+    last_error: Option<f64>,
     has_fault: bool,
     is_lost: bool,
     /// It has to stop with the other motor of its gantry.
@@ -102,7 +102,7 @@ impl MesaAxis {
             commanded: 0.0,
             ramp: None,
             integral: 0.0,
-            last_error: 0.0,
+            last_error: None,
             has_fault: false,
             is_lost: false,
             is_apart: false,
@@ -151,15 +151,6 @@ impl MesaAxis {
     /// Its board no longer replies.
     pub(crate) const fn set_lost(&mut self) {
         self.is_lost = true;
-    }
-
-    pub(crate) const fn set_too_far_apart(&mut self, is_apart: bool) {
-        self.is_apart = is_apart;
-    }
-
-    /// What is added to setpoints from now on, and its velocity.
-    pub(crate) const fn set_apart(&mut self, distance: f64, velocity: f64) {
-        self.apart = (distance, velocity);
     }
 
     /// The machine coordinate at which it waits for the others, or is.
@@ -333,7 +324,7 @@ impl MesaAxis {
                 }
             }
             _ => {
-                (self.ramp, self.integral) = (None, 0.0);
+                (self.ramp, self.integral, self.last_error) = (None, 0.0, None);
                 0.0
             }
         };
@@ -376,13 +367,48 @@ impl MesaAxis {
             Actuator::Servo { gains, .. } => {
                 self.integral =
                     (self.integral + gains.i * error * period_s).clamp(-INTEGRAL * most, INTEGRAL * most);
-                let rate = (error - self.last_error) / period_s;
-                self.last_error = error;
+                // The first error after a time without torque is no change of the one before.
+                let rate = self.last_error.map_or(0.0, |last| (error - last) / period_s);
+                self.last_error = Some(error);
                 velocity + gains.p * error + self.integral + gains.d * rate
             }
         };
         let highest = (HIGHEST * most).min(possible);
         wanted.clamp(-highest, highest)
+    }
+}
+
+impl GantryMotor for MesaAxis {
+    fn axis(&self) -> usize {
+        self.index()
+    }
+
+    fn position(&self) -> f64 {
+        self.position()
+    }
+
+    fn velocity(&self) -> f64 {
+        self.velocity()
+    }
+
+    fn held_position(&self) -> f64 {
+        self.held_position()
+    }
+
+    fn home_switch(&self) -> bool {
+        self.switches()[0]
+    }
+
+    fn rename(&mut self, shift: f64) {
+        self.rename(shift);
+    }
+
+    fn set_apart(&mut self, distance: f64, velocity: f64) {
+        self.apart = (distance, velocity);
+    }
+
+    fn set_too_far_apart(&mut self, is_apart: bool) {
+        self.is_apart = is_apart;
     }
 }
 
@@ -398,10 +424,16 @@ mod tests {
 
     /// An analog servo with 4000 counts a mm, as X.
     fn servo() -> MesaAxis {
+        servo_with("")
+    }
+
+    /// The same with more lines in its board file.
+    fn servo_with(lines: &str) -> MesaAxis {
         let board = evolvent_file_tests::shipped("boards/7i96s-router.toml");
         let (head, _axes) = board.split_once("[[axis]]").expect("axes");
         let axis = "[[axis]]\nletter = \"X\"\nencoder = 0\ncounts_per_unit = 4000\npwm = 0\nfull_velocity = 200\np_gain = 40\n";
-        let board = BoardSettings::parse(&format!("{head}{axis}"), "board.toml").expect("a board file");
+        let board =
+            BoardSettings::parse(&format!("{head}{axis}{lines}"), "board.toml").expect("a board file");
         let limits = AxisLimits {
             max_velocity: 100.0,
             max_acceleration: 1000.0,
@@ -444,5 +476,52 @@ mod tests {
         // By another name it is the same place.
         axis.rename(7.0);
         assert!((axis.held_position() - axis.position() - 1.0).abs() < 1e-3);
+    }
+
+    /// The value of a servo that is enabled and pushed away from its place by 0.25 mm/s, in each period.
+    fn pushed(axis: &mut MesaAxis) -> Vec<f64> {
+        (0..200_u64)
+            .map(|period| {
+                let now_ns = period * PERIOD_NS;
+                axis.take(8000 - period.saturating_sub(10) as u32, now_ns, false, [false; 3]);
+                let target = target_at(axis.position());
+                axis.step(&target, PowerRequest::On, now_ns, 1e-3).value
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_derivative_gain_acts_on_the_rate_of_the_error() {
+        let (proportional, both) = (pushed(&mut servo()), pushed(&mut servo_with("d_gain = 0.8\n")));
+        let added: Vec<f64> = both
+            .iter()
+            .zip(&proportional)
+            .map(|(both, one)| both - one)
+            .collect();
+        assert_eq!(added[..10], [0.0; 10], "it stands");
+        // A count a period are 0.25 mm/s, of 200 mm/s at full output.
+        for value in &added[20..] {
+            assert!((value - 0.8 * 0.25 / 200.0).abs() < 1e-9, "{value}");
+        }
+    }
+
+    /// What the error was before the power went off has no rate afterwards.
+    #[test]
+    fn the_derivative_gain_gives_no_kick_as_power_returns() {
+        let mut axis = servo_with("d_gain = 0.8\n");
+        let pushed = pushed(&mut axis);
+        assert!(pushed[199] > 0.005, "an error has built up: {}", pushed[199]);
+        for (power, periods) in [(PowerRequest::Off, 200..210), (PowerRequest::On, 210..260)] {
+            for period in periods {
+                let now_ns = period * PERIOD_NS;
+                axis.take(8000 - 190, now_ns, false, [false; 3]);
+                let target = target_at(axis.position());
+                let order = axis.step(&target, power, now_ns, 1e-3);
+                if power == PowerRequest::On {
+                    assert!(order.value.abs() < 1e-9, "period {period}: {}", order.value);
+                }
+            }
+        }
+        assert_eq!(axis.state(), DriveState::OperationEnabled);
     }
 }

@@ -3,8 +3,8 @@
 use evolvent_bridge::follower_settings;
 use evolvent_bus::{AXES, Feedback, Setpoint};
 use evolvent_drive::{
-    DriveState, Follower, Gantry, GantryFault, GantryInputs, IndexLatch, IndexRequest, PowerRequest,
-    SettingsError, Target, is_homed, worse_status,
+    DriveState, Follower, GantryEvent, GantryPair, IndexLatch, IndexRequest, PowerRequest, SettingsError,
+    Target, worse_status,
 };
 use evolvent_machine::Machine;
 use evolvent_path::AxisMask;
@@ -17,22 +17,12 @@ use crate::plan::{Inputs, Outputs, Plan};
 use crate::session::SessionError;
 use crate::smart_serial::{bit_of, set_bit};
 
-/// Two entries of one axis.
-#[derive(Debug)]
-struct Pair {
-    first: usize,
-    second: usize,
-    gantry: Gantry,
-    /// Each motor has a home switch.
-    has_switches: bool,
-}
-
 /// Axes of one session. Only the constructor allocates.
 #[derive(Debug)]
 pub(crate) struct AxisSet {
     follower: Follower,
     axes: Vec<MesaAxis>,
-    gantries: Vec<Pair>,
+    gantries: Vec<GantryPair>,
     is_aligned: bool,
     period_s: f64,
     instance: u64,
@@ -153,8 +143,7 @@ impl AxisSet {
         if !core::mem::replace(&mut self.is_aligned, true) {
             // Nothing tells where the motors are: the beam is assumed to be square until both have passed their switches.
             for pair in &self.gantries {
-                let [first, second] = [pair.first, pair.second].map(|motor| self.axes[motor].position());
-                self.axes[pair.second].rename(pair.gantry.alignment([first, second]));
+                pair.align(&mut self.axes);
             }
         }
         self.take_index(inputs);
@@ -220,8 +209,7 @@ impl AxisSet {
             actual[axis.index()] = axis.held_position();
         }
         for pair in &self.gantries {
-            let first = &self.axes[pair.first];
-            actual[first.index()] = pair.gantry.position(first.held_position());
+            pair.hold(&self.axes, &mut actual);
         }
         let target = self.follower.step(now_ns, enabled, &actual);
         if let Some(shift) = target.datum_shift {
@@ -230,7 +218,9 @@ impl AxisSet {
         }
         self.request_index(target.index);
         outputs.index[0] = self.encoder_index.command();
-        self.step_gantries(enabled, &target);
+        for pair in &mut self.gantries {
+            pair.step(&mut self.axes, (enabled, &target), None, self.period_s);
+        }
         // Axes that cannot follow together do not follow at all.
         if target.power == PowerRequest::Off && !target.is_silent {
             self.group_stop = false;
@@ -267,54 +257,22 @@ impl AxisSet {
             axis.rename(shift[axis.index()]);
         }
         for pair in &mut self.gantries {
-            let shift_here = shift[self.axes[pair.first].index()];
-            let by = pair.gantry.rename(shift_here, is_homed(shift, shift_here));
-            for (motor, by) in [pair.first, pair.second].into_iter().zip(by) {
-                self.axes[motor].rename(by - shift_here);
-            }
+            pair.rename(&mut self.axes, shift);
         }
     }
 
-    fn step_gantries(&mut self, is_enabled: bool, target: &Target) {
-        for pair in &mut self.gantries {
-            let motors = [pair.first, pair.second];
-            let switches = motors.map(|motor| self.axes[motor].switches()[0]);
-            pair.gantry.step(&GantryInputs {
-                is_enabled,
-                power: target.requested_power(),
-                position: motors.map(|motor| self.axes[motor].position()),
-                velocity: target.velocity[self.axes[pair.first].index()],
-                switches: pair.has_switches.then_some(switches),
-                strain: None,
-                period_s: self.period_s,
-            });
-            for (side, motor) in motors.into_iter().enumerate() {
-                let axis = &mut self.axes[motor];
-                axis.set_apart(pair.gantry.offset(side), pair.gantry.velocity(side));
-                axis.set_too_far_apart(pair.gantry.fault().is_some());
-            }
-        }
-    }
-
-    /// Axis and fault of each gantry, and how far the beam was from square if it has just been homed.
-    pub(crate) fn take_gantry_events(
-        &mut self,
-    ) -> impl Iterator<Item = (usize, Option<GantryFault>, Option<f64>)> + '_ {
+    /// What became of each gantry.
+    pub(crate) fn take_gantry_events(&mut self) -> impl Iterator<Item = GantryEvent> + '_ {
         let axes = &self.axes;
-        self.gantries.iter_mut().map(|pair| {
-            let axis = axes[pair.first].index();
-            (axis, pair.gantry.fault(), pair.gantry.take_squared())
-        })
+        self.gantries.iter_mut().map(|pair| pair.take_event(axes))
     }
 
     /// The limit switches of a motor as the core has to see them.
     fn limits(&self, entry: usize, pressed: [bool; 2]) -> [bool; 2] {
         let mut pairs = self.gantries.iter();
         pairs
-            .find(|pair| pair.first == entry || pair.second == entry)
-            .map_or(pressed, |pair| {
-                pair.gantry.limits(usize::from(pair.second == entry), pressed)
-            })
+            .find_map(|pair| pair.limits(entry, pressed))
+            .unwrap_or(pressed)
     }
 
     /// The last feedback of the axes.
@@ -343,7 +301,8 @@ impl AxisSet {
             }
             let [home, negative, positive] = axis.switches();
             let [negative, positive] = self.limits(entry, [negative, positive]);
-            feedback.home_switch_mask |= AxisMask::one_if(index, home).bits();
+            feedback.home_switch_mask |=
+                AxisMask::one_if(index, home && axis.settings().gantry.is_none()).bits();
             feedback.negative_limit_mask |= AxisMask::one_if(index, negative).bits();
             feedback.positive_limit_mask |= AxisMask::one_if(index, positive).bits();
             if feedback.error_code == 0 {
@@ -352,16 +311,10 @@ impl AxisSet {
             feedback.fault_reset_done = feedback.fault_reset_done.min(axis.resets_done());
         }
         for pair in &self.gantries {
-            let [first, second] = [pair.first, pair.second].map(|motor| &self.axes[motor]);
-            let index = first.index();
-            let position = pair.gantry.position(first.position());
-            feedback.position[index] = position;
-            feedback.velocity[index] = first.velocity() - pair.gantry.velocity(0);
-            feedback.following_error[index] = target.position[index] - position;
-            feedback.status_word[index] = u32::from(worse_status(first.status_word(), second.status_word()));
-            let is_home = pair.has_switches && pair.gantry.home_switch();
-            feedback.home_switch_mask &= !AxisMask::one(index).bits();
-            feedback.home_switch_mask |= AxisMask::one_if(index, is_home).bits();
+            let [first, second] = pair.indices().map(|motor| &self.axes[motor]);
+            feedback.status_word[first.index()] =
+                u32::from(worse_status(first.status_word(), second.status_word()));
+            pair.describe(&self.axes, target, &mut feedback);
         }
         self.index.describe(&mut feedback);
         Some(feedback)
@@ -378,19 +331,15 @@ impl AxisSet {
 }
 
 /// The gantries of a board file.
-fn pairs(board: &BoardSettings) -> Vec<Pair> {
+fn pairs(board: &BoardSettings) -> Vec<GantryPair> {
     let seconds = board.axes.iter().enumerate();
     let pair = |(second, axis): (usize, &BoardAxis)| {
         let is_first = |other: &BoardAxis| other.axis == axis.axis && other.gantry.is_none();
         let first = board.axes.iter().position(is_first)?;
-        Some(Pair {
-            first,
-            second,
-            gantry: Gantry::new(axis.gantry?),
-            has_switches: [first, second]
-                .iter()
-                .all(|motor| board.axes[*motor].switches[0].is_some()),
-        })
+        let has_switches = [first, second]
+            .iter()
+            .all(|motor| board.axes[*motor].switches[0].is_some());
+        Some(GantryPair::new(first, second, axis.gantry?, has_switches))
     };
     seconds.filter_map(pair).collect()
 }

@@ -5,7 +5,7 @@ use core::time::Duration;
 
 use evolvent_bridge::{BusEnds, Incoming, monotonic_ns};
 use evolvent_bus::AXES;
-use evolvent_drive::{GantryFault, SettingsError};
+use evolvent_drive::{GantryEvent, GantryFault, SettingsError};
 use evolvent_machine::Machine;
 use thiserror::Error;
 
@@ -488,7 +488,7 @@ impl Cycle<'_> {
         for (number, notice) in self.spindles.take_news() {
             let _full = ends.bus.notices.push(Notice::Spindle { number, notice });
         }
-        for (axis, fault, squared) in self.axes.take_gantry_events() {
+        for GantryEvent { axis, fault, squared } in self.axes.take_gantry_events() {
             if let Some(fault) = fault.filter(|_| !self.was_apart[axis]) {
                 let _full = ends.bus.notices.push(Notice::Gantry { axis, fault });
             }

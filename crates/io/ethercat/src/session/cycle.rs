@@ -6,6 +6,7 @@ use ethercrab::error::Error;
 use ethercrab::{Command, MainDevice, RegisterAddress};
 use evolvent_bridge::{Incoming, monotonic_ns};
 use evolvent_bus::AXES;
+use evolvent_drive::GantryEvent;
 use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec};
 
@@ -482,7 +483,7 @@ impl<'m> Cycle<'_, 'm> {
         for (number, notice) in self.spindles.iter_mut().filter_map(SpindleDrive::take_news) {
             let _full = ends.bus.notices.push(Notice::Spindle { number, notice });
         }
-        for (axis, fault, squared) in self.drives.take_gantry_events() {
+        for GantryEvent { axis, fault, squared } in self.drives.take_gantry_events() {
             if let Some(fault) = fault.filter(|_| !self.was_apart[axis]) {
                 let _full = ends.bus.notices.push(Notice::Gantry { axis, fault });
             }
