@@ -64,6 +64,11 @@ HOME_LATCH_VEL = 2
 HOME_SEQUENCE = 0
 ";
 
+/// A touch probe at a Mesa board.
+const WIRING: &str = "loadrt hm2_eth board_ip=10.10.10.10
+net touch hm2_7i96s.0.inm.10.input => motion.probe-input
+";
+
 fn text(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
@@ -86,7 +91,7 @@ fn a_gantry_router_in_inches_becomes_a_machine_that_runs() {
     let _file = workshop.write("axes.inc", AXES);
     let _file = workshop.write("tools.tbl", "T1 P1 D0.25 Z-1 ;quarter inch\n");
     let _file = workshop.write("router.var", "5221 1.5\n5223 -2\n5210 1\n");
-    let _file = workshop.write("wiring.hal", "loadrt hm2_eth board_ip=10.10.10.10\n");
+    let _file = workshop.write("wiring.hal", WIRING);
     let machine = workshop.folder().join("gantry.toml");
     let report = import(&ini, &machine).expect_code(&[0]).json();
     let file = std::fs::read_to_string(&machine).expect("a machine file");
@@ -117,6 +122,8 @@ fn a_gantry_router_in_inches_becomes_a_machine_that_runs() {
         "joints 1 and 2 both drive Y",
         "different backlash",
         "hm2_eth (a Mesa Ethernet board)",
+        "it connects a touch probe (motion.probe-input): G38 is refused until the machine file has [probe]",
+        "that to Mesa boards has no probe input",
         "not remapped",
     ] {
         assert!(dropped.contains(reason), "{reason} is missing in {dropped}");

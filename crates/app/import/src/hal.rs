@@ -26,8 +26,26 @@ const COMPONENTS: &[(&str, &str)] = &[
 /// Commands of HAL that connect pins.
 const CONNECTING: &[&str] = &["net", "linksp", "linkps", "linkpp"];
 
+/// The pin of a touch probe.
+const PROBE: &str = "motion.probe-input";
+
 /// Spindles whose turns a HAL file counts: their pin is connected.
 pub(crate) fn connected_spindles(file: &Path) -> Vec<u32> {
+    let pins = connected(file);
+    let numbers = pins.iter().filter_map(|pin| {
+        let number = pin.strip_prefix("spindle.")?.strip_suffix(".revs")?;
+        number.parse().ok()
+    });
+    numbers.collect()
+}
+
+/// Whether a HAL file connects a touch probe.
+pub(crate) fn connects_probe(file: &Path) -> bool {
+    connected(file).iter().any(|pin| pin == PROBE)
+}
+
+/// Names of signals and pins that a HAL file connects.
+fn connected(file: &Path) -> Vec<String> {
     let Ok(bytes) = read_regular(file, MAX_BYTES) else {
         return Vec::new();
     };
@@ -38,10 +56,7 @@ pub(crate) fn connected_spindles(file: &Path) -> Vec<u32> {
         if !words.next().is_some_and(|word| CONNECTING.contains(&word)) {
             continue;
         }
-        found.extend(words.filter_map(|pin| {
-            let number = pin.strip_prefix("spindle.")?.strip_suffix(".revs")?;
-            number.parse::<u32>().ok()
-        }));
+        found.extend(words.map(str::to_owned));
     }
     found
 }

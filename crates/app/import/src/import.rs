@@ -11,7 +11,7 @@ use evolvent_path::AxisLetter;
 
 use crate::axes::{AxisValues, Units, axes};
 use crate::error::ImportError;
-use crate::hal::hardware;
+use crate::hal::{connects_probe, hardware};
 use crate::ini::{Entry, Ini, resolve};
 use crate::reasons::reason;
 use crate::report::{Dropped, Report};
@@ -277,12 +277,13 @@ fn converted(
 fn leave_out(ini: &mut Ini, report: &mut Report) {
     for entry in ini.all("HAL", "HALFILE") {
         let name = entry.value.split_whitespace().next().unwrap_or_default();
-        let found = hardware(&resolve(Some(ini.folder()), name));
+        let file = resolve(Some(ini.folder()), name);
+        let found = hardware(&file);
         let found: Vec<String> = found
             .iter()
             .map(|(name, what)| format!("{name} ({what})"))
             .collect();
-        let reason = if found.is_empty() {
+        let mut reason = if found.is_empty() {
             "wiring: the bridge to the drives does this".to_owned()
         } else {
             format!(
@@ -290,6 +291,12 @@ fn leave_out(ini: &mut Ini, report: &mut Report) {
                 found.join(", ")
             )
         };
+        if connects_probe(&file) {
+            reason.push_str(
+                "; it connects a touch probe (motion.probe-input): G38 is refused until the machine file has [probe], and a bridge has to \
+                 report it, as that to EtherCAT drives does (touch_probe); that to Mesa boards has no probe input",
+            );
+        }
         drop_entry(report, &entry, &reason);
     }
     let mut seconds = BTreeMap::new();

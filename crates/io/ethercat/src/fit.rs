@@ -1,6 +1,7 @@
 //! Comparison of a network with a machine.
 
-use evolvent_machine::{HomingMethod, HomingSettings, Machine, SignalKind};
+use evolvent_drive::InterpolationTime;
+use evolvent_machine::{ControlRate, HomingMethod, HomingSettings, Machine, PeriodError, SignalKind};
 use evolvent_path::AxisLetter;
 use thiserror::Error;
 
@@ -9,6 +10,8 @@ use crate::signal::{Channel, ChannelForm, NetworkOutput, OutputSource};
 
 /// Increments per second that fit the velocity offset (60B1h) twice over.
 const MAX_INCREMENTS_PER_S: f64 = 1e9;
+/// Rates that drives usually have, Hz.
+const USUAL_RATES_HZ: [u32; 5] = [250, 500, 1000, 2000, 4000];
 
 /// Why a network does not match a machine.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -68,6 +71,22 @@ pub enum FitError {
         /// Increments per second.
         increments: f64,
     },
+    /// Object 60C2h cannot hold the period of the machine file's rate.
+    #[error(
+        "the drives cannot be given the period of the machine file, {period_ns} ns ({rate}): object 60C2h holds a whole number from 1 to \
+         255 times a power of ten seconds; write rate = {usual_hz} there"
+    )]
+    Period {
+        /// The rate as the machine file gives it.
+        rate: String,
+        /// Its period, ns.
+        period_ns: u64,
+        /// The next usual rate that is not slower, Hz.
+        usual_hz: u32,
+    },
+    /// The rate of the machine is invalid.
+    #[error(transparent)]
+    Rate(#[from] PeriodError),
     /// Both the core and the drive would home it.
     #[error(
         "{letter} is homed by its drive and also by the core: write method = \"absolute\" in its [[homing]] of the machine file, or remove \
@@ -133,7 +152,7 @@ pub enum FitError {
     },
 }
 
-/// Compares axes, resolution, travel and velocity of both files, and signals: those of the network file exist
+/// Compares axes, resolution, travel, velocity and the period of both files, and signals: those of the network file exist
 /// in the machine file, with the same kind, and analog outputs reach every value that programs may request.
 ///
 /// # Errors
@@ -209,6 +228,7 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
             }
         }
     }
+    check_period(machine)?;
     for device in &network.devices {
         if let Some(spindle) = device.spindle
             && machine.signals.spindle(spindle.number as u32).is_none()
@@ -227,10 +247,45 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
     Ok(())
 }
 
-/// Notes about a valid pair of files: spindles of which one file says that they are measured and the other does not.
+/// Whether the drives can be given the period of the machine file. `serve --rate` may choose another, which each session checks.
+fn check_period(machine: &Machine) -> Result<(), FitError> {
+    let period_ns = machine.period_ns(machine.rate)?;
+    if InterpolationTime::from_period_ns(period_ns).is_ok() {
+        return Ok(());
+    }
+    let is_enough = |hz: &&u32| u64::from(**hz) * period_ns >= 1_000_000_000;
+    let [.., fastest] = USUAL_RATES_HZ;
+    Err(FitError::Period {
+        rate: match machine.rate {
+            ControlRate::Rational => "rate = \"rational\"".to_owned(),
+            ControlRate::Hz(hz) => format!("rate = {hz}"),
+        },
+        period_ns,
+        usual_hz: USUAL_RATES_HZ.iter().find(is_enough).copied().unwrap_or(fastest),
+    })
+}
+
+/// Notes about a valid pair of files: a probe that no drive reports, axes that only their drives know as homed, and spindles of which one
+/// file says that they are measured and the other does not.
 #[must_use]
 pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
     let mut notes = Vec::new();
+    let drives = || network.devices.iter().filter_map(|device| device.axis);
+    if machine.signals.probe.is_none() {
+        // Whatever a drive reports, nobody uses it.
+    } else if !drives().any(|axis| axis.touch_probe) {
+        notes.push(
+            "the machine file has [probe], and no drive of the network file has touch_probe = true: G38 ends with an error unless another \
+             bridge reports the probe"
+                .to_owned(),
+        );
+    } else if !drives().any(|axis| axis.probe_input_bit.is_some()) {
+        notes.push(
+            "the machine file has [probe], and no drive of the network file has probe_input_bit, so whether the probe is open is unknown: G38 \
+             ends with an error unless another bridge reports it; give the bit of 60FDh to an axis whose drive has the probe"
+                .to_owned(),
+        );
+    }
     for listed in &machine.axes {
         let mut drives = network.devices.iter().filter_map(|device| device.axis);
         let is_homed_by_drive = drives

@@ -353,7 +353,7 @@ mod tests {
     "#;
 
     fn signal_set() -> SignalSet {
-        let text = evolvent_file_tests::shipped("machines/mill-3axis.toml");
+        let text = evolvent_file_tests::shipped("machines/mill-ethercat.toml");
         let machine = Machine::parse(
             &format!(
                 "{MACHINE}

@@ -32,7 +32,7 @@ fn cycles_neither_allocate_nor_free() {
             ring.lock().expect("no panic").wire(5, 4);
             let machine = format!(
                 "input = [{{ name = \"echo\", number = 0 }}]\noutput = [{{ name = \"lamp\", number = 0 }}]\n{}",
-                evolvent_file_tests::shipped("machines/mill-3axis.toml")
+                evolvent_file_tests::shipped("machines/mill-ethercat.toml")
             );
             let network = format!(
                 "{}input = [{{ name = \"echo\", bit = 0 }}]\n[[device]]\nname = \"outputs\"\nvendor = 0x4556534D\n\

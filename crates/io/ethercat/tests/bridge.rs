@@ -82,7 +82,7 @@ fn suite(cases: Range<usize>) {
         let cases = cases.clone();
         on_bench(devices(), |ring| {
             ring.lock().expect("no panic").wire(5, 4);
-            let text = evolvent_file_tests::shipped("machines/mill-3axis.toml");
+            let text = evolvent_file_tests::shipped("machines/mill-ethercat.toml");
             let machine = Machine::parse(&format!("{MACHINE_SIGNALS}{text}"), "mill-3axis.toml");
             // Both halves may run at the same time.
             let prefix = format!("ecbt{}_{}", std::process::id(), cases.start);
@@ -118,7 +118,7 @@ fn its_spindle_does_what_every_spindle_must() {
         };
         devices[5] = SubDevice::drive(spindle, 6, -15.0);
         on_bench(devices, |_| {
-            let text = evolvent_file_tests::shipped("machines/mill-3axis.toml");
+            let text = evolvent_file_tests::shipped("machines/mill-ethercat.toml");
             let machine = Machine::parse(&format!("{text}{MACHINE_SPINDLE}"), "mill-3axis.toml");
             let mut bridge = ethercat_bridge(machine.expect("a machine"), SPINDLE);
             let failures = failed_spindle_cases(&mut bridge, &format!("ecbs{}_", std::process::id()));

@@ -85,6 +85,31 @@ fn the_shipped_lathe_fits_its_network() {
     );
 }
 
+#[test]
+fn a_probe_that_no_drive_latches_or_reports_is_noted() {
+    let text = shipped("machines/mill-ethercat.toml");
+    let network = shipped("networks/sim-mill.toml");
+    let notes = |machine: &str, network: &str| {
+        let machine = Machine::parse(machine, "mill.toml").expect("a machine");
+        let network = Network::parse(network, "sim-mill.toml").expect("a network");
+        fit_notes(&machine, &network).join("\n")
+    };
+    let has_probe = match text.find("[probe]") {
+        Some(_) => text.clone(),
+        None => format!("{text}\n[probe]\novertravel_mm = 2\n"),
+    };
+    assert!(notes(&has_probe, &network).contains("no drive of the network file has touch_probe"));
+    let latched = network.replacen("velocity_offset = true", "touch_probe = true", 1);
+    assert_ne!(latched, network);
+    assert!(notes(&has_probe, &latched).contains("no drive of the network file has probe_input_bit"));
+    let reported = latched.replacen(
+        "touch_probe = true",
+        "touch_probe = true\nprobe_input_bit = 16",
+        1,
+    );
+    assert!(!notes(&has_probe, &reported).contains("probe"));
+}
+
 /// Whole sections: the place is the beginning of the section.
 #[test]
 fn an_axis_without_a_scale_is_refused() {
@@ -119,7 +144,7 @@ fn scales_are_exact_and_torque_follows_from_inertia() {
 
 #[test]
 fn machine_and_network_are_compared() {
-    let machine = Machine::parse(&shipped("machines/mill-3axis.toml"), "mill.toml").expect("a machine");
+    let machine = Machine::parse(&shipped("machines/mill-ethercat.toml"), "mill.toml").expect("a machine");
     let text = shipped("networks/sim-mill.toml");
     let check = |text: &str| {
         check_fit(
@@ -144,11 +169,58 @@ fn machine_and_network_are_compared() {
     ));
     let fine = text.replacen("turn_mm = 5 ", "turn_mm = 0.1 ", 1);
     assert!(matches!(check(&fine), Err(FitError::Travel { letter: 'X', .. })));
+    // 500 mm/s at 2 621 440 increments per mm, of whose travel 32 bits hold enough.
+    let fast = text.replacen("turn_mm = 5 ", "turn_mm = 0.4 ", 1);
+    let error = check(&fast).expect_err("too fast");
+    assert_eq!(
+        error,
+        FitError::Velocity {
+            letter: 'X',
+            increments: 500.0 * 2_621_440.0
+        }
+    );
+    assert!(
+        error.to_string().contains("1310720000 increments per second"),
+        "{error}"
+    );
     // The counts of an unlimited axis may wrap round.
     let mut unlimited = machine.clone();
     (unlimited.axes[0].unlimited, unlimited.axes[0].max_velocity) = (Some(RotaryWay::Shorter), 50.0);
     let network = Network::parse(&fine, "network.toml").expect("a network");
     assert_eq!(check_fit(&unlimited, &network), Ok(()));
+}
+
+/// The drives interpolate over the time that object 60C2h gives them.
+#[test]
+fn a_period_that_the_drives_cannot_be_given_is_refused() {
+    let text = shipped("machines/mill-ethercat.toml");
+    let network = Network::parse(&shipped("networks/sim-mill.toml"), "network.toml").expect("a network");
+    let check = |rate: &str| {
+        let changed = text.replacen("rate = 1000 ", &format!("rate = {rate} "), 1);
+        check_fit(&Machine::parse(&changed, "mill.toml").expect(rate), &network)
+    };
+    for rate in ["250", "500", "800", "1000", "2000", "4000"] {
+        assert_eq!(check(rate), Ok(()), "{rate}");
+    }
+    for (rate, expected_ns, usual_hz) in [
+        ("\"rational\"", 1_264_809, 1000),
+        ("300", 3_333_333, 500),
+        ("1003", 997_008, 2000),
+        ("7000", 142_857, 4000),
+    ] {
+        let found = match check(rate) {
+            Err(FitError::Period {
+                period_ns, usual_hz, ..
+            }) => (period_ns, usual_hz),
+            other => panic!("{rate}: {other:?}"),
+        };
+        assert_eq!(found, (expected_ns, usual_hz), "{rate}");
+    }
+    let told = check("\"rational\"").expect_err("no such period").to_string();
+    assert!(
+        told.contains("(rate = \"rational\")") && told.contains("write rate = 1000 there"),
+        "{told}"
+    );
 }
 
 /// Inputs and outputs behind the shipped file's last device.
@@ -270,7 +342,7 @@ fn signals_are_compared_with_the_machine_file() {
     )
     .expect("a network");
     let check = |signals: &str| {
-        let text = format!("{signals}\n{}", shipped("machines/mill-3axis.toml"));
+        let text = format!("{signals}\n{}", shipped("machines/mill-ethercat.toml"));
         check_fit(&Machine::parse(&text, "mill.toml").expect(signals), &network)
     };
     let good = r#"
@@ -362,7 +434,7 @@ fn homing_on_the_drive_is_checked_and_never_twice() {
     let machine = format!(
         "{}\n[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 20\nlatch_mm_s = 1\nswitch_mm \
          = -399\n",
-        shipped("machines/mill-3axis.toml")
+        shipped("machines/mill-ethercat.toml")
     );
     let machine = Machine::parse(&machine, "mill.toml").expect("a machine");
     assert_eq!(
@@ -374,7 +446,7 @@ fn homing_on_the_drive_is_checked_and_never_twice() {
 /// A machine file that homes by the index pulse needs a drive that latches it.
 #[test]
 fn homing_by_index_needs_a_latch() {
-    let text = shipped("machines/mill-3axis.toml")
+    let text = shipped("machines/mill-ethercat.toml")
         + "\n[[homing]]\naxis = \"X\"\nmethod = \"index\"\ntowards = \"negative\"\nlatch_mm_s = 5\nindex_mm = 0\n\
            index_within_mm = 6\n";
     let machine = Machine::parse(&text, "machine.toml").expect("a machine");
@@ -424,7 +496,7 @@ fn a_spindle_drive_is_read_compared_and_refused_where_it_is_wrong() {
     // Increments per second at one turn in a minute.
     assert!((spindle.velocity_per_rpm - 1_048_576.0 / 60.0).abs() < 1e-9);
     assert!(spindle.knows_angle() && network.has_signals());
-    let mill = shipped("machines/mill-3axis.toml");
+    let mill = shipped("machines/mill-ethercat.toml");
     let with = |spindle: &str| Machine::parse(&(mill.clone() + spindle), "mill.toml").expect("a machine");
     let measured = with("\n[[spindle]]\nmax_rpm = 3000\nfeedback = true\n");
     assert_eq!(check_fit(&measured, &network), Ok(()));

@@ -92,7 +92,7 @@ fn network() -> Network {
 }
 
 fn machine() -> Machine {
-    let mill = evolvent_file_tests::shipped("machines/mill-3axis.toml");
+    let mill = evolvent_file_tests::shipped("machines/mill-ethercat.toml");
     Machine::parse(&format!("{MACHINE}{mill}"), "mill.toml").expect("a machine")
 }
 

@@ -287,6 +287,13 @@ fn check_motor(motor: &BoardAxis, letter: char, max_velocity: f64, needed: f64) 
 #[must_use]
 pub fn fit_notes(machine: &Machine, board: &BoardSettings) -> Vec<String> {
     let mut notes = coarse_motors(machine, board);
+    if machine.signals.probe.is_some() {
+        notes.push(
+            "the machine file has [probe], and this bridge has no probe input: G38 ends with an error unless another bridge reports the \
+             probe; run one beside this, or remove [probe], so that check and plan refuse G38"
+                .to_owned(),
+        );
+    }
     for listed in &machine.signals.spindles {
         let number = listed.number;
         let spindle = board

@@ -262,6 +262,24 @@ fn the_shipped_lathe_fits_its_machine_and_its_spindle_is_measured() {
     assert!(board.spindles[0].knows_angle());
 }
 
+/// Nothing else says so before a program is in the middle of a part.
+#[test]
+fn a_probe_that_no_board_can_report_is_noted() {
+    let board = BoardSettings::parse(&text(), "b.toml").expect("a board file");
+    let shipped = evolvent_file_tests::shipped("machines/router-3axis.toml");
+    let notes = |text: &str| {
+        let machine = evolvent_machine::Machine::parse(text, "router.toml").expect("a machine");
+        check_fit(&machine, &board).expect("a fit");
+        fit_notes(&machine, &board).join("\n")
+    };
+    assert!(!notes(&shipped).contains("probe"));
+    let found = notes(&format!("{shipped}\n[probe]\novertravel_mm = 2\n"));
+    assert!(
+        found.contains("has no probe input: G38 ends with an error") && found.contains("remove [probe]"),
+        "{found}"
+    );
+}
+
 /// `[spindle]` of older files is read as before; several have numbers of their own.
 #[test]
 fn one_spindle_or_several_are_read() {

@@ -50,7 +50,7 @@ pub(crate) fn with_settings(
     network.max_lost_cycles = 20;
     let mut settings = RunSettings {
         machine: Machine::parse(
-            &evolvent_file_tests::shipped("machines/mill-3axis.toml"),
+            &evolvent_file_tests::shipped("machines/mill-ethercat.toml"),
             "mill.toml",
         )
         .expect("a machine"),
