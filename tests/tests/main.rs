@@ -9,6 +9,7 @@ mod corrections;
 mod documents;
 mod drive_faults;
 mod exact_path;
+mod exit_codes_of_bridges;
 mod foreign_clients;
 mod full_disks;
 mod handwheel;

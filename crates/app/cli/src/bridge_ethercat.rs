@@ -171,12 +171,6 @@ pub(crate) fn run(
         .as_ref()
         .unwrap_or(&settings.machine.name)
         .clone();
-    writeln!(
-        err,
-        "EtherCAT drives of {name} on {}: waiting for its core",
-        settings.interface
-    )
-    .map_err(failed)?;
     let report = run_bridge(&settings, &stop, |text| {
         // If standard error is closed, nobody is left to inform.
         let _told = writeln!(err, "{text}");

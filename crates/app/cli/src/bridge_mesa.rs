@@ -84,12 +84,6 @@ pub(crate) fn run(args: &MesaArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         .as_ref()
         .unwrap_or(&settings.machine.name)
         .clone();
-    writeln!(
-        err,
-        "Mesa board of {name} at {}: waiting for its core",
-        settings.board.address
-    )
-    .map_err(failed)?;
     let report = run_bridge(&settings, &stop, |text| {
         // If standard error is closed, nobody is left to inform.
         let _told = writeln!(err, "{text}");

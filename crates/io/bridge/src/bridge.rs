@@ -59,6 +59,11 @@ pub trait Hardware {
     /// Whether it measures a spindle of the machine.
     fn measures_spindles(&self) -> bool;
 
+    /// What it is and of which machine, for the log.
+    fn title(&self) -> String {
+        Self::NAME.to_owned()
+    }
+
     /// A notice as a sentence.
     fn text(&self, notice: Self::Notice) -> String;
 }

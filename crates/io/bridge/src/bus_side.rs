@@ -60,6 +60,7 @@ impl<H: Hardware> BusSide<'_, H> {
             stop.load(Ordering::Relaxed) || duration.is_some_and(|duration| passed >= duration)
         };
         let mut ports: Option<Ports> = None;
+        let mut is_awaited = false;
         let (mut heard_ns, mut last_failure) = (begin_ns, None);
         while !over(self.stop, self.settings.duration) {
             if ports.is_none() {
@@ -67,6 +68,7 @@ impl<H: Hardware> BusSide<'_, H> {
                     Ok((found, letters, period_ns)) => {
                         self.check_axes(&letters)?;
                         self.connections += 1;
+                        is_awaited = true;
                         heard_ns = monotonic_ns();
                         tell(&format!("core found: axes {letters}, {period_ns} ns"));
                         self.period_ns.store(period_ns, Ordering::Relaxed);
@@ -74,6 +76,10 @@ impl<H: Hardware> BusSide<'_, H> {
                     }
                     Err(BusError::NoCore { .. } | BusError::Service { .. } | BusError::NoPlace { .. }) => {
                         self.check_folders()?;
+                        if !is_awaited {
+                            is_awaited = true;
+                            tell(&format!("{}: waiting for its core", self.hardware.title()));
+                        }
                     }
                     Err(error) => return Err(error.into()),
                 }

@@ -139,6 +139,13 @@ pub(crate) struct DumpWriter<'a, S = File> {
     frame: Vec<u8>,
 }
 
+/// Whether the file can be written. What it has stays.
+pub(crate) fn check(settings: &DumpSettings) -> io::Result<()> {
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(false);
+    options.open(&settings.path).map(drop)
+}
+
 /// Opens a file and the queue to it.
 pub(crate) fn open<'a>(
     settings: &DumpSettings,

@@ -29,6 +29,7 @@
 //! (frames lost, a device gone) stops the feedback, which is a stop for the core; then the network is brought
 //! up again, under a new instance.
 
+mod al_status_text;
 mod axis;
 mod clock_monitor;
 mod cycle_times;

@@ -93,7 +93,7 @@ pub enum RunError {
 /// the next ones. `tell` receives the messages for the log.
 ///
 /// # Errors
-/// The interface cannot be opened, or the core does not match the network.
+/// The file of the recording or the interface cannot be opened, or the core does not match the network.
 pub fn run(
     settings: &RunSettings,
     stop: &AtomicBool,
@@ -112,19 +112,24 @@ pub fn run_measured(
     mut tell: impl FnMut(&str),
     times: Option<&CycleTimes>,
 ) -> Result<BridgeReport, RunError> {
+    let (counters, mut clocks) = (Counters::default(), ClockMonitor::new());
+    let (recorded, is_over) = (DumpCounters::default(), AtomicBool::new(false));
+    let dump_failed = |wanted: &DumpSettings, source| RunError::Dump {
+        file: wanted.path.display().to_string(),
+        source,
+    };
+    // Before the interface, which may come up later: a path that cannot be written stays one. The last recording is kept until this one begins.
+    if let Some(wanted) = &settings.dump {
+        dump::check(wanted).map_err(|source| dump_failed(wanted, source))?;
+    }
     let interface = settings.interface.clone();
     let socket =
         PacketSocket::open(&interface).map_err(|source| RunError::Interface { interface, source })?;
-    let (counters, mut clocks) = (Counters::default(), ClockMonitor::new());
-    let (recorded, is_over) = (DumpCounters::default(), AtomicBool::new(false));
     let (mut sender, writer) = match &settings.dump {
         None => (None, None),
         Some(wanted) => {
-            let failed = |source| RunError::Dump {
-                file: wanted.path.display().to_string(),
-                source,
-            };
-            let (sender, writer) = dump::open(wanted, &settings.interface, &recorded).map_err(failed)?;
+            let (sender, writer) = dump::open(wanted, &settings.interface, &recorded)
+                .map_err(|source| dump_failed(wanted, source))?;
             (Some(sender), Some(writer))
         }
     };
@@ -212,6 +217,11 @@ impl Hardware for RunSettings {
             let known = self.machine.signals.spindle(spindle.number as u32);
             known.is_some_and(|known| known.has_feedback())
         })
+    }
+
+    fn title(&self) -> String {
+        let name = self.machine_name.as_ref().unwrap_or(&self.machine.name);
+        format!("EtherCAT drives of {name} on {}", self.interface)
     }
 
     fn text(&self, notice: Notice) -> String {

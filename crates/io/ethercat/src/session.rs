@@ -21,6 +21,7 @@ use self::cycle::{Cycle, Exchanged};
 pub(crate) use self::error::Notice;
 pub use self::error::SessionError;
 use self::start::start;
+use crate::al_status_text::what_to_check;
 use crate::clock_monitor::ClockMonitor;
 use crate::cycle_times::CycleTimes;
 use crate::drive_set::{DriveSet, Starts};
@@ -181,7 +182,7 @@ pub(crate) fn run_session(
     let (devices, layouts, reference) = match started {
         Some(Ok(started)) => started,
         Some(Err(SessionError::State { wanted, .. })) => {
-            let states = tell_states(&mut pump, &main, network);
+            let states = tell_states(&mut pump, &main, network, state_of(wanted));
             return Err(SessionError::State { wanted, states });
         }
         Some(Err(error)) => return Err(error),
@@ -242,18 +243,35 @@ pub(crate) fn run_session(
             })
         }
         Err(SessionError::Broken { .. }) => Err(SessionError::Broken {
-            states: tell_states(&mut pump, &main, network),
+            states: tell_states(&mut pump, &main, network, SubDeviceState::Op),
         }),
         Err(SessionError::State { wanted, .. }) => Err(SessionError::State {
             wanted,
-            states: tell_states(&mut pump, &main, network),
+            states: tell_states(&mut pump, &main, network, state_of(wanted)),
         }),
         other => other,
     }
 }
 
-/// State and AL status code of every device, as text.
-fn tell_states<'m>(pump: &mut Pump<'_, '_>, main: &'m MainDevice<'m>, network: &Network) -> String {
+/// The state of a name.
+fn state_of(wanted: &str) -> SubDeviceState {
+    match wanted {
+        "PRE-OP" => SubDeviceState::PreOp,
+        "SAFE-OP" => SubDeviceState::SafeOp,
+        _ => SubDeviceState::Op,
+    }
+}
+
+/// Bit of the AL status: the device has refused a state.
+const AL_ERROR: u8 = 0x10;
+
+/// The devices that are below a state or report an error, each with its state, its AL status code by name, and what to check.
+fn tell_states<'m>(
+    pump: &mut Pump<'_, '_>,
+    main: &'m MainDevice<'m>,
+    network: &Network,
+    wanted: SubDeviceState,
+) -> String {
     let mut told = Vec::new();
     for (i, device) in network.devices.iter().enumerate() {
         let station = FIRST_STATION + i as u16;
@@ -268,19 +286,20 @@ fn tell_states<'m>(pump: &mut Pump<'_, '_>, main: &'m MainDevice<'m>, network: &
         });
         let name = &device.name;
         match read {
-            Some(Ok((state, code))) => {
-                let state = SubDeviceState::from(state & 0x0F);
-                if state != SubDeviceState::Op {
-                    told.push(format!("`{name}` is in {state} ({code})"));
-                }
+            // Devices may keep an old code: the error bit tells whether it counts.
+            Some(Ok((number, code))) if number & 0x0F < u8::from(wanted) || number & AL_ERROR != 0 => {
+                let state = SubDeviceState::from(number & 0x0F);
+                let remedy = what_to_check(code.into()).map_or_else(String::new, |text| format!(": {text}"));
+                told.push(format!("`{name}` is in {state} ({code}){remedy}"));
             }
+            Some(Ok(_)) => {}
             _ => told.push(format!(
                 "`{name}` does not reply: check its supply and the cable before it"
             )),
         }
     }
     if told.is_empty() {
-        return "every device is in Operational again".to_owned();
+        return format!("every device is in {wanted} again");
     }
-    told.join(", ")
+    told.join("; ")
 }

@@ -12,6 +12,8 @@ mod faults;
 mod gantry;
 mod index;
 mod network_files;
+mod offsets;
 mod round_trips;
 mod scan;
 mod signals;
+mod startup;

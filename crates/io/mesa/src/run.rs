@@ -119,6 +119,11 @@ impl Hardware for RunSettings {
         })
     }
 
+    fn title(&self) -> String {
+        let name = self.machine_name.as_ref().unwrap_or(&self.machine.name);
+        format!("Mesa board of {name} at {}", self.board.address)
+    }
+
     fn text(&self, notice: Notice) -> String {
         match notice {
             Notice::Spindle { number, notice } => match notice {

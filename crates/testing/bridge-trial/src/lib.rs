@@ -55,4 +55,4 @@ pub use homing::HomingTrial;
 pub use messages::Messages;
 pub use suite::{failed_cases, failed_spindle_cases};
 pub use trial::with_bridge;
-pub use trial_core::{PERIOD_NS, TrialCore, states};
+pub use trial_core::{ACCELERATION, PERIOD_NS, TrialCore, states};

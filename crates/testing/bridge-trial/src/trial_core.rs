@@ -15,7 +15,7 @@ const LEAD: u64 = 50;
 /// Feedback that is older is not judged by.
 const FRESH: Duration = Duration::from_millis(100);
 /// Acceleration of every motion, mm/s2: within the limits of the machines of trials.
-const ACCELERATION: f64 = 800.0;
+pub const ACCELERATION: f64 = 800.0;
 /// How long something may take that is waited for: a busy host may need that.
 pub(crate) const LATEST: Duration = Duration::from_secs(30);
 
@@ -30,8 +30,11 @@ pub struct TrialCore {
     pub position: [f64; AXES],
     /// The velocity that X is brought to, mm/s.
     pub velocity_x: f64,
-    /// The velocity of the last setpoint, mm/s.
+    /// The velocity of the last setpoint, mm/s, and its acceleration, mm/s2.
     velocity: [f64; AXES],
+    acceleration: [f64; AXES],
+    /// Whether setpoints have the acceleration of their motion; 0 otherwise, which a core may send too.
+    pub sends_acceleration: bool,
     /// What the core asks of the drives.
     pub power: PowerRequest,
     /// The number of the newest reset of the drives' faults.
@@ -62,6 +65,8 @@ impl TrialCore {
             position: [0.0; AXES],
             velocity_x: 0.0,
             velocity: [0.0; AXES],
+            acceleration: [0.0; AXES],
+            sends_acceleration: false,
             power: PowerRequest::Off,
             fault_reset: 0,
             datum: 0,
@@ -82,6 +87,7 @@ impl TrialCore {
     /// One period of an axis to a velocity, at a constant acceleration.
     fn advance(&mut self, axis: usize, velocity: f64) {
         self.position[axis] += 0.5 * (self.velocity[axis] + velocity) * PERIOD_S;
+        self.acceleration[axis] = (velocity - self.velocity[axis]) / PERIOD_S;
         self.velocity[axis] = velocity;
     }
 
@@ -92,6 +98,11 @@ impl TrialCore {
             period_ns: PERIOD_NS,
             position: self.position,
             velocity: self.velocity,
+            acceleration: if self.sends_acceleration {
+                self.acceleration
+            } else {
+                [0.0; AXES]
+            },
             axes_mask: 0b111,
             state: 1,
             override_ratio: 1.0,
@@ -203,6 +214,29 @@ impl TrialCore {
         }
     }
 
+    /// Cycles until the inputs of the machine show something.
+    ///
+    /// # Panics
+    /// If they do not in time.
+    pub fn until_inputs(
+        &mut self,
+        what: &str,
+        mut seen: impl FnMut(&MachineInputs) -> bool,
+    ) -> MachineInputs {
+        let begin = Instant::now();
+        loop {
+            self.cycle();
+            if let Some(inputs) = self.inputs.filter(|inputs| seen(inputs)) {
+                return inputs;
+            }
+            assert!(
+                begin.elapsed() < LATEST,
+                "{what}: not within {LATEST:?}; {:?}",
+                self.inputs
+            );
+        }
+    }
+
     /// Requests the next index pulse of an axis and waits until the request is taken over.
     ///
     /// # Panics
@@ -243,6 +277,7 @@ impl TrialCore {
     /// As [`TrialCore::bring_up`].
     pub fn bring_up_beside(&mut self, distance: f64) -> Feedback {
         (self.power, self.velocity_x, self.velocity) = (PowerRequest::Off, 0.0, [0.0; AXES]);
+        self.acceleration = [0.0; AXES];
         let here = self.until("feedback with the drives off", |feedback| {
             states(feedback) == [Some(DriveState::SwitchOnDisabled); 3]
         });

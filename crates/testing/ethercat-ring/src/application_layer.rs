@@ -45,8 +45,12 @@ pub mod status_code {
     pub const OUTPUT_CONFIGURATION: u16 = 0x001D;
     /// The SyncManager of the inputs is wrong.
     pub const INPUT_CONFIGURATION: u16 = 0x001E;
+    /// The inputs that are assigned cannot be mapped.
+    pub const INPUT_MAPPING: u16 = 0x0024;
     /// SYNC0 is asked for and does not come.
     pub const NO_SYNC: u16 = 0x002D;
+    /// The period is none that the device can do.
+    pub const SYNC_CYCLE_TIME: u16 = 0x0035;
     /// The period of SYNC0 is none that the device can do.
     pub const SYNC_CYCLE: u16 = 0x0036;
 }

@@ -42,11 +42,15 @@ pub enum FaultKind {
     SlowMailbox,
     /// An emergency message (7121h) is in the mailbox in PRE-OP, and comes before each answer to an SDO.
     Emergency,
+    /// A device refuses SAFE-OP: AL status code 0024h, invalid input mapping.
+    RefuseSafeOp,
+    /// A device refuses OP: AL status code 0035h, invalid sync cycle time.
+    RefuseOp,
 }
 
 impl FaultKind {
     /// All kinds with their names.
-    pub const ALL: [(Self, &'static str); 17] = [
+    pub const ALL: [(Self, &'static str); 19] = [
         (Self::Loss, "loss"),
         (Self::Delay, "delay"),
         (Self::Reorder, "reorder"),
@@ -64,6 +68,8 @@ impl FaultKind {
         (Self::SdoWrong, "sdo-wrong"),
         (Self::SlowMailbox, "slow-mailbox"),
         (Self::Emergency, "emergency"),
+        (Self::RefuseSafeOp, "refuse-safe-op"),
+        (Self::RefuseOp, "refuse-op"),
     ];
 
     /// The name on the command line.

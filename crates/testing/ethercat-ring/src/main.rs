@@ -28,7 +28,7 @@ struct Arguments {
     #[arg(long = "wire", value_name = "FROM:TO", value_parser = parse_wire)]
     wires: Vec<(usize, usize)>,
     /// A fault so many seconds after all devices were in OP: loss, delay, reorder, wkc, break, gone, drive, temperature, sto,
-    /// blocked, limit, index-missing, clock-free, sdo-abort, sdo-wrong, slow-mailbox or emergency. May be given several times; devices count from 0.
+    /// blocked, limit, index-missing, clock-free, sdo-abort, sdo-wrong, slow-mailbox, emergency, refuse-safe-op or refuse-op. May be given several times; devices count from 0.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:DEVICE]")]
     faults: Vec<Fault>,
     /// By how much the clock of each drive is faster than the one before it, in millionths.

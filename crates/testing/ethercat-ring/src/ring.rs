@@ -154,6 +154,8 @@ impl Ring {
                     answers_wrong: is(FaultKind::SdoWrong),
                     slow_mailbox: is(FaultKind::SlowMailbox),
                     sends_emergencies: is(FaultKind::Emergency),
+                    refuses_safe_op: is(FaultKind::RefuseSafeOp),
+                    refuses_op: is(FaultKind::RefuseOp),
                 },
             );
             let fault = if is(FaultKind::Drive) {

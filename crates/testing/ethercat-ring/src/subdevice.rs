@@ -56,6 +56,8 @@ pub(crate) struct Trouble {
     pub(crate) answers_wrong: bool,
     pub(crate) slow_mailbox: bool,
     pub(crate) sends_emergencies: bool,
+    pub(crate) refuses_safe_op: bool,
+    pub(crate) refuses_op: bool,
 }
 
 /// Service 1 of CoE (ETG.1000.6, 5.6.4): error code 7121h, motor blocked; the error register's general bit, no data.
@@ -406,6 +408,8 @@ impl SubDevice {
 
     fn check(&mut self, state: AlState) -> Check {
         match state {
+            AlState::SafeOp if self.trouble.refuses_safe_op => Check::Wrong(status_code::INPUT_MAPPING),
+            AlState::Op if self.trouble.refuses_op => Check::Wrong(status_code::SYNC_CYCLE_TIME),
             AlState::Init => Check::Fine,
             AlState::PreOp => {
                 let fits = |number: u16, start: u16, written: bool| {

@@ -160,7 +160,9 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
         let why = match error {
             Error::Mailbox(MailboxError::Aborted { code, .. }) => format!("the device rejects it: {code}"),
             Error::Timeout(_) => "the device does not reply".to_owned(),
-            Error::Wire(_) => "the reply does not belong to it".to_owned(),
+            Error::Wire(_) | Error::Mailbox(MailboxError::SdoResponseInvalid { .. }) => {
+                "the device replies for another object: its firmware or its mailbox is faulty".to_owned()
+            }
             error => error.to_string(),
         };
         SessionError::Object {
