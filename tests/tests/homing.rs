@@ -5,7 +5,7 @@
 use std::collections::VecDeque;
 
 use evolvent_bridge_sim::{Fault, FaultKind, SimBridge, SimIndex, SimSettings};
-use evolvent_bus::{AXES, ControlRequest, Feedback, Setpoint};
+use evolvent_bus::{AXES, ControlRequest, Feedback, Setpoint, Status};
 use evolvent_control::{Alarm, Homing, HomingAction, HomingAxis, HomingSample, Rejection};
 use evolvent_drive::{Command, FeedbackWatch, PowerRequest, Presence, WatchSettings};
 use evolvent_machine::{HomingMethod, Limits};
@@ -331,6 +331,25 @@ axis = \"Z\"
 method = \"absolute\"
 ";
 
+/// Imported axes: the pulse of X and the switch of Y lie a little beyond the travel.
+const BEYOND: &str = "
+[[homing]]
+axis = \"X\"
+method = \"switch-index\"
+index_edge = \"opening\"
+towards = \"positive\"
+search_mm_s = 200
+latch_mm_s = 10
+index_mm = 406.35
+index_within_mm = 12
+[[homing]]
+axis = \"Y\"
+towards = \"negative\"
+search_mm_s = 200
+latch_mm_s = 10
+switch_mm = -260
+";
+
 struct Mill {
     workshop: Workshop,
     _drives: Drives,
@@ -340,11 +359,15 @@ struct Mill {
 
 impl Mill {
     fn new(name: &str, options: &[&str]) -> Self {
+        Self::with(name, options, THREE)
+    }
+
+    fn with(name: &str, options: &[&str], homing: &str) -> Self {
         let (workshop, domain) = (Workshop::new(), Domain::new());
         let shipped = workshop.mill(name, &[]);
         let text = std::fs::read_to_string(shipped).expect("a machine file");
         let text = text.replace("feedback_timeout_ms = 20", "feedback_timeout_ms = 1000");
-        let machine = workshop.write(&format!("{name}.toml"), format!("{text}\n{THREE}"));
+        let machine = workshop.write(&format!("{name}.toml"), format!("{text}\n{homing}"));
         let trace = workshop.path("homing.mcap");
         let recorded = ["--trace", trace.to_str().expect("UTF-8")];
         let served = Served::start(&machine, name, &domain, &workshop.path("state"), &recorded);
@@ -366,11 +389,40 @@ impl Mill {
     }
 }
 
-fn home(mask: u32) -> ControlRequest {
-    ControlRequest {
+/// Homes axes, and returns the status at the end of the job.
+fn home(operator: &mut Operator, mask: u32) -> Status {
+    let request = ControlRequest {
         axes_mask: mask,
         ..command("HOME")
+    };
+    let job = operator.does(&request).job;
+    operator.sees_end(job)
+}
+
+/// Homes X and Y, with which all axes are homed: each offset is that of the encoders.
+fn homes_x_and_y(operator: &mut Operator, offset: f64, tolerance: f64) {
+    let status = home(operator, 0b011);
+    assert_eq!(
+        (status.job_result, status.homed_mask),
+        (1, 0b111),
+        "{}",
+        status.alarm_sentence()
+    );
+    for axis in [0, 1] {
+        let wrong = status.home_offset[axis] - offset;
+        assert!(wrong.abs() < tolerance, "axis {axis}: {wrong}");
     }
+}
+
+#[test]
+fn simulated_axes_home_to_what_lies_beyond_their_travel() {
+    unless_disturbed(|| {
+        let mill = Mill::with("home-beyond", &["--reference-offset", "3.5"], BEYOND);
+        let mut operator = mill.operator("home-beyond");
+        homes_x_and_y(&mut operator, 3.5, 0.05);
+        drop(operator);
+        let _finished = mill.served.end();
+    });
 }
 
 #[test]
@@ -380,22 +432,10 @@ fn a_served_mill_homes_by_index_and_absolute_encoder_and_its_trace_comes_out_the
         let mut operator = mill.operator("home-index");
         assert_eq!(operator.now().homed_mask, 0);
         let before = operator.now().position_machine;
-        let job = operator.does(&home(0b100)).job;
-        let status = operator.sees_end(job);
+        let status = home(&mut operator, 0b100);
         assert_eq!((status.job_result, status.homed_mask), (1, 0b100));
         assert_eq!(status.position_machine, before, "nothing moves");
-        let job = operator.does(&home(0b011)).job;
-        let status = operator.sees_end(job);
-        assert_eq!(
-            (status.job_result, status.homed_mask),
-            (1, 0b111),
-            "{}",
-            status.alarm_sentence()
-        );
-        for axis in [0, 1] {
-            let wrong = status.home_offset[axis] - 7.25;
-            assert!(wrong.abs() < 1e-3, "axis {axis}: {wrong}");
-        }
+        homes_x_and_y(&mut operator, 7.25, 1e-3);
         operator.says_number("MODE", 2);
         let job = operator.says_text("MDI", "G0 X-20 Y10").job;
         assert_eq!(operator.sees_end(job).job_result, 1);
@@ -419,11 +459,9 @@ fn what_is_missing_is_told_and_an_encoder_that_loses_its_zero_is_not_homed_any_m
         ];
         let mill = Mill::new("home-faults", &faults);
         let mut operator = mill.operator("home-faults");
-        let job = operator.does(&home(0b100)).job;
-        let status = operator.sees_end(job);
+        let status = home(&mut operator, 0b100);
         assert_eq!(status.homed_mask, 0b100, "{}", status.alarm_sentence());
-        let job = operator.does(&home(0b010)).job;
-        let status = operator.sees_end(job);
+        let status = home(&mut operator, 0b010);
         assert_eq!(status.listed_alarms(), [422], "{}", status.alarm_sentence());
         let sentence = status.alarm_sentence().to_owned();
         assert!(
@@ -442,8 +480,7 @@ fn what_is_missing_is_told_and_an_encoder_that_loses_its_zero_is_not_homed_any_m
         operator.waits("clear", |status| status.alarm_count == 0);
         operator.says("ON");
         operator.waits("power", |status| status.machine_state == 2);
-        let job = operator.does(&home(0b100)).job;
-        let status = operator.sees_end(job);
+        let status = home(&mut operator, 0b100);
         assert_eq!(status.listed_alarms(), [423], "{}", status.alarm_sentence());
         drop(operator);
         mill.served.end().expect_code(&[0, 3]);

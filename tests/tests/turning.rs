@@ -2,7 +2,7 @@
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
-use std::process::Child;
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{Setpoint, Status};
@@ -150,6 +150,106 @@ fn a_sensor_that_reads_zero_in_a_cut_ends_the_run() {
         assert_eq!(summary["alarm"], 500, "{summary}");
         assert!(summary["error"].to_string().contains("went away"), "{summary}");
         assert_eq!(summary["turning"]["done"], 0, "{summary}");
+    });
+}
+
+/// A cut that takes a minute and more, by the load that simulated drives measure; the summary of the run, what the drives said, and what
+/// becomes of it meanwhile.
+fn long_cut(
+    name: &str,
+    options: &[&str],
+    disturb: impl FnOnce(&Domain, &Child),
+) -> (serde_json::Value, String) {
+    let (workshop, domain) = (Workshop::new(), Domain::new());
+    let (machine, process) = scene(&workshop, name);
+    let text = std::fs::read_to_string(&process).expect("a process file");
+    let process = workshop.write(
+        "process.toml",
+        text.replace("length_mm = 4.0", "length_mm = 40.0")
+            .replace("[[0.0, 3.0], [4.0, 2.5]]", "[[0.0, 3.0], [40.0, 2.5]]"),
+    );
+    let process = process.to_str().expect("UTF-8");
+    let program = workshop.write(
+        "turn.ngc",
+        "G21 G18 G90 G94 G8\nS100 M3\nG0 Z302\nG0 X33.5\nG0 Z300\nF200\nG82 X60 Z260 Q1\nM2\n",
+    );
+    let mut drives = evolvent()
+        .args([
+            "bridge",
+            "sim",
+            "--bus-prefix",
+            &domain.prefix,
+            "--process",
+            process,
+        ])
+        .args(["--bridge-cycles", "100", "--machine"])
+        .arg(&machine)
+        .args(options)
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the binary to start");
+    let run = Launch::in_real_time(&program, &machine, &domain)
+        .with(&["--no-trace", "--process", process])
+        .start();
+    disturb(&domain, &run);
+    let finished = evolvent_tests::wait(run);
+    let _gone = drives.kill();
+    let said = drives.wait_with_output().expect("its messages");
+    let summary = finished.expect_code(&[1]).json();
+    (summary, String::from_utf8_lossy(&said.stderr).into_owned())
+}
+
+#[test]
+fn a_drive_that_fails_ends_the_run_that_cuts_with_it() {
+    unless_disturbed(|| {
+        let (summary, said) = long_cut("turn-fault", &["--fault", "fault@8+0.5:Z"], |_, _| {});
+        assert_eq!(summary["alarm"], 406, "{summary}");
+        let error = summary["error"].to_string();
+        assert!(error.contains("the drive of axis Z is in fault"), "{error}");
+        assert!(error.contains("so the run was ended"), "{error}");
+        assert!(
+            said.contains("no longer follow: the drive of Z is in fault"),
+            "{said}"
+        );
+        assert_eq!(summary["turning"]["done"], 0, "{summary}");
+    });
+}
+
+/// Without setpoints the drives brake and hold, and a core that goes on elsewhere is followed no more.
+#[test]
+fn drives_that_have_stopped_while_the_core_was_suspended_end_the_run() {
+    unless_disturbed(|| {
+        let name = "turn-silent";
+        let (summary, said) = long_cut(name, &[], |domain, run| {
+            let mut setpoints = domain.client(name).setpoints().expect("setpoints");
+            let begin = Instant::now();
+            // In the cut.
+            while !setpoints
+                .receive()
+                .expect("setpoints")
+                .is_some_and(|now| now.position[2] < 299.0)
+            {
+                assert!(begin.elapsed() < Duration::from_secs(120), "it does not come");
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            for (signal, pause) in [("-STOP", 600), ("-CONT", 0)] {
+                let sent = Command::new("kill")
+                    .args([signal, &run.id().to_string()])
+                    .status();
+                assert!(sent.expect("kill").success());
+                std::thread::sleep(Duration::from_millis(pause));
+            }
+        });
+        assert_eq!(summary["alarm"], 413, "{summary}");
+        let error = summary["error"].to_string();
+        assert!(
+            error.contains("4 HOLDING, note 2 SILENCE") || error.contains("3 BRAKING"),
+            "{error}"
+        );
+        assert!(
+            said.contains("no longer follow: no usable setpoints came for 100 periods"),
+            "{said}"
+        );
     });
 }
 

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, Subcommand};
 use evolvent_bridge_sim::{
     Cutting, Fault, LoopbackInputs, ProbeSettings, RunError, RunSettings, ServoSettings, Signalling, SimAxis,
-    SimIndex, SimReport, SimSettings, SpindleSimulation, loopback, run_cutting,
+    SimEvent, SimIndex, SimReport, SimSettings, SpindleSimulation, loopback, run_cutting,
 };
 use evolvent_bridge_test::{
     CASES, Outcome, Part, ProcessBridge, SIMULATED_PROBE, Stage, ThreadBridge, run_case, run_core,
@@ -298,10 +298,12 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         )));
     }
     let stop = stop_on_signals()?;
-    written(writeln!(err, "simulated drives of {name}: waiting for its core"))?;
-    let found = |letters: &str, period_ns: u64| {
+    let tell = |event: &SimEvent| {
         // If standard error is closed, nobody is left to inform.
-        let _told = writeln!(err, "core found: axes {letters}, {period_ns} ns");
+        let _told = match event {
+            SimEvent::Waiting => writeln!(err, "simulated drives of {name}: {event}"),
+            event => writeln!(err, "{event}"),
+        };
     };
     // Feedback and loads that come late stop a machine as a broken cable does.
     let _granted = apply_to_this_thread(&RealtimeRequest {
@@ -311,7 +313,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
     let report = run_cutting(
         &settings,
         &stop,
-        found,
+        tell,
         |period_ns| process.and_then(|job| cutting(&job, period_ns)),
         signalling,
     );
@@ -486,6 +488,7 @@ fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
             reference_offset: args.reference_offset,
             home_switch: homing.map_or(axis.travel_min + 0.02 * range, home_switch),
             home_switch_is_below: homing.is_none_or(|homing| homing.negative),
+            search_velocity: homing.map_or(0.0, |homing| homing.search_velocity),
             unlimited: axis.unlimited.is_some(),
             index: homing.and_then(index_pulses),
             encoder_step: 0.1 / increments[index].max(1e-3),

@@ -19,6 +19,7 @@ mod core_loop;
 mod corrections;
 mod cycle_sample;
 mod doctor;
+mod drive_report;
 mod drives;
 mod due_setpoint;
 mod feeder;

@@ -11,10 +11,14 @@ use evolvent_trace::RecordError;
 use crate::job::{Clock, Job};
 use crate::news::{ExternalEventKind, FeederEvent, Moment, Notice, notices_due};
 use crate::shared::Controls;
+use crate::standby::needs_load;
 
 /// What is noted where drives answer.
-pub(crate) const DRIVES_UNWATCHED: &str = "drives answer on the bus, but `run` does not watch them: nothing stops it where one \
+const DRIVES_UNWATCHED: &str = "drives answer on the bus, but `run` does not watch them: nothing stops it where one \
      fails or does not follow. That takes power, homing and alarms that stay, which `evolvent serve` has";
+/// The same for a run that goes by what they cut.
+const DRIVES_HALF_WATCHED: &str = "drives answer on the bus: the run ends if they stop by themselves; a following error or lost feedback \
+     does not stop it, because that takes power, homing and alarms that stay, which `evolvent serve` has";
 /// How often the caller hears of progress.
 const PROGRESS_EVERY: Duration = Duration::from_millis(50);
 /// The same where time is not real: runs may be over at once.
@@ -40,7 +44,9 @@ pub(crate) struct LookingOn<'a> {
     every: Duration,
     /// Drives are to be watched where there are any.
     minds_drives: bool,
-    drives_told: bool,
+    /// What is noted where drives answer, and whether it was.
+    of_drives: &'static str,
+    told: Option<&'static str>,
 }
 
 impl<'a> LookingOn<'a> {
@@ -59,13 +65,18 @@ impl<'a> LookingOn<'a> {
                 Clock::Virtual => PROGRESS_EVERY_VIRTUAL,
             },
             minds_drives: job.setup.machine.drives.feedback != FeedbackMode::Ignore,
-            drives_told: false,
+            of_drives: if needs_load(job, controls) {
+                DRIVES_HALF_WATCHED
+            } else {
+                DRIVES_UNWATCHED
+            },
+            told: None,
         }
     }
 
-    /// Whether it was noted that drives answer which are not watched.
-    pub(crate) fn has_told_of_drives(&self) -> bool {
-        self.drives_told
+    /// What was noted of drives that answer.
+    pub(crate) fn told_of_drives(&self) -> Option<&'static str> {
+        self.told
     }
 
     /// Passes on news until `finished`.
@@ -100,9 +111,9 @@ impl<'a> LookingOn<'a> {
             for error in self.failures.try_iter() {
                 observer.note(&error.to_string());
             }
-            if self.minds_drives && !self.drives_told && self.controls.has_seen_drives() {
-                self.drives_told = true;
-                observer.note(DRIVES_UNWATCHED);
+            if self.minds_drives && self.told.is_none() && self.controls.drives().is_some() {
+                observer.note(self.of_drives);
+                self.told = Some(self.of_drives);
             }
             observer.progress(self.controls);
             if over {

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use evolvent_control::Alarm;
+use evolvent_drive::DriveAlarm;
 use evolvent_gcode::SPINDLES;
 use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, Setpoint, State, flags};
 use evolvent_path::Jet;
@@ -80,6 +81,8 @@ pub(crate) struct ProgramState {
     pub spindle_trouble: Option<u32>,
     /// Why the program was not begun.
     pub not_begun: Option<NotBegun>,
+    /// Why drives that cut have stopped.
+    pub drive_stop: Option<DriveAlarm>,
     /// The plan ended before the program did.
     pub program_failed: bool,
     /// Program stops that were passed without waiting.
@@ -109,6 +112,7 @@ impl ProgramState {
             estopped: false,
             spindle_trouble: None,
             not_begun: None,
+            drive_stop: None,
             program_failed: false,
             program_stops_passed: 0,
             turning,
@@ -248,7 +252,7 @@ impl<F> ProgramCycle<F> {
         }
     }
 
-    /// A program that needs a load stands until there is one.
+    /// A program that needs a load stands until there is one, and ends where the drives that cut stop.
     fn hold_before_load(&mut self, inputs: &mut Inputs) {
         match self.standby.step(&self.controls) {
             Ok(is_held) => inputs.hold |= is_held,
@@ -258,6 +262,17 @@ impl<F> ProgramCycle<F> {
                 self.controls.raise(Alarm::LoadSensor);
             }
         }
+        // What has stopped the program before explains why drives no longer follow it.
+        let has_ended =
+            self.now.adaptive_stop.is_some() || turning_fault(&self.motion).is_some() || self.now.estopped;
+        if self.now.drive_stop.is_none()
+            && !has_ended
+            && let Some(alarm) = self.standby.drive_stop(&self.controls)
+        {
+            self.now.drive_stop = Some(alarm);
+            self.controls.raise(drive_alarm(&alarm));
+        }
+        inputs.stop |= self.now.drive_stop.is_some();
     }
 
     /// The action before the command at which the machine stands, if it stands at one. Commands that were passed are
@@ -367,6 +382,11 @@ impl<F> ProgramCycle<F> {
             self.controls.raise(Alarm::Planner);
         }
     }
+}
+
+/// The alarm of drives that have stopped.
+pub(crate) fn drive_alarm(alarm: &DriveAlarm) -> Alarm {
+    Alarm::from_number(alarm.number()).unwrap_or(Alarm::BridgeStopped)
 }
 
 /// The alarm of a turning cycle that has given up.

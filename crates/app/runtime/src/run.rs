@@ -14,7 +14,7 @@ use evolvent_turning::SimulatedProcess;
 use crate::feeder::FeedReport;
 use crate::job::{Clock, Job};
 use crate::memory::ProgramMemory;
-use crate::observer::{DRIVES_UNWATCHED, LookingOn, RunObserver};
+use crate::observer::{LookingOn, RunObserver};
 use crate::program_cycle::Seen;
 use crate::publish_report::PublishReport;
 use crate::queues::{optional_ring, queue_length};
@@ -155,9 +155,7 @@ pub fn run_seen(
         };
         // What the other threads have told at their end.
         looking_on.until(observer, || true);
-        if looking_on.has_told_of_drives() {
-            notes.push(DRIVES_UNWATCHED.to_owned());
-        }
+        notes.extend(looking_on.told_of_drives().map(str::to_owned));
         let (mut outcome, alarm) = ended.sum_up(job, observer, notes);
         if let Some(recorder) = recorder {
             let _gone = recorded.closing.send(Closing {

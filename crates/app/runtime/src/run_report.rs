@@ -7,7 +7,7 @@ use evolvent_turning::{AdaptiveStop, SimulatedProcess};
 use crate::core_loop::CycleCounts;
 use crate::feeder::FeedReport;
 use crate::job::Job;
-use crate::program_cycle::{ProgramCycle, ProgramState, turning_alarm};
+use crate::program_cycle::{ProgramCycle, ProgramState, drive_alarm, turning_alarm};
 use crate::summary::{Outcome, Summary, TimingSummary, axis_summaries};
 use crate::turning_motion::turning_fault;
 
@@ -45,6 +45,10 @@ impl RunReport {
         if self.now.planner_died {
             let text = "the planner ended without completing its plan; the machine stopped on the path";
             return Some((Alarm::Planner, text.to_owned()));
+        }
+        if let Some(alarm) = &self.now.drive_stop {
+            let text = format!("{alarm}; the drives no longer followed, so the run was ended");
+            return Some((drive_alarm(alarm), text));
         }
         if let Some(reason) = turning_fault(motion) {
             return Some((turning_alarm(&reason), reason.text()));

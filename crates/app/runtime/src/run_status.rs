@@ -3,11 +3,11 @@
 use std::sync::Arc;
 
 use evolvent_bus::{EventKind, Feedback, Setpoint, Status};
-use evolvent_drive::BridgeState;
 use evolvent_machine::SignalSettings;
 use evolvent_motion::State;
 use evolvent_path::{AxisMask, angle_within_turn};
 
+use crate::drive_report::DriveReport;
 use crate::due_setpoint::DueSetpoint;
 use crate::job::Job;
 use crate::periphery::Periphery;
@@ -114,10 +114,9 @@ impl StatusSource for RunStatus {
         }
     }
 
-    /// What they report is not used: see the note of the run.
+    /// Whether they follow. What else they report is not used: see the note of the run.
     fn receive(&mut self, feedback: &Feedback) {
-        let follow = feedback.bridge_state == BridgeState::Following.number();
-        self.controls.set_drives_follow(follow);
+        self.controls.set_drives(DriveReport::of(feedback));
     }
 
     fn look(&mut self, _: &mut StatusPort<'_>) {}

@@ -41,7 +41,7 @@ use crate::signal_recorder::SignalRecorder;
 use crate::spindle_command::SpindleCommands;
 use crate::spindle_rundown::SpindleRundown;
 use crate::stages::Stages;
-use crate::standby::Standby;
+use crate::standby::{Standby, needs_load};
 use crate::start_error::{CHAIN_TIMEOUT, StartError};
 use crate::stop_watch::StopWatch;
 use crate::turning_tally::TurningTally;
@@ -269,7 +269,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
     ) -> Result<ScopedJoinHandle<'scope, RunReport>, StartError> {
         let (job, setup) = (self.job, &self.job.setup);
         let limits = setup.machine.limits();
-        let needs_load = job.is_realtime() && (setup.process.is_some() || self.controls.adaptive().is_some());
+        let needs_load = needs_load(job, self.controls);
         let core = CoreLoop {
             clock: job.clock,
             period_ns: setup.period_ns,
@@ -297,7 +297,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
             process: (job.clock == Clock::Virtual)
                 .then(|| SimulatedProcess::new(setup.process.as_ref()?, setup.period_ns as f64 * 1e-9))
                 .flatten(),
-            standby: Standby::new(needs_load, setup.period_ns),
+            standby: Standby::new(needs_load, setup.period_ns).with_drives(setup.machine.drives.feedback),
             adaptive: self
                 .controls
                 .adaptive()

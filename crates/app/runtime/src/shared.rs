@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use evolvent_motion::{Inputs, Setpoint, State};
 use evolvent_turning::{AdaptiveSettings, LoadSample};
 
+use crate::drive_report::DriveReport;
 use crate::load_cell::LoadCell;
 use evolvent_control::Alarm;
 
@@ -28,10 +29,8 @@ pub struct Controls {
     commands_done: AtomicU32,
     /// The emergency-stop chain is closed.
     chain_closed: AtomicBool,
-    /// Drives have answered.
-    drives_seen: AtomicBool,
-    /// They follow the setpoints.
-    drives_follow: AtomicBool,
+    /// What drives have answered last: a [`DriveReport`], 0 before the first.
+    drives: AtomicU64,
     /// The number of the setpoint after which every ramp of a spindle rested, + 1; 0 while one turns its spindle.
     ramps_rested: AtomicU64,
 }
@@ -82,8 +81,7 @@ impl Controls {
             at_command: AtomicBool::new(false),
             commands_done: AtomicU32::new(0),
             chain_closed: AtomicBool::new(false),
-            drives_seen: AtomicBool::new(false),
-            drives_follow: AtomicBool::new(false),
+            drives: AtomicU64::new(0),
             ramps_rested: AtomicU64::new(0),
         }
     }
@@ -111,18 +109,14 @@ impl Controls {
         self.chain_closed.load(Ordering::Relaxed)
     }
 
-    /// Drives have answered on the bus, and follow or do not.
-    pub(crate) fn set_drives_follow(&self, follow: bool) {
-        self.drives_follow.store(follow, Ordering::Relaxed);
-        self.drives_seen.store(true, Ordering::Relaxed);
+    /// Drives have answered on the bus.
+    pub(crate) fn set_drives(&self, report: DriveReport) {
+        self.drives.store(report.to_bits(), Ordering::Relaxed);
     }
 
-    pub(crate) fn drives_follow(&self) -> bool {
-        self.drives_follow.load(Ordering::Relaxed)
-    }
-
-    pub(crate) fn has_seen_drives(&self) -> bool {
-        self.drives_seen.load(Ordering::Relaxed)
+    /// What drives have answered last, none before the first.
+    pub(crate) fn drives(&self) -> Option<DriveReport> {
+        DriveReport::from_bits(self.drives.load(Ordering::Relaxed))
     }
 
     /// With this setpoint a ramp turns its spindle, or none does. Called by the publisher.

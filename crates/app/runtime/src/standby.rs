@@ -1,5 +1,9 @@
-//! The time before a program that needs a cutting load moves.
+//! A program that goes by a cutting load: the time before it moves, and its end where the drives that cut stop by themselves.
 
+use evolvent_drive::DriveAlarm;
+use evolvent_machine::FeedbackMode;
+
+use crate::job::Job;
 use crate::shared::Controls;
 
 /// How long a load is waited for, and drives that answer until they follow, ns.
@@ -34,8 +38,13 @@ impl NotBegun {
     }
 }
 
+/// Whether the program of a job goes by a load that comes over the bus.
+pub(crate) fn needs_load(job: &Job, controls: &Controls) -> bool {
+    job.is_realtime() && (job.setup.process.is_some() || controls.adaptive().is_some())
+}
+
 /// Holds a program at its start until a load comes in, and until drives that answer follow: what moves before cuts
-/// nothing that anybody feels. Real-time safe.
+/// nothing that anybody feels, and neither does what moves after they have stopped. Real-time safe.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Standby {
     period_ns: u64,
@@ -43,6 +52,9 @@ pub(crate) struct Standby {
     waited_ns: u64,
     /// Since the first reading.
     felt_ns: u64,
+    watches_drives: bool,
+    /// The program has begun, and drives have followed.
+    have_followed: bool,
 }
 
 impl Standby {
@@ -53,7 +65,22 @@ impl Standby {
             waits: needs_load,
             waited_ns: 0,
             felt_ns: 0,
+            watches_drives: needs_load,
+            have_followed: false,
         }
+    }
+
+    /// Drives whose feedback the machine file ignores do not end the program.
+    pub(crate) fn with_drives(mut self, feedback: FeedbackMode) -> Self {
+        self.watches_drives &= feedback != FeedbackMode::Ignore;
+        self
+    }
+
+    /// Why drives that have followed the program follow it no more.
+    pub(crate) fn drive_stop(&mut self, controls: &Controls) -> Option<DriveAlarm> {
+        let report = controls.drives().filter(|_| self.watches_drives && !self.waits)?;
+        self.have_followed |= report.follows();
+        report.stop_cause().filter(|_| self.have_followed)
     }
 
     /// Whether the program is held in this cycle.
@@ -68,7 +95,7 @@ impl Standby {
         if felt {
             self.felt_ns = self.felt_ns.saturating_add(self.period_ns);
         }
-        let follows = !controls.has_seen_drives() || controls.drives_follow();
+        let follows = controls.drives().is_none_or(|report| report.follows());
         if self.felt_ns > ANSWER_NS && follows {
             self.waits = false;
             return Ok(false);
@@ -88,8 +115,19 @@ impl Standby {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::drive_report::DriveReport;
+    use evolvent_bus::Feedback;
+    use evolvent_drive::BridgeState;
 
     const PERIOD_NS: u64 = 1_000_000;
+
+    fn drives(state: BridgeState) -> DriveReport {
+        DriveReport::of(&Feedback {
+            bridge_state: state.number(),
+            note: 2,
+            ..Feedback::default()
+        })
+    }
 
     fn cycles_until_begun(controls: &Controls, most: u64) -> Option<u64> {
         let mut standby = Standby::new(true, PERIOD_NS);
@@ -103,9 +141,9 @@ mod tests {
         controls.set_load(0.0, 100.0);
         assert_eq!(cycles_until_begun(&controls, 1000), Some(100));
         // Drives that answer have to follow.
-        controls.set_drives_follow(false);
+        controls.set_drives(drives(BridgeState::Holding));
         assert_eq!(cycles_until_begun(&controls, 15_000), None);
-        controls.set_drives_follow(true);
+        controls.set_drives(drives(BridgeState::Following));
         assert_eq!(cycles_until_begun(&controls, 1000), Some(100));
     }
 
@@ -118,9 +156,38 @@ mod tests {
         };
         assert_eq!(ends(&controls), Some(NotBegun::NoLoad));
         controls.set_load(0.0, 100.0);
-        controls.set_drives_follow(false);
+        controls.set_drives(drives(BridgeState::Holding));
         assert_eq!(ends(&controls), Some(NotBegun::DrivesStand));
         let mut none = Standby::new(false, PERIOD_NS);
         assert_eq!(none.step(&controls), Ok(false));
+    }
+
+    #[test]
+    fn drives_that_stop_by_themselves_end_the_program_that_they_have_followed() {
+        let controls = Controls::new(1.0);
+        let mut standby = Standby::new(true, PERIOD_NS);
+        controls.set_load(0.0, 100.0);
+        // Before it begins they may stand.
+        for state in [
+            BridgeState::Following,
+            BridgeState::Holding,
+            BridgeState::Following,
+        ] {
+            controls.set_drives(drives(state));
+            assert_eq!(standby.step(&controls), Ok(true));
+            assert_eq!(standby.drive_stop(&controls), None);
+        }
+        while standby.step(&controls) == Ok(true) {}
+        for state in [BridgeState::Following, BridgeState::Bridging] {
+            controls.set_drives(drives(state));
+            assert_eq!(standby.drive_stop(&controls), None);
+        }
+        let mut ignores = standby.with_drives(FeedbackMode::Ignore);
+        controls.set_drives(drives(BridgeState::Holding));
+        let stopped = DriveAlarm::BridgeStopped { state: 4, note: 2 };
+        assert_eq!(standby.drive_stop(&controls), Some(stopped));
+        assert_eq!(ignores.drive_stop(&controls), None);
+        let mut none = Standby::new(false, PERIOD_NS);
+        assert_eq!(none.drive_stop(&controls), None);
     }
 }

@@ -4,7 +4,7 @@ use evolvent_path::AxisMask;
 use std::collections::VecDeque;
 
 use evolvent_bus::{AXES, Feedback, Setpoint};
-use evolvent_drive::{DriveState, Follower, IndexLatch, PowerRequest, SettingsError, Target};
+use evolvent_drive::{DriveState, Follower, IndexLatch, Note, PowerRequest, SettingsError, Target};
 
 use crate::drive::{DriveTrouble, SimDrive};
 use crate::fault::{Fault, FaultKind};
@@ -26,6 +26,7 @@ pub struct SimBridge {
     drives: Vec<SimDrive>,
     faults: Vec<Fault>,
     period_s: f64,
+    bridge_cycles: u32,
     instance: u64,
     axes: AxisMask,
     absolute: bool,
@@ -59,6 +60,7 @@ impl SimBridge {
                 .collect(),
             faults: settings.faults.clone(),
             period_s: settings.period_ns as f64 * 1e-9,
+            bridge_cycles: settings.follower().bridge_cycles,
             instance: settings.instance,
             axes: settings.axes_mask(),
             absolute: settings.absolute,
@@ -119,6 +121,18 @@ impl SimBridge {
     #[must_use]
     pub const fn missed(&self) -> u32 {
         self.follower.missed()
+    }
+
+    /// The last problem with setpoints.
+    #[must_use]
+    pub const fn note(&self) -> Note {
+        self.follower.note()
+    }
+
+    /// Periods for which the motion goes on without setpoints.
+    #[must_use]
+    pub const fn bridge_cycles(&self) -> u32 {
+        self.bridge_cycles
     }
 
     /// Adds a fault to the schedule, `at_ns` after the drives came into operation first.

@@ -159,11 +159,8 @@ impl SimDrive {
         if self.axis.unlimited {
             return [false; 2];
         }
-        let margin = self.axis.switch_margin();
-        [
-            self.servo.position <= self.axis.travel_min - margin,
-            self.servo.position >= self.axis.travel_max + margin,
-        ]
+        let [low, high] = self.axis.limit_switches();
+        [self.servo.position <= low, self.servo.position >= high]
     }
 
     /// One period. `setpoint` is by the names of the datum in force. Returns the target that the drive has followed.

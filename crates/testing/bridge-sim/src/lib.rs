@@ -19,6 +19,7 @@
 mod bridge;
 mod clock;
 mod drive;
+mod event;
 mod fault;
 mod input_messages;
 mod loopback;
@@ -31,6 +32,7 @@ mod spindle;
 pub use bridge::SimBridge;
 pub use clock::{DriveClock, monotonic_ns};
 pub use drive::SimDrive;
+pub use event::{SimEvent, StopCause};
 pub use fault::{Fault, FaultError, FaultKind};
 pub use input_messages::Signalling;
 pub use loopback::{LoopbackInputs, loopback};

@@ -12,6 +12,7 @@ use thiserror::Error;
 
 use crate::bridge::SimBridge;
 use crate::clock::{DriveClock, monotonic_ns};
+use crate::event::{FollowWatch, SimEvent};
 use crate::input_messages::{InputMessages, Signalling};
 use crate::probe::{ProbeSettings, SimProbe};
 use crate::settings::SimSettings;
@@ -95,20 +96,25 @@ struct Ports {
 /// What the axes cut, asked once a period: a reading of the load sensor, and the end of its range. None for no reading.
 pub type Cutting = Box<dyn FnMut(&[f64; AXES]) -> Option<(f64, f64)>>;
 
-/// As [`run_cutting`], with axes that cut nothing.
+/// As [`run_cutting`], with axes that cut nothing; `on_core` is called with axes and period each time a core is found.
 ///
 /// # Errors
 /// As there.
 pub fn run(
     settings: &RunSettings,
     stop: &AtomicBool,
-    on_core: impl FnMut(&str, u64),
+    mut on_core: impl FnMut(&str, u64),
 ) -> Result<SimReport, RunError> {
-    run_cutting(settings, stop, on_core, |_| None, None)
+    let tell = |event: &SimEvent| {
+        if let SimEvent::Core { axes, period_ns } = event {
+            on_core(axes, *period_ns);
+        }
+    };
+    run_cutting(settings, stop, tell, |_| None, None)
 }
 
 /// Runs until `stop` is set or time is up. Waits for its core as long as that takes, outlives it, and finds the next one.
-/// `on_core` is called with axes and period each time one is found; `cutting` once, with the period in ns: what the true
+/// `tell` receives what should be known at once; `cutting` is called once a core is found, with the period in ns: what the true
 /// positions of the axes cut from then on, of which the load is published every period. `signalling` reads the inputs, where there
 /// are any; they are sent when they change, and every 5 ms.
 ///
@@ -117,7 +123,7 @@ pub fn run(
 pub fn run_cutting(
     settings: &RunSettings,
     stop: &AtomicBool,
-    mut on_core: impl FnMut(&str, u64),
+    mut tell: impl FnMut(&SimEvent),
     cutting: impl FnOnce(u64) -> Option<Cutting>,
     signalling: Option<Signalling>,
 ) -> Result<SimReport, RunError> {
@@ -129,9 +135,14 @@ pub fn run_cutting(
     let mut machine = SimMachine::new(settings, begin_ns, signalling);
     let mut cutting = Some(cutting);
     let mut model: Option<(SimBridge, DriveClock)> = None;
+    let (mut follow_watch, mut is_awaited) = (FollowWatch::default(), false);
     while !over() {
         if let Some((letters, period_ns)) = machine.find_core(cutting.is_some())? {
-            on_core(&letters, period_ns);
+            is_awaited = true;
+            tell(&SimEvent::Core {
+                axes: letters.clone(),
+                period_ns,
+            });
             if model.is_none() {
                 let drives = drives(settings, &letters, period_ns, begin_ns);
                 let clock = DriveClock::new(monotonic_ns(), drives.period_ns, settings.drift_ppm);
@@ -140,6 +151,10 @@ pub fn run_cutting(
             }
         }
         let Some((bridge, clock)) = &mut model else {
+            if !is_awaited {
+                is_awaited = true;
+                tell(&SimEvent::Waiting);
+            }
             std::thread::sleep(Duration::from_millis(10));
             continue;
         };
@@ -151,6 +166,9 @@ pub fn run_cutting(
         let is_broken = machine.receive(bridge, clock.next_ns(), now_ns);
         while clock.next_ns() <= now_ns {
             machine.step(bridge, clock.tick());
+            if let Some(event) = follow_watch.step(bridge) {
+                tell(&event);
+            }
         }
         machine.send_inputs(now_ns);
         machine.report.missed = bridge.missed();

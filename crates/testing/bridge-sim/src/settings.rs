@@ -7,6 +7,9 @@ use evolvent_path::AxisMask;
 use crate::fault::Fault;
 use crate::servo::ServoSettings;
 
+/// Time from the edge of a switch to the reaction of the core, s: the difference that homing permits between two inputs.
+const REPORT_S: f64 = 0.06;
+
 /// Index pulses of an encoder, by true positions; mm or degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SimIndex {
@@ -42,9 +45,9 @@ pub struct SimAxis {
     pub max_acceleration: f64,
     /// Largest jerk.
     pub max_jerk: f64,
-    /// Lowest position; the limit switch lies a little below.
+    /// Lowest position; the limit switch lies a little below, and below the home switch and its pulse.
     pub travel_min: f64,
-    /// Highest position; the limit switch lies a little above.
+    /// Highest position; the limit switch lies a little above, and above the home switch and its pulse.
     pub travel_max: f64,
     /// Where the axis stands at the start.
     pub start: f64,
@@ -54,6 +57,8 @@ pub struct SimAxis {
     pub home_switch: f64,
     /// Whether it is pressed beyond that towards smaller coordinates; otherwise towards larger ones.
     pub home_switch_is_below: bool,
+    /// Velocity of the search for it.
+    pub search_velocity: f64,
     /// Whether switch and pulses come again every turn, and there are no limit switches: an unlimited rotary axis.
     pub unlimited: bool,
     /// Where the encoder has an index pulse, and every how far another, where it has any.
@@ -79,6 +84,7 @@ impl SimAxis {
             reference_offset: 0.0,
             home_switch: -980.0,
             home_switch_is_below: true,
+            search_velocity: 0.0,
             unlimited: false,
             index: Some(SimIndex {
                 position: 0.0,
@@ -89,10 +95,30 @@ impl SimAxis {
         }
     }
 
-    /// How far beyond the travel the limit switches lie.
+    /// Where the limit switches are pressed: from the first downwards, from the second upwards. The one of the home switch lies
+    /// beyond what homing needs, also where that is beyond the travel.
     #[must_use]
-    pub fn switch_margin(&self) -> f64 {
-        (0.02 * (self.travel_max - self.travel_min)).min(5.0)
+    pub fn limit_switches(&self) -> [f64; 2] {
+        let margin = (0.02 * (self.travel_max - self.travel_min)).min(5.0);
+        let [mut low, mut high] = [self.travel_min, self.travel_max];
+        let overrun = self.search_overrun();
+        let pulse = self.index.map(|index| index.position);
+        for found in [Some(self.home_switch), pulse].into_iter().flatten() {
+            if self.home_switch_is_below {
+                low = low.min(found - overrun);
+            } else {
+                high = high.max(found + overrun);
+            }
+        }
+        [low - margin, high + margin]
+    }
+
+    /// How far a search goes on after the switch has closed.
+    fn search_overrun(&self) -> f64 {
+        let velocity = self.search_velocity;
+        // The stop of a motion limited in jerk takes v / a + a / j at most, half of the velocity on average.
+        let stop_s = velocity / self.max_acceleration + self.max_acceleration / self.max_jerk;
+        velocity * (REPORT_S + 0.5 * stop_s)
     }
 }
 
@@ -166,6 +192,31 @@ impl SimSettings {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn limit_switches_leave_room_for_the_search() {
+        let mut axis = SimAxis::usual(0);
+        assert_eq!(axis.limit_switches(), [-1005.0, 1005.0]);
+        (axis.travel_min, axis.travel_max) = (-100.0, 2.54);
+        (axis.max_acceleration, axis.max_jerk, axis.search_velocity) = (500.0, 10_000.0, 12.7);
+        (axis.home_switch, axis.home_switch_is_below) = (10.85, false);
+        axis.index = Some(SimIndex {
+            position: 6.35,
+            pitch: 9.0,
+        });
+        let overrun = 12.7 * (0.06 + 0.5 * (12.7 / 500.0 + 500.0 / 10_000.0));
+        let margin = 0.02 * 102.54;
+        let [low, high] = axis.limit_switches();
+        assert_eq!(low, -100.0 - margin);
+        assert!((high - (10.85 + overrun + margin)).abs() < 1e-12, "{high}");
+        // Within the travel nothing changes.
+        (axis.home_switch, axis.home_switch_is_below) = (-50.0, true);
+        assert_eq!(axis.limit_switches(), [-100.0 - margin, 2.54 + margin]);
+        axis.home_switch = -120.0;
+        let [low, high] = axis.limit_switches();
+        assert!((low - (-120.0 - overrun - margin)).abs() < 1e-12, "{low}");
+        assert_eq!(high, 2.54 + margin);
+    }
 
     #[test]
     fn every_pulse_of_a_way_is_met_once_in_either_direction() {

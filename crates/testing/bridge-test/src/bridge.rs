@@ -157,7 +157,7 @@ impl ThreadBridge {
             let _report = run_cutting(
                 &settings,
                 stop,
-                |_, _| {},
+                |_| {},
                 |_| None,
                 Some(loopback(LoopbackInputs::all())),
             );
