@@ -31,9 +31,12 @@ fn passed(cases: &[Value]) -> usize {
 
 /// The demands on outputs and inputs, for bridges that are wired as the suite asks.
 const SIGNALS: [&str; 3] = ["inputs", "output_due", "output_safe"];
-/// The same and those on a probe and a spindle.
-const LEFT_OUT: [&str; 6] = [
+/// Whose drives come into no fault by themselves.
+const OF_FAULTS: &str = "new_core_reset";
+/// These and those on a probe and a spindle.
+const LEFT_OUT: [&str; 7] = [
     SIGNALS[0],
+    OF_FAULTS,
     SIGNALS[1],
     SIGNALS[2],
     "probe",
@@ -44,15 +47,38 @@ const LEFT_OUT: [&str; 6] = [
 #[test]
 fn the_simulated_bridge_does_what_every_bridge_must() {
     let cases = hold_to_the_suite(&[], &[]);
-    assert_eq!(passed(&cases), 25, "{cases:?}");
-    assert_eq!(cases.len(), 25, "each case once: {cases:?}");
+    assert_eq!(verdicts(&cases, "left out"), [OF_FAULTS], "{cases:?}");
+    assert_eq!(passed(&cases), 28, "{cases:?}");
+    assert_eq!(cases.len(), 29, "each case once: {cases:?}");
+}
+
+/// The suite kills a bridge whose drives come into fault each time.
+#[test]
+fn no_counter_of_a_new_core_resets_a_fault_of_the_simulated_drives() {
+    let program = evolvent().get_program().to_string_lossy().into_owned();
+    let command = "bridge sim --machine-name {name} --bus-prefix {prefix} --fault fault@0.3+0.05";
+    unless_disturbed(|| {
+        let output = evolvent()
+            .args(["bridge", "test", "--json", "--only", OF_FAULTS, "--"])
+            .arg(&program)
+            .args(command.split(' '))
+            .output()
+            .expect("the binary to start");
+        let report: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+        let cases = report["cases"].as_array().expect("cases");
+        assert_eq!(passed(cases), 1, "{report}");
+    });
 }
 
 #[test]
 fn so_does_the_bridge_within_a_process_which_only_cannot_be_killed() {
     let cases = hold_to_the_suite(&["--in-process"], &[]);
-    assert_eq!(verdicts(&cases, "left out"), ["bridge_kill"], "{cases:?}");
-    assert_eq!(passed(&cases), 24);
+    assert_eq!(
+        verdicts(&cases, "left out"),
+        ["bridge_kill", OF_FAULTS],
+        "{cases:?}"
+    );
+    assert_eq!(passed(&cases), 27);
 }
 
 #[test]
@@ -60,7 +86,7 @@ fn so_does_the_example_in_c() {
     let workshop = Workshop::new();
     let program = c_example("bridge", workshop.folder());
     let cases = hold_to_the_suite(&[], &[program.display().to_string()]);
-    assert_eq!(passed(&cases), 19, "{cases:?}");
+    assert_eq!(passed(&cases), 22, "{cases:?}");
     assert_eq!(verdicts(&cases, "left out"), LEFT_OUT, "{cases:?}");
 }
 
@@ -79,7 +105,7 @@ fn so_does_the_example_in_python() {
         "{prefix}".to_owned(),
     ];
     let cases = hold_to_the_suite(&[], &command);
-    assert_eq!(passed(&cases), 19, "{cases:?}");
+    assert_eq!(passed(&cases), 22, "{cases:?}");
     assert_eq!(verdicts(&cases, "left out"), LEFT_OUT, "{cases:?}");
 }
 
@@ -110,7 +136,7 @@ fn the_ethercat_bridge_may_be_killed_and_so_may_its_core() {
         .join("config/machines/mill-ethercat.toml")
         .display()
         .to_string();
-    for case in ["bridge_kill", "core_kill"] {
+    for case in ["bridge_kill", "core_kill", OF_FAULTS] {
         let (network, machine) = (network.clone(), machine.clone());
         unless_disturbed(|| {
             let (network, machine) = (network.clone(), machine.clone());

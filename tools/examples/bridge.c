@@ -12,11 +12,11 @@ static uint64_t now_ns(void) {
     return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
 }
 static int reachable(const evolvent_setpoint_t *s, const double *at, const double *speed, double h, int following) {
-    int fits = 1; /* begin close and at rest, go on in steps that axes can do; never with what is no number */
+    int fits = 1; /* begin where the axes are and at rest, go on in steps that they can do; never with what is no number */
     for (int i = 0; i < EVOLVENT_AXES; i++) {
         const double v = s->velocity[i], step = s->position[i] - at[i], most = 20000.0 * h; /* twice the acceleration of the axes */
         const int goes_on = fabs(step - h * (speed[i] + v) / 2.0) < most * h / 4.0 && fabs(v - speed[i]) < most;
-        fits &= !(s->axes_mask >> i & 1u) || (following ? goes_on : fabs(step) < 0.5 && fabs(v) < 1.0);
+        fits &= !(s->axes_mask >> i & 1u) || (following ? goes_on : fabs(step) < 0.005 && fabs(v) < 1.0);
     }
     return fits;
 }
@@ -25,13 +25,14 @@ int main(void) {
     evolvent_bridge_t *bus = NULL; char error[256];
     while ((bus = evolvent_bridge_open(name, prefix, 1000, error, sizeof error)) == NULL) fprintf(stderr, "%s\n", error);
     const uint64_t period = evolvent_bridge_period_ns(bus), instance = now_ns();
-    static evolvent_setpoint_t queue[1024], s; /* sent ahead: kept until they are due */
+    static evolvent_setpoint_t queue[1024], newest, s; /* sent ahead: kept until they are due */
     evolvent_feedback_t f = {.instance = instance, .bridge_state = EVOLVENT_BRIDGE_WAITING};
     double at[EVOLVENT_AXES] = {0}; unsigned first = 0, count = 0, locked = 0, quick = 0;
     for (uint64_t tick = instance, due = 0;; tick += period) {
         for (int got; (got = evolvent_bridge_receive(bus, &s)) != 0;) {
             quick = got == 1 ? s.power_request == EVOLVENT_POWER_QUICK_STOP : quick; /* at once, before it is due */
-            if (got == 1 && s.due_time_ns + period >= tick && count < 1024) queue[(first + count++) % 1024] = s;
+            if (got == 1 && s.due_time_ns + period - tick < 10000000000u && count < 1024 /* not late, hours ahead or backwards */
+                && (s.sequence <= newest.sequence || s.due_time_ns > newest.due_time_ns)) queue[(first + count++) % 1024] = newest = s;
             else f.missed_setpoints++, f.note = got == 1 ? EVOLVENT_NOTE_LATE : EVOLVENT_NOTE_VERSION;
         }
         for (; count > 0 && queue[first].due_time_ns <= tick; first = (first + 1) % 1024, count--) {
@@ -52,8 +53,7 @@ int main(void) {
         for (int i = 0; quick && i < EVOLVENT_AXES; i++) f.status_word[i] = 0x0240, f.bridge_state = EVOLVENT_BRIDGE_OFF, locked = 1;
         if (due + 10 * period < tick && f.bridge_state == EVOLVENT_BRIDGE_FOLLOWING) f.bridge_state = EVOLVENT_BRIDGE_HOLDING;
         for (int i = 0; i < EVOLVENT_AXES; i++) f.position[i] = at[i], f.velocity[i] *= f.bridge_state == EVOLVENT_BRIDGE_FOLLOWING;
-        f.time_ns = now_ns();
-        evolvent_bridge_send(bus, &f);
+        f.time_ns = now_ns(), evolvent_bridge_send(bus, &f);
         while (now_ns() < tick + period) usleep(200);
     }
 }

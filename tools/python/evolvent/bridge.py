@@ -62,8 +62,13 @@ class Bridge:
         feedback.time_ns = 0
 
 
+# No core computes setpoints further ahead, ns.
+FURTHEST_NS = 10_000_000_000
+
+
 class Queue:
-    """Setpoints in order of their due times. Those that come when it is too late for them are counted and dropped."""
+    """Setpoints in order of their due times. Those whose due times cannot be used are counted and dropped: too late, far ahead, or
+    not after that of the setpoint before."""
 
     def __init__(self, patience_ns: int) -> None:
         self.patience_ns = patience_ns
@@ -71,17 +76,20 @@ class Queue:
         """Setpoints that were missing in the sequence, or late."""
         self._waiting: Deque[bus.Setpoint] = collections.deque(maxlen=4096)
         self._last: Optional[int] = None
+        self._last_due_ns = 0
 
     def put(self, setpoint: bus.Setpoint, now_ns: int) -> bool:
-        """Keeps a setpoint; False if it is too late for it."""
-        if setpoint.due_time_ns + self.patience_ns < now_ns:
+        """Keeps a setpoint; False if its due time cannot be used."""
+        continues = self._last is not None and setpoint.sequence > self._last
+        is_backwards = continues and setpoint.due_time_ns <= self._last_due_ns
+        if is_backwards or not now_ns - self.patience_ns <= setpoint.due_time_ns <= now_ns + FURTHEST_NS:
             self.missed += 1
             return False
         if self._last is not None and setpoint.sequence > self._last + 1:
             self.missed += setpoint.sequence - self._last - 1
         if self._last is not None and setpoint.sequence <= self._last:
             self._waiting.clear()  # another core: what the old one had ordered is void
-        self._last = setpoint.sequence
+        self._last, self._last_due_ns = setpoint.sequence, setpoint.due_time_ns
         self._waiting.append(setpoint)
         return True
 

@@ -16,11 +16,11 @@ ON, OFF, HARDEST = 0x1237, 0x0240, 20000  # status words; twice the acceleration
 
 
 def reachable(setpoint, at, speed, time_s, state):
-    # Begin close to the axes and at rest, go on in steps that they can do (rule 7 of docs/bridges.md).
+    # Begin where the axes are and at rest, go on in steps that they can do (rules 5 and 7 of docs/bridges.md).
     def fits(step, before, after):
         bend, most = abs(step - time_s * (before + after) / 2), HARDEST * time_s
         goes_on = bend < most * time_s / 4 and abs(after - before) < most
-        return goes_on if state == bus.BRIDGE_FOLLOWING else abs(step) < 0.5 and abs(after) < 1
+        return goes_on if state == bus.BRIDGE_FOLLOWING else abs(step) < 0.005 and abs(after) < 1
     axes = [i for i in range(bus.AXES) if setpoint.axes_mask >> i & 1]
     return all(fits(setpoint.position[i] - at[i], speed[i], setpoint.velocity[i]) for i in axes)
 

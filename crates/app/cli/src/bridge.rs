@@ -610,7 +610,7 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
         let begin = Instant::now();
         let (verdict, why) = match run_case(case, &mut stage) {
             Ok(Outcome::Passed) => ("passed", None),
-            Ok(Outcome::LeftOut) => ("left out", None),
+            Ok(Outcome::LeftOut(why)) => ("left out", Some(why)),
             Ok(Outcome::NotMeasured(why)) => {
                 unmeasured += 1;
                 ("not measured", Some(why))

@@ -7,7 +7,7 @@
 use core::ops::Range;
 
 use evolvent_bridge_test::{CASES, ThreadBridge};
-use evolvent_bridge_trial::{failed_cases, failed_spindle_cases};
+use evolvent_bridge_trial::{failed_cases, failed_probe_cases, failed_spindle_cases};
 use evolvent_disturbance::unless_disturbed;
 use evolvent_ethercat::{Network, RunSettings, run};
 use evolvent_ethercat_ring::{DriveSettings, MAIN_INTERFACE, SubDevice, TerminalKind, on_bench};
@@ -57,10 +57,10 @@ index_probe = 2
 "#;
 const MACHINE_SPINDLE: &str = "\n[[spindle]]\nmax_rpm = 3000\nfeedback = true\n";
 
-/// The bridge on a thread of this process, with these devices behind those of the mill.
-fn ethercat_bridge(machine: Machine, more: &'static str) -> ThreadBridge {
+/// The bridge on a thread of this process, with this network file.
+fn ethercat_bridge(machine: Machine, network: String) -> ThreadBridge {
     ThreadBridge::new(move |machine_name, prefix, stop| {
-        let mut network = Network::parse(&format!("{NETWORK}{more}"), "sim-mill.toml").expect("a network");
+        let mut network = Network::parse(&network, "sim-mill.toml").expect("a network");
         // The suite's period is 2 ms, the devices' watchdog 100 ms; a host that is busy may be late for so long.
         network.max_lost_cycles = 40;
         let settings = RunSettings {
@@ -86,7 +86,7 @@ fn suite(cases: Range<usize>) {
             let machine = Machine::parse(&format!("{MACHINE_SIGNALS}{text}"), "mill-3axis.toml");
             // Both halves may run at the same time.
             let prefix = format!("ecbt{}_{}", std::process::id(), cases.start);
-            let mut bridge = ethercat_bridge(machine.expect("a machine"), SIGNALS);
+            let mut bridge = ethercat_bridge(machine.expect("a machine"), format!("{NETWORK}{SIGNALS}"));
             let failures = failed_cases(&mut bridge, &prefix, &CASES[cases]);
             assert!(failures.is_empty(), "{failures:#?}");
         });
@@ -120,8 +120,37 @@ fn its_spindle_does_what_every_spindle_must() {
         on_bench(devices, |_| {
             let text = evolvent_file_tests::shipped("machines/mill-ethercat.toml");
             let machine = Machine::parse(&format!("{text}{MACHINE_SPINDLE}"), "mill-3axis.toml");
-            let mut bridge = ethercat_bridge(machine.expect("a machine"), SPINDLE);
+            let mut bridge = ethercat_bridge(machine.expect("a machine"), format!("{NETWORK}{SPINDLE}"));
             let failures = failed_spindle_cases(&mut bridge, &format!("ecbs{}_", std::process::id()));
+            assert!(failures.is_empty(), "{failures:#?}");
+        });
+    });
+}
+
+/// X touches 2.3 mm from where it stands, latched by its touch probe 1 (60B8h).
+#[test]
+fn its_probe_does_what_every_probe_must() {
+    const SCREW_MM: f64 = 5.0;
+    unless_disturbed(|| {
+        let mut devices = devices();
+        // The shipped network has no outputs.
+        devices.truncate(5);
+        let x = DriveSettings {
+            probe_turns: 2.3 / SCREW_MM,
+            ..DriveSettings::default()
+        };
+        devices[1] = SubDevice::drive(x, 2, 30.0);
+        on_bench(devices, |_| {
+            let text = evolvent_file_tests::shipped("machines/mill-ethercat.toml");
+            let machine = Machine::parse(&text, "mill-3axis.toml").expect("a machine");
+            let of_x = "velocity_offset = true";
+            let network = NETWORK.replacen(
+                of_x,
+                "touch_probe = true\nprobe_input_bit = 16\nvelocity_offset = true",
+                1,
+            );
+            let mut bridge = ethercat_bridge(machine, network);
+            let failures = failed_probe_cases(&mut bridge, &format!("ecbp{}_", std::process::id()));
             assert!(failures.is_empty(), "{failures:#?}");
         });
     });

@@ -10,22 +10,32 @@ use thiserror::Error;
 
 use crate::bridge::BridgeUnderTest;
 use crate::test_core::{DISTURBED, TestCore};
-use crate::{cases, probe_case, signal_cases, spindle_cases};
+use crate::{begin_cases, cases, probe_case, setpoint_cases, signal_cases, spindle_cases};
 
 /// Why a bridge failed a case, or why the case could not be run.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("{what}")]
 pub struct CaseError {
     what: String,
+    kind: ErrorKind,
+}
+
+/// Whose fault it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ErrorKind {
+    /// The bridge's.
+    Wrong,
     /// A pause of the host explains it.
-    is_unmeasured: bool,
+    Unmeasured,
+    /// Nobody's: what the case is about did not happen.
+    LeftOut,
 }
 
 impl CaseError {
     pub(crate) fn new(what: impl Into<String>) -> Self {
         Self {
             what: what.into(),
-            is_unmeasured: false,
+            kind: ErrorKind::Wrong,
         }
     }
 
@@ -33,14 +43,21 @@ impl CaseError {
     pub(crate) fn unmeasured(what: impl Into<String>) -> Self {
         Self {
             what: what.into(),
-            is_unmeasured: true,
+            kind: ErrorKind::Unmeasured,
+        }
+    }
+
+    /// This bridge does not get into the situation of the case.
+    pub(crate) fn left_out(what: impl Into<String>) -> Self {
+        Self {
+            what: what.into(),
+            kind: ErrorKind::LeftOut,
         }
     }
 
     /// Whether the host explains it.
-    #[cfg(test)]
-    pub(crate) const fn is_unmeasured(&self) -> bool {
-        self.is_unmeasured
+    pub(crate) fn is_unmeasured(&self) -> bool {
+        self.kind == ErrorKind::Unmeasured
     }
 }
 
@@ -49,8 +66,8 @@ impl CaseError {
 pub enum Outcome {
     /// The bridge does what is demanded.
     Passed,
-    /// This bridge, or this suite, cannot be made to play it.
-    LeftOut,
+    /// This bridge, or this suite, cannot be made to play it: why.
+    LeftOut(String),
     /// The host kept the bridge from running each time, and for so long that this explains what was seen.
     NotMeasured(String),
     /// [`Stage::stop`] was set before its end.
@@ -130,50 +147,38 @@ pub struct Case {
 }
 
 macro_rules! case {
-    ($name:ident, $demand:literal, signals) => {
-        Case {
-            name: stringify!($name),
-            demand: $demand,
-            kills_bridge: false,
-            kills_core: false,
-            part: Part::Signals,
-            play: signal_cases::$name,
-        }
-    };
-    ($name:ident, $demand:literal, spindle) => {
-        Case {
-            name: stringify!($name),
-            demand: $demand,
-            kills_bridge: false,
-            kills_core: false,
-            part: Part::Spindle,
-            play: spindle_cases::$name,
-        }
-    };
-    ($name:ident, $demand:literal, probe) => {
-        Case {
-            name: stringify!($name),
-            demand: $demand,
-            kills_bridge: false,
-            kills_core: false,
-            part: Part::Probe,
-            play: probe_case::$name,
-        }
-    };
-    ($name:ident, $demand:literal, $kills_bridge:literal, $kills_core:literal) => {
+    (@ $module:ident::$name:ident, $demand:literal, $part:ident, $kills_bridge:literal, $kills_core:literal) => {
         Case {
             name: stringify!($name),
             demand: $demand,
             kills_bridge: $kills_bridge,
             kills_core: $kills_core,
-            part: Part::Axes,
-            play: cases::$name,
+            part: Part::$part,
+            play: $module::$name,
         }
+    };
+    ($name:ident, $demand:literal, signals) => {
+        case!(@ signal_cases::$name, $demand, Signals, false, false)
+    };
+    ($name:ident, $demand:literal, spindle) => {
+        case!(@ spindle_cases::$name, $demand, Spindle, false, false)
+    };
+    ($name:ident, $demand:literal, setpoints) => {
+        case!(@ setpoint_cases::$name, $demand, Axes, false, false)
+    };
+    ($name:ident, $demand:literal, begin) => {
+        case!(@ begin_cases::$name, $demand, Axes, false, false)
+    };
+    ($name:ident, $demand:literal, probe) => {
+        case!(@ probe_case::$name, $demand, Probe, false, false)
+    };
+    ($name:ident, $demand:literal, $kills_bridge:literal, $kills_core:literal) => {
+        case!(@ cases::$name, $demand, Axes, $kills_bridge, $kills_core)
     };
 }
 
 /// Every case.
-pub const CASES: [Case; 25] = [
+pub const CASES: [Case; 29] = [
     case!(
         bridge_first,
         "started before its core it waits, then follows",
@@ -196,8 +201,12 @@ pub const CASES: [Case; 25] = [
     case!(
         begin,
         "begins to follow within 1 mm of the positions that it reports and at rest only",
-        false,
-        false
+        begin
+    ),
+    case!(
+        begin_beside,
+        "begins beside the axes without a step of them or of their targets",
+        begin
     ),
     case!(
         quick_stop,
@@ -212,6 +221,18 @@ pub const CASES: [Case; 25] = [
         false
     ),
     case!(
+        new_core_reset,
+        "resets no fault of a drive by the counter of a core that has just begun",
+        false,
+        false
+    ),
+    case!(
+        silent_start,
+        "gives drives that are not in operation no power where the core has fallen silent",
+        false,
+        false
+    ),
+    case!(
         power,
         "switches on without motion, stops quickly, switches off, and on again",
         false,
@@ -220,28 +241,29 @@ pub const CASES: [Case; 25] = [
     case!(
         gaps,
         "bridges single missing setpoints and counts them",
-        false,
-        false
+        setpoints
     ),
     case!(
         silence,
         "brakes and holds when setpoints stop in motion, and stays when they go on elsewhere",
-        false,
-        false
+        setpoints
     ),
     case!(
         late,
         "neither follows setpoints that come too late nor is upset by them",
-        false,
-        false
+        setpoints
+    ),
+    case!(
+        due_times,
+        "refuses due times that are long past, far ahead or go backwards, and follows those after them",
+        setpoints
     ),
     case!(
         jump,
         "refuses a setpoint that no axis can reach, and those that continue it",
-        false,
-        false
+        setpoints
     ),
-    case!(not_finite, "refuses numbers that are none", false, false),
+    case!(not_finite, "refuses numbers that are none", setpoints),
     case!(
         version,
         "follows nobody who speaks another interface version",
@@ -290,7 +312,7 @@ pub const CASES: [Case; 25] = [
     ),
     case!(
         output_safe,
-        "sets the safe values by itself where its core falls silent, and follows the next one",
+        "sets the safe values by itself within 200 ms where its core falls silent, and follows the next one",
         signals
     ),
     case!(
@@ -318,18 +340,15 @@ const ATTEMPTS: usize = 3;
 /// # Errors
 /// What the bridge did wrong.
 pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<Outcome, CaseError> {
-    if (case.kills_bridge && !stage.bridge.can_be_killed())
-        || (case.kills_core && stage.core_program.is_none())
-        || !(case.part == Part::Axes || stage.parts.contains(&case.part))
-    {
-        return Ok(Outcome::LeftOut);
+    if let Some(why) = why_left_out(case, stage) {
+        return Ok(Outcome::LeftOut(why.to_owned()));
     }
     let mut result = Ok(());
     for _ in 0..ATTEMPTS {
         let before = DISTURBED.load(Ordering::Relaxed);
         result = (case.play)(stage);
         stage.bridge.end();
-        let is_explained = result.as_ref().is_err_and(|error| error.is_unmeasured)
+        let is_explained = result.as_ref().is_err_and(CaseError::is_unmeasured)
             || DISTURBED.load(Ordering::Relaxed) != before;
         if result.is_ok() || !is_explained || stage.stop.load(Ordering::Relaxed) {
             break;
@@ -338,8 +357,11 @@ pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<Outcome, CaseError
     let outcome = match result {
         _ if stage.stop.load(Ordering::Relaxed) => Ok(Outcome::Stopped),
         Ok(()) => Ok(Outcome::Passed),
-        Err(error) if error.is_unmeasured => Ok(Outcome::NotMeasured(error.what)),
-        Err(error) => Err(error),
+        Err(error) => match error.kind {
+            ErrorKind::Wrong => Err(error),
+            ErrorKind::Unmeasured => Ok(Outcome::NotMeasured(error.what)),
+            ErrorKind::LeftOut => Ok(Outcome::LeftOut(error.what)),
+        },
     };
     let cleared = remove_private_domain(&stage.prefix).map_err(|error| CaseError::new(error.to_string()));
     let outcome = outcome?;
@@ -351,6 +373,24 @@ pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<Outcome, CaseError
             left.join(", ")
         ))),
     }
+}
+
+/// Why a case cannot be played on this stage at all.
+fn why_left_out(case: &Case, stage: &Stage<'_>) -> Option<&'static str> {
+    if case.kills_bridge && !stage.bridge.can_be_killed() {
+        return Some("the bridge is no process of its own, which could be killed");
+    }
+    if case.kills_core && stage.core_program.is_none() {
+        return Some("there is no program whose core could be killed");
+    }
+    let option = match case.part {
+        part if stage.parts.contains(&part) => return None,
+        Part::Axes => return None,
+        Part::Signals => "needs --signals, and output 0 wired to input 0",
+        Part::Spindle => "needs --spindle, and a spindle 0 that may turn",
+        Part::Probe => "needs --probe, and a touch probe that the first axis may drive against something",
+    };
+    Some(option)
 }
 
 /// Files of a prefix that nobody has cleared away.
@@ -414,6 +454,11 @@ mod tests {
             Err(CaseError::new("late"))
         };
         assert_eq!(outcome(wrong), (Err(CaseError::new("late")), 1));
+        let absent = |_: &mut Stage<'_>| {
+            PLAYED.fetch_add(1, Ordering::Relaxed);
+            Err(CaseError::left_out("no fault"))
+        };
+        assert_eq!(outcome(absent), (Ok(Outcome::LeftOut("no fault".to_owned())), 1));
         let stopped = |stage: &mut Stage<'_>| {
             PLAYED.fetch_add(1, Ordering::Relaxed);
             stage.stop.store(true, Ordering::Relaxed);

@@ -4,7 +4,7 @@ use core::time::Duration;
 
 use evolvent_bridge_sim::monotonic_ns;
 use evolvent_bus::Feedback;
-use evolvent_drive::{BridgeState, DriveState, PowerRequest};
+use evolvent_drive::{DriveState, PowerRequest};
 
 use crate::case::{CaseError, Stage};
 use crate::core_process::CoreProcess;
@@ -14,11 +14,11 @@ pub(crate) use crate::timing::due;
 pub(crate) type Judged = Result<(), CaseError>;
 
 /// Way of the moves, mm.
-const WAY: f64 = 5.0;
+pub(crate) const WAY: f64 = 5.0;
 /// How far an axis may be off its setpoint at rest, mm.
-const CLOSE: f64 = 0.2;
+pub(crate) const CLOSE: f64 = 0.2;
 /// How far an axis may go on by itself, mm: the moves are slow.
-const ALONE: f64 = 6.0;
+pub(crate) const ALONE: f64 = 6.0;
 
 pub(crate) fn demand(good: bool, what: impl FnOnce() -> String) -> Judged {
     if good { Ok(()) } else { Err(CaseError::new(what())) }
@@ -54,7 +54,7 @@ pub(crate) fn follows(core: &mut TestCore) -> Judged {
 }
 
 /// The distance between the ends of the positions of the axis that moved most.
-fn extent(log: &[Seen]) -> f64 {
+pub(crate) fn extent(log: &[Seen]) -> f64 {
     let of = |axis: usize| {
         let positions = log.iter().map(move |seen| seen.feedback.position[axis]);
         positions.clone().fold(f64::MIN, f64::max) - positions.fold(f64::MAX, f64::min)
@@ -62,13 +62,8 @@ fn extent(log: &[Seen]) -> f64 {
     (0..3).map(of).fold(0.0, f64::max)
 }
 
-fn stands(feedback: &Feedback) -> bool {
+pub(crate) fn stands(feedback: &Feedback) -> bool {
     feedback.velocity[..3].iter().all(|velocity| velocity.abs() < 0.1)
-}
-
-/// At rest and not following: what a bridge shows when it has stopped by itself.
-fn has_stopped(feedback: &Feedback) -> bool {
-    stands(feedback) && BridgeState::from_number(feedback.bridge_state) != Some(BridgeState::Following)
 }
 
 pub(crate) fn bridge_first(stage: &mut Stage<'_>) -> Judged {
@@ -157,70 +152,6 @@ pub(crate) fn power(stage: &mut Stage<'_>) -> Judged {
 /// How long a quick stop may take to show, ns: much less than the lead, after which it is due.
 const AT_ONCE_NS: u64 = 120_000_000;
 const _: () = assert!(AT_ONCE_NS < LEAD * PERIOD_NS * 3 / 4);
-/// A jump that persists, mm.
-const JUMP: f64 = 2.0;
-/// Way in which an axis stops from the middle of a move of 0.6 s, with ten periods for which it goes on, mm.
-const ROLLING: f64 = 1.2;
-/// From where on a setpoint is elsewhere, mm: a bridge may begin within 1 mm, and a drive may hold that little besides its position.
-const ELSEWHERE: f64 = 1.0 + CLOSE;
-/// Speed of setpoints that pass by, mm/s.
-const PASSING: f64 = 20.0;
-/// How much later than due setpoints come that are too late, ns: a bridge may wait for them for some periods, with a busy host in mind,
-/// and no longer.
-const TOO_LATE_NS: [u64; 2] = [30 * PERIOD_NS, 500_000_000];
-
-pub(crate) fn begin(stage: &mut Stage<'_>) -> Judged {
-    let mut core = up(stage)?;
-    let silence = |core: &mut TestCore| {
-        core.rest_with(1.0, &mut |_| Fate::Lost);
-        let seen = core.feedback().copied();
-        let _before = core.take_log();
-        seen.ok_or_else(|| CaseError::new("no feedback any more without setpoints"))
-    };
-    for (axis, off) in [(0, ELSEWHERE), (1, -ELSEWHERE), (2, ELSEWHERE)] {
-        let here = silence(&mut core)?.position[axis];
-        begins_elsewhere(&mut core, 0.6, axis, here + off)?;
-    }
-    // The drives are off, and on again: by the position that the bridge reports while they are off.
-    core.request(PowerRequest::Off);
-    let here = core.until("drives out of operation", LATEST_S, |feedback| {
-        stands(feedback) && states(feedback).all(|state| state != Some(DriveState::OperationEnabled))
-    })?;
-    core.request(PowerRequest::On);
-    let _before = core.take_log();
-    begins_elsewhere(&mut core, 1.5, 0, here.position[0] + ELSEWHERE)?;
-    let here = silence(&mut core)?.position[0];
-    let mut count = 0;
-    core.rest_with(0.6, &mut |setpoint| {
-        setpoint.position[0] = here + PASSING * f64::from(count) * PERIOD_NS as f64 * 1e-9;
-        setpoint.velocity[0] = PASSING;
-        count += 1;
-        Fate::Sent
-    });
-    let moved = extent(&core.take_log());
-    demand(moved <= CLOSE, || {
-        format!("moved by {moved:.3} with setpoints that begin at {PASSING} mm/s")
-    })?;
-    core.bring_up()?;
-    follows(&mut core)
-}
-
-/// Setpoints at rest that begin elsewhere for an axis: the bridge neither moves nor says that it follows them.
-fn begins_elsewhere(core: &mut TestCore, seconds: f64, axis: usize, position: f64) -> Judged {
-    core.rest_with(seconds, &mut |setpoint| {
-        setpoint.position[axis] = position;
-        Fate::Sent
-    });
-    let log = core.take_log();
-    let moved = extent(&log);
-    demand(moved <= CLOSE, || {
-        format!("moved by {moved:.3} towards setpoints that begin {ELSEWHERE} mm from axis {axis}")
-    })?;
-    let says = log.last().is_some_and(|seen| is_following(&seen.feedback));
-    demand(!says, || {
-        format!("says that it follows setpoints that begin {ELSEWHERE} mm from axis {axis}")
-    })
-}
 
 pub(crate) fn quick_stop(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
@@ -258,190 +189,90 @@ pub(crate) fn fault_reset(stage: &mut Stage<'_>) -> Judged {
     follows(&mut core)
 }
 
-pub(crate) fn gaps(stage: &mut Stage<'_>) -> Judged {
+/// What the counter of a core may be when it begins.
+const BEGUN_RESETS: u32 = 7;
+
+/// A bridge that can be killed is killed under power, which leaves drives on a fieldbus in fault. Others are judged if their drives come into
+/// fault within a second of operation, as those of `bridge sim --fault` do. Without a fault nothing can be judged.
+pub(crate) fn new_core_reset(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
-    let before = core.feedback().map_or(0, |feedback| feedback.missed_setpoints);
-    let mut lost = 0;
-    core.swing(WAY, 1.0, &mut |setpoint| {
-        if setpoint.sequence % 40 == 7 {
-            lost += 1;
+    core.rest(1.0);
+    if stage.bridge.can_be_killed() {
+        let killed = core.feedback().map(|feedback| feedback.instance);
+        stage.bridge.kill();
+        stage.start_bridge()?;
+        core.until("feedback of the bridge after its kill", LATEST_S, |feedback| {
+            Some(feedback.instance) != killed
+        })?;
+        core.rest(1.0);
+    }
+    let faults = |feedback: &Feedback| {
+        states(feedback)
+            .filter(|state| state.is_some_and(DriveState::is_fault))
+            .count()
+    };
+    // Before the next core: its first setpoint may be what resets them.
+    let before = core.feedback().map_or(0, faults);
+    if before == 0 {
+        return Err(CaseError::left_out("no drive came into fault"));
+    }
+    drop(core);
+    let mut core = stage.open_core()?.with_fault_resets(BEGUN_RESETS);
+    core.until("feedback to the next core", LATEST_S, |_| true)?;
+    core.rest((LEAD * PERIOD_NS) as f64 * 1e-9 + 1.0);
+    let after = core.feedback().map_or(0, faults);
+    demand(after >= before, || {
+        format!(
+            "a core that began with {BEGUN_RESETS} resets has reset the fault of a drive; {}",
+            core.describe()
+        )
+    })?;
+    core.bring_up()?;
+    follows(&mut core)
+}
+
+/// How long after the only setpoint that requests power a drive may still come into operation, ns: the longest time for which a bridge
+/// continues without setpoints, and a busy host.
+const POWERED_ALONE_NS: u64 = 100 * PERIOD_NS + 100_000_000;
+
+pub(crate) fn silent_start(stage: &mut Stage<'_>) -> Judged {
+    let mut core = up(stage)?;
+    core.request(PowerRequest::Off);
+    let operates =
+        |feedback: &Feedback| states(feedback).any(|state| state == Some(DriveState::OperationEnabled));
+    core.until("drives out of operation", LATEST_S, |feedback| {
+        stands(feedback) && !operates(feedback)
+    })?;
+    core.rest((LEAD * PERIOD_NS) as f64 * 1e-9);
+    let _before = core.take_log();
+    core.request(PowerRequest::On);
+    let mut due_ns = 0;
+    core.rest_with(1.5, &mut |setpoint| {
+        if due_ns > 0 {
             return Fate::Lost;
         }
+        due_ns = setpoint.due_time_ns;
         Fate::Sent
     });
-    core.rest(0.3);
     let log = core.take_log();
-    let stopped = log.iter().find(|seen| {
-        !matches!(
-            BridgeState::from_number(seen.feedback.bridge_state),
-            Some(BridgeState::Following | BridgeState::Bridging)
-        )
-    });
-    demand(stopped.is_none(), || {
-        format!("single missing setpoints stopped the bridge; {}", core.describe())
-    })?;
-    let counted = core.feedback().map_or(0, |feedback| feedback.missed_setpoints) - before;
-    demand(counted >= lost, || {
-        format!("{lost} setpoints were missing, {counted} were counted")
-    })?;
-    follows(&mut core)
-}
-
-pub(crate) fn silence(stage: &mut Stage<'_>) -> Judged {
-    let mut core = up(stage)?;
-    // In the middle of a move, at its highest speed.
-    let (from, mut sent, half) = (core.commanded()[0], 0, 0.5e9 as u64 / PERIOD_NS / 2);
-    core.move_by(WAY, 0.5, &mut |_| {
-        sent += 1;
-        if sent < half { Fate::Sent } else { Fate::Lost }
-    });
-    core.rest_with(1.0, &mut |_| Fate::Lost);
-    let seen = core
-        .feedback()
-        .copied()
-        .ok_or_else(|| CaseError::new("no feedback any more without setpoints"))?;
-    demand(has_stopped(&seen), || {
-        format!("does not stand 1 s after the last setpoint; {}", core.describe())
-    })?;
-    let way = (seen.position[0] - from).abs();
-    demand(way <= WAY / 2.0 + ALONE, || format!("went {way:.3} by itself"))?;
-    // The core goes on as if nothing had been, elsewhere.
-    let _before = core.take_log();
-    core.rest_with(0.5, &mut |setpoint| {
-        setpoint.position[0] += 4.0 * ALONE;
-        Fate::Sent
-    });
-    let moved = extent(&core.take_log());
-    demand(moved <= CLOSE, || {
-        format!("moved by {moved:.3} towards setpoints that begin elsewhere")
-    })?;
-    core.bring_up()?;
-    follows(&mut core)
-}
-
-pub(crate) fn late(stage: &mut Stage<'_>) -> Judged {
-    let mut core = up(stage)?;
-    let before = core.feedback().map_or(0, |feedback| feedback.missed_setpoints);
-    // A smooth way, as any other, but each setpoint some time after it was due.
-    core.rest(0.2);
-    for late_ns in TOO_LATE_NS {
-        // What was sent before is due, and the axes stand.
-        core.rest((LEAD * PERIOD_NS) as f64 * 1e-9);
-        let _before = core.take_log();
-        for by in [WAY, -WAY] {
-            core.move_by(by, 0.4, &mut |setpoint| {
-                setpoint.due_time_ns -= LEAD * PERIOD_NS + late_ns;
-                Fate::Sent
-            });
-        }
-        let moved = extent(&core.take_log());
-        demand(moved <= CLOSE, || {
-            format!(
-                "followed setpoints that came {} ms late for {moved:.3}",
-                late_ns / 1_000_000
-            )
-        })?;
-        core.bring_up()?;
-    }
-    // Due two seconds ago, and somewhere else.
-    core.rest_with(0.6, &mut |setpoint| {
-        setpoint.due_time_ns -= 2_000_000_000;
-        setpoint.position[0] += WAY;
-        Fate::Sent
-    });
-    let moved = extent(&core.take_log());
-    demand(moved <= CLOSE, || {
-        format!("setpoints of the past moved the axis by {moved:.3}")
-    })?;
-    let counted = core.feedback().map_or(0, |feedback| feedback.missed_setpoints);
-    demand(counted > before, || "late setpoints are not counted".to_owned())?;
-    core.bring_up()?;
-    follows(&mut core)
-}
-
-pub(crate) fn jump(stage: &mut Stage<'_>) -> Judged {
-    let mut core = up(stage)?;
-    // One wild setpoint among good ones.
-    core.rest(0.1);
-    let mut count = 0;
-    core.rest_with(0.4, &mut |setpoint| {
-        count += 1;
-        if count == 20 {
-            setpoint.position[0] += 400.0;
-        }
-        Fate::Sent
-    });
-    let moved = extent(&core.take_log());
-    demand(moved <= CLOSE, || {
-        format!("one wild setpoint moved the axis by {moved:.3}")
-    })?;
-    // From here on all of them.
-    core.rest_with(0.6, &mut |setpoint| {
-        setpoint.position[0] += 400.0;
-        Fate::Sent
-    });
-    let moved = extent(&core.take_log());
-    demand(moved <= CLOSE, || {
-        format!("a jump by 400 mm was followed for {moved:.3}")
-    })?;
-    core.bring_up()?;
-    // Jumps that an axis could go in the time for which a bridge waits for setpoints.
-    for by in [ELSEWHERE, -JUMP] {
-        let _before = core.take_log();
-        core.rest_with(0.6, &mut |setpoint| {
-            setpoint.position[0] += by;
-            Fate::Sent
-        });
-        let moved = extent(&core.take_log());
-        demand(moved <= CLOSE, || {
-            format!("a jump by {by} mm that persists was followed for {moved:.3}")
-        })?;
-        core.bring_up()?;
-    }
-    // The same in motion, from the middle of a move on.
-    let _before = core.take_log();
-    let (mut sent, half) = (0, 0.6e9 as u64 / PERIOD_NS / 2);
-    core.move_by(WAY, 0.6, &mut |setpoint| {
-        sent += 1;
-        setpoint.position[0] += if sent > half { JUMP } else { 0.0 };
-        Fate::Sent
-    });
-    let end = core.commanded()[0];
-    core.rest_with(0.6, &mut |setpoint| {
-        setpoint.position[0] = end + JUMP;
-        Fate::Sent
-    });
-    let moved = extent(&core.take_log());
-    demand(moved <= WAY / 2.0 + ROLLING, || {
+    let is_heard = log
+        .last()
+        .is_some_and(|seen| seen.feedback.time_ns > due_ns + 2 * POWERED_ALONE_NS);
+    demand(is_heard, || "no feedback any more without setpoints".to_owned())?;
+    let first = log.iter().find(|seen| operates(&seen.feedback));
+    let took_ns = first.map_or(0, |seen| seen.feedback.time_ns.saturating_sub(due_ns));
+    demand(took_ns <= POWERED_ALONE_NS, || {
         format!(
-            "went {moved:.3} in a move with a jump by {JUMP} mm after {} mm",
-            WAY / 2.0
+            "a drive came into operation {} ms after the last setpoint",
+            took_ns / 1_000_000
         )
     })?;
-    core.bring_up()?;
-    follows(&mut core)
-}
-
-pub(crate) fn not_finite(stage: &mut Stage<'_>) -> Judged {
-    let mut core = up(stage)?;
-    let mut count = 0_usize;
-    core.rest_with(0.5, &mut |setpoint| {
-        let wrong = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY][count % 3];
-        match count / 3 % 3 {
-            0 => setpoint.position[count % 2] = wrong,
-            1 => setpoint.velocity[count % 3] = wrong,
-            _ => setpoint.acceleration[0] = wrong,
-        }
-        count += 1;
-        Fate::Sent
-    });
-    let log = core.take_log();
-    demand(log.iter().all(|seen| seen.feedback.is_finite()), || {
-        "answers with a number that is not finite".to_owned()
-    })?;
-    let moved = extent(&log);
-    demand(moved <= CLOSE, || {
-        format!("moved by {moved:.3} at numbers that are none")
+    let follows_nobody = log.last().is_some_and(|seen| !is_following(&seen.feedback));
+    demand(follows_nobody, || {
+        format!(
+            "says that it follows 1.5 s after the last setpoint; {}",
+            core.describe()
+        )
     })?;
     core.bring_up()?;
     follows(&mut core)

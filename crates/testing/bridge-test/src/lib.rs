@@ -14,14 +14,16 @@
 //! [`ProcessBridge`] is any command. `evolvent bridge test -- COMMAND` runs the suite against it. [`ThreadBridge`] is
 //! a bridge within this process, the simulated one or another; it cannot be killed, so cases with a kill leave it out.
 //!
-//! The first axis moves by some millimetres to and fro, slowly, the cases of the spindle turn it at 300 rpm either way, and that of the
+//! The first axis moves by some millimetres to and fro, slowly, the second and third by 0.4 mm, the cases of the spindle turn it at 300 rpm either way, and that of the
 //! probe drives it against something: do not run the suite against a machine whose axes or spindle may not.
 
+mod begin_cases;
 mod bridge;
 mod case;
 mod cases;
 mod core_process;
 mod probe_case;
+mod setpoint_cases;
 mod signal_cases;
 mod spindle_cases;
 mod test_core;

@@ -5,10 +5,14 @@ use evolvent_bus::MachineInputs;
 
 use crate::case::{CaseError, Stage};
 use crate::cases::{Judged, demand};
-use crate::test_core::{LATEST_S, TestCore};
+use crate::test_core::{LATEST_S, PERIOD_NS, Seen, TestCore};
 
 /// How long a bridge may take to read an input, on a host that is busy, ns.
 const READING_NS: u64 = 300_000_000;
+/// Silence of the core after which the outputs are safe, ns.
+const SAFE_NS: u64 = 200_000_000;
+/// How much later input 0 may say so: a period of the bridge, and 20 ms for the wire (a relay, the filter of the input).
+const SAFE_SEEN_NS: u64 = PERIOD_NS + 20_000_000;
 
 /// A core that a bridge with signals has answered.
 fn signalling(stage: &mut Stage<'_>) -> Result<TestCore, CaseError> {
@@ -108,6 +112,62 @@ pub(crate) fn output_due(stage: &mut Stage<'_>) -> Judged {
     Ok(())
 }
 
+/// The longest time between two of these times beyond the usual (median) one, ns.
+fn longest_gap_ns(times_ns: impl Iterator<Item = u64>) -> u64 {
+    let times_ns: Vec<u64> = times_ns.collect();
+    let mut gaps_ns: Vec<u64> = times_ns
+        .windows(2)
+        .map(|pair| pair[1].saturating_sub(pair[0]))
+        .collect();
+    gaps_ns.sort_unstable();
+    let usual_ns = gaps_ns.get(gaps_ns.len() / 2).copied().unwrap_or(0);
+    gaps_ns.last().map_or(0, |longest_ns| longest_ns - usual_ns)
+}
+
+/// Whether output 0 became safe in time after the last message of the core had left, by the bridge's inputs during the silence. A bridge
+/// that the host kept from running for long enough, as its messages show, is not judged.
+fn judge_safe(left_ns: u64, inputs: &[(u64, MachineInputs)], feedback: &[Seen]) -> Judged {
+    demand(inputs.len() >= 3, || {
+        "no inputs come while the core is silent".to_owned()
+    })?;
+    let is_on = |(_, message): &(u64, MachineInputs)| message.digital & 1 == 1;
+    let safe_at = inputs.iter().rposition(is_on).map_or(0, |last_on| last_on + 1);
+    // Where it is never safe: when it was seen on last.
+    let seen_at = safe_at.min(inputs.len() - 1);
+    let after_ns = inputs[seen_at].1.time_ns.saturating_sub(left_ns);
+    let late_ns = after_ns.saturating_sub(SAFE_NS);
+    if late_ns <= SAFE_SEEN_NS {
+        return demand(safe_at == seen_at, || {
+            let heard_ms = after_ns as f64 * 1e-6;
+            format!(
+                "the last input comes {heard_ms:.0} ms after the last message of the core, and output 0 is on"
+            )
+        });
+    }
+    let what = format!(
+        "output 0 {} {:.0} ms after the last message of the core, as input 0 says: the safe value is off, 200 ms are permitted, and \
+         {:.0} ms until the input shows it",
+        if safe_at == seen_at {
+            "becomes safe"
+        } else {
+            "is still on"
+        },
+        after_ns as f64 * 1e-6,
+        SAFE_SEEN_NS as f64 * 1e-6
+    );
+    let gaps_ns = [
+        longest_gap_ns(feedback.iter().map(|seen| seen.now_ns)),
+        longest_gap_ns(inputs[..=seen_at].iter().map(|(_, message)| message.time_ns)),
+    ];
+    let gap_ns = gaps_ns[0].max(gaps_ns[1]);
+    Err(if late_ns <= SAFE_SEEN_NS + gap_ns {
+        let silent_ms = gap_ns as f64 * 1e-6;
+        CaseError::unmeasured(format!("{what}; the bridge was silent for {silent_ms:.1} ms"))
+    } else {
+        CaseError::new(what)
+    })
+}
+
 pub(crate) fn output_safe(stage: &mut Stage<'_>) -> Judged {
     let mut core = signalling(stage)?;
     core.set_output(true);
@@ -116,15 +176,10 @@ pub(crate) fn output_safe(stage: &mut Stage<'_>) -> Judged {
     demand(on.is_some_and(|(_, message)| message.digital & 1 == 1), || {
         "output 0 does not come on, as input 0 says".to_owned()
     })?;
+    core.take_log();
+    let left_ns = core.outputs_left_ns();
     core.be_silent(1.2);
-    let log = core.take_inputs();
-    demand(log.len() >= 3, || {
-        "no inputs come while the core is silent".to_owned()
-    })?;
-    let last = log.last().map(|(_, message)| *message);
-    demand(last.is_some_and(|message| message.digital & 1 == 0), || {
-        "output 0 is still on 1.2 s after the last message of the core: the safe value is off".to_owned()
-    })?;
+    judge_safe(left_ns, &core.take_inputs(), &core.take_log())?;
     core.until("feedback after the silence", LATEST_S, |_| true)?;
     core.set_output(true);
     core.rest(0.8);
@@ -132,4 +187,50 @@ pub(crate) fn output_safe(stage: &mut Stage<'_>) -> Judged {
     demand(again.is_some_and(|(_, message)| message.digital & 1 == 1), || {
         "output 0 stays off after the core is heard again".to_owned()
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use evolvent_bus::Feedback;
+
+    const MS: u64 = 1_000_000;
+
+    /// Input 0 on until `safe_ms` after the core's last message, sent every 2 ms but during a pause of `pause_ms` before it.
+    fn judged(safe_ms: u64, pause_ms: u64) -> Judged {
+        let left_ns = 1000 * MS;
+        let times = (1..600)
+            .map(|i| 2 * i * MS)
+            .filter(|after_ns| !(safe_ms.saturating_sub(pause_ms) * MS..safe_ms * MS).contains(after_ns));
+        let (mut inputs, mut feedback) = (Vec::new(), Vec::new());
+        for after_ns in times {
+            let time_ns = left_ns + after_ns;
+            let message = MachineInputs {
+                time_ns,
+                digital: u64::from(after_ns < safe_ms * MS),
+                ..MachineInputs::default()
+            };
+            inputs.push((time_ns, message));
+            feedback.push(Seen {
+                now_ns: time_ns,
+                feedback: Feedback::default(),
+            });
+        }
+        judge_safe(left_ns, &inputs, &feedback)
+    }
+
+    #[test]
+    fn outputs_are_safe_within_the_documented_time_unless_the_host_paused() {
+        for safe_ms in [100, 200, 202, 220] {
+            assert_eq!(judged(safe_ms, 0), Ok(()), "{safe_ms}");
+        }
+        for (safe_ms, pause_ms) in [(226, 0), (250, 10), (600, 0), (600, 200), (5000, 0)] {
+            let error = judged(safe_ms, pause_ms).expect_err("late");
+            assert!(!error.is_unmeasured(), "{safe_ms}, {pause_ms}: {error}");
+        }
+        for (safe_ms, pause_ms) in [(250, 40), (600, 400)] {
+            let error = judged(safe_ms, pause_ms).expect_err("late");
+            assert!(error.is_unmeasured(), "{safe_ms}, {pause_ms}: {error}");
+        }
+    }
 }

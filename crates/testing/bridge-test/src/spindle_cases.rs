@@ -219,6 +219,7 @@ pub(crate) fn spindle_safe(stage: &mut Stage<'_>) -> Judged {
             format!("it turns at {speed:.1} rpm {RAMP_S} s after the last message of the core")
         })?;
     }
+    judge_at_speed(&log, since, RPM)?;
     core.until("feedback after the silence", LATEST_S, |_| true)?;
     let (since, log) = turn(&mut core, RPM)?;
     judge_messages(&log)?;

@@ -69,6 +69,8 @@ pub struct TestCore {
     log: Vec<Seen>,
     /// Outputs in force; sent again every [`OUTPUTS_EVERY`] cycles.
     outputs: Option<MachineOutputs>,
+    /// When they have left last.
+    outputs_left_ns: u64,
     /// Every message of inputs, and when it came.
     inputs: Vec<(u64, MachineInputs)>,
     /// Every message of spindle 0, and when it came.
@@ -99,6 +101,7 @@ impl TestCore {
             heard_ns: 0,
             log: Vec::new(),
             outputs: None,
+            outputs_left_ns: 0,
             inputs: Vec::new(),
             spindle: Vec::new(),
             stop: Arc::default(),
@@ -108,6 +111,12 @@ impl TestCore {
     /// Cycles take no time from the moment on at which `stop` is set, so that a case comes to its end.
     pub(crate) fn with_stop(mut self, stop: &Arc<AtomicBool>) -> Self {
         self.stop = Arc::clone(stop);
+        self
+    }
+
+    /// The counter of resets begins at this.
+    pub(crate) const fn with_fault_resets(mut self, count: u32) -> Self {
+        self.fault_reset = count;
         self
     }
 
@@ -155,6 +164,7 @@ impl TestCore {
         // One that does not leave is followed by the next.
         let _reached = self.bus.publish_outputs(&outputs);
         self.outputs = Some(outputs);
+        self.outputs_left_ns = monotonic_ns();
         outputs
     }
 
@@ -163,9 +173,16 @@ impl TestCore {
         let end_ns = monotonic_ns() + (seconds * 1e9) as u64;
         while monotonic_ns() < end_ns && !self.is_stopped() {
             std::thread::sleep(Duration::from_nanos(PERIOD_NS));
-            self.hear_inputs(monotonic_ns());
+            let now_ns = monotonic_ns();
+            self.hear_inputs(now_ns);
+            self.hear_feedback(now_ns);
         }
         self.next_ns = monotonic_ns();
+    }
+
+    /// When the last message of outputs had left, in ns of CLOCK_MONOTONIC; 0 for none.
+    pub(crate) const fn outputs_left_ns(&self) -> u64 {
+        self.outputs_left_ns
     }
 
     fn hear_inputs(&mut self, now_ns: u64) {
@@ -207,6 +224,10 @@ impl TestCore {
 
     pub(crate) fn commanded(&self) -> [f64; AXES] {
         self.position
+    }
+
+    pub(crate) fn stand_at(&mut self, position: [f64; AXES]) {
+        self.position = position;
     }
 
     pub(crate) fn rename(&mut self, shift: f64) {
@@ -255,7 +276,12 @@ impl TestCore {
         {
             outputs.sequence += 1;
             let _reached = self.bus.publish_outputs(outputs);
+            self.outputs_left_ns = monotonic_ns();
         }
+        self.hear_feedback(now_ns);
+    }
+
+    fn hear_feedback(&mut self, now_ns: u64) {
         while let Ok(Some(feedback)) = self.bus.unchecked_feedback() {
             let silent_ns = now_ns.saturating_sub(self.heard_ns);
             if self

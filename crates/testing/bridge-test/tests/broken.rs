@@ -11,7 +11,9 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use evolvent_bridge_sim::{SimBridge, SimProbe, SimSettings, SimSpindle, SpindleSimulation, monotonic_ns};
+use evolvent_bridge_sim::{
+    Fault, FaultKind, SimBridge, SimProbe, SimSettings, SimSpindle, SpindleSimulation, monotonic_ns,
+};
 use evolvent_bridge_test::{CASES, Outcome, Part, Stage, ThreadBridge, run_case};
 use evolvent_bus::{
     ClientBus, ClientConfig, Feedback, FeedbackSender, InputSender, MachineInputs, MachineOutputs,
@@ -51,10 +53,20 @@ enum Flaw {
     QuickStopWhenDue,
     PowerBackAfterQuickStop,
     TellsNoReset,
+    /// Its drives come into fault after half a second of operation: no flaw.
+    DrivesFail,
+    /// The same, and what a new core has counted resets them.
+    ResetsForNewCore,
+    /// Its drives take a while to come into operation, and it powers them for a core that is silent.
+    PowersInSilence,
     /// Rule 5.
     BeginsWithin3Mm,
     BeginsWithin1Mm6,
     BeginsInMotion,
+    /// Its targets are the setpoints from the first on, and its position loops are not that fast.
+    TargetsStepAtBegin,
+    /// The same with ideal axes, which declare no following error.
+    AxesStepAtBegin,
     /// Rule 6.
     SaysItFollows,
     /// Rule 7.
@@ -62,12 +74,16 @@ enum Flaw {
     /// A jump is followed once an axis could have gone there in the time.
     FollowsJumpsLater,
     PassesOnNonsense,
+    /// Due times that cannot be are replaced by those of the numbers.
+    MakesUpDueTimes,
     /// Rule 8.
     KeepsItsDatum,
     /// Of outputs and inputs.
     OutputsOnArrival,
     NamesOutputsOnArrival,
     NeverSafe,
+    /// After 0.6 s of silence, not after 0.2 s.
+    SafeLate,
     SafeForEver,
     FewInputs,
     OldInputs,
@@ -81,6 +97,8 @@ enum Flaw {
     AlwaysAtSpeed,
     SpindleGoesOn,
     SpindleStaysOff,
+    /// The stop of a silent core passes for what it commanded last.
+    AtSpeedInSilence,
     /// Of a probe.
     ProbeNeverTrips,
     ProbeStaysTripped,
@@ -120,11 +138,17 @@ fn drives(flaw: Flaw) -> SimBridge {
         Flaw::SameInstance => settings.instance = 7,
         Flaw::BeginsWithin3Mm => settings.sync_tolerance = 3.0,
         Flaw::BeginsWithin1Mm6 => settings.sync_tolerance = 1.6,
-        Flaw::FollowsJumps => {
+        Flaw::FollowsJumps | Flaw::TargetsStepAtBegin | Flaw::AxesStepAtBegin => {
             for axis in &mut settings.axes {
-                (axis.max_velocity, axis.max_acceleration) = (1e9, 1e12);
+                (axis.max_velocity, axis.max_acceleration, axis.max_jerk) = (1e9, 1e12, 1e15);
             }
         }
+        Flaw::DrivesFail | Flaw::ResetsForNewCore => settings.faults.push(Fault {
+            kind: FaultKind::Fault,
+            at_ns: 500_000_000,
+            duration_ns: Some(50_000_000),
+            axis: None,
+        }),
         _ => {}
     }
     SimBridge::new(&settings).expect("limits")
@@ -137,7 +161,9 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
     let (mut ports, mut heard_ns, mut count) = (None, 0, 0_u64);
     let (mut last_due_ns, mut newest, first_ns) = (0, 0, monotonic_ns());
     let (mut tick_ns, mut is_blind) = (first_ns, false);
+    let mut core_ns = first_ns;
     let (mut passed_x, mut withheld) = (0.0_f64, 0);
+    let mut slow = SlowStart::default();
     let mut wired = Wired::default();
     let mut turning = Turning::new();
     // Message and time are late by as much, so that only two speeds reveal it.
@@ -151,6 +177,7 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
         if ports.is_none() {
             ports = connect(name, prefix);
             heard_ns = monotonic_ns();
+            core_ns = tick_ns;
         }
         if let Some((setpoints, ..)) = &mut ports {
             while let Ok(Some(mut setpoint)) = setpoints.receive() {
@@ -159,7 +186,14 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
                 if is_blind {
                     continue;
                 }
+                if setpoint.sequence < newest {
+                    core_ns = tick_ns;
+                }
                 newest = setpoint.sequence;
+                // It counts from nothing, whatever the core has counted before.
+                if flaw == Flaw::ResetsForNewCore && tick_ns < core_ns + 200_000_000 {
+                    setpoint.fault_reset = 0;
+                }
                 if flaw == Flaw::FollowsJumpsLater {
                     let is_jump = (setpoint.position[0] - passed_x).abs() > 0.5;
                     withheld = if is_jump { withheld + 1 } else { 0 };
@@ -169,6 +203,9 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
                     passed_x = setpoint.position[0];
                 }
                 bend(flaw, &mut setpoint, tick_ns, &mut last_due_ns);
+                if flaw == Flaw::PowersInSilence {
+                    slow.take(&mut setpoint, tick_ns);
+                }
                 let waits = flaw == Flaw::QuickStopWhenDue
                     && setpoint.power_request == PowerRequest::QuickStop.number();
                 if waits {
@@ -177,6 +214,11 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
                     bridge.offer(tick_ns, &setpoint);
                 }
             }
+        }
+        if flaw == Flaw::PowersInSilence
+            && let Some(again) = slow.again(tick_ns)
+        {
+            bridge.offer(tick_ns, &again);
         }
         while waiting
             .front()
@@ -217,6 +259,8 @@ struct Wired {
     follower: OutputFollower,
     /// As it came last.
     newest: MachineOutputs,
+    /// When that was.
+    heard_ns: u64,
     sequence: u64,
     was_safe: bool,
     /// When the probe tripped last; 0 for never.
@@ -234,7 +278,7 @@ impl Wired {
     ) -> MachineOutputs {
         let now_ns = monotonic_ns();
         while let Ok(Some(message)) = reader.receive() {
-            self.newest = message;
+            (self.newest, self.heard_ns) = (message, now_ns);
             self.follower
                 .offer(now_ns, &message)
                 .expect("outputs of the suite");
@@ -246,6 +290,9 @@ impl Wired {
         match flaw {
             Flaw::OutputsOnArrival => digital = self.newest.digital,
             Flaw::NeverSafe if now_ns > self.newest.due_time_ns => digital = self.newest.digital,
+            Flaw::SafeLate if now_ns > self.newest.due_time_ns && now_ns < self.heard_ns + 600_000_000 => {
+                digital = self.newest.digital;
+            }
             Flaw::SafeForEver if self.was_safe => digital = 0,
             _ => {}
         }
@@ -330,6 +377,7 @@ impl Turning {
                 };
             }
             Flaw::SpindleStaysOff if self.was_safe => outputs.spindle_direction[0] = 0,
+            Flaw::AtSpeedInSilence if in_force.sequence == 0 => outputs.sequence = self.ordered.sequence,
             _ => {}
         }
         let now_ns = monotonic_ns();
@@ -357,6 +405,42 @@ impl Turning {
     }
 }
 
+/// Drives that take 0.8 s from the request to operation, and repeat the request of a core that is silent meanwhile.
+#[derive(Default)]
+struct SlowStart {
+    asked_ns: u64,
+    newest: Setpoint,
+}
+
+impl SlowStart {
+    fn take(&mut self, setpoint: &mut Setpoint, now_ns: u64) {
+        self.newest = *setpoint;
+        if setpoint.power_request != PowerRequest::On.number() {
+            self.asked_ns = 0;
+            return;
+        }
+        if self.asked_ns == 0 {
+            self.asked_ns = now_ns;
+        }
+        if now_ns < self.asked_ns + 800_000_000 {
+            setpoint.power_request = PowerRequest::Off.number();
+        }
+    }
+
+    /// What stands for the setpoint that does not come.
+    fn again(&mut self, now_ns: u64) -> Option<Setpoint> {
+        if self.asked_ns == 0 || now_ns < self.newest.due_time_ns {
+            return None;
+        }
+        self.newest.sequence += 1;
+        self.newest.due_time_ns = now_ns + 1;
+        let mut setpoint = self.newest;
+        self.take(&mut setpoint, now_ns);
+        self.newest.power_request = PowerRequest::On.number();
+        Some(setpoint)
+    }
+}
+
 /// What a flaw makes of a setpoint.
 fn bend(flaw: Flaw, setpoint: &mut Setpoint, now_ns: u64, last_due_ns: &mut u64) {
     match flaw {
@@ -367,6 +451,12 @@ fn bend(flaw: Flaw, setpoint: &mut Setpoint, now_ns: u64, last_due_ns: &mut u64)
         }
         Flaw::PowerBackAfterQuickStop if setpoint.power_request == PowerRequest::QuickStop.number() => {
             setpoint.power_request = PowerRequest::Off.number();
+        }
+        Flaw::MakesUpDueTimes
+            if setpoint.due_time_ns.abs_diff(now_ns) > 1_000_000_000
+                || setpoint.due_time_ns <= *last_due_ns =>
+        {
+            setpoint.due_time_ns = (*last_due_ns + 2_000_000).max(now_ns + 2_000_000);
         }
         Flaw::BeginsInMotion => (setpoint.velocity, setpoint.acceleration) = ([0.0; 9], [0.0; 9]),
         _ => {}
@@ -395,6 +485,11 @@ fn spoil(flaw: Flaw, feedback: &mut Feedback, first_ns: u64, newest: u64) {
         Flaw::TellsNoReset => feedback.fault_reset_done = 0,
         Flaw::SaysItFollows if feedback.bridge_state == 3 || feedback.bridge_state == 4 => {
             feedback.bridge_state = 1;
+        }
+        Flaw::AxesStepAtBegin => {
+            for (position, error) in feedback.position.iter_mut().zip(&mut feedback.following_error) {
+                *position += std::mem::take(error);
+            }
         }
         Flaw::PassesOnNonsense if feedback.note == 6 => feedback.velocity[1] = f64::NAN,
         Flaw::KeepsItsDatum => feedback.datum = 0,
@@ -436,7 +531,7 @@ fn play(flaw: Flaw, case: &str) -> Result<Outcome, String> {
 }
 
 /// The case that a flaw must fail.
-const FLAWS: [(Flaw, &str); 46] = [
+const FLAWS: [(Flaw, &str); 53] = [
     (Flaw::OneCoreOnly, "core_restart"),
     (Flaw::AnswersEverySecond, "feedback"),
     (Flaw::OldTime, "feedback"),
@@ -455,17 +550,23 @@ const FLAWS: [(Flaw, &str); 46] = [
     (Flaw::QuickStopWhenDue, "quick_stop"),
     (Flaw::PowerBackAfterQuickStop, "power"),
     (Flaw::TellsNoReset, "fault_reset"),
+    (Flaw::ResetsForNewCore, "new_core_reset"),
+    (Flaw::PowersInSilence, "silent_start"),
     (Flaw::BeginsWithin3Mm, "begin"),
     (Flaw::BeginsWithin1Mm6, "begin"),
     (Flaw::BeginsInMotion, "begin"),
+    (Flaw::TargetsStepAtBegin, "begin_beside"),
+    (Flaw::AxesStepAtBegin, "begin_beside"),
     (Flaw::SaysItFollows, "silence"),
     (Flaw::FollowsJumps, "jump"),
     (Flaw::FollowsJumpsLater, "jump"),
     (Flaw::PassesOnNonsense, "not_finite"),
+    (Flaw::MakesUpDueTimes, "due_times"),
     (Flaw::KeepsItsDatum, "datum"),
     (Flaw::OutputsOnArrival, "output_due"),
     (Flaw::NamesOutputsOnArrival, "output_due"),
     (Flaw::NeverSafe, "output_safe"),
+    (Flaw::SafeLate, "output_safe"),
     (Flaw::SafeForEver, "output_safe"),
     (Flaw::FewInputs, "inputs"),
     (Flaw::OldInputs, "inputs"),
@@ -477,6 +578,7 @@ const FLAWS: [(Flaw, &str); 46] = [
     (Flaw::AlwaysAtSpeed, "spindle_angle"),
     (Flaw::SpindleGoesOn, "spindle_safe"),
     (Flaw::SpindleStaysOff, "spindle_safe"),
+    (Flaw::AtSpeedInSilence, "spindle_safe"),
     (Flaw::ProbeNeverTrips, "probe"),
     (Flaw::ProbeStaysTripped, "probe"),
     (Flaw::ProbeCountsAnew, "probe"),
@@ -485,9 +587,16 @@ const FLAWS: [(Flaw, &str); 46] = [
     (Flaw::LatchedElsewhere, "probe"),
 ];
 
+/// A case that did not happen is not passed.
+#[test]
+fn without_a_fault_nothing_is_said_of_its_reset() {
+    let said = verdict(Flaw::None, "new_core_reset");
+    assert_eq!(said, Ok(Outcome::LeftOut("no drive came into fault".to_owned())));
+}
+
 /// What the suite says of each. Each waits for something most of the time: several at once, each on a bus of its own.
 fn verdicts<'a>(plays: &[(Flaw, &'a str)]) -> Vec<(Flaw, &'a str, Result<Outcome, String>)> {
-    const A_THREAD: usize = 3;
+    const A_THREAD: usize = 5;
     std::thread::scope(|scope| {
         let parts: Vec<_> = plays
             .chunks(A_THREAD)
@@ -511,16 +620,30 @@ fn verdicts<'a>(plays: &[(Flaw, &'a str)]) -> Vec<(Flaw, &'a str, Result<Outcome
 
 #[test]
 fn each_broken_bridge_fails_the_case_of_its_rule() {
-    let passed: Vec<_> = verdicts(&FLAWS)
-        .into_iter()
-        .filter(|(.., found)| matches!(found, Ok(Outcome::Passed | Outcome::LeftOut | Outcome::Stopped)))
-        .collect();
+    let is_missed = |found: &Result<Outcome, String>| {
+        matches!(
+            found,
+            Ok(Outcome::Passed | Outcome::LeftOut(_) | Outcome::Stopped)
+        )
+    };
+    let mut passed = verdicts(&FLAWS);
+    passed.retain(|(.., found)| is_missed(found));
+    // With that many others at once a bridge may receive too little of its core to show its flaw: it is played again, alone.
+    for (flaw, case, found) in &mut passed {
+        println!("{flaw:?} in {case} once more, alone");
+        *found = verdict(*flaw, case);
+    }
+    passed.retain(|(.., found)| is_missed(found));
     assert!(passed.is_empty(), "not found out: {passed:?}");
 }
 
 #[test]
 fn the_bridge_without_a_flaw_passes_all_of_these() {
-    let mut cases: Vec<_> = FLAWS.iter().map(|(_, case)| (Flaw::None, *case)).collect();
+    let of_fault = "new_core_reset";
+    let others = FLAWS.iter().filter(|(_, case)| *case != of_fault);
+    let mut cases: Vec<_> = others.map(|(_, case)| (Flaw::None, *case)).collect();
+    // Faults that nobody but the operator resets.
+    cases.push((Flaw::DrivesFail, of_fault));
     cases.sort_unstable_by_key(|(_, case)| *case);
     cases.dedup();
     let failed: Vec<_> = verdicts(&cases)

@@ -53,6 +53,6 @@ mod trial_core;
 
 pub use homing::HomingTrial;
 pub use messages::Messages;
-pub use suite::{failed_cases, failed_spindle_cases};
+pub use suite::{failed_cases, failed_probe_cases, failed_spindle_cases};
 pub use trial::with_bridge;
 pub use trial_core::{ACCELERATION, PERIOD_NS, TrialCore, states};

@@ -13,6 +13,11 @@ pub fn failed_spindle_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str) -> V
     play(bridge, prefix, &CASES, &[Part::Spindle])
 }
 
+/// Plays the case of a touch probe only, on a bridge whose first axis touches something 1 to 4 mm away.
+pub fn failed_probe_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str) -> Vec<String> {
+    play(bridge, prefix, &CASES, &[Part::Probe])
+}
+
 fn play(bridge: &mut dyn BridgeUnderTest, prefix: &str, cases: &[Case], parts: &[Part]) -> Vec<String> {
     let wanted = std::env::var("EVOLVENT_CASE").ok();
     let mut failures = Vec::new();

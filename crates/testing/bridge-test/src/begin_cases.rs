@@ -1,0 +1,140 @@
+//! The cases of the beginning: where the first setpoint is, and where the axes are.
+
+use evolvent_drive::{DriveState, PowerRequest};
+
+use crate::case::{CaseError, Stage};
+use crate::cases::{CLOSE, Judged, demand, extent, follows, stands, up};
+use crate::test_core::{Fate, LATEST_S, PERIOD_NS, Seen, TestCore, is_following, states};
+
+/// From where on a setpoint is elsewhere, mm: a bridge may begin within 1 mm, and a drive may hold that little besides its position.
+pub(crate) const ELSEWHERE: f64 = 1.0 + CLOSE;
+/// Speed of setpoints that pass by, mm/s.
+const PASSING: f64 = 20.0;
+/// How far beside the axes setpoints begin, mm: most bridges begin there.
+const BESIDE: f64 = 0.4;
+/// Acceleration of an axis that gets there as fast as any can, mm/s2: 2 g.
+const HARDEST: f64 = 20_000.0;
+
+pub(crate) fn begin(stage: &mut Stage<'_>) -> Judged {
+    let mut core = up(stage)?;
+    let silence = |core: &mut TestCore| {
+        core.rest_with(1.0, &mut |_| Fate::Lost);
+        let seen = core.feedback().copied();
+        let _before = core.take_log();
+        seen.ok_or_else(|| CaseError::new("no feedback any more without setpoints"))
+    };
+    for (axis, off) in [(0, ELSEWHERE), (1, -ELSEWHERE), (2, ELSEWHERE)] {
+        let here = silence(&mut core)?.position[axis];
+        begins_elsewhere(&mut core, 0.6, axis, here + off)?;
+    }
+    // The drives are off, and on again: by the position that the bridge reports while they are off.
+    core.request(PowerRequest::Off);
+    let here = core.until("drives out of operation", LATEST_S, |feedback| {
+        stands(feedback) && states(feedback).all(|state| state != Some(DriveState::OperationEnabled))
+    })?;
+    core.request(PowerRequest::On);
+    let _before = core.take_log();
+    begins_elsewhere(&mut core, 1.5, 0, here.position[0] + ELSEWHERE)?;
+    let here = silence(&mut core)?.position[0];
+    let mut count = 0;
+    core.rest_with(0.6, &mut |setpoint| {
+        setpoint.position[0] = here + PASSING * f64::from(count) * PERIOD_NS as f64 * 1e-9;
+        setpoint.velocity[0] = PASSING;
+        count += 1;
+        Fate::Sent
+    });
+    let moved = extent(&core.take_log());
+    demand(moved <= CLOSE, || {
+        format!("moved by {moved:.3} with setpoints that begin at {PASSING} mm/s")
+    })?;
+    core.bring_up()?;
+    follows(&mut core)
+}
+
+/// Setpoints at rest that begin elsewhere for an axis: the bridge neither moves nor says that it follows them.
+fn begins_elsewhere(core: &mut TestCore, seconds: f64, axis: usize, position: f64) -> Judged {
+    core.rest_with(seconds, &mut |setpoint| {
+        setpoint.position[axis] = position;
+        Fate::Sent
+    });
+    let log = core.take_log();
+    let moved = extent(&log);
+    demand(moved <= CLOSE, || {
+        format!("moved by {moved:.3} towards setpoints that begin {ELSEWHERE} mm from axis {axis}")
+    })?;
+    let says = log.last().is_some_and(|seen| is_following(&seen.feedback));
+    demand(!says, || {
+        format!("says that it follows setpoints that begin {ELSEWHERE} mm from axis {axis}")
+    })
+}
+
+pub(crate) fn begin_beside(stage: &mut Stage<'_>) -> Judged {
+    let mut core = up(stage)?;
+    // Where drives come into operation, and where a bridge holds its axes without setpoints.
+    for (axis, off, by_power) in [
+        (0, BESIDE, true),
+        (1, -BESIDE, false),
+        (2, BESIDE, true),
+        (0, -BESIDE, false),
+    ] {
+        if by_power {
+            core.request(PowerRequest::Off);
+            core.until("drives out of operation", LATEST_S, |feedback| {
+                stands(feedback) && states(feedback).all(|state| state != Some(DriveState::OperationEnabled))
+            })?;
+        } else {
+            core.rest_with(1.0, &mut |_| Fate::Lost);
+        }
+        let here =
+            (core.feedback()).ok_or_else(|| CaseError::new("no feedback any more without setpoints"))?;
+        let mut position = here.position;
+        let from = position[axis];
+        position[axis] += off;
+        core.stand_at(position);
+        core.request(PowerRequest::On);
+        let _before = core.take_log();
+        core.rest(0.3);
+        // One that does not begin so far from its axes holds them.
+        core.until(
+            "the axis at its setpoints, or not following",
+            LATEST_S,
+            |feedback| {
+                let is_there = (feedback.position[axis] - position[axis]).abs() <= CLOSE;
+                let operates = states(feedback).all(|state| state == Some(DriveState::OperationEnabled));
+                operates && (is_there || !is_following(feedback))
+            },
+        )?;
+        core.rest(0.3);
+        judge_way(&core.take_log(), axis, from, off)?;
+        core.bring_up()?;
+    }
+    follows(&mut core)
+}
+
+/// The axis takes at least the time of its hardest acceleration, and so does its target as far as the bridge declares the following error.
+fn judge_way(log: &[Seen], axis: usize, from: f64, off: f64) -> Judged {
+    // From a tenth to nine tenths of the way, accelerated over its first half and decelerated over the second.
+    let min_s = 2.0 * (1.0 - 0.2_f64.sqrt()) * (off.abs() / HARDEST).sqrt();
+    for (what, declared) in [("axis", 0.0), ("target of axis", 1.0)] {
+        let mut left_ns = 0;
+        for seen in log {
+            let feedback = &seen.feedback;
+            let position = feedback.position[axis] + declared * feedback.following_error[axis];
+            let part = (position - from) / off;
+            if part <= 0.1 {
+                left_ns = feedback.time_ns;
+            } else if part >= 0.9 {
+                let took_s = feedback.time_ns.saturating_sub(left_ns) as f64 * 1e-9;
+                demand(left_ns == 0 || took_s >= min_s, || {
+                    format!(
+                        "the {what} {axis} went {:.1} mm to the first setpoints in {:.1} ms: no axis can",
+                        off.abs(),
+                        took_s * 1e3
+                    )
+                })?;
+                break;
+            }
+        }
+    }
+    Ok(())
+}
