@@ -1,10 +1,11 @@
 //! Comparison of two runs, aligned by position on the path.
 
+use std::collections::VecDeque;
 use std::path::Path;
 
 use evolvent_trace::{CycleRecord, ReadError, inputs};
 
-use crate::jobs::recorded_jobs;
+use crate::jobs::{MDI, RecordedJob, recorded_jobs};
 use crate::lines::LineTimes;
 use crate::opened::{InspectError, Opened};
 
@@ -12,6 +13,8 @@ use crate::opened::{InspectError, Opened};
 const MAX_LINES: usize = 40;
 /// Points of the curve of the difference.
 const POINTS: usize = 200;
+/// Jobs of a service that a note names.
+const MAX_NAMED: usize = 12;
 /// Texts of lines are looked up as far as this.
 const MAX_LINE: usize = 1_000_000;
 /// Differences in time below this are ignored, s.
@@ -26,8 +29,11 @@ const SAME_PATH_MM: f64 = 1e-3;
 pub struct LineDifference {
     /// The program's line.
     pub line: u32,
-    /// Its text.
+    /// Its text in the first run.
     pub text: String,
+    /// Its text in the second run, where it is another one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub b_text: Option<String>,
     /// Time in it in the first run, s.
     pub a_s: f64,
     /// Time in it in the second run, s.
@@ -173,18 +179,17 @@ pub fn compare_runs(run_a: ComparedRun<'_>, run_b: ComparedRun<'_>) -> Result<Co
         max_rotary_deviation_deg: has_rotary.then_some(0.0),
         ..Comparison::default()
     };
-    for (name, opened, run) in [("A", &mut a, run_a), ("B", &mut b, run_b)] {
-        if run.job.is_none() && opened.run.extra.contains_key("served") {
-            let jobs = recorded_jobs(&mut opened.trace)?.len();
-            let option = name.to_ascii_lowercase();
-            result.notes.push(format!(
-                "{name} is a service with {jobs} jobs, of which each counts its path from 0: positions are matched within one job \
-                 only; name it with --job-{option}"
-            ));
+    let mut jobs = [run_a.job, run_b.job];
+    for ((name, opened), job) in [("A", &mut a), ("B", &mut b)].into_iter().zip(&mut jobs) {
+        if job.is_none() && opened.run.extra.contains_key("served") {
+            let jobs = named(&recorded_jobs(&mut opened.trace)?);
+            let meant = only_program(&jobs);
+            result.notes.push(of_service(name, &jobs, meant));
+            *job = meant;
         }
     }
-    let (part_a, part_b) = (Part::of(&mut a, run_a.job)?, Part::of(&mut b, run_b.job)?);
-    let lines = part_a.lines(&mut a)?;
+    let (part_a, part_b) = (Part::of(&mut a, jobs[0])?, Part::of(&mut b, jobs[1])?);
+    let lines = [part_a.lines(&mut a)?, part_b.lines(&mut b)?];
     let mut times = [
         LineTimes::new(&a.machine, a.run.period_ns),
         LineTimes::new(&b.machine, b.run.period_ns),
@@ -238,6 +243,63 @@ pub fn compare_runs(run_a: ComparedRun<'_>, run_b: ComparedRun<'_>) -> Result<Co
     Ok(result)
 }
 
+/// A job of a service, once, by its number.
+#[derive(Clone, Debug, PartialEq)]
+struct NamedJob {
+    job: u32,
+    name: String,
+    is_program: bool,
+}
+
+fn named(jobs: &VecDeque<RecordedJob>) -> Vec<NamedJob> {
+    let mut named: Vec<NamedJob> = (jobs.iter())
+        .map(|job| NamedJob {
+            job: job.job,
+            name: job.name(),
+            is_program: job.is_program(),
+        })
+        .collect();
+    // A program that the axes have left has entries of its jogs under its number.
+    named.dedup_by_key(|job| job.job);
+    named
+}
+
+/// The job that is meant where none is named: the only program of a session, or its only job.
+fn only_program(jobs: &[NamedJob]) -> Option<u32> {
+    let mut programs = jobs.iter().filter(|job| job.is_program && job.name != MDI);
+    match (programs.next(), programs.next(), jobs) {
+        (Some(only), None, _) | (None, _, [only]) => Some(only.job),
+        _ => None,
+    }
+}
+
+/// What there is to say of a service of which no job was named.
+fn of_service(name: &str, jobs: &[NamedJob], meant: Option<u32>) -> String {
+    let option = name.to_ascii_lowercase();
+    if let Some(job) = meant {
+        return format!(
+            "{name} is a service, of which job {job} is compared; --job-{option} names another one"
+        );
+    }
+    let mut list: Vec<String> = (jobs.iter().filter(|job| job.is_program))
+        .map(|job| format!("{} {}", job.job, job.name))
+        .collect();
+    if list.len() > MAX_NAMED {
+        list.truncate(MAX_NAMED);
+        list.push("...".to_owned());
+    }
+    let list = if list.is_empty() {
+        String::new()
+    } else {
+        format!(": {}", list.join(", "))
+    };
+    format!(
+        "{name} is a service with {} jobs, of which each counts its path from 0: positions are matched within one job only; name it \
+         with --job-{option}{list}",
+        jobs.len()
+    )
+}
+
 /// Keeps at most a few thousand points.
 fn thin_out(list: &mut Vec<(f64, f64)>, point: (f64, f64)) {
     const MOST: usize = 16_384;
@@ -284,7 +346,8 @@ fn surroundings(a: &Opened, b: &Opened) -> Vec<String> {
     let mut notes = Vec::new();
     let mut differ = |what: &str, a: String, b: String| {
         if a != b {
-            notes.push(format!("{what}: {a} against {b}"));
+            let named = |name: String| if name.is_empty() { "none".to_owned() } else { name };
+            notes.push(format!("{what}: {} against {}", named(a), named(b)));
         }
     };
     differ("machine", a.run.machine_name.clone(), b.run.machine_name.clone());
@@ -309,7 +372,7 @@ fn surroundings(a: &Opened, b: &Opened) -> Vec<String> {
     notes
 }
 
-fn by_line(times: &[LineTimes; 2], lines: &[String]) -> Vec<LineDifference> {
+fn by_line(times: &[LineTimes; 2], lines: &[Vec<String>; 2]) -> Vec<LineDifference> {
     let mut numbers: Vec<u32> = times
         .iter()
         .flat_map(|times| times.lines().keys().copied())
@@ -329,10 +392,15 @@ fn by_line(times: &[LineTimes; 2], lines: &[String]) -> Vec<LineDifference> {
             if (a_s - b_s).abs() < MIN_S {
                 return None;
             }
-            let text = (line as usize).checked_sub(1).and_then(|at| lines.get(at));
+            let text = |run: usize| {
+                let at = (line as usize).checked_sub(1);
+                at.and_then(|at| lines[run].get(at)).cloned().unwrap_or_default()
+            };
+            let (text, b_text) = (text(0), text(1));
             Some(LineDifference {
                 line,
-                text: text.cloned().unwrap_or_default(),
+                b_text: (b_text != text).then_some(b_text),
+                text,
                 a_s,
                 b_s,
                 a_limit: limit(a),
@@ -478,5 +546,32 @@ mod tests {
             why(&slow, &fast),
             "A was longer at a limit of the machine (X jerk)"
         );
+    }
+
+    fn jobs(names: &[&str]) -> Vec<NamedJob> {
+        let named = names.iter().zip(1..).map(|(name, job)| NamedJob {
+            job,
+            name: (*name).to_owned(),
+            is_program: *name != "jog or homing",
+        });
+        named.collect()
+    }
+
+    #[test]
+    fn the_only_program_of_a_service_is_the_one_that_is_meant() {
+        let (jog, part) = ("jog or homing", "program part.ngc");
+        assert_eq!(only_program(&jobs(&[])), None);
+        assert_eq!(only_program(&jobs(&[jog])), Some(1));
+        assert_eq!(only_program(&jobs(&[jog, MDI, part, jog])), Some(3));
+        assert_eq!(only_program(&jobs(&[MDI, MDI])), None);
+        let two = jobs(&[part, jog, part]);
+        assert_eq!(only_program(&two), None);
+        let note = of_service("B", &two, None);
+        assert!(
+            note.ends_with("--job-b: 1 program part.ngc, 3 program part.ngc"),
+            "{note}"
+        );
+        let note = of_service("A", &two, Some(3));
+        assert!(note.contains("job 3") && note.contains("--job-a"), "{note}");
     }
 }

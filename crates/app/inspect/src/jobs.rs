@@ -7,6 +7,9 @@ use evolvent_path::Axes;
 use evolvent_runtime::{JobStart, Switched};
 use evolvent_trace::{EventKind, ReadError, TraceFile};
 
+/// The name of a block of MDI.
+pub(crate) const MDI: &str = "MDI";
+
 /// A job, and its first cycle.
 #[derive(Clone, Debug)]
 pub struct RecordedJob {
@@ -25,7 +28,7 @@ impl RecordedJob {
     #[must_use]
     pub fn name(&self) -> String {
         match &self.start {
-            Some(JobStart::Program(program)) if program.is_mdi => "MDI".to_owned(),
+            Some(JobStart::Program(program)) if program.is_mdi => MDI.to_owned(),
             Some(JobStart::Program(program)) => {
                 let name = program.program.rsplit('/').next().unwrap_or_default();
                 format!("program {name}")

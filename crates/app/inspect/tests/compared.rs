@@ -155,3 +155,30 @@ fn the_trace_of_a_service_is_not_compared_as_a_whole_without_a_note() {
         found.notes
     );
 }
+
+#[test]
+fn lines_of_two_programs_are_shown_with_both_texts() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let run = |name: &str, text: &str| record(folder.path(), name, text, Clock::Virtual, 1.0, |_| {}).0;
+    let one = run("one", "G21\nG1 X10 F600\nM2\n");
+    let other = run("other", "G21\nG1 X10 F300\nG1 X11\nM2\n");
+    let found = compare(&one, &other).expect("a comparison");
+    let line = |number: u32| {
+        found
+            .lines
+            .iter()
+            .find(|line| line.line == number)
+            .expect("the line")
+    };
+    assert_eq!(line(2).text, "G1 X10 F600");
+    assert_eq!(line(2).b_text.as_deref(), Some("G1 X10 F300"));
+    assert_eq!(line(3).b_text.as_deref(), Some("G1 X11"));
+    assert!(
+        found
+            .notes
+            .iter()
+            .any(|note| note.contains("one.ngc against other.ngc")),
+        "{:?}",
+        found.notes
+    );
+}

@@ -77,6 +77,7 @@ mod sink;
 mod statistics;
 mod summary;
 mod trace_info;
+mod whole;
 
 pub use histogram::Histogram;
 pub use messages::Messages;

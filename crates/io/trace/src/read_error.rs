@@ -25,14 +25,12 @@ pub enum ReadError {
         bytes: u64,
     },
     /// The file has no end: it is still being written or truncated.
-    #[error(
-        "{} has no end: it is still being written, or truncated; if it is truncated, run `evolvent trace \
-         recover` on it",
-        .path.display()
-    )]
+    #[error("{}", unfinished(.path, *.is_being_written))]
     Unfinished {
         /// The file.
         path: PathBuf,
+        /// A recorder holds it.
+        is_being_written: bool,
     },
     /// A part of the file is damaged.
     #[error(
@@ -79,6 +77,20 @@ pub(crate) fn is_wrong_name(source: &io::Error) -> bool {
             | io::ErrorKind::NotADirectory
             | io::ErrorKind::InvalidInput
     )
+}
+
+fn unfinished(path: &Path, is_being_written: bool) -> String {
+    let name = path.display();
+    if is_being_written {
+        format!(
+            "{name} is still being written: it is complete when its run ends; to look at it now, copy it and run `evolvent trace \
+             recover` on the copy"
+        )
+    } else {
+        format!(
+            "{name} has no end: its run was aborted, or it was truncated; run `evolvent trace recover` on it"
+        )
+    }
 }
 
 fn no_trace(bytes: u64) -> &'static str {

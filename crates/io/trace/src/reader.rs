@@ -1,7 +1,7 @@
 //! Reads finished traces.
 
 use std::collections::BTreeMap;
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{self, Cursor, Read as _, Seek as _, SeekFrom};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -76,11 +76,13 @@ pub enum TraceMessage {
 /// ```
 #[derive(Debug)]
 pub struct TraceFile {
-    source: Source,
+    pub(crate) source: Source,
     info: TraceInfo,
     decoder: Decoder,
-    chunks: Vec<ChunkIndex>,
-    attachments: Vec<AttachmentIndex>,
+    pub(crate) chunks: Vec<ChunkIndex>,
+    pub(crate) attachments: Vec<AttachmentIndex>,
+    /// Position of the summary.
+    pub(crate) summary_start: u64,
 }
 
 /// A file and its name for errors.
@@ -88,7 +90,7 @@ pub struct TraceFile {
 pub(crate) struct Source {
     file: File,
     path: PathBuf,
-    length: u64,
+    pub(crate) length: u64,
 }
 
 /// Opens a file without waiting, as the open of a pipe would for a writer.
@@ -169,7 +171,7 @@ impl TraceFile {
             parts.add(parse(opcode, content).ok_or_else(damaged)?);
             rest = next;
         }
-        parts.assemble(source)
+        parts.assemble(source, start)
     }
 
     /// The contents of the trace.
@@ -292,6 +294,7 @@ fn summary(source: &mut Source) -> Result<(u64, Vec<u8>), ReadError> {
     }
     let unfinished = ReadError::Unfinished {
         path: source.path.clone(),
+        is_being_written: matches!(source.file.try_lock_shared(), Err(TryLockError::WouldBlock)),
     };
     let tail = FOOTER_LENGTH as u64 + magic;
     if source.length < magic + tail {
@@ -354,7 +357,9 @@ impl Parts {
             let what = "a metadata record";
             let bytes = source.read(index.offset, index.length, what)?;
             let map = match whole_record(&bytes).and_then(|(opcode, content)| parse(opcode, content)) {
-                Some(Record::Metadata(record)) => without_checksum(record.metadata),
+                Some(Record::Metadata(record)) if record.name == index.name => {
+                    without_checksum(record.metadata)
+                }
                 _ => None,
             };
             let map = map.ok_or_else(|| source.damaged(index.offset, what))?;
@@ -363,7 +368,7 @@ impl Parts {
         Ok(maps)
     }
 
-    fn assemble(self, mut source: Source) -> Result<TraceFile, ReadError> {
+    fn assemble(self, mut source: Source, summary_start: u64) -> Result<TraceFile, ReadError> {
         let mut maps = self.maps(&mut source)?;
         let run = match maps.remove(schema::RUN) {
             None => None,
@@ -425,12 +430,13 @@ impl Parts {
             decoder,
             chunks: self.chunks,
             attachments: self.attachments,
+            summary_start,
         })
     }
 }
 
 /// The data of an attachment record, if it matches its checksum.
-fn attachment_data(record: &[u8]) -> Option<&[u8]> {
+pub(crate) fn attachment_data(record: &[u8]) -> Option<&[u8]> {
     let (op::ATTACHMENT, content) = whole_record(record)? else {
         return None;
     };

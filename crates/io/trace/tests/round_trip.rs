@@ -332,11 +332,23 @@ fn what_is_no_finished_trace_is_told_apart() {
     ] {
         fs::write(&other, content).expect("writing");
         match TraceFile::open(&other) {
-            Err(ReadError::Unfinished { .. }) => assert!(unfinished),
+            Err(ReadError::Unfinished { is_being_written, .. }) => assert!(unfinished && !is_being_written),
             Err(ReadError::NotATrace { .. }) => assert!(!unfinished),
             result => panic!("{} bytes: {result:?}", content.len()),
         }
     }
+}
+
+#[test]
+fn a_trace_that_is_being_written_is_told_from_a_torn_one() {
+    let folder = common::folder();
+    let path = folder.path().join("run.mcap");
+    let recorder = Recorder::create(&path, &info("X")).expect("a recorder");
+    let part = part_path(&path);
+    let refusal = || TraceFile::open(&part).expect_err("no end").to_string();
+    assert!(refusal().contains("still being written"), "{}", refusal());
+    drop(recorder);
+    assert!(refusal().contains("has no end"), "{}", refusal());
 }
 
 /// What the summary needs of chunks and attachments goes to disk in pieces of 8 KiB: here several of each.

@@ -304,11 +304,14 @@ impl<'a> Follower<'a> {
         let mut best = (f64::INFINITY, index, 0.0);
         loop {
             let block = &self.route.blocks[index];
-            let (u, off) = block.piece.nearest(point, from);
+            let (mut u, mut off) = block.piece.nearest(point, from);
+            let near = NEIGHBOURHOOD * self.within_corner(index);
+            if off > self.tolerance(index) && !block.piece.is_straight() {
+                (u, off) = self.nearest_around(point, index, from, (u, off), near);
+            }
             if off < best.0 {
                 best = (off, index, u);
             }
-            let near = NEIGHBOURHOOD * self.within_corner(index);
             let goes_on = index + 1 < self.route.blocks.len()
                 && !lost
                 && (distance(point, &block.end) <= near || self.was_near(&block.end, near));
@@ -320,6 +323,37 @@ impl<'a> Follower<'a> {
         }
         let place = self.route.blocks[best.1].piece.point(best.2);
         (best.1, point - place, index)
+    }
+
+    /// The nearest place of a curve from `from` on, as far as it stays within `near` of the point: parameter and distance. An arc
+    /// smaller than the tolerance comes near a point twice, and only the first time lies next to `from`.
+    fn nearest_around(
+        &self,
+        point: &Axes,
+        index: usize,
+        from: f64,
+        known: (f64, f64),
+        near: f64,
+    ) -> (f64, f64) {
+        let block = &self.route.blocks[index];
+        let finest = self.within(index) / 64.0;
+        let (mut best, mut u) = (known, from);
+        loop {
+            let off = distance(point, &block.piece.point(u));
+            if off > near {
+                break;
+            }
+            if off < best.1 {
+                best = (u, off);
+            }
+            if u >= block.length {
+                break;
+            }
+            // No place moves faster than its parameter, so nothing nearer than the best lies in between.
+            u = (u + (off - best.1).max(finest)).min(block.length);
+        }
+        let refined = block.piece.nearest(point, best.0);
+        if refined.1 < best.1 { refined } else { best }
     }
 
     /// Notes how near the stretch comes to the ends of blocks that are being passed or lie ahead.

@@ -87,9 +87,13 @@ fn write_comparison(out: &mut dyn Write, c: &Comparison) -> io::Result<()> {
         "line", "A, s", "B, s", "B - A, s"
     )?;
     for line in c.lines.iter().take(SHOWN) {
+        let text = match &line.b_text {
+            None => line.text.clone(),
+            Some(b_text) => format!("A: {}   B: {}", shown(&line.text), shown(b_text)),
+        };
         writeln!(
             out,
-            "{:>8}  {:>10.3}  {:>10.3}  {:>+10.3}  {}; A: {}, B: {}   {}",
+            "{:>8}  {:>10.3}  {:>10.3}  {:>+10.3}  {}; A: {}, B: {}   {text}",
             line.line,
             line.a_s,
             line.b_s,
@@ -97,8 +101,12 @@ fn write_comparison(out: &mut dyn Write, c: &Comparison) -> io::Result<()> {
             line.why,
             line.a_limit,
             line.b_limit,
-            line.text
         )?;
     }
     Ok(())
+}
+
+/// The text of a line that one run may not have.
+fn shown(text: &str) -> &str {
+    if text.is_empty() { "no such line" } else { text }
 }

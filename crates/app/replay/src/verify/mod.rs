@@ -89,7 +89,9 @@ impl Verified {
 /// # Errors
 /// [`InspectError`]: a damaged trace, or one that cannot be understood.
 pub fn verify(path: &Path) -> Result<Verified, InspectError> {
-    let opened = Opened::open(path)?;
+    let mut opened = Opened::open(path)?;
+    // What is not needed to compute the run again is checked too.
+    opened.trace.check_whole()?;
     let mut verified = Verified::default();
     explain_surroundings(&opened, &mut verified);
     if opened.run.extra.contains_key("served") {

@@ -15,7 +15,7 @@ use super::comparing::Comparing;
 use super::lots::{Records, read};
 use super::one::recorded_inputs;
 use super::signals::{RecordedSignals, tell_difference};
-use super::watch::{End, STATE_DONE, Watch, judged};
+use super::watch::{End, Watch, judged};
 use super::*;
 use evolvent_inspect::{RecordedJob, before_tool_changes, recorded_jobs, travel_of};
 
@@ -338,13 +338,7 @@ impl Served<'_> {
             }
             next = Some(record.sequence + 1);
             most_override = most_override.max(record.override_);
-            end = if record.state == STATE_DONE {
-                End::Done
-            } else if record.velocity.iter().all(|value| *value == 0.0) {
-                End::Stopped
-            } else {
-                End::BrokenOff
-            };
+            end = End::at(&record);
             self.one(records, judge.as_mut());
         }
         if let Some(judge) = judge.filter(|_| next.is_some()) {

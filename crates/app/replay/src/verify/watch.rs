@@ -14,7 +14,7 @@ use evolvent_motion::flags;
 
 /// What a feed may have: on the way down from a rapid a period lies on both sides of the joint.
 const FEED: f64 = 1.002;
-pub(super) const STATE_DONE: u8 = 9;
+const STATE_DONE: u8 = 9;
 
 /// Independent checks of what was recorded.
 pub(super) struct Watch<'a> {
@@ -23,7 +23,7 @@ pub(super) struct Watch<'a> {
     /// Travels of jogs and homing on axes that are not homed.
     pub(super) travels: VecDeque<TravelFrom>,
     pub(super) most_override: f64,
-    pub(super) last_state: u8,
+    pub(super) end: End,
     pub(super) last_sequence: Option<u64>,
     pub(super) cycles: u64,
     pub(super) missing: u64,
@@ -38,7 +38,7 @@ impl<'a> Watch<'a> {
             judge,
             travels,
             most_override: 0.0,
-            last_state: 0,
+            end: End::Stopped,
             last_sequence: None,
             cycles: 0,
             missing: 0,
@@ -78,7 +78,7 @@ impl<'a> Watch<'a> {
             judge.sample(&record.position.into());
         }
         self.most_override = self.most_override.max(record.override_);
-        self.last_state = record.state;
+        self.end = End::at(record);
         if record.flags & flags::STARVED != 0 {
             self.first_starved.get_or_insert(record.sequence);
         }
@@ -128,12 +128,7 @@ impl<'a> Watch<'a> {
             }
             return;
         };
-        let end = if self.last_state == STATE_DONE {
-            End::Done
-        } else {
-            End::Stopped
-        };
-        judged(&judge.finish(), end, self.most_override, "", verified);
+        judged(&judge.finish(), self.end, self.most_override, "", verified);
     }
 }
 
@@ -142,8 +137,21 @@ impl<'a> Watch<'a> {
 pub(super) enum End {
     Done,
     Stopped,
-    /// In motion: each axis stopped by itself behind it, which to the judge is a motion that stops dead.
+    /// In motion: each axis stopped by itself behind it, or the trace was cut off. To the judge that is a motion that stops dead.
     BrokenOff,
+}
+
+impl End {
+    /// If this cycle is the last one.
+    pub(super) fn at(record: &CycleRecord) -> Self {
+        if record.state == STATE_DONE {
+            Self::Done
+        } else if record.velocity.iter().all(|value| *value == 0.0) {
+            Self::Stopped
+        } else {
+            Self::BrokenOff
+        }
+    }
 }
 
 /// Takes in what the judge says of the path. A run that was stopped has no end; braking after a fault may leave the path.
