@@ -111,6 +111,8 @@ fn a_gantry_router_in_inches_becomes_a_machine_that_runs() {
         "switch_mm = -12.7",
         "max_feed_mm_s = 101.6",
         "blend_tolerance_mm = 0.0254",
+        "start_unit = \"inch\"",
+        "parameter_unit = \"inch\"",
     ] {
         assert!(
             file.lines().any(|found| found == line),
@@ -151,6 +153,19 @@ fn a_gantry_router_in_inches_becomes_a_machine_that_runs() {
         (end[0] - 48.1).abs() < 1e-6 && (end[2] + 96.2).abs() < 1e-6,
         "{end:?}"
     );
+
+    // Without G20 or G21 a program starts in the machine's inches, and so are its parameters.
+    let program = workshop.write("inch.ngc", "G90 G54\nG0 X[#5221]\nM2\n");
+    let words = words.map(|word| {
+        if word.ends_with("p.ngc") {
+            text(&program)
+        } else {
+            word
+        }
+    });
+    run(words.iter().chain(&[text(&trace)])).expect_code(&[0]);
+    let end = cycles(&trace).pop().expect("a cycle").position;
+    assert!((end[0] - 3.0 * 25.4).abs() < 1e-6, "{end:?}");
 
     assert!(
         import(&ini, &machine)

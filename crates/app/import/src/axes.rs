@@ -6,6 +6,7 @@ use crate::error::ImportError;
 use crate::ini::Ini;
 use crate::report::Report;
 use crate::screws::{ScrewValues, screws};
+use crate::settings::drop_entry;
 
 /// LinuxCNC's limits beyond this mean "none"; its default is 1e99.
 const NO_LIMIT: f64 = 1e8;
@@ -82,7 +83,7 @@ impl Units {
                 report.choose("units", "mm: [TRAJ] LINEAR_UNITS is missing");
                 1.0
             }
-            Some(entry) => match entry.value.to_ascii_lowercase().as_str() {
+            Some(entry) => match entry.word().to_ascii_lowercase().as_str() {
                 "mm" | "metric" => 1.0,
                 "in" | "inch" | "imperial" => 25.4,
                 _ => match entry.number() {
@@ -96,7 +97,7 @@ impl Units {
         };
         let angular = match ini.first("TRAJ", "ANGULAR_UNITS") {
             None => 1.0,
-            Some(entry) => match entry.value.to_ascii_lowercase().as_str() {
+            Some(entry) => match entry.word().to_ascii_lowercase().as_str() {
                 "deg" | "degree" | "degrees" => 1.0,
                 "rad" | "radian" => 1.0_f64.to_degrees(),
                 "grad" | "gon" => 0.9,
@@ -222,6 +223,19 @@ fn axis(
     };
     let wrapped = ini.first(&sections[0], "WRAPPED_ROTARY");
     let is_unlimited = letter.is_rotary() && wrapped.is_some_and(|entry| entry.is_true());
+    if is_unlimited {
+        for (section, key) in sections
+            .iter()
+            .flat_map(|section| [(section, "MIN_LIMIT"), (section, "MAX_LIMIT")])
+        {
+            let entry = ini.first(section, key);
+            if let Some(entry) =
+                entry.filter(|entry| entry.number().is_ok_and(|limit| limit.abs() < NO_LIMIT))
+            {
+                drop_entry(report, &entry, "an axis with WRAPPED_ROTARY has no travel");
+            }
+        }
+    }
     let mut end = |limit: f64, key: &str, instead: f64| {
         if is_unlimited {
             return instead;
@@ -292,7 +306,13 @@ fn axis(
                 .map(|error| error * unit),
             time_ms,
         ),
-        homing: homing(ini, &joint, (letter, unit, velocity), travel.1 - travel.0, report)?,
+        homing: homing(
+            ini,
+            &joint,
+            (letter, unit, velocity),
+            (travel.1 - travel.0, programmed_home),
+            report,
+        )?,
         unit,
         screws: screws(ini, joints, unit, report)?,
     })
@@ -329,7 +349,7 @@ fn homing(
     ini: &mut Ini,
     joint: &str,
     (letter, unit, velocity): (AxisLetter, f64, f64),
-    length: f64,
+    (length, programmed_home): (f64, f64),
     report: &mut Report,
 ) -> Result<Option<HomingValues>, ImportError> {
     let name = letter.letter();
@@ -344,9 +364,28 @@ fn homing(
             "no machine is so large: enter where its home switch or index pulse is",
         ));
     }
-    let Some(method) = homing_method(ini, joint, search, latch) else {
+    let method = homing_method(ini, joint, search, latch);
+    if matches!(method, None | Some(HomingMethod::Absolute)) {
+        drop_unused_homing(ini, joint, reference, programmed_home, report);
+    }
+    let Some(method) = method else {
         return Ok(None);
     };
+    if method == HomingMethod::Switch
+        && search * latch < 0.0
+        && let Some(entry) = ini.first(joint, "HOME_LATCH_VEL")
+    {
+        let key = if letter.is_rotary() {
+            "switch_deg"
+        } else {
+            "switch_mm"
+        };
+        let reason = format!(
+            "its sign is not carried over: LinuxCNC takes the edge at which the switch opens, Evolvent that at which it closes in a \
+             second approach; correct {key} by the distance of both, or touch off again"
+        );
+        drop_entry(report, &entry, &reason);
+    }
     // Without a switch there is one speed.
     let search = if method == HomingMethod::Index {
         latch
@@ -363,13 +402,15 @@ fn homing(
         ));
     }
     let speed = search.abs().min(velocity);
-    if speed < search.abs() {
+    // Without a search there are no speeds.
+    let is_searched = method != HomingMethod::Absolute;
+    if is_searched && speed < search.abs() {
         report.choose(
             format!("search of {name}"),
             format!("{}: HOME_SEARCH_VEL is above the axis's own limit", tidy(speed)),
         );
     }
-    if latch == 0.0 || latch > speed {
+    if is_searched && (latch == 0.0 || latch > speed) {
         report.choose(
             format!("latch of {name}"),
             format!(
@@ -403,6 +444,21 @@ fn homing(
         reference,
         within,
     }))
+}
+
+/// Reports what the homing of a joint without a search says.
+fn drop_unused_homing(ini: &mut Ini, joint: &str, reference: f64, home: f64, report: &mut Report) {
+    let offset = ini.first(joint, "HOME_OFFSET");
+    if let Some(entry) = offset.filter(|_| reference != 0.0 && reference != home) {
+        let reason = "without a search the axis is at its home position when LinuxCNC starts: shift the zero of its encoder or bridge by this value";
+        drop_entry(report, &entry, reason);
+    }
+    let speeds = ["HOME_SEARCH_VEL", "HOME_LATCH_VEL"];
+    for entry in speeds.into_iter().filter_map(|key| ini.first(joint, key)) {
+        if entry.number().is_ok_and(|speed| speed != 0.0) {
+            drop_entry(report, &entry, "the axis is homed without a search");
+        }
+    }
 }
 
 /// None for a joint that is homed where it is: a machine file needs no table for that.

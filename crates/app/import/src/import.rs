@@ -333,7 +333,10 @@ fn leave_out(ini: &mut Ini, report: &mut Report) {
         let second = seconds
             .get(&entry.section)
             .and_then(|letter| of_second_motor(entry, *letter));
-        if let Some(reason) = second.or_else(|| reason(entry).map(str::to_owned)) {
+        let repeated = entry
+            .is_repeated
+            .then(|| "the key is given twice: the first one counts, as in LinuxCNC".to_owned());
+        if let Some(reason) = repeated.or(second).or_else(|| reason(entry).map(str::to_owned)) {
             report.dropped.push(Dropped {
                 file: entry.file.display().to_string(),
                 line: entry.line,

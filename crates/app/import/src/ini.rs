@@ -25,6 +25,8 @@ pub(crate) struct Entry {
     pub(crate) key: String,
     pub(crate) value: String,
     is_used: bool,
+    /// LinuxCNC uses an earlier one.
+    pub(crate) is_repeated: bool,
 }
 
 impl Entry {
@@ -37,9 +39,14 @@ impl Entry {
         }
     }
 
-    /// The number at the start of the value: a comment may follow.
+    /// The first word of the value: a comment may follow.
+    pub(crate) fn word(&self) -> &str {
+        self.value.split([' ', '\t', '#', ';']).next().unwrap_or_default()
+    }
+
+    /// The number at the start of the value.
     pub(crate) fn number(&self) -> Result<f64, ImportError> {
-        let word = self.value.split([' ', '\t', '#', ';']).next().unwrap_or_default();
+        let word = self.word();
         match word.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(value),
             _ => Err(self.error(
@@ -51,7 +58,7 @@ impl Entry {
 
     /// As LinuxCNC reads booleans.
     pub(crate) fn is_true(&self) -> bool {
-        let word = self.value.split([' ', '\t', '#', ';']).next().unwrap_or_default();
+        let word = self.word();
         ["1", "yes", "true", "on", "y", "t"].contains(&word.to_ascii_lowercase().as_str())
     }
 }
@@ -90,6 +97,8 @@ impl Ini {
             source,
         })?;
         let text = String::from_utf8_lossy(&bytes);
+        // Editors of other systems begin a file with a byte order mark.
+        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         self.files.push(path.to_owned());
         open.push(path.to_owned());
         let mut continued = String::new();
@@ -196,13 +205,19 @@ impl Ini {
             key: key.trim().to_owned(),
             value: value.trim().trim_matches('"').to_owned(),
             is_used: false,
+            is_repeated: false,
         });
         Ok(())
     }
 
     /// The first entry of this key, which LinuxCNC uses.
     pub(crate) fn first(&mut self, section: &str, key: &str) -> Option<Entry> {
-        self.all(section, key).into_iter().next()
+        let wanted = |entry: &&mut Entry| entry.section == section && entry.key == key;
+        let mut found = self.entries.iter_mut().filter(wanted);
+        let first = found.next()?;
+        first.is_used = true;
+        found.for_each(|other| other.is_repeated = true);
+        Some(first.clone())
     }
 
     /// All entries of this key.
@@ -280,12 +295,29 @@ mod tests {
         let text = "# x\n[A]\nK = 1 # one\nK = 2\nLONG = a \\\n  b\n\n[ B ] trailing\nK=\"3\"\nnonsense\n";
         let (mut ini, report) = read(&[("m.ini", text)]).unwrap();
         assert_eq!(ini.number("A", "K").unwrap(), Some(1.0));
+        let repeated: Vec<u32> = ini
+            .unused()
+            .filter(|entry| entry.is_repeated)
+            .map(|entry| entry.line)
+            .collect();
+        assert_eq!(repeated, [4]);
         assert_eq!(ini.all("A", "K").len(), 2);
         assert_eq!(ini.first("A", "LONG").unwrap().value, "a   b");
         assert_eq!(ini.first("A", "LONG").unwrap().line, 6);
         assert_eq!(ini.first("B", "K").unwrap().value, "3");
         assert_eq!(ini.unused().count(), 0);
         assert_eq!((report.dropped.len(), report.dropped[0].line), (1, 10));
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_no_text() {
+        let (mut ini, report) = read(&[
+            ("m.ini", "\u{feff}[A]\r\n#INCLUDE b.inc\r\n"),
+            ("b.inc", "\u{feff}K\t=\t1\r\n"),
+        ])
+        .unwrap();
+        assert_eq!(ini.number("A", "K").unwrap(), Some(1.0));
+        assert_eq!(report.dropped.len(), 0);
     }
 
     #[test]

@@ -138,8 +138,13 @@ const KEYS: &[(&str, &str, &str)] = &[
     ),
     (
         "RS274NGC",
-        "RS274NGC_STARTUP_CODE",
-        "only G61 and G64 P are carried over: write the other words into the program",
+        "DISABLE_G92_PERSISTENCE",
+        "the offset of G92 is kept from run to run: write G92.1 at the beginning of programs",
+    ),
+    (
+        "RS274NGC",
+        "CENTER_ARC_RADIUS_TOLERANCE_",
+        "write path.arc_radius_tolerance_mm, which is 2.54 times as much in inch programs",
     ),
     ("RS274NGC", "ON_ABORT_COMMAND", "no program runs after an abort"),
     ("RS274NGC", "OWORD_NARGS", "subroutines are called as usual"),

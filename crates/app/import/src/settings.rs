@@ -19,6 +19,12 @@ pub(crate) struct Settings {
     pub(crate) rate_hz: Option<f64>,
     pub(crate) max_feed_mm_s: Option<f64>,
     pub(crate) path: PathMode,
+    pub(crate) starts_in_inches: bool,
+    /// Value of `start_plane`; none for XY.
+    pub(crate) start_plane: Option<&'static str>,
+    pub(crate) starts_in_diameters: bool,
+    /// Whether LinuxCNC keeps offsets in inches.
+    pub(crate) is_in_inches: bool,
     pub(crate) tool_table: Option<Entry>,
     pub(crate) parameters: Option<Entry>,
     pub(crate) subroutines: Vec<PathBuf>,
@@ -34,6 +40,9 @@ pub(crate) enum PathMode {
     Exact,
     Tolerance(f64),
 }
+
+/// Millimetres per inch.
+const INCH_MM: f64 = 25.4;
 
 /// Rates that a machine file permits, Hz.
 const RATES_HZ: std::ops::RangeInclusive<f64> = 250.0..=35_000.0;
@@ -58,19 +67,28 @@ impl Settings {
         let has = |letter| axes.iter().any(|axis| axis.letter == letter);
         let is_turning = has(AxisLetter::X) && has(AxisLetter::Z);
         let says_lathe = ini.first("DISPLAY", "LATHE").is_some_and(|entry| entry.is_true());
+        let is_lathe = is_turning && (says_lathe || !has(AxisLetter::Y));
+        if is_lathe && !says_lathe {
+            report.choose("kind", "lathe: it has X and Z, and no Y; write mill if it is one");
+        }
         let feed = ini
             .number("TRAJ", "MAX_LINEAR_VELOCITY")?
             .filter(|feed| *feed > 0.0);
         if feed.is_none() {
             ini.first("TRAJ", "MAX_LINEAR_VELOCITY");
         }
+        let start = start(ini, mm_per_unit, report);
         Ok(Self {
             name: name.unwrap_or_else(|| "machine".to_owned()),
             description,
-            is_lathe: is_turning && (says_lathe || !has(AxisLetter::Y)),
+            is_lathe,
             rate_hz: rate(ini, report)?,
             max_feed_mm_s: feed.map(|feed| feed * mm_per_unit),
-            path: path_mode(ini, mm_per_unit, report),
+            path: start.path,
+            starts_in_inches: start.inches,
+            start_plane: start.plane,
+            starts_in_diameters: start.diameters,
+            is_in_inches: is_inch(mm_per_unit),
             tool_table: ini.first("EMCIO", "TOOL_TABLE"),
             parameters: ini.first("RS274NGC", "PARAMETER_FILE"),
             subroutines: subroutines(ini, report),
@@ -115,42 +133,100 @@ fn rate(ini: &mut Ini, report: &mut Report) -> Result<Option<f64>, ImportError> 
     Ok(None)
 }
 
-fn path_mode(ini: &mut Ini, mm_per_unit: f64, report: &mut Report) -> PathMode {
-    let mut mode = PathMode::Unknown;
-    if let Some(entry) = ini.first("RS274NGC", "RS274NGC_STARTUP_CODE") {
-        let text = entry.value.to_ascii_uppercase().replace(' ', "");
-        let words = words(&text);
-        let has = |letter: char, value: f64| words.contains(&(letter, value));
-        let unit = match (has('G', 20.0), has('G', 21.0)) {
-            (true, _) => 25.4,
-            (_, true) => 1.0,
-            _ => mm_per_unit,
-        };
-        if has('G', 61.0) || has('G', 61.1) {
-            mode = PathMode::Exact;
-        } else if let Some((_, tolerance)) = words.iter().find(|(letter, _)| *letter == 'P')
-            && has('G', 64.0)
-            && *tolerance > 0.0
-        {
-            mode = PathMode::Tolerance(tolerance * unit);
+/// What the start-up code and the units of the configuration say about the start of programs.
+struct Start {
+    inches: bool,
+    plane: Option<&'static str>,
+    diameters: bool,
+    path: PathMode,
+}
+
+/// Words of a start-up code, in tenths of the number, that are in force at the start of a program anyway.
+const AT_THE_START: [i64; 10] = [80, 170, 400, 490, 800, 900, 911, 940, 970, 990];
+
+fn start(ini: &mut Ini, mm_per_unit: f64, report: &mut Report) -> Start {
+    let mut start = Start {
+        inches: is_inch(mm_per_unit),
+        plane: None,
+        diameters: false,
+        path: PathMode::Unknown,
+    };
+    let Some(entry) = ini.first("RS274NGC", "RS274NGC_STARTUP_CODE") else {
+        choose_tolerance(report);
+        return start;
+    };
+    let words = words(&entry.value);
+    let has = |letter: char, value: f64| words.contains(&(letter, value));
+    if has('G', 20.0) || has('G', 21.0) {
+        start.inches = has('G', 20.0);
+    }
+    start.diameters = has('G', 7.0);
+    start.plane = [(18.0, "zx"), (19.0, "yz")]
+        .into_iter()
+        .find_map(|(code, plane)| has('G', code).then_some(plane));
+    let unit = if start.inches { INCH_MM } else { 1.0 };
+    let tolerance = words.iter().find(|(letter, _)| *letter == 'P');
+    if has('G', 61.0) || has('G', 61.1) {
+        start.path = PathMode::Exact;
+    } else if let Some((_, tolerance)) = tolerance
+        && has('G', 64.0)
+        && *tolerance > 0.0
+    {
+        start.path = PathMode::Tolerance(tolerance * unit);
+    }
+    if has('G', 61.1) {
+        report.choose(
+            "path.mode",
+            "exact, as G61, for G61.1 of the start-up code: the path is the same, and the machine stops only where it has to; write \
+             G61.1 into programs that need a stop after every move",
+        );
+    }
+    if start.path == PathMode::Unknown {
+        choose_tolerance(report);
+    }
+    let is_carried = |(letter, value): &(char, f64)| match letter {
+        'G' => {
+            let tenths = (value * 10.0).round() as i64;
+            [70, 180, 190, 200, 210, 610, 611, 640].contains(&tenths) || AT_THE_START.contains(&tenths)
         }
+        'P' => matches!(start.path, PathMode::Tolerance(_)),
+        _ => false,
+    };
+    let lost: Vec<String> = (words.iter())
+        .filter(|word| !is_carried(word))
+        .map(|(letter, value)| format!("{letter}{value}"))
+        .collect();
+    if entry.value.contains(['#', '[', '<']) {
         drop_entry(
             report,
             &entry,
-            "only G61 and G64 P are carried over: write the other words into the program",
+            "parameters, expressions and subroutines are not carried over: write them into the program",
         );
-    }
-    if mode == PathMode::Unknown {
-        report.choose(
-            "path.blend_tolerance_mm",
-            "0.01: the start-up code has no G64 P, where LinuxCNC rounds corners without a bound",
+    } else if !lost.is_empty() {
+        let reason = format!(
+            "{} not carried over: write it at the beginning of every program (only units, planes, G7, G61 and G64 P have a counterpart)",
+            lost.join(" ")
         );
+        drop_entry(report, &entry, &reason);
     }
-    mode
+    start
+}
+
+fn choose_tolerance(report: &mut Report) {
+    report.choose(
+        "path.blend_tolerance_mm",
+        "0.01: the start-up code has no G64 P, where LinuxCNC rounds corners without a bound",
+    );
+}
+
+/// Whether LinuxCNC takes this unit of a configuration for inches.
+fn is_inch(mm_per_unit: f64) -> bool {
+    (mm_per_unit / INCH_MM - 1.0).abs() < 1e-3
 }
 
 /// Words of a program line without comments and expressions.
 fn words(text: &str) -> Vec<(char, f64)> {
+    let text = without_comments(text);
     let starts = text.char_indices().filter(|(_, c)| c.is_ascii_alphabetic());
     let word = |(at, letter): (usize, char)| {
         let rest = text.get(at + 1..)?;
@@ -160,6 +236,22 @@ fn words(text: &str) -> Vec<(char, f64)> {
         Some((letter, rest.get(..end)?.parse().ok()?))
     };
     starts.filter_map(word).collect()
+}
+
+/// In capitals, without blanks and comments.
+fn without_comments(text: &str) -> String {
+    let mut out = String::new();
+    let mut is_comment = false;
+    for c in text.chars() {
+        match c {
+            '(' => is_comment = true,
+            ')' => is_comment = false,
+            ';' if !is_comment => break,
+            c if !is_comment && !c.is_whitespace() => out.push(c.to_ascii_uppercase()),
+            _ => {}
+        }
+    }
+    out
 }
 
 fn folders(ini: &Ini, value: &str) -> Vec<PathBuf> {
@@ -247,5 +339,6 @@ mod tests {
     fn words_of_a_start_up_code() {
         assert_eq!(words("G20G64P0.001"), [('G', 20.0), ('G', 64.0), ('P', 0.001)]);
         assert_eq!(words("G\u{e4}#<A>"), []);
+        assert_eq!(words("g20 (not G21) g 90 ; G91"), [('G', 20.0), ('G', 90.0)]);
     }
 }

@@ -166,6 +166,16 @@ fn homing_table(axis: &AxisValues) -> Option<Vec<String>> {
 
 fn program_table(settings: &Settings, names: &Names) -> Vec<String> {
     let mut lines = Vec::new();
+    for (key, is_inch) in [
+        ("start_unit", settings.starts_in_inches),
+        ("parameter_unit", settings.is_in_inches),
+    ] {
+        lines.extend(is_inch.then(|| format!("{key} = \"inch\"")));
+    }
+    lines.extend((settings.start_plane.iter()).map(|plane| format!("start_plane = {}", quoted(plane))));
+    if settings.starts_in_diameters {
+        lines.push("start_x = \"diameter\"".to_owned());
+    }
     for (key, name) in [
         ("tool_table", &names.tool_table),
         ("parameters", &names.parameters),

@@ -2,6 +2,7 @@
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use evolvent_import::{Import, ImportError, import};
 
@@ -10,17 +11,21 @@ const INI: &str = "[EMC]\nMACHINE = router\n[KINS]\nKINEMATICS = trivkins coordi
                    LINEAR_UNITS = mm\n[EMCIO]\nTOOL_TABLE = tools.tbl\n\
                    [AXIS_X]\nMIN_LIMIT = 0\nMAX_LIMIT = 100\nMAX_VELOCITY = 20\nMAX_ACCELERATION = 200\n\
                    [AXIS_Y]\nMIN_LIMIT = 0\nMAX_LIMIT = 100\nMAX_VELOCITY = 20\nMAX_ACCELERATION = 200\n\
-                   [JOINT_0]\nHOME_OFFSET = -5\nHOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = 1\nHOME_SEQUENCE = 0\n\
+                   [JOINT_0]\nHOME_OFFSET = -5\nHOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = -1\nHOME_SEQUENCE = 0\n\
                    BACKLASH = 0.02\nCOMP_FILE = x.comp\n\
-                   [JOINT_1]\nHOME_OFFSET = 5\nHOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = 1\nHOME_SEQUENCE = -1\n\
-                   [JOINT_2]\nHOME_OFFSET = 5.2\nHOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = 1\nHOME_SEQUENCE = -1\n";
+                   [JOINT_1]\nHOME_OFFSET = 5\nHOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = -1\nHOME_SEQUENCE = -1\n\
+                   [JOINT_2]\nHOME_OFFSET = 5.2\nHOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = -1\nHOME_SEQUENCE = -1\n";
 
 /// A folder of a test, removed with it.
 struct Folder(PathBuf);
 
 impl Folder {
     fn new(test: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("evolvent-import-{test}-{}", std::process::id()));
+        // Two tests may use a helper with a folder at once.
+        static NUMBER: AtomicU32 = AtomicU32::new(0);
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let name = format!("evolvent-import-{test}-{}-{number}", std::process::id());
+        let path = std::env::temp_dir().join(name);
         std::fs::create_dir_all(&path).expect("a folder");
         Self(path)
     }
@@ -210,4 +215,232 @@ fn the_machine_file_has_its_own_extension() {
     let text = error.expect_err("the name of a table").to_string();
     assert!(text.contains("a machine file has the extension .toml"), "{text}");
     assert!(!folder.0.join("router.tbl").exists());
+}
+
+#[test]
+fn a_latch_at_the_opening_edge_of_a_plain_switch_is_named() {
+    let folder = Folder::new("latch");
+    folder.write("x.comp", "0 0 0\n100 0 0\n");
+    let named = |ini: &str| -> Vec<String> {
+        let import = folder.import(ini).expect("a machine");
+        let lines = dropped(&import, "JOINT_0").into_iter();
+        lines
+            .filter(|(key, _)| key == "HOME_LATCH_VEL")
+            .map(|(_, reason)| reason)
+            .collect()
+    };
+    assert!(named(INI).is_empty());
+    let opposite = INI.replacen("HOME_LATCH_VEL = -1", "HOME_LATCH_VEL = 1", 1);
+    let reasons = named(&opposite);
+    assert!(
+        matches!(&reasons[..], [reason] if reason.contains("its sign is not carried over") && reason.contains("correct switch_mm by")),
+        "{reasons:?}"
+    );
+    // With an index pulse the sign is the method's.
+    let by_index = opposite.replacen("HOME_SEQUENCE = 0", "HOME_SEQUENCE = 0\nHOME_USE_INDEX = YES", 1);
+    assert!(named(&by_index).is_empty());
+}
+
+/// The start-up code of a machine with these units: the keys of the machine file for the start of programs, and the reason of the line if it is listed.
+fn start_of(units: &str, code: Option<&str>) -> (Vec<String>, Vec<String>) {
+    let folder = Folder::new("start");
+    folder.write("x.comp", "0 0 0\n100 0 0\n");
+    let code = code.map_or_else(String::new, |code| format!("RS274NGC_STARTUP_CODE = {code}\n"));
+    let ini = INI
+        .replace("LINEAR_UNITS = mm", &format!("LINEAR_UNITS = {units}"))
+        .replace("[EMCIO]", &format!("[RS274NGC]\n{code}[EMCIO]"));
+    let import = folder.import(&ini).expect("a machine");
+    let keys =
+        (import.machine().lines()).filter(|line| line.contains("_unit = ") || line.starts_with("start_"));
+    let keys = keys.map(str::to_owned).collect();
+    let reasons = dropped(&import, "RS274NGC")
+        .into_iter()
+        .map(|(_, reason)| reason)
+        .collect();
+    (keys, reasons)
+}
+
+#[test]
+fn programs_start_in_the_unit_and_plane_in_which_linuxcnc_starts_them() {
+    let start = "start_unit = \"inch\"";
+    let parameters = "parameter_unit = \"inch\"";
+    for (units, code, expected) in [
+        ("mm", None, &[][..]),
+        ("inch", None, &[start, parameters][..]),
+        ("in", Some("G64 P0.001"), &[start, parameters]),
+        ("inch ; of the machine", None, &[start, parameters]),
+        ("0.03937007874", None, &[start, parameters]),
+        ("inch", Some("G21 G64 P0.01"), &[parameters]),
+        ("mm", Some("G90 G20"), &[start]),
+        ("mm", Some("G21 (not G20)"), &[]),
+        (
+            "mm",
+            Some("G7 G18"),
+            &["start_plane = \"zx\"", "start_x = \"diameter\""],
+        ),
+        ("mm", Some("G19 G8"), &["start_plane = \"yz\""]),
+        ("mm", Some("G17 (G18 G7)"), &[]),
+    ] {
+        let (keys, reasons) = start_of(units, code);
+        assert_eq!(keys, expected, "{units} {code:?}");
+        assert!(reasons.is_empty(), "{units} {code:?}: {reasons:?}");
+    }
+}
+
+#[test]
+fn words_of_the_start_up_code_are_carried_over_or_named() {
+    for (code, lost) in [
+        ("G17 G20 G40 G49 G80 G90 G91.1 G94 G97 G8 G99 G64 P0.001", None),
+        ("G7 G18 G21 G61", None),
+        ("G19 G61.1", None),
+        ("G17.1 G90.1", Some("G17.1 G90.1 ")),
+        ("G64 P0.01 Q0.02", Some("Q0.02 ")),
+        ("g20 g91 m3 s500 f10", Some("G91 M3 S500 F10 ")),
+        ("G64", None),
+        ("G54 G92.1", Some("G54 G92.1 ")),
+    ] {
+        let (_, reasons) = start_of("inch", Some(code));
+        match lost {
+            None => assert!(reasons.is_empty(), "{code}: {reasons:?}"),
+            Some(lost) => assert!(
+                matches!(&reasons[..], [reason] if reason.starts_with(lost)),
+                "{code}: {reasons:?}"
+            ),
+        }
+    }
+    let (_, reasons) = start_of("mm", Some("G64 P[#<_x>] o<begin> call"));
+    assert!(
+        matches!(&reasons[..], [reason] if reason.contains("expressions")),
+        "{reasons:?}"
+    );
+}
+
+/// A machine file has no stop after every move: the choice is named.
+#[test]
+fn a_start_in_exact_stop_becomes_exact_path() {
+    let folder = Folder::new("start");
+    folder.write("x.comp", "0 0 0\n100 0 0\n");
+    for (code, is_chosen) in [("G61.1", true), ("G61", false)] {
+        let ini = INI.replace(
+            "[EMCIO]",
+            &format!("[RS274NGC]\nRS274NGC_STARTUP_CODE = {code}\n[EMCIO]"),
+        );
+        let import = folder.import(&ini).expect("a machine");
+        assert!(import.machine().contains("mode = \"exact\""), "{code}");
+        let mut chosen = import.report().chosen.iter();
+        assert_eq!(chosen.any(|value| value.key == "path.mode"), is_chosen, "{code}");
+    }
+}
+
+/// A value is listed as chosen where the machine file has it.
+#[test]
+fn an_absolute_encoder_has_no_speeds_to_choose() {
+    let folder = Folder::new("absolute");
+    folder.write("x.comp", "0 0 0\n100 0 0\n");
+    let chosen = |joint: &str| -> Vec<String> {
+        let ini = INI.replacen("HOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = -1\n", joint, 1);
+        let import = folder.import(&ini).expect("a machine");
+        let chosen = import.report().chosen.iter();
+        chosen
+            .map(|value| value.key.clone())
+            .filter(|key| key.ends_with(" of X") && !key.starts_with("max_jerk"))
+            .collect()
+    };
+    let none: [&str; 0] = [];
+    assert_eq!(chosen("HOME_ABSOLUTE_ENCODER = 2\n"), none);
+    assert_eq!(chosen("HOME_ABSOLUTE_ENCODER = 1\nHOME_SEARCH_VEL = 900\n"), none);
+    assert_eq!(chosen("HOME_SEARCH_VEL = 900\n"), ["search of X", "latch of X"]);
+}
+
+/// The lines of a section that were not carried over, by number.
+fn lines(import: &Import, section: &str) -> Vec<(u32, String)> {
+    let all = import.report().dropped.iter();
+    all.filter(|line| line.section == section)
+        .map(|line| (line.line, line.reason.clone()))
+        .collect()
+}
+
+#[test]
+fn a_key_that_is_given_twice_is_named() {
+    let folder = Folder::new("twice");
+    folder.write("x.comp", "0 0 0\n100 0 0\n");
+    let ini = INI.replacen(
+        "[AXIS_X]\nMIN_LIMIT = 0\nMAX_LIMIT = 100\n",
+        "[AXIS_X]\nMIN_LIMIT = 0\nMAX_LIMIT = 90\nMAX_LIMIT = 100\n",
+        1,
+    );
+    let import = folder.import(&ini).expect("a machine");
+    assert!(
+        import.machine().contains("travel_max_mm = 90"),
+        "{}",
+        import.machine()
+    );
+    let named = lines(&import, "AXIS_X");
+    assert!(
+        matches!(&named[..], [(14, reason)] if reason.contains("the first one counts")),
+        "{named:?}"
+    );
+}
+
+#[test]
+fn a_home_offset_without_a_search_is_named() {
+    let folder = Folder::new("no-search");
+    folder.write("x.comp", "0 0 0\n100 0 0\n");
+    let named = |homing: &str| -> Vec<String> {
+        let ini = INI.replacen(
+            "HOME_OFFSET = -5\nHOME_SEARCH_VEL = -10\nHOME_LATCH_VEL = -1\n",
+            homing,
+            1,
+        );
+        let import = folder.import(&ini).expect("a machine");
+        let keys = dropped(&import, "JOINT_0").into_iter().map(|(key, _)| key);
+        keys.filter(|key| !["HOME_SEQUENCE", "BACKLASH", "COMP_FILE"].contains(&key.as_str()))
+            .collect()
+    };
+    let none: [&str; 0] = [];
+    assert_eq!(named("HOME_OFFSET = 5\n"), ["HOME_OFFSET"]);
+    assert_eq!(named("HOME_OFFSET = 5\nHOME = 5\n"), none);
+    assert_eq!(named("HOME_OFFSET = 0\nHOME_LATCH_VEL = 1\n"), ["HOME_LATCH_VEL"]);
+    assert_eq!(
+        named("HOME_OFFSET = 5\nHOME_ABSOLUTE_ENCODER = 1\n"),
+        ["HOME_OFFSET"]
+    );
+}
+
+#[test]
+fn limits_of_a_wrapped_axis_are_named() {
+    let folder = Folder::new("wrapped");
+    let named = |limits: &str| {
+        let ini = format!(
+            "[KINS]\nKINEMATICS = trivkins coordinates=AX\nJOINTS = 2\n[TRAJ]\nLINEAR_UNITS = mm\n[AXIS_A]\nWRAPPED_ROTARY = 1\n{limits}\
+             MAX_VELOCITY = 20\nMAX_ACCELERATION = 200\n[JOINT_0]\nHOME_SEQUENCE = 0\n"
+        );
+        lines(&folder.import(&ini).expect("a machine"), "AXIS_A").len()
+    };
+    assert_eq!(named("MIN_LIMIT = 0\nMAX_LIMIT = 360\n"), 2);
+    assert_eq!(named("MIN_LIMIT = -1e99\nMAX_LIMIT = 1e9\n"), 0);
+}
+
+#[test]
+fn a_lathe_by_its_axes_alone_is_listed_as_chosen() {
+    let folder = Folder::new("kind");
+    for (display, letters, kind, is_chosen) in [
+        ("", "XZ", "lathe", true),
+        ("[DISPLAY]\nLATHE = 1\n", "XZ", "lathe", false),
+        ("[DISPLAY]\nLATHE = 1\n", "XYZ", "lathe", false),
+        ("", "XYZ", "mill", false),
+    ] {
+        let ini = format!(
+            "{display}[KINS]\nKINEMATICS = trivkins coordinates={letters}\n[TRAJ]\nLINEAR_UNITS = mm\n"
+        );
+        let import = folder.import(&ini).expect("a machine");
+        let line = format!("kind = \"{kind}\"");
+        assert!(
+            import.machine().contains(&line),
+            "{display}{letters}: {}",
+            import.machine()
+        );
+        let chosen = import.report().chosen.iter().any(|value| value.key == "kind");
+        assert_eq!(chosen, is_chosen, "{display}{letters}");
+    }
 }
