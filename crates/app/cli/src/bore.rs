@@ -25,7 +25,8 @@ pub(crate) struct BoreArgs {
     /// Maximum radial pitch of the roughing involute in mm per turn; required for roughing.
     #[arg(long, value_name = "MM", required_unless_present = "finish_only")]
     pub pitch: Option<f64>,
-    /// Material that roughing leaves on the wall, in mm [default: 0].
+    /// Material that roughing leaves on the wall, in mm; for finishing at most the tool's diameter
+    /// [default: 0].
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub allowance: Option<f64>,
     /// Finish the wall after roughing: involute approach, one turn, mirrored departure.
@@ -34,7 +35,8 @@ pub(crate) struct BoreArgs {
     /// Finish only: the hole is already roughed. Options of roughing are then refused.
     #[arg(long)]
     pub finish_only: bool,
-    /// Start of the finishing approach (without finishing: of roughing), in mm from the hole's centre.
+    /// Start of the finishing approach (without finishing: of roughing), in mm from the hole's centre. After
+    /// roughing it must lie where roughing has cut room for the tool.
     #[arg(long, value_name = "X,Y", value_parser = point, allow_hyphen_values = true)]
     pub start: Option<[f64; 2]>,
     /// Instead of --start: radius of curvature at the start of the finishing approach, in mm.
@@ -197,8 +199,11 @@ pub(crate) fn run(args: &BoreArgs, out: &mut dyn Write) -> Result<(), CommandErr
     args.check()?;
     let program = BoreProgram::new(args.request()).map_err(|error| {
         CommandError::Usage(match error {
-            BoreError::Number { .. } | BoreError::FewTurns { .. } => format!("--{error}"),
-            BoreError::Hole(error) => error.to_string(),
+            BoreError::Number { .. }
+            | BoreError::FewTurns { .. }
+            | BoreError::Ring { .. }
+            | BoreError::FinishStart { .. } => format!("--{error}"),
+            BoreError::Hole(_) | BoreError::Circle { .. } => error.to_string(),
         })
     })?;
     let comparison = if args.compare {

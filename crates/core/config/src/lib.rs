@@ -22,7 +22,7 @@
 //!
 //! [`open_regular`], [`read_regular`] and [`read_text`] open regular files only, with a time limit. [`OutputFile`] and
 //! [`write_whole`] write a file completely or not at all; [`check_outputs`] compares the files that a command writes with those
-//! that it reads.
+//! that it reads. [`ProgramNumber`] writes numbers of part programs.
 //!
 //! # Guarantees
 //!
@@ -34,6 +34,7 @@ mod file;
 mod output_conflict;
 mod output_file;
 mod place;
+mod program_number;
 mod text_file;
 mod words;
 
@@ -42,5 +43,6 @@ pub use error::ConfigError;
 pub use file::{FILE_TIMEOUT, no_reply, open_regular, read_regular, within};
 pub use output_conflict::{OutputConflict, check_outputs};
 pub use output_file::{OutputFile, is_stream, write_whole};
+pub use program_number::ProgramNumber;
 pub use text_file::{TextFileError, read_text};
 pub use words::{plain, shortened};

@@ -144,6 +144,29 @@ impl HolePass {
         let involute = self.blocks.first().map(|block| block.figures.start_radius_mm);
         f64::from(self.turns) * (1.0 - involute.unwrap_or(0.0) / self.radius_mm)
     }
+
+    /// Range of distances from the centre of the hole in mm at which a tool of `tool_diameter_mm` fits into what this roughing pass
+    /// has cut: a later pass can move down there without cutting.
+    ///
+    /// The lower end is 0 for a pass from the centre. A pass from another point leaves a core within its first turn, which covers
+    /// every direction at the distance that the involute has reached after it. A core narrower than the tool is cut with the turn.
+    #[must_use]
+    pub fn cleared_mm(&self, tool_diameter_mm: f64) -> [f64; 2] {
+        let start_roll = self
+            .blocks
+            .first()
+            .map_or(0.0, |block| block.figures.start_roll_rad);
+        let last_roll = TAU * f64::from(self.turns);
+        let reached_mm = from_centre(self.base_radius_mm, (start_roll + TAU).min(last_roll));
+        let is_core_cut = start_roll == 0.0 || reached_mm <= 0.5 * tool_diameter_mm;
+        [if is_core_cut { 0.0 } else { reached_mm }, self.radius_mm]
+    }
+}
+
+/// Distance from the centre of the hole of an involute of base radius `r` at roll angle `phi`: the size of (6), without cancellation.
+fn from_centre(r: f64, phi: f64) -> f64 {
+    let (sin, cos, versin) = sin_cos_versin(phi);
+    r * libm::hypot(phi * sin - versin, sin_less_angle_cos(phi, sin, cos))
 }
 
 /// An involute in the coordinate system of the hole: centre at the origin, counter-clockwise.
@@ -354,10 +377,7 @@ impl Hole {
                 }
                 // (9). The left side has the derivative r^2 phi (1 - cos phi) / distance, which is never negative but vanishes
                 // once per turn: Newton's method needs a bracket.
-                let distance = |phi: f64| {
-                    let [x, y] = spiral.unturned(phi);
-                    libm::hypot(x, y)
-                };
+                let distance = |phi: f64| from_centre(r, phi);
                 let slope = |phi: f64| r * r * phi * sin_cos_versin(phi).2 / distance(phi);
                 let guess = end * distance_mm / radius;
                 let phi = invert(&distance, &slope, distance_mm, end, guess);

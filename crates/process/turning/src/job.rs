@@ -8,7 +8,7 @@ use crate::blank::Blank;
 use crate::cone::Cone;
 use crate::job_file::{CutEnd, CutFile, CutKind, JobFile, SensorKind, StrategyName};
 use crate::law::CutLaw;
-use crate::regime::{BackOff, Regime, RegimeInput};
+use crate::regime::{BackOff, PERMITTED_LOAD, Regime, RegimeError, RegimeInput, SET_LOAD, SMALLEST_FEED};
 use crate::scale::{Lever, LoadScale, MIN_LEVER_FRACTION};
 use crate::sensor::SensorModel;
 use crate::settings::{Strategy, TurningSettings};
@@ -44,8 +44,31 @@ impl Job {
     /// Keys that are unknown, missing or make no sense, and regimes that do not hold, with place and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, ConfigError> {
         let sheet = ConfigDocument::parse(text, file)?;
-        let job: JobFile = sheet.read()?;
-        job.job(&sheet)
+        let job = sheet.read::<JobFile>()?.job(&sheet)?;
+        job.check_stock(&sheet)?;
+        Ok(job)
+    }
+
+    /// The stock must not stand higher than the passes reach. Of another cut ([`Job::for_cut`]) it says nothing.
+    fn check_stock(&self, sheet: &ConfigDocument<'_>) -> Result<(), ConfigError> {
+        let Some(blank) = &self.blank else {
+            return Ok(());
+        };
+        let height_mm = blank.highest_mm(self.cut.length_mm) + blank.runout_mm;
+        let allowance_mm = self.cut.allowance_max_mm;
+        if height_mm <= allowance_mm + 1e-9 {
+            return Ok(());
+        }
+        let with_runout = if blank.runout_mm > 0.0 {
+            " with its runout"
+        } else {
+            ""
+        };
+        Err(sheet.error(
+            "stock.outline_mm",
+            format!("stands {height_mm:.3} mm above the final size{with_runout}, above cut.allowance_max_mm, {allowance_mm} mm"),
+            "raise cut.allowance_max_mm, or correct the stock",
+        ))
     }
 
     /// The same tool, law, load, feed and strategy for another cut.
@@ -73,6 +96,27 @@ impl Job {
         settings.rapid_mm_s = along.velocity;
         settings.out_speed_mm_s = out.velocity;
         settings.period_s = period_s;
+    }
+}
+
+/// The key that is wrong where there is no regime, and what to do.
+fn key_of(error: &RegimeError) -> (&'static str, &'static str) {
+    match error {
+        RegimeError::Law { .. } => ("law", "correct the force law"),
+        RegimeError::Number { name, .. } => match *name {
+            SET_LOAD => ("load.set_n", "give the load in N"),
+            PERMITTED_LOAD => ("load.permitted_n", "give the load in N"),
+            SMALLEST_FEED => ("feed.min_mm_rev", "give the feed in mm/rev"),
+            _ => ("feed.max_mm_rev", "give the feed in mm/rev"),
+        },
+        RegimeError::Feeds { .. } => ("feed.min_mm_rev", "lower it, or raise feed.max_mm_rev"),
+        RegimeError::Narrow { .. } => ("feed.min_mm_rev", "or set feed.back_off_mm_rev"),
+        RegimeError::BackOffFeed { .. } => ("feed.back_off_mm_rev", "choose one between, or leave it out"),
+        RegimeError::Overload { .. } => (
+            "load.set_n",
+            "or raise load.permitted_n, if machine and insert bear it",
+        ),
+        RegimeError::Edge { .. } => ("feed.min_mm_rev", "or give the length of the edge, tool.edge_mm"),
     }
 }
 
@@ -120,8 +164,10 @@ impl JobFile {
                 (None, _) => BackOff::Balanced,
             },
         };
-        let mut regime =
-            Regime::new(&input, &tool).map_err(|error| refuse("feed", error.to_string(), "see above"))?;
+        let mut regime = Regime::new(&input, &tool).map_err(|error| {
+            let (key, advice) = key_of(&error);
+            refuse(key, error.to_string(), advice)
+        })?;
         regime.wear = self.wear(sheet)?;
         let usual = TurningSettings::usual(regime, tool, self.cut.spindle_rpm, self.cut.length_mm);
         let literal = self.strategy.name == StrategyName::Literal;

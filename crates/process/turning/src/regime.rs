@@ -74,6 +74,11 @@ pub struct Regime {
     pub wear: Wear,
 }
 
+/// How errors name the numbers of an input.
+pub(crate) const SET_LOAD: &str = "the set load";
+pub(crate) const PERMITTED_LOAD: &str = "the permitted load";
+pub(crate) const SMALLEST_FEED: &str = "the smallest feed";
+
 /// Why there is no regime.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum RegimeError {
@@ -175,9 +180,9 @@ impl Regime {
         }
         let (low, high) = (input.feed_min_mm_rev, input.feed_max_mm_rev);
         for (name, value, most) in [
-            ("the set load", input.set_load, 1e9),
-            ("the permitted load", input.permitted_load, 1e9),
-            ("the smallest feed", low, 10.0),
+            (SET_LOAD, input.set_load, 1e9),
+            (PERMITTED_LOAD, input.permitted_load, 1e9),
+            (SMALLEST_FEED, low, 10.0),
             ("the largest feed", high, 10.0),
         ] {
             if !(value > 0.0 && value <= most) {

@@ -12,6 +12,7 @@ fn the_shipped_schema_is_that_of_the_code() {
 #[test]
 fn bad_files_are_refused_with_line_column_and_key() {
     let rpm = "spindle_rpm = 500.0";
+    let stock = "outline_mm = [[0.0, 10.0], [200.0, 5.0]]";
     assert_refused(
         &shipped("processes/turn-shaft.toml"),
         &[
@@ -20,6 +21,25 @@ fn bad_files_are_refused_with_line_column_and_key() {
             edit("length_mm = 200.0", "lenght_mm = 200.0", "lenght_mm"),
             edit("kind = \"longitudinal\"", "kind = \"across\"", "cut.kind"),
             edit("noise = 0.02", "noise = 3", "sensor.noise"),
+            // Values that contradict each other: the error names the key to change.
+            edit("set_n = 2200.0", "set_n = 3600.0", "load.set_n"),
+            edit("permitted_n = 3500.0", "permitted_n = -1.0", "load.permitted_n"),
+            edit("min_mm_rev = 0.2 ", "min_mm_rev = 0.8 ", "feed.min_mm_rev"),
+            edit("max_mm_rev = 0.7 ", "max_mm_rev = 12.0 ", "feed.max_mm_rev"),
+            Edit {
+                line: "min_mm_rev",
+                ..edit("edge_mm = 12.0", "edge_mm = 3.0", "feed.min_mm_rev")
+            },
+            edit(
+                stock,
+                "outline_mm = [[0.0, 10.3], [200.0, 5.0]]",
+                "stock.outline_mm",
+            ),
+            edit(
+                stock,
+                "outline_mm = [[0.0, 10.0], [200.0, 5.0]]\nrunout_mm = 0.3",
+                "with its runout",
+            ),
             // What is no TOML is told where it ends to be so, ...
             Edit {
                 column: 15,

@@ -9,6 +9,8 @@ mod comparison;
 use std::fmt::{self, Write as _};
 use std::path::Path;
 
+use evolvent_config::{ProgramNumber, plain};
+use evolvent_gcode::ArcTolerance;
 use evolvent_path::{
     Axes, Curve, Hole, HoleBlock, HoleError, HolePass, HoleStart, Milling, Plane, Role, Sense, depths_mm,
 };
@@ -21,6 +23,8 @@ use comparison::{Comparison, pass_json};
 
 /// Clearance above the material at which the rapid downward move ends, mm.
 const CLEARANCE_MM: f64 = 1.0;
+/// Rounding of a computed distance from the hole's centre, mm.
+const ROUNDING_MM: f64 = 1e-9;
 
 /// A hole and the way it is milled.
 #[derive(Clone, Debug)]
@@ -77,7 +81,7 @@ pub struct BoreRoughing {
 pub struct BoreFinishing {
     /// Turns of the whole involute, usually 1 or 2.
     pub turns: u32,
-    /// Where the approach starts; `None` starts half way out.
+    /// Where the approach starts; `None` starts about half way out, where roughing has cut.
     pub start: Option<HoleStart>,
 }
 
@@ -102,8 +106,55 @@ pub enum BoreError {
         /// Turns that keep it.
         min_turns: f64,
     },
+    /// The tool's centre would move on a circle that a program cannot have.
+    #[error(
+        "the tool's centre would move on a circle of {radius_mm:.6} mm in {pass}, and a program's arcs have at least {min_mm} mm: use a \
+         smaller tool{}",
+        if *.pass == "roughing" { ", or a smaller --allowance" } else { "" }
+    )]
+    Circle {
+        /// The pass.
+        pass: &'static str,
+        /// Radius of its last circle, mm.
+        radius_mm: f64,
+        /// The minimum radius of an arc, mm.
+        min_mm: f64,
+    },
+    /// An allowance wider than the tool: finishing would cut a groove along the wall and leave a ring inside it.
+    #[error(
+        "allowance {allowance_mm} is wider than the tool of {tool_mm} mm: finishing would leave a ring of {:.3} mm standing; give at \
+         most {tool_mm}, or use a larger tool",
+        .allowance_mm - .tool_mm
+    )]
+    Ring {
+        /// The allowance of roughing, mm.
+        allowance_mm: f64,
+        /// Diameter of the tool, mm.
+        tool_mm: f64,
+    },
+    /// The tool would move down into material at the start of finishing.
+    #[error(
+        "{option}: finishing would start {distance_mm:.3} mm from the hole's centre and move down into material: roughing with an \
+         allowance of {allowance_mm} mm has cut room for the tool {}; start there{}",
+        range(*.cleared_mm),
+        if *.distance_mm > .cleared_mm[1] {
+            ", or give a smaller --allowance"
+        } else {
+            ", or rough first and finish with --finish-only where a drilled hole has the room"
+        }
+    )]
+    FinishStart {
+        /// The option that gives the start: `start`, `start-radius` or `start-length`.
+        option: &'static str,
+        /// Distance of the start from the hole's centre, mm.
+        distance_mm: f64,
+        /// Distances at which roughing has cut room for the tool, mm.
+        cleared_mm: [f64; 2],
+        /// The allowance of roughing, mm.
+        allowance_mm: f64,
+    },
     /// A number that is not positive and finite.
-    #[error("{name} {value} is impossible: give a positive, finite number")]
+    #[error("{name} {} is impossible: give a positive, finite number", plain(*.value))]
     Number {
         /// Name of the number: `feed`, `finish-feed`, `plunge-feed`, `spindle`, `safe`, `tolerance` or `top`.
         name: &'static str,
@@ -171,7 +222,7 @@ impl BoreProgram {
         };
         let safe_z = top + request.safe_mm;
         let mut levels = Vec::new();
-        let mut roughed_mm = None;
+        let mut cleared_mm = None;
         if let Some(roughing) = &request.roughing {
             let mut above = top;
             for &z in &depths {
@@ -192,7 +243,7 @@ impl BoreProgram {
                         min_turns,
                     });
                 }
-                roughed_mm = Some(pass.radius_mm);
+                cleared_mm = Some(pass.cleared_mm(request.tool_mm));
                 let clear_z = (above + CLEARANCE_MM).min(safe_z);
                 levels.push(Level {
                     pass,
@@ -205,21 +256,13 @@ impl BoreProgram {
             }
         }
         if let Some(finishing) = &request.finishing {
-            let start = match finishing.start {
-                Some(start) => start,
-                // Half way out: clear of the wall, with more than a quarter turn for the cutting force to
-                // build up.
-                None => HoleStart::CurvatureRadius(0.5 * hole.path_radius_mm(0.0)?),
-            };
+            let start = finishing_start(&hole, &request, finishing, cleared_mm)?;
+            // What roughing has cut is open down to the bottom; of a hole roughed elsewhere only the top is known.
+            let is_open = cleared_mm.is_some();
             let feed = request.finish_feed_mm_min.unwrap_or(request.feed_mm_min);
             for &z in &depths {
                 let pass = hole.finish(finishing.turns, 0.0, start, &resting(z))?;
-                // In the roughed area the tool moves down in rapid, elsewhere it plunges.
-                let cleared = pass.blocks.first().zip(roughed_mm).is_some_and(|(block, limit)| {
-                    let [x, y] = block.figures.start_mm;
-                    x.hypot(y) <= limit
-                });
-                let clear_z = (if cleared { z } else { top } + CLEARANCE_MM).min(safe_z);
+                let clear_z = (if is_open { z } else { top } + CLEARANCE_MM).min(safe_z);
                 levels.push(Level {
                     pass,
                     z,
@@ -228,6 +271,18 @@ impl BoreProgram {
                     title: "finishing",
                 });
             }
+        }
+        // The rounding of the coordinates must not make the radius smaller than what was compared.
+        let min_mm = ArcTolerance::default().radius_mm;
+        if let Some(small) = levels
+            .iter()
+            .find(|level| level.pass.radius_mm < min_mm + ROUNDING_MM)
+        {
+            return Err(BoreError::Circle {
+                pass: small.title,
+                radius_mm: small.pass.radius_mm,
+                min_mm,
+            });
         }
         Ok(Self {
             request,
@@ -307,7 +362,7 @@ impl BoreProgram {
             writeln!(out, "T{number} M6")?;
         }
         writeln!(out, "S{} M3", word(request.spindle_rpm))?;
-        writeln!(out, "G0 Z{}", word(self.safe_z))?;
+        writeln!(out, "G0 Z{}", coordinate(self.safe_z))?;
         for level in &self.levels {
             self.level(level, out)?;
         }
@@ -368,20 +423,75 @@ impl BoreProgram {
             return Ok(());
         };
         let start = first.curve.start();
-        writeln!(out, "\n({} at Z{})", level.title, word(level.z))?;
-        writeln!(out, "G0 X{} Y{}", word(start[0]), word(start[1]))?;
-        writeln!(out, "G0 Z{}", word(level.clear_z))?;
+        writeln!(out, "\n({} at Z{})", level.title, coordinate(level.z))?;
+        writeln!(out, "G0 X{} Y{}", coordinate(start[0]), coordinate(start[1]))?;
+        writeln!(out, "G0 Z{}", coordinate(level.clear_z))?;
         writeln!(
             out,
             "G1 Z{} F{}",
-            word(level.z),
+            coordinate(level.z),
             word(self.request.plunge_feed_mm_min)
         )?;
         for block in &level.pass.blocks {
             writeln!(out, "({}, {:.6} mm)", title(block.role), block.figures.length_mm)?;
             writeln!(out, "{}", line(block, level.feed))?;
         }
-        writeln!(out, "G0 Z{}", word(self.safe_z))
+        writeln!(out, "G0 Z{}", coordinate(self.safe_z))
+    }
+}
+
+/// Where finishing starts, so that the tool moves down in what roughing has cut.
+fn finishing_start(
+    hole: &Hole,
+    request: &BoreRequest,
+    finishing: &BoreFinishing,
+    cleared_mm: Option<[f64; 2]>,
+) -> Result<HoleStart, BoreError> {
+    // Half way out: clear of the wall, with more than a quarter turn for the cutting force to build up.
+    let half_way = HoleStart::CurvatureRadius(0.5 * hole.path_radius_mm(0.0)?);
+    let start = finishing.start.unwrap_or(half_way);
+    let (Some(roughing), Some(cleared_mm)) = (&request.roughing, cleared_mm) else {
+        return Ok(start);
+    };
+    if roughing.allowance_mm > request.tool_mm {
+        return Err(BoreError::Ring {
+            allowance_mm: roughing.allowance_mm,
+            tool_mm: request.tool_mm,
+        });
+    }
+    let distance_mm = |start: HoleStart| -> Result<f64, BoreError> {
+        let pass = hole.finish(finishing.turns, 0.0, start, &Axes::zeros())?;
+        let start = pass.blocks.first().map(|block| block.figures.start_mm);
+        Ok(start.map_or(0.0, |[x, y]| x.hypot(y)))
+    };
+    let found_mm = distance_mm(start)?;
+    let is_cleared = found_mm >= cleared_mm[0] - ROUNDING_MM && found_mm <= cleared_mm[1] + ROUNDING_MM;
+    // The tool has been at the start of roughing, whatever is left around it.
+    if is_cleared || start == roughing.start {
+        return Ok(start);
+    }
+    let option = match finishing.start {
+        None if cleared_mm[0] == 0.0 => return Ok(HoleStart::Point([0.5 * cleared_mm[1], 0.0])),
+        None => return Ok(roughing.start),
+        Some(HoleStart::CurvatureRadius(_)) => "start-radius",
+        Some(HoleStart::Length(_)) => "start-length",
+        Some(_) => "start",
+    };
+    Err(BoreError::FinishStart {
+        option,
+        distance_mm: found_mm,
+        cleared_mm,
+        allowance_mm: roughing.allowance_mm,
+    })
+}
+
+/// A range of distances that can be given, rounded inwards to micrometres.
+fn range([low, high]: [f64; 2]) -> String {
+    let (low, high) = ((1e3 * low).ceil() * 1e-3, (1e3 * high).floor() * 1e-3);
+    if low < high {
+        format!("from {low:.3} to {high:.3} mm from the centre")
+    } else {
+        "only at its own start".to_owned()
     }
 }
 
@@ -411,26 +521,27 @@ fn line(block: &HoleBlock, feed: f64) -> String {
         (Sense::Clockwise, false) => "G2",
         (_, false) => "G3",
     };
-    let [i, j] = [0, 1].map(|axis| word(block.centre_mm[axis] - start[axis]));
+    let [i, j] = [0, 1].map(|axis| coordinate(block.centre_mm[axis] - start[axis]));
     let radius = if involute {
+        // Exactly: rounded, it changes the length of many turns by nanometres.
         format!(" R{}", word(block.radius_mm))
     } else {
         String::new()
     };
     format!(
         "{code} X{} Y{} I{i} J{j}{radius} F{}",
-        word(end[0]),
-        word(end[1]),
+        coordinate(end[0]),
+        coordinate(end[1]),
         word(feed)
     )
 }
 
-/// A number as the shortest decimal that reads back as the same bits, never with an exponent. Magnitudes
-/// below 1e-15 are rounding errors and print as zero.
-fn word(value: f64) -> String {
-    if value.abs() < 1e-15 {
-        "0".to_owned()
-    } else {
-        value.to_string()
-    }
+/// A number that was given, or from which the path follows: the same bits when read back.
+fn word(value: f64) -> ProgramNumber {
+    ProgramNumber::exact(value)
+}
+
+/// A computed coordinate.
+fn coordinate(value: f64) -> ProgramNumber {
+    ProgramNumber::without_noise(value)
 }

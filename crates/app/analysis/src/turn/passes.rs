@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use evolvent_config::ProgramNumber;
 use evolvent_machine::TurningWords;
 use evolvent_turning::{CutKind, Job};
 
@@ -16,13 +17,16 @@ const TINY_MM: f64 = 0.06;
 pub(crate) fn program(trial: &TurningTrial) -> String {
     let (cut, settings) = (&trial.job.cut, &trial.job.settings);
     let mut text = String::new();
-    let place = |along: f64, out: f64| cut.position_mm(along, out);
+    let place = |along: f64, out: f64| {
+        let (x, z) = cut.position_mm(along, out);
+        (ProgramNumber::rounded(x, 4), ProgramNumber::rounded(z, 4))
+    };
     let (x, z) = place(trial.start.0, trial.start.1);
     // Writing to a string cannot fail.
     let _ = writeln!(
         text,
         "(passes of {}, found by self-programmed turning {})\n(they fit that stock only: \
-         nothing monitors the load)\nG21 G18 G90 G94 G8 G61\nS{} M3\nG0 X{x:.4}\nG0 Z{z:.4}",
+         nothing monitors the load)\nG21 G18 G90 G94 G8 G61\nS{} M3\nG0 X{x}\nG0 Z{z}",
         plain(&trial.job.name),
         if trial.is_simulated {
             "on a simulated stock"
@@ -30,18 +34,19 @@ pub(crate) fn program(trial: &TurningTrial) -> String {
             "by the load of a sensor"
         },
         // Exactly: the feeds below are computed from it.
-        settings.spindle_rpm
+        ProgramNumber::exact(settings.spindle_rpm)
     );
     let mut from = trial.start;
-    for stretch in joined(&trial.stretches, trial.start) {
+    let least_feed = settings.regime.feed_min_mm_rev;
+    for stretch in joined(&trial.stretches, trial.start, least_feed) {
         let to = (stretch.to_along_mm, stretch.to_out_mm);
         let (x, z) = place(to.0, to.1);
         let _ = match stretch.turns {
             Some(turns) => {
                 let feed = length(from, to) / turns * settings.spindle_rpm;
-                writeln!(text, "G1 X{x:.4} Z{z:.4} F{feed:.2}")
+                writeln!(text, "G1 X{x} Z{z} F{}", ProgramNumber::rounded(feed, 2))
             }
-            None => writeln!(text, "G0 X{x:.4} Z{z:.4}"),
+            None => writeln!(text, "G0 X{x} Z{z}"),
         };
         from = to;
     }
@@ -103,8 +108,9 @@ fn length(from: (f64, f64), to: (f64, f64)) -> f64 {
 }
 
 /// Merges short sections: a feed move starts and ends with many feed changes, a cross move with the end of
-/// deceleration.
-fn joined(stretches: &[Stretch], start: (f64, f64)) -> Vec<Stretch> {
+/// deceleration. Sections at a feed that cuts stay as they are: with the mean of theirs, the slow end of an engagement would be cut at the
+/// feed of its beginning in air. Below `least_feed`, mm per revolution, an axis accelerates, as it does in the program by itself.
+fn joined(stretches: &[Stretch], start: (f64, f64), least_feed: f64) -> Vec<Stretch> {
     let mut list: Vec<(Stretch, f64)> = Vec::new();
     let mut from = start;
     for stretch in stretches {
@@ -116,6 +122,7 @@ fn joined(stretches: &[Stretch], start: (f64, f64)) -> Vec<Stretch> {
             let joins = match (last.turns, stretch.turns) {
                 (Some(turns), Some(more))
                     if short < SHORT_MM
+                        && (*before < least_feed * turns || own < least_feed * more)
                         && last.climbs == stretch.climbs
                         && (stretch.climbs || last.to_out_mm == to.1) =>
                 {

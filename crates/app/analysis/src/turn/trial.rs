@@ -7,8 +7,8 @@ use evolvent_machine::MachineKind;
 use evolvent_path::AxisLetter;
 use evolvent_runtime::{Clock, Controls, Job as Run, Notice, RunObserver, Setup, run_seen};
 use evolvent_turning::{
-    Blank, CutKind, CutNow, Figures, Job, ScalarLimits, Transition, TurningOutput, TurningState,
-    run_fixed_at_load,
+    Blank, CutKind, CutNow, Figures, Job, ScalarLimits, Transition, TurningOutput, TurningSettings,
+    TurningState, run_fixed_at_load,
 };
 
 use super::passes::cycle_program;
@@ -147,6 +147,10 @@ impl TurningTrial {
         let program = folder.path().join("turn.ngc");
         let text = cycle_program(&self.job, setup.machine.program.turning_cycles);
         std::fs::write(&program, text).map_err(|error| failed(&error))?;
+        // The file is gone when the user reads the message.
+        let file = program.display().to_string();
+        let cycle = format!("the cycle of {}", self.job.name);
+        let of_cycle = |text: String| text.replace(&file, &cycle);
         let job = Run {
             program,
             setup,
@@ -209,13 +213,13 @@ impl TurningTrial {
             }
             cycle += 1;
         })
-        .map_err(|error| failed(&error))?;
+        .map_err(|error| AnalysisError::Failed(of_cycle(error.to_string())))?;
         writer.finish(&mut self.stretches);
         outcome
             .program
-            .map_err(|error| AnalysisError::Input(error.to_string()))?;
+            .map_err(|error| AnalysisError::Input(of_cycle(error.to_string())))?;
         self.figures.done = is_done && outcome.fault.is_none();
-        self.fault = outcome.fault;
+        self.fault = outcome.fault.map(&of_cycle);
         if let Some(process) = outcome.process {
             self.figures.residual_mm = process.workpiece().residual_mm();
             self.figures.undercut_mm = process.workpiece().undercut_mm();
@@ -229,6 +233,9 @@ impl TurningTrial {
             ));
         }
         self.trace_error = outcome.trace_error.map(|error| error.to_string());
+        for note in &mut self.notes {
+            *note = of_cycle(std::mem::take(note));
+        }
         // It is an error with a position of its own, and no note.
         self.notes.retain(|note| Some(note) != self.trace_error.as_ref());
         if let Some(trace) = outcome.summary.trace {
@@ -296,6 +303,7 @@ impl TurningTrial {
                 100.0 * self.job.law_misfit
             ));
         }
+        self.notes.extend(steep_entry(&self.job.settings));
         if self.is_simulated && !self.blank.is_round() {
             self.notes
                 .push("the stock is not round: its deepest part is what is held at the set load".into());
@@ -355,6 +363,22 @@ impl TurningTrial {
     }
 }
 
+/// Warns where a revolution at the entry feed adds so much depth that the load exceeds its bound before a sensor can show it.
+fn steep_entry(settings: &TurningSettings) -> Option<String> {
+    /// Above this fraction of the deepest cut; measured on the worked example, docs/theory-turning.md.
+    const MAX_FRACTION: f64 = 0.5;
+    let regime = &settings.regime;
+    let added_mm = regime.feed_back_off_mm_rev * settings.tool.slope();
+    let fraction = added_mm / regime.depth_max_mm;
+    (fraction > MAX_FRACTION).then(|| {
+        format!(
+            "a revolution at the entry feed adds {added_mm:.3} mm of depth, {:.0} % of the deepest cut: the load may exceed 1.3 times the \
+             set load, and more passes than planned may be needed; raise the set load, or reduce the feeds or the lead angle",
+            100.0 * fraction
+        )
+    })
+}
+
 /// Collects the notes for the user.
 struct Silent<'a>(&'a mut Vec<String>);
 
@@ -381,7 +405,7 @@ impl StretchWriter {
         &mut self,
         output: &TurningOutput,
         feeds: bool,
-        settings: &evolvent_turning::TurningSettings,
+        settings: &TurningSettings,
         stretches: &mut Vec<Stretch>,
     ) {
         let (v, w) = (output.along.velocity, output.out.velocity);
@@ -418,5 +442,30 @@ impl StretchWriter {
             turns: (!rapid && self.turns > 0.0).then_some(self.turns),
             climbs: !rapid && axes == 3,
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::process::read_process;
+
+    #[test]
+    fn an_entry_that_adds_more_than_half_of_the_deepest_cut_per_revolution_is_noted() {
+        let text = include_str!("../../../../../config/processes/turn-shaft.toml");
+        let folder = tempfile::tempdir().unwrap();
+        let note = |set_n: &str, lead_deg: &str| {
+            let file = folder.path().join("job.toml");
+            let text = text
+                .replace("set_n = 2200.0", &format!("set_n = {set_n}"))
+                .replace("lead_deg = 60.0", &format!("lead_deg = {lead_deg}"));
+            std::fs::write(&file, text).unwrap();
+            steep_entry(&read_process(&file).unwrap().settings)
+        };
+        assert_eq!(note("2200.0", "60.0"), None);
+        assert_eq!(note("1500.0", "72.0"), None);
+        // 0.3873 mm/rev at 72 degrees: 1.192 mm; the deepest cut is 1.140 mm.
+        let text = note("500.0", "72.0").unwrap();
+        assert!(text.contains("adds 1.192 mm of depth, 105 %"), "{text}");
     }
 }
