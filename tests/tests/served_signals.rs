@@ -357,19 +357,12 @@ fn a_chain_that_opens_stops_axes_drives_and_outputs_and_has_to_be_reset() {
             bridge.waits("the spindle's end", from, |message| {
                 message.spindle_direction[0] == 0
             });
-            // With the very setpoint with which the axes begin to stop.
-            let mut stops = None;
             operator.follows(
-                |setpoint| {
-                    if setpoint.power_request == 1 {
-                        stops.get_or_insert(setpoint.sequence);
-                    }
-                },
+                |_| {},
                 |setpoint| {
                     setpoint.power_request == 0 && setpoint.sequence > safe.cycle && speed(setpoint) == 0.0
                 },
             );
-            let _first = stops;
             let status = operator.now();
             assert!(
                 status.position_machine[0] < 200.0,

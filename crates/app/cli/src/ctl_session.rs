@@ -501,7 +501,11 @@ impl Session {
         while !stop.load(Ordering::Relaxed) && !over(begin) {
             if renewed.elapsed() >= every {
                 renewed = Instant::now();
-                self.send(&request(CommandCode::JogKeep))?;
+                let kept = self.send(&request(CommandCode::JogKeep))?;
+                // Another client has taken the jog over: its motion is not for this one to stop.
+                if kept.alarm == Alarm::Busy.number() {
+                    return tell(&kept, None, self.json, out);
+                }
             }
             if let Some(status) = self.latest()?
                 && status.job == answer.job

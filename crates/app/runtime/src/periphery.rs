@@ -2,6 +2,7 @@
 
 use evolvent_gcode::{Action, Outputs, SPINDLES, SpindleDirection};
 use evolvent_machine::ToolChange;
+use evolvent_path::Axes;
 
 use crate::news::UserCall;
 
@@ -28,6 +29,17 @@ pub(crate) struct Orientation {
     pub direction: Option<SpindleDirection>,
 }
 
+/// A pass of a thread or tap.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SpindlePass {
+    /// The spindle that it follows.
+    pub spindle: u32,
+    /// Speed of its first piece at the commanded speed of the spindle, mm/s.
+    pub feed_mm_s: f64,
+    /// Where it ends, of a tap its bottom, machine coordinates.
+    pub end: Axes,
+}
+
 /// State of spindle, coolant and tool.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Periphery {
@@ -38,8 +50,8 @@ pub(crate) struct Periphery {
     pub spindle_commands: [u64; SPINDLES],
     /// The spindle whose angle the program follows: the cycle needs each sample of it.
     pub follows_angle: Option<u32>,
-    /// The spindle that a pass follows now: the pass itself notices where it stalls, and draws its tool out.
-    pub in_pass: Option<u32>,
+    /// The pass that follows a spindle now: it notices itself where that stalls, and draws its tool out.
+    pub in_pass: Option<SpindlePass>,
     /// Tool in the spindle; 0 for none.
     pub tool: u32,
     /// The tool change that the program waits for: by whom, and the tool; 0 empties the spindle.

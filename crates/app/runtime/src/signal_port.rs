@@ -254,7 +254,7 @@ impl SignalPort {
     /// Which spindles stand although they had come to their speed, but for the one that a pass follows.
     fn watch_stalls(&mut self, now_ns: u64) -> [bool; SPINDLES] {
         std::array::from_fn(|number| {
-            let is_followed = self.periphery.in_pass == Some(number as u32);
+            let is_followed = (self.periphery.in_pass).is_some_and(|pass| pass.spindle == number as u32);
             let known = self
                 .spindles
                 .known(now_ns, number as u32)

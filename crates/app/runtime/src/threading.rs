@@ -46,9 +46,10 @@ impl ThreadChain {
         self.first.as_ref()
     }
 
-    /// The pieces of the path and their pitches, mm.
-    pub(crate) fn curves(&self) -> &[(Curve, f64)] {
-        &self.curves
+    /// Speed of its first piece at a speed of the spindle, mm/s.
+    pub(crate) fn feed_mm_s(&self, turns_per_s: f64) -> f64 {
+        let pitch_mm = self.curves.first().map_or(0.0, |(_, pitch_mm)| *pitch_mm);
+        pitch_mm * turns_per_s.abs()
     }
 
     /// Whether the spindle turns back at its end.

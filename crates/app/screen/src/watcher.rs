@@ -13,6 +13,7 @@ use evolvent_bus::{
 };
 use evolvent_control::{Alarm, AlarmKind};
 use evolvent_machine::SignalSettings;
+use evolvent_path::AxisLetter;
 use evolvent_runtime::MonotonicClock;
 
 use crate::hub::{Hub, text};
@@ -188,12 +189,35 @@ fn follow(shown: &mut Status, setpoint: &Setpoint) {
     let is_rotated =
         [0, 1].map(|axis| (shown.position_work[axis] - work_of(shown, axis)).abs() > ROUNDING_MM);
     let first = if is_rotated.contains(&true) { 2 } else { 0 };
+    shorten(shown, setpoint);
     shown.follow(setpoint);
     shown.time_ns = setpoint.due_time_ns;
     for axis in first..shown.position_work.len() {
         shown.position_work[axis] = work_of(shown, axis);
     }
     shown.flags &= !flags::LATE;
+}
+
+/// Brings what is left of a move to the same moment: the end of the move less the position. With another line the end is not known
+/// here, and without a move nothing is left.
+fn shorten(shown: &mut Status, setpoint: &Setpoint) {
+    let has_move = shown.distance_to_go.iter().any(|distance| *distance != 0.0);
+    if setpoint.line != shown.line || !has_move {
+        return;
+    }
+    for axis in AxisLetter::ALL {
+        let i = axis.index();
+        let moved = setpoint.position[i] - shown.position_machine[i];
+        // The status has angles of a turn.
+        let turns = if axis.is_rotary() {
+            (moved / 360.0).round()
+        } else {
+            0.0
+        };
+        shown.distance_to_go[i] -= moved - 360.0 * turns;
+    }
+    let driven_mm = (setpoint.path_mm - shown.path_mm).max(0.0);
+    shown.path_to_go_mm = (shown.path_to_go_mm - driven_mm).max(0.0);
 }
 
 fn log_changes(hub: &Hub, before: &Status, now: &Status) {
@@ -251,6 +275,36 @@ mod tests {
             .collect();
         let expected = [(Some(401), "the bridge is silent"), (Some(418), "home XYZ again")];
         assert_eq!(logged, expected);
+    }
+
+    #[test]
+    fn what_is_left_of_a_move_ends_where_the_move_ends() {
+        let mut status = Status {
+            line: 7,
+            path_mm: 100.0,
+            path_to_go_mm: 50.0,
+            ..Status::default()
+        };
+        (status.position_machine[0], status.distance_to_go[0]) = (15.0, 4.0);
+        // The axis of angles has just passed 0.
+        (status.position_machine[3], status.distance_to_go[3]) = (359.0, 10.0);
+        let mut setpoint = Setpoint {
+            line: 7,
+            path_mm: 101.0,
+            ..Setpoint::default()
+        };
+        (setpoint.position[0], setpoint.position[3]) = (16.0, 721.0);
+        let mut shown = status;
+        follow(&mut shown, &setpoint);
+        assert_eq!((shown.distance_to_go[0], shown.distance_to_go[3]), (3.0, 8.0));
+        assert_eq!(shown.path_to_go_mm, 49.0);
+        // The next line ends elsewhere, and a jog is no move of a program.
+        let mut next = status;
+        follow(&mut next, &Setpoint { line: 8, ..setpoint });
+        assert_eq!(next.distance_to_go, status.distance_to_go);
+        status.distance_to_go = [0.0; 9];
+        follow(&mut status, &setpoint);
+        assert_eq!(status.distance_to_go, [0.0; 9]);
     }
 
     #[test]

@@ -104,6 +104,8 @@ pub(super) struct Bench<D = BenchDrives> {
     pub(super) operator: Operator,
     pub(super) cycle: ServedCycle,
     views: Consumer<CycleView>,
+    /// The newest view, where the desk looked before it came.
+    withheld: Option<CycleView>,
     events: Consumer<CycleEvent>,
     answers: Consumer<Feedback>,
     to_desk: Option<Producer<Feedback>>,
@@ -226,6 +228,7 @@ impl<D: Drives> Bench<D> {
             operator,
             cycle,
             views,
+            withheld: None,
             events,
             answers,
             to_desk: is_heard_at_desk.then_some(to_desk),
@@ -313,6 +316,23 @@ impl<D: Drives> Bench<D> {
         });
         let computed = ended.expect("a view before");
         (self.last, self.power) = (computed.setpoint, computed.drive.power);
+    }
+
+    /// The desk looks when the last cycle has reported its events, and its view is still to come.
+    pub(super) fn ticks_before_the_last_view(&mut self) {
+        let (mut to_desk, mut views) = RingBuffer::new(64);
+        let withheld = self.withheld.take();
+        for view in withheld
+            .into_iter()
+            .chain(std::iter::from_fn(|| self.views.pop().ok()))
+        {
+            if let Some(before) = self.withheld.replace(view) {
+                to_desk.push(before).expect("room for views");
+            }
+        }
+        let now_ns = self.desk_ns();
+        let (events, answers) = (&mut self.events, &mut self.answers);
+        self.operator.tick(now_ns, &mut views, events, answers, |_| {});
     }
 
     /// One cycle after the other, each seen at the desk.

@@ -118,6 +118,10 @@ impl ControlLoop {
                 self.operator.end();
             }
             let is_over = is_cycle_over();
+            if is_over {
+                // What the last cycles reported after the desk had looked.
+                self.look(now_ns);
+            }
             self.status
                 .write(&self.operator, &self.pulse, &self.published, now_ns, is_over);
             self.give_sign();
@@ -128,8 +132,8 @@ impl ControlLoop {
         }
     }
 
-    /// Answers what clients ask. Commands are judged by what the newest cycle has left.
-    fn answer(&mut self, now_ns: u64, tell: &mut impl FnMut(ServeNews<'_>)) {
+    /// Takes in what the cycle has reported.
+    fn look(&mut self, now_ns: u64) {
         let queues = &mut self.queues;
         let pulse = &mut self.pulse;
         self.operator.tick(
@@ -139,6 +143,11 @@ impl ControlLoop {
             &mut queues.answers,
             |view| pulse.count(view),
         );
+    }
+
+    /// Answers what clients ask. Commands are judged by what the newest cycle has left.
+    fn answer(&mut self, now_ns: u64, tell: &mut impl FnMut(ServeNews<'_>)) {
+        self.look(now_ns);
         // All that wait before any is answered: clients that send as fast as they get answers would keep others waiting.
         while self.calls.arrived() < MAX_ARRIVED {
             match self.server.receive() {

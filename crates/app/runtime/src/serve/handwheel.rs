@@ -217,9 +217,9 @@ impl Operator {
             until_ns: FOR_EVER,
         };
         if matches!(self.job, Job::None) {
-            self.begin_jog(&way, JogIntent::none(), true, None)?;
+            self.begin_jog(&way, JogIntent::none(), true)?;
         } else {
-            self.turn_jog(&way, after, None)?;
+            self.turn_jog(&way, after, false)?;
         }
         Ok(())
     }

@@ -239,6 +239,10 @@ fn homes(bench: &mut Bench<Bridge>) -> (u64, u64) {
     let mut renamed = None;
     while bench.is_busy() {
         bench.runs_seen(1);
+        // The speeds of the search and of the approach to the switch.
+        if let Some(speed) = bench.operator.steered_speed() {
+            assert!(speed == 50.0 || speed == 5.0, "{speed} mm/s");
+        }
         if bench.operator.drives.datum > 0 {
             renamed.get_or_insert(bench.now - begun);
         }
@@ -313,6 +317,22 @@ fn homing_that_a_drive_fault_ends_never_ends_without_its_alarm() {
         }
     }
     assert!(ended > 3, "no fault came: {ended}");
+}
+
+/// The cycle reports that it has taken the new coordinates before its view shows them.
+#[test]
+fn an_axis_is_homed_where_the_desk_looks_between_an_event_and_its_view() {
+    let mut bench = Bench::homed_by_switch();
+    bench.commands(CommandCode::Home, 0);
+    for _ in 0..60_000 {
+        bench.runs(1);
+        bench.ticks_before_the_last_view();
+        if !bench.is_busy() {
+            break;
+        }
+    }
+    assert!(bench.is_homed(), "{:?}", bench.operator.desk.result());
+    assert!(bench.error() < NEAR, "{}", bench.error());
 }
 
 #[test]

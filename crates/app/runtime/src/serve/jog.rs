@@ -3,7 +3,7 @@
 use evolvent_control::{Activity, Alarm, Command, JogCommand, JogEnable, Rejection};
 use evolvent_machine::Limits;
 use evolvent_motion::{State, TransferExecutor};
-use evolvent_path::{AXES, Axes, AxisMask};
+use evolvent_path::{AXES, Axes, AxisMask, feed_rate};
 use evolvent_transfer::AxesState;
 
 use super::jog_intent::{JogIntent, MIN_SPEED};
@@ -76,6 +76,18 @@ impl JogWay {
         })
     }
 
+    /// The speed that was asked for, in the metric of feeds, mm/s or degrees/s.
+    fn programmed_speed(&self) -> f64 {
+        let moves = |i: usize| self.limits.present[i] && self.to[i] != self.from.position[i];
+        feed_rate(&Axes::from_fn(|i, _| {
+            if moves(i) {
+                self.speed[i].min(self.limits.velocity[i])
+            } else {
+                0.0
+            }
+        }))
+    }
+
     /// Solves it.
     ///
     /// # Errors
@@ -118,10 +130,12 @@ pub(super) struct Steered {
     pub(super) begin: Option<u64>,
     pub(super) turn: Option<PendingTurn>,
     pub(super) stopping: bool,
+    /// The speed that was asked for last, mm/s or degrees/s.
+    pub(super) programmed_speed: f64,
     /// What the jogs so far have asked for.
     intent: JogIntent,
-    /// The last of them, until the cycle drives it.
-    asked: Option<Command>,
+    /// The cycle does not drive the last of them yet.
+    is_pending: bool,
 }
 
 impl Steered {
@@ -144,7 +158,7 @@ impl Steered {
         } else if let Some(turn) = self.turn.take_if(|turn| turn.order == order) {
             (self.steering, self.begin) = (turn.steering, Some(sequence));
             if turn.is_intended {
-                self.asked = None;
+                self.is_pending = false;
             }
         }
     }
@@ -154,27 +168,27 @@ impl Steered {
         self.turn.take_if(|turn| turn.order == order);
     }
 
-    /// Handles a life sign of the client that jogs. Returns until when the axes may move, ns of CLOCK_MONOTONIC.
-    fn renew(&mut self, client: u64, now_ns: u64) -> Option<u64> {
-        let held = self.intent.held()?;
-        held.renew(client, now_ns).then(|| held.until_ns())
+    /// Handles a life sign of a client. Returns until when the axes may move, ns of CLOCK_MONOTONIC; none where the jog needs no life sign.
+    fn renew(&mut self, client: u64, now_ns: u64) -> Result<Option<u64>, Rejection> {
+        let Some(held) = self.intent.held() else {
+            return Ok(None);
+        };
+        if held.renew(client, now_ns) {
+            return Ok(Some(held.until_ns()));
+        }
+        let text = "the jog is another client's, and this does not keep it going; send JOG to take it over";
+        Err(Rejection::new(Alarm::Busy, text))
     }
 }
 
 impl Operator {
-    pub(super) fn jog(
-        &mut self,
-        jog: &JogCommand,
-        client: u64,
-        now_ns: u64,
-        command: &Command,
-    ) -> Result<u64, Rejection> {
+    pub(super) fn jog(&mut self, jog: &JogCommand, client: u64, now_ns: u64) -> Result<u64, Rejection> {
         if matches!(self.job, Job::Program(_)) {
-            return self.jog_away(jog, client, now_ns, command);
+            return self.jog_away(jog, client, now_ns);
         }
         let held = jog.distance.is_none().then(|| JogEnable::held(client, now_ns));
         if matches!(self.job, Job::Jog { .. }) {
-            self.take_over(jog, held, command)?;
+            self.take_over(jog, held)?;
             self.rest_handwheel();
             if let Job::Jog { by_handwheel, .. } = &mut self.job {
                 *by_handwheel = false;
@@ -183,7 +197,7 @@ impl Operator {
         }
         let (way, intent) = self.way_from_rest(jog, held)?;
         self.rest_handwheel();
-        self.begin_jog(&way, intent, false, Some(command))
+        self.begin_jog(&way, intent, false)
     }
 
     /// A jog that begins at rest here.
@@ -207,12 +221,7 @@ impl Operator {
     ///
     /// # Errors
     /// An increment would leave the travel, or the motion stops.
-    pub(super) fn take_over(
-        &mut self,
-        jog: &JogCommand,
-        held: Option<JogEnable>,
-        command: &Command,
-    ) -> Result<(), Rejection> {
+    pub(super) fn take_over(&mut self, jog: &JogCommand, held: Option<JogEnable>) -> Result<(), Rejection> {
         let here = self.view.setpoint.position;
         let limits = limits_here(&self.limits, &here, self.desk.homed());
         let (after, period_ns) = (self.turn_behind(), self.setup.period_ns);
@@ -229,7 +238,7 @@ impl Operator {
         // A jog that cannot be driven is rejected now, also if it has to wait for the change before it.
         intent.way(&limits, from, until(held))?.steering()?;
         steered.intent = intent;
-        steered.asked = Some(command.clone());
+        steered.is_pending = true;
         if let Some(turn) = &mut steered.turn {
             turn.is_intended = false;
         }
@@ -248,8 +257,8 @@ impl Operator {
         let Some(steered) = self.steered() else {
             return Ok(());
         };
-        let (Some(command), Some(from), None, false) = (
-            steered.asked.clone(),
+        let (true, Some(from), None, false) = (
+            steered.is_pending,
             steered.foreseen(after, period_ns),
             &steered.turn,
             steered.stopping,
@@ -260,7 +269,7 @@ impl Operator {
         let until_ns = until(intent.held().copied());
         let way = intent.way(&limits, from, until_ns)?;
         intent.goes_to(&way.to);
-        self.turn_jog(&way, after, Some(&command))?;
+        self.turn_jog(&way, after, true)?;
         if let Some(steered) = self.steered() {
             steered.intent = intent;
         }
@@ -285,16 +294,16 @@ impl Operator {
         let Some(steered) = self.steered().filter(|steered| !steered.stopping) else {
             return false;
         };
-        let Some(command) = steered.asked.take() else {
+        if !std::mem::take(&mut steered.is_pending) {
             return false;
-        };
+        }
         let mut intent = steered.intent.clone();
         let until_ns = until(intent.held().copied());
         let begun = intent
             .way(&limits, AxesState::at_rest(here), until_ns)
             .and_then(|way| {
                 intent.goes_to(&way.to);
-                let begun = self.steer(&way, intent, Some(&command))?;
+                let begun = self.steer(&way, intent, None)?;
                 self.book
                     .notes
                     .sends(begun.order, self.desk.job(), way.recorded(false));
@@ -310,6 +319,15 @@ impl Operator {
                 false
             }
             _ => false,
+        }
+    }
+
+    /// The speed asked for of a jog or a move of homing under way.
+    pub(super) fn steered_speed(&self) -> Option<f64> {
+        match &self.job {
+            Job::Jog { steered, .. } => Some(steered.programmed_speed),
+            Job::Homing { steered, .. } => steered.as_deref().map(|steered| steered.programmed_speed),
+            _ => None,
         }
     }
 
@@ -337,9 +355,8 @@ impl Operator {
         way: &JogWay,
         intent: JogIntent,
         by_handwheel: bool,
-        command: Option<&Command>,
     ) -> Result<u64, Rejection> {
-        let steered = self.steer(way, intent, command)?;
+        let steered = self.steer(way, intent, None)?;
         self.book
             .notes
             .sends(steered.order, self.desk.job() + 1, way.recorded(false));
@@ -350,32 +367,25 @@ impl Operator {
         Ok(self.desk.job_begins(Activity::Jog))
     }
 
-    /// Turns the jog under way over after a setpoint.
+    /// Turns the jog under way over after a setpoint. `is_intended` says that this does what the jogs have asked for.
     ///
     /// # Errors
     /// There is no such motion within the limits.
-    pub(super) fn turn_jog(
-        &mut self,
-        way: &JogWay,
-        after: u64,
-        command: Option<&Command>,
-    ) -> Result<(), Rejection> {
+    pub(super) fn turn_jog(&mut self, way: &JogWay, after: u64, is_intended: bool) -> Result<(), Rejection> {
         let turned = way.steering()?;
         let what = CycleCommand::Turn {
             after,
             until_ns: way.until_ns,
             steering: Box::new(turned),
         };
-        let order = match command {
-            Some(command) => self.send(what, command),
-            None => self.order(what),
-        };
+        let order = self.order(what);
         self.book.notes.sends(order, self.desk.job(), way.recorded(true));
         if let Some(steered) = self.steered() {
+            steered.programmed_speed = way.programmed_speed();
             steered.turn = Some(PendingTurn {
                 order,
                 steering: turned,
-                is_intended: command.is_some(),
+                is_intended,
             });
         }
         Ok(())
@@ -387,7 +397,8 @@ impl Operator {
         self.order(CycleCommand::Within(*limits));
     }
 
-    /// Begins a steered motion at rest.
+    /// Begins a steered motion at rest. A jog is recorded when it is accepted, and so without a command here: one that takes over from
+    /// another may never be ordered by itself.
     ///
     /// # Errors
     /// There is no such motion within the limits.
@@ -411,15 +422,20 @@ impl Operator {
             begin: None,
             turn: None,
             stopping: false,
+            programmed_speed: way.programmed_speed(),
             intent,
-            asked: None,
+            is_pending: false,
         }))
     }
 
-    pub(super) fn keep_jogging(&mut self, client: u64, now_ns: u64) {
-        if let Some(until) = self.steered().and_then(|steered| steered.renew(client, now_ns)) {
+    pub(super) fn keep_jogging(&mut self, client: u64, now_ns: u64) -> Result<(), Rejection> {
+        let renewed = self
+            .steered()
+            .map_or(Ok(None), |steered| steered.renew(client, now_ns))?;
+        if let Some(until) = renewed {
             self.order(CycleCommand::KeepJogging(until));
         }
+        Ok(())
     }
 }
 

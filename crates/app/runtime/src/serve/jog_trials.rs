@@ -1,11 +1,14 @@
 //! Random sequences of jogs, increments, stops and life signs: operator and cycle in one thread, in time of their own.
 
-use evolvent_control::{CommandCode, JobResult};
+use std::sync::mpsc::channel;
+
+use evolvent_control::{Alarm, CommandCode, JobResult};
 use evolvent_path::{Axes, AxisMask};
 use evolvent_random::{Random, cases};
 
 use super::bench::Bench;
 use super::operator::Job;
+use crate::news::{ExternalEventKind, FeederEvent};
 
 /// Cycles after which a speed asked for is reached, or an axis at rest: from 500 mm/s with 3000 mm/s2 and its jerk, and the time
 /// until a change is applied, also one that came too late the first time.
@@ -220,4 +223,71 @@ fn random_jogs_keep_the_speed_and_the_distance_asked_for_and_the_dead_man() {
         taken_over > 100 && stopped_by_dead_man > 30 && increments_done > 30,
         "{taken_over} {stopped_by_dead_man} {increments_done}"
     );
+}
+
+/// Also a jog that takes over from one under way, and one that another replaces before the cycle has taken it.
+#[test]
+fn each_jog_is_recorded_once() {
+    let mut bench = Bench::new();
+    let (recorder, recorded) = channel();
+    bench.operator.book.recorder = Some(recorder);
+    let mut jog = bench.command(CommandCode::Jog);
+    (jog.index, jog.axes_mask, jog.amount) = (1, 1, 20.0);
+    for distance in [1.0, 2.0, 3.0, 4.0] {
+        jog.values[0] = distance;
+        assert_eq!(bench.reply(1, jog), None);
+        if distance < 2.0 {
+            bench.runs_seen(20);
+        }
+    }
+    bench.runs_seen(2000);
+    assert!(matches!(bench.operator.job, Job::None));
+    let jogs: Vec<String> = recorded
+        .try_iter()
+        .filter_map(|event| match event {
+            FeederEvent::ExternalEvent(event) if event.code == CommandCode::Jog as u32 => {
+                (event.kind == ExternalEventKind::Command).then_some(event.text)
+            }
+            _ => None,
+        })
+        .collect();
+    assert_eq!(jogs.len(), 4, "{jogs:?}");
+}
+
+/// Otherwise a client whose jog was taken over counts on life signs that do nothing.
+#[test]
+fn a_life_sign_for_the_jog_of_another_client_is_rejected_and_one_without_a_jog_is_not() {
+    let mut bench = Bench::new();
+    let keep = bench.command(CommandCode::JogKeep);
+    assert_eq!(bench.reply(1, keep), None, "nothing moves");
+    let mut jog = bench.command(CommandCode::Jog);
+    (jog.axes_mask, jog.amount, jog.values[0]) = (1, 20.0, 1.0);
+    assert_eq!(bench.reply(1, jog), None);
+    assert_eq!(bench.operator.steered_speed(), Some(20.0));
+    bench.runs(20);
+    bench.ticks();
+    assert_eq!(bench.reply(1, keep), None, "its own");
+    assert_eq!(bench.reply(2, keep), Some(Alarm::Busy.number()), "another's");
+    assert_eq!(bench.reply(2, jog), None, "taken over");
+    assert_eq!(
+        bench.reply(1, keep),
+        Some(Alarm::Busy.number()),
+        "no longer its own"
+    );
+    assert_eq!(bench.reply(2, keep), None);
+    // Life signs that were on their way as the jog stopped.
+    assert_eq!(bench.reply(2, bench.command(CommandCode::JogStop)), None);
+    assert_eq!(bench.reply(2, keep), None, "while it stops");
+    for _ in 0..50 {
+        bench.runs(10);
+        bench.ticks();
+    }
+    assert!(matches!(bench.operator.job, Job::None));
+    for client in [1, 2] {
+        assert_eq!(bench.reply(client, keep), None, "after its end");
+    }
+    // An increment ends by itself: nobody keeps it going.
+    (jog.index, jog.values[0]) = (1, 5.0);
+    assert_eq!(bench.reply(1, jog), None);
+    assert_eq!(bench.reply(2, keep), None);
 }

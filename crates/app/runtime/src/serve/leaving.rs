@@ -102,13 +102,7 @@ impl Operator {
     ///
     /// # Errors
     /// The program cannot be left here, more than one axis is named, the target is beyond the travel, or another axis moves.
-    pub(super) fn jog_away(
-        &mut self,
-        jog: &JogCommand,
-        client: u64,
-        now_ns: u64,
-        command: &Command,
-    ) -> Result<u64, Rejection> {
+    pub(super) fn jog_away(&mut self, jog: &JogCommand, client: u64, now_ns: u64) -> Result<u64, Rejection> {
         if let Some(objection) = self.objection_to_leaving() {
             return Err(objection);
         }
@@ -134,7 +128,7 @@ impl Operator {
                     "the axes still move; jog another axis when they are at rest",
                 ));
             }
-            self.take_over(jog, held, command)?;
+            self.take_over(jog, held)?;
             return Ok(job);
         }
         if away.legs.len() >= MAX_LEGS {
@@ -147,7 +141,7 @@ impl Operator {
         let begins_leg = away.legs.last().is_none_or(|leg| leg.axis != axis);
         let begun = self
             .way_from_rest(jog, held)
-            .and_then(|(way, intent)| self.steer_away(&way, intent, Some(command)));
+            .and_then(|(way, intent)| self.steer_away(&way, intent, None));
         if let Some(away) = self.away() {
             match (&begun, begins_leg) {
                 (Ok(()), true) => away.legs.push(Leg { from: here, axis }),

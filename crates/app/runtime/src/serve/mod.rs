@@ -5,6 +5,7 @@ mod bench;
 mod calls;
 mod change_mark;
 mod checking;
+mod commands;
 mod config;
 mod control_loop;
 mod drive_view;

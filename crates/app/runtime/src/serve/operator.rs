@@ -5,11 +5,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::Sender;
 
-use evolvent_bus::{ControlAnswer, ControlRequest, Feedback, Payload};
-use evolvent_control::{
-    Alarm, Command, CommandCode, Homing, JobResult, MachineState, OperatorInputs, OperatorState, RawCommand,
-    Rejection, Verdict,
-};
+use evolvent_bus::Feedback;
+use evolvent_control::{Alarm, Command, Homing, JobResult, MachineState, OperatorState};
 use evolvent_drive::{PowerRequest, Presence};
 use evolvent_machine::{Limits, OnFull};
 use evolvent_motion::State;
@@ -79,7 +76,7 @@ pub(crate) struct Operator {
     pub(super) unlimited: AxisMask,
     pub(super) view: CycleView,
     /// Number of the last order for power.
-    power_order: u64,
+    pub(super) power_order: u64,
     /// Events of cycles whose view has not come.
     inbox: VecDeque<CycleEvent>,
     pub(super) drives: DriveView,
@@ -217,102 +214,6 @@ impl Operator {
         }
     }
 
-    /// Judges a request and carries it out.
-    /// The answer; `None` while files are being read for it, until [`Operator::finish_reading`] gives it.
-    pub(crate) fn answer(&mut self, request: &ControlRequest, now_ns: u64) -> Option<ControlAnswer> {
-        if !request.is_compatible() {
-            self.malformed += 1;
-            return Some(self.composed(request, Err((Verdict::Rejected, Alarm::Malformed.into()))));
-        }
-        let raw = RawCommand {
-            command: request.command,
-            axes_mask: request.axes_mask,
-            index: request.index,
-            amount: request.amount,
-            values: request.values,
-            text: request.text(),
-        };
-        let facts = self.facts();
-        let considered = self.desk.authorize(request.client, request.serial, &raw, &facts);
-        let carried_out = match considered {
-            Err(refused) => Err(refused),
-            Ok(command) if self.book.is_crowded() && !is_always_carried_out(&command) => {
-                let text = "more is commanded than the cycle takes, so this has no effect; see which client sends so much";
-                Err(self.desk.refuse(Rejection::new(Alarm::OrdersLost, text)))
-            }
-            Ok(command) => match self.begin_reading(request, &command) {
-                Some(Ok(reading)) => {
-                    self.files.reading = Some(reading);
-                    return None;
-                }
-                Some(Err(refusal)) => Err(self.desk.refuse(refusal)),
-                None => self
-                    .carry_out(&command, request.client, now_ns)
-                    .and_then(|job| self.unless_lost(&command, job))
-                    .map_err(|refusal| self.desk.refuse(refusal))
-                    .inspect(|_| self.desk.commit(&command, now_ns, true)),
-            },
-        };
-        Some(self.composed(request, carried_out))
-    }
-
-    /// A command whose orders did not fit into the queue is refused, except the emergency stop, which they have become.
-    pub(super) fn unless_lost(&mut self, command: &Command, job: u64) -> Result<u64, Rejection> {
-        if self.give_up_lost_orders() && *command != Command::Estop {
-            return Err(Alarm::OrdersLost.into());
-        }
-        Ok(job)
-    }
-
-    pub(super) fn facts(&self) -> OperatorInputs {
-        OperatorInputs {
-            present: self.present,
-            is_held: self.is_held(),
-            is_ending: self.stops.ending,
-            is_away: self.is_away(),
-            is_chain_open: self.view.is_chain_open,
-        }
-    }
-
-    /// The answer to a request: the job that it begins, or why it is refused.
-    pub(super) fn composed(
-        &self,
-        request: &ControlRequest,
-        result: Result<u64, (Verdict, Rejection)>,
-    ) -> ControlAnswer {
-        let mut answer = ControlAnswer {
-            client: request.client,
-            serial: request.serial,
-            command: request.command,
-            sequence: self.view.setpoint.sequence,
-            ..ControlAnswer::default()
-        };
-        match result {
-            Ok(job) => {
-                answer.job = job;
-                let starts = [CommandCode::Start as u32, CommandCode::Step as u32].contains(&request.command);
-                if job > 0 && starts {
-                    answer.set_text(&self.started());
-                }
-            }
-            Err((verdict, refusal)) => {
-                answer.verdict = verdict as u32;
-                answer.alarm = refusal.alarm.number();
-                answer.set_text(&refusal.text);
-            }
-        }
-        answer
-    }
-
-    pub(super) fn note_command(&mut self, command: &Command) {
-        self.record(
-            ExternalEventKind::Command,
-            command.code() as u32,
-            command.to_string(),
-            command.value(),
-        );
-    }
-
     /// Requests of another version or size so far.
     pub(crate) fn malformed(&self) -> u64 {
         self.malformed
@@ -329,137 +230,6 @@ impl Operator {
     /// Whether the feed is held.
     pub(crate) fn is_holding(&self) -> bool {
         self.stops.hold
-    }
-
-    /// Does what a command says; the number of the job that it begins, or 0.
-    pub(super) fn carry_out(
-        &mut self,
-        command: &Command,
-        client: u64,
-        now_ns: u64,
-    ) -> Result<u64, Rejection> {
-        if let Some(order) = self.order_of(command)? {
-            let is_of_power = matches!(order, CycleCommand::Power(_));
-            let id = self.send(order, command);
-            if is_of_power {
-                self.power_order = id;
-            }
-            return Ok(0);
-        }
-        let mut job = 0;
-        match command {
-            Command::Resume => {
-                self.resume(command);
-                return Ok(0);
-            }
-            Command::Step => {
-                self.program.switches.set_single_step(true);
-                self.resume(command);
-                return Ok(0);
-            }
-            Command::Stop => {
-                self.cancel_reading();
-                self.stop(command);
-                return Ok(0);
-            }
-            Command::JogKeep => {
-                self.keep_jogging(client, now_ns);
-                return Ok(0);
-            }
-            Command::SingleStep(on) => {
-                self.program.switches.set_single_step(*on);
-                self.step_on(*on);
-            }
-            Command::Return { max_velocity: speed } => {
-                self.drive_back(*speed, command)?;
-                return Ok(0);
-            }
-            Command::Retrace(blocks) => {
-                self.retrace(*blocks, command)?;
-                return Ok(0);
-            }
-            Command::Jog(jog) => job = self.jog(jog, client, now_ns, command)?,
-            Command::Home(mask) => job = self.home(*mask)?,
-            Command::OptionalStop(on) => self.program.switches.set_optional_stop(*on),
-            Command::BlockDelete(on) => self.program.switches.set_block_delete(*on),
-            Command::RapidOverride(ratio) => self.program.switches.set_rapid_override(*ratio),
-            Command::Handwheel { axis, step } => self.choose_handwheel(*axis, *step)?,
-            // Those with files are carried out when they have been read.
-            Command::Load(_)
-            | Command::Start(_)
-            | Command::Mdi(_)
-            | Command::WorkOffset { .. }
-            | Command::TouchOff { .. }
-            | Command::Tool(_)
-            | Command::ReloadTools
-            | Command::SetMode(_)
-            // An order to the cycle, but for the end of a jog that has ended.
-            | Command::Estop
-            | Command::EstopReset
-            | Command::SetOutput { .. }
-            | Command::On
-            | Command::Off
-            | Command::Hold
-            | Command::FeedOverride(_)
-            | Command::SpindleOverride(_)
-            | Command::JogStop
-            | Command::Reset
-            | Command::ClearAlarms => {}
-        }
-        self.note_command(command);
-        Ok(job)
-    }
-
-    /// The order to the cycle that is all a command comes to, beside what changes at the desk; none for other commands.
-    fn order_of(&mut self, command: &Command) -> Result<Option<CycleCommand>, Rejection> {
-        Ok(Some(match command {
-            Command::Estop => {
-                self.break_off(JobResult::Stopped);
-                CycleCommand::Emergency
-            }
-            Command::EstopReset => CycleCommand::LeaveEstop,
-            Command::SetOutput { name, value } => CycleCommand::Outputs(self.output_change(name, *value)?),
-            // Where the drives are is where the core is: the cycle sees to it without power.
-            Command::On => CycleCommand::Power(PowerRequest::On),
-            Command::Off => {
-                self.switch_periphery_off();
-                self.cancel_reading();
-                CycleCommand::Power(PowerRequest::Off)
-            }
-            Command::Hold => {
-                self.stops.hold = !self.stops.stopping;
-                if self.stop_away() {
-                    self.order(CycleCommand::StopSteering);
-                }
-                CycleCommand::Hold
-            }
-            Command::FeedOverride(ratio) => CycleCommand::Override(*ratio),
-            Command::SpindleOverride(ratio) => CycleCommand::SpindleOverride(*ratio),
-            Command::JogStop => {
-                if let Job::Jog { steered, .. } = &mut self.job {
-                    steered.stopping = true;
-                    CycleCommand::Stop
-                } else if self.stop_away() {
-                    CycleCommand::StopSteering
-                } else {
-                    return Ok(None);
-                }
-            }
-            Command::Reset => {
-                self.switch_periphery_off();
-                let settings = self.setup_here().interpreter_settings();
-                if let Ok(modes) = Modes::at_start(&settings) {
-                    self.program.modes = modes;
-                }
-                self.message.clear();
-                CycleCommand::Clear
-            }
-            Command::ClearAlarms => {
-                self.message.clear();
-                CycleCommand::Clear
-            }
-            _ => return Ok(None),
-        }))
     }
 
     /// An emergency stop: whatever runs or is about to is given up.
@@ -687,19 +457,4 @@ impl Operator {
     pub(crate) fn present(&self) -> AxisMask {
         self.present
     }
-}
-
-/// Whether a command is carried out however far the cycle is behind: it stops something. Its orders go past the queue, or take one
-/// place in it however often it comes.
-const fn is_always_carried_out(command: &Command) -> bool {
-    matches!(
-        command,
-        Command::Estop
-            | Command::Stop
-            | Command::Off
-            | Command::Hold
-            | Command::JogStop
-            | Command::FeedOverride(_)
-            | Command::SpindleOverride(_)
-    )
 }

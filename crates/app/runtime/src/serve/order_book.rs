@@ -49,8 +49,6 @@ pub(super) struct OrderBook {
     next_id: u64,
     /// Commands whose orders the cycle has not taken, by the numbers of these.
     pending: VecDeque<(u64, PendingCommand)>,
-    /// The same of turns, which wait in the cycle for their setpoint while it takes later orders.
-    pending_turns: VecDeque<(u64, PendingCommand)>,
     /// Urgent orders, which overtake the others: also those without a command, because one that the cycle reports stands for all
     /// of its kind before it, and for none of the queue.
     pending_urgent: VecDeque<(Urgent, u64, Option<PendingCommand>)>,
@@ -76,7 +74,6 @@ impl OrderBook {
             urgent,
             next_id: 0,
             pending: VecDeque::new(),
-            pending_turns: VecDeque::new(),
             pending_urgent: VecDeque::new(),
             overrides: Default::default(),
             repeatable: [None; 2],
@@ -126,7 +123,6 @@ impl OrderBook {
             self.push_urgent(urgent, command);
             return id;
         }
-        let is_turn = matches!(what, CycleCommand::Turn { .. });
         if let Err(PushError::Full(order)) = self.orders.push(Order { id, what }) {
             // A cycle that takes no orders any more, or far too few: whatever it does must end.
             self.lost.push(order);
@@ -138,12 +134,7 @@ impl OrderBook {
             self.repeatable[which] = Some(id);
         }
         if let Some(command) = command {
-            let pending = if is_turn {
-                &mut self.pending_turns
-            } else {
-                &mut self.pending
-            };
-            pending.push_back((id, command));
+            self.pending.push_back((id, command));
         }
         id
     }
@@ -199,14 +190,6 @@ impl OrderBook {
                 if let Some((.., Some(command))) = self.pending_urgent.remove(at) {
                     self.record_applied(command, sequence);
                 }
-            }
-            return;
-        }
-        if let Some(at) = self.pending_turns.iter().position(|(known, _)| *known == id) {
-            // Turns before it have been replaced by it.
-            let newest = self.pending_turns.drain(..=at).next_back();
-            if let Some((_, command)) = newest {
-                self.record_applied(command, sequence);
             }
             return;
         }
@@ -295,11 +278,8 @@ const fn ends_repetition(what: &CycleCommand) -> bool {
 mod tests {
     use std::sync::mpsc::{Receiver, channel};
 
-    use evolvent_path::{Axes, AxisMask};
-    use evolvent_transfer::AxesState;
     use rtrb::{Consumer, RingBuffer};
 
-    use super::super::jog::{FOR_EVER, JogWay, tests::machine};
     use super::*;
 
     /// A book, its queue and what it records.
@@ -381,39 +361,6 @@ mod tests {
         desk.book.applied(lost + 1, 10);
         desk.book.applied(first, 11);
         assert_eq!(desk.records(), records_of(&[(&Command::ClearAlarms, 11)]));
-    }
-
-    /// The cycle takes later orders while a turn waits for its setpoint.
-    #[test]
-    fn a_turn_is_recorded_where_it_counts_after_later_orders() {
-        let mut desk = Desk::new(64);
-        let here = Axes::zeros();
-        let limits = machine();
-        let way = JogWay {
-            speed: JogWay::speeds(&limits, AxisMask::one(0), 10.0),
-            slows_down_first: false,
-            limits,
-            from: AxesState::at_rest(here),
-            to: here,
-            until_ns: FOR_EVER,
-        };
-        let what = |after| CycleCommand::Turn {
-            after,
-            until_ns: FOR_EVER,
-            steering: Box::new(way.steering().unwrap()),
-        };
-        // Any command tells them apart.
-        desk.book.send(what(30), &Command::JogKeep);
-        let turn = desk.book.send(what(40), &Command::JogStop);
-        let keep = desk.book.order(CycleCommand::KeepJogging(1));
-        desk.book.applied(keep, 20);
-        assert!(desk.records().is_empty());
-        desk.book.applied(turn, 41);
-        assert_eq!(
-            desk.records(),
-            records_of(&[(&Command::JogStop, 41)]),
-            "the one before was replaced"
-        );
     }
 
     /// However often HOLD comes before the cycle takes it, it is one order, and each HOLD is recorded.

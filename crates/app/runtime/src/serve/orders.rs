@@ -245,9 +245,8 @@ impl CycleEvent {
     pub(crate) fn sequence(&self) -> u64 {
         match self {
             Self::Returned(_) | Self::TurnReturned { .. } | Self::Spent(_) => 0,
-            // Counts from a setpoint on that may not have been computed yet.
-            Self::Applied { sequence, .. } => sequence.saturating_sub(1),
-            Self::Ended { sequence, .. }
+            Self::Applied { sequence, .. }
+            | Self::Ended { sequence, .. }
             | Self::Misplaced { sequence, .. }
             | Self::Guard { sequence, .. }
             | Self::PlannerGone { sequence }
