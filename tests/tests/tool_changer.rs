@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use evolvent_bus::{ControlRequest, Status};
+use evolvent_bus::{ControlRequest, Status, switches};
 use evolvent_replay::verify;
 use evolvent_tests::{Domain, Drives, Operator, Served, Workshop, command, unless_disturbed};
 
@@ -294,7 +294,11 @@ fn holds_go_on_and_stops_and_failures_leave_the_tool_unknown() {
         );
         operator.says("CLEAR_ALARMS");
         assert_eq!(operator.ask(&command("START")).alarm, TOOL_UNKNOWN);
+        operator.waits("the unknown tool", |status| {
+            status.switches & switches::TOOL_UNKNOWN != 0
+        });
         names_tool(&mut operator, 2);
+        operator.waits("the tool", |status| status.switches & switches::TOOL_UNKNOWN == 0);
         // A drawbar that does not open: the subroutine gives up, by file and line.
         let job = shop.starts(&mut operator, "G21\nT6 M6\nG1 X9 F100\nM2\n");
         let status = operator.sees_end(job);

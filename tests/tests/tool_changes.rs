@@ -102,11 +102,28 @@ fn m6_waits_for_the_operator_and_names_the_tool() {
             (status.job_result, status.tool_change, status.tool),
             (STOPPED, 0, 0)
         );
-        assert!(
-            !status.operator_message().contains("tool 9"),
-            "the request ends with its job: {}",
-            status.operator_message()
-        );
+        let message = status.operator_message();
+        let abandoned = "the tool change to tool 9 was abandoned, and the spindle still counts as empty";
+        assert!(message.starts_with(abandoned), "{message}");
+        // Once confirmed, a change is not abandoned by a stop.
+        let job = operator.says_text("MDI", "T9 M6 G4 P60").job;
+        operator.waits("the change", |status| status.tool_change == 1);
+        operator.says("RESUME");
+        operator.waits("the tool", |status| status.tool == 9);
+        operator.says("STOP");
+        let status = operator.sees_end(job);
+        assert_eq!((status.job_result, status.tool), (STOPPED, 9));
+        assert!(!status.operator_message().contains("abandoned"));
+        // An emergency stop ends a change as well.
+        operator.says_text("MDI", "T0 M6");
+        operator.waits("the change", |status| status.tool_change == 1);
+        operator.says("ESTOP");
+        let status = operator.waits("the stop", |status| status.tool_change == 0);
+        assert_eq!(status.tool, 9);
+        let abandoned = "the tool change to an empty spindle was abandoned, and tool 9 still counts";
+        operator.waits("the message", |status| {
+            status.operator_message().starts_with(abandoned)
+        });
         drop(operator);
         scene.end();
     });
@@ -440,4 +457,24 @@ fn a_run_says_on_the_bus_what_spindle_and_coolant_do() {
         drop((reader, bus));
         evolvent_tests::wait(child).expect_code(&[0, 3]);
     });
+}
+
+/// The moves and outputs of a subroutine are those of the run, whatever its clock.
+#[test]
+fn a_change_by_a_subroutine_is_carried_out_in_virtual_time_too() {
+    let workshop = Workshop::new();
+    let _file = workshop.write("toolchange.ngc", "G21 G90 G53 G0 X50\nG53 G0 X0\n");
+    let _file = workshop.write("tools.tbl", "T4 P4\n");
+    let program = workshop.write("change.ngc", "G21 G90 F6000\nT4 M6\nG1 X10\nM2\n");
+    for (name, changer, is_noted) in [
+        ("tc-sub", "tool_change = \"subroutine\"", false),
+        ("tc-none", "tool_change = \"none\"", true),
+        ("tc-ask", "tool_change = \"operator\"", true),
+    ] {
+        let machine = mill(&workshop, name, &format!("tool_table = \"tools.tbl\"\n{changer}"));
+        let finished = Launch::in_virtual_time(&program, &machine).no_trace().finish();
+        let finished = finished.expect_code(&[0]);
+        let told = format!("{}{}", finished.out, finished.err);
+        assert_eq!(told.contains("1 tool change (M6)"), is_noted, "{changer}: {told}");
+    }
 }

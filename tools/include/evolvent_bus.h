@@ -185,6 +185,7 @@ extern "C" {
 #define EVOLVENT_SWITCH_INPUT_WAIT 32u
 #define EVOLVENT_SWITCH_PROBE_OPEN 64u
 #define EVOLVENT_SWITCH_PROBE_TRIPPED 128u
+#define EVOLVENT_SWITCH_TOOL_UNKNOWN 256u
 
 /* Target position of every axis at one instant, and its derivatives.
  *

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Status};
 use evolvent_control::{CommandCode, JobResult};
-use evolvent_path::AxisLetter;
+use evolvent_path::{AxisLetter, AxisMask};
 
 use crate::ctl_answer::tell;
 use crate::ctl_request::request;
@@ -24,14 +24,28 @@ pub(crate) fn is_of_program(status: &Status) -> bool {
     matches!(status.activity, 1 | 2)
 }
 
-/// How far an axis with this index is from its target, mm or degrees. Angles are shown modulo a turn where the axis is unlimited.
-fn off_target(axis: usize, difference: f64) -> f64 {
-    if AxisLetter::ALL.get(axis).is_some_and(|letter| letter.is_rotary()) {
+/// How far an axis with this index is from its target, mm or degrees. Angles are shown modulo a turn where the axis is unlimited: one
+/// that has moved may have turned fully, and one that has not is where it was.
+fn off_target(axis: usize, difference: f64, has_moved: bool) -> f64 {
+    if has_moved && AxisLetter::ALL.get(axis).is_some_and(|letter| letter.is_rotary()) {
         let rest = difference.rem_euclid(360.0);
         rest.min(360.0 - rest)
     } else {
         difference.abs()
     }
+}
+
+/// Whether an axis with this index has gone by `distance`, mm or degrees. `was_seen`: a status has shown it move; a short jog is over
+/// between two.
+fn has_arrived(axis: usize, from: f64, distance: f64, to: f64, was_seen: bool) -> bool {
+    off_target(axis, from + distance - to, was_seen || to != from) <= AT_TARGET
+}
+
+/// The axes at rest after an order.
+pub(crate) struct Rest {
+    status: Status,
+    /// The axes that were seen to move since the answer.
+    moved: AxisMask,
 }
 
 impl Session {
@@ -43,15 +57,15 @@ impl Session {
     ) -> Result<Ending, CommandError> {
         self.catch_signals()?;
         // An increment from rest has one target; one that adds to another has its own.
-        let target = (self.latest()?)
+        let start = (self.latest()?)
             .filter(|status| status.velocity.iter().all(|velocity| *velocity == 0.0))
             .filter(|_| order.command == CommandCode::Jog as u32 && order.index == 1)
-            .map(|status| std::array::from_fn::<f64, 9, _>(|i| status.position_machine[i] + order.values[i]));
+            .map(|status| status.position_machine);
         let answer = self.send(order)?;
         if answer.verdict != 0 {
             return tell(&answer, None, self.json, out);
         }
-        let status = self.await_rest(&answer)?;
+        let Rest { status, moved } = self.await_rest(&answer)?;
         let has_ended = !is_of_program(&status) && status.job_result != JobResult::Done as u32;
         if has_ended {
             return Err(CommandError::Failed(
@@ -64,11 +78,13 @@ impl Session {
                 status.operator_message()
             )));
         }
-        let misses = |target: &[f64; 9]| {
-            let mut pairs = target.iter().zip(&status.position_machine).enumerate();
-            pairs.any(|(axis, (target, at))| off_target(axis, target - at) > AT_TARGET)
+        let arrives = |start: &[f64; 9]| {
+            (0..start.len()).all(|axis| {
+                let (from, to) = (start[axis], status.position_machine[axis]);
+                has_arrived(axis, from, order.values[axis], to, moved.contains(axis))
+            })
         };
-        if target.as_ref().is_some_and(misses) {
+        if start.as_ref().is_some_and(|start| !arrives(start)) {
             return Err(CommandError::Failed(format!(
                 "the jog was stopped before its end: {}",
                 status.operator_message()
@@ -82,8 +98,9 @@ impl Session {
     }
 
     /// Waits until the axes are at rest or the program has ended. A signal stops the motion.
-    pub(crate) fn await_rest(&mut self, answer: &ControlAnswer) -> Result<Status, CommandError> {
+    pub(crate) fn await_rest(&mut self, answer: &ControlAnswer) -> Result<Rest, CommandError> {
         let (mut sequence, mut looks, mut is_stopped) = (0, 0, false);
+        let mut moved = AxisMask::NONE;
         let mut since: Option<Instant> = None;
         loop {
             looks += 1;
@@ -95,6 +112,9 @@ impl Session {
                 && status.sequence != sequence
             {
                 (sequence, looks) = (status.sequence, 0);
+                for (axis, velocity) in status.velocity.iter().enumerate() {
+                    moved |= AxisMask::one_if(axis, *velocity != 0.0);
+                }
                 let rests = status.velocity.iter().all(|velocity| *velocity == 0.0);
                 if !rests || status.cycles < answer.sequence + APPEARS {
                     since = None;
@@ -104,7 +124,7 @@ impl Session {
                             "interrupted: the axes were stopped".to_owned(),
                         ))
                     } else {
-                        Ok(status)
+                        Ok(Rest { status, moved })
                     };
                 }
             }
@@ -118,13 +138,29 @@ impl Session {
 
 #[cfg(test)]
 mod tests {
-    use super::off_target;
+    use super::{has_arrived, off_target};
+
+    #[test]
+    fn a_short_jog_arrives_though_no_status_showed_it() {
+        // Across 0, where the displayed angle wraps; and a jog that did not begin.
+        assert!(has_arrived(3, 359.99, 0.02, 0.01, false));
+        assert!(!has_arrived(3, 359.99, 0.02, 359.99, false));
+        assert!(!has_arrived(3, 10.0, 360.0, 10.0, false) && has_arrived(3, 10.0, 360.0, 10.0, true));
+        assert!(has_arrived(0, 1.0, 0.5, 1.5, false) && !has_arrived(0, 1.0, 0.5, 1.25, true));
+    }
 
     #[test]
     fn a_turn_of_a_rotary_axis_is_no_distance() {
-        assert!(off_target(3, 372.0 - 12.0) < 1e-9);
-        assert!(off_target(3, -31.0 - 329.0) < 1e-9);
-        assert_eq!(off_target(3, -0.5), 0.5);
-        assert_eq!(off_target(0, 360.0), 360.0);
+        assert!(off_target(3, 372.0 - 12.0, true) < 1e-9);
+        assert!(off_target(3, -31.0 - 329.0, true) < 1e-9);
+        assert_eq!(off_target(3, -0.5, true), 0.5);
+        assert_eq!(off_target(0, 360.0, true), 360.0);
+    }
+
+    /// Where nothing has moved, a full turn was not made: of a limited axis, or of one whose jog was stopped before it began.
+    #[test]
+    fn a_turn_that_never_began_is_missed() {
+        assert_eq!(off_target(3, 360.0, false), 360.0);
+        assert_eq!(off_target(3, 0.0, false), 0.0);
     }
 }

@@ -292,16 +292,17 @@ impl Periphery {
                 writeln!(out, "{heading}: {why}")?;
                 continue;
             }
-            writeln!(out, "{heading}")?;
+            if self.is_named {
+                writeln!(out, "{heading}")?;
+            } else {
+                writeln!(out, "{heading} by number; --machine FILE adds their names")?;
+            }
             for signal in signals {
-                writeln!(
-                    out,
-                    "  {:<32} {:<7} {:>2}  {}",
-                    signal.name,
-                    signal.kind.name(),
-                    signal.number,
-                    shown(signal)
-                )?;
+                if self.is_named {
+                    write!(out, "  {:<32}", signal.name)?;
+                }
+                let (kind, number) = (signal.kind.name(), signal.number);
+                writeln!(out, "  {kind:<7} {number:>2}  {}", shown(signal))?;
             }
         }
         for spindle in &self.spindles {
@@ -439,6 +440,12 @@ number = 63
         let bare = Periphery::of(None, None, &[bridge], None);
         let numbers: Vec<u32> = bare.inputs.iter().map(|signal| signal.number).collect();
         assert_eq!((numbers, bare.outputs.len()), (vec![3, 5], 0));
+        let mut page = Vec::new();
+        bare.write(&mut page).unwrap();
+        let page = String::from_utf8(page).unwrap();
+        let begin =
+            "inputs by number; --machine FILE adds their names\n  digital  3  off\n  digital  5  on\n";
+        assert!(page.starts_with(begin), "{page}");
         let mut page = Vec::new();
         Periphery::of(Some(&settings), None, &[], None)
             .write(&mut page)

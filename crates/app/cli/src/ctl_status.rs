@@ -9,6 +9,9 @@ use evolvent_control::Alarm;
 use evolvent_path::{AxisLetter, AxisMask};
 use serde_json::{Map, Value, json};
 
+/// G7 in a status.
+const G7: u32 = 70;
+
 fn name(list: &[(&str, u32)], number: u32) -> String {
     list.iter()
         .find(|(_, known)| *known == number)
@@ -28,6 +31,11 @@ fn modal_codes(status: &Status) -> Vec<String> {
         .collect()
 }
 
+/// Whether the program writes X as a diameter.
+pub(crate) fn is_diameter(status: &Status) -> bool {
+    status.modal.contains(&G7)
+}
+
 fn axis_letters(mask: u32, axes: &str) -> String {
     axes.chars()
         .filter(|letter| {
@@ -45,6 +53,11 @@ pub(crate) fn probe_state(status: &Status) -> Option<&'static str> {
         switches::PROBE_TRIPPED => Some("tripped"),
         _ => None,
     }
+}
+
+/// Whether a tool change was broken off, so that `tool` is only the one before it.
+pub(crate) fn is_tool_unknown(status: &Status) -> bool {
+    status.switches & switches::TOOL_UNKNOWN != 0
 }
 
 fn tool_change(status: &Status) -> &'static str {
@@ -90,6 +103,7 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         "feedback_age_ns": has_feedback.then_some(status.feedback_age_ns),
         "enabled": status.enabled_mask,
         "power": status.power,
+        "tool_unknown": is_tool_unknown(status),
     });
     let rest = json!({
         "path_mm": status.path_mm,
@@ -171,7 +185,12 @@ pub(crate) fn write_status(
             0 => format!("ended: {}", name(&JOB_RESULTS, status.job_result)),
             activity => format!("running: {}", name(&ACTIVITIES, activity)),
         };
-        writeln!(out, "  job {} {job}, line {}", status.job, status.line)?;
+        write!(out, "  job {} {job}", status.job)?;
+        // Jogs, homing and what comes after a program are of no line.
+        match status.line {
+            0 => writeln!(out)?,
+            line => writeln!(out, ", line {line}")?,
+        }
     }
     if !status.program_name().is_empty() {
         writeln!(out, "  program {}", status.program_name())?;
@@ -206,14 +225,19 @@ fn write_axes(out: &mut dyn Write, status: &Status, axes: &str) -> io::Result<()
     )?;
     for axis in axes.chars().filter_map(AxisLetter::from_letter) {
         let i = axis.index();
+        // As at the screen: X is what the program writes.
+        let (mark, factor) = match axis {
+            AxisLetter::X if is_diameter(status) => ('\u{2300}', 2.0),
+            _ => (' ', 1.0),
+        };
         writeln!(
             out,
-            "  {}    {:>14.4} {:>14.4} {:>14.4} {:>14.4}  {}",
+            "  {} {mark}  {:>14.4} {:>14.4} {:>14.4} {:>14.4}  {}",
             axis.letter(),
-            status.position_machine[i],
-            status.position_work[i],
-            status.distance_to_go[i],
-            status.work_offset[i] + status.tool_offset[i],
+            factor * status.position_machine[i],
+            factor * status.position_work[i],
+            factor * status.distance_to_go[i],
+            factor * (status.work_offset[i] + status.tool_offset[i]),
             if AxisMask::from_bits(status.homed_mask).contains(i) {
                 "yes"
             } else {
@@ -301,8 +325,13 @@ fn write_motion(out: &mut dyn Write, status: &Status) -> io::Result<()> {
     }
     writeln!(
         out,
-        "  tool {}, {}, {}",
+        "  tool {}{}, {}, {}",
         status.tool,
+        if is_tool_unknown(status) {
+            ", or another since a tool change was broken off: name it by MDI, such as M61 Q3"
+        } else {
+            ""
+        },
         spindle_words(status, ", "),
         modal_codes(status).join(" ")
     )
@@ -361,7 +390,8 @@ fn write_messages(out: &mut dyn Write, status: &Status) -> io::Result<()> {
     }
     for &number in status.listed_alarms() {
         let known = Alarm::from_number(number).map_or("unknown", |alarm| alarm.sentence());
-        let text = if status.listed_alarms().last() == Some(&number) && !status.alarm_sentence().is_empty() {
+        // The status has the words of the cause, which is listed first.
+        let text = if status.listed_alarms().first() == Some(&number) && !status.alarm_sentence().is_empty() {
             status.alarm_sentence()
         } else {
             known
@@ -415,6 +445,30 @@ mod tests {
     }
 
     #[test]
+    fn x_of_a_lathe_in_g7_is_a_diameter_as_text_and_a_radius_in_json() {
+        let mut status = Status::default();
+        status.position_machine[0] = -12.5;
+        status.position_work[0] = 20.25;
+        status.distance_to_go[0] = 1.5;
+        (status.work_offset[0], status.tool_offset[0]) = (3.0, 0.5);
+        status.position_work[2] = 7.0;
+        let row = |status: &Status, letter: char| {
+            let mut page = Vec::new();
+            write_status(&mut page, status, "XZ", "lathe").unwrap();
+            let page = String::from_utf8(page).unwrap();
+            let row = page.lines().find(|line| line.trim_start().starts_with(letter));
+            let words: Vec<String> = row.unwrap().split_whitespace().map(str::to_owned).collect();
+            words.join(" ")
+        };
+        status.modal[..2].copy_from_slice(&[180, 80]);
+        assert_eq!(row(&status, 'X'), "X -12.5000 20.2500 1.5000 3.5000 no");
+        status.modal[1] = 70;
+        assert_eq!(row(&status, 'X'), "X \u{2300} -25.0000 40.5000 3.0000 7.0000 no");
+        assert_eq!(row(&status, 'Z'), "Z 0.0000 7.0000 0.0000 0.0000 no");
+        assert_eq!(status_to_json(&status, "XZ")["position_work"]["X"], json!(20.25));
+    }
+
+    #[test]
     fn a_status_is_told_whole_and_by_the_letters_of_the_axes() {
         let mut status = Status {
             machine_state: 2,
@@ -435,6 +489,7 @@ mod tests {
         status.modal[..2].copy_from_slice(&[170, 591]);
         status.feedback_age_ns = u64::MAX;
         status.push_alarm(406);
+        status.push_alarm(418);
         status.set_alarm_text("axis X");
         let value = status_to_json(&status, "XZ");
         assert_eq!(value["machine"], "on");
@@ -456,13 +511,34 @@ mod tests {
         write_status(&mut page, &status, "XZ", "mill").unwrap();
         let page = String::from_utf8(page).unwrap();
         assert!(
-            page.contains("-7.5000") && page.contains("alarm 406: axis X"),
+            page.contains("-7.5000")
+                && page.contains("alarm 406: axis X")
+                && !page.contains("alarm 418: axis X"),
             "{page}"
         );
         assert!(page.contains("a hold stops within 3.250 mm and 45 ms so far: longest on line 17"));
         assert!(page.contains("put tool 4 into the spindle"), "{page}");
         assert!(
             page.contains("parts 12, program 1:02:06, of which held 0:00:10"),
+            "{page}"
+        );
+        assert!(page.contains("tool 0, spindle"), "{page}");
+        assert_eq!(value["tool_unknown"], false);
+    }
+
+    #[test]
+    fn a_tool_that_is_not_known_is_told_so() {
+        let status = Status {
+            tool: 7,
+            switches: switches::TOOL_UNKNOWN,
+            ..Status::default()
+        };
+        assert_eq!(status_to_json(&status, "XZ")["tool_unknown"], true);
+        let mut page = Vec::new();
+        write_status(&mut page, &status, "XZ", "mill").unwrap();
+        let page = String::from_utf8(page).unwrap();
+        assert!(
+            page.contains("tool 7, or another since a tool change was broken off: name it by MDI"),
             "{page}"
         );
     }

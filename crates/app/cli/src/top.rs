@@ -12,7 +12,9 @@ use clap::Args;
 use evolvent_bus::{BusError, ClientBus, ClientConfig, STATES, Status, StatusReader, switches};
 use serde_json::json;
 
-use crate::ctl_status::{probe_state, spindle_words, spindles, uncounted_override};
+use crate::ctl_status::{
+    is_diameter, is_tool_unknown, probe_state, spindle_words, spindles, uncounted_override,
+};
 use crate::terminal::Terminal;
 use crate::{CommandError, Ending};
 
@@ -280,7 +282,14 @@ impl Picture<'_> {
                 continue;
             }
             let is_homed = AxisMask::from_bits(self.status.homed_mask).contains(at);
-            let unit = if "ABC".contains(letter) { "deg" } else { "mm" };
+            // As at the screen: X is what the program writes. Velocity and following error are those of the axis.
+            let is_diameter = letter == 'X' && is_diameter(self.status);
+            let factor = if is_diameter { 2.0 } else { 1.0 };
+            let unit = match letter {
+                'A' | 'B' | 'C' => "deg",
+                _ if is_diameter => "\u{2300}mm",
+                _ => "mm",
+            };
             let following = if self.status.has_feedback() {
                 format!("{:.4}", self.status.following_error[at])
             } else {
@@ -291,9 +300,9 @@ impl Picture<'_> {
                 "{}{} {unit:>3} {:>14.4} {:>14.4} {:>12.4} {:>12.3} {following:>12}",
                 self.paint(BOLD, &letter.to_string()),
                 if is_homed { '*' } else { ' ' },
-                self.status.position_machine[at],
-                self.status.position_work[at],
-                self.status.distance_to_go[at],
+                factor * self.status.position_machine[at],
+                factor * self.status.position_work[at],
+                factor * self.status.distance_to_go[at],
                 self.status.velocity[at]
             );
         }
@@ -303,7 +312,7 @@ impl Picture<'_> {
         let feed = 60.0 * self.status.feed_mm_s;
         let _ = writeln!(
             self.text,
-            "\nfeed {:.1} mm/min of {:.1}   override {:.0} %, rapid {:.0} %, spindle {:.0} %{}   {}   T{}",
+            "\nfeed {:.1} mm/min of {:.1}   override {:.0} %, rapid {:.0} %, spindle {:.0} %{}   {}   T{}{}",
             feed,
             60.0 * self.status.feed_programmed_mm_s,
             100.0 * self.status.override_ratio,
@@ -311,7 +320,8 @@ impl Picture<'_> {
             100.0 * self.status.spindle_override_ratio,
             uncounted_override(self.status),
             spindle_words(self.status, "   "),
-            self.status.tool
+            self.status.tool,
+            if is_tool_unknown(self.status) { "?" } else { "" }
         );
         let _ = writeln!(
             self.text,
@@ -454,7 +464,8 @@ mod tests {
     #[test]
     fn the_picture_names_state_axes_feed_and_what_is_wrong() {
         let mut status = status();
-        status.switches = switches::CHAIN_OPEN | switches::INPUT_WAIT | switches::PROBE_TRIPPED;
+        status.switches =
+            switches::CHAIN_OPEN | switches::INPUT_WAIT | switches::PROBE_TRIPPED | switches::TOOL_UNKNOWN;
         status.push_alarm(200);
         status.set_alarm_text("the guard refused\x1b[2J a setpoint");
         let text = picture("mill", &status, "XZ", Some(Duration::from_secs(3)), false);
@@ -471,6 +482,7 @@ mod tests {
             "emergency-stop chain is open",
             "waits for an input or a spindle",
             "probe tripped",
+            "T0?",
         ] {
             assert!(text.contains(part), "{part} is not in\n{text}");
         }

@@ -154,6 +154,21 @@ pub(crate) fn tool_request(tool: u32, present: u32) -> String {
     }
 }
 
+/// What is said of a change by the operator that ends before it was confirmed.
+pub(crate) fn change_abandoned(tool: u32, present: u32) -> String {
+    let change = match tool {
+        0 => "to an empty spindle".to_owned(),
+        _ => format!("to tool {tool}"),
+    };
+    let counts = match present {
+        0 => "the spindle still counts as empty".to_owned(),
+        _ => format!("tool {present} still counts as the one in the spindle"),
+    };
+    format!(
+        "the tool change {change} was abandoned, and {counts}: if that is wrong, name the tool by MDI, such as M61 Q{tool}"
+    )
+}
+
 /// Why a tool change cannot be carried out where no operator confirms it.
 pub(crate) fn nobody_changes(tool: u32, present: u32) -> (String, String) {
     let what = match present {

@@ -270,12 +270,15 @@ fn notes_of(job: &Job, report: &RunReport, feed: &FeedReport) -> impl Iterator<I
 
 /// What became of tool changes that were not carried out.
 fn tool_change_note(job: &Job, changes: u64) -> Option<String> {
+    let changer = job.setup.machine.program.tool_change;
     let (many, verb) = match changes {
         0 => return None,
         1 => ("1 tool change (M6)".to_owned(), "was"),
         changes => (format!("{changes} tool changes (M6)"), "were"),
     };
-    match (job.clock, job.setup.machine.program.tool_change) {
+    match (job.clock, changer) {
+        // Its moves, outputs and inputs are those of the run.
+        (_, ToolChange::Subroutine) => None,
         (_, ToolChange::None) => Some(format!(
             "{many} {verb} counted as done and nothing was changed: program.tool_change is \"none\" in the machine file"
         )),

@@ -169,10 +169,13 @@ pub mod switches {
     pub const PROBE_OPEN: u32 = 1 << 6;
     /// The probe has contact.
     pub const PROBE_TRIPPED: u32 = 1 << 7;
+    /// The tool in the spindle is not known, because a tool change was broken off: `tool` is the one before it. M61 by MDI names
+    /// the tool.
+    pub const TOOL_UNKNOWN: u32 = 1 << 8;
 }
 
 /// Names and bits of `switches` in Status.
-pub const SWITCHES: [(&str, u32); 8] = [
+pub const SWITCHES: [(&str, u32); 9] = [
     ("SINGLE_STEP", switches::SINGLE_STEP),
     ("OPTIONAL_STOP", switches::OPTIONAL_STOP),
     ("BLOCK_DELETE", switches::BLOCK_DELETE),
@@ -181,4 +184,5 @@ pub const SWITCHES: [(&str, u32); 8] = [
     ("INPUT_WAIT", switches::INPUT_WAIT),
     ("PROBE_OPEN", switches::PROBE_OPEN),
     ("PROBE_TRIPPED", switches::PROBE_TRIPPED),
+    ("TOOL_UNKNOWN", switches::TOOL_UNKNOWN),
 ];

@@ -74,7 +74,20 @@ impl ChangeMark {
 
     /// What is not known, and what to do.
     pub(crate) fn sentence(self) -> String {
-        let what = match self.tools {
+        format!(
+            "{}, so it is not known which tool is in the spindle: look, see that the changer is clear, and name the tool by MDI, \
+             such as M61 Q3, or M61 Q0 for none",
+            self.what()
+        )
+    }
+
+    /// The same behind the reason, which comes first: the status has room for one sentence, and the advice is that of the alarm.
+    pub(crate) fn sentence_behind(self, failure: &str) -> String {
+        format!("{failure}; {}: name the tool by MDI, such as M61 Q3", self.what())
+    }
+
+    fn what(self) -> String {
+        match self.tools {
             Some((from, to)) => {
                 let tool = |number: u32| match number {
                     0 => "no tool".to_owned(),
@@ -83,11 +96,7 @@ impl ChangeMark {
                 format!("the change from {} to {} was broken off", tool(from), tool(to))
             }
             None => "a tool change was broken off, or what kept the tool cannot be read".to_owned(),
-        };
-        format!(
-            "{what}, so it is not known which tool is in the spindle: look, see that the changer is clear, and name the tool by \
-             MDI, such as M61 Q3, or M61 Q0 for none"
-        )
+        }
     }
 }
 

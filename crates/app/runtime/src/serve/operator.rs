@@ -227,6 +227,11 @@ impl Operator {
         is_held && !self.stops.stopping
     }
 
+    /// Whether a tool change was broken off and nobody has named the tool in the spindle since.
+    pub(crate) fn is_tool_unknown(&self) -> bool {
+        self.keep.change.is_some() && !self.keep.is_change_under_way
+    }
+
     /// Whether the feed is held.
     pub(crate) fn is_holding(&self) -> bool {
         self.stops.hold

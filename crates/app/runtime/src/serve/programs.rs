@@ -52,6 +52,8 @@ pub(super) struct ProgramRun {
     pub(super) ended: Option<JobResult>,
     /// What a block of MDI leaves when it is done.
     pub(super) after: Option<After>,
+    /// Lines before those that the operator has written, with which a block of MDI begins.
+    pub(super) lines_before: u32,
     /// Single step of a plan that was made without it.
     pub(super) step: Option<StepBehind>,
     /// The number of its first block.
@@ -260,6 +262,7 @@ impl Operator {
                 .notes
                 .plans(recorder, job, file, &setup, start, &self.folder);
         }
+        let lines_before = setup.restored.lines;
         let planning = Planning::start(ProgramJob {
             file: file.look.file.clone(),
             setup,
@@ -284,6 +287,7 @@ impl Operator {
             planning,
             ended: None,
             after,
+            lines_before,
             step: None,
             first_block: self.program.numbers.0,
             command: None,

@@ -95,6 +95,7 @@ fn switches(operator: &Operator) -> u32 {
             operator.view.probe == ProbeState::Tripped,
             switches::PROBE_TRIPPED,
         ),
+        (operator.is_tool_unknown(), switches::TOOL_UNKNOWN),
     ];
     bits.into_iter()
         .filter(|(on, _)| *on)

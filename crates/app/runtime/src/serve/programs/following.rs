@@ -12,7 +12,7 @@ use super::{
     AT_WORK, ChangeBeginning, NO_SAVER, NUMBERS_LEFT, PLANNER_TIMEOUT, StepBehind, UserCommand, sentence,
 };
 use crate::news::{ExternalEventKind, Moment, StopKind, UserCall};
-use crate::periphery::{CHANGE_BEGINS, Periphery, TOOL_CHANGE_CODE};
+use crate::periphery::{CHANGE_BEGINS, Changer, Periphery, TOOL_CHANGE_CODE, change_abandoned};
 use crate::refusal::ProgramError;
 use crate::serve::files::READING_TIMEOUT;
 use crate::serve::jog::limits_here;
@@ -195,17 +195,22 @@ impl Operator {
                 Job::Program(run) => run.failure.take(),
                 _ => None,
             };
-            // Of several alarms the status has the text of the last.
             let text = match failure {
-                Some(failure) => format!("{}; it failed at {failure}", mark.sentence()),
+                Some(failure) => mark.sentence_behind(&failure),
                 None => mark.sentence(),
             };
             self.raise(self.view.setpoint.sequence, Alarm::ToolChange, text);
         }
     }
 
-    /// Spindle and coolant go off, whatever has switched them on.
+    /// Spindle and coolant go off, whatever has switched them on. A change that waits for the operator ends.
     pub(in crate::serve) fn switch_periphery_off(&mut self) {
+        let now = self.periphery.now();
+        if let Some((Changer::Operator, tool)) = now.change {
+            let text = change_abandoned(tool, now.tool);
+            self.record(ExternalEventKind::Warning, 0, text.clone(), None);
+            self.message.tell(text);
+        }
         let ends_surface_speed = self.periphery.now().outputs.has_surface_speed();
         self.periphery.switch_off(self.view.setpoint.sequence);
         if ends_surface_speed {
@@ -348,8 +353,12 @@ impl Operator {
             // its part of the heap as this one has found it.
             (JobResult::Done, Ok(Some(left)), None) => self.keep.memory.clone_from(&left),
             (JobResult::Failed, Err(error), _) => {
+                let lines_before = match &self.job {
+                    Job::Program(run) => run.lines_before,
+                    _ => 0,
+                };
                 let text = match &error {
-                    ProgramError::Text { diagnostic, .. } => sentence(diagnostic, 0),
+                    ProgramError::Text { diagnostic, .. } => sentence(diagnostic, lines_before),
                     ProgramError::Read { .. } => error.to_string(),
                 };
                 if let Job::Program(run) = &mut self.job {

@@ -34,6 +34,7 @@ export function advise(texts: Texts, { connected, loss, coreAlive, machine, stat
   if (status.machineState === 'off') return { text: a.off, tone: 'ask' };
   if (status.toolChange === 'operator') return { text: a.toolChange(status.toolWanted), tone: 'ask' };
   if (status.toolChange === 'program') return { text: a.toolChanging(status.toolWanted), tone: 'calm' };
+  if (status.toolUnknown) return { text: a.toolUnknown, tone: 'ask' };
   if (status.activity === 'homing') return { text: a.homing, tone: 'calm' };
   if (status.activity === 'jog') return { text: a.jogging, tone: 'calm' };
   if (status.activity === 'program' || status.activity === 'mdi') {

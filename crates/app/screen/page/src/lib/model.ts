@@ -95,6 +95,8 @@ export interface Status {
   spindles: Spindle[];
   coolant: number;
   tool: number;
+  /** a tool change was broken off: `tool` is the one before it */
+  toolUnknown: boolean;
   toolChange: 'none' | 'operator' | 'program';
   toolWanted: number;
   workSystem: string;

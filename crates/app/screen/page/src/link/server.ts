@@ -12,7 +12,7 @@ import type { Incoming, LinkLoss, Sample } from './incoming';
 import { Socket } from './socket';
 import type { Source } from './source';
 
-const SWITCH = { singleStep: 1, optionalStop: 2, blockDelete: 4, hold: 8, chainOpen: 16, inputWait: 32 } as const;
+const SWITCH = { singleStep: 1, optionalStop: 2, blockDelete: 4, hold: 8, chainOpen: 16, inputWait: 32, toolUnknown: 256 } as const;
 /** Bit of a setpoint's flags: a rapid. */
 const RAPID = 8;
 /** A page in control that the server does not hear for 3 s loses it. */
@@ -249,6 +249,7 @@ export class Server implements Source {
       })),
       coolant: status.coolant,
       tool: status.tool,
+      toolUnknown: on(SWITCH.toolUnknown),
       toolChange: status.tool_change,
       toolWanted: status.tool_wanted,
       workSystem: systemName(status.work_system),

@@ -64,6 +64,7 @@ export const de: Texts = {
     toolChange: (tool) =>
       tool === 0 ? 'Werkzeug aus der Spindel nehmen, dann „Weiter“ drücken.' : `Werkzeug ${tool} einsetzen, dann „Weiter“ drücken.`,
     toolChanging: (tool) => `Werkzeug ${tool} wird eingewechselt.`,
+    toolUnknown: 'Ein Werkzeugwechsel wurde abgebrochen. Werkzeug in der Spindel ansehen und mit MDI nennen, etwa M61 Q3.',
     homing: 'Referenzfahrt. Abstand halten.',
     jogging: 'Verfahren.',
     programStop: 'Programmhalt. „Weiter“ setzt fort.',

@@ -72,6 +72,7 @@ export const en = {
     toolChange: (tool: number) =>
       tool === 0 ? 'Take the tool out of the spindle, then press “Resume”.' : `Put tool ${tool} into the spindle, then press “Resume”.`,
     toolChanging: (tool: number) => `The tool is being changed to ${tool}.`,
+    toolUnknown: 'A tool change was broken off. See which tool is in the spindle and name it by MDI, such as M61 Q3.',
     homing: 'Homing. Keep clear.',
     jogging: 'Jogging.',
     programStop: 'Program stop. Press “Resume” to go on.',
