@@ -1,6 +1,7 @@
 """Clients of the screen's server in another language than its own, by the published library `websockets`.
 
     screen_client.py jog URL [--speed MM_S]     jogs X+ and keeps it until it is killed, or cut by a line on stdin
+    screen_client.py first URL                  the first jog and the first emergency stop of a service
     screen_client.py rules URL WATCH_URL        leases, numbers of commands, roles, hosts, origins, uploads
     screen_client.py hostile URL COUNT SEED     mutated messages
     screen_client.py crowd URL PROGRAM CLIENTS SECONDS
@@ -150,6 +151,17 @@ def jog(url: str, speed: float) -> None:
     except ConnectionClosed:
         ended.set()
         time.sleep(600)
+
+
+def first(url: str) -> None:
+    page = Page(url)
+    page.take()
+    page.does(MODE, index=1)
+    page.does(JOG, axes_mask=1, index=0, amount=5.0, values={"0": 1.0})
+    page.catch_up()
+    begun = time.monotonic()
+    page.does(ESTOP, seen_ns=page.seen_ns)
+    print(f"ok the first emergency stop was answered after {(time.monotonic() - begun) * 1e3:.1f} ms", flush=True)
 
 
 def refused_upgrade(url: str, **headers: str) -> int:
@@ -427,6 +439,8 @@ def main(words: list[str]) -> None:
     match words:
         case ["jog", url, *rest]:
             jog(url, float(rest[1]) if rest else 20.0)
+        case ["first", url]:
+            first(url)
         case ["rules", url, watch_url]:
             rules(url, watch_url)
         case ["hostile", url, count, seed]:

@@ -164,6 +164,19 @@ fn stop_behind(operator: &mut Operator, mut client: Child, loss: Loss) -> Option
     Some((begins_ms, latest))
 }
 
+/// The server's own connections to the core are there before somebody presses: a jog that waits for one for 250 ms is refused.
+#[test]
+fn the_first_jog_and_the_first_emergency_stop_of_a_service_are_accepted() {
+    unless_disturbed(|| {
+        let (scene, [address, _]) = scene("screen-first");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        let _said = client(&["first", &address]);
+        drop(operator);
+        scene.end();
+    });
+}
+
 #[test]
 fn leases_numbers_roles_hosts_origins_and_uploads_keep_their_rules() {
     let options = ["--screen=127.0.0.1:0", "--trace-limit=1"];

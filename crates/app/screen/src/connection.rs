@@ -12,7 +12,7 @@ use tokio::sync::mpsc;
 use crate::command::{code_of, request_of};
 use crate::gate::Role;
 use crate::hub::{Visitor, text};
-use crate::messages::{CommandMessage, FromPage, LogKind, Refusal, ToPage};
+use crate::messages::{CommandMessage, FromPage, LogFact, LogKind, Refusal, ToPage};
 use crate::orders::Answer;
 use crate::pace::Pace;
 use crate::server::Server;
@@ -116,12 +116,8 @@ async fn read(
         left = (left + RATE * (now - counted).as_secs_f64()).min(BURST) - 1.0;
         counted = now;
         if left < 0.0 {
-            server.hub.log(
-                LogKind::Link,
-                None,
-                format!("page {number} sent too many messages and was disconnected"),
-                None,
-            );
+            let fact = LogFact::TooManyMessages { page: number };
+            server.hub.log_fact(LogKind::Link, None, fact, None);
             return;
         }
         let line = match message {
@@ -166,16 +162,25 @@ async fn carry_out(server: Arc<Server>, number: u64, role: Role, command: Comman
     if let Some(code) = code_of(command.command)
         && code != CommandCode::JogKeep
     {
-        let what = if answer.accepted {
-            format!("{} by page {number}", code.name())
+        let name = code.name().to_owned();
+        let fact = if answer.accepted {
+            LogFact::Accepted {
+                command: name,
+                page: number,
+            }
         } else {
-            format!("{} by page {number} was rejected: {}", code.name(), answer.text)
+            LogFact::Rejected {
+                command: name,
+                page: number,
+                reason: answer.text.clone(),
+                refusal: answer.refusal,
+            }
         };
         let alarm = (answer.alarm != 0).then_some(answer.alarm);
         if answer.accepted && REPEATED.contains(&code) {
-            server.hub.log_repeated(LogKind::Command, what);
+            server.hub.log_repeated(LogKind::Command, fact);
         } else {
-            server.hub.log(LogKind::Command, alarm, what, None);
+            server.hub.log_fact(LogKind::Command, alarm, fact, None);
         }
     }
     server.hub.answer(number, command.id, answer);

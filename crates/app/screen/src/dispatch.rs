@@ -146,7 +146,11 @@ fn outdated(present: Option<&Status>, command: &CommandMessage) -> Option<Refusa
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Mutex;
+    use std::cell::Cell;
+    use std::sync::{Condvar, Mutex, MutexGuard};
+    use std::time::Instant;
+
+    use evolvent_disturbance::unless_disturbed;
 
     use super::*;
     use crate::gate::Role;
@@ -182,11 +186,36 @@ mod tests {
         assert_eq!(outdated(None, &command(0, true)), None);
     }
 
-    /// A core that takes its time, and what has reached it: a command is listed when it has taken effect.
-    #[derive(Clone)]
-    struct SlowCore {
-        seen: Arc<Mutex<Vec<u32>>>,
-        takes: Duration,
+    /// A request that the core replies to and does not list: behind it, all that was sent before on the same way has been evaluated.
+    const MARKER: u32 = u32::MAX;
+    /// Longer than any host keeps a thread from running.
+    const FOREVER: Duration = Duration::from_secs(60);
+
+    /// What a core has been sent.
+    #[derive(Default)]
+    struct Progress {
+        /// Commands whose evaluation has begun.
+        begun: Vec<u32>,
+        /// Commands that have taken effect.
+        done: Vec<u32>,
+        /// Commands take effect; until then their evaluation goes on.
+        is_open: bool,
+    }
+
+    /// A core that evaluates a command until it is let go on. Stops take no time.
+    #[derive(Clone, Default)]
+    struct SlowCore(Arc<(Mutex<Progress>, Condvar)>);
+
+    impl SlowCore {
+        fn progress(&self) -> MutexGuard<'_, Progress> {
+            self.0.0.lock().unwrap()
+        }
+
+        /// Lets commands take effect from now on.
+        fn let_go_on(&self) {
+            self.progress().is_open = true;
+            self.0.1.notify_all();
+        }
     }
 
     impl Core for SlowCore {
@@ -194,12 +223,19 @@ mod tests {
             Ok(())
         }
 
+        fn open_early(&mut self) {}
+
         fn command(&mut self, request: &ControlRequest) -> Answer {
-            // Stops take no time.
-            if request.command != CommandCode::JogStop as u32 {
-                std::thread::sleep(self.takes);
+            let code = request.command;
+            if code != MARKER {
+                let mut progress = self.progress();
+                progress.begun.push(code);
+                if code != STOP {
+                    let is_closed = |progress: &mut Progress| !progress.is_open;
+                    progress = self.0.1.wait_while(progress, is_closed).unwrap();
+                }
+                progress.done.push(code);
             }
-            self.seen.lock().unwrap().push(request.command);
             Answer {
                 accepted: true,
                 alarm: 0,
@@ -214,20 +250,17 @@ mod tests {
         hub: Arc<Hub>,
         dispatch: Dispatch,
         pages: [u64; 2],
-        seen: Arc<Mutex<Vec<u32>>>,
+        core: SlowCore,
         stop: Arc<AtomicBool>,
         _messages: Vec<tokio::sync::mpsc::Receiver<axum::extract::ws::Utf8Bytes>>,
     }
 
     impl Scene {
-        fn new(takes: Duration) -> Self {
+        async fn new() -> Self {
             let hub = Arc::new(Hub::new(ToPage::Core { alive: false }));
-            let (seen, stop) = (Arc::default(), Arc::new(AtomicBool::new(false)));
+            let (core, stop) = (SlowCore::default(), Arc::new(AtomicBool::new(false)));
             let orders = |name| {
-                let core = SlowCore {
-                    seen: Arc::clone(&seen),
-                    takes,
-                };
+                let core = core.clone();
                 let (orders, _thread) = Orders::spawn(name, move || core, &hub, &stop).unwrap();
                 orders
             };
@@ -250,14 +283,17 @@ mod tests {
                 page
             });
             hub.take(pages[0], false);
-            Self {
+            let scene = Self {
                 hub,
                 dispatch,
                 pages,
-                seen,
+                core,
                 stop,
                 _messages: messages,
-            }
+            };
+            // The threads run: the time that they take to start is not that of a command.
+            scene.evaluated().await;
+            scene
         }
 
         async fn press(&self, code: CommandCode) -> Answer {
@@ -274,20 +310,44 @@ mod tests {
             self.dispatch.stop_jog();
         }
 
+        /// Waits until something is true of what the core has been sent.
+        async fn until(&self, what: &str, is_so: impl Fn(&Progress) -> bool) {
+            let begun = Instant::now();
+            while !is_so(&self.core.progress()) {
+                assert!(begun.elapsed() < FOREVER, "{what} does not come");
+                tokio::time::sleep(Duration::from_millis(1)).await;
+            }
+        }
+
+        /// Waits until all that was sent so far has been evaluated.
+        async fn evaluated(&self) {
+            let dispatch = &self.dispatch;
+            for orders in [&dispatch.commands, &dispatch.jogs, &dispatch.stops] {
+                let request = ControlRequest {
+                    command: MARKER,
+                    ..ControlRequest::default()
+                };
+                assert!(orders.give(request, FOREVER, None).await.accepted);
+            }
+        }
+
         /// What has reached the core, when all of it has.
         async fn settled(&self) -> Vec<u32> {
-            tokio::time::sleep(Duration::from_millis(300)).await;
+            self.evaluated().await;
             self.stop.store(true, Ordering::Relaxed);
-            self.seen.lock().unwrap().clone()
+            self.core.progress().done.clone()
         }
     }
 
-    fn run(test: impl Future<Output = ()>) {
-        tokio::runtime::Builder::new_current_thread()
-            .enable_time()
-            .build()
-            .unwrap()
-            .block_on(test);
+    /// Runs a test; again where the host kept it from running, because commands expire.
+    fn run<T: Future<Output = ()>>(test: impl Fn() -> T) {
+        unless_disturbed(|| {
+            tokio::runtime::Builder::new_current_thread()
+                .enable_time()
+                .build()
+                .unwrap()
+                .block_on(test());
+        });
     }
 
     const STOP: u32 = CommandCode::JogStop as u32;
@@ -296,19 +356,22 @@ mod tests {
     fn a_motion_that_begins_after_its_page_has_lost_control_is_stopped() {
         for code in [CommandCode::Return, CommandCode::Retrace, CommandCode::Jog] {
             for takes_back in [false, true] {
-                run(async {
-                    let scene = Scene::new(Duration::from_millis(150));
+                run(|| async move {
+                    let scene = Scene::new().await;
                     let lost = async {
-                        // The core evaluates the command.
-                        tokio::time::sleep(Duration::from_millis(50)).await;
+                        scene
+                            .until("the command", |core| core.begun == [code as u32])
+                            .await;
                         scene.lose();
+                        // This stop comes before the motion begins, and stops nothing.
+                        scene.until("the first stop", |core| core.done == [STOP]).await;
                         if takes_back {
                             assert!(scene.hub.take(scene.pages[0], true));
                         }
+                        scene.core.let_go_on();
                     };
                     let (answer, ()) = tokio::join!(scene.press(code), lost);
                     assert!(answer.accepted);
-                    // The first stop comes before the motion begins, and stops nothing.
                     assert_eq!(
                         scene.settled().await,
                         [STOP, code as u32, STOP],
@@ -328,20 +391,27 @@ mod tests {
             CommandCode::Return,
             CommandCode::Retrace,
         ] {
-            run(async {
-                let scene = Scene::new(Duration::from_millis(150));
+            run(|| async move {
+                let scene = Scene::new().await;
                 let first = scene.press(CommandCode::Mode);
+                let is_pressed = Cell::new(false);
                 let waits = async {
-                    tokio::time::sleep(Duration::from_millis(20)).await;
+                    let mode = CommandCode::Mode as u32;
+                    scene.until("the first", |core| core.begun == [mode]).await;
+                    // Queued before anything else of this thread runs.
+                    is_pressed.set(true);
                     scene.press(code).await
                 };
                 let lost = async {
-                    tokio::time::sleep(Duration::from_millis(70)).await;
+                    while !is_pressed.get() {
+                        tokio::time::sleep(Duration::from_millis(1)).await;
+                    }
                     scene.lose();
                     // Control that comes back is another: who pressed is not who looks now.
                     assert!(scene.hub.give(scene.pages[1]));
                     scene.hub.take(scene.pages[0], false);
                     assert!(scene.hub.term(scene.pages[0]).is_some());
+                    scene.core.let_go_on();
                 };
                 let (first, answer, ()) = tokio::join!(first, waits, lost);
                 assert!(first.accepted);
@@ -357,8 +427,9 @@ mod tests {
 
     #[test]
     fn a_renewal_of_a_page_without_control_is_not_sent() {
-        run(async {
-            let scene = Scene::new(Duration::ZERO);
+        run(|| async {
+            let scene = Scene::new().await;
+            scene.core.let_go_on();
             scene.dispatch.keep_jog(scene.pages[1]);
             scene.dispatch.keep_jog(scene.pages[0]);
             assert_eq!(scene.settled().await, [CommandCode::JogKeep as u32]);

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use crate::messages::{LogEntry, LogKind};
+use crate::messages::{LogEntry, LogFact, LogKind};
 
 /// Maximum number of entries that are neither alarms nor warnings.
 const MAX_ENTRIES: usize = 500;
@@ -21,7 +21,7 @@ pub(crate) struct EventLog {
     alarms: VecDeque<LogEntry>,
     next: u64,
     /// Entries that may be repeated, and their times, since the last of another kind.
-    repeated: VecDeque<(String, Instant)>,
+    repeated: VecDeque<(LogFact, Instant)>,
 }
 
 impl EventLog {
@@ -41,23 +41,42 @@ impl EventLog {
         cure: Option<String>,
     ) -> LogEntry {
         self.repeated.clear();
-        self.push(kind, number, text, cure)
+        self.push(kind, number, text, None, cure)
+    }
+
+    /// The same of what the server itself says.
+    pub(crate) fn add_fact(
+        &mut self,
+        kind: LogKind,
+        number: Option<u32>,
+        fact: LogFact,
+        cure: Option<String>,
+    ) -> LogEntry {
+        self.repeated.clear();
+        self.push(kind, number, fact.sentence(), Some(fact), cure)
     }
 
     /// Adds an entry of what comes many times in a row, as the jogs of a pad; none where it is one of the last already.
-    pub(crate) fn add_repeated(&mut self, kind: LogKind, text: String) -> Option<LogEntry> {
+    pub(crate) fn add_repeated(&mut self, kind: LogKind, fact: LogFact) -> Option<LogEntry> {
         self.repeated.retain(|(_, written)| written.elapsed() < REPEAT);
-        if self.repeated.iter().any(|(other, _)| *other == text) {
+        if self.repeated.iter().any(|(other, _)| *other == fact) {
             return None;
         }
         if self.repeated.len() == MAX_REPEATED {
             self.repeated.pop_front();
         }
-        self.repeated.push_back((text.clone(), Instant::now()));
-        Some(self.push(kind, None, text, None))
+        self.repeated.push_back((fact.clone(), Instant::now()));
+        Some(self.push(kind, None, fact.sentence(), Some(fact), None))
     }
 
-    fn push(&mut self, kind: LogKind, number: Option<u32>, text: String, cure: Option<String>) -> LogEntry {
+    fn push(
+        &mut self,
+        kind: LogKind,
+        number: Option<u32>,
+        text: String,
+        fact: Option<LogFact>,
+        cure: Option<String>,
+    ) -> LogEntry {
         self.next += 1;
         let at = SystemTime::now()
             .duration_since(UNIX_EPOCH)
@@ -68,6 +87,7 @@ impl EventLog {
             kind,
             number,
             text,
+            fact,
             cure,
         };
         let (list, most) = match kind {
@@ -86,18 +106,22 @@ impl EventLog {
 mod tests {
     use super::*;
 
+    fn accepted(command: &str) -> LogFact {
+        LogFact::Accepted {
+            command: command.to_owned(),
+            page: 1,
+        }
+    }
+
     #[test]
     fn an_alarm_outlasts_an_hour_of_jogs_and_commands() {
         let mut log = EventLog::default();
         log.add(LogKind::Alarm, Some(410), "following error".to_owned(), None);
         let mut written = 0;
         for _ in 0..60_000 {
+            written += log.add_repeated(LogKind::Command, accepted("JOG")).iter().len();
             written += log
-                .add_repeated(LogKind::Command, "JOG by page 1".to_owned())
-                .iter()
-                .len();
-            written += log
-                .add_repeated(LogKind::Command, "JOG_STOP by page 1".to_owned())
+                .add_repeated(LogKind::Command, accepted("JOG_STOP"))
                 .iter()
                 .len();
         }
@@ -115,10 +139,7 @@ mod tests {
     #[test]
     fn a_jog_after_something_else_is_an_entry_again() {
         let mut log = EventLog::default();
-        let jog = |log: &mut EventLog| {
-            log.add_repeated(LogKind::Command, "JOG by page 1".to_owned())
-                .is_some()
-        };
+        let jog = |log: &mut EventLog| log.add_repeated(LogKind::Command, accepted("JOG")).is_some();
         assert!(jog(&mut log));
         assert!(!jog(&mut log));
         log.add(LogKind::Command, None, "STOP by page 2".to_owned(), None);

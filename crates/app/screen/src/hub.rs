@@ -11,7 +11,7 @@ use tokio::sync::{mpsc, watch};
 
 use crate::event_log::EventLog;
 use crate::gate::Role;
-use crate::messages::{EndOf, Lease, LogKind, ProgramInfo, ToPage};
+use crate::messages::{EndOf, Lease, LogFact, LogKind, ProgramInfo, ToPage};
 use crate::watcher::Frame;
 
 /// Maximum number of pages at the same time.
@@ -157,12 +157,7 @@ impl Hub {
         let had = inner.holder == Some(number);
         if had {
             inner.holder = None;
-            inner.add(
-                LogKind::Link,
-                None,
-                format!("page {number}, which had control, has disconnected"),
-                None,
-            );
+            inner.add_link(LogFact::ControlDisconnected { page: number });
             inner.tell_leases();
         }
         had
@@ -201,33 +196,30 @@ impl Hub {
         }
         inner.holder = Some(number);
         inner.terms += 1;
-        let from = before.map_or(String::new(), |before| format!(" from page {before}"));
-        inner.add(
-            LogKind::Link,
-            None,
-            format!("page {number} took control{from}"),
-            None,
-        );
+        inner.add_link(LogFact::ControlTaken {
+            page: number,
+            from: before,
+        });
         inner.tell_leases();
         before.is_some()
     }
 
     /// Returns control; true if this page had it.
     pub(crate) fn give(&self, number: u64) -> bool {
-        self.end_lease(number, "returned control")
+        self.end_lease(number, LogFact::ControlReturned { page: number })
     }
 
     /// Takes control from a page that sends nothing any more; true if it had it.
     pub(crate) fn drop_silent(&self, number: u64) -> bool {
-        self.end_lease(number, "has sent nothing for 3 s and has lost control")
+        self.end_lease(number, LogFact::ControlExpired { page: number })
     }
 
-    fn end_lease(&self, number: u64, how: &str) -> bool {
+    fn end_lease(&self, number: u64, how: LogFact) -> bool {
         let mut inner = self.lock();
         let had = inner.holder == Some(number);
         if had {
             inner.holder = None;
-            inner.add(LogKind::Link, None, format!("page {number} {how}"), None);
+            inner.add_link(how);
             inner.tell_leases();
         }
         had
@@ -251,10 +243,15 @@ impl Hub {
         self.lock().add(kind, number, text, cure);
     }
 
+    /// Logs what the server itself says.
+    pub(crate) fn log_fact(&self, kind: LogKind, number: Option<u32>, fact: LogFact, cure: Option<String>) {
+        self.lock().add_fact(kind, number, fact, cure);
+    }
+
     /// Logs a command that comes many times in a row, as the jogs of a pad: once.
-    pub(crate) fn log_repeated(&self, kind: LogKind, text: String) {
+    pub(crate) fn log_repeated(&self, kind: LogKind, fact: LogFact) {
         let mut inner = self.lock();
-        if let Some(entry) = inner.log.add_repeated(kind, text) {
+        if let Some(entry) = inner.log.add_repeated(kind, fact) {
             inner.tell(&ToPage::Log { entries: vec![entry] });
         }
     }
@@ -397,6 +394,16 @@ impl Inner {
     fn add(&mut self, kind: LogKind, number: Option<u32>, text: String, cure: Option<String>) {
         let entry = self.log.add(kind, number, text, cure);
         self.tell(&ToPage::Log { entries: vec![entry] });
+    }
+
+    fn add_fact(&mut self, kind: LogKind, number: Option<u32>, fact: LogFact, cure: Option<String>) {
+        let entry = self.log.add_fact(kind, number, fact, cure);
+        self.tell(&ToPage::Log { entries: vec![entry] });
+    }
+
+    /// Logs what became of a page or of control.
+    fn add_link(&mut self, fact: LogFact) {
+        self.add_fact(LogKind::Link, None, fact, None);
     }
 }
 

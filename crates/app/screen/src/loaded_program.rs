@@ -9,7 +9,7 @@ use std::time::{Duration, SystemTime};
 use evolvent_bus::TEXT_BYTES;
 use evolvent_config::open_regular;
 
-use crate::messages::{LogKind, ProgramInfo};
+use crate::messages::{LogFact, LogKind, ProgramInfo};
 use crate::server::{Server, name_of};
 use crate::upload::{MAX_PROGRAM, look_through};
 
@@ -60,23 +60,21 @@ pub(crate) async fn watch_loaded(server: Arc<Server>) {
         if is_shown && told.as_ref().is_some_and(|told| told.look == look) {
             continue;
         }
-        let what = if is_shown {
-            "has changed"
-        } else {
-            "was loaded by another client"
-        };
         let number = 1 + server.uploads.fetch_add(1, Ordering::Relaxed);
         let info = info_of(&file, number, &look);
         if server
             .hub
             .replace_program(shown.map(|shown| shown.upload), info.clone())
         {
-            server.hub.log(
-                LogKind::Command,
-                None,
-                format!("{} {what}", info.name),
-                info.problem.clone(),
-            );
+            let program = info.name.clone();
+            let fact = if is_shown {
+                LogFact::ProgramChanged { program }
+            } else {
+                LogFact::LoadedElsewhere { program }
+            };
+            server
+                .hub
+                .log_fact(LogKind::Command, None, fact, info.problem.clone());
             if info.problem.is_none() {
                 look_through(&server, file, info);
             }

@@ -119,31 +119,67 @@ impl Orders {
 
 /// Where orders go.
 pub(crate) trait Core {
-    /// Connects, if it is not connected.
+    /// Connects, if it is not connected, and waits for the core.
     fn open(&mut self) -> Result<(), String>;
+    /// Connects, if it is not connected and there is a core now.
+    fn open_early(&mut self);
     /// Sends a command and waits for the answer.
     fn command(&mut self, request: &ControlRequest) -> Answer;
 }
 
+/// The first and the longest wait from an early connection that failed to the next: each is work for the processor of the core.
+const RETRIES: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
+
 /// The core on the bus.
 pub(crate) struct BusCore {
     config: ClientConfig,
+    /// It takes commands: `serve` does, `run` does not.
+    is_commanded: bool,
     client: Option<ControlClient>,
+    /// When to try again without an order, and how long after that.
+    early: (Instant, Duration),
 }
 
 impl BusCore {
-    pub(crate) fn new(config: ClientConfig) -> Self {
-        Self { config, client: None }
+    pub(crate) fn new(config: ClientConfig, is_commanded: bool) -> Self {
+        Self {
+            config,
+            is_commanded,
+            client: None,
+            early: (Instant::now(), RETRIES[0]),
+        }
+    }
+
+    fn connect(&mut self, wait: Duration) -> Result<(), String> {
+        if self.client.is_none() {
+            let config = ClientConfig {
+                wait,
+                ..self.config.clone()
+            };
+            let opened = ControlClient::open(&config).map_err(|error| error.to_string())?;
+            self.client = Some(opened);
+        }
+        Ok(())
     }
 }
 
 impl Core for BusCore {
     fn open(&mut self) -> Result<(), String> {
-        if self.client.is_none() {
-            let opened = ControlClient::open(&self.config).map_err(|error| error.to_string())?;
-            self.client = Some(opened);
+        self.connect(self.config.wait)
+    }
+
+    fn open_early(&mut self) {
+        let (at, wait) = self.early;
+        if !self.is_commanded || self.client.is_some() || Instant::now() < at {
+            return;
         }
-        Ok(())
+        let is_open = self.connect(Duration::ZERO).is_ok();
+        let next = if is_open {
+            RETRIES[0]
+        } else {
+            (2 * wait).min(RETRIES[1])
+        };
+        self.early = (Instant::now() + wait, next);
     }
 
     fn command(&mut self, request: &ControlRequest) -> Answer {
@@ -167,12 +203,14 @@ impl Core for BusCore {
 
 fn carry(mut core: impl Core, hub: &Hub, stop: &AtomicBool, orders: &Receiver<Order>) {
     while !stop.load(Ordering::Relaxed) {
+        // A client takes up to seconds to open: an emergency stop does not wait for that, and a jog would expire.
+        core.open_early();
         let order = match orders.recv_timeout(LOOK) {
             Ok(order) => order,
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        // Connecting may take seconds: what is looked at is the moment in which the command leaves.
+        // There may be no core yet, or no longer: what is looked at is the moment in which the command leaves.
         let answer = match core.open() {
             Err(text) => Answer::refused(text),
             Ok(()) => match order.expired(hub) {
@@ -195,5 +233,82 @@ impl Order {
         }
         let is_past = self.term.is_some_and(|term| !hub.is_present(term));
         is_past.then_some(Refusal::LostControl)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicUsize;
+
+    use evolvent_disturbance::unless_disturbed;
+
+    use super::*;
+    use crate::messages::ToPage;
+
+    /// Maximum age of an order of these tests, which is much longer than a thread takes to run.
+    const MAX_AGE: Duration = Duration::from_millis(500);
+
+    /// A core to which connecting takes longer than orders wait. The second command breaks the connection.
+    #[derive(Default)]
+    struct SlowToOpen {
+        is_open: bool,
+        opened: Arc<AtomicUsize>,
+        commands: usize,
+    }
+
+    impl Core for SlowToOpen {
+        fn open(&mut self) -> Result<(), String> {
+            if !self.is_open {
+                std::thread::sleep(2 * MAX_AGE);
+                self.is_open = true;
+                self.opened.fetch_add(1, Ordering::Relaxed);
+            }
+            Ok(())
+        }
+
+        fn open_early(&mut self) {
+            self.open().unwrap();
+        }
+
+        fn command(&mut self, _request: &ControlRequest) -> Answer {
+            self.commands += 1;
+            let is_broken = self.commands == 2;
+            self.is_open = !is_broken;
+            Answer {
+                accepted: !is_broken,
+                ..Answer::refused("")
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_order_does_not_wait_for_the_connection_nor_the_one_after_an_error() {
+        unless_disturbed(|| {
+            let hub = Arc::new(Hub::new(ToPage::Core { alive: true }));
+            let stop = Arc::new(AtomicBool::new(false));
+            let opened = Arc::new(AtomicUsize::new(0));
+            let core = SlowToOpen {
+                opened: Arc::clone(&opened),
+                ..SlowToOpen::default()
+            };
+            let (orders, thread) = Orders::spawn("orders", move || core, &hub, &stop).unwrap();
+            let until_opened = |times: usize| {
+                let begun = Instant::now();
+                while opened.load(Ordering::Relaxed) < times {
+                    assert!(begun.elapsed() < 20 * MAX_AGE, "opened without an order: {times}");
+                    std::thread::sleep(Duration::from_millis(5));
+                }
+            };
+            let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+            let give = || runtime.block_on(orders.give(ControlRequest::default(), MAX_AGE, None));
+            until_opened(1);
+            assert_eq!(give().refusal, None);
+            assert!(!give().accepted, "the connection breaks");
+            until_opened(2);
+            let answer = give();
+            assert!(answer.accepted, "{answer:?}");
+            stop.store(true, Ordering::Relaxed);
+            thread.join().unwrap();
+        });
     }
 }

@@ -125,9 +125,10 @@ impl Screen {
                 planned_s: None,
             });
         }
+        let is_commanded = run.is_none();
         let orders = |name| {
             let client = client.clone();
-            Orders::spawn(name, move || BusCore::new(client), &hub, &stop)
+            Orders::spawn(name, move || BusCore::new(client, is_commanded), &hub, &stop)
         };
         let (stops, first) = orders("screen-stops")?;
         let (jogs, second) = orders("screen-jogs")?;

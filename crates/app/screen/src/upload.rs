@@ -18,7 +18,7 @@ use tokio::sync::mpsc;
 
 use crate::gate::Role;
 use crate::hub::Term;
-use crate::messages::{LogKind, ProgramInfo, Refusal};
+use crate::messages::{LogFact, LogKind, ProgramInfo, Refusal};
 use crate::orders::Answer;
 use crate::program_store::ProgramStore;
 use crate::programs::{background, checked, is_good_name};
@@ -133,10 +133,17 @@ async fn take(
     }
     let answer = server.dispatch.load(request, term).await;
     let alarm = (answer.alarm != 0).then_some(answer.alarm);
-    let outcome = if answer.accepted { "accepted" } else { &answer.text };
-    server
-        .hub
-        .log(LogKind::Command, alarm, format!("LOAD {name}: {outcome}"), None);
+    let program = name.to_owned();
+    let fact = if answer.accepted {
+        LogFact::Loaded { program }
+    } else {
+        LogFact::NotLoaded {
+            program,
+            reason: answer.text.clone(),
+            refusal: answer.refusal,
+        }
+    };
+    server.hub.log_fact(LogKind::Command, alarm, fact, None);
     // The errors of a program are shown with its lines; START evaluates it again.
     let faults = [Alarm::SoftLimit, Alarm::BadProgram].map(Alarm::number);
     if !answer.accepted && !faults.contains(&answer.alarm) {

@@ -3,6 +3,8 @@
 use serde::Serialize;
 use ts_rs::TS;
 
+use super::LogFact;
+
 /// What an entry is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, TS)]
 #[serde(rename_all = "snake_case")]
@@ -32,8 +34,10 @@ pub struct LogEntry {
     pub kind: LogKind,
     /// Number of the alarm.
     pub number: Option<u32>,
-    /// What happened.
+    /// What happened, in English.
     pub text: String,
+    /// The same by code and fields, where it is the server that says it: the sentences of alarms and messages are of the core.
+    pub fact: Option<LogFact>,
     /// What to do.
     pub cure: Option<String>,
 }

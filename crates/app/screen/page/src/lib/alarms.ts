@@ -1,4 +1,4 @@
-import type { Answer } from './model';
+import type { Answer, EventEntry } from './model';
 import type { Texts } from '../texts/en';
 
 export interface AlarmText {
@@ -16,6 +16,21 @@ export function explain(texts: Texts, number: number): AlarmText {
 /** An answer that rejects a command, in the page's language where that is known. */
 export function answerSaid(texts: Texts, { alarm, text, refusal }: Answer): string {
   return refusal && texts.refusalTexts !== null ? texts.refusalTexts[refusal] : serverSaid(texts, alarm, text);
+}
+
+/** What happened, in the page's language where that is known. */
+export function eventSaid(texts: Texts, { kind, number, text, fact }: EventEntry): string {
+  if (fact && texts.logTexts !== null) {
+    const reason = 'reason' in fact ? answerSaid(texts, { accepted: false, alarm: number ?? 0, text: fact.reason, refusal: fact.refusal }) : '';
+    return texts.logTexts(fact, reason);
+  }
+  return kind === 'alarm' || kind === 'warning' ? serverSaid(texts, number ?? 0, text) : text;
+}
+
+/** What to do about an alarm: in the page's language where it has a text of that number. */
+export function cureSaid(texts: Texts, number: number, cure: string | null): string {
+  const isKnown = number in texts.alarmTexts;
+  return cure === null || (isKnown && texts.rejectionTexts !== null) ? explain(texts, number).cure : cure;
 }
 
 /** A sentence of the server. Where the page is in another language, what its number means comes first: the sentence has the details. */

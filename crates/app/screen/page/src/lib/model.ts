@@ -1,6 +1,7 @@
 // What the page knows of a machine, in the words that the views use. `link/` makes it from the server's messages.
 
 import type { HandwheelInfo } from '../generated/HandwheelInfo';
+import type { LogFact } from '../generated/LogFact';
 import type { ProcessInfo } from '../generated/ProcessInfo';
 import type { Refusal } from '../generated/Refusal';
 import type { SignalInfo } from '../generated/SignalInfo';
@@ -192,6 +193,8 @@ export interface EventEntry {
   kind: 'alarm' | 'warning' | 'state' | 'command' | 'message' | 'link';
   number: number | null;
   text: string;
+  /** what the text says, where the server said it by code and fields */
+  fact?: LogFact | null;
   cure: string | null;
 }
 

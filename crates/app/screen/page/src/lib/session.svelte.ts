@@ -226,7 +226,7 @@ class Session {
     const known = new Set(this.events.map((entry) => `${entry.at} ${entry.kind} ${entry.text}`));
     const fresh = entries
       .filter((entry) => !known.has(`${entry.at} ${entry.kind} ${entry.text}`))
-      .map(({ at, kind, number, text, cure }) => ({ at, kind, number, text, cure }));
+      .map(({ at, kind, number, text, fact, cure }) => ({ at, kind, number, text, fact: fact ?? null, cure }));
     if (fresh.length > 0) this.#addEvents(fresh);
   }
 

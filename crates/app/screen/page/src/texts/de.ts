@@ -1,7 +1,25 @@
 // Every text of the page in German.
+import type { LogFact } from '../generated/LogFact';
 import type { Texts } from './en';
 
 const plural = (count: number, one: string, many: string): string => `${count} ${count === 1 ? one : many}`;
+
+/** What the server logs. `reason`: why a command or an upload was rejected. */
+function logText(fact: LogFact, reason: string): string {
+  switch (fact.code) {
+    case 'accepted': return `${fact.command} von Seite ${fact.page}`;
+    case 'rejected': return `${fact.command} von Seite ${fact.page} abgelehnt: ${reason}`;
+    case 'loaded': return `Programm ${fact.program} geladen`;
+    case 'not_loaded': return `Programm ${fact.program} nicht geladen: ${reason}`;
+    case 'program_changed': return `Programm ${fact.program} hat sich geändert`;
+    case 'loaded_elsewhere': return `Programm ${fact.program} von einem anderen Client geladen`;
+    case 'control_taken': return `Seite ${fact.page} hat die Bedienung übernommen${fact.from === null ? '' : `, von Seite ${fact.from}`}`;
+    case 'control_returned': return `Seite ${fact.page} hat die Bedienung abgegeben`;
+    case 'control_expired': return `Seite ${fact.page} hat 3 s lang nichts gesendet und die Bedienung verloren`;
+    case 'control_disconnected': return `Seite ${fact.page}, die bediente, ist nicht mehr verbunden`;
+    case 'too_many_messages': return `Seite ${fact.page} sendete zu viele Nachrichten und wurde getrennt`;
+  }
+}
 
 export const de: Texts = {
   close: 'Schließen',
@@ -402,6 +420,7 @@ export const de: Texts = {
     disconnected: 'Verbindung verloren',
     clear: 'Liste leeren',
   },
+  logTexts: logText,
   refusalTexts: {
     watch_only: 'diese Seite darf nur zuschauen',
     no_control: 'diese Seite bedient die Maschine nicht; zuerst „Bedienen“ drücken',

@@ -1,6 +1,7 @@
 // Every text of the page in English. `Texts` is its type: another language that lacks one does not compile.
 
 import type { AlarmNumber } from '../generated/AlarmNumber';
+import type { LogFact } from '../generated/LogFact';
 import type { Refusal } from '../generated/Refusal';
 import type { RejectionNumber } from '../generated/RejectionNumber';
 
@@ -412,6 +413,7 @@ export const en = {
   },
   /** What rejections mean; null where the sentences of the server are in the language of this page. */
   /** null: the server's sentences are in this language */
+  logTexts: null as ((fact: LogFact, reason: string) => string) | null,
   refusalTexts: null as Record<Refusal, string> | null,
   rejectionTexts: null as Record<RejectionNumber, string> | null,
   alarmTexts: {
