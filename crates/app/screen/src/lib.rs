@@ -34,6 +34,7 @@ mod programmed_path;
 mod programs;
 mod restart;
 mod routes;
+mod sampled_signals;
 mod sampling;
 mod screen;
 mod server;

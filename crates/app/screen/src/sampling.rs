@@ -3,14 +3,16 @@
 use std::collections::VecDeque;
 
 use evolvent_bus::{Feedback, Load, Setpoint};
+use evolvent_machine::SignalSettings;
 use evolvent_wire::AXES;
 
-use crate::messages::{SAMPLE_BYTES, put_sample};
+use crate::messages::{SAMPLE_BYTES, SampleAnswer, put_sample};
+use crate::sampled_signals::SampledSignals;
 
 /// A setpoint whose answer does not come waits as long for it.
 const PATIENCE_NS: u64 = 60_000_000;
 /// An answer, or a load, tells nothing of setpoints that are so much later.
-const STALE_NS: u64 = 100_000_000;
+pub(crate) const STALE_NS: u64 = 100_000_000;
 /// Setpoints, answers and loads that wait at most; of more the oldest are left out.
 const MAX_WAITING: usize = 4096;
 
@@ -20,24 +22,35 @@ pub(crate) struct Sampler {
     setpoints: VecDeque<Setpoint>,
     answers: VecDeque<Feedback>,
     loads: VecDeque<(u64, f64)>,
-    /// Following errors that were told last, and due time of the setpoint that they answer.
+    /// Following errors and velocities that were told last, and due time of the setpoint that they answer.
     errors: [(u64, f64); AXES],
+    velocities: [(u64, f64); AXES],
     load: (u64, f64),
+    /// Spindles, inputs and outputs.
+    pub(crate) signals: SampledSignals,
 }
 
-impl Default for Sampler {
-    fn default() -> Self {
+impl Sampler {
+    /// For a machine with these signals.
+    pub(crate) fn new(signals: &SignalSettings) -> Self {
         Self {
+            signals: SampledSignals::new(signals),
             setpoints: VecDeque::new(),
             answers: VecDeque::new(),
             loads: VecDeque::new(),
             errors: [(0, f64::NAN); AXES],
+            velocities: [(0, f64::NAN); AXES],
             load: (0, f64::NAN),
         }
     }
+
+    /// Bytes of each sample.
+    pub(crate) fn sample_bytes(&self) -> usize {
+        SAMPLE_BYTES + 4 * self.signals.len()
+    }
 }
 
-fn push<T>(list: &mut VecDeque<T>, item: T) {
+pub(crate) fn push<T>(list: &mut VecDeque<T>, item: T) {
     if list.len() >= MAX_WAITING {
         list.pop_front();
     }
@@ -65,7 +78,7 @@ impl Sampler {
 
     /// The samples that are complete, in binary.
     pub(crate) fn take(&mut self) -> Vec<u8> {
-        let mut bytes = Vec::with_capacity(self.setpoints.len() * SAMPLE_BYTES);
+        let mut bytes = Vec::with_capacity(self.setpoints.len() * self.sample_bytes());
         let newest_ns = self.setpoints.back().map_or(0, |newest| newest.due_time_ns);
         let answered = self.answers.back().map_or(0, |newest| newest.sequence);
         while let Some(setpoint) = self.setpoints.front() {
@@ -85,7 +98,13 @@ impl Sampler {
                     f64::NAN
                 }
             };
-            put_sample(&mut bytes, &setpoint, &self.errors.map(fresh), fresh(self.load));
+            let answer = SampleAnswer {
+                following_error: &self.errors.map(fresh),
+                velocity: &self.velocities.map(fresh),
+                load: fresh(self.load),
+                signals: self.signals.at(setpoint.sequence, setpoint.due_time_ns),
+            };
+            put_sample(&mut bytes, &setpoint, &answer);
         }
         bytes
     }
@@ -100,10 +119,9 @@ impl Sampler {
             let Some(answer) = self.answers.pop_front() else {
                 break;
             };
-            for (axis, error) in self.errors.iter_mut().enumerate() {
-                if answer.axes_mask >> axis & 1 == 1 {
-                    *error = (setpoint.due_time_ns, answer.following_error[axis]);
-                }
+            for axis in (0..AXES).filter(|axis| answer.axes_mask >> axis & 1 == 1) {
+                self.errors[axis] = (setpoint.due_time_ns, answer.following_error[axis]);
+                self.velocities[axis] = (setpoint.due_time_ns, answer.velocity[axis]);
             }
         }
         while self
@@ -134,15 +152,29 @@ mod tests {
             axes_mask: 1,
             ..Feedback::default()
         };
-        answer.following_error[0] = error;
+        (answer.following_error[0], answer.velocity[0]) = (error, -error);
         answer
     }
 
-    /// Time, following errors of the first two axes, load.
+    /// Of a machine without signals.
+    fn sampler() -> Sampler {
+        let file = include_str!("../../../../config/machines/mill-3axis.toml");
+        let mut signals = evolvent_machine::Machine::parse(file, "mill.toml")
+            .unwrap()
+            .signals;
+        signals.spindles.clear();
+        signals.inputs.clear();
+        signals.outputs.clear();
+        Sampler::new(&signals)
+    }
+
+    /// Time, following errors of the first two axes, load; the measured velocity is the negative following error.
     fn read(bytes: &[u8]) -> Vec<(f64, f32, f32, f32)> {
         let float = |at: usize| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
         let one = |at: usize| {
             let time = f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
+            let (error, velocity) = (float(at + 24 + 108), float(at + 24 + 148));
+            assert!(velocity == -error || velocity.is_nan() && error.is_nan());
             (
                 time,
                 float(at + 24 + 108),
@@ -155,7 +187,7 @@ mod tests {
 
     #[test]
     fn each_setpoint_has_the_answer_to_it() {
-        let mut sampler = Sampler::default();
+        let mut sampler = sampler();
         (100..110).for_each(|sequence| sampler.setpoint(setpoint(sequence)));
         (100..106).for_each(|sequence| sampler.feedback(feedback(sequence, sequence as f64)));
         sampler.feedback(feedback(u64::MAX, 7.0));
@@ -181,7 +213,7 @@ mod tests {
 
     #[test]
     fn without_answers_setpoints_are_shown_all_the_same_and_old_answers_end() {
-        let mut sampler = Sampler::default();
+        let mut sampler = sampler();
         sampler.setpoint(setpoint(1));
         sampler.feedback(feedback(1, 0.5));
         assert_eq!(read(&sampler.take())[0].1, 0.5);

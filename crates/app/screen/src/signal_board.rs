@@ -7,6 +7,8 @@ use crate::messages::SignalValues;
 
 /// Maximum number of bridges whose inputs are kept; of more the one that was heard first is dropped.
 const MAX_BRIDGES: usize = 16;
+/// Number of the direction of a stopped spindle.
+const STOPPED: u32 = SPINDLE_DIRECTIONS[0].1;
 /// Number of the direction that turns counter-clockwise.
 const COUNTER_CLOCKWISE: u32 = SPINDLE_DIRECTIONS[2].1;
 
@@ -66,10 +68,11 @@ impl SignalBoard {
             let sent = self.outputs.as_ref()?;
             let at = spindle.number as usize;
             let rpm = sent.spindle_speed_rpm(spindle.number)?;
-            Some(if sent.spindle_direction.get(at) == Some(&COUNTER_CLOCKWISE) {
-                -rpm
-            } else {
-                rpm
+            Some(match sent.spindle_direction.get(at) {
+                // The field keeps the last speed while the spindle is stopped.
+                Some(&STOPPED) => 0.0,
+                Some(&COUNTER_CLOCKWISE) => -rpm,
+                _ => rpm,
             })
         });
         let state = fresh().map(|bridge| bridge.probe).max().unwrap_or(0);
@@ -88,7 +91,7 @@ impl SignalBoard {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
     const FILE: &str = include_str!("../../../../config/machines/mill-3axis.toml");
@@ -110,11 +113,17 @@ number = 1
 max = 10.0
 [[spindle]]
 max_rpm = 6000
+feedback = true
 ";
 
-    fn board() -> SignalBoard {
+    /// Inputs door and wheel, outputs clamp and heater, a spindle with feedback.
+    pub(crate) fn settings() -> SignalSettings {
         let machine = evolvent_machine::Machine::parse(&format!("{FILE}{SIGNALS}"), "mill.toml");
-        SignalBoard::new(machine.unwrap().signals)
+        machine.unwrap().signals
+    }
+
+    fn board() -> SignalBoard {
+        SignalBoard::new(settings())
     }
 
     #[test]

@@ -9,7 +9,7 @@ use axum::body::Bytes;
 use axum::extract::ws::Utf8Bytes;
 use evolvent_bus::{
     ClientBus, ClientConfig, FeedbackReader, InputReader, LoadReader, OutputReader, ReceiveError, Setpoint,
-    SetpointReader, Status, StatusReader, flags,
+    SetpointReader, SpindleReader, Status, StatusReader, flags,
 };
 use evolvent_control::{Alarm, AlarmKind};
 use evolvent_machine::SignalSettings;
@@ -17,7 +17,7 @@ use evolvent_path::AxisLetter;
 use evolvent_runtime::MonotonicClock;
 
 use crate::hub::{Hub, text};
-use crate::messages::{LogKind, SAMPLE_BYTES, ScreenStatus, ToPage};
+use crate::messages::{LogKind, ScreenStatus, ToPage};
 use crate::sampling::Sampler;
 use crate::signal_board::SignalBoard;
 
@@ -65,11 +65,14 @@ pub(crate) fn spawn(
                         // A machine without signals has no such channels, and opening them would wait for them.
                         outputs: (!board.is_empty()).then(|| bus.outputs().ok()).flatten(),
                         inputs: (!board.is_empty()).then(|| bus.inputs().ok()).flatten(),
+                        spindles: (!signals.spindles.is_empty())
+                            .then(|| bus.spindles().ok())
+                            .flatten(),
                         board,
                     })
                 });
                 match opened {
-                    Ok(readers) => watch(readers, &hub, &stop),
+                    Ok(readers) => watch(readers, Sampler::new(&signals), &hub, &stop),
                     Err(_) => {
                         hub.show(
                             &ToPage::Core { alive: false },
@@ -92,6 +95,7 @@ struct Readers {
     loads: Option<LoadReader>,
     outputs: Option<OutputReader>,
     inputs: Option<InputReader>,
+    spindles: Option<SpindleReader>,
     board: SignalBoard,
 }
 
@@ -116,11 +120,18 @@ impl Readers {
         if let Some(outputs) = &mut self.outputs {
             while let Some(message) = outputs.receive()? {
                 self.board.take_outputs(message);
+                sampler.signals.take_outputs(message);
             }
         }
         if let Some(inputs) = &mut self.inputs {
             while let Some(message) = inputs.receive()? {
                 self.board.take_inputs(message);
+                sampler.signals.take_inputs(message);
+            }
+        }
+        if let Some(spindles) = &mut self.spindles {
+            while let Some(message) = spindles.receive()? {
+                sampler.signals.take_spindle(message);
             }
         }
         Ok(newest)
@@ -128,8 +139,7 @@ impl Readers {
 }
 
 /// Until the connection breaks.
-fn watch(mut readers: Readers, hub: &Hub, stop: &AtomicBool) {
-    let mut sampler = Sampler::default();
+fn watch(mut readers: Readers, mut sampler: Sampler, hub: &Hub, stop: &AtomicBool) {
     let (mut heard, mut last): (Instant, Option<Status>) = (Instant::now(), None);
     let (mut signals, mut signals_at) = (Utf8Bytes::default(), Instant::now());
     while !stop.load(Ordering::Relaxed) {
@@ -138,8 +148,8 @@ fn watch(mut readers: Readers, hub: &Hub, stop: &AtomicBool) {
             return;
         };
         let mut samples = sampler.take();
-        let excess = (samples.len() / SAMPLE_BYTES).saturating_sub(MAX_SAMPLES);
-        samples.drain(..excess * SAMPLE_BYTES);
+        let excess = (samples.len() / sampler.sample_bytes()).saturating_sub(MAX_SAMPLES);
+        samples.drain(..excess * sampler.sample_bytes());
         match readers.status.latest() {
             Ok(Some(status)) if last.is_none_or(|last| status.sequence != last.sequence) => {
                 heard = Instant::now();

@@ -1,8 +1,8 @@
 //! Messages as the page sends and reads them.
 
 use evolvent_screen::messages::{
-    CHUNK_HEADER_BYTES, FromPage, PathChunk, PathKind, SAMPLE_BYTES, ScreenStatus, ToPage, VERTEX_BYTES,
-    put_sample,
+    CHUNK_HEADER_BYTES, FromPage, LogFact, PathChunk, PathKind, Refusal, SAMPLE_BYTES, SampleAnswer,
+    ScreenStatus, ToPage, VERTEX_BYTES, put_sample,
 };
 use evolvent_wire::{Setpoint, Status};
 
@@ -58,6 +58,33 @@ fn a_status_has_names_instead_of_numbers() {
 }
 
 #[test]
+fn the_log_says_by_code_and_fields_what_its_text_says() {
+    let fact = LogFact::Rejected {
+        command: "JOG".to_owned(),
+        page: 3,
+        reason: Refusal::TooLate.sentence().to_owned(),
+        refusal: Some(Refusal::TooLate),
+    };
+    let text = "JOG by page 3 was rejected: the command arrived too late and was not sent";
+    assert_eq!(fact.sentence(), text);
+    let expected = serde_json::json!({
+        "code": "rejected",
+        "command": "JOG",
+        "page": 3,
+        "reason": "the command arrived too late and was not sent",
+        "refusal": "too_late",
+    });
+    assert_eq!(serde_json::to_value(&fact).unwrap(), expected);
+    let taken = LogFact::ControlTaken {
+        page: 4,
+        from: Some(3),
+    };
+    assert_eq!(taken.sentence(), "page 4 took control from page 3");
+    let expected = serde_json::json!({"code": "control_taken", "page": 4, "from": 3});
+    assert_eq!(serde_json::to_value(&taken).unwrap(), expected);
+}
+
+#[test]
 fn binary_messages_have_their_layout() {
     let mut bytes = Vec::new();
     let mut setpoint = Setpoint {
@@ -69,8 +96,16 @@ fn binary_messages_have_their_layout() {
     setpoint.velocity[8] = 3.0;
     let mut errors = [f64::NAN; 9];
     errors[8] = 0.25;
-    put_sample(&mut bytes, &setpoint, &errors, 1500.0);
-    assert_eq!(bytes.len(), SAMPLE_BYTES);
+    let mut velocity = [f64::NAN; 9];
+    velocity[0] = 2.5;
+    let answer = SampleAnswer {
+        following_error: &errors,
+        velocity: &velocity,
+        load: 1500.0,
+        signals: &[800.0, 790.5, 270.0, 1.0],
+    };
+    put_sample(&mut bytes, &setpoint, &answer);
+    assert_eq!(bytes.len(), SAMPLE_BYTES + 4 * 4);
     assert_eq!(bytes[0..8], 2.5_f64.to_le_bytes());
     assert_eq!(bytes[8..12], 12_u32.to_le_bytes());
     assert_eq!(bytes[12..16], evolvent_wire::flags::RAPID.to_le_bytes());
@@ -78,7 +113,10 @@ fn binary_messages_have_their_layout() {
     assert_eq!(bytes[at..at + 4], 3.0_f32.to_le_bytes());
     let at = 24 + 4 * (27 + 8);
     assert_eq!(bytes[at..at + 4], 0.25_f32.to_le_bytes());
-    assert_eq!(bytes[at + 4..], 1500.0_f32.to_le_bytes());
+    assert_eq!(bytes[at + 4..at + 8], 1500.0_f32.to_le_bytes());
+    assert_eq!(bytes[at + 8..at + 12], 2.5_f32.to_le_bytes());
+    assert_eq!(bytes[SAMPLE_BYTES..SAMPLE_BYTES + 4], 800.0_f32.to_le_bytes());
+    assert_eq!(bytes[SAMPLE_BYTES + 12..], 1.0_f32.to_le_bytes());
 
     let mut chunk = PathChunk::default();
     chunk.push([1.0, 2.0, 3.0], 50.0, 4, 0);

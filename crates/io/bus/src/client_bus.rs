@@ -247,6 +247,19 @@ impl ClientBus {
         })
     }
 
+    /// Reads the feedback of spindles from the next message on, in addition to the core.
+    ///
+    /// # Errors
+    /// The service does not exist, or all connections are taken.
+    pub fn spindles(&self) -> Result<SpindleReader, BusError> {
+        let service = self
+            .domain
+            .open::<SpindleFeedback>(Channel::Spindle, &self.wanted, self.deadline())?;
+        Ok(SpindleReader {
+            subscriber: self.subscribe(&service, Channel::Spindle)?,
+        })
+    }
+
     /// Opens the channel for the feedback of spindles.
     ///
     /// # Errors
@@ -503,6 +516,23 @@ impl InputReader {
     /// The connection is damaged, or a bridge uses another version.
     pub fn receive(&mut self) -> Result<Option<MachineInputs>, ReceiveError> {
         receive(&self.subscriber, Channel::Input)
+    }
+}
+
+/// The feedback of all spindles, in the order of arrival.
+#[derive(Debug)]
+pub struct SpindleReader {
+    subscriber: Subscriber<Ipc, SpindleFeedback, ()>,
+}
+
+impl SpindleReader {
+    /// The oldest message not read yet; none if there is none. Does not wait. Its values are the bridge's and
+    /// may not be numbers.
+    ///
+    /// # Errors
+    /// The connection is damaged, or a bridge uses another version.
+    pub fn receive(&mut self) -> Result<Option<SpindleFeedback>, ReceiveError> {
+        receive(&self.subscriber, Channel::Spindle)
     }
 }
 

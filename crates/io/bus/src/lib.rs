@@ -72,7 +72,7 @@ mod stale_resources;
 pub use bindings::{c_header, python_module};
 pub use client_bus::{
     ClientBus, EventReader, FeedbackReader, FeedbackSender, InputReader, InputSender, LoadReader, LoadSender,
-    OutputReader, SetpointReader, SpindleSender, StatusReader,
+    OutputReader, SetpointReader, SpindleReader, SpindleSender, StatusReader,
 };
 pub use config::{BusConfig, ClientConfig, MAX_SETPOINT_BUFFER, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
 pub use control_bus::{CommandError, ControlCall, ControlClient, ControlServer};

@@ -5,7 +5,8 @@ use evolvent_runtime::Setup;
 use serde::Serialize;
 use ts_rs::TS;
 
-use super::{HandwheelInfo, ProcessInfo, SignalInfo};
+use super::{HandwheelInfo, ProcessInfo, SAMPLE_BYTES, SignalInfo};
+use crate::sampled_signals::values_of;
 
 /// One axis.
 #[derive(Clone, Debug, PartialEq, Serialize, TS)]
@@ -51,6 +52,8 @@ pub struct MachineInfo {
     pub handwheel: Option<HandwheelInfo>,
     /// The service was given a chatter case.
     pub has_chatter: bool,
+    /// Bytes of a sample of this machine.
+    pub sample_bytes: u32,
 }
 
 impl MachineInfo {
@@ -89,6 +92,7 @@ impl MachineInfo {
                 .collect(),
             handwheel: machine.handwheel.as_ref().map(HandwheelInfo::from),
             has_chatter,
+            sample_bytes: (SAMPLE_BYTES + 4 * values_of(&machine.signals)) as u32,
         }
     }
 }

@@ -35,7 +35,7 @@ pub use process_info::ProcessInfo;
 pub use program_info::ProgramInfo;
 pub use refusal::Refusal;
 pub use restart_info::RestartInfo;
-pub use sample::{SAMPLE_BYTES, put_sample};
+pub use sample::{SAMPLE_BYTES, SampleAnswer, put_sample};
 pub use screen_status::ScreenStatus;
 pub use signal_info::{SignalInfo, SignalValues};
 pub use spindle_status::SpindleStatus;

@@ -2,12 +2,27 @@
 
 use evolvent_wire::{AXES, Setpoint};
 
-/// Bytes of a sample. Little-endian: time (f64, s), line (u32), flags of the setpoint (u32), feed (f64, mm/s), position, velocity,
-/// acceleration and following error of nine axes (f32), load (f32). What nobody has told is NaN.
-pub const SAMPLE_BYTES: usize = 24 + 37 * 4;
+/// Bytes of a sample of a machine without spindles and signals; each of these has one more f32, three of them a spindle. Little-endian:
+/// time (f64, s), line (u32), flags of the setpoint (u32), feed (f64, mm/s), position, velocity, acceleration and following error of nine
+/// axes (f32), load (f32), measured velocity of nine axes (f32); then of each spindle commanded and measured speed (rpm, negative
+/// counter-clockwise) and angle (degrees), and inputs and outputs in the order of the machine (f32). What nobody has told is NaN.
+pub const SAMPLE_BYTES: usize = 24 + 46 * 4;
 
-/// Appends a setpoint, with what drives and sensors have answered to it.
-pub fn put_sample(bytes: &mut Vec<u8>, setpoint: &Setpoint, following_error: &[f64; AXES], load: f64) {
+/// What drives, sensors and bridges have answered to a setpoint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SampleAnswer<'a> {
+    /// Of each axis.
+    pub following_error: &'a [f64; AXES],
+    /// Measured, of each axis.
+    pub velocity: &'a [f64; AXES],
+    /// The cutting load.
+    pub load: f64,
+    /// Figures of spindles, then inputs and outputs.
+    pub signals: &'a [f64],
+}
+
+/// Appends a setpoint, with what was answered to it.
+pub fn put_sample(bytes: &mut Vec<u8>, setpoint: &Setpoint, answer: &SampleAnswer<'_>) {
     bytes.extend((setpoint.due_time_ns as f64 * 1e-9).to_le_bytes());
     bytes.extend(setpoint.line.to_le_bytes());
     bytes.extend(setpoint.flags.to_le_bytes());
@@ -16,12 +31,14 @@ pub fn put_sample(bytes: &mut Vec<u8>, setpoint: &Setpoint, following_error: &[f
         &setpoint.position,
         &setpoint.velocity,
         &setpoint.acceleration,
-        following_error,
+        answer.following_error,
     ];
     for list in lists {
         for value in list {
             bytes.extend((*value as f32).to_le_bytes());
         }
     }
-    bytes.extend((load as f32).to_le_bytes());
+    for value in [answer.load].iter().chain(answer.velocity).chain(answer.signals) {
+        bytes.extend((*value as f32).to_le_bytes());
+    }
 }

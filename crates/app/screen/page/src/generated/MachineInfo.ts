@@ -47,4 +47,8 @@ handwheel: HandwheelInfo | null,
 /**
  * The service was given a chatter case.
  */
-has_chatter: boolean, };
+has_chatter: boolean, 
+/**
+ * Bytes of a sample of this machine.
+ */
+sample_bytes: number, };

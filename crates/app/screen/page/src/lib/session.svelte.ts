@@ -32,25 +32,39 @@ export class History {
   readonly time: Float64Array;
   readonly line: Uint32Array;
   readonly rapid: Uint8Array;
+  /** 1 where samples before this one are missing: a line from the one before would be made up */
+  readonly gap: Uint8Array;
   readonly feed: Float32Array;
   readonly load: Float32Array;
   readonly position: Float32Array[];
   readonly velocity: Float32Array[];
   readonly acceleration: Float32Array[];
   readonly error: Float32Array[];
+  readonly actualVelocity: Float32Array[];
+  /** change of the acceleration since the setpoint before */
+  readonly jerk: Float32Array[];
+  /** of each spindle: commanded and measured speed, angle */
+  readonly spindles: Float32Array[];
+  /** inputs, then outputs */
+  readonly signals: Float32Array[];
   /** work zero and tool offset that were in force: the machine's position less this is that of the tool on the work */
   readonly zero: Float32Array[];
+  /** that of the status under which it came: setpoints do not tell their own */
   readonly lateness: Float32Array;
   /** samples ever written; the newest is at (count - 1) % capacity */
   count = 0;
+  /** time between two setpoints, and between the last two samples, s */
+  #period = NaN;
+  #step = NaN;
 
-  constructor(axes: number, capacity: number) {
+  constructor(axes: number, capacity: number, spindles = 0, signals = 0) {
     this.axes = axes;
     this.capacity = capacity;
-    const list = (): Float32Array[] => Array.from({ length: axes }, () => new Float32Array(capacity));
+    const list = (length = axes): Float32Array[] => Array.from({ length }, () => new Float32Array(capacity));
     this.time = new Float64Array(capacity);
     this.line = new Uint32Array(capacity);
     this.rapid = new Uint8Array(capacity);
+    this.gap = new Uint8Array(capacity);
     this.feed = new Float32Array(capacity);
     this.load = new Float32Array(capacity);
     this.lateness = new Float32Array(capacity);
@@ -59,15 +73,25 @@ export class History {
     this.acceleration = list();
     this.error = list();
     this.zero = list();
+    this.actualVelocity = list();
+    this.jerk = list();
+    this.spindles = list(3 * spindles);
+    this.signals = list(signals);
+  }
+
+  /** Whether it is made for a machine with so much. */
+  fits(axes: number, spindles: number, signals: number): boolean {
+    return this.axes === axes && this.spindles.length === 3 * spindles && this.signals.length === signals;
   }
 
   /** A ring of another length with the newest samples before the `end`-th, under their numbers. */
   copy(capacity: number, end = this.count): History {
-    const copy = new History(this.axes, Math.max(1, capacity));
+    const copy = new History(this.axes, Math.max(1, capacity), this.spindles.length / 3, this.signals.length);
     const begin = Math.max(0, end - copy.capacity, this.count - this.capacity);
     const lists = (history: History): (Float64Array | Float32Array | Uint32Array | Uint8Array)[] => [
-      history.time, history.line, history.rapid, history.feed, history.load, history.lateness,
+      history.time, history.line, history.rapid, history.gap, history.feed, history.load, history.lateness,
       ...history.position, ...history.velocity, ...history.acceleration, ...history.error, ...history.zero,
+      ...history.actualVelocity, ...history.jerk, ...history.spindles, ...history.signals,
     ];
     const [from, to] = [lists(this), lists(copy)];
     for (let i = begin; i < end; i += 1) {
@@ -86,11 +110,24 @@ export class History {
     this.feed[at] = sample.feed;
     this.load[at] = sample.load ?? NaN;
     this.lateness[at] = (status?.latenessNs ?? 0) / 1000;
+    const before = this.count > 0 ? (this.count - 1) % this.capacity : -1;
+    const step = before < 0 ? NaN : sample.time - this.time[before]!;
+    // The smallest so far, or two that are alike, as of a machine with another period: samples are lost in frames of several, so that two
+    // gaps do not follow each other.
+    if (step > 0 && (!(step > this.#period) || Math.abs(step - this.#step) < 0.1 * step)) this.#period = step;
+    this.#step = step;
+    // Where setpoints are missing, the jerk between is not known.
+    const isNext = step > 0 && step < 1.5 * this.#period;
+    this.gap[at] = isNext || before < 0 ? 0 : 1;
+    this.spindles.forEach((list, i) => (list[at] = sample.spindles?.[i] ?? NaN));
+    this.signals.forEach((list, i) => (list[at] = sample.signals?.[i] ?? NaN));
     for (let axis = 0; axis < this.axes; axis += 1) {
       this.position[axis]![at] = sample.position[axis] ?? NaN;
       this.velocity[axis]![at] = sample.velocity[axis] ?? NaN;
       this.acceleration[axis]![at] = sample.acceleration[axis] ?? NaN;
       this.error[axis]![at] = sample.error?.[axis] ?? NaN;
+      this.actualVelocity[axis]![at] = sample.actualVelocity?.[axis] ?? NaN;
+      this.jerk[axis]![at] = isNext ? (this.acceleration[axis]![at]! - this.acceleration[axis]![before]!) / step : NaN;
       this.zero[axis]![at] = (status?.workOffset[axis] ?? 0) + (status?.toolOffset[axis] ?? 0);
     }
     this.count += 1;
@@ -275,10 +312,14 @@ class Session {
         this.coreAlive = message.alive;
         break;
       case 'machine':
-        if (this.history === null || this.history.axes !== message.machine.axes.length) {
-          // Until the samples tell their period.
-          this.history = new History(message.machine.axes.length, HISTORY_S * 1000);
-          this.#periodS = 0;
+        {
+          const { axes, spindles, inputs, outputs } = message.machine;
+          const signals = inputs.length + outputs.length;
+          if (this.history === null || !this.history.fits(axes.length, spindles.length, signals)) {
+            // Until the samples tell their period.
+            this.history = new History(axes.length, HISTORY_S * 1000, spindles.length, signals);
+            this.#periodS = 0;
+          }
         }
         this.machine = message.machine;
         break;

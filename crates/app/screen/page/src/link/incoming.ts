@@ -14,6 +14,12 @@ export interface Sample {
   acceleration: ArrayLike<number>;
   error: ArrayLike<number> | null;
   load: number | null;
+  /** what the drives measured */
+  actualVelocity?: ArrayLike<number> | null;
+  /** of each spindle: commanded and measured speed, rpm, and angle, degrees */
+  spindles?: ArrayLike<number> | null;
+  /** inputs, then outputs of the machine */
+  signals?: ArrayLike<number> | null;
 }
 
 /**

@@ -131,7 +131,9 @@ export class MadeUp implements Source {
     this.#handle({ kind: 'signals', signals: { inputs: [1, 6.25, null], outputs: [...this.#outputs], spindles_rpm: [s.spindleRpm], probe: 'open' } });
     this.#handle({
       kind: 'samples',
-      samples: [{ time: s.time, line: s.line, rapid: false, feed: s.feed, position: s.machine, velocity: s.velocity, acceleration: [0, 0, 0], error: null, load: null }],
+      samples: [{ time: this.#time / 1000, line: s.line, rapid: false, feed: s.feed, position: s.machine, velocity: s.velocity, acceleration: [0, 0, 0], error: null, load: null,
+        actualVelocity: s.velocity.map((value) => 0.99 * value), spindles: [s.spindleRpm, 0.98 * s.spindleRpm, (s.time * 6 * s.spindleRpm) % 360],
+        signals: [Math.floor(s.time) % 2, 6.25 + Math.sin(s.time), NaN, ...this.#outputs] }],
     });
   }
 

@@ -17,8 +17,11 @@ const SWITCH = { singleStep: 1, optionalStop: 2, blockDelete: 4, hold: 8, chainO
 const RAPID = 8;
 /** A page in control that the server does not hear for 3 s loses it. */
 const ALIVE_MS = 500;
-/** Bytes of a sample: time f64, line u32, flags u32, feed f64, then position, velocity, acceleration and following error of nine axes and the load, f32. */
-const SAMPLE_BYTES = 24 + 37 * 4;
+/**
+ * A sample: time f64, line u32, flags u32, feed f64, then position, velocity, acceleration and following error of nine axes, the
+ * load, the measured velocity of nine axes, three figures of each spindle, and inputs and outputs, f32.
+ */
+const [FIRST_VALUE, FIRST_OF_SPINDLES] = [24, 46];
 
 function finding({ line, column, length, code, message, help, file }: ServerFinding): Finding {
   return { line, column, length, code, message, help, file: file ?? null };
@@ -40,6 +43,7 @@ export class Server implements Source {
   #saidAlive = 0;
   /** bits of the machine's axes, in its order */
   #bits: number[] = [];
+  #sampleBytes = Infinity;
 
   start(handle: (message: Incoming) => void): void {
     this.#handle = handle;
@@ -108,7 +112,8 @@ export class Server implements Source {
   #take(message: ToPage): void {
     switch (message.type) {
       case 'machine': {
-        const { axes, has_chatter: hasChatter, ...rest } = message.machine;
+        const { axes, has_chatter: hasChatter, sample_bytes: sampleBytes, ...rest } = message.machine;
+        this.#sampleBytes = sampleBytes;
         this.#bits = axes.map((axis) => AXES.indexOf(axis.letter));
         this.#machine = {
           ...rest,
@@ -284,8 +289,12 @@ export class Server implements Source {
   #samples(buffer: ArrayBuffer): void {
     const view = new DataView(buffer);
     const samples: Sample[] = [];
-    for (let at = 0; at + SAMPLE_BYTES <= buffer.byteLength; at += SAMPLE_BYTES) {
-      const list = (first: number): number[] => this.#bits.map((bit) => view.getFloat32(at + 24 + 4 * (first + bit), true));
+    if (this.#machine === null) return;
+    const [spindles, signals] = [3 * this.#machine.spindles.length, this.#machine.inputs.length + this.#machine.outputs.length];
+    const bytes = this.#sampleBytes;
+    for (let at = 0; at + bytes <= buffer.byteLength; at += bytes) {
+      const list = (first: number): number[] => this.#bits.map((bit) => view.getFloat32(at + FIRST_VALUE + 4 * (first + bit), true));
+      const row = (first: number, length: number): number[] => Array.from({ length }, (_, i) => view.getFloat32(at + FIRST_VALUE + 4 * (first + i), true));
       samples.push({
         time: view.getFloat64(at, true),
         line: view.getUint32(at + 8, true),
@@ -295,7 +304,10 @@ export class Server implements Source {
         velocity: list(9),
         acceleration: list(18),
         error: list(27),
-        load: view.getFloat32(at + 24 + 4 * 36, true),
+        load: view.getFloat32(at + FIRST_VALUE + 4 * 36, true),
+        actualVelocity: list(37),
+        spindles: row(FIRST_OF_SPINDLES, spindles),
+        signals: row(FIRST_OF_SPINDLES + spindles, signals),
       });
     }
     this.#handle({ kind: 'samples', samples });

@@ -18,6 +18,8 @@ export class Trail {
   /** the next sample that is not drawn, and where the trail ends, px */
   #next = 0;
   #end: [number, number] | null = null;
+  /** samples were lost since that end */
+  #isBroken = false;
   #wholeAt = -Infinity;
   /** it has grown since it was drawn whole */
   #isGrown = true;
@@ -45,10 +47,16 @@ export class Trail {
     const isOld = now - this.#wholeAt > AGE_MS && this.#isGrown;
     if (isOld || step !== this.#step || this.#next < begin || this.#next > history.count + step) {
       context.clearRect(0, 0, this.#canvas!.width, this.#canvas!.height);
-      [this.#step, this.#next, this.#end] = [step, Math.ceil(begin / step) * step, null];
+      [this.#step, this.#next, this.#end, this.#isBroken] = [step, Math.ceil(begin / step) * step, null, false];
       [this.#wholeAt, this.#isGrown] = [now, false];
     }
     this.#append(context, history, axes, colour);
+  }
+
+  /** Whether samples are missing between the next one that is drawn and the one before. */
+  #hasGap(history: History): boolean {
+    for (let i = Math.max(0, this.#next - this.#step + 1); i <= this.#next; i += 1) if (history.gap[i % history.capacity] === 1) return true;
+    return false;
   }
 
   #append(context: CanvasRenderingContext2D, history: History, axes: number[], colour: string): void {
@@ -57,12 +65,13 @@ export class Trail {
     const [x, y, z] = axes.map((axis) => history.position[axis]);
     const [cx, cy, cz] = view.centre;
     const end = this.#end;
-    let [px, py, isDrawn] = [end?.[0] ?? NaN, end?.[1] ?? NaN, false];
+    let [px, py, isDrawn, isBroken] = [end?.[0] ?? NaN, end?.[1] ?? NaN, false, this.#isBroken];
     for (; this.#next < history.count; this.#next += this.#step) {
       const at = this.#next % history.capacity;
       const [dx, dy, dz] = [(x?.[at] ?? 0) - cx, (y?.[at] ?? 0) - cy, (z?.[at] ?? 0) - cz];
       const nx = view.width / 2 + (dx * r[0] + dy * r[1] + dz * r[2]) * view.scale;
       const ny = view.height / 2 - (dx * u[0] + dy * u[1] + dz * u[2]) * view.scale;
+      isBroken ||= this.#hasGap(history);
       if (Math.abs(nx - px) < STILL_PX && Math.abs(ny - py) < STILL_PX) continue;
       if (!isDrawn) {
         context.strokeStyle = colour;
@@ -71,9 +80,13 @@ export class Trail {
         if (!Number.isNaN(px)) context.moveTo(px, py);
         isDrawn = true;
       }
-      context.lineTo(nx, ny);
+      // Where samples were lost, nobody knows which way the tool went.
+      if (isBroken) context.moveTo(nx, ny);
+      else context.lineTo(nx, ny);
+      isBroken = false;
       [px, py] = [nx, ny];
     }
+    this.#isBroken = isBroken;
     if (!isDrawn) return;
     context.stroke();
     [this.#end, this.#isGrown] = [[px, py], true];

@@ -18,16 +18,33 @@ export function firstAt(times: Float64Array, span: Span, time: number): number {
   return low;
 }
 
-/** Times relative to `zero`, then a list for each of `series`; at most two points for each of `pixels`. */
-export function envelope(times: Float64Array, series: Float32Array[], span: Span, pixels: number, zero: number): Float64Array[] {
+/** How many samples of a span were lost before one of them: `gaps` has 1 for each that does not follow the one before it. */
+export function breaksIn(gaps: Uint8Array, span: Span): number {
+  let count = 0;
+  for (let i = span.begin + 1; i < span.end; i += 1) count += gaps[i % gaps.length]!;
+  return count;
+}
+
+/**
+ * Times relative to `zero`, then a list for each of `series`; at most two points for each of `pixels`. At each of `gaps` comes a point of
+ * NaN, which breaks the line, and a pixel that has one has two points more.
+ */
+export function envelope(times: Float64Array, series: Float32Array[], span: Span, pixels: number, zero: number, gaps: Uint8Array | null = null): Float64Array[] {
   const count = span.end - span.begin;
   const size = times.length;
+  const isGap = (i: number): boolean => gaps !== null && i > span.begin && gaps[i % size] === 1;
+  const breakAt = (result: Float64Array[], n: number, i: number): void => {
+    result.forEach((list) => (list[n] = NaN));
+    result[0]![n] = (times[(i - 1) % size]! + times[i % size]!) / 2 - zero;
+  };
   if (count <= 2 * pixels) {
-    const result = [times, ...series].map(() => new Float64Array(Math.max(0, count)));
-    for (let i = 0; i < count; i += 1) {
-      const at = (span.begin + i) % size;
-      result[0]![i] = times[at]! - zero;
-      series.forEach((values, s) => (result[s + 1]![i] = values[at]!));
+    const breaks = gaps === null ? 0 : breaksIn(gaps, span);
+    const result = [times, ...series].map(() => new Float64Array(Math.max(0, count) + breaks));
+    for (let [i, n] = [span.begin, 0]; i < span.end; i += 1, n += 1) {
+      if (isGap(i)) breakAt(result, n++, i);
+      const at = i % size;
+      result[0]![n] = times[at]! - zero;
+      series.forEach((values, s) => (result[s + 1]![n] = values[at]!));
     }
     return result;
   }
@@ -35,23 +52,35 @@ export function envelope(times: Float64Array, series: Float32Array[], span: Span
   const step = Math.ceil(count / pixels);
   const first = Math.ceil(span.begin / step);
   const buckets = Math.floor(span.end / step) - first;
-  const result = [times, ...series].map(() => new Float64Array(2 * buckets));
-  for (let bucket = 0; bucket < buckets; bucket += 1) {
-    const from = (first + bucket) * step;
-    result[0]![2 * bucket] = times[from % size]! - zero;
-    result[0]![2 * bucket + 1] = times[(from + (step >> 1)) % size]! - zero;
+  // A bucket ends where samples are missing, too.
+  const begins: number[] = [];
+  let breaks = 0;
+  const end = (first + buckets) * step;
+  for (let i = first * step; i < end; i += 1) {
+    const isBroken = isGap(i);
+    if (isBroken) breaks += 1;
+    if (isBroken || i % step === 0) begins.push(i);
+  }
+  const result = [times, ...series].map(() => new Float64Array(2 * begins.length + breaks));
+  let n = 0;
+  begins.forEach((from, part) => {
+    const to = begins[part + 1] ?? end;
+    if (isGap(from)) breakAt(result, n++, from);
+    result[0]![n] = times[from % size]! - zero;
+    result[0]![n + 1] = times[(from + ((to - from) >> 1)) % size]! - zero;
     series.forEach((values, s) => {
       let [low, high, lowAt, highAt] = [Infinity, -Infinity, from, from];
-      for (let i = from; i < from + step; i += 1) {
+      for (let i = from; i < to; i += 1) {
         const value = values[i % size]!;
         if (value < low) [low, lowAt] = [value, i];
         if (value > high) [high, highAt] = [value, i];
       }
       const none = low === Infinity;
       const pair = lowAt <= highAt ? [low, high] : [high, low];
-      result[s + 1]![2 * bucket] = none ? NaN : pair[0]!;
-      result[s + 1]![2 * bucket + 1] = none ? NaN : pair[1]!;
+      result[s + 1]![n] = none ? NaN : pair[0]!;
+      result[s + 1]![n + 1] = none ? NaN : pair[1]!;
     });
-  }
+    n += 2;
+  });
   return result;
 }

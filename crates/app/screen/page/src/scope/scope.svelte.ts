@@ -3,9 +3,27 @@ import { parseNumber } from '../lib/format';
 import { session, type History } from '../lib/session.svelte';
 import { firstAt, type Span } from './envelope';
 
-export type Quantity = 'position' | 'velocity' | 'acceleration' | 'error' | 'feed' | 'load' | 'lateness';
-export const PER_AXIS: readonly Quantity[] = ['position', 'velocity', 'acceleration', 'error'];
-export const QUANTITIES: readonly Quantity[] = [...PER_AXIS, 'feed', 'load', 'lateness'];
+const PER_AXIS = ['position', 'velocity', 'actualVelocity', 'acceleration', 'jerk', 'error'] as const;
+const SINGLE = ['feed', 'load', 'lateness'] as const;
+const OF_SIGNALS = ['spindleSpeed', 'spindleAngle', 'digital', 'analog'] as const;
+type PerAxis = (typeof PER_AXIS)[number];
+type Single = (typeof SINGLE)[number];
+export type Quantity = PerAxis | Single | (typeof OF_SIGNALS)[number];
+
+const isPerAxis = (quantity: Quantity): quantity is PerAxis => (PER_AXIS as readonly string[]).includes(quantity);
+const isSingle = (quantity: Quantity): quantity is Single => (SINGLE as readonly string[]).includes(quantity);
+
+/** One of the lines that a quantity can have. */
+export interface Line {
+  /** a letter, or the name of a signal; empty where the quantity has one line only */
+  name: string;
+  /** among the lists of the history */
+  index: number;
+  kind: 'single' | 'axis' | 'commanded' | 'measured' | 'angle' | 'input' | 'output';
+}
+
+/** Signals that are shown without a choice, at most. */
+const MAX_SIGNALS = 8;
 
 /** How often the trigger looks, ms. */
 const LOOK_MS = 50;
@@ -13,6 +31,8 @@ const LOOK_MS = 50;
 class Scope {
   quantity = $state<Quantity>('velocity');
   chosen = $state<string[]>(['X', 'Y', 'Z']);
+  /** signals, by kind and name; null before a choice */
+  chosenSignals = $state<string[] | null>(null);
   seconds = $state(10);
   /** What a picture that stands shows: a copy, because the ring goes on and would run out of it. */
   paused = $state.raw<History | null>(null);
@@ -24,11 +44,63 @@ class Scope {
   #watched = 0;
   #timer = 0;
 
-  /** the axes that are shown, of a quantity that each axis has */
-  get shown(): { letter: string; index: number }[] {
-    if (!PER_AXIS.includes(this.quantity)) return [];
-    const axes = session.machine?.axes ?? [];
-    return axes.map((axis, index) => ({ letter: axis.letter, index })).filter((axis) => this.chosen.includes(axis.letter));
+  /** the quantities that this machine has */
+  get quantities(): Quantity[] {
+    const machine = session.machine;
+    const kinds = [...(machine?.inputs ?? []), ...(machine?.outputs ?? [])].map((signal) => signal.kind);
+    const has = { spindleSpeed: (machine?.spindles.length ?? 0) > 0, spindleAngle: (machine?.spindles.length ?? 0) > 0, digital: kinds.includes('digital'), analog: kinds.includes('analog') };
+    return [...PER_AXIS, ...SINGLE, ...OF_SIGNALS.filter((quantity) => has[quantity])];
+  }
+
+  /** the lines that the quantity can have */
+  get lines(): Line[] {
+    const { quantity } = this;
+    const machine = session.machine;
+    if (isSingle(quantity) || machine === null) return [{ name: '', index: 0, kind: 'single' }];
+    if (isPerAxis(quantity)) return machine.axes.map((axis, index) => ({ name: axis.letter, index, kind: 'axis' }));
+    const spindle = (number: number): string => (machine.spindles.length > 1 ? `S${number}` : 'S');
+    if (quantity === 'spindleSpeed') {
+      return machine.spindles.flatMap((number, i) => [
+        { name: spindle(number), index: 3 * i, kind: 'commanded' } as const,
+        { name: spindle(number), index: 3 * i + 1, kind: 'measured' } as const,
+      ]);
+    }
+    if (quantity === 'spindleAngle') return machine.spindles.map((number, i) => ({ name: spindle(number), index: 3 * i + 2, kind: 'angle' }));
+    const of = (signals: typeof machine.inputs, first: number, kind: 'input' | 'output'): Line[] =>
+      signals.map((signal, i) => ({ signal, line: { name: signal.name, index: first + i, kind } })).filter(({ signal }) => signal.kind === quantity).map(({ line }) => line);
+    return [...of(machine.inputs, 0, 'input'), ...of(machine.outputs, machine.inputs.length, 'output')];
+  }
+
+  /** whether lines can be chosen */
+  get hasChoice(): boolean {
+    return isPerAxis(this.quantity) || this.quantity === 'digital' || this.quantity === 'analog';
+  }
+
+  /** how a signal is named among those chosen: an input may have the name of an output */
+  key(line: Line): string {
+    return line.kind === 'axis' ? line.name : `${line.kind} ${line.name}`;
+  }
+
+  isChosen(line: Line): boolean {
+    if (line.kind === 'axis') return this.chosen.includes(line.name);
+    if (line.kind !== 'input' && line.kind !== 'output') return true;
+    return this.chosenSignals?.includes(this.key(line)) ?? this.lines.slice(0, MAX_SIGNALS).some((other) => this.key(other) === this.key(line));
+  }
+
+  choose(line: Line, on: boolean): void {
+    const key = this.key(line);
+    const but = (list: string[]): string[] => list.filter((other) => other !== key);
+    if (line.kind === 'axis') {
+      this.chosen = on ? [...but(this.chosen), key] : but(this.chosen);
+      return;
+    }
+    const now = this.chosenSignals ?? this.lines.filter((other) => this.isChosen(other)).map((other) => this.key(other));
+    this.chosenSignals = on ? [...but(now), key] : but(now);
+  }
+
+  /** the lines that are shown */
+  get shown(): Line[] {
+    return this.lines.filter((line) => this.isChosen(line));
   }
 
   get history(): History | null {
@@ -37,14 +109,10 @@ class Scope {
 
   lists(history: History): Float32Array[] {
     const { quantity } = this;
-    switch (quantity) {
-      case 'feed':
-      case 'load':
-      case 'lateness':
-        return [history[quantity]];
-      default:
-        return this.shown.map((axis) => history[quantity][axis.index]!);
-    }
+    if (isSingle(quantity)) return [history[quantity]];
+    const lists = isPerAxis(quantity) ? history[quantity] : quantity === 'digital' || quantity === 'analog' ? history.signals : history.spindles;
+    // A picture that stands is as it was, also of a machine whose file was changed since.
+    return this.shown.map((line) => lists[line.index] ?? new Float32Array(history.capacity).fill(NaN));
   }
 
   /** The samples that are shown. */
