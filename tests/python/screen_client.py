@@ -3,6 +3,8 @@
     screen_client.py jog URL [--speed MM_S]     jogs X+ and keeps it until it is killed, or cut by a line on stdin
     screen_client.py first URL                  the first jog and the first emergency stop of a service
     screen_client.py rules URL WATCH_URL        leases, numbers of commands, roles, hosts, origins, uploads
+    screen_client.py limits URL                 the longest message, and how many come at once and in a second
+    screen_client.py certificate URL FILE.pem   an encrypted page with a certificate of somebody else's making
     screen_client.py hostile URL COUNT SEED     mutated messages
     screen_client.py crowd URL PROGRAM CLIENTS SECONDS
                                                 that many clients look on, three of them without reading
@@ -15,6 +17,7 @@ import http.client
 import json
 import random
 import socket
+import ssl
 import struct
 import sys
 import threading
@@ -240,9 +243,12 @@ def rules(url: str, watch_url: str) -> None:
     second.does(ESTOP_RESET)
     # A page that has control and says nothing for 3 s loses it.
     second.say(type="give")
+    # Other connections may be served before this is done.
+    second.hear("lease", holder=None)
     silent, onlooker = Page(url), Page(url)
-    silent.take(is_silent=True)
+    # Before its last word: the server's wait begins with that.
     begun = time.monotonic()
+    silent.take(is_silent=True)
     while onlooker.hear("lease")["holder"] is None:
         pass
     onlooker.hear("lease", timeout=20, holder=None)
@@ -390,6 +396,81 @@ def hostile(url: str, count: int, seed: int) -> None:
     print(f"ok {sent} messages, {broken} connections closed by the server", flush=True)
 
 
+def limits(url: str) -> None:
+    def still_there(page: Page) -> None:
+        page.say(type="reboot")
+        assert "unknown message" in page.hear("answer", id=0)["text"]
+
+    def until_closed(page: Page) -> None:
+        end = time.monotonic() + 60
+        try:
+            while time.monotonic() < end:
+                page.receive(timeout=60)
+        except ConnectionClosed:
+            return
+        raise AssertionError("the server keeps the connection")
+
+    longest = '{"type":"alive"' + " " * (16384 - 16) + "}"
+    assert len(longest) == 16384
+    page = Page(url)
+    page.socket.send(longest)
+    still_there(page)
+    page.socket.send(longest + " ")
+    until_closed(page)
+
+    # 400 at once, and 200 more after each second.
+    page = Page(url)
+    for count in (390, 190):
+        for _ in range(count):
+            page.say(type="alive")
+        still_there(page)
+        time.sleep(1.0)
+    # More than that, as fast as they go: what a minute and a half would permit.
+    flood = Page(url)
+    number = flood.hear("lease")["page"]
+    sent = 0
+    try:
+        for _ in range(20_000):
+            flood.say(type="alive")
+            sent += 1
+    except ConnectionClosed:
+        pass
+    until_closed(flood)
+    entries = Page(url).hear("log")["entries"]
+    assert any(entry["fact"] == {"code": "too_many_messages", "page": number} for entry in entries), entries
+    still_there(page)
+    print(f"ok the server ended a flood of {sent} messages", flush=True)
+
+
+def certificate(url: str, file: str) -> None:
+    assert url.startswith("https://"), url
+    parts = urlsplit(url)
+
+    def status(context: ssl.SSLContext) -> tuple[int, bytes | None]:
+        link = http.client.HTTPSConnection(parts.hostname or "", parts.port, timeout=30, context=context)
+        link.request("GET", parts.path)
+        shown = link.sock.getpeercert(binary_form=True)
+        answer = link.getresponse()
+        answer.read()
+        link.close()
+        return answer.status, shown
+
+    code, shown = status(ssl.create_default_context(cafile=file))
+    assert code == 200 and shown == ssl.PEM_cert_to_DER_cert(Path(file).read_text()), code
+    try:
+        status(ssl.create_default_context())
+        raise AssertionError("who does not trust the certificate reaches the page")
+    except ssl.SSLCertVerificationError:
+        pass
+    # Without encryption nothing is said.
+    try:
+        code = request(url.replace("https://", "http://"))[0]
+        raise AssertionError(f"an answer without encryption: {code}")
+    except (http.client.BadStatusLine, ConnectionResetError):
+        pass
+    print("ok", flush=True)
+
+
 def crowd(url: str, program: str, clients: int, seconds: float) -> None:
     cookie = cookie_of(url)
     page = Page(url, cookie)
@@ -443,6 +524,10 @@ def main(words: list[str]) -> None:
             first(url)
         case ["rules", url, watch_url]:
             rules(url, watch_url)
+        case ["limits", url]:
+            limits(url)
+        case ["certificate", url, file]:
+            certificate(url, file)
         case ["hostile", url, count, seed]:
             hostile(url, int(count), int(seed))
         case ["crowd", url, program, clients, seconds]:

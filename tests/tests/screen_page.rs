@@ -41,7 +41,9 @@ fn is_buildable() -> bool {
 #[test]
 fn the_committed_page_is_what_its_sources_give_and_a_browser_runs_it() {
     if is_buildable() {
-        let _said = measured(Command::new("node").arg("crates/app/screen/page/tests/made-up.mjs"));
+        // The others run on a machine, in the next test.
+        let _said =
+            measured(Command::new("node").args(["crates/app/screen/page/tests/made-up.mjs", "--rest"]));
     }
 }
 
@@ -106,6 +108,13 @@ fn staying(address: &str, texts: &[&str]) -> Option<(Child, BufReader<ChildStdou
     Some((child, said))
 }
 
+/// Waits until a page shows a text.
+fn shows((_, said): &mut (Child, BufReader<ChildStdout>), text: &str) {
+    let mut line = String::new();
+    said.read_line(&mut line).expect("a line");
+    assert_eq!(line.trim_end(), text);
+}
+
 fn ends((mut child, mut said): (Child, BufReader<ChildStdout>)) {
     let mut rest = String::new();
     said.read_to_string(&mut rest).expect("its output");
@@ -116,7 +125,7 @@ fn ends((mut child, mut said): (Child, BufReader<ChildStdout>)) {
 /// The key of a service is new with every start: a page that is open must not connect again for ever.
 #[test]
 fn an_open_page_says_that_its_service_was_started_again_or_that_its_run_has_ended() {
-    if !measured(Command::new(repository().join("tools/build-page")).arg("--check")) {
+    if !is_buildable() {
         return;
     }
     let free = TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr());
@@ -124,13 +133,14 @@ fn an_open_page_says_that_its_service_was_started_again_or_that_its_run_has_ende
     let mut scene = Scene::with("screen-again", &[&option]);
     let [address, _] = scene.served.as_mut().expect("a core").screen();
     let texts = ["The service has ended", "was started again and has a new key"];
-    let Some(page) = staying(&address, &texts) else {
+    let Some(mut page) = staying(&address, &texts) else {
         return;
     };
     scene.served.take().expect("a core").end().expect_code(&[0, 3]);
-    std::thread::sleep(Duration::from_secs(2));
+    shows(&mut page, texts[0]);
     scene.restart_with(&[&option]);
     let [_, _] = scene.served.as_mut().expect("a core").screen();
+    shows(&mut page, texts[1]);
     ends(page);
     scene.end();
 
@@ -151,11 +161,13 @@ fn an_open_page_says_that_its_service_was_started_again_or_that_its_run_has_ende
         .map_while(Result::ok);
     let address = lines.find_map(|line| Some(line.trim().strip_prefix("screen: ")?.to_owned()));
     std::thread::spawn(move || lines.for_each(drop));
-    let page = staying(&address.expect("an address"), &["The run has ended"]);
+    let text = "The run has ended";
+    let page = staying(&address.expect("an address"), &[text]);
     let process = Pid::from_raw(run.id().cast_signed()).expect("a process");
     kill_process(process, Signal::INT).expect("a living process");
     run.wait().expect("a run that ends");
-    if let Some(page) = page {
+    if let Some(mut page) = page {
+        shows(&mut page, text);
         ends(page);
     }
 }
@@ -226,7 +238,7 @@ fn inputs_of(domain: &Domain, name: &str, counts: PathBuf, is_over: Arc<AtomicBo
 
 #[test]
 fn outputs_and_the_handwheel_are_set_at_the_page() {
-    if !measured(Command::new(repository().join("tools/build-page")).arg("--check")) {
+    if !is_buildable() {
         return;
     }
     let (workshop, domain, name) = (Workshop::new(), Domain::new(), "screen-signals");
@@ -250,7 +262,7 @@ fn outputs_and_the_handwheel_are_set_at_the_page() {
 
 #[test]
 fn a_lathe_shows_its_passes_and_the_limits_of_chatter() {
-    if !measured(Command::new(repository().join("tools/build-page")).arg("--check")) {
+    if !is_buildable() {
         return;
     }
     let (workshop, domain) = (Workshop::new(), Domain::new());
@@ -275,7 +287,7 @@ fn a_lathe_shows_its_passes_and_the_limits_of_chatter() {
 
 #[test]
 fn a_browser_operates_over_an_encrypted_connection() {
-    if !measured(Command::new(repository().join("tools/build-page")).arg("--check")) {
+    if !is_buildable() {
         return;
     }
     let mut scene = Scene::with("screen-encrypted", &["--screen=0.0.0.0:0", "--trace-limit=1"]);

@@ -7,7 +7,7 @@
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use evolvent_runtime::MonotonicClock;
@@ -179,10 +179,59 @@ fn the_first_jog_and_the_first_emergency_stop_of_a_service_are_accepted() {
 
 #[test]
 fn leases_numbers_roles_hosts_origins_and_uploads_keep_their_rules() {
-    let options = ["--screen=127.0.0.1:0", "--trace-limit=1"];
-    let (scene, [address, watch]) = scene_with("screen-rules", &options);
-    let _said = client(&["rules", &address, &watch]);
-    scene.end();
+    // A command that reaches the server late is refused, as it must be.
+    unless_disturbed(|| {
+        let options = ["--screen=127.0.0.1:0", "--trace-limit=1"];
+        let (scene, [address, watch]) = scene_with("screen-rules", &options);
+        let _said = client(&["rules", &address, &watch]);
+        scene.end();
+    });
+}
+
+#[test]
+fn a_client_that_floods_or_sends_too_much_at_once_is_disconnected() {
+    unless_disturbed(|| {
+        let (scene, [address, _]) = scene("screen-limits");
+        let _said = client(&["limits", &address]);
+        scene.end();
+    });
+}
+
+/// Given with its key, a certificate encrypts the page on loopback, too.
+#[test]
+fn a_page_has_the_certificate_that_it_is_given() {
+    unless_disturbed(|| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = |name: &str| folder.path().join(name).display().to_string();
+        let (certificate, key) = (file("own.pem"), file("own-key.pem"));
+        let made = Command::new("openssl")
+            .args(
+                "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj /CN=own"
+                    .split(' '),
+            )
+            .args([
+                "-addext",
+                "subjectAltName=IP:127.0.0.1",
+                "-out",
+                &certificate,
+                "-keyout",
+                &key,
+            ])
+            .output();
+        if !made.is_ok_and(|made| made.status.success()) {
+            println!("not measured: no OpenSSL");
+            return;
+        }
+        let options = [
+            "--screen=127.0.0.1:0".to_owned(),
+            format!("--screen-certificate={certificate}"),
+            format!("--screen-key={key}"),
+        ];
+        let options: Vec<&str> = options.iter().map(String::as_str).collect();
+        let (scene, [address, _]) = scene_with("screen-certificate", &options);
+        let _said = client(&["certificate", &address, &certificate]);
+        scene.end();
+    });
 }
 
 /// The machine stays in emergency stop: nothing of it may be taken for a command that moves.

@@ -102,3 +102,37 @@ pub(crate) fn write_screen(err: &mut dyn Write, screen: &Screen) -> std::io::Res
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Words {
+        #[command(flatten)]
+        screen: ScreenArgs,
+    }
+
+    fn parse(words: &[&str]) -> Result<ScreenArgs, clap::Error> {
+        let words = std::iter::once(&"evolvent").chain(words);
+        Words::try_parse_from(words).map(|words| words.screen)
+    }
+
+    #[test]
+    fn a_screen_without_an_address_is_for_this_computer_only() {
+        assert!(!parse(&[]).unwrap().is_wanted());
+        let address = parse(&["--screen"]).unwrap().address.unwrap();
+        assert!(address.ip().is_loopback(), "{address}");
+    }
+
+    #[test]
+    fn a_certificate_comes_with_its_key_and_a_screen() {
+        let (certificate, key) = ("--screen-certificate=c.pem", "--screen-key=k.pem");
+        parse(&["--screen", certificate, key]).unwrap();
+        for words in [["--screen", certificate], ["--screen", key], [certificate, key]] {
+            parse(&words).unwrap_err();
+        }
+    }
+}

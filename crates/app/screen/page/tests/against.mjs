@@ -27,7 +27,8 @@ const ctl = words && ((...action) => promisify(execFile)(words[0], [...words.sli
 const folder = mkdtempSync(join(tmpdir(), 'evolvent-page-'));
 const write = (name, body) => (writeFileSync(join(folder, name), body), join(folder, name));
 const remove = (name) => rmSync(join(folder, name));
-const failed = await runCases(browser, url, only, { real: true, macros, turn, certificate, ctl, write, remove });
+const context = { real: true, macros, turn, certificate, ctl, write, remove };
+const failed = await runCases(browser, url, context, ({ name, places }) => places.includes('machine') && name.includes(only));
 await browser.close();
 rmSync(folder, { recursive: true });
 process.exit(failed === 0 ? 0 : 1);

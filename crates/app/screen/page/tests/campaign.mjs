@@ -8,7 +8,7 @@ import { createServer, connect as connectTo } from 'node:net';
 import { loadavg, tmpdir } from 'node:os';
 import { join } from 'node:path';
 import { launchServer } from './browser.mjs';
-import { at, ready, takeControl, text, until, view } from './cases.mjs';
+import { at, ready, takeControl, text, until, view } from './operator.mjs';
 import { serve } from './service.mjs';
 import { Watcher } from './watcher.mjs';
 

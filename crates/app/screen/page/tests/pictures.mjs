@@ -1,13 +1,14 @@
 // Pictures of every view for the docs, each of a real service: `node tests/pictures.mjs BINARY FOLDER`. The mill has simulated drives, the lathe
 // drives that cut a stock.
+import { spawn } from 'node:child_process';
 import { readFileSync } from 'node:fs';
-import { join } from 'node:path';
+import { join, resolve } from 'node:path';
 import { launch } from './browser.mjs';
-import { at, ready, takeControl, text, until, view } from './cases.mjs';
-import { root, serve } from './service.mjs';
+import { at, ready, takeControl, text, until, view } from './operator.mjs';
+import { ownBus, root, serve } from './service.mjs';
 
 const [binary, folder, only = ''] = process.argv.slice(2);
-if (folder === undefined) throw new Error('node tests/pictures.mjs BINARY FOLDER [mill|lathe|router]');
+if (folder === undefined) throw new Error('node tests/pictures.mjs BINARY FOLDER [run|mill|lathe|router]');
 const browser = await launch();
 const sleep = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
@@ -42,6 +43,26 @@ async function mdi(page, blocks) {
 async function up(page) {
   await until('feedback', async () => !/no feedback|400/.test(await text(page, 'advice')), 10_000);
   await ready(page);
+}
+
+/** The example of the first page of the documentation: a run, looked at. */
+async function run() {
+  const words = ['run', 'tests/programs/bore-200.ngc', '--machine', 'config/machines/mill-3axis.toml', '--no-trace', '--screen=127.0.0.1:0', ...ownBus()];
+  const child = spawn(resolve(binary), words, { cwd: root, stdio: ['ignore', 'ignore', 'pipe'] });
+  process.on('exit', () => child.kill('SIGKILL'));
+  let said = '';
+  child.stderr.on('data', (data) => (said += data));
+  await until('the address', () => /http:\S+/.test(said) || said, 60_000);
+  const page = await open(said.match(/http:\S+/)[0]);
+  await view(page, 'path');
+  // In a cut, with some of its path behind it.
+  await sleep(12_000);
+  await until('a distance to go', async () => /[1-9]/.test(await text(page, 'togo-X')) || text(page, 'togo-X'), 20_000);
+  await shoot(page, 'run');
+  await page.context().close();
+  const ended = new Promise((resolve) => child.once('exit', resolve));
+  child.kill('SIGINT');
+  await ended;
 }
 
 async function mill() {
@@ -196,6 +217,7 @@ async function router() {
   await service.end();
 }
 
+if (only === 'run' || only === '') await run();
 if (only === 'router' || only === '') await router();
 if (only === 'mill' || only === '') await mill();
 if (only === 'lathe' || only === '') await lathe();

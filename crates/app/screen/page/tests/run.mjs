@@ -1,12 +1,13 @@
+import { cases } from './all.mjs';
 import { HostWatch } from './host_watch.mjs';
-import { at, cases, takeControl } from './cases.mjs';
+import { at, takeControl } from './operator.mjs';
 
 /** Attempts at a case that fails while the host gives no time. */
 const ATTEMPTS = 3;
 /** A pause of the host from which on a failure may be the host's, ms: a jog whose page gets no time for 90 ms ends by itself. */
 const PAUSE_MS = 90;
 /** A page is there by then, ms: beside other tests on two cores the first one takes more than half a minute. */
-const LOADED_MS = 120_000;
+export const LOADED_MS = 120_000;
 
 async function open(page, url) {
   await page.goto(url, { timeout: LOADED_MS });
@@ -53,13 +54,17 @@ async function settle(browser, url) {
 }
 
 /**
- * Runs the cases whose name has `only` in it; gives how many failed. One that fails while the host pauses, or with an alarm that the
- * machine gives then, runs again.
+ * Runs the chosen cases; gives how many failed. One that fails while the host pauses, or with an alarm that the machine gives then, runs
+ * again.
  */
-export async function runCases(browser, url, only, context) {
+export async function runCases(browser, url, context, chosen) {
   const failed = [];
-  for (const [name, run] of Object.entries(cases)) {
-    if (!name.includes(only)) continue;
+  for (const { name, run, need } of cases.filter(chosen)) {
+    if (need && !context[need]) {
+      console.log(`not measured: ${name}`);
+      continue;
+    }
+    const begin = Date.now();
     for (let count = 1; ; count += 1) {
       const watch = new HostWatch();
       const result = await attempt(browser, url, run, context);
@@ -68,7 +73,8 @@ export async function runCases(browser, url, only, context) {
       const alarm = context.real && (!passed || pause > PAUSE_MS) ? await settle(browser, url).catch((error) => error.message) : '';
       const host = `the host paused for up to ${pause.toFixed(0)} ms${alarm && `; alarm: ${alarm}`}`;
       if (passed) {
-        console.log(`${result === 'ok' ? 'ok     ' : 'not measured:'} ${name}${alarm && ` (${host})`}`);
+        const took = `${((Date.now() - begin) / 1000).toFixed(1)} s`;
+        console.log(`${result === 'ok' ? 'ok     ' : 'not measured:'} ${name} (${took}${alarm && `, ${host}`})`);
         break;
       }
       const again = (pause > PAUSE_MS || alarm !== '') && count < ATTEMPTS;

@@ -4,18 +4,26 @@ import { spawn } from 'node:child_process';
 import { mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join, resolve } from 'node:path';
-import { until } from './cases.mjs';
+import { until } from './operator.mjs';
 
 export const root = new URL('../../../../../', import.meta.url).pathname;
 
+let served = 0;
+
+/** A bus that no other core uses: the machine keeps its name, which the page shows. */
+export function ownBus() {
+  served += 1;
+  return ['--bus-prefix', `evolvent-screen-${process.pid}-${served}_`];
+}
+
 /**
- * Serves a shipped machine under a name of its own, with pieces of its text replaced. `files` are written beside it, `options` (given the
+ * Serves a shipped machine on a bus of its own, with pieces of its text replaced. `files` are written beside it, `options` (given the
  * folder) added to `serve`, `drives` to `bridge sim`, which does not run without them. It ends with `end`.
  */
 export async function serve(binary, { machine = 'mill-3axis', changes = [], files = {}, options = () => [], drives = null }) {
   const folder = mkdtempSync(join(tmpdir(), 'evolvent-screen-'));
-  const name = `${machine}-${process.pid}`;
-  let text = readFileSync(join(root, 'config/machines', `${machine}.toml`), 'utf8').replace(`name = "${machine}"`, `name = "${name}"`);
+  const bus = ownBus();
+  let text = readFileSync(join(root, 'config/machines', `${machine}.toml`), 'utf8');
   for (const [from, to] of changes) {
     assert.ok(text.includes(from), from);
     text = text.replace(from, to);
@@ -31,10 +39,10 @@ export async function serve(binary, { machine = 'mill-3axis', changes = [], file
     process.on('exit', () => child.kill('SIGKILL'));
     return { child, said };
   };
-  const { child, said } = start(['serve', '--machine', file, '--state', join(folder, 'state'), '--trace-limit', '1', '--screen=127.0.0.1:0', ...options(folder)]);
+  const { child, said } = start(['serve', '--machine', file, '--state', join(folder, 'state'), '--trace-limit', '1', '--screen=127.0.0.1:0', ...bus, ...options(folder)]);
   await until('the addresses', () => (said.text.match(/http:\S+/g) ?? []).length === 2 || said.text, 20_000);
   const [url, watch] = said.text.match(/http:\S+/g);
-  const bridge = drives && start(['bridge', 'sim', '--machine', file, ...drives(folder)]).child;
+  const bridge = drives && start(['bridge', 'sim', '--machine', file, ...bus, ...drives(folder)]).child;
   return {
     url,
     watch,

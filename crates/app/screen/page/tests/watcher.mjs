@@ -2,11 +2,11 @@
 import { request } from 'node:http';
 import { randomBytes } from 'node:crypto';
 
-/** Bytes of a sample, and where the velocity of X is in it: after time, line, flags, feed and nine positions. */
-const [SAMPLE_BYTES, VELOCITY_X] = [24 + 37 * 4, 24 + 9 * 4];
+/** Where position and velocity of X are in a sample: after time, line, flags and feed, and after nine positions. */
+const [POSITION_X, VELOCITY_X] = [24, 24 + 9 * 4];
 
 export class Watcher {
-  /** time in s of the machine's clock, velocity of X in mm/s */
+  /** time in s of the machine's clock, position of X in mm, its velocity in mm/s */
   samples = [];
   newest = null;
   /** between two samples, s */
@@ -14,6 +14,8 @@ export class Watcher {
   /** states that came */
   frames = 0;
   isClosed = false;
+  /** bytes of a sample, as the server says */
+  #sampleBytes = Infinity;
   #socket;
   #rest = Buffer.alloc(0);
 
@@ -58,16 +60,26 @@ export class Watcher {
       }
       if (rest.length < at + length) break;
       const kind = rest[0] & 15;
-      if (kind === 1) this.frames += 1;
+      if (kind === 1) this.#text(rest.subarray(at, at + length));
       else if (kind === 2) this.#samples(rest.subarray(at, at + length));
       rest = rest.subarray(at + length);
     }
     this.#rest = Buffer.from(rest);
   }
 
+  #text(bytes) {
+    this.frames += 1;
+    if (this.#sampleBytes !== Infinity) return;
+    // The first message.
+    const message = JSON.parse(bytes.toString());
+    if (message.type === 'machine') this.#sampleBytes = message.machine.sample_bytes;
+  }
+
   #samples(bytes) {
-    for (let at = 0; at + SAMPLE_BYTES <= bytes.length; at += SAMPLE_BYTES) {
-      const sample = { time: bytes.readDoubleLE(at), velocity: bytes.readFloatLE(at + VELOCITY_X) };
+    const size = this.#sampleBytes;
+    if (bytes.length % size !== 0) throw new Error(`${bytes.length} bytes are no samples of ${size}`);
+    for (let at = 0; at < bytes.length; at += size) {
+      const sample = { time: bytes.readDoubleLE(at), position: bytes.readFloatLE(at + POSITION_X), velocity: bytes.readFloatLE(at + VELOCITY_X) };
       if (this.newest !== null) this.period = sample.time - this.newest.time;
       this.newest = sample;
       this.samples.push(sample);
