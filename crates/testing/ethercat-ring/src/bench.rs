@@ -1,10 +1,9 @@
 //! A bench for tests: a network namespace with a virtual cable, the ring at one end.
 
-use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
 
+use crate::namespace::{await_carrier, ip, own_namespace};
 use crate::ring::Ring;
 use crate::run::{monotonic_ns, run};
 use crate::socket::PacketSocket;
@@ -22,7 +21,7 @@ pub type SharedRing = Arc<Mutex<Ring>>;
 /// interfaces. None where this user may not make namespaces or interfaces, which is said.
 ///
 /// # Panics
-/// The test has panicked.
+/// The test has panicked, or the virtual cable gets no carrier.
 pub fn on_bench<R: Send + 'static>(
     devices: Vec<SubDevice>,
     test: impl FnOnce(&SharedRing) -> R + Send + 'static,
@@ -57,22 +56,7 @@ pub fn on_bench<R: Send + 'static>(
 
 /// A namespace of this thread's own, with a pair of virtual interfaces that are up.
 fn make_cable() -> Result<(), String> {
-    // SAFETY: a new namespace of the network for the calling thread alone; no memory is concerned.
-    let result = unsafe { libc::unshare(libc::CLONE_NEWNET) };
-    if result != 0 {
-        return Err(format!(
-            "no network namespace: {}",
-            std::io::Error::last_os_error()
-        ));
-    }
-    let ip = |arguments: &[&str]| {
-        let ran = Command::new("ip").args(arguments).stdin(Stdio::null()).output();
-        match ran {
-            Ok(output) if output.status.success() => Ok(()),
-            Ok(output) => Err(String::from_utf8_lossy(&output.stderr).trim().to_owned()),
-            Err(error) => Err(format!("ip: {error}")),
-        }
-    };
+    own_namespace()?;
     ip(&[
         "link",
         "add",
@@ -90,7 +74,6 @@ fn make_cable() -> Result<(), String> {
         let _ignored = std::fs::write(path, "1");
         ip(&["link", "set", interface, "up"])?;
     }
-    // The carrier comes a moment later.
-    std::thread::sleep(Duration::from_millis(50));
+    await_carrier(&[MAIN_INTERFACE, RING_INTERFACE]);
     Ok(())
 }

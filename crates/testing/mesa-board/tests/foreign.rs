@@ -1,41 +1,26 @@
 //! Foreign clients on the simulated board, over real sockets: Debian's `mesaflash` and LinuxCNC's `hm2_eth`.
 //!
-//! They need the packages `mesaflash` and `linuxcnc-uspace`, `iptables`, and the right to make network namespaces.
+//! They need the packages `mesaflash` and `linuxcnc-uspace`, `iptables`, and the right to make network namespaces. Where these are not
+//! installed, EVOLVENT_LINUXCNC names the folder of `tools/get-linuxcnc`, which has them unpacked.
 
 #![expect(clippy::expect_used, clippy::panic, clippy::print_stdout, reason = "a test")]
 
+use std::collections::BTreeSet;
 use std::os::unix::fs::PermissionsExt;
+use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 use std::sync::Mutex;
 
+use evolvent_bridge_trial::{TrialCore, with_bridge};
+use evolvent_ethercat_ring::{await_carrier, ip, own_namespace};
+use evolvent_machine::Machine;
+use evolvent_mesa::{BoardSettings, RunSettings, run};
 use evolvent_mesa_board::{Board, BoardModel, BoardServer, PORT, now_ns};
 
 /// Address of the client and of the board, and of the board's interface as its EEPROM has it: `hm2_eth` takes it from there.
 const CLIENT: &str = "10.27.0.1/24";
 const BOARD: &str = "10.27.0.2";
 const MAC: &str = "00:60:1b:20:00:01";
-
-fn ip(arguments: &[&str]) -> Result<(), String> {
-    let ran = Command::new("ip").args(arguments).stdin(Stdio::null()).output();
-    match ran {
-        Ok(output) if output.status.success() => Ok(()),
-        Ok(output) => Err(String::from_utf8_lossy(&output.stderr).trim().to_owned()),
-        Err(error) => Err(format!("ip: {error}")),
-    }
-}
-
-fn own_namespace() -> Result<(), String> {
-    // SAFETY: a new namespace of the network for the calling thread alone; no memory is concerned.
-    let result = unsafe { libc::unshare(libc::CLONE_NEWNET) };
-    if result == 0 {
-        Ok(())
-    } else {
-        Err(format!(
-            "no network namespace: {}",
-            std::io::Error::last_os_error()
-        ))
-    }
-}
 
 /// A board in a namespace of its own, at the other end of a cable to the namespace of the calling thread.
 fn board_behind_cable(model: BoardModel) -> Result<BoardServer, String> {
@@ -67,9 +52,46 @@ fn board_behind_cable(model: BoardModel) -> Result<BoardServer, String> {
     }
     let socket = other.join().map_err(|_| "the board's thread".to_owned())??;
     ip(&["link", "set", "hm0", "up"])?;
-    std::thread::sleep(std::time::Duration::from_millis(200));
+    await_carrier(&["hm0"]);
     assert!(MAC.starts_with("00:60:1b"), "Mesa's");
     BoardServer::with_socket(Board::new(model, now_ns()), socket).map_err(|error| error.to_string())
+}
+
+fn is_installed(program: &str) -> bool {
+    std::env::var_os("PATH").is_some_and(|path| {
+        std::env::split_paths(&path)
+            .chain(["/usr/sbin".into()])
+            .any(|folder| folder.join(program).exists())
+    })
+}
+
+/// The script that runs commands with the unpacked programs, if this program is one of them.
+fn unpacked(program: &str) -> Option<PathBuf> {
+    let folder = PathBuf::from(std::env::var_os("EVOLVENT_LINUXCNC")?);
+    let has = |part: &str| folder.join("programs/usr").join(part).join(program).exists();
+    let script = folder.join("with-programs");
+    // Not every user may lay the programs over the system's.
+    let runs = || {
+        Command::new(&script)
+            .arg("true")
+            .status()
+            .is_ok_and(|status| status.success())
+    };
+    ((has("bin") || has("sbin")) && runs()).then_some(script)
+}
+
+/// `timeout` over one of these programs, installed or unpacked.
+fn timeout(options: &[&str], program: &str) -> Command {
+    let mut command = match unpacked(program) {
+        Some(script) if !is_installed(program) || !is_installed("iptables") => {
+            let mut command = Command::new(script);
+            command.arg("timeout");
+            command
+        }
+        _ => Command::new("timeout"),
+    };
+    command.args(options).arg(program);
+    command
 }
 
 /// Runs a test with a board in a namespace, on a thread of its own. None where that is not possible, which is said.
@@ -79,12 +101,7 @@ fn on_cable<R: Send + 'static>(
     test: impl FnOnce(&BoardServer) -> R + Send + 'static,
 ) -> Option<R> {
     for program in programs {
-        let found = std::env::var_os("PATH").is_some_and(|path| {
-            std::env::split_paths(&path)
-                .chain(["/usr/sbin".into()])
-                .any(|folder| folder.join(program).exists())
-        });
-        if !found {
+        if !is_installed(program) && unpacked(program).is_none() {
             println!("not measured: {program} is not installed");
             return None;
         }
@@ -114,16 +131,8 @@ fn mesaflash_reads_modules_and_pins() {
         (BoardModel::B7i97, "7i97", "PWM"),
     ] {
         on_cable(model, &["mesaflash"], move |_| {
-            let output = Command::new("timeout")
-                .args([
-                    "20",
-                    "mesaflash",
-                    "--device",
-                    device,
-                    "--addr",
-                    BOARD,
-                    "--readhmid",
-                ])
+            let output = timeout(&["20"], "mesaflash")
+                .args(["--device", device, "--addr", BOARD, "--readhmid"])
                 .output()
                 .expect("mesaflash to start");
             let said = text(&output);
@@ -167,8 +176,8 @@ fn hal(file: &str) -> Output {
     std::fs::set_permissions(&folder, std::fs::Permissions::from_mode(0o777)).expect("its rights");
     let path = folder.join("test.hal");
     std::fs::write(&path, file).expect("a file");
-    let output = Command::new("timeout")
-        .args(["-k", "2", "40", "halrun", "-f"])
+    let output = timeout(&["-k", "2", "40"], "halrun")
+        .arg("-f")
         .arg(&path)
         .current_dir(&folder)
         .env("RTAPI_UID", "65534")
@@ -444,4 +453,109 @@ fn hm2_eth_latches_the_index_of_an_encoder() {
             assert_eq!(server.lock().traffic().refused, 0);
         });
     }
+}
+
+/// Registers that were read, and that were written.
+type Registers = [BTreeSet<u16>; 2];
+
+fn registers(log: &[(u16, bool)]) -> Registers {
+    let of = |written: bool| {
+        let accesses = log.iter().filter(|(_, is_write)| *is_write == written);
+        accesses.map(|(address, _)| *address).collect()
+    };
+    [of(false), of(true)]
+}
+
+fn told(registers: &BTreeSet<u16>) -> String {
+    let texts: Vec<_> = registers.iter().map(|address| format!("{address:04X}")).collect();
+    texts.join(" ")
+}
+
+/// Our bridge and `hm2_eth` on the same board: both move step generator 0 and set an isolated output. Whatever our bridge reads or writes,
+/// `hm2_eth` reads or writes too, and each of its cycles is one packet that is answered and one that is not.
+#[test]
+fn our_bridge_uses_the_registers_of_hm2_eth_in_two_packets_a_cycle() {
+    const HAL: &str = "\
+setp hm2_7i96s.0.stepgen.00.control-type 1
+setp hm2_7i96s.0.stepgen.00.position-scale 320
+setp hm2_7i96s.0.stepgen.00.maxaccel 0
+setp hm2_7i96s.0.stepgen.00.velocity-cmd 10
+setp hm2_7i96s.0.stepgen.00.enable 1
+setp hm2_7i96s.0.pwmgen.00.enable 1
+setp hm2_7i96s.0.pwmgen.00.value 0.5
+setp hm2_7i96s.0.ssr.00.out-00 1
+start
+loadusr -w sleep 1
+";
+    on_cable(BoardModel::B7i96s, &["halrun", "iptables"], |server| {
+        server.lock().keep_log();
+        let said = hal_in_time(&prepared("7i96s", 200_000_000, HAL));
+        let log = server.lock().take_log();
+        let of_hm2 = registers(&log);
+        let (reads, writes) = per_cycle(&log);
+        println!("hm2_eth: {reads} registers read and {writes} written in a cycle; {said}");
+
+        let prefix = format!("mesafr{}_", std::process::id());
+        let shipped = |file: &str| evolvent_file_tests::shipped(file);
+        let machine = Machine::parse(&shipped("machines/router-3axis.toml"), "router").expect("a machine");
+        let mut board = BoardSettings::parse(&shipped("boards/7i96s-router.toml"), "board").expect("a board");
+        (board.address, board.max_lost_packets, board.watchdog_s) =
+            (BOARD.parse().expect("an address"), 40, 0.5);
+        let settings = RunSettings {
+            machine,
+            machine_name: Some("mesa-foreign".to_owned()),
+            board,
+            prefix: Some(prefix.clone()),
+            duration: None,
+        };
+        let _before = server.lock().take_log();
+        let (mut cycle_log, mut counts) = (Vec::new(), [0; 2]);
+        with_bridge(
+            &prefix,
+            |stop, messages| run(&settings, stop, |text| messages.push(text)),
+            TrialCore::open("mesa-foreign", &prefix),
+            |core, _messages| {
+                core.bring_up();
+                core.velocity_x = 20.0;
+                let begin = server.lock().traffic();
+                core.rest(1.0);
+                let end = server.lock().traffic();
+                counts = [end.packets - begin.packets, end.feeds - begin.feeds];
+                cycle_log = server.lock().take_log();
+                core.stop();
+            },
+        );
+        let ours = registers(&cycle_log);
+        let (reads, writes) = per_cycle(&cycle_log);
+        println!(
+            "our bridge: {reads} registers read and {writes} written in a cycle; {counts:?} packets and feeds"
+        );
+        for (direction, (theirs, ours)) in ["read", "written"].iter().zip(of_hm2.iter().zip(&ours)) {
+            println!("{direction} by both: {}", told(&(theirs & ours)));
+            println!("{direction} by hm2_eth alone: {}", told(&(theirs - ours)));
+            println!("{direction} by our bridge alone: {}", told(&(ours - theirs)));
+        }
+        for (direction, (theirs, ours)) in ["read", "written"].iter().zip(of_hm2.iter().zip(&ours)) {
+            let alone = ours - theirs;
+            assert!(
+                alone.is_empty(),
+                "{direction} by our bridge alone: {}",
+                told(&alone)
+            );
+        }
+        // The rates, the ports and the watchdog are in every cycle of both.
+        for address in [0x2000, 0x1000, 0x0E00] {
+            assert!(
+                of_hm2[1].contains(&address) && ours[1].contains(&address),
+                "{address:04X}h"
+            );
+        }
+        // A cycle may be under way at the beginning and at the end.
+        let [packets, feeds] = counts;
+        assert!(feeds > 300, "{feeds} cycles");
+        assert!(
+            packets.abs_diff(2 * feeds) <= 2,
+            "{packets} packets in {feeds} cycles"
+        );
+    });
 }
