@@ -21,9 +21,14 @@ pub fn evolvent() -> Command {
 }
 
 fn build() -> PathBuf {
-    if let Some(binary) = std::env::var_os("EVOLVENT_BINARY") {
-        return binary.into();
-    }
+    std::env::var_os("EVOLVENT_BINARY").map_or_else(|| build_program("evolvent"), Into::into)
+}
+
+/// Builds a program of this workspace in the profile of the tests; its path.
+///
+/// # Panics
+/// It cannot be built.
+pub(crate) fn build_program(name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("the path of this test");
     let profile_folder = test.ancestors().nth(2).expect("target/PROFILE/deps/TEST");
     let profile = match profile_folder.file_name().and_then(OsStr::to_str) {
@@ -39,7 +44,7 @@ fn build() -> PathBuf {
             "--quiet",
             "--workspace",
             "--bin",
-            "evolvent",
+            name,
             "--test",
             "runs",
             "--profile",
@@ -54,7 +59,7 @@ fn build() -> PathBuf {
         "{}",
         String::from_utf8_lossy(&built.stderr)
     );
-    profile_folder.join("evolvent")
+    profile_folder.join(name)
 }
 
 /// What a command came to.

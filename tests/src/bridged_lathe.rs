@@ -81,6 +81,7 @@ static BOARDS: AtomicU8 = AtomicU8::new(1);
 pub struct MesaLathe {
     server: BoardServer,
     address: std::net::IpAddr,
+    max_lost_packets: u32,
 }
 
 impl MesaLathe {
@@ -114,15 +115,26 @@ impl MesaLathe {
                 board.set_motor(unit, 600_000.0, 600_000.0);
             }
         }
-        Self { server, address }
+        Self {
+            server,
+            address,
+            max_lost_packets: 40,
+        }
+    }
+
+    /// With another maximum number of lost packets in a row: at a low rate a step generator turns over before the usual number is reached.
+    #[must_use]
+    pub fn with_lost_packets(mut self, max_lost_packets: u32) -> Self {
+        self.max_lost_packets = max_lost_packets;
+        self
     }
 }
 
 impl Lathe for MesaLathe {
     fn bridge(&self, workshop: &Workshop) -> Vec<String> {
         let mut text = format!(
-            "address = \"{}\"\nname = \"7I96S\"\nmax_lost_packets = 40\nwatchdog_ms = 400\n",
-            self.address
+            "address = \"{}\"\nname = \"7I96S\"\nmax_lost_packets = {}\nwatchdog_ms = 400\n",
+            self.address, self.max_lost_packets
         );
         for (unit, letter) in ["X", "Z"].iter().enumerate() {
             text += &format!(

@@ -2,10 +2,14 @@
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
 
 use evolvent_bus::{ClientBus, ClientConfig, bus_folders, remove_private_domain};
 
 use crate::served::PATIENCE;
+
+/// How long processes may take to end that nobody waits for: a busy host may need that.
+const ENDING: Duration = Duration::from_secs(20);
 
 /// An iceoryx2 prefix that nobody else uses. At the end its files are swept away, and it is checked that none is left.
 #[derive(Debug)]
@@ -67,10 +71,16 @@ impl Domain {
 
 impl Drop for Domain {
     fn drop(&mut self) {
-        let removed = remove_private_domain(&self.prefix);
-        if !std::thread::panicking() {
-            removed.expect("the domain to be swept");
-            assert_eq!(self.files(), Vec::<PathBuf>::new(), "left in shared memory");
+        let (begin, mut removed) = (Instant::now(), remove_private_domain(&self.prefix));
+        if std::thread::panicking() {
+            return;
         }
+        // Processes that are ending keep their files until then.
+        while removed.is_ok() && !self.files().is_empty() && begin.elapsed() < ENDING {
+            std::thread::sleep(Duration::from_millis(20));
+            removed = remove_private_domain(&self.prefix);
+        }
+        removed.expect("the domain to be swept");
+        assert_eq!(self.files(), Vec::<PathBuf>::new(), "left in shared memory");
     }
 }

@@ -6,7 +6,8 @@
 //! - [`Launch`]: one `evolvent run`;
 //! - [`Served`] and [`Operator`]: an `evolvent serve`, and a client that commands it and looks on;
 //! - [`Scene`]: a mill that is served, with all that belongs to it;
-//! - [`Drives`]: simulated drives in a process of their own; [`HardwareBridge`]: a bridge to hardware in one;
+//! - [`Drives`]: simulated drives in a process of their own; [`HardwareBridge`]: a bridge to hardware in one; [`Simulator`]: a
+//!   simulator of hardware in one;
 //! - [`Lathe`]: a lathe behind a bridge to hardware, [`MesaLathe`], [`RingLathe`] or [`ShippedLathe`];
 //! - [`Domain`]: a corner of shared memory of one's own, swept and checked at the end;
 //! - [`hold_to_the_suite`]: the conformance suite over a bridge; [`c_example`]: the examples in C;
@@ -38,6 +39,7 @@ mod output_listener;
 mod python;
 mod scene;
 mod served;
+mod simulator;
 mod trace;
 mod workshop;
 
@@ -56,5 +58,6 @@ pub use output_listener::OutputListener;
 pub use python::python;
 pub use scene::Scene;
 pub use served::{Operator, Served, command, is_behind, speed};
+pub use simulator::Simulator;
 pub use trace::{Cycle, cycles, verifies};
 pub use workshop::{HOMING, Workshop, repository};

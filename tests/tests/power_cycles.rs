@@ -93,7 +93,7 @@ fn a_lathe_on_ethercat_is_on_after_off_and_on() {
 
 #[test]
 fn a_lathe_on_a_mesa_board_is_on_after_off_and_on() {
-    lathe_switches_off_and_on(|| Arc::new(MesaLathe::start()));
+    lathe_switches_off_and_on(|| Arc::new(MesaLathe::start().with_lost_packets(13)));
 }
 
 #[test]

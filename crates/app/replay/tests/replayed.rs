@@ -330,8 +330,22 @@ fn a_replay_ends_when_it_shall_while_it_listens_waits_or_plays() {
     let (done, took) = ended(&wanted, Duration::from_secs(1));
     assert!(done.stopped && done.setpoints == 0, "{done:?}");
     assert!(took < Duration::from_secs(8), "{took:?}");
-    // While it plays: at this speed for hours.
-    let (done, _) = ended(&options(&corner, Pace::Factor(0.001)), Duration::from_secs(2));
+    // While it plays: at this speed for hours. Somebody hears that it does.
+    let mut wanted = options(&corner, Pace::Factor(0.001));
+    wanted.wait_for_subscribers = 1;
+    let (is_heard, begun) = (AtomicBool::new(false), Instant::now());
+    let done = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let client = corner.client();
+            let mut reader = client.setpoints().expect("a place");
+            while reader.receive().expect("a connection").is_none() && begun.elapsed() < FOREVER {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            is_heard.store(true, Ordering::Relaxed);
+        });
+        let stop = || is_heard.load(Ordering::Relaxed) || begun.elapsed() >= FOREVER;
+        replay(&trace, &wanted, |_| ControlFlow::Continue(1), stop).expect("an end, and no error")
+    });
     assert!(done.stopped && done.setpoints > 0, "{done:?}");
     // To its end.
     let (done, _) = ended(&options(&corner, Pace::Factor(1000.0)), FOREVER);

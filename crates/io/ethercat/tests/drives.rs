@@ -2,11 +2,16 @@
 //!
 //! Needs the right to make a network namespace.
 
-#![expect(clippy::expect_used, reason = "a test")]
+#![expect(
+    clippy::expect_used,
+    clippy::print_stdout,
+    reason = "helpers of tests fail and talk as tests do"
+)]
 
 use std::time::{Duration, Instant};
 
-use evolvent_bridge_trial::states;
+use evolvent_bridge_trial::{TrialCore, states};
+use evolvent_bus::Feedback;
 use evolvent_disturbance::unless_disturbed;
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_ethercat::{HomingOnDrive, Network};
@@ -46,6 +51,40 @@ fn homing(order: u32, position: f64) -> HomingOnDrive {
 fn set_homing(network: &mut Network, device: usize, homing: HomingOnDrive) {
     let axis = network.devices[device].axis.as_mut().expect("an axis");
     axis.homing = Some(homing);
+}
+
+/// Moves X to a position at 10 mm/s and waits until it is there, however often the host makes the drives stop on the way; the following
+/// errors on the way, mm.
+fn go(core: &mut TrialCore, to: f64) -> Vec<f64> {
+    let begin = Instant::now();
+    let stands = |core: &TrialCore| {
+        core.fresh().is_some_and(|feedback| {
+            states(&feedback) != [Some(DriveState::OperationEnabled); 3]
+                || matches!(feedback.bridge_state, 3 | 4)
+        })
+    };
+    let mut errors = Vec::new();
+    loop {
+        let sign = (to - core.position[0]).signum();
+        core.velocity_x = 10.0 * sign;
+        while (to - core.position[0]) * sign > 0.0 && !stands(core) {
+            core.cycle();
+            errors.extend(core.fresh().map(|feedback| feedback.following_error[0]));
+        }
+        core.stop();
+        let goal = core.position[0];
+        let is_there = |feedback: &Feedback| (feedback.position[0] - goal).abs() < 1e-2;
+        while !stands(core) && !core.fresh().is_some_and(|feedback| is_there(&feedback)) {
+            core.cycle();
+            assert!(begin.elapsed() < Duration::from_secs(60), "{:?}", core.heard);
+        }
+        if !stands(core) {
+            return errors;
+        }
+        println!("the host made the drives stop: {:?}", core.heard);
+        core.fault_reset += 1;
+        core.bring_up();
+    }
 }
 
 fn turns(ring: &SharedRing) -> Vec<f64> {
@@ -247,6 +286,8 @@ fn the_touch_probe_latches_and_the_drive_tells_its_following_error() {
                     (axis.touch_probe, axis.probe_input_bit, axis.following_error) = (true, Some(16), true);
                     // Without it the drive trails by speed over gain.
                     axis.velocity_offset = false;
+                    // A busy host must not end the session, which counts the contacts.
+                    network.max_lost_cycles = 50;
                 },
                 ring,
                 |core, ring, _| {
@@ -260,27 +301,14 @@ fn the_touch_probe_latches_and_the_drive_tells_its_following_error() {
                     let inputs = core.inputs.expect("inputs");
                     assert_eq!((inputs.probe, inputs.probe_trips), (1, 0), "open");
                     for trips in 1..=2_u64 {
-                        core.velocity_x = 10.0;
-                        for _ in 0..300 {
-                            core.cycle();
-                        }
-                        let (_, moving) = core.heard.expect("feedback");
+                        let mut errors = go(core, closes + 4.0);
                         if trips == 1 {
-                            // 2 turns a second over a gain of 80 /s: 0.025 turns, 0.125 mm.
-                            assert!(
-                                (moving.following_error[0] - 0.125).abs() < 0.03,
-                                "{} mm",
-                                moving.following_error[0]
-                            );
+                            // 2 turns a second over a gain of 80 /s: 0.025 turns, 0.125 mm. Most of the way: pauses of the host spoil some.
+                            errors.sort_unstable_by(f64::total_cmp);
+                            let error = errors[errors.len() / 2];
+                            assert!((error - 0.125).abs() < 0.03, "{error} mm");
                         }
-                        for _ in 0..500 {
-                            core.cycle();
-                        }
-                        core.stop();
-                        let goal = core.position[0];
-                        core.until("beyond the probe", |feedback| {
-                            (feedback.position[0] - goal).abs() < 1e-2
-                        });
+                        core.until_inputs("the contact", |inputs| inputs.probe == 2);
                         let inputs = core.inputs.expect("inputs");
                         assert_eq!((inputs.probe, inputs.probe_trips), (2, trips), "{inputs:?}");
                         assert_eq!(inputs.probe_latched_mask, 0b001);
@@ -291,15 +319,8 @@ fn the_touch_probe_latches_and_the_drive_tells_its_following_error() {
                             inputs.probe_position[0]
                         );
                         // Back, and it is armed for the next.
-                        core.velocity_x = -10.0;
-                        for _ in 0..800 {
-                            core.cycle();
-                        }
-                        core.stop();
-                        let goal = core.position[0];
-                        core.until("before the probe", |feedback| {
-                            (feedback.position[0] - goal).abs() < 1e-2
-                        });
+                        let _errors = go(core, closes - 2.0);
+                        core.until_inputs("the probe is open", |inputs| inputs.probe == 1);
                     }
                 },
             );

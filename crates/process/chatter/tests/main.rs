@@ -5,6 +5,8 @@ mod common;
 mod case_files;
 mod figures;
 mod lobes;
+mod lobes_simulated;
 mod properties;
+mod published_cuts;
 mod radial_law;
 mod verdicts;
