@@ -62,7 +62,10 @@ fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
         let summary = finished.expect_code(&[0, 3]).json();
         assert_eq!(summary["outcome"], "done", "{summary}");
         let notes = summary["notes"].to_string();
-        assert!(notes.contains("`run` does not watch them"), "{notes}");
+        assert!(
+            notes.contains("the run ends if they stop by themselves"),
+            "{notes}"
+        );
         // The tool has cut: two passes at least were felt, and their load is the one that was set.
         let turning = &summary["turning"];
         let number = |key: &str| turning[key].as_f64().expect("a number");
