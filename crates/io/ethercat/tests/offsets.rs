@@ -74,7 +74,7 @@ fn moved(axis: usize, distance: f64) -> [Extremes; 2] {
                         }
                         seen
                     });
-                    core.travel(axis, distance, VELOCITY);
+                    core.travel_smoothly(axis, distance, VELOCITY);
                     stop.store(true, Ordering::Relaxed);
                     watching.join().expect("no panic")
                 });

@@ -1,5 +1,6 @@
 //! A core that stands, or moves X at a velocity.
 
+use core::f64::consts::{FRAC_PI_2, PI};
 use core::time::Duration;
 use std::time::Instant;
 
@@ -182,6 +183,37 @@ impl TrialCore {
                 axis,
                 speed * (period / ramp).min((periods - period) / ramp).min(1.0),
             );
+            self.send();
+        }
+        self.rest(0.5);
+    }
+
+    /// As [`Self::travel`], with ramps like half a cosine that reach the acceleration: whatever moment of a period a bridge takes, and
+    /// whichever setpoints it misses, its interpolation stays near the motion. Between setpoints of a constant acceleration that begins
+    /// at once it cannot.
+    pub fn travel_smoothly(&mut self, axis: usize, distance: f64, velocity: f64) {
+        let ramp = (FRAC_PI_2 * velocity / (ACCELERATION * PERIOD_S)).ceil();
+        let cruise = (distance.abs() / (velocity * PERIOD_S) - ramp).round().max(1.0);
+        let speed = distance / ((cruise + ramp) * PERIOD_S);
+        let (from, periods) = (self.position[axis], cruise + 2.0 * ramp);
+        for period in 1..=periods as u64 {
+            let period = period as f64;
+            // The second half is the first one in reverse.
+            let (since, is_first) = if 2.0 * period <= periods {
+                (period, true)
+            } else {
+                (periods - period, false)
+            };
+            let phase = PI * (since / ramp).min(1.0);
+            let moved =
+                speed * PERIOD_S * ((since - 0.5 * ramp).max(0.5 * since) - 0.5 * ramp / PI * phase.sin());
+            let acceleration = 0.5 * PI * speed / (ramp * PERIOD_S) * phase.sin();
+            self.velocity[axis] = 0.5 * speed * (1.0 - phase.cos());
+            (self.position[axis], self.acceleration[axis]) = if is_first {
+                (from + moved, acceleration)
+            } else {
+                (from + distance - moved, -acceleration)
+            };
             self.send();
         }
         self.rest(0.5);
