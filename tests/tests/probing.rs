@@ -154,7 +154,16 @@ fn what_the_probe_has_found_counts_in_the_next_block_of_mdi() {
         let _drives = shop.drives("plane:Z<-5");
         let mut operator = shop.operator();
         does(&mut operator, "G21 G0 Z-2");
-        does(&mut operator, "G38.2 Z-15 F300");
+        let job = operator.does(&mdi("G38.2 Z-15 F300")).job;
+        let probing = operator.waits("the probing feed", |status| status.feed_mm_s > 4.9);
+        let to_go = probing.distance_to_go[2];
+        assert!(
+            probing.feed_programmed_mm_s == 5.0 && (-13.0..-9.0).contains(&to_go),
+            "{} mm/s, {to_go} mm to go",
+            probing.feed_programmed_mm_s
+        );
+        let touched = operator.sees_end(job);
+        assert_eq!((touched.job_result, touched.distance_to_go[2]), (DONE, 0.0));
         does(&mut operator, "G0 Z[#5063+2]");
         let at = operator.now().position_machine[2];
         assert!((at + 3.0).abs() < 0.05, "Z {at}");

@@ -34,9 +34,16 @@ pub(crate) struct Orientation {
 pub(crate) struct SpindlePass {
     /// The spindle that it follows.
     pub spindle: u32,
-    /// Speed of its first piece at the commanded speed of the spindle, mm/s.
+    /// Its feed is that of its first piece at the commanded speed of the spindle; a tap ends at its bottom.
+    pub motion: UnplannedMove,
+}
+
+/// A move that the cycle drives without the plan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct UnplannedMove {
+    /// Its programmed speed, mm/s.
     pub feed_mm_s: f64,
-    /// Where it ends, of a tap its bottom, machine coordinates.
+    /// Where it ends if nothing ends it before, machine coordinates.
     pub end: Axes,
 }
 
@@ -52,6 +59,8 @@ pub(crate) struct Periphery {
     pub follows_angle: Option<u32>,
     /// The pass that follows a spindle now: it notices itself where that stalls, and draws its tool out.
     pub in_pass: Option<SpindlePass>,
+    /// The probing move that the cycle drives now.
+    pub in_probe: Option<UnplannedMove>,
     /// Tool in the spindle; 0 for none.
     pub tool: u32,
     /// The tool change that the program waits for: by whom, and the tool; 0 empties the spindle.
@@ -106,12 +115,17 @@ impl Periphery {
         self.outputs.spindles[number].turns() || self.orientations[number].is_some()
     }
 
+    /// The move that the cycle drives now without the plan.
+    pub(crate) fn unplanned(&self) -> Option<UnplannedMove> {
+        self.in_pass.map(|pass| pass.motion).or(self.in_probe)
+    }
+
     /// Spindles and coolant off, no tool change pending: after a stop, a fault or an emergency stop.
     pub(crate) fn switch_off(&mut self) {
         self.outputs.stop_spindles();
         (self.outputs.mist, self.outputs.flood) = (false, false);
         self.orientations = [None; SPINDLES];
-        (self.change, self.in_pass) = (None, None);
+        (self.change, self.in_pass, self.in_probe) = (None, None, None);
     }
 
     /// Coolant as the bus encodes it: bit 0 mist, bit 1 flood.

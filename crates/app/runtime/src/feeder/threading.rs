@@ -9,7 +9,7 @@ use evolvent_signals::{Change, Moment as SignalMoment};
 
 use super::Feeder;
 use super::links::hand_over;
-use crate::periphery::SpindlePass;
+use crate::periphery::{SpindlePass, UnplannedMove};
 use crate::refusal::{ProgramError, at_origin};
 use crate::threading::{ThreadChain, complaint};
 
@@ -110,8 +110,10 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.periphery.follows_angle = Some(chain.spindle());
         self.periphery.in_pass = Some(SpindlePass {
             spindle: chain.spindle(),
-            feed_mm_s: chain.feed_mm_s(pass.turns_per_s),
-            end: pass.legs.last().map_or(pass.start, |leg| leg.end),
+            motion: UnplannedMove {
+                feed_mm_s: chain.feed_mm_s(pass.turns_per_s),
+                end: pass.legs.last().map_or(pass.start, |leg| leg.end),
+            },
         });
         self.report_periphery(action);
         let what = if chain.is_tap() { "tap" } else { "thread" };

@@ -12,6 +12,7 @@ use evolvent_signals::{Awaited, Change, FeedLaw, InputWait, Moment as SignalMome
 use super::links::{CycleLinks, hand_over};
 use super::{Feeder, INPUT_NAP};
 use crate::news::{StopKind, spindle_name, with_article};
+use crate::periphery::UnplannedMove;
 use crate::probing::{complaint, objection, probing};
 use crate::refusal::{ProgramError, about_line_with, at_origin, cannot_turn};
 use crate::source::Commands;
@@ -262,10 +263,15 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         } else {
             "probe until contact is lost (G38)"
         };
+        let end = order.curve.end();
+        self.periphery.in_probe = Some(UnplannedMove {
+            feed_mm_s: order.feed_mm_s,
+            end,
+        });
+        self.report_periphery(action);
         self.reporter.announce(action, line, false, text);
         (self.last_line, self.end_line) = (0, line);
         self.planner.rest(&Step::Action { action, line })?;
-        let end = order.curve.end();
         let probing = Box::new(probing(order, self.setup));
         let result = if hand_over(&mut self.links.probings, &mut self.planner, probing)? {
             self.planner.rest(&Step::Probe { line })?;
@@ -299,6 +305,13 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         };
         if result.verdict != ProbeVerdict::Imagined || self.reporter.warned.insert(line) {
             self.reporter.announce_in_passing(line, true, &text);
+        }
+        self.periphery.in_probe = None;
+        if result.verdict != ProbeVerdict::Imagined {
+            let action = self.actions;
+            self.actions += 1;
+            self.report_periphery(action);
+            self.planner.rest(&Step::Action { action, line })?;
         }
         Ok(result)
     }

@@ -180,9 +180,9 @@ pub(crate) fn snapshot(
         ..Status::default()
     };
     add_timing(&mut status, pulse);
-    if let Some(pass) = periphery.in_pass {
-        status.distance_to_go = to_go(&pass.end, &setpoint.position);
-        status.feed_programmed_mm_s = pass.feed_mm_s;
+    if let Some(motion) = periphery.unplanned() {
+        status.distance_to_go = to_go(&motion.end, &setpoint.position);
+        status.feed_programmed_mm_s = motion.feed_mm_s;
         status.path_to_go_mm = (operator.program.track.planned_mm() - setpoint.path_mm).max(0.0);
     } else if let Some(speed) = operator.steered_speed() {
         status.feed_programmed_mm_s = speed;
