@@ -169,6 +169,8 @@ fn a_refused_move_gives_no_errors_behind_it() {
         // A contour in a tool's radius that leaves no room, then the arc that follows it and the way out.
         "G1 X-60 Y0\nG41.1 D10\nX-40\nX0 Y0\nG2 X2.232 Y2.660 I8.660 J-5\nG1 X-3 Y32.2\nG3 X-13 Y42.2 I-10 J0\n\
          G40 X-30 Y32.2\nG1 X0 Y0\n",
+        // An arc in the plane that the line would have set.
+        "G2 X10 I5\nG18 Q1\nX20 Z5 I5 K0\n",
         // Parameters that were not set.
         "#<b> = [1 / 0]\nG1 X#<b>\n",
         "#1 = [1 / 0]\nG1 X[1 / #1]\nG4 P[1 / #1]\n",
@@ -182,7 +184,10 @@ fn a_refused_move_gives_no_errors_behind_it() {
 /// What an earlier error does not explain is reported all the same.
 #[test]
 fn errors_of_their_own_are_all_reported() {
-    let cases: [(&str, &[u32]); 4] = [
+    let cases: [(&str, &[u32]); 6] = [
+        // The refused lines leave the mode as it is.
+        ("G1 X0\nG1 X5 Q1\nG1 Z1 E5\nX20 Q2\n", &[3, 4, 5]),
+        ("G4\nX20 Q2\nG41 D-1\n", &[2, 3, 4]),
         // No assignment was refused.
         ("G1 X?\nG1 X#<b>\n", &[2, 3]),
         // The place is known again.

@@ -77,9 +77,19 @@ impl Doubt {
         for (position, letter) in self.position.iter_mut().zip(*b"XYZ") {
             *position |= has(letter) || has(b'@') || has(b'^');
         }
-        self.mode |= has(b'G');
+        // A code that is none may mean any on the control that the line was written for.
+        let may_set = |changes: fn(&GCode, &State) -> bool| {
+            let sets = |word: &Word| code_of(word).is_none_or(|code| changes(&code, state));
+            let mut codes = block.words.iter().filter(|word| word.letter == b'G');
+            if is_read { codes.any(sets) } else { has(b'G') }
+        };
+        // The plane decides which words an arc needs.
+        self.mode |= may_set(|code, state| {
+            let changes_motion = code.group() == Group::Motion && *code != GCode::Motion(state.motion);
+            changes_motion || code.group() == Group::Plane
+        });
         self.feed |= has(b'F') || has(b'S');
-        self.contour |= state.cutter.is_on() || has(b'G');
+        self.contour |= state.cutter.is_on() || may_set(|code, _| code.group() == Group::CutterCompensation);
         self.frame |= if is_read {
             block.words.iter().any(sets_frame)
         } else {
@@ -220,8 +230,12 @@ fn names_frame(plain: &[u8]) -> bool {
 }
 
 fn is_motion(word: &Word) -> bool {
-    let code = (word.letter == b'G').then(|| GCode::from_tenths((10.0 * word.value + 0.5) as u32));
-    code.flatten().is_some_and(|code| code.group() == Group::Motion)
+    word.letter == b'G' && code_of(word).is_some_and(|code| code.group() == Group::Motion)
+}
+
+/// The code of a G word.
+fn code_of(word: &Word) -> Option<GCode> {
+    GCode::from_tenths((10.0 * word.value + 0.5) as u32)
 }
 
 /// Whether the words of the refused line could be read. Otherwise some may be missing.
