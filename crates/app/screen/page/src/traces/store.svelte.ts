@@ -16,7 +16,7 @@ export interface Comparison {
   deviation_at_mm: number;
   deviation_line: number;
   first_deviation: [number, number] | null;
-  lines: { line: number; text: string; a_s: number; b_s: number; a_limit: string; b_limit: string; why: string }[];
+  lines: { line: number; text: string; b_text?: string; a_s: number; b_s: number; a_limit: string; b_limit: string; why: string }[];
   lag: [number, number][];
   notes: string[];
 }
