@@ -52,7 +52,7 @@ impl Order {
 }
 
 /// The active limit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Limiting {
     /// The feed word (or the machine's maximum feed) and the override.
     Feed,

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::path::Path;
 
+use evolvent_analysis::Limiting;
 use evolvent_trace::{CycleRecord, ReadError, inputs};
 
 use crate::jobs::{MDI, RecordedJob, recorded_jobs};
@@ -386,7 +387,7 @@ fn by_line(times: &[LineTimes; 2], lines: &[Vec<String>; 2]) -> Vec<LineDifferen
             let seconds = |time: Option<&crate::LineTime>| time.map_or(0.0, |time| time.time_s);
             let limit = |time: Option<&crate::LineTime>| {
                 time.and_then(crate::LineTime::main_limit)
-                    .map_or_else(|| "not driven".to_owned(), crate::Limit::name)
+                    .map_or_else(|| "not driven".to_owned(), Limiting::name)
             };
             let (a_s, b_s) = (seconds(a), seconds(b));
             if (a_s - b_s).abs() < MIN_S {
@@ -440,7 +441,7 @@ fn why(a: &crate::LineTime, b: &crate::LineTime) -> String {
         );
     }
     if slow.limited_s - fast.limited_s > 0.3 * lost
-        && let Some(limit) = slow.main_axis_limit()
+        && let Some(limit) = slow.main_machine_limit()
     {
         return format!("{name} was longer at a limit of the machine ({})", limit.name());
     }
@@ -519,11 +520,14 @@ impl<I: Iterator<Item = Result<CycleRecord, ReadError>>> Ahead<I> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Limit, LineTime};
+    use evolvent_analysis::Order;
+    use evolvent_path::AxisLetter;
+
+    use crate::LineTime;
 
     #[test]
     fn only_an_axis_is_named_as_a_limit_of_the_machine() {
-        let line = |time_s: f64, limited_s: f64, by_limit: &[(Limit, f64)]| {
+        let line = |time_s: f64, limited_s: f64, by_limit: &[(Limiting, f64)]| {
             let mut line = LineTime::default();
             line.time_s = time_s;
             line.limited_s = limited_s;
@@ -531,15 +535,22 @@ mod tests {
             line.by_limit = by_limit.iter().copied().collect();
             line
         };
-        let fast = line(10.0, 1.0, &[(Limit::Feed, 9.0), (Limit::Axis(0, 1), 1.0)]);
+        let fast = line(
+            10.0,
+            1.0,
+            &[
+                (Limiting::Feed, 9.0),
+                (Limiting::Axis(AxisLetter::X, Order::Acceleration), 1.0),
+            ],
+        );
         let slow = line(
             14.0,
             4.0,
             &[
-                (Limit::Feed, 5.0),
-                (Limit::Standing, 5.0),
-                (Limit::Axis(0, 2), 3.0),
-                (Limit::Axis(0, 1), 1.0),
+                (Limiting::Feed, 5.0),
+                (Limiting::Standing, 5.0),
+                (Limiting::Axis(AxisLetter::X, Order::Jerk), 3.0),
+                (Limiting::Axis(AxisLetter::X, Order::Acceleration), 1.0),
             ],
         );
         assert_eq!(

@@ -42,7 +42,7 @@ pub use check::{LimitCheck, Worst};
 pub use compare::{ComparedRun, Comparison, LineDifference, compare, compare_runs};
 pub use export::{ExportError, ExportFormat, Exported, export};
 pub use jobs::{RecordedJob, TravelFrom, recorded_jobs, travel_of};
-pub use lines::{Limit, LineTime, LineTimes};
+pub use lines::{LineTime, LineTimes};
 pub use opened::{InspectError, Opened, before_tool_changes};
 pub use pyramid::{Level, Pyramid};
 pub use report::{ReportError, report_data, report_page, write_report};

@@ -2,52 +2,21 @@
 
 use std::collections::BTreeMap;
 
-use evolvent_machine::{Limits, Machine};
-use evolvent_path::AxisLetter;
+use evolvent_analysis::{LimitClassifier, Limiting};
+use evolvent_machine::Machine;
+use evolvent_motion::{Setpoint, State};
+use evolvent_path::Axes;
 use evolvent_trace::CycleRecord;
 
-/// Fraction of a limit above which it counts as active.
-const REACHED: f64 = 0.97;
 const STATE_RUNNING: u8 = 1;
 const STATES_HELD: [u8; 2] = [2, 3];
-
-/// The active limit of a cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Limit {
-    /// The feed word and override, or nothing that is recorded.
-    Feed,
-    /// An axis by its index: velocity (0), acceleration (1) or jerk (2).
-    Axis(u8, u8),
-    /// The axes are at rest: dwell, stop, hold.
-    Standing,
-}
-
-impl Limit {
-    /// In words.
-    #[must_use]
-    pub fn name(self) -> String {
-        match self {
-            Self::Feed => "feed word".to_owned(),
-            Self::Axis(axis, order) => {
-                let letter = AxisLetter::ALL
-                    .get(usize::from(axis))
-                    .map_or('?', |axis| axis.letter());
-                let order = ["velocity", "acceleration", "jerk"]
-                    .get(usize::from(order))
-                    .unwrap_or(&"?");
-                format!("{letter} {order}")
-            }
-            Self::Standing => "standing still".to_owned(),
-        }
-    }
-}
 
 /// One line of the program over the run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LineTime {
     /// Time in it, s.
     pub time_s: f64,
-    /// Time of it in which an axis was at a limit, s.
+    /// Time of it at a limit of the machine, s.
     pub limited_s: f64,
     /// Time of it held by the operator, s.
     pub held_s: f64,
@@ -61,7 +30,7 @@ pub struct LineTime {
     /// The first cycle.
     pub start_sequence: u64,
     /// Time by active limit, s.
-    pub by_limit: BTreeMap<Limit, f64>,
+    pub by_limit: BTreeMap<Limiting, f64>,
 }
 
 impl LineTime {
@@ -87,40 +56,45 @@ impl LineTime {
 
     /// The limit that was active longest.
     #[must_use]
-    pub fn main_limit(&self) -> Option<Limit> {
-        let longest = self.by_limit.iter().max_by(|a, b| a.1.total_cmp(b.1));
-        longest.map(|(limit, _)| *limit)
+    pub fn main_limit(&self) -> Option<Limiting> {
+        self.longest(|_| true)
     }
 
-    /// The limit of an axis that was active longest; `None` if none was.
+    /// The limit of the machine that was active longest; `None` if none was.
     #[must_use]
-    pub fn main_axis_limit(&self) -> Option<Limit> {
-        let axes = self
-            .by_limit
-            .iter()
-            .filter(|(limit, _)| matches!(limit, Limit::Axis(..)));
-        let longest = axes.max_by(|a, b| a.1.total_cmp(b.1));
-        longest.map(|(limit, _)| *limit)
+    pub fn main_machine_limit(&self) -> Option<Limiting> {
+        self.longest(is_of_machine)
     }
+
+    fn longest(&self, counts: impl Fn(Limiting) -> bool) -> Option<Limiting> {
+        let limits = self.by_limit.iter().filter(|(limit, _)| counts(**limit));
+        limits.max_by(|a, b| a.1.total_cmp(b.1)).map(|(limit, _)| *limit)
+    }
+}
+
+/// Whether the machine sets it, not the program.
+const fn is_of_machine(limit: Limiting) -> bool {
+    matches!(limit, Limiting::Axis(..) | Limiting::ChordError | Limiting::Joint)
 }
 
 /// Adds up a run line by line.
 #[derive(Clone, Debug)]
 pub struct LineTimes {
-    limits: Limits,
+    classifier: LimitClassifier,
     period_s: f64,
     last_path_mm: f64,
     lines: BTreeMap<u32, LineTime>,
-    by_limit: BTreeMap<Limit, f64>,
+    by_limit: BTreeMap<Limiting, f64>,
 }
 
 impl LineTimes {
     /// Nothing yet.
     #[must_use]
     pub fn new(machine: &Machine, period_ns: u64) -> Self {
+        let period_s = period_ns as f64 * 1e-9;
         Self {
-            limits: machine.limits(),
-            period_s: period_ns as f64 * 1e-9,
+            classifier: LimitClassifier::new(machine, period_s),
+            period_s,
             last_path_mm: 0.0,
             lines: BTreeMap::new(),
             by_limit: BTreeMap::new(),
@@ -132,26 +106,29 @@ impl LineTimes {
         self.last_path_mm = path_mm;
     }
 
-    /// The active limit of this cycle.
+    /// The active limit of this cycle. Traces have no feed words: where nothing else is reached, it is the feed.
     #[must_use]
-    pub fn limit_of(&self, record: &CycleRecord) -> Limit {
-        if record.feed_mm_s == 0.0 && record.velocity.iter().all(|&velocity| velocity == 0.0) {
-            return Limit::Standing;
+    pub fn limit_of(&self, record: &CycleRecord) -> Limiting {
+        let setpoint = Setpoint {
+            sequence: record.sequence,
+            position: Axes::from(record.position),
+            velocity: Axes::from(record.velocity),
+            acceleration: Axes::from(record.acceleration),
+            jerk: Axes::from(record.jerk),
+            path_mm: record.path_mm,
+            feed_mm_s: record.feed_mm_s,
+            feed_override: record.override_,
+            line: record.line,
+            block: 0,
+            // Axes that rest in a dwell or a hold have no velocity either.
+            state: State::Running,
+            flags: record.flags,
+            actions: 0,
+        };
+        match self.classifier.classify(&setpoint, None) {
+            Limiting::Nothing => Limiting::Feed,
+            limit => limit,
         }
-        let mut worst = (REACHED, Limit::Feed);
-        for axis in (0..9).filter(|&axis| self.limits.present[axis]) {
-            let shares = [
-                record.velocity[axis] / self.limits.velocity[axis],
-                record.acceleration[axis] / self.limits.acceleration[axis],
-                record.jerk[axis] / self.limits.jerk[axis],
-            ];
-            for (order, share) in shares.into_iter().enumerate() {
-                if share.abs() >= worst.0 {
-                    worst = (share.abs(), Limit::Axis(axis as u8, order as u8));
-                }
-            }
-        }
-        worst.1
     }
 
     /// Evaluates the next cycle.
@@ -164,7 +141,7 @@ impl LineTimes {
         }
         line.cycles += 1;
         line.time_s += self.period_s;
-        if matches!(limit, Limit::Axis(..)) && record.state == STATE_RUNNING {
+        if is_of_machine(limit) && record.state == STATE_RUNNING {
             line.limited_s += self.period_s;
         }
         if STATES_HELD.contains(&record.state) {
@@ -185,7 +162,7 @@ impl LineTimes {
 
     /// Time of the whole run by active limit, s.
     #[must_use]
-    pub fn by_limit(&self) -> &BTreeMap<Limit, f64> {
+    pub fn by_limit(&self) -> &BTreeMap<Limiting, f64> {
         &self.by_limit
     }
 

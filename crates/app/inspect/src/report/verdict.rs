@@ -1,8 +1,8 @@
 //! The run in words.
 
+use evolvent_analysis::Limiting;
 use evolvent_path::AxisLetter;
 
-use crate::lines::Limit;
 use crate::opened::Opened;
 use crate::report::gather::Gathered;
 
@@ -225,7 +225,7 @@ fn where_time_went(g: &Gathered, duration_s: f64, say: &mut impl FnMut(Gravity, 
     if duration_s <= 0.0 {
         return;
     }
-    let mut parts: Vec<(Limit, f64)> = g
+    let mut parts: Vec<(Limiting, f64)> = g
         .times
         .by_limit()
         .iter()
