@@ -132,6 +132,14 @@ fn way_there(start: &Start) -> String {
 }
 
 impl Operator {
+    /// Lines before those that the operator has written.
+    pub(super) const fn lines_before(&self) -> u32 {
+        match &self.job {
+            Job::Program(run) => run.lines_before,
+            _ => 0,
+        }
+    }
+
     pub(super) fn load(&mut self, file: &ProgramFile) -> Result<(), Rejection> {
         self.files.checking = None;
         self.message.program_changes();

@@ -138,7 +138,7 @@ pub(crate) fn snapshot(
         mode: desk.mode() as u32,
         machine_state: desk.machine() as u32,
         flags: setpoint.flags & !flags::LATE,
-        line: setpoint.line,
+        line: setpoint.line.saturating_sub(operator.lines_before()),
         axes_mask: operator.present().bits(),
         homed_mask: desk.homed().bits(),
         tool: periphery.tool,

@@ -353,10 +353,7 @@ impl Operator {
             // its part of the heap as this one has found it.
             (JobResult::Done, Ok(Some(left)), None) => self.keep.memory.clone_from(&left),
             (JobResult::Failed, Err(error), _) => {
-                let lines_before = match &self.job {
-                    Job::Program(run) => run.lines_before,
-                    _ => 0,
-                };
+                let lines_before = self.lines_before();
                 let text = match &error {
                     ProgramError::Text { diagnostic, .. } => sentence(diagnostic, lines_before),
                     ProgramError::Read { .. } => error.to_string(),
