@@ -238,7 +238,7 @@ fn what_cannot_be_cut_is_refused_before_anything_moves() {
     );
     refused(
         "G21 G18 G90 G8\nS4000 M3\nG0 X15 Z5\nG33 Z-90 K6\nM2\n",
-        &["program.ngc:4", "mm/min of Z", "rpm at the most"],
+        &["program.ngc:4", "mm/min of Z", "rpm at most"],
     );
     refused(
         "G21 G18 G90 G8\nS300 M3\nG0 X15 Z5\nG33 Z-200 K1.5\nM2\n",

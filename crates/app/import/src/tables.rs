@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use evolvent_gcode::{ToolTable, ToolTableError};
 use evolvent_path::AxisLetter;
 
-/// A tool table of LinuxCNC with lengths in mm, and the lines of it that are none of a tool table.
+/// A tool table of LinuxCNC with lengths in mm, and its invalid lines.
 pub(crate) fn tool_table(text: &str, mm_per_unit: f64) -> (ToolTable, Vec<ToolTableError>) {
     let (mut table, odd) = ToolTable::parse_lines(text);
     for mut tool in table.tools().to_vec() {
@@ -29,7 +29,7 @@ fn lengths() -> BTreeSet<u32> {
         .collect()
 }
 
-/// A parameter file of LinuxCNC with lengths in mm, or the line that is none of such a file.
+/// A parameter file of LinuxCNC with lengths in mm, or the first invalid line.
 pub(crate) fn parameters(text: &str, mm_per_unit: f64) -> Result<String, usize> {
     let lengths = lengths();
     let mut out = String::new();

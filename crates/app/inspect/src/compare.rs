@@ -301,11 +301,11 @@ fn of_service(name: &str, jobs: &[NamedJob], meant: Option<u32>) -> String {
     )
 }
 
-/// Keeps at most a few thousand points.
+/// Keeps fewer than 16 384 points: every second one is dropped when the list is full.
 fn thin_out(list: &mut Vec<(f64, f64)>, point: (f64, f64)) {
-    const MOST: usize = 16_384;
+    const MAX_POINTS: usize = 16_384;
     list.push(point);
-    if list.len() >= MOST {
+    if list.len() >= MAX_POINTS {
         let mut at = 0;
         list.retain(|_| {
             at += 1;

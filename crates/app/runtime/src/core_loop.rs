@@ -107,7 +107,7 @@ pub(crate) struct CoreLoop {
     pub clock: Clock,
     pub period_ns: u64,
     pub lead_cycles: u32,
-    /// So many late setpoints in a row are too many; 0: never.
+    /// Number of late setpoints in a row at which the core stops; 0: never.
     pub max_late_cycles: u32,
     /// Unix time of the first setpoint.
     pub start_unix_ns: u64,

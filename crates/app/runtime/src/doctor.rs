@@ -11,7 +11,7 @@ use rustix::process::{Resource, getrlimit};
 use std::fs::read_to_string;
 use thiserror::Error;
 
-/// Longest wake-up delay that is told apart, in ns; later ones count as this.
+/// Maximum wake-up delay of the histogram, ns; longer ones count as this.
 const LONGEST_NS: u64 = 60_000_000_000;
 
 /// Why a measurement is not possible.
@@ -209,7 +209,7 @@ fn interrupts(
         .take(3)
         .map(|(source, count)| format!("{source}: {count}"))
         .collect();
-    // An isolated core is asked for nothing; any other serves the host.
+    // An isolated core needs no advice; any other serves the host.
     let bound = if isolated.is_some() { 10.0 } else { 1000.0 };
     let list = if most.is_empty() {
         String::new()

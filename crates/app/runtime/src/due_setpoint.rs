@@ -39,7 +39,7 @@ impl DueSetpoint {
     }
 }
 
-/// What is asked of the drives beside the setpoint.
+/// Requests to the drives that accompany a setpoint.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct DriveRequest {
     pub power: PowerRequest,

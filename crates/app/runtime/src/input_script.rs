@@ -231,7 +231,7 @@ impl InputScript {
         Some(image)
     }
 
-    /// The next change that has come after so many seconds, and at this path (mm) and line; likewise.
+    /// The next change that is due at this time (s), path (mm) and line.
     pub fn step(&mut self, seconds: f64, place: Option<(f64, u32)>) -> Option<InputImage> {
         if !self.has_begun {
             (self.has_begun, self.now) = (true, self.begin);

@@ -80,7 +80,7 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// What a real-time thread of this machine asks for: the cycle itself, or one so many priorities below it.
+    /// The real-time request of a thread of this machine: the cycle itself, or one `below` priorities lower.
     pub(crate) fn realtime_request(&self, below: u8) -> RealtimeRequest {
         let settings = &self.machine.realtime;
         RealtimeRequest {

@@ -160,7 +160,7 @@ mod tests {
         }
     }
 
-    /// The publisher is behind: everything is told before the first setpoint leaves.
+    /// The publisher lags: everything is recorded before the first setpoint is published.
     #[test]
     fn orders_that_come_before_their_setpoints_wait_for_them() {
         let (orders, heard) = mpsc::channel();

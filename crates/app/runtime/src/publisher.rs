@@ -61,7 +61,7 @@ pub(crate) struct Publisher<S> {
 }
 
 impl<S: StatusSource> Publisher<S> {
-    /// What its thread does, with the priority that is asked for, and how the opening of the bus went.
+    /// The body of its thread, with the requested priority and the result of opening the bus.
     pub(crate) fn prepare(
         self,
         request: Option<RealtimeRequest>,

@@ -216,7 +216,7 @@ impl ServedAgain {
             switches: start.switches,
             switching: Switching::Recorded(switched),
             numbered_from: start.numbered_from,
-            // Blocks are told of as when it was recorded: the line of the end is the last block's.
+            // Blocks are reported as in the recorded run: the line of the end is the last block's.
             recorder: Some(std::sync::mpsc::channel().0),
             subroutines: String::new(),
             carries_out: false,

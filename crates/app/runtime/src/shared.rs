@@ -19,7 +19,7 @@ pub struct Controls {
     abandon: AtomicBool,
     program_failed: AtomicBool,
     alarm: AtomicU32,
-    /// Adaptive feed is asked for.
+    /// Adaptive feed is requested.
     adaptive: Option<AdaptiveSettings>,
     load: LoadCell,
     gauges: Gauges,

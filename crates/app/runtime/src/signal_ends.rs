@@ -24,7 +24,7 @@ pub(crate) struct SignalEnds {
 }
 
 impl SignalEnds {
-    /// Of a run, with room for so many changes on their way to the trace.
+    /// For a run; `trace_length` is the capacity of the queue to the trace.
     pub(crate) fn of_run(job: &Job, trace_length: usize) -> Self {
         let settings = &job.setup.machine.signals;
         let on_bus = job.bus && !settings.is_empty();
@@ -50,7 +50,7 @@ impl SignalEnds {
         }
     }
 
-    /// Of a served machine, with room for so many changes on their way to the trace, if there is one.
+    /// For a served machine; `trace_length` is the capacity of the queue to the trace, if there is one.
     pub(crate) fn of_service(setup: &Setup, trace_length: Option<usize>) -> Self {
         if setup.machine.signals.is_empty() {
             let script = InputScript::without_file(&setup.machine.signals);

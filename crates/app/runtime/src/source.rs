@@ -176,12 +176,12 @@ impl Commands {
         self.interpreter.set_block_delete(on);
     }
 
-    /// What an input gave (M66), before the next command is asked for.
+    /// The result of an input (M66), before the next command is read.
     pub(crate) fn answer_input(&mut self, value: f64) {
         self.interpreter.answer_input(value);
     }
 
-    /// What came of a probing move, before the next command is asked for.
+    /// The result of a probing move, before the next command is read.
     pub(crate) fn answer_probe(&mut self, contact: &Axes, stands_at: &Axes, tripped: bool) {
         let _is_position = self.interpreter.answer_probe(contact, stands_at, tripped);
     }

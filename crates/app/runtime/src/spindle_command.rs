@@ -9,7 +9,7 @@ use crate::due_setpoint::SpindleOverrides;
 const _: () = assert!(SPINDLES == MAX_SPINDLES as usize);
 
 /// A speed that follows the radius is sent again where it has changed by more than this part of itself.
-const LEAST_CHANGE: f64 = 0.001;
+const MIN_CHANGE: f64 = 0.001;
 
 /// Time between two steps of a ramp, ns: drives read their commands no faster.
 const RAMP_STEP_NS: u64 = 1_000_000;
@@ -141,7 +141,7 @@ impl SpindleCommands {
             let rpm = spindle
                 .speed()
                 .overridden_rpm_at(x_mm, overrides[number], self.max_rpm[number]);
-            if is_new || (rpm - self.rpm[number]).abs() > LEAST_CHANGE * self.rpm[number] {
+            if is_new || (rpm - self.rpm[number]).abs() > MIN_CHANGE * self.rpm[number] {
                 self.rpm[number] = rpm;
             }
             let target_rpm = match spindle.direction {

@@ -5,7 +5,7 @@ use evolvent_bus::SpindleFeedback;
 /// Time constant of the low pass, s: the ripple of a slow turn is no change of speed.
 const FILTER_S: f64 = 0.03;
 /// A speed is sent again where it has changed by more than this part of itself, or by 1 rpm.
-const LEAST_CHANGE: f64 = 0.005;
+const MIN_CHANGE: f64 = 0.005;
 
 /// The speed of one spindle. Neither allocates nor waits.
 #[derive(Clone, Copy, Debug, Default)]
@@ -20,7 +20,7 @@ impl Speedometer {
     pub(crate) fn commanded_rpm(&mut self, rpm: f64, is_passing: bool) -> f64 {
         let told = self
             .told_rpm
-            .filter(|told| is_passing && rpm > 0.0 && (rpm - told).abs() <= (LEAST_CHANGE * told).max(1.0));
+            .filter(|told| is_passing && rpm > 0.0 && (rpm - told).abs() <= (MIN_CHANGE * told).max(1.0));
         let told = told.unwrap_or(rpm);
         self.told_rpm = Some(told);
         told
@@ -45,7 +45,7 @@ impl Speedometer {
         self.newest = Some((sample.sequence, sample.time_ns, filtered));
         let stays = self.told_rpm.is_some_and(|told| {
             let stands = rpm == 0.0 && filtered < 1.0;
-            (filtered - told).abs() <= (LEAST_CHANGE * told).max(1.0) && (!stands || told == 0.0)
+            (filtered - told).abs() <= (MIN_CHANGE * told).max(1.0) && (!stands || told == 0.0)
         });
         if !stays {
             self.told_rpm = Some(if rpm == 0.0 && filtered < 1.0 {

@@ -7,13 +7,13 @@ const STALLED: f64 = 0.2;
 /// A command above the reached speed times this is a new speed, which has to be reached first.
 const RAISED: f64 = 1.25;
 /// Minimum duration of a stall, s, and in turns at the commanded speed: a coarse encoder reports a slow spindle's speed in jumps.
-const LEAST_S: f64 = 0.2;
-const LEAST_TURNS: f64 = 0.5;
+const MIN_S: f64 = 0.2;
+const MIN_TURNS: f64 = 0.5;
 
 /// Watches one spindle. Neither allocates nor waits.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct StallWatch {
-    /// The direction that is commanded, 1 or -1; 0 where it is to stand.
+    /// The commanded direction, 1 or -1; 0 to stop.
     direction: f64,
     /// The commanded speed that was reached, rpm; 0 for none.
     reached_rpm: f64,
@@ -50,7 +50,7 @@ impl StallWatch {
             return false;
         }
         let since_ns = *self.stands_since_ns.get_or_insert(now_ns);
-        let least_s = LEAST_S.max(LEAST_TURNS * 60.0 / wanted);
+        let least_s = MIN_S.max(MIN_TURNS * 60.0 / wanted);
         now_ns.saturating_sub(since_ns) as f64 * 1e-9 >= least_s
     }
 }

@@ -186,7 +186,7 @@ impl Summary {
         (self.late_cycles > 0 && self.listeners > 0) || self.dropped_records > 0 || self.dropped_setpoints > 0
     }
 
-    /// What of it goes into the trace's metadata.
+    /// The part that is stored in the metadata of the trace.
     pub(crate) fn to_metadata(&self) -> BTreeMap<String, String> {
         let pairs = [
             ("outcome", self.outcome.name().to_owned()),

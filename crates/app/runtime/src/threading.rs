@@ -57,7 +57,7 @@ impl ThreadChain {
         self.return_factor.is_some()
     }
 
-    /// Takes a piece that goes on with the one before; `false` of a command that is none, or begins another pass.
+    /// Takes a piece that continues the one before; `false` if the command is not a piece or begins another pass.
     pub(crate) fn take(&mut self, command: &Command) -> bool {
         let (curve, pitch_mm) = match &command.action {
             Action::Thread {
@@ -240,7 +240,7 @@ fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
                     permitted * 60.0
                 ),
                 format!(
-                    "turn the spindle at {:.0} rpm at the most",
+                    "turn the spindle at {:.0} rpm at most",
                     (rpm.abs() * permitted / needed).floor()
                 ),
             )

@@ -92,7 +92,7 @@ alarms! {
     BridgeRestarted = 412, Fault, "the bridge was restarted under power; switch on again, and home if positions are lost";
     /// The bridge stopped following.
     BridgeStopped = 413, Fault, "the bridge has stopped the axes by itself; it got no usable setpoints";
-    /// Answers to what was never asked.
+    /// Replies without a request.
     Implausible = 414, Fault, "the bridge answers setpoints that were never sent; restart it";
     /// Positions are named by another datum.
     Datum = 415, Fault, "the bridge names positions by another datum; home again";

@@ -391,7 +391,7 @@ impl AxisHoming {
         };
         let along = (latched - from) * way;
         let slack = OFF_WAY_S * self.axis.latch_velocity;
-        // Written so that what is no number is off the way.
+        // Written so that NaN counts as off the path.
         if !(along >= -slack && along <= self.within() + slack) {
             return self.halt(Phase::OffWay { along });
         }

@@ -10,9 +10,9 @@ use crate::interlock_state::Mode;
 use crate::rejection::Rejection;
 
 /// Largest magnitude of a coordinate, a distance or a speed in a command: mm, degrees, per s.
-const MOST: f64 = 1e6;
+const MAX_VALUE: f64 = 1e6;
 /// Largest way of an axis a detent of the handwheel, mm or degrees.
-const MOST_STEP: f64 = 10.0;
+const MAX_STEP: f64 = 10.0;
 /// Largest feed and spindle override.
 const MAX_OVERRIDE: f64 = 2.0;
 /// Starts of blocks that can be retraced at once.
@@ -162,8 +162,8 @@ fn range(what: &str, value: f64, low: f64, high: f64) -> Rejection {
 
 /// One axis or none, and its step; 0 for the wheel's smallest.
 fn handwheel(raw: &RawCommand<'_>, present: AxisMask) -> Result<Command, Rejection> {
-    if !(0.0..=MOST_STEP).contains(&raw.amount) {
-        return Err(range("the step of the handwheel", raw.amount, 0.0, MOST_STEP));
+    if !(0.0..=MAX_STEP).contains(&raw.amount) {
+        return Err(range("the step of the handwheel", raw.amount, 0.0, MAX_STEP));
     }
     if raw.axes_mask == 0 {
         return Ok(Command::Handwheel {
@@ -238,8 +238,8 @@ fn system(raw: &RawCommand<'_>) -> Result<u32, Rejection> {
 }
 
 fn values(raw: &RawCommand<'_>) -> Result<Axes, Rejection> {
-    if let Some(value) = raw.values.iter().find(|value| value.abs() > MOST) {
-        return Err(range("a coordinate", *value, -MOST, MOST));
+    if let Some(value) = raw.values.iter().find(|value| value.abs() > MAX_VALUE) {
+        return Err(range("a coordinate", *value, -MAX_VALUE, MAX_VALUE));
     }
     Ok(Axes::from(raw.values))
 }
@@ -277,8 +277,8 @@ fn jog(raw: &RawCommand<'_>, present: AxisMask) -> Result<JogCommand, Rejection>
 
 /// None for the machine's own.
 fn speed(raw: &RawCommand<'_>) -> Result<Option<f64>, Rejection> {
-    if !(0.0..=MOST).contains(&raw.amount) {
-        return Err(range("the speed", raw.amount, 0.0, MOST));
+    if !(0.0..=MAX_VALUE).contains(&raw.amount) {
+        return Err(range("the speed", raw.amount, 0.0, MAX_VALUE));
     }
     Ok((raw.amount > 0.0).then_some(raw.amount))
 }
@@ -504,7 +504,7 @@ mod tests {
     /// Up to the last number that is permitted, with the words of the trace.
     #[test]
     fn what_is_just_in_range_is_understood_and_told_in_words() {
-        let values = [MOST, -MOST, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let values = [MAX_VALUE, -MAX_VALUE, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let xz = 0b101;
         let of = |code: CommandCode, index: u32, amount: f64| RawCommand {
             index,
@@ -569,7 +569,7 @@ mod tests {
                 of(CommandCode::Jog, 1, 0.0),
                 Command::Jog(JogCommand {
                     axes: AxisMask::from_bits(xz),
-                    distance: Some(Axes::from([MOST, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
+                    distance: Some(Axes::from([MAX_VALUE, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
                     direction: Axes::zeros(),
                     max_velocity: None,
                 }),
@@ -646,7 +646,7 @@ mod tests {
         };
         assert_eq!(refused(&absent), Alarm::NoAxis);
         let far = RawCommand {
-            values: [-1.000_1 * MOST; AXES],
+            values: [-1.000_1 * MAX_VALUE; AXES],
             ..of(CommandCode::TouchOff, 1, 0.0)
         };
         let told = Command::decode(&far, XYZ).unwrap_err().text;

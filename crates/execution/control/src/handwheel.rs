@@ -1,7 +1,7 @@
 //! The handwheel: from its counts to the way of an axis.
 
 /// Detents between two readings beyond which the wheel was not turned: its encoder or its bridge began again.
-const MOST_DETENTS: f64 = 100.0;
+const MAX_DETENTS: f64 = 100.0;
 
 /// What the wheel and its switches say at one moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,7 +43,7 @@ pub struct Handwheel {
 }
 
 impl Handwheel {
-    /// A wheel with so many counts from one detent to the next.
+    /// A wheel with this number of counts between two detents.
     #[must_use]
     pub fn new(counts_per_detent: f64) -> Self {
         Self {
@@ -61,7 +61,7 @@ impl Handwheel {
         self.last = Some((counts, axis));
         let (before, _) = last.filter(|(_, before)| *before == axis)?;
         let detents = (counts - before) / self.counts_per_detent;
-        let was_turned = detents != 0.0 && detents.abs() <= MOST_DETENTS;
+        let was_turned = detents != 0.0 && detents.abs() <= MAX_DETENTS;
         was_turned.then_some((axis, detents * reading.step))
     }
 }

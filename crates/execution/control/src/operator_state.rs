@@ -16,13 +16,13 @@ const MAX_ALARMS: usize = 16;
 /// How long drives may take until they are enabled, ns, where nothing else was said.
 const ENABLE_NS: u64 = 2_000_000_000;
 
-/// What an answer says.
+/// The result of a command, as in the reply.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Verdict {
     /// It takes effect.
     Accepted = 0,
-    /// It has no effect, and the alarm tells why.
+    /// It has no effect; the alarm has the reason.
     Rejected = 1,
     /// It is not newer than an earlier one of the same client.
     Stale = 2,
@@ -100,7 +100,7 @@ pub struct OperatorState {
     machine: MachineState,
     mode: Mode,
     activity: Activity,
-    /// When the drives were asked to enable, while they are not.
+    /// When enabling of the drives was requested, while they are not enabled.
     enabling_since_ns: Option<u64>,
     enable_timeout_ns: u64,
     homed: AxisMask,
@@ -147,7 +147,7 @@ impl OperatorState {
     /// who carries the command out calls [`OperatorState::commit`] then.
     ///
     /// # Errors
-    /// Verdict and refusal for the answer; it is counted.
+    /// Verdict and rejection for the reply; it is counted.
     pub fn authorize(
         &mut self,
         client: u64,
@@ -231,7 +231,7 @@ impl OperatorState {
             .then(|| format!("{loaded} is loaded and not {meant}: load that first, or start what is loaded"))
     }
 
-    /// Counts a rejection and makes the answer of it.
+    /// Counts a rejection and returns the reply.
     pub fn refuse(&mut self, refusal: Rejection) -> (Verdict, Rejection) {
         self.rejected += 1;
         (Verdict::Rejected, refusal)

@@ -81,7 +81,7 @@ impl MachineState {
         self.guard.extremes()
     }
 
-    /// What the guard refused since this was asked last.
+    /// The violation for which the guard has rejected a setpoint since the last call.
     pub fn take_fault(&mut self) -> Option<Violation> {
         self.fault.take()
     }

@@ -312,7 +312,7 @@ impl PathExecutor {
 
     /// Begins to slow the plan down, or changes what it is slowed down to, as hold, stop, fault and override ask for it.
     ///
-    /// A slowdown to a part of the speed ends when a plan for the override takes over. Rapids do not heed the override: where
+    /// A slowdown to a part of the speed ends when a plan for the override takes over. The override does not scale rapids: where
     /// one is driven, the request alone is made.
     fn slow_down(&mut self, cursor: &mut Cursor, inputs: &Inputs, queue: &mut PlanConsumer) {
         let ActiveMotion::TimedSegment { flow, time } = cursor.drive else {

@@ -14,14 +14,14 @@ use crate::setpoint::{Inputs, Setpoint};
 /// Rest before the move, s, beside the lead: the position of an earlier contact has come by then, and is not taken for one of
 /// this move. Drives settle in less.
 const SETTLE_S: f64 = 0.03;
-/// Rest at the end of a move without contact, s, beside the lead: axes follow late, and what they touch is told late.
+/// Rest at the end of a move without contact, s, beside the lead: axes follow late, and a contact is reported late.
 const LINGER_S: f64 = 0.03;
 /// How long the position of a contact may take to come, s.
 const POSITION_TIMEOUT_S: f64 = 0.5;
-/// Share of acceleration and jerk that is used: third differences of doubles are noisy.
-const SHARE: f64 = 0.99;
+/// Fraction of acceleration and jerk that is used: third differences of doubles are noisy.
+const USED_FRACTION: f64 = 0.99;
 
-/// What is asked of a probing move.
+/// A probing move as programmed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ProbeMove {
     /// Where it goes at most: a straight line.
@@ -44,8 +44,8 @@ impl ProbeMove {
         };
         ScalarLimits {
             velocity: self.feed_mm_s.min(least(&limits.velocity)),
-            acceleration: SHARE * least(&limits.acceleration),
-            jerk: SHARE * least(&limits.jerk),
+            acceleration: USED_FRACTION * least(&limits.acceleration),
+            jerk: USED_FRACTION * least(&limits.jerk),
         }
     }
 
@@ -65,7 +65,7 @@ impl ProbeMove {
 /// How a probing move has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProbeVerdict {
-    /// The probe has changed as was asked for.
+    /// The probe has changed as requested.
     Contact,
     /// It has not up to the end.
     NoContact,

@@ -476,7 +476,7 @@ impl PlanConsumer {
         self.has_no_planner() && self.table.complete.load(Ordering::Acquire) == 0
     }
 
-    /// Whether requests are no longer answered.
+    /// Whether requests receive no replies any more.
     #[must_use]
     pub fn has_no_planner(&self) -> bool {
         self.steps.is_abandoned()

@@ -36,7 +36,7 @@ pub(crate) struct PendingReplan {
     after: Option<u64>,
 }
 
-/// What the cycle has asked for, and how that went.
+/// The requests of the cycle, and their outcome.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ReplanState {
     /// The override that the pieces ahead were planned for.

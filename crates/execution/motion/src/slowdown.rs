@@ -50,10 +50,10 @@ const TRIALS: u32 = 4;
 const MAX_SECOND: f64 = 1.0 / (32.0 * STEP_S * STEP_S);
 /// What an axis may have of its limits: acceleration, jerk. Where the plan itself has more, as much as the plan.
 const ALLOWED: (f64, f64) = (1.0, 1.002);
-/// The share of a step at its start in which `s''` hardly changes the acceleration yet, and what an axis may have of its limit
+/// The fraction of a step at its start in which `s''` hardly changes the acceleration yet, and what an axis may have of its limit
 /// there: more than the step before left it with, so that no hair over the limit asks for an `s''` out of proportion; little
 /// enough that a jump of the plan's jerk in it does not hide a peak.
-const EARLY_SHARE: f64 = 0.3;
+const EARLY_FRACTION: f64 = 0.3;
 const EARLY_ALLOWED: f64 = 1.0004;
 /// By how much a step may exceed that between the instants that its bounds were taken at.
 const ROUNDING: (f64, f64) = (1.0002, 1.004);

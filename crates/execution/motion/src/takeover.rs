@@ -83,7 +83,7 @@ pub(crate) struct TakeoverReceiver<T: ?Sized> {
 }
 
 impl<T: ?Sized> TakeoverReceiver<T> {
-    /// That of the plan's step that was reached.
+    /// The object that belongs to the step of the plan that was reached.
     pub(crate) fn take(&mut self) -> Option<Box<T>> {
         self.waiting.pop().ok()
     }

@@ -1,6 +1,6 @@
 //! The path of a thread as a function of the spindle's angle.
 //!
-//! A thread is a polyline: so many millimetres of each axis a turn, and at its corners the slope changes. The axes cannot change
+//! A thread is a polyline: each axis has a number of millimetres per turn, and at its corners the slope changes. The axes cannot change
 //! their speed at once, so each corner is rounded by a kernel that is symmetric about it: on either side of it the path is the
 //! straight line that was programmed, at the same angle of the spindle whatever its speed. The first corner is the run-in, the
 //! last one the run-out: the axes start half a kernel before the angle at which the line begins, and are in phase half a kernel
@@ -9,10 +9,10 @@
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
 
-/// Share of the acceleration that the kernels use; the rest is for what the spindle does meanwhile.
-const ACCELERATION_SHARE: f64 = 0.8;
+/// Fraction of the acceleration that the kernels use; the rest is for what the spindle does meanwhile.
+const ACCELERATION_FRACTION: f64 = 0.8;
 /// The same of the jerk.
-const JERK_SHARE: f64 = 0.6;
+const JERK_FRACTION: f64 = 0.6;
 /// How much faster than now the spindle may turn during a pass.
 const SPEED_RESERVE: f64 = 1.05;
 
@@ -202,7 +202,7 @@ impl ThreadCam {
         self.start
     }
 
-    /// Line of the program after so many turns.
+    /// Line of the program after this number of turns.
     pub(crate) fn line(&self, turns: f64) -> u32 {
         let mut left = turns;
         for leg in &self.legs {
@@ -245,8 +245,8 @@ fn widths(change: &Axes, speed: f64, limits: &Limits, period_s: f64) -> (f64, f6
     for axis in 0..change.len() {
         if change[axis] != 0.0 {
             let step = speed * change[axis].abs();
-            by_acceleration = by_acceleration.max(step / (ACCELERATION_SHARE * limits.acceleration[axis]));
-            by_jerk = by_jerk.max(step / (JERK_SHARE * limits.jerk[axis]));
+            by_acceleration = by_acceleration.max(step / (ACCELERATION_FRACTION * limits.acceleration[axis]));
+            by_jerk = by_jerk.max(step / (JERK_FRACTION * limits.jerk[axis]));
         }
     }
     // The acceleration is the step by the wider box, the jerk by both. A setpoint or two see every part of it.

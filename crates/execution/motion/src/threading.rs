@@ -18,9 +18,9 @@ use crate::thread_retreat::ThreadRetreat;
 
 /// How fast an error of the position is made good, 1/s: three equal poles. A third of the rate at most.
 const FOLLOW_RATE: f64 = 120.0;
-const FOLLOW_SHARE: f64 = 0.3;
-/// Share of acceleration and jerk that following one harmonic of the turn may take. What needs more is left out.
-const RIPPLE_SHARE: f64 = 0.3;
+const FOLLOW_FRACTION: f64 = 0.3;
+/// Fraction of acceleration and jerk that following one harmonic of the turn may take. What needs more is left out.
+const RIPPLE_FRACTION: f64 = 0.3;
 /// How far the axes may be from where the spindle's angle wants them before the pass is given up, mm.
 const PHASE_TOLERANCE_MM: f64 = 0.1;
 /// How much slower than at the start of a pass the spindle may turn, as a ratio: it is stalled then, or nearly.
@@ -37,7 +37,7 @@ const RUNAWAY_RATIO: f64 = 1.5;
 /// seconds where nothing is known of its braking.
 const OVERRUN_TURNS: f64 = 2.0;
 const OVERRUN_S: f64 = 0.5;
-/// How long the spindle's angle may take to be told and known before a pass, s.
+/// Maximum time until the angle of the spindle is reported and known before a pass, s.
 const KNOWLEDGE_TIMEOUT_S: f64 = 10.0;
 /// Turns before the run-in begins, at least: an angle that is just passed is not driven after.
 const HEAD_START_TURNS: f64 = 0.02;
@@ -56,7 +56,7 @@ pub struct TapReturn {
     pub braking: Option<f64>,
 }
 
-/// What is asked of a pass.
+/// A pass as programmed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ThreadPass {
     /// Where it begins, machine coordinates (mm, degrees).
@@ -221,7 +221,7 @@ pub struct Threading {
     /// Speed at the start of the pass.
     begun_at: f64,
     /// What of each harmonic is followed, 0 to 1.
-    heeded: [f64; 3],
+    followed_fractions: [f64; 3],
     /// How long the spindle has been slower than [`STALL_RATIO`], s.
     slow_s: f64,
     /// Last angle since the origin, and its speed.
@@ -261,7 +261,7 @@ impl Threading {
             phase: Phase::Waiting(0.0),
             origin: None,
             begun_at: 0.0,
-            heeded: [0.0; 3],
+            followed_fractions: [0.0; 3],
             slow_s: 0.0,
             turns: 0.0,
             speed: 0.0,
@@ -292,7 +292,8 @@ impl Threading {
             SpindleKnowledge::Tracked | SpindleKnowledge::Imagined => {
                 let way = self.turns_per_s.signum();
                 let (mut angle, mut third) = (spindle.mean, 0.0);
-                for ((order, ripple), share) in spindle.ripple.iter().enumerate().zip(self.heeded) {
+                for ((order, ripple), share) in spindle.ripple.iter().enumerate().zip(self.followed_fractions)
+                {
                     let rate = std::f64::consts::TAU * (order + 1) as f64 * spindle.mean[1];
                     for (value, ripple) in angle.iter_mut().zip(ripple) {
                         *value += share * ripple;
@@ -306,9 +307,14 @@ impl Threading {
     }
 
     /// Chooses what of the spindle's ripple the axes can follow.
-    fn heed(&mut self, spindle: &SpindleInput) {
+    fn choose_ripple(&mut self, spindle: &SpindleInput) {
         let steepest = self.cam.steepest();
-        for ((order, ripple), share) in spindle.ripple.iter().enumerate().zip(&mut self.heeded) {
+        for ((order, ripple), share) in spindle
+            .ripple
+            .iter()
+            .enumerate()
+            .zip(&mut self.followed_fractions)
+        {
             let rate = std::f64::consts::TAU * (order + 1) as f64 * spindle.mean[1].abs();
             let amplitude = steepest * libm::hypot(ripple[0], ripple[1] / rate);
             *share = 1.0;
@@ -317,8 +323,8 @@ impl Threading {
                     let jerk = amplitude * rate * rate * rate;
                     let acceleration = amplitude * rate * rate;
                     *share = share
-                        .min(RIPPLE_SHARE * self.limits.jerk[axis] / jerk)
-                        .min(RIPPLE_SHARE * self.limits.acceleration[axis] / acceleration);
+                        .min(RIPPLE_FRACTION * self.limits.jerk[axis] / jerk)
+                        .min(RIPPLE_FRACTION * self.limits.acceleration[axis] / acceleration);
                 }
             }
             // A ripple of nothing divides by nothing.
@@ -356,7 +362,7 @@ impl Threading {
             self.phase = Phase::Over(ThreadVerdict::Refused(objection));
             return;
         }
-        self.heed(spindle);
+        self.choose_ripple(spindle);
         self.begun_at = angle[1];
         // The next turn whose run-in lies ahead.
         let head_start = HEAD_START_TURNS + 2.0 * angle[1] * period_s;
@@ -460,7 +466,7 @@ impl Threading {
     /// One period of the follower: a jerk for each axis.
     fn drive(&mut self, want: &Jet, period_s: f64) {
         let t = period_s;
-        let rate = FOLLOW_RATE.min(FOLLOW_SHARE / t);
+        let rate = FOLLOW_RATE.min(FOLLOW_FRACTION / t);
         let before = self.now;
         for axis in 0..AXES {
             // Where it should have been one period ago, by the same course.

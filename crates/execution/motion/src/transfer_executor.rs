@@ -47,7 +47,7 @@ impl TransferExecutor {
         self.stopping = true;
     }
 
-    /// Whether a stop has been asked for. Real-time safe.
+    /// Whether a stop has been requested. Real-time safe.
     #[must_use]
     pub fn is_stopping(&self) -> bool {
         self.stopping

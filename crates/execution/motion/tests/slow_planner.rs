@@ -15,8 +15,8 @@ use crate::common::{Random, Scenario, WAVE_FEED_MM_S, check, forward_to_sink, wa
 
 /// The cycle at which the override begins to change.
 const BEGINS: u64 = 500;
-/// Least share of the feed: the plan itself has less than 0.9 of it at one place, also with a planner that is never late.
-const LEAST: f64 = 0.88;
+/// Minimum fraction of the feed: the plan itself has less than 0.9 of it at one place, also with a planner that is never late.
+const MIN_FRACTION: f64 = 0.88;
 /// Cycles for a window on a busy host at most: too late for every request, and so late that the cycle drives tails.
 const LATE: usize = 50;
 const STARVING: usize = 1000;
@@ -263,7 +263,7 @@ fn a_falling_override_is_followed_however_late_the_planner_is() {
             for (cycle, one) in recorded.iter().enumerate().take(ends).skip(BEGINS as usize) {
                 let least = WAVE_FEED_MM_S * one.inputs.feed_override;
                 assert!(
-                    one.setpoint.feed_mm_s > LEAST * least && one.setpoint.flags & flags::STARVED == 0,
+                    one.setpoint.feed_mm_s > MIN_FRACTION * least && one.setpoint.flags & flags::STARVED == 0,
                     "override {number}, seed {seed}: {} of {least} mm/s at {cycle}",
                     one.setpoint.feed_mm_s
                 );

@@ -2,17 +2,17 @@
 
 /// Bits below the number of the command.
 const BITS: u32 = 5;
-/// Numbers of commands above this one cannot be told in a double beside the bits.
-const MOST_COMMANDS: u64 = (1 << (f64::MANTISSA_DIGITS - BITS)) - 1;
+/// The highest command number that fits into a double beside the bits.
+const MAX_COMMAND: u64 = (1 << (f64::MANTISSA_DIGITS - BITS)) - 1;
 
 /// A spindle with respect to what it was commanded last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SpindleState {
     /// The command that it was given last: the number that the program's thread has given to it. Numbers grow.
     pub command: u64,
-    /// It obeys that command and has reached its speed.
+    /// It executes that command and has reached its speed.
     pub at_speed: bool,
-    /// It obeys that command and stands at its angle.
+    /// It executes that command and is stopped at its angle.
     pub oriented: bool,
     /// Its drive is in fault.
     pub fault: bool,
@@ -25,7 +25,7 @@ pub struct SpindleState {
 impl SpindleState {
     /// Follows its command at once: a spindle where time is not real.
     pub const OBEDIENT: Self = Self {
-        command: MOST_COMMANDS,
+        command: MAX_COMMAND,
         at_speed: true,
         oriented: true,
         fault: false,
@@ -47,14 +47,14 @@ impl SpindleState {
             .iter()
             .rev()
             .fold(0, |number, bit| number << 1 | u64::from(*bit));
-        (self.command.min(MOST_COMMANDS) << BITS | low) as f64
+        (self.command.min(MAX_COMMAND) << BITS | low) as f64
     }
 
-    /// Of that number; none of one that is no state.
+    /// The state of a number; `None` if no state has that number.
     #[must_use]
     pub fn from_number(number: f64) -> Option<Self> {
         let whole = number as u64;
-        if whole as f64 != number || whole >> BITS > MOST_COMMANDS {
+        if whole as f64 != number || whole >> BITS > MAX_COMMAND {
             return None;
         }
         let bit = |at: u32| whole >> at & 1 == 1;
@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn every_state_comes_back_from_its_number() {
-        for command in [0, 1, 77, u64::from(u32::MAX), MOST_COMMANDS] {
+        for command in [0, 1, 77, u64::from(u32::MAX), MAX_COMMAND] {
             for bits in 0..32_u64 {
                 let number = (command << BITS | bits) as f64;
                 let state = SpindleState::from_number(number).unwrap();

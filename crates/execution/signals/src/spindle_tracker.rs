@@ -23,8 +23,8 @@ const ACCELERATION_DRIFT: f64 = 5.0;
 /// Errors of the prediction, as multiples of what is to be expected squared and smoothed, above which the spindle does something
 /// else than before: it is braked, reversed or loaded.
 const SURPRISE: f64 = 4.0;
-/// Share of the newest error in the smoothed one.
-const SURPRISE_SHARE: f64 = 0.25;
+/// Fraction of the newest error in the smoothed one.
+const SURPRISE_FRACTION: f64 = 0.25;
 /// How wrong the acceleration may be then, turns/s^2.
 const SURPRISE_ACCELERATION: f64 = 6.0;
 /// How fast harmonics drift, turns^2/s: they are learned over some seconds.
@@ -33,11 +33,11 @@ const HARMONIC_DRIFT: f64 = 2.5e-12;
 const START: [f64; 3] = [100.0, 50.0, 3e-3];
 /// A sample that comes later than this after the one before begins again, s.
 const GAP_S: f64 = 0.2;
-/// What has to be seen before a prediction counts: so many samples.
+/// Minimum number of samples before a prediction counts.
 const SETTLING_SAMPLES: u32 = 24;
-/// So much of a turn, so that every harmonic was seen.
+/// Minimum angle before a prediction counts, turns, so that every harmonic was seen.
 const SETTLING_TURNS: f64 = 1.25;
-/// And so long, s.
+/// Minimum time before a prediction counts, s.
 const SETTLING_S: f64 = 0.06;
 
 /// The angle of a spindle at one instant.
@@ -257,7 +257,7 @@ impl SpindleTracker {
                 self.covariance[column][row] = value;
             }
         }
-        self.surprise += SURPRISE_SHARE * (innovation * innovation / variance - self.surprise);
+        self.surprise += SURPRISE_FRACTION * (innovation * innovation / variance - self.surprise);
         if self.surprise > SURPRISE {
             self.surprise = 1.0;
             self.covariance[2][2] += SURPRISE_ACCELERATION * SURPRISE_ACCELERATION;

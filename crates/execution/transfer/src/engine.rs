@@ -15,14 +15,14 @@ use crate::landing::Steps;
 use crate::recover::{Recorded, recover};
 use crate::state::{AxisState, AxisTask};
 
-/// Units in which ruckig is asked: one of time, one of length for each axis.
+/// Units of the problem that ruckig receives: one of time, one of length for each axis.
 #[derive(Clone, Debug)]
 pub(crate) struct Units {
     pub second: f64,
     pub length: Vec<f64>,
 }
 
-/// The fastest synchronised move, as steps in s and the tasks' own units; none where ruckig has no answer.
+/// The fastest synchronised move, as steps in s and the tasks' own units; none where ruckig has no solution.
 pub(crate) fn fastest(tasks: &[AxisTask], units: &Units, limit_share: f64) -> Option<Vec<Steps>> {
     let count = tasks.len();
     if count == 0 || units.length.len() != count {

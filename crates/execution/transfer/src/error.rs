@@ -128,10 +128,10 @@ pub enum TransferError {
         /// Highest position of the travel.
         max: f64,
     },
-    /// A straight line was asked for, but the axes do not move along it at the start or at the target.
+    /// A straight line was requested, but the axes do not move along it at the start or at the target.
     #[error(
         "axis {} does not move along the straight line at the {place}: its {quantity} is off by {off}; \
-         come to rest first, or do without the straight line", .axis.letter()
+         stop first, or do without the straight line", .axis.letter()
     )]
     NotStraight {
         /// The axis.
@@ -159,7 +159,7 @@ pub enum TransferError {
     /// Neither ruckig nor the move that takes its place could be verified.
     #[error(
         "no move within the limits was found: that of axis {} reaches a {quantity} of {value} (limit {limit}); \
-         please report these states and limits, and come to rest first", .axis.letter()
+         please report these states and limits, and stop first", .axis.letter()
     )]
     Unsolved {
         /// The axis that failed.

@@ -12,7 +12,7 @@
 //! The solver is ruckig (Berscheid and Kroeger, "Jerk-limited Real-time Trajectory Generation with Arbitrary Target
 //! States", RSS 2021). It is a C++ library that allocates, may fail on valid input, and would hand waypoints to a
 //! server on the internet. So it is locked into one private module which knows no waypoints, and nothing that it says
-//! is believed: its answer is read back as pieces of constant jerk, the pieces are corrected to end at the target to
+//! is believed: its result is read back as pieces of constant jerk, the pieces are corrected to end at the target to
 //! the last digits, and every limit and the travel are verified on the extremes of those pieces, by formulas of this
 //! crate. Where ruckig fails, a slower move of our own takes its place: each axis stops, all move in a
 //! straight line, each speeds up to its target ([`Method::StopAndGo`]).

@@ -19,7 +19,7 @@ const ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// Where accelerations are compared within an interval.
 const PROBES: [f64; 4] = [0.19, 0.382, 0.618, 0.83];
 
-/// Samples of all axes, each instant asked for once.
+/// Samples of all axes, each instant computed once.
 pub(crate) struct Recorded<F> {
     source: F,
     known: BTreeMap<u64, Vec<AxisState>>,

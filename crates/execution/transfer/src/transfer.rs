@@ -163,7 +163,7 @@ struct StraightLine {
 }
 
 impl Job<'_> {
-    /// Asks ruckig for each group in several ways, and takes the first answer that can be verified; else stop and go.
+    /// Calls ruckig for each group in several ways, and takes the first result that can be verified; otherwise stops first.
     fn solve(
         &self,
         groups: &[&[AxisTask]],
@@ -381,7 +381,7 @@ fn lasting(steps: &[(f64, f64)]) -> f64 {
     steps.iter().map(|step| step.0).sum()
 }
 
-/// One way to ask ruckig a question.
+/// One formulation of a problem for ruckig.
 #[derive(Clone, Copy)]
 struct Attempt {
     /// In units of the move itself, so that its numbers are about 1; otherwise in seconds and the way that an axis
@@ -391,7 +391,7 @@ struct Attempt {
     share: f64,
 }
 
-/// So many attempts use the limits in full.
+/// Number of attempts that use the limits in full.
 const FULL: usize = 2;
 /// Nearly all is solved by the first.
 const ATTEMPTS: [Attempt; 4] = [

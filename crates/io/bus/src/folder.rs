@@ -244,7 +244,7 @@ pub fn bus_folders(prefix: Option<&str>) -> Result<Vec<(PathBuf, String)>, BusEr
 /// first is made where it is missing. What iceoryx2 reads elsewhere, its configuration, is read now.
 ///
 /// # Errors
-/// A folder that another user has taken, or a prefix that is none.
+/// The folder belongs to another user, or the prefix is invalid.
 pub fn writable_folders(prefix: Option<&str>) -> Result<Vec<PathBuf>, BusError> {
     let first = BusFolder::of_core(prefix)?;
     crate::domain::configuration(&first)?;

@@ -3,7 +3,7 @@
 use evolvent_wire::{SPINDLES, SpindleFeedback};
 
 /// A speed above the spindle's maximum by more than this factor is implausible.
-const MOST_OVERSPEED: f64 = 2.0;
+const MAX_OVERSPEED: f64 = 2.0;
 
 /// Why a message was not used. The spindle keeps its state, and becomes unknown if no valid message arrives
 /// in time.
@@ -124,7 +124,7 @@ impl SpindleEntry {
         }
         let spindle = message.spindle;
         let max_rpm = self.max_rpm[spindle as usize].ok_or(SpindleFault::NoSpindle(spindle))?;
-        if message.speed_rpm.abs() > MOST_OVERSPEED * max_rpm {
+        if message.speed_rpm.abs() > MAX_OVERSPEED * max_rpm {
             let speed_rpm = message.speed_rpm;
             return Err(SpindleFault::Overspeed { spindle, speed_rpm });
         }

@@ -14,7 +14,7 @@ const GAIN: f64 = 0.25;
 /// Maximum velocity of the correction, as a fraction of the maximum velocity.
 const CORRECTION: f64 = 0.2;
 /// Maximum velocity command, as a fraction of the maximum velocity.
-const HIGHEST: f64 = 1.2;
+const MAX_RATIO: f64 = 1.2;
 /// Maximum contribution of the integral, as a fraction of the maximum velocity.
 const INTEGRAL: f64 = 0.2;
 
@@ -29,7 +29,7 @@ pub(crate) fn longest_gap_s(axis: &BoardAxis, max_velocity: f64) -> f64 {
         Actuator::Steps { .. } => MAX_STEPS,
         Actuator::Servo { .. } => MAX_COUNTS,
     };
-    most / (HIGHEST * max_velocity * axis.per_unit)
+    most / (MAX_RATIO * max_velocity * axis.per_unit)
 }
 
 /// Object 603Fh: external error, by the drive's fault output.
@@ -373,7 +373,7 @@ impl MesaAxis {
                 velocity + gains.p * error + self.integral + gains.d * rate
             }
         };
-        let highest = (HIGHEST * most).min(possible);
+        let highest = (MAX_RATIO * most).min(possible);
         wanted.clamp(-highest, highest)
     }
 }

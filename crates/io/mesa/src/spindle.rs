@@ -192,7 +192,7 @@ impl Spindle {
     fn tell(&mut self, news: Option<SpindleNotice>) {
         let is_same = match (&self.told, &news) {
             (Some(SpindleNotice::Encoder(_)), Some(SpindleNotice::Encoder(_))) => true,
-            // That of M19 is forgotten with its command.
+            // The angle of M19 is dropped with its command.
             (Some(SpindleNotice::NotOriented(_)), None) => true,
             (told, news) => told == news,
         };

@@ -195,7 +195,7 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// Drops marks of the next segment if it has so many blocks that the marks of a window might not fit into any queue.
+    /// Drops marks of the next segment if its blocks are so numerous that the marks of a window might not fit into any queue.
     fn limit_marks(&mut self) {
         let first = self
             .path
@@ -413,7 +413,7 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// Waits until the whole solution can be appended at once. True if a request was answered meanwhile, which discards the
+    /// Waits until the whole solution can be appended at once. True if a request received its reply meanwhile, which discards the
     /// solution.
     fn wait_for_capacity(&mut self) -> Result<bool, S::Error> {
         loop {

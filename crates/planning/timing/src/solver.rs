@@ -83,7 +83,7 @@ impl Solver {
         self.x.reset(n);
     }
 
-    /// Shifts the first state slightly, and the following states at the least cost to the barrier.
+    /// Shifts the first state slightly, and the following states at minimum cost to the barrier.
     pub(crate) fn shift_start(&mut self, window: &Window, by: (f64, f64)) {
         self.time_objective(window, MU_FROM_REST);
         assemble(window, &self.objective, &self.x, &mut self.local);

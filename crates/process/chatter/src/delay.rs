@@ -201,7 +201,7 @@ impl MillingDelay {
         Ok(map.map_or(f64::INFINITY, |map| leading(&map).norm()))
     }
 
-    /// Largest multiplier, in magnitude, at a depth in m, by semi-discretisation with so many steps a period (4 to
+    /// Largest multiplier, in magnitude, at a depth in m, by semi-discretisation with `steps` steps per period (4 to
     /// 2000).
     ///
     /// # Errors

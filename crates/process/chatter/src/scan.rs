@@ -19,7 +19,7 @@ const STEPS: f64 = 24.0;
 const FINE_SAMPLES: usize = 512;
 /// No scan needs more steps.
 const MAX_STEPS: usize = 400;
-/// A point that is further from the one before than so many steps is on another part of the branch, or on another branch.
+/// A point farther than this number of steps from the one before is on another part of the branch, or on another branch.
 const LEAP: f64 = 1.5;
 /// Frequency and extra damping that count, along a branch, as much as the whole amplitude or force: part of the
 /// frequency. Tuned: from 0.01 to 0.2 the same cycles are found, with the fewest steps at 0.05.
@@ -131,7 +131,7 @@ impl Prediction {
     }
 }
 
-/// A scan with so many harmonics; keeps its working memory from one model to the next.
+/// A scan with this number of harmonics; keeps its working memory from one model to the next.
 #[derive(Clone, Debug)]
 pub struct Scanner {
     balance: Balance,

@@ -1,4 +1,4 @@
-//! What is asked of a law, and what it answers.
+//! Input and output of a force law.
 
 /// The conditions of a cut.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,8 +4,8 @@ use crate::error::{ForceError, LawError};
 use crate::force::SectionForce;
 use crate::power::number;
 
-/// Most entries along an axis.
-const MOST: usize = 200;
+/// Maximum number of entries along an axis.
+const MAX_ENTRIES: usize = 200;
 
 /// Forces over speed, depth and feed, joined by cubics in the logarithms of all four.
 ///
@@ -165,7 +165,7 @@ impl Axis {
         exponent: Option<f64>,
         open_below: bool,
     ) -> Result<Self, LawError> {
-        if entries.is_empty() || entries.len() > MOST {
+        if entries.is_empty() || entries.len() > MAX_ENTRIES {
             return Err(LawError::Axis {
                 axis: name,
                 entry: entries.len(),

@@ -16,7 +16,7 @@ use crate::watch::{LoadWatch, SensorTrouble};
 const MIN_FACTOR: f64 = 0.02;
 /// Turns without load after which the tool is in air.
 const AIR_TURNS: f64 = 1.1;
-/// Turns after the last good reading after which the feed is told to stand.
+/// Turns after the last good reading after which the feed stops.
 const STAND_TURNS: f64 = 0.9;
 /// Time constants of the sensor for which a growing cut is taken to go on growing.
 const AHEAD_LAGS: f64 = 2.0;
@@ -237,7 +237,7 @@ impl AdaptiveFeed {
             stop: None,
             overload_s: 0.0,
             blind_s: 0.0,
-            // The feed is to stand within a revolution of the last good reading, where that leaves time to notice.
+            // The feed has to stop within a revolution of the last good reading, where that leaves time to notice.
             blind_most_s: (STAND_TURNS * s.turn_s - LoadWatch::notice_s(s.stale_s, s.period_s))
                 .clamp(0.0, 0.5 * s.turn_s),
             air_s: f64::INFINITY,

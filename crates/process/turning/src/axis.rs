@@ -1,4 +1,4 @@
-//! One axis under jerk-limited motion, told where to go and how fast, and told anew at any moment.
+//! One axis in jerk-limited motion to a target that may change at any moment.
 
 use evolvent_timing::{Outcome, Profile, ScalarLimits, ScalarState};
 
@@ -20,7 +20,7 @@ pub struct AxisPoint {
     pub jerk: f64,
 }
 
-/// An axis that goes where it is told, within velocity, acceleration and jerk limits.
+/// An axis that moves to its target within velocity, acceleration and jerk limits.
 ///
 /// A target that lies behind, or that is too near to stop at, is reached by stopping first. Closed form or a bisection
 /// of fixed length at each change, no allocation: real-time safe.
@@ -73,7 +73,7 @@ impl AxisDrive {
         }
     }
 
-    /// Another drive leads it, and says where it is, until it is told to go or to stop. It goes forwards.
+    /// Another drive moves it and reports its position, until it receives a target or a stop. It moves forwards.
     pub(crate) fn lead(&mut self, to: AxisPoint) {
         self.led = Some(to);
         (self.sign, self.target, self.speed) = (1.0, to.position, f64::NAN);
@@ -193,7 +193,7 @@ impl AxisDrive {
         }
     }
 
-    /// Where it is told to go.
+    /// The target.
     #[must_use]
     pub fn target(&self) -> f64 {
         self.target

@@ -7,7 +7,7 @@ use crate::tip_contact::Front;
 
 /// Share of the deepest cut at which it is backed off from: the load is noisy.
 const DEEP: f64 = 0.98;
-/// Way of a cut after which it is told whether it is level, mm.
+/// Distance of a cut after which it is decided whether it is level, mm.
 const LEVEL_MM: f64 = 6.0;
 /// Least part of a depth that is worth backing off by.
 const MIN_PART: f64 = 0.25;

@@ -17,7 +17,7 @@ pub(crate) struct ChipTrail {
 }
 
 impl ChipTrail {
-    /// Standing still, for chips that form over so many cycles, 1 at least.
+    /// At rest, for chips that form over this number of cycles, at least 1.
     pub(crate) fn new(forming_cycles: f64) -> Self {
         let forming_cycles = forming_cycles.max(1.0);
         Self {

@@ -4,8 +4,8 @@ use crate::tool::Tool;
 
 /// What a cone must be flatter than the edge, degrees.
 const CLEARANCE_DEG: f64 = 1.0;
-/// Flattest cone, degrees.
-const LEAST_DEG: f64 = 0.1;
+/// Minimum angle of a cone, degrees.
+const MIN_DEG: f64 = 0.1;
 
 /// A cone that rises from the final size at the end of a cylinder up to the end of the cut.
 ///
@@ -29,7 +29,7 @@ pub struct Cone {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
     "the cone rises by {angle_deg:.2} degrees, and an edge with a lead angle of {lead_deg} degrees cuts cones from \
-     {LEAST_DEG} to {most_deg} degrees: take a tool with another lead angle"
+     {MIN_DEG} to {most_deg} degrees: take a tool with another lead angle"
 )]
 pub struct ConeError {
     /// Of the cone.
@@ -72,7 +72,7 @@ impl Cone {
     pub fn check(&self, tool: &Tool) -> Result<(), ConeError> {
         let angle_deg = self.angle_deg();
         let most_deg = tool.lead_deg() - CLEARANCE_DEG;
-        if (LEAST_DEG..=most_deg).contains(&angle_deg) {
+        if (MIN_DEG..=most_deg).contains(&angle_deg) {
             Ok(())
         } else {
             Err(ConeError {

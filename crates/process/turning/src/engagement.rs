@@ -43,7 +43,7 @@ impl Engagement {
         (self.top_mm - self.out_mm).max(0.0)
     }
 
-    /// The least depth that a tip must still cut so many mm farther on, mm.
+    /// The minimum depth that a tip must still cut at a distance ahead, mm.
     pub(crate) fn depth_after_mm(&self, way_mm: f64) -> f64 {
         (self.top_at(self.place_mm + way_mm) - self.out_mm).max(0.0)
     }

@@ -6,8 +6,8 @@ use crate::cone::Cone;
 const CELLS: usize = 4096;
 /// Of the highest place, what counts as level with it.
 const ABOUT: f64 = 0.75;
-/// Share of the places that must be, for stock to be level.
-const MOST: f64 = 0.8;
+/// Minimum fraction of the positions that are level, for stock to be level.
+const LEVEL_FRACTION: f64 = 0.8;
 /// Narrowest cell, mm.
 const CELL_MM: f64 = 0.1;
 
@@ -338,7 +338,7 @@ impl SizeRecord {
         let (all, high) = above().fold((0_usize, 0_usize), |(all, high), above| {
             (all + 1, high + usize::from(above >= ABOUT * highest))
         });
-        high as f64 >= MOST * all as f64
+        high as f64 >= LEVEL_FRACTION * all as f64
     }
 
     /// The last place at which a tip at a height can stand before the stock that starts at `from_mm`, so that the whole

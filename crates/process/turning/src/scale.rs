@@ -26,7 +26,7 @@ pub struct LoadScale {
 pub enum Lever {
     /// None: a sensor at the tool shows the force at any diameter.
     None,
-    /// That of the tip and beyond.
+    /// The diameter at the tip or farther out.
     Longitudinal {
         /// Diameter of the final size, mm.
         diameter_mm: f64,

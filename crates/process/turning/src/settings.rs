@@ -34,7 +34,7 @@ pub struct Strategy {
 pub enum OnThin {
     /// End the pass; the next one starts at the first place that is not at size.
     Return,
-    /// The same, so many times in a job; then as [`OnThin::Continue`]. A pass that was ended can cost one more where the
+    /// The same, this number of times in a job; then as [`OnThin::Continue`]. A pass that was ended can cost one more where the
     /// stock behind rises again, one that goes on costs none.
     ReturnUpTo(u32),
     /// The same, where what is left there costs no further pass.
@@ -50,7 +50,7 @@ pub enum PassDepth {
     Final,
     /// The same, but what is known to be too deep is not tried.
     KnownFinal,
-    /// In equal parts that take the least time, in so many passes beyond equation (5) at most.
+    /// In equal parts that take the least time, in at most `extra` passes beyond equation (5).
     Bounded {
         /// Passes beyond equation (5), with those that were ended on thin places.
         extra: u32,

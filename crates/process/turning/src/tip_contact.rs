@@ -198,7 +198,7 @@ mod tests {
         stock.iter().map(under).sum()
     }
 
-    /// Places at which stock is sure to stand, in steps of 0.1 mm.
+    /// Positions at which stock certainly remains, in steps of 0.1 mm.
     fn sure(stock: &[(f64, f64, f64)], front: Front) -> Vec<f64> {
         let mut tip = TipContact::NONE;
         tip.set_front(front);

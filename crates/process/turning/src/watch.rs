@@ -4,7 +4,7 @@ use evolvent_machine::LoadSample;
 
 use crate::law::CutLaw;
 
-/// Parts of a revolution that are told apart.
+/// Number of parts into which a revolution is divided.
 const BINS: usize = 32;
 /// Time constant over which readings are smoothed, s.
 pub(crate) const SMOOTHING_S: f64 = 0.004;
@@ -18,7 +18,7 @@ const LATEST: f64 = 0.97;
 const MIN_STALE_S: f64 = 0.002;
 /// Readings below this share of the set load are as good as zero.
 const QUIET: f64 = 1e-6;
-/// The same reading so many times in a row is no reading.
+/// Number of equal readings in a row after which they count as no reading.
 const READINGS_FROZEN: u32 = 25;
 
 /// Why the load is not known.

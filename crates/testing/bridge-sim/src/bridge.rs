@@ -32,7 +32,7 @@ pub struct SimBridge {
     absolute: bool,
     /// When the drives came into operation first: the faults' time zero.
     operating_since_ns: Option<u64>,
-    /// One drive has left operation: the others are stopped until power is requested anew.
+    /// One drive has left operation: the others are stopped until power is requested again.
     group_stop: bool,
     last_target: Option<Target>,
     frozen: Option<Feedback>,
@@ -48,7 +48,7 @@ impl SimBridge {
     /// Drives that were just supplied; the axes stand.
     ///
     /// # Errors
-    /// A limit that is none.
+    /// A limit that is not a positive number.
     pub fn new(settings: &SimSettings) -> Result<Self, SettingsError> {
         Ok(Self {
             follower: Follower::new(settings.follower())?,

@@ -121,7 +121,7 @@ impl SimDrive {
         self.index
     }
 
-    /// Names every position anew by adding `shift`.
+    /// Shifts the datum: adds `shift` to every position.
     pub fn rename(&mut self, shift: f64) {
         self.offset += shift;
     }
@@ -224,7 +224,7 @@ impl SimDrive {
         self.target + self.offset
     }
 
-    /// How the axis comes to rest without setpoints: by the limits under torque, by friction without.
+    /// How the axis stops without setpoints: by the limits under torque, by friction without.
     fn own_ramp(&self, state: DriveState) -> Brake {
         let torque = matches!(
             state,

@@ -39,7 +39,7 @@ pub enum FaultKind {
     LoadLost,
     /// The load sensor sends the same reading again and again.
     LoadFrozen,
-    /// The load sensor sends what is no number.
+    /// The load sensor sends NaN.
     LoadNan,
     /// The load sensor reads the end of its range.
     LoadSaturated,

@@ -11,10 +11,10 @@
 //! inputs give the same feedback. [`run`] puts it on the bus, in real time, by a clock of the drives that may drift.
 //!
 //! A drive is a position loop of second order ([`Servo`]) behind the standard's state machine. It stops by its own ramp
-//! when it is told to stop quickly, or faults; without torque it is braked by friction. When one drive leaves operation
-//! the bridge stops the others quickly: axes that cannot follow together shall not follow at all.
+//! at a quick stop or a fault; without torque it is braked by friction. When one drive leaves operation
+//! the bridge stops the others quickly, so that axes follow together or not at all.
 //!
-//! Of the core it knows nothing but the bus. Foreign bridges may take it as a pattern.
+//! It knows only the bus, nothing else of the core, and may serve as a model for other bridges.
 
 mod bridge;
 mod clock;

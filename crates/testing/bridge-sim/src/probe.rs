@@ -80,7 +80,7 @@ pub struct ProbeSettings {
     pub unknown_delay_ns: u64,
     /// The drives latch their positions.
     pub latches: bool,
-    /// It opens and closes so many times when it trips, one period each.
+    /// Number of times that it opens and closes when it trips, one period each.
     pub bounces: u32,
     /// It says nothing any more so long after its first contact, or after the start where that is none, ns.
     pub lost_after_ns: Option<u64>,

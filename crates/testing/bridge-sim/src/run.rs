@@ -18,7 +18,7 @@ use crate::probe::{ProbeSettings, SimProbe};
 use crate::settings::SimSettings;
 use crate::spindle::{SimSpindle, SpindleSimulation};
 
-/// Without a setpoint for so long the connection is made anew: the core may be another one.
+/// Time without a setpoint after which the connection is made again: the core may be another one.
 const RECONNECT_NS: u64 = 1_000_000_000;
 /// How long one attempt to find the core may take.
 const ATTEMPT: Duration = Duration::from_millis(5);

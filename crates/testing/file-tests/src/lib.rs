@@ -30,7 +30,7 @@ pub fn shipped(name: &str) -> String {
     std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// The schema that ships as `config/NAME` is this one; with `EVOLVENT_WRITE_SCHEMA` set it is written anew.
+/// The schema that ships as `config/NAME` is this one; with `EVOLVENT_WRITE_SCHEMA` set it is written again.
 ///
 /// # Panics
 /// Where it is not. `package` tells whose tests write it.

@@ -20,7 +20,7 @@ pub struct Block {
     pub path_length: f64,
     /// The axes that the feed refers to.
     pub(crate) metric: FeedMetric,
-    /// Whether the machine has to come to rest at its end, exactly there.
+    /// Whether the machine has to stop exactly at its end.
     pub(crate) rest: bool,
     /// Whether its end is a joint of exact-path mode where direction holds and curvature steps.
     pub(crate) joint: bool,

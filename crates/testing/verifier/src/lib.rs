@@ -1,4 +1,4 @@
-//! The independent judge: was the motion that came out what program, machine and tolerance ask for?
+//! An independent check that a motion is what program, machine and tolerance require.
 //!
 //! ```text
 //!   program text ─► Route (lines, arcs, involutes with feed and tolerance)

@@ -20,7 +20,7 @@ const GAP: f64 = 1e-9;
 #[derive(Debug, Error)]
 pub enum RouteError {
     /// The program is wrong.
-    #[error("line {}: {}; mend the program before it is judged", .diagnostic.line, .diagnostic.message)]
+    #[error("line {}: {}; correct the program first", .diagnostic.line, .diagnostic.message)]
     Program {
         /// What and where.
         diagnostic: Box<Diagnostic>,
@@ -134,7 +134,7 @@ impl Route {
         self.start
     }
 
-    /// Where the machine has to stand at the end.
+    /// Where the machine has to be at the end.
     #[must_use]
     pub fn end(&self) -> Axes {
         self.blocks.last().map_or(self.start, |block| block.end)

@@ -72,7 +72,7 @@ pub fn suite() -> Vec<Program> {
     programs
 }
 
-/// The butterfly in so many chords, for tables of how cost grows.
+/// The butterfly in a number of chords, for tables of how cost grows.
 #[must_use]
 pub fn butterfly_program(chords: usize) -> Program {
     Program {

@@ -13,7 +13,7 @@ use crate::limiting::{Limiting, Order};
 use crate::unobserved::Unobserved;
 
 /// Maximum number of changes that are planned.
-const MOST: usize = 3;
+const MAX_CHANGES: usize = 3;
 /// Causes below this share of the line's duration are not planned.
 const WORTH: f64 = 0.05;
 
@@ -55,7 +55,7 @@ pub(crate) fn remedies(job: &Job, line: u32, program: &Surroundings, seen: &Seen
 fn candidates(job: &Job, program: &Surroundings, seen: &Seen) -> Vec<Change> {
     let mut changes = Vec::new();
     let mut add = |change: Change| {
-        if !changes.contains(&change) && changes.len() < MOST {
+        if !changes.contains(&change) && changes.len() < MAX_CHANGES {
             changes.push(change);
         }
     };
@@ -73,7 +73,7 @@ fn candidates(job: &Job, program: &Surroundings, seen: &Seen) -> Vec<Change> {
         .corners()
         .any(|corner| matches!(corner, Corner::WithinDefault(_)));
     if blended && !seen.places.is_empty() {
-        changes.truncate(MOST - 1);
+        changes.truncate(MAX_CHANGES - 1);
         changes.push(Change::Tolerance);
     }
     changes

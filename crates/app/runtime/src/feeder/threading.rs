@@ -135,7 +135,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             Some((threadings.result(), threadings.is_abandoned()))
         })?;
         let text = format!(
-            "{what}: done, {:.4} mm at the most beside the spindle's angle",
+            "{what}: done, at most {:.4} mm beside the spindle's angle",
             result.worst_mm
         );
         if complaint(&result, 0.0).is_none() {

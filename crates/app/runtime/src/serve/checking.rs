@@ -85,7 +85,7 @@ impl Checking {
         *look == self.look && self.memory == setup.memory && self.unhomed == setup.unhomed
     }
 
-    /// What is wrong with the program, or what of it could not be checked; once, whoever has asked for the verdict before.
+    /// What is wrong with the program, or which part could not be checked. Returned once, independent of the verdict.
     pub(super) fn finding(&mut self) -> Option<Finding> {
         if self.is_told {
             return None;

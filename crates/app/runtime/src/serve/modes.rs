@@ -71,7 +71,7 @@ impl Modes {
                 mode.unwrap_or(&940) / 10
             ));
         }
-        // The first word is the motion; from S on the periphery is told of.
+        // The first word is the motion; from S on come the words of the periphery.
         let mut words = self.text.split(' ');
         let motion = words.next().filter(|word| ["G0", "G1"].contains(word));
         let words: Vec<&str> = words

@@ -234,7 +234,7 @@ impl OrderBook {
     }
 }
 
-/// What of it cannot wait.
+/// The part of a command that cannot wait in a queue.
 const fn urgent_of(what: &CycleCommand) -> Option<Urgent> {
     match what {
         CycleCommand::Emergency => Some(Urgent::Emergency),

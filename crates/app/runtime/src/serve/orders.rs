@@ -73,7 +73,7 @@ pub(crate) enum CycleCommand {
         back: u32,
     },
     Hold,
-    /// Ends a hold, and lets the machine go on at the program stop with so many actions before it, if it stands there.
+    /// Ends a hold, and continues after the program stop that is preceded by this number of actions, if the machine is stopped there.
     Resume(Option<u32>),
     /// The same without ending a hold.
     GoOn(u32),

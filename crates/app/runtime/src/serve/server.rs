@@ -227,7 +227,7 @@ impl Service {
         drop(operator);
         drop(status);
         if !self.cycle.is_finished() {
-            let text = "the cycle did not come to rest in time";
+            let text = "the cycle did not stop in time";
             summary.notes.push(text.to_owned());
             return summary;
         }

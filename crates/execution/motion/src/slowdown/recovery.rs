@@ -4,7 +4,7 @@ use evolvent_machine::Limits;
 use evolvent_path::AXES;
 
 use super::{
-    ALLOWED, AT_TARGET, EARLY_ALLOWED, EARLY_SHARE, LONGEST_RECOVERY, Lookahead, MAX_SECOND, NO_TIME_S,
+    ALLOWED, AT_TARGET, EARLY_ALLOWED, EARLY_FRACTION, LONGEST_RECOVERY, Lookahead, MAX_SECOND, NO_TIME_S,
     ROUNDING, RateState, STEP_S, STILL, between,
 };
 use crate::plan_preview::Sample;
@@ -222,7 +222,7 @@ impl<'a> Gathered<'a> {
             // `s''` changes `s` and `s'` within the step as well.
             let slope = v + 3.0 * seconds * (s * a + 0.5 * seconds * (s * s * j + r * a));
             self.bound(base, slope, most_j, (ROUNDING.1 - ALLOWED.1) * most_j);
-            let early = seconds < EARLY_SHARE * self.span;
+            let early = seconds < EARLY_FRACTION * self.span;
             let allowed = if early { EARLY_ALLOWED } else { ALLOWED.0 };
             let most_a = (limits.acceleration[i] * allowed).max(a.abs());
             let slope = seconds * (v + s * seconds * a);

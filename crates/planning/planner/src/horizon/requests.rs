@@ -7,7 +7,7 @@ use crate::step::{PlanSink, Reply, Request};
 
 impl<S: PlanSink> Horizon<S> {
     /// Answers the open request as soon as enough path is known. That amount must not depend on how the program text arrives.
-    /// True if it was answered, which discards an earlier solution.
+    /// True if it received its reply, which discards an earlier solution.
     pub(super) fn serve(&mut self) -> Result<bool, S::Error> {
         let mut gone = false;
         if let Some(request) = self.sink.request() {

@@ -6,7 +6,7 @@ use evolvent_random::Random;
 
 use super::pen::Pen;
 
-/// A circle of 25 mm radius in so many chords.
+/// A circle of 25 mm radius in a number of chords.
 pub(crate) fn circle(pen: &mut Pen, chords: usize) {
     pen.rapid([25.0, 0.0, 0.0]);
     pen.feed(12_000.0);
