@@ -198,70 +198,103 @@ fn siemens(upper: &str, fault: &Fault) -> Option<Fault> {
     }
 }
 
-/// Lines that are recognized by their codes.
-fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+/// G codes of other dialects.
+fn unknown_g(block: &Block, fault: &Fault) -> Option<Fault> {
+    if fault.code != Code::UnknownG {
+        return None;
+    }
     let g = |number: f64| span_of(block, b'G', number);
     let at =
         |span: Span, message: String, help: String| Some(Fault::new(fault.code, span, message).help(help));
-    if fault.code == Code::UnknownG {
-        for (number, what) in [(50.0, "scaling"), (15.0, "polar coordinates")] {
-            let alone = !block.words.iter().any(|word| b"XYZIJKPRS".contains(&word.letter));
-            if let Some(span) = g(number).filter(|span| alone && *span == fault.span) {
-                let message = format!("G{number} ends {what} in other dialects; here is none to end");
-                return at(span, message, format!("delete G{number}"));
-            }
+    for (number, what) in [(50.0, "scaling"), (15.0, "polar coordinates")] {
+        let alone = !block.words.iter().any(|word| b"XYZIJKPRS".contains(&word.letter));
+        if let Some(span) = g(number).filter(|span| alone && *span == fault.span) {
+            let message = format!("G{number} ends {what} in other dialects; here is none to end");
+            return at(span, message, format!("delete G{number}"));
         }
-        for (number, message, help) in [
-            (
-                12.0,
-                "G12, a circular pocket, is not a code of this dialect",
-                "write the circles: G3 I.. with the radius, or G13.2, which mills a hole",
-            ),
-            (
-                13.0,
-                "G13, a circular pocket, is not a code of this dialect",
-                "write the circles: G3 I.. with the radius, or G13.2, which mills a hole",
-            ),
-            (
-                9.0,
-                "G9, an exact stop for one line, is not a code of this dialect",
-                "write G61.1 before the line and G64 after it",
-            ),
-            (
-                27.0,
-                "G27, the check of the reference position, is not a code of this dialect",
-                "delete the line; the core knows whether an axis is homed",
-            ),
-            (
-                29.0,
-                "G29, the return from the reference position, is not a code of this dialect",
-                "write the moves back: G0 X.. Y.., then G0 Z..",
-            ),
-            (
-                44.0,
-                "G44, a length that is subtracted, is not a code of this dialect",
-                "write G43, with the length as a negative number in the tool table",
-            ),
-            (
-                154.0,
-                "G154 is not a code of this dialect: there are nine work offsets",
-                "write G54 to G59, G59.1, G59.2 or G59.3",
-            ),
-            (
-                68.2,
-                "tilted planes (G68.2) are not available",
-                "write the program for the axes of the machine",
-            ),
-            (
-                187.0,
-                "G187, the smoothness, is G64 in this dialect",
-                "delete G187; G64 P0.01 sets the tolerance at corners",
-            ),
-        ] {
-            if let Some(span) = g(number) {
-                return at(span, message.to_owned(), help.to_owned());
-            }
+    }
+    for (number, message, help) in [
+        (
+            12.0,
+            "G12, a circular pocket, is not a code of this dialect",
+            "write the circles: G3 I.. with the radius, or G13.2, which mills a hole",
+        ),
+        (
+            13.0,
+            "G13, a circular pocket, is not a code of this dialect",
+            "write the circles: G3 I.. with the radius, or G13.2, which mills a hole",
+        ),
+        (
+            9.0,
+            "G9, an exact stop for one line, is not a code of this dialect",
+            "write G61.1 before the line and G64 after it",
+        ),
+        (
+            27.0,
+            "G27, the check of the reference position, is not a code of this dialect",
+            "delete the line; the core knows whether an axis is homed",
+        ),
+        (
+            29.0,
+            "G29, the return from the reference position, is not a code of this dialect",
+            "write the moves back: G0 X.. Y.., then G0 Z..",
+        ),
+        (
+            44.0,
+            "G44, a length that is subtracted, is not a code of this dialect",
+            "write G43, with the length as a negative number in the tool table",
+        ),
+        (
+            154.0,
+            "G154 is not a code of this dialect: there are nine work offsets",
+            "write G54 to G59, G59.1, G59.2 or G59.3",
+        ),
+        (
+            68.2,
+            "tilted planes (G68.2) are not available",
+            "write the program for the axes of the machine",
+        ),
+        (
+            187.0,
+            "G187, the smoothness, is G64 in this dialect",
+            "delete G187; G64 P0.01 sets the tolerance at corners",
+        ),
+    ] {
+        if let Some(span) = g(number) {
+            return at(span, message.to_owned(), help.to_owned());
         }
+    }
+    None
+}
+
+/// U and W, which are increments of X and Z on other lathes.
+fn increments(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+    let is_increment = |span: Span| {
+        let mut words = block.words.iter();
+        words.any(|word| matches!(word.letter, b'U' | b'W') && word.span == span)
+    };
+    if fault.code == Code::NoSuchAxis && around.is_lathe && is_increment(fault.span) {
+        if let Some(span) = span_of(block, b'G', 28.0) {
+            let message = "U and W with G28 are increments of X and Z on other lathes".to_owned();
+            let help = "write G28 alone to move all axes there; G91 G28 X0, then G90, moves X only";
+            return Some(Fault::new(fault.code, span, message).help(help.to_owned()));
+        }
+        return Some(again(
+            fault,
+            format!(
+                "{}; on other lathes U and W are increments of X and Z",
+                fault.message
+            ),
+            "write G91 with X and Z, and G90 after it",
+        ));
+    }
+    None
+}
+
+/// Lines that are recognized by their codes.
+fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {
+    if let Some(better) = unknown_g(block, fault) {
+        return Some(better);
     }
     if fault.code == Code::UnknownM && span_of(block, b'M', 97.0).is_some() {
         return Some(again(
@@ -312,30 +345,9 @@ fn of_codes(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault>
             format!("write {}", four_digits(number)),
         ));
     }
-    let is_increment = |span: Span| {
-        let mut words = block.words.iter();
-        words.any(|word| matches!(word.letter, b'U' | b'W') && word.span == span)
-    };
-    if fault.code == Code::NoSuchAxis && around.is_lathe && is_increment(fault.span) {
-        if let Some(span) = g(28.0) {
-            let help =
-                "write G28 alone to move all axes there; G91 G28 X0, then G90, moves X only".to_owned();
-            return at(
-                span,
-                "U and W with G28 are increments of X and Z on other lathes".to_owned(),
-                help,
-            );
-        }
-        return Some(again(
-            fault,
-            format!(
-                "{}; on other lathes U and W are increments of X and Z",
-                fault.message
-            ),
-            "write G91 with X and Z, and G90 after it",
-        ));
-    }
-    threads(block, fault, around).or_else(|| grooves_and_holes(block, fault, around))
+    increments(block, fault, around)
+        .or_else(|| threads(block, fault, around))
+        .or_else(|| grooves_and_holes(block, fault, around))
 }
 
 fn threads(block: &Block, fault: &Fault, around: Surroundings) -> Option<Fault> {

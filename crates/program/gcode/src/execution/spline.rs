@@ -29,11 +29,7 @@ impl Executor<'_> {
         if self.state.plane() != Some(Plane::Xy) {
             return Err(self.wrong_plane(name));
         }
-        if self.state.cutter.is_on() {
-            let message = format!("{name} while cutter compensation is on");
-            let fault = Fault::new(Code::CompensationActive, self.line.motion_span(), message);
-            return Err(fault.help("write G40 first"));
-        }
+        self.check_uncompensated(name)?;
         self.no_axes_but(b"XY@^", name)?;
         self.check_feed(name)
     }

@@ -303,6 +303,25 @@ impl Executor<'_> {
         self.state.modes.feed?.per_revolution(rotary)
     }
 
+    /// Checks that cutter compensation is off.
+    pub(crate) fn check_uncompensated(&self, name: &str) -> Result<(), Fault> {
+        if !self.state.cutter.is_on() {
+            return Ok(());
+        }
+        let message = format!("{name} while cutter compensation is on");
+        Err(Fault::new(Code::CompensationActive, self.line.motion_span(), message).help("write G40 first"))
+    }
+
+    /// Checks that the feed mode is one for cycles, which have several moves.
+    pub(crate) fn check_feed_of_cycle(&self, name: &str) -> Result<(), Fault> {
+        if self.state.modes.feed_mode != FeedMode::InverseTime {
+            return Ok(());
+        }
+        let message = format!("{name} in G93");
+        Err(Fault::new(Code::WrongMode, self.line.motion_span(), message)
+            .help("cycles need a feed per minute or per revolution: G94 or G95"))
+    }
+
     /// Checks that a feed move has a feed.
     pub(crate) fn check_feed(&self, name: &str) -> Result<(), Fault> {
         let modes = &self.state.modes;
@@ -494,12 +513,7 @@ impl Executor<'_> {
             let message = "G38 needs an axis word: the maximum travel of the probe";
             return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
         }
-        if self.state.cutter.is_on() {
-            let message = "G38 while cutter compensation is on";
-            return Err(
-                Fault::new(Code::CompensationActive, line.motion_span(), message).help("write G40 first")
-            );
-        }
+        self.check_uncompensated("G38")?;
         if self.pending_cancel().is_some() {
             let message = "G38 right after G40, which the next move in the plane completes";
             return Err(Fault::new(Code::CompensationActive, line.motion_span(), message)

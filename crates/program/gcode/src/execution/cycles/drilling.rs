@@ -4,7 +4,7 @@
 
 use evolvent_path::{Axes, AxisLetter, Plane};
 
-use crate::codes::modal_groups::{Cycle, FeedMode, Motion, PlaneCode};
+use crate::codes::modal_groups::{Cycle, Motion, PlaneCode};
 use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
 use crate::execution::offsets::check_coordinate;
@@ -65,17 +65,8 @@ impl Executor<'_> {
         if line.has_polar() && along != 2 {
             return Err(self.wrong_plane("@ and ^ in a cycle"));
         }
-        if self.state.cutter.is_on() {
-            let message = format!("{name} while cutter compensation is on");
-            return Err(
-                Fault::new(Code::CompensationActive, line.motion_span(), message).help("write G40 first")
-            );
-        }
-        if self.state.modes.feed_mode == FeedMode::InverseTime {
-            let message = format!("{name} in G93");
-            return Err(Fault::new(Code::WrongMode, line.motion_span(), message)
-                .help("cycles need a feed per minute or per revolution: G94 or G95"));
-        }
+        self.check_uncompensated(name)?;
+        self.check_feed_of_cycle(name)?;
         self.check_feed(name)?;
         if !line.has_axes() {
             let message = format!("{name} needs an axis word");
@@ -105,22 +96,7 @@ impl Executor<'_> {
         if cycle.turns_spindle() {
             self.check_spindle(cycle, name)?;
         }
-        let repeats = line.whole(b'L')?.unwrap_or(1);
-        if repeats == 0 || repeats > MAX_REPEATS {
-            let message = format!("L{repeats}: a cycle is repeated 1 to {MAX_REPEATS} times");
-            return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
-        }
-        if matches!(cycle, Cycle::ChipBreak | Cycle::Peck) && line.has(b'Q') {
-            self.warn_of_peck(name, &hole);
-        }
-        let pecks = match cycle {
-            Cycle::ChipBreak | Cycle::Peck => (hole.r - hole.bottom) / hole.q,
-            _ => 1.0,
-        };
-        if f64::from(repeats) * pecks > MAX_PECKS {
-            let message = format!("{name} with more than {MAX_PECKS} pecks, L{repeats} times {pecks:.0}");
-            return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
-        }
+        let repeats = self.repeats_of(cycle, &hole, name)?;
         let old = self.state.sticky.old;
         let mut at = here;
         if old < hole.r - SAME_HEIGHT_MM {
@@ -157,6 +133,28 @@ impl Executor<'_> {
             at = self.state.program_of(self.state.position);
         }
         Ok(())
+    }
+
+    /// The number of holes, with a limit for all pecks of the line.
+    fn repeats_of(&mut self, cycle: Cycle, hole: &Hole, name: &str) -> Result<u32, Fault> {
+        let line = self.line;
+        let repeats = line.whole(b'L')?.unwrap_or(1);
+        if repeats == 0 || repeats > MAX_REPEATS {
+            let message = format!("L{repeats}: a cycle is repeated 1 to {MAX_REPEATS} times");
+            return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
+        }
+        if matches!(cycle, Cycle::ChipBreak | Cycle::Peck) && line.has(b'Q') {
+            self.warn_of_peck(name, hole);
+        }
+        let pecks = match cycle {
+            Cycle::ChipBreak | Cycle::Peck => (hole.r - hole.bottom) / hole.q,
+            _ => 1.0,
+        };
+        if f64::from(repeats) * pecks > MAX_PECKS {
+            let message = format!("{name} with more than {MAX_PECKS} pecks, L{repeats} times {pecks:.0}");
+            return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
+        }
+        Ok(repeats)
     }
 
     /// Warns of a peck that is probably meant in micrometres.

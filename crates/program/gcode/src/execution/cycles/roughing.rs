@@ -108,12 +108,7 @@ impl Executor<'_> {
             return Err(self.wrong_plane(&format!("{name} outside of G18, or in rotated coordinates,")));
         }
         self.no_axes_but(b"XZ", name)?;
-        if self.state.cutter.is_on() {
-            let message = format!("{name} while cutter compensation is on");
-            return Err(
-                Fault::new(Code::CompensationActive, line.motion_span(), message).help("write G40 first")
-            );
-        }
+        self.check_uncompensated(name)?;
         self.check_feed(name)?;
         let Some(number) = line.whole(b'Q')? else {
             return fault(

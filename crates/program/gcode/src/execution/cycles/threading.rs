@@ -54,12 +54,7 @@ impl Executor<'_> {
     fn read_thread_cycle(&self) -> Result<ThreadCycle, Fault> {
         let line = self.line;
         self.no_axes_but(b"Z", "G76")?;
-        if self.state.cutter.is_on() {
-            let message = "G76 while cutter compensation is on";
-            return Err(
-                Fault::new(Code::CompensationActive, line.motion_span(), message).help("write G40 first")
-            );
-        }
+        self.check_uncompensated("G76")?;
         let pitch_mm = self.pitch("G76", b'P')?;
         let (Some(crest), Some(first), Some(full)) = (line.word(b'I'), line.word(b'J'), line.word(b'K'))
         else {

@@ -13,7 +13,7 @@
 
 use evolvent_path::{Axes, AxisLetter};
 
-use crate::codes::modal_groups::{FeedMode, Motion, Turning};
+use crate::codes::modal_groups::{Motion, Turning};
 use crate::diagnostics::diagnostic::Fault;
 use crate::execution::execute::Executor;
 use crate::execution::offsets::check_coordinate;
@@ -102,17 +102,8 @@ impl Executor<'_> {
         let line = self.line;
         let name = Motion::Turning(turning).name();
         self.no_axes_but(b"XZUW", name)?;
-        if self.state.cutter.is_on() {
-            let message = format!("{name} while cutter compensation is on");
-            return Err(
-                Fault::new(Code::CompensationActive, line.motion_span(), message).help("write G40 first")
-            );
-        }
-        if self.state.modes.feed_mode == FeedMode::InverseTime {
-            let message = format!("{name} in G93");
-            return Err(Fault::new(Code::WrongMode, line.motion_span(), message)
-                .help("cycles need a feed per minute or per revolution: G94 or G95"));
-        }
+        self.check_uncompensated(name)?;
+        self.check_feed_of_cycle(name)?;
         if self.state.rotation[0] != 0.0 {
             return Err(self.wrong_plane("a turning cycle in rotated coordinates"));
         }
