@@ -200,6 +200,32 @@ fn values(ini: &mut Ini, sections: &[String], key: &str) -> Result<Vec<f64>, Imp
     Ok(values)
 }
 
+/// An axis that turns without limits has no travel.
+fn drop_travel(ini: &mut Ini, sections: &[String], report: &mut Report) {
+    for section in sections {
+        for key in ["MIN_LIMIT", "MAX_LIMIT"] {
+            let entry = ini.first(section, key);
+            if let Some(entry) =
+                entry.filter(|entry| entry.number().is_ok_and(|limit| limit.abs() < NO_LIMIT))
+            {
+                drop_entry(report, &entry, "an axis with WRAPPED_ROTARY has no travel");
+            }
+        }
+    }
+}
+
+fn choose_jerk(acceleration: f64, name: char, report: &mut Report) -> f64 {
+    let jerk = acceleration / JERK_TIME_S;
+    report.choose(
+        format!("max_jerk of {name}"),
+        format!(
+            "{} = max_acceleration / {JERK_TIME_S} s: LinuxCNC has no jerk limit there",
+            tidy(jerk)
+        ),
+    );
+    jerk
+}
+
 fn axis(
     ini: &mut Ini,
     letter: AxisLetter,
@@ -224,17 +250,7 @@ fn axis(
     let wrapped = ini.first(&sections[0], "WRAPPED_ROTARY");
     let is_unlimited = letter.is_rotary() && wrapped.is_some_and(|entry| entry.is_true());
     if is_unlimited {
-        for (section, key) in sections
-            .iter()
-            .flat_map(|section| [(section, "MIN_LIMIT"), (section, "MAX_LIMIT")])
-        {
-            let entry = ini.first(section, key);
-            if let Some(entry) =
-                entry.filter(|entry| entry.number().is_ok_and(|limit| limit.abs() < NO_LIMIT))
-            {
-                drop_entry(report, &entry, "an axis with WRAPPED_ROTARY has no travel");
-            }
-        }
+        drop_travel(ini, &sections, report);
     }
     let mut end = |limit: f64, key: &str, instead: f64| {
         if is_unlimited {
@@ -260,21 +276,9 @@ fn axis(
     let acceleration = limit(ini, &sections, "MAX_ACCELERATION", name, report)? * unit;
     let jerk = values(ini, &sections, "MAX_JERK")?
         .into_iter()
-        .filter(|jerk| *jerk > 0.0);
-    let jerk = match jerk.reduce(f64::min) {
-        Some(jerk) => jerk * unit,
-        None => {
-            let jerk = acceleration / JERK_TIME_S;
-            report.choose(
-                format!("max_jerk of {name}"),
-                format!(
-                    "{} = max_acceleration / {JERK_TIME_S} s: LinuxCNC has no jerk limit there",
-                    tidy(jerk)
-                ),
-            );
-            jerk
-        }
-    };
+        .filter(|jerk| *jerk > 0.0)
+        .reduce(f64::min)
+        .map_or_else(|| choose_jerk(acceleration, name, report), |jerk| jerk * unit);
     let joint = sections.get(1).cloned().unwrap_or_default();
     let programmed_home = ini.number(&joint, "HOME")?.unwrap_or(0.0) * unit;
     let home = if is_unlimited {

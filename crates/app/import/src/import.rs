@@ -117,10 +117,34 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
         .unwrap_or_default()
         .to_string_lossy()
         .into_owned();
-    let mut names = names;
+    let machine = machine_file(&source, stem, (&settings, &axes), names, &mut tables, &mut report).map_err(
+        |reason| ImportError::Machine {
+            path: ini.path,
+            reason,
+        },
+    )?;
+    sort(&mut report);
+    Ok(Import {
+        machine,
+        tables,
+        report,
+        inputs,
+    })
+}
+
+/// The text of the machine file, without the screw tables that are too rough for the limits: they are removed from
+/// `tables`. The error is that of the machine file.
+fn machine_file(
+    source: &str,
+    stem: &str,
+    (settings, axes): (&Settings, &[AxisValues]),
+    mut names: Names,
+    tables: &mut Vec<(String, String)>,
+    report: &mut Report,
+) -> Result<String, String> {
     let machine = loop {
-        let machine = text::machine(&source, &settings, &axes, &names);
-        let Err(error) = checked(&machine, stem, &tables) else {
+        let machine = text::machine(source, settings, axes, &names);
+        let Err(error) = checked(&machine, stem, tables) else {
             break machine;
         };
         // A table that is too rough for the limits is omitted; the rest of the machine is converted.
@@ -129,35 +153,22 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
             .iter()
             .position(|(_, name)| error.contains(name.as_str()));
         let Some(index) = of_table.or_else(|| names.screws.len().checked_sub(1)) else {
-            return Err(ImportError::Machine {
-                path: ini.path,
-                reason: error,
-            });
+            return Err(error);
         };
         let (letter, name) = names.screws.remove(index);
         tables.retain(|(table, _)| *table != name);
         let axis = axes.iter().find(|axis| axis.letter == letter);
         if let Some(table) = axis.and_then(|axis| axis.screws.table.as_ref()) {
-            drop_entry(&mut report, &table.entry, &error);
+            drop_entry(report, &table.entry, &error);
         }
     };
     for (letter, _) in &names.screws {
         let axis = axes.iter().find(|axis| axis.letter == *letter);
         for entry in axis.iter().flat_map(|axis| &axis.screws.backlash_entries) {
-            drop_entry(
-                &mut report,
-                entry,
-                "it has no effect beside COMP_FILE, as in LinuxCNC",
-            );
+            drop_entry(report, entry, "it has no effect beside COMP_FILE, as in LinuxCNC");
         }
     }
-    sort(&mut report);
-    Ok(Import {
-        machine,
-        tables,
-        report,
-        inputs,
-    })
+    Ok(machine)
 }
 
 /// The files that belong to LinuxCNC, and what each of them is. No output may replace one of them.
@@ -194,7 +205,7 @@ fn sort(report: &mut Report) {
         .sort_by(|a, b| (&a.file, a.line).cmp(&(&b.file, b.line)));
 }
 
-/// Reports lines of the tool table that are none; the other lines are converted.
+/// Reports invalid lines of the tool table; the other lines are converted.
 fn drop_odd_lines(
     report: &mut Report,
     entry: &Entry,
