@@ -18,8 +18,8 @@ mod planner_allocation;
 mod probing;
 mod regressions;
 mod requests;
+mod served_machine;
 mod slow_planner;
-mod station;
 mod synchronised;
 
 // It counts by thread, so that tests beside each other do not count together.
