@@ -23,6 +23,7 @@ mod killed_simulators;
 mod late_for_nobody;
 mod leaving;
 mod leaving_random;
+mod linuxcnc_tools;
 mod long_programs;
 mod machines_by_name;
 mod number_names;

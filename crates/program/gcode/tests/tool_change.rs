@@ -212,6 +212,14 @@ fn a_random_changer_moves_tools_from_pocket_to_pocket() {
     assert_eq!((run.pocket(2), run.pocket(0)), (12, 0));
 }
 
+/// The values of `rs274`, but for the -1 after M6, which is that of LinuxCNC's machines.
+#[test]
+fn t_selects_the_pocket_of_the_tool_in_the_spindle_too() {
+    let program = "T2 M6\no1 if [#<_selected_pocket> NE -1]\n(ABORT,M6 leaves none)\no1 endif\n\
+                   T2\no2 if [#<_selected_pocket> NE 12]\n(ABORT,T selects it)\no2 endif\nM2\n";
+    assert_eq!(Magazine::new(TABLE, false, CHANGE).run(program).errors, []);
+}
+
 #[test]
 fn what_table_and_subroutine_contradict_is_refused() {
     let program = "T2 M6\nM2\n";

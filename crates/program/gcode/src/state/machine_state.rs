@@ -8,6 +8,7 @@ use crate::execution::cycles::fanuc_threads::FanucThread;
 use crate::parameters::system::System;
 use crate::parameters::values::{G92, G92_ACTIVE, Parameters, WORK_OFFSET, WORK_OFFSET_1};
 use crate::state::rotation::{Rotation, rotation_of, turn, turn_back};
+use crate::state::tool_pockets::ToolPockets;
 use crate::{Action, PathMode, SPINDLES, Settings, SpindleDirection, SpindleOutput};
 
 /// Millimetres per inch.
@@ -245,6 +246,8 @@ pub(crate) struct State {
     pub(crate) tool_offset: Axes,
     pub(crate) tool: u32,
     pub(crate) selected_tool: Option<u32>,
+    /// Pockets of the tool in the spindle and of the selected one by the tool table in force; -1 for none.
+    pub(crate) pockets: ToolPockets,
     /// The tool-change subroutine is under way.
     pub(crate) is_changing_tool: bool,
     pub(crate) sticky: CycleModal,
@@ -310,6 +313,7 @@ impl State {
             tool_offset: Axes::zeros(),
             tool: settings.tool,
             selected_tool: settings.selected_tool,
+            pockets: ToolPockets::of(settings.tool, settings.selected_tool, settings.tools.as_ref()),
             is_changing_tool: false,
             sticky: CycleModal::default(),
             spline_end: None,
@@ -521,6 +525,8 @@ impl State {
             },
             System::CurrentTool => f64::from(self.tool),
             System::SelectedTool => self.selected_tool.map_or(-1.0, f64::from),
+            System::CurrentPocket => self.pockets.current,
+            System::SelectedPocket => self.pockets.selected,
             System::Feed => modes.feed.map_or(0.0, |feed| feed.word()),
             System::FeedHold => truth(modes.feed_stop),
             System::FeedOverride => truth(modes.feed_override),

@@ -5,3 +5,4 @@ pub(crate) mod outputs;
 pub(crate) mod rotation;
 pub(crate) mod scope;
 pub(crate) mod settings;
+pub(crate) mod tool_pockets;

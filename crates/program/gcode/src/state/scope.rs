@@ -62,13 +62,6 @@ impl Scope<'_> {
             System::CallLevel => self.parameters.depth() as f64,
             System::Value => self.parameters.returned.unwrap_or(0.0),
             System::ValueReturned => f64::from(u8::from(self.parameters.returned.is_some())),
-            System::CurrentPocket => self.settings.pocket(self.state.tool).map_or(0.0, f64::from),
-            System::SelectedPocket => {
-                let selected = self.state.selected_tool;
-                selected
-                    .and_then(|tool| self.settings.pocket(tool))
-                    .map_or(-1.0, f64::from)
-            }
             other => self.state.system(other),
         }
     }

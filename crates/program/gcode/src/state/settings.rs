@@ -270,9 +270,4 @@ impl Settings {
             1.0
         }
     }
-
-    /// The pocket of a tool.
-    pub(crate) fn pocket(&self, tool: u32) -> Option<u32> {
-        self.tools.as_ref()?.get(tool).map(|tool| tool.pocket)
-    }
 }

@@ -33,6 +33,7 @@ impl Executor<'_> {
         if let Some(tool) = line.whole(b'T')? {
             self.refuse_unknown_tool(tool, line.span(b'T'))?;
             self.state.selected_tool = Some(tool);
+            self.state.pockets.select(tool, self.tools.as_ref());
             self.out(Action::SelectTool(tool));
         }
         self.outputs()?;

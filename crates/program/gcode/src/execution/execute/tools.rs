@@ -3,6 +3,7 @@
 use super::{Executor, Request};
 use crate::codes::modal_groups::{Group, MCode};
 use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::state::tool_pockets::ToolPockets;
 use crate::{Action, Code, SPINDLES, SpindleDirection, Tool};
 
 /// The arguments of a tool-change subroutine.
@@ -198,5 +199,6 @@ impl Executor<'_> {
         let known = self.tools.as_ref().and_then(|tools| tools.get(number)).copied();
         let tool = known.unwrap_or_else(|| Tool::new(number));
         self.parameters.publish_tool(&tool);
+        self.state.pockets = ToolPockets::of(self.state.tool, self.state.selected_tool, self.tools.as_ref());
     }
 }

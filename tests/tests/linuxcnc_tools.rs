@@ -1,0 +1,389 @@
+//! Tools and pockets as LinuxCNC's own tests expect them: their blocks and expected values are read from its source package where
+//! `tools/get-linuxcnc` has fetched it, and executed here; and random programs in both interpreters at once.
+#![expect(
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "helpers of tests fail as tests do, and say what they left out"
+)]
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use evolvent_gcode::{Action, Interpreter, MachineFeatures, Settings, ToolChanger, ToolTable};
+use evolvent_random::{Random, cases};
+use evolvent_tests::{built_example, repository};
+
+/// The folder of LinuxCNC's package.
+fn linuxcnc() -> Option<PathBuf> {
+    let folder = std::env::var_os("EVOLVENT_LINUXCNC").map(PathBuf::from);
+    if folder.is_none() {
+        println!("not measured: no EVOLVENT_LINUXCNC (run tools/test on Debian)");
+    }
+    folder
+}
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// The blocks of one operator, each in the state that the accepted ones before it have left.
+struct Blocks {
+    _folder: tempfile::TempDir,
+    settings: Settings,
+    accepted: String,
+}
+
+impl Blocks {
+    /// A machine with a tool changer. Their tables and programs are in the unit of their machine; here that is the millimetre.
+    fn new(table: &str, is_random: bool, change: &str) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        std::fs::write(folder.path().join("toolchange.ngc"), change).expect("a file");
+        let tools = ToolTable::parse(table).expect("a table of LinuxCNC");
+        // Pocket 0 of a random magazine is the spindle.
+        let in_spindle = tools.tools().iter().find(|tool| is_random && tool.pocket == 0);
+        let settings = Settings {
+            subroutine_folders: vec![folder.path().to_path_buf()],
+            tool: in_spindle.map_or(0, |tool| tool.number),
+            tools: Some(tools),
+            features: MachineFeatures {
+                tool_change: Some(ToolChanger {
+                    subroutine: "toolchange".to_owned(),
+                    is_random,
+                }),
+                ..MachineFeatures::default()
+            },
+            ..Settings::default()
+        };
+        Self {
+            _folder: folder,
+            settings,
+            accepted: "G21 G90\n".to_owned(),
+        }
+    }
+
+    /// The last text that a program prints, or its error.
+    fn run(&self, block: &str) -> Result<String, String> {
+        let program = format!("{}{block}\n", self.accepted);
+        let mut last = String::new();
+        for item in Interpreter::new(program.as_bytes(), self.settings.clone()) {
+            match item {
+                Ok(command) => {
+                    if let Action::Print(text) = command.action {
+                        last = text;
+                    }
+                }
+                Err(error) => return Err(error.to_string()),
+            }
+        }
+        Ok(last)
+    }
+
+    /// Executes a block; whether it was accepted. A refused one leaves nothing.
+    fn executes(&mut self, block: &str) -> bool {
+        let is_accepted = self.run(block).is_ok();
+        if is_accepted {
+            self.accepted.push_str(block);
+            self.accepted.push('\n');
+        }
+        is_accepted
+    }
+
+    fn value(&self, parameter: &str) -> f64 {
+        let printed = self.run(&format!("(PRINT,{parameter})")).expect("a parameter");
+        printed.trim().parse().expect("a number")
+    }
+}
+
+/// A line `NAME = VALUE` of the files with expected values.
+fn expected_values(text: &str) -> Vec<(f64, Vec<f64>)> {
+    let blocks = text.split("\n\n").filter(|block| !block.trim().is_empty());
+    let numbers = |line: &str| -> f64 {
+        let number = line.rsplit(' ').next().unwrap_or_default();
+        number.parse().unwrap_or_else(|_| panic!("{line:?}"))
+    };
+    let values = blocks.map(|block| {
+        let all: Vec<f64> = block.lines().map(numbers).collect();
+        (all[0], all[1..].to_vec())
+    });
+    values.collect()
+}
+
+/// A test of LinuxCNC's that prints X, Y, Z, #5400 and #5403 between blocks of MDI. `answers` has what is executed here instead of
+/// a block, for what is known to differ.
+fn compare_script(
+    script: &str,
+    expected: &str,
+    blocks: &mut Blocks,
+    answers: impl Fn(&str) -> Option<&'static str>,
+) -> usize {
+    let mut expected = expected_values(expected).into_iter();
+    let mut compared = 0;
+    let mut history = String::new();
+    for line in script.lines().map(str::trim) {
+        let block = line.strip_prefix("echo set mdi ").or_else(|| {
+            let quoted = line.strip_prefix("echo 'set mdi ")?.strip_suffix('\'')?;
+            (!quoted.starts_with("m100")).then_some(quoted)
+        });
+        if let Some(block) = block {
+            let is_accepted = blocks.executes(answers(block).unwrap_or(block));
+            let _written = writeln!(history, "{block}: {is_accepted}");
+            continue;
+        }
+        let Some(number) = line.strip_prefix("introspect ") else {
+            continue;
+        };
+        let number: f64 = number.trim().parse().expect("a sequence number");
+        let (at, values) = expected.next().expect("as many expected values as looks");
+        assert_eq!(at, number, "the script and its values are of two versions");
+        let names = ["#5420", "#5421", "#5422", "#5400", "#5403"];
+        for (name, value) in names.into_iter().zip(&values) {
+            let found = blocks.value(name);
+            // An unknown tool in a random magazine is -1 there, and none (0) here.
+            let value = if name == "#5400" { value.max(0.0) } else { *value };
+            assert!(
+                (found - value).abs() < 2e-6,
+                "{number}: {name} is {found}, in LinuxCNC {value}, after\n{history}"
+            );
+            compared += 1;
+        }
+    }
+    assert_eq!(expected.next(), None, "values without a look");
+    compared
+}
+
+/// G43, G43 H and G10 L1, L10 and L11 with an empty spindle, with a tool and with T0, in both magazines.
+#[test]
+fn lengths_of_tools_and_of_tool_0_are_those_of_linuxcnc() {
+    let Some(folder) = linuxcnc() else { return };
+    let tests = folder.join("tests/t0");
+    let script = read(&tests.join("shared-test.sh"));
+    // H0 is the tool in the spindle here, with both magazines. LinuxCNC takes the length of T0 with a random one, which is 0, or
+    // an error without a T0 in the table.
+    let own = |_: &str| None;
+    let zero = |block: &str| (block == "g43 h0").then_some("g49");
+    // And a spindle that was empty has left T0 in the pocket of T50 here, so T0 can be fetched although the table began without it.
+    let refused = |block: &str| ["g43 h0", "t0 m6"].contains(&block).then_some("G9999");
+    let mut compared = 0;
+    for (name, is_random) in [
+        ("nonrandom", false),
+        ("random-with-t0", true),
+        ("random-without-t0", true),
+    ] {
+        let table = read(&tests.join(name).join("tool.tbl.original"));
+        let expected = read(&tests.join(name).join("expected-gcode-output"));
+        let mut blocks = Blocks::new(&table, is_random, "G53 G0 Z0\n");
+        println!("{name}");
+        compared += match name {
+            "nonrandom" => compare_script(&script, &expected, &mut blocks, own),
+            "random-with-t0" => compare_script(&script, &expected, &mut blocks, zero),
+            _ => compare_script(&script, &expected, &mut blocks, refused),
+        };
+    }
+    assert!(compared >= 900, "{compared} values");
+}
+
+/// Numbers of tools that are not those of their pockets, with lengths measured by G10 L10 in between.
+#[test]
+fn tools_whose_numbers_are_not_their_pockets_are_those_of_linuxcnc() {
+    let Some(folder) = linuxcnc() else { return };
+    let tests = folder.join("tests/toolchanger");
+    let script = read(&tests.join("toolno-pocket-differ/shared-test.sh"));
+    let table = read(&tests.join("simpockets.tbl.original"));
+    let mut compared = 0;
+    for (name, is_random) in [("nonrandom", false), ("random", true)] {
+        println!("{name}");
+        let expected = read(&tests.join(format!("toolno-pocket-differ/{name}/expected-gcode-output")));
+        // TOOL_CHANGE_POSITION of its configuration.
+        let mut blocks = Blocks::new(&table, is_random, "G90 G53 G0 X0.111 Y0.222 Z0.333\n");
+        compared += compare_script(&script, &expected, &mut blocks, |_| None);
+    }
+    assert!(compared >= 310, "{compared} values");
+}
+
+/// The text between quotes after a prefix of a line.
+fn quoted<'a>(line: &'a str, prefix: &str) -> Option<&'a str> {
+    let rest = line.strip_prefix(prefix)?;
+    rest.split(['\'', '"']).nth(1)
+}
+
+#[test]
+fn all_parameters_of_a_tool_are_those_of_linuxcnc_after_m6_and_m61() {
+    let Some(folder) = linuxcnc() else { return };
+    let tests = folder.join("tests/toolchanger");
+    let script = read(&tests.join("m61/test-ui.py"));
+    let table = read(&tests.join("simpockets.tbl.original"));
+    let mut blocks = Blocks::new(&table, false, "G4 P0\n");
+    let mut compared = 0;
+    for line in script.lines() {
+        if let Some(block) = quoted(line, "c.mdi(") {
+            assert!(blocks.executes(block), "{block}: {:?}", blocks.run(block));
+        }
+        let Some(arguments) = line.strip_prefix("verify_interp_param(") else {
+            continue;
+        };
+        let (arguments, _) = arguments.split_once(')').expect("arguments");
+        let (number, value) = arguments.split_once(',').expect("two arguments");
+        let value: f64 = value.trim().parse().expect("a number");
+        let found = blocks.value(&format!("#{number}"));
+        assert!(
+            (found - value).abs() < 1e-9,
+            "#{number} is {found}, in LinuxCNC {value}"
+        );
+        compared += 1;
+    }
+    assert!(compared >= 62, "{compared} values");
+}
+
+#[test]
+fn names_of_tool_and_pocket_have_the_values_of_linuxcnc() {
+    let Some(folder) = linuxcnc() else { return };
+    let tests = folder.join("tests/tool-info");
+    let mut compared = 0;
+    for (name, is_random) in [
+        ("non-random", false),
+        ("random-no-startup-tool", true),
+        ("random-with-startup-tool", true),
+    ] {
+        let own = tests.join(name).join("simpockets.tbl.original");
+        let table = if own.exists() {
+            own
+        } else {
+            tests.join("simpockets.tbl")
+        };
+        let mut blocks = Blocks::new(&read(&table), is_random, "G4 P0\n");
+        for line in read(&tests.join(name).join("test-ui.py")).lines() {
+            if let Some(block) = quoted(line, "c.mdi(").filter(|block| !block.starts_with('(')) {
+                assert!(blocks.executes(block), "{block}: {:?}", blocks.run(block));
+            }
+            let Some((state, rest)) = line
+                .strip_prefix("verify_interp_vars(state='")
+                .and_then(|rest| rest.split_once('\''))
+            else {
+                continue;
+            };
+            for pair in rest.trim_matches([',', ' ', ')']).split(',') {
+                let (word, value) = pair.trim().split_once('=').expect("an argument");
+                let value: f64 = value.parse().expect("a number");
+                let value = match (word, state) {
+                    // Its documentation says -1 as long as no T word has been read, as here; its 2.9 says 0.
+                    ("selected_tool", "init") => -1.0,
+                    // An unknown tool is 0 here, which is none.
+                    ("current_tool", _) => value.max(0.0),
+                    _ => value,
+                };
+                let found = blocks.value(&format!("#<_{word}>"));
+                assert_eq!(found, value, "{name}: {word} {state}");
+                compared += 1;
+            }
+        }
+    }
+    assert_eq!(compared, 84);
+}
+
+/// Tools of the random programs: number and row of a table in mm. Stand-alone rs274 names tools by their row, which is the number here.
+const TOOLS: [(u32, &str); 5] = [
+    (1, "P11 Z12.5 D6"),
+    (2, "P7 Z-40.25 X1.5 D8 I-35 J35 Q2"),
+    (3, "P3 Z3 Y-2 D0.5"),
+    (4, "P1 Z100 D20 I95 J155 Q6"),
+    (5, "P12 Z0.75 X-3 Y4 D3"),
+];
+
+/// A random program with T, M6, lengths, and the words of M61 and M66. Figures are compared as ratios: the parameters of a tool are in
+/// inches in stand-alone rs274, and in mm here. T0 and M61 with a tool are left out, which
+/// change nothing there by themselves, and the value of M66, which it does not have.
+fn random_program(random: &mut Random) -> String {
+    let mut text = "G21 G90\nT2 M6\n".to_owned();
+    let tool = |random: &mut Random| random.one_of(&TOOLS).0;
+    for step in 1..=6 + random.below(30) {
+        let line = match random.below(20) {
+            0..=2 => format!("T{} M6", tool(random)),
+            3 => format!("T{}", tool(random)),
+            4 => "M6".to_owned(),
+            5 => format!("T{}\nT{} M6", tool(random), tool(random)),
+            6..=9 => "G43".to_owned(),
+            10 => format!("G43 H{}", tool(random)),
+            11 => "G49".to_owned(),
+            12 => format!("G10 L1 P{} Z{} R{}", tool(random), 1 + step, random.below(9)),
+            13 => format!("T{} M6 G43 H{}", tool(random), tool(random)),
+            14 => format!("G43.1 Z{}", step),
+            15 => format!(
+                "M66 {}",
+                random.one_of(&["P0 L0", "P1 L3 Q1", "P0 L1 Q0.5", "P3 L4 Q2", "E0 L0"])
+            ),
+            // Each of these may be an error, and ends the program then in both.
+            16 if random.below(4) == 0 => {
+                let wrong = [
+                    "M66 P0 L5 Q1",
+                    "M66 L0",
+                    "M66 P0 E0 L0",
+                    "M66 E0 L1 Q1",
+                    "M66 P0 L3",
+                    "M66 P0 L3 Q0",
+                    "M66 P-1 L0",
+                    "M66 P0 L-1",
+                    "M66 P0",
+                    "M66 P0 Q1",
+                    "M66 P0.5 L0",
+                    "M61",
+                    "M61 Q-1",
+                    "M61 Q99",
+                    "T99",
+                    "T99 M6",
+                    "T-1",
+                    "G43 H99",
+                    "G10 L1 Z1",
+                    "G43 X1",
+                    "T2 M61 Q3 M6",
+                ];
+                (*random.one_of(&wrong)).to_owned()
+            }
+            // After a change of tool stand-alone rs274 no longer knows where the axes are.
+            _ => format!("G0 X{} Y{} Z{step}", random.below(9), random.below(9)),
+        };
+        let _written = writeln!(text, "{line}");
+        if random.below(3) == 0 {
+            text += "(PRINT,#5400 #<_current_tool> #<_selected_tool> #5411 #5412 #5413)\n";
+        }
+        if random.below(4) == 0 {
+            text += "G4 P[ABS[#5410 / #5403]]\nG4 P[10 + #5401 / #5403]\nG4 P[10 + #5402 / #5403]\n";
+        }
+    }
+    text + "M2\n"
+}
+
+#[test]
+fn random_programs_change_tools_here_as_in_linuxcnc() {
+    let Some(folder) = linuxcnc() else { return };
+    let mut random = Random::new();
+    let place = tempfile::tempdir().expect("a folder");
+    let rows: String = TOOLS.map(|(number, row)| format!("T{number} {row}\n")).concat();
+    let table = place.path().join("tools.tbl");
+    std::fs::write(&table, rows).expect("a file");
+    let programs = (0..cases(150)).map(|number| {
+        let file = place.path().join(format!("{number}.ngc"));
+        std::fs::write(&file, random_program(&mut random)).expect("a file");
+        file
+    });
+    let programs: Vec<PathBuf> = programs.collect();
+    let output = Command::new("python3")
+        .arg(repository().join("tools/compare-rs274"))
+        .args(["--quiet", "--canon"])
+        .arg(built_example("canon"))
+        .arg("--tools")
+        .arg(&table)
+        .arg("--rs274")
+        .arg(folder.join("rs274"))
+        .args(&programs)
+        .output()
+        .expect("python3");
+    let text = String::from_utf8_lossy(&output.stdout);
+    println!("{text}");
+    assert!(
+        output.status.success(),
+        "{text}\n{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+}
