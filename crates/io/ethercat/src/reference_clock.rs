@@ -22,16 +22,36 @@ impl ReferenceClock {
     /// computer's clock: devices may take seconds to their next state, and two clocks are apart by less than 2.1 s after hours.
     pub(crate) const fn take(&mut self, register: u64, now_ns: u64) -> u64 {
         let expected_ns = self.time_ns.wrapping_add(now_ns.wrapping_sub(self.read_ns));
-        let step_ns = (register as u32).wrapping_sub(expected_ns as u32).cast_signed();
-        self.time_ns = expected_ns.wrapping_add_signed(step_ns as i64);
+        self.time_ns = same_time(register, expected_ns);
         self.read_ns = now_ns;
         self.time_ns
     }
 }
 
+/// A time of one clock, at most 2.1 s away, by another that has the same lower 32 bits: `now_ns` is what its register shows.
+pub(crate) const fn same_time(time_ns: u64, now_ns: u64) -> u64 {
+    let ahead_ns = (time_ns as u32).wrapping_sub(now_ns as u32).cast_signed();
+    now_ns.wrapping_add_signed(ahead_ns as i64)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_time_is_the_same_by_clocks_of_either_kind() {
+        let end_ns = 1 << 32;
+        let upper_ns = 7 * end_ns;
+        // 200 ms ahead, with and without the end of the lower half in between.
+        for now_ns in [1_000_000, end_ns - 5] {
+            let ahead_ns = now_ns + 200_000_000;
+            for reference_ns in [now_ns, upper_ns + now_ns] {
+                let first_ns = reference_ns + 200_000_000;
+                assert_eq!(same_time(first_ns, upper_ns + now_ns), upper_ns + ahead_ns);
+                assert_eq!(same_time(first_ns, now_ns), ahead_ns);
+            }
+        }
+    }
 
     const PERIOD_NS: u64 = 1_000_000;
 

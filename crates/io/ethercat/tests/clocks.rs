@@ -89,6 +89,53 @@ fn shift_jitter_and_drift_are_those_of_the_clocks() {
     }
 }
 
+/// Clocks of 32 bits and of 64 on one ring: each drive gets its outputs in the middle between two of its SYNC0. Without SYNC0 it does not
+/// come to OP. Outputs that meet a SYNC0 at another remainder of 2^32 ns would be off by almost half a period.
+#[test]
+fn drives_with_clocks_of_either_kind_follow_a_reference_of_32_bits() {
+    for short_drives in [&[][..], &[Y_DRIVE]] {
+        unless_disturbed(|| {
+            let with_short = |(position, device): (usize, SubDevice)| {
+                if position == 0 || short_drives.contains(&position) {
+                    device.with_clock_of_32_bits()
+                } else {
+                    device
+                }
+            };
+            let devices = drifting(50.0).into_iter().enumerate().map(with_short).collect();
+            on_bench(devices, |ring| {
+                let mut phases_ns = [const { Vec::new() }; 3];
+                let report = with_bridge(
+                    |_| {},
+                    ring,
+                    |core, ring, _| {
+                        core.bring_up();
+                        // Over more than one end of 32 bits.
+                        let since = Instant::now();
+                        while since.elapsed() < Duration::from_secs(6) {
+                            core.cycle();
+                            let ring = ring.lock().expect("no panic");
+                            for (phases_ns, drive) in phases_ns.iter_mut().zip(&ring.devices()[1..4]) {
+                                phases_ns.push(drive.outputs_after_sync0_ns().expect("outputs and SYNC0"));
+                            }
+                        }
+                    },
+                );
+                assert!(report.ready == 1 && report.clocks.is_some(), "{report:?}");
+                for mut phases_ns in phases_ns {
+                    phases_ns.sort_unstable();
+                    let median_ns = phases_ns[phases_ns.len() / 2];
+                    println!("outputs {median_ns} ns after SYNC0");
+                    assert!(
+                        median_ns.abs_diff(PERIOD_NS / 2) < PERIOD_NS / 8,
+                        "{median_ns} ns"
+                    );
+                }
+            });
+        });
+    }
+}
+
 #[test]
 fn the_device_whose_clock_does_not_follow_is_named_with_its_difference() {
     unless_disturbed(|| {

@@ -155,6 +155,13 @@ impl Clock {
         self.next_sync_ns.is_some()
     }
 
+    /// How long after the last SYNC0 a moment is, where SYNC0 is on.
+    pub(crate) fn after_sync_ns(&self, now_ns: u64) -> Option<u64> {
+        let until_ns = self.next_sync_ns?.wrapping_sub(self.system(now_ns)).cast_signed();
+        let cycle_ns = self.cycle_ns.cast_signed().max(1);
+        Some(until_ns.wrapping_neg().rem_euclid(cycle_ns).unsigned_abs())
+    }
+
     pub(crate) const fn sync_cycle_ns(&self) -> u64 {
         self.cycle_ns
     }

@@ -355,6 +355,11 @@ impl Controller {
         self.registers.set(address::WATCHDOG_STATUS, &[1]);
     }
 
+    /// How long after SYNC0 they came, ns by the device's clock; none without SYNC0.
+    pub(crate) fn outputs_after_sync0_ns(&self) -> Option<u64> {
+        self.clock.as_ref()?.after_sync_ns(self.fed_ns?)
+    }
+
     /// Whether outputs have come since [`Controller::rest_watchdog`].
     pub(crate) const fn was_fed(&self) -> bool {
         self.fed_ns.is_some()

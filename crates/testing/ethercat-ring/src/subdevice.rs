@@ -279,6 +279,12 @@ impl SubDevice {
         Some(self.controller.clock.as_ref()?.system(now_ns))
     }
 
+    /// How long after its SYNC0 the last outputs have come, ns by its clock; none without SYNC0 or outputs.
+    #[must_use]
+    pub fn outputs_after_sync0_ns(&self) -> Option<u64> {
+        self.controller.outputs_after_sync0_ns()
+    }
+
     pub(crate) fn set_links(&mut self, has_next: bool) {
         self.controller.set_links(has_next);
     }

@@ -13,7 +13,10 @@ use super::{Devices, FIRST_STATION, IMAGE, SYNC_DELAY};
 use crate::homing::HomingOnDrive;
 use crate::network::{MAX_DEVICES, Network, NetworkDevice, Startup};
 use crate::pdo::{Extras, Mapped, PdoLayout, wanted_inputs, wanted_outputs};
-use crate::reference_clock::ReferenceClock;
+use crate::reference_clock::{ReferenceClock, same_time};
+
+/// Register 0981h: cyclic operation with SYNC0.
+const SYNC0: u8 = 0b11;
 
 /// Process data of the drives of axes, and of those of spindles, in the order of the devices.
 #[derive(Debug, Default)]
@@ -108,12 +111,22 @@ pub(super) async fn start<'m>(
             .configure_dc_sync(main, clocks)
             .await
             .map_err(failed("setting SYNC0 up"))?;
-        // The first device with a clock. Read at once: SYNC0 comes at whole periods of this time, also after it has wrapped around.
-        if let Some(first) = group.iter(main).position(|device| device.dc_support().any()) {
-            let read = Command::fprd(FIRST_STATION + first as u16, RegisterAddress::DcSystemTime.into());
-            let time = read.receive::<u64>(main).await;
+        // The first device with a clock. SYNC0 comes at whole periods of this time, also after it has wrapped around.
+        let has_clock: Vec<bool> = (group.iter(main))
+            .map(|device| device.dc_support().any())
+            .collect();
+        if let Some(first) = has_clock.iter().position(|has_clock| *has_clock) {
+            let time = clock_of(main, first).await;
             let time_ns = time.map_err(failed("reading the reference clock"))?;
             reference = ReferenceClock::new(time_ns, monotonic_ns());
+            let first_ns = time_ns.wrapping_add(SYNC_DELAY.as_nanos() as u64) / period_ns * period_ns;
+            for (device, listed) in network.devices.iter().enumerate() {
+                let is_drive = listed.axis.is_some() || listed.spindle.is_some();
+                if is_drive && has_clock[device] {
+                    let begun = begin_sync(main, device, first_ns).await;
+                    begun.map_err(failed("setting the start of SYNC0"))?;
+                }
+            }
         }
         let group = group.into_safe_op(main).await.map_err(refused("SAFE-OP"))?;
         Devices::Clocked(group.request_into_op(main).await.map_err(refused("OP"))?)
@@ -122,6 +135,28 @@ pub(super) async fn start<'m>(
         Devices::Free(group.request_into_op(main).await.map_err(refused("OP"))?)
     };
     Ok((devices, layouts, reference))
+}
+
+/// The system time of a device, as its register shows it: of 64 bits or of 32.
+async fn clock_of(main: &MainDevice<'_>, device: usize) -> Result<u64, Error> {
+    Command::fprd(
+        FIRST_STATION + device as u16,
+        RegisterAddress::DcSystemTime.into(),
+    )
+    .receive(main)
+    .await
+}
+
+/// Lets SYNC0 of a device, whose period is set, begin when the reference's register shows `first_ns`. The MainDevice has started it by
+/// that register alone: behind a reference of 32 bits that is in the past of a clock of 64, and then SYNC0 never comes.
+async fn begin_sync(main: &MainDevice<'_>, device: usize, first_ns: u64) -> Result<(), Error> {
+    let write = |register: RegisterAddress| Command::fpwr(FIRST_STATION + device as u16, register.into());
+    let start_ns = same_time(first_ns, clock_of(main, device).await?);
+    write(RegisterAddress::DcSyncActive).send(main, 0_u8).await?;
+    write(RegisterAddress::DcSyncStartTime)
+        .send(main, start_ns)
+        .await?;
+    write(RegisterAddress::DcSyncActive).send(main, SYNC0).await
 }
 
 /// Checks that the device at a position of the ring is the one of the network file.
