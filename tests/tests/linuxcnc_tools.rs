@@ -316,7 +316,6 @@ fn random_program(random: &mut Random) -> String {
             // Each of these may be an error, and ends the program then in both.
             16 if random.below(4) == 0 => {
                 let wrong = [
-                    "M66 P0 L5 Q1",
                     "M66 L0",
                     "M66 P0 E0 L0",
                     "M66 E0 L1 Q1",
@@ -326,7 +325,6 @@ fn random_program(random: &mut Random) -> String {
                     "M66 P0 L-1",
                     "M66 P0",
                     "M66 P0 Q1",
-                    "M66 P0.5 L0",
                     "M61",
                     "M61 Q-1",
                     "M61 Q99",

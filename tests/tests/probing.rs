@@ -158,8 +158,9 @@ fn what_the_probe_has_found_counts_in_the_next_block_of_mdi() {
         let probing = operator.waits("the probing feed", |status| status.feed_mm_s > 4.9);
         let to_go = probing.distance_to_go[2];
         assert!(
-            probing.feed_programmed_mm_s == 5.0 && (-13.0..-9.0).contains(&to_go),
-            "{} mm/s, {to_go} mm to go",
+            (probing.feed_programmed_mm_s, probing.line) == (5.0, 1) && (-13.0..-9.0).contains(&to_go),
+            "line {}, {} mm/s, {to_go} mm to go",
+            probing.line,
             probing.feed_programmed_mm_s
         );
         let touched = operator.sees_end(job);
