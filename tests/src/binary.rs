@@ -29,20 +29,6 @@ fn build() -> PathBuf {
 /// # Panics
 /// It cannot be built.
 pub(crate) fn build_program(name: &str) -> PathBuf {
-    build_target("--bin", name).join(name)
-}
-
-/// Builds an example of a crate of this workspace in the profile of the tests; its path.
-///
-/// # Panics
-/// It cannot be built.
-#[must_use]
-pub fn built_example(name: &str) -> PathBuf {
-    build_target("--example", name).join("examples").join(name)
-}
-
-/// Builds a target; the folder of the profile.
-fn build_target(kind: &str, name: &str) -> PathBuf {
     let test = std::env::current_exe().expect("the path of this test");
     let profile_folder = test.ancestors().nth(2).expect("target/PROFILE/deps/TEST");
     let profile = match profile_folder.file_name().and_then(OsStr::to_str) {
@@ -57,7 +43,7 @@ fn build_target(kind: &str, name: &str) -> PathBuf {
             "build",
             "--quiet",
             "--workspace",
-            kind,
+            "--bin",
             name,
             "--test",
             "runs",
@@ -73,7 +59,7 @@ fn build_target(kind: &str, name: &str) -> PathBuf {
         "{}",
         String::from_utf8_lossy(&built.stderr)
     );
-    profile_folder.to_owned()
+    profile_folder.join(name)
 }
 
 /// What a command came to.

@@ -2,7 +2,7 @@
 //!
 //! The tests stand in the `tests` folder beside this one and drive the binary. What they share is here:
 //!
-//! - [`evolvent`], [`run`] and [`Finished`]: the binary under test, and what one command came to; [`built_example`]: an example of a crate;
+//! - [`evolvent`], [`run`] and [`Finished`]: the binary under test, and what one command came to;
 //! - [`Launch`]: one `evolvent run`;
 //! - [`Served`] and [`Operator`]: an `evolvent serve`, and a client that commands it and looks on;
 //! - [`Scene`]: a mill that is served, with all that belongs to it;
@@ -43,7 +43,7 @@ mod simulator;
 mod trace;
 mod workshop;
 
-pub use binary::{Finished, built_example, evolvent, run, wait};
+pub use binary::{Finished, evolvent, run, wait};
 pub use bridged_lathe::{Lathe, MesaLathe, RingLathe, ShippedLathe, Sight, Trouble};
 pub use bridges::{c_example, hold_to_the_suite};
 pub use domain::Domain;
