@@ -3,6 +3,7 @@
 mod bad_input;
 mod bridges;
 mod checks;
+mod clock_lock;
 mod command_floods;
 mod command_line;
 mod corrections;

@@ -433,8 +433,10 @@ typedef struct evolvent_status {
     float spindle_command_rpm[4];
     /* Measured speed of each spindle in revolutions per minute, negative counter-clockwise; not a number if none is known. */
     float spindle_measured_rpm[4];
-    /* Zero; for later versions. */
-    uint64_t reserved[1];
+    /* By how much this computer's clock is faster than the drives', as the phase lock has found, in millionths: the mean of a second. */
+    float clock_drift_ppm;
+    /* Largest magnitude of the phase error in a second, in ns, at least 1; 0 where the core follows no clock of drives. */
+    float phase_error_max_ns;
 } evolvent_status_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_status_t) == 1840, "size of Status");
@@ -519,7 +521,8 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, spindle_mask) == 1792, "offse
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, spindle_override_off_mask) == 1796, "offset of Status.spindle_override_off_mask");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, spindle_command_rpm) == 1800, "offset of Status.spindle_command_rpm");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, spindle_measured_rpm) == 1816, "offset of Status.spindle_measured_rpm");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1832, "offset of Status.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, clock_drift_ppm) == 1832, "offset of Status.clock_drift_ppm");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, phase_error_max_ns) == 1836, "offset of Status.phase_error_max_ns");
 
 /* A drive bridge's reply to one setpoint.
  */

@@ -361,7 +361,8 @@ class Status(ctypes.Structure):
     spindle_override_off_mask: int
     spindle_command_rpm: ctypes.Array[ctypes.c_float]
     spindle_measured_rpm: ctypes.Array[ctypes.c_float]
-    reserved: ctypes.Array[ctypes.c_uint64]
+    clock_drift_ppm: float
+    phase_error_max_ns: float
 
     _fields_ = [
         # Version of the bus contract that the sender was built for; receivers reject another version.
@@ -526,8 +527,10 @@ class Status(ctypes.Structure):
         ("spindle_command_rpm", ctypes.c_float * 4),
         # Measured speed of each spindle in revolutions per minute, negative counter-clockwise; not a number if none is known.
         ("spindle_measured_rpm", ctypes.c_float * 4),
-        # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 1),
+        # By how much this computer's clock is faster than the drives', as the phase lock has found, in millionths: the mean of a second.
+        ("clock_drift_ppm", ctypes.c_float),
+        # Largest magnitude of the phase error in a second, in ns, at least 1; 0 where the core follows no clock of drives.
+        ("phase_error_max_ns", ctypes.c_float),
     ]
 
     def __init__(self, **values: Any) -> None:

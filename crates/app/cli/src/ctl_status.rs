@@ -105,6 +105,7 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         "power": status.power,
         "tool_unknown": is_tool_unknown(status),
     });
+    let follows_clock = status.phase_error_max_ns > 0.0;
     let rest = json!({
         "path_mm": status.path_mm,
         "path_to_go_mm": status.path_to_go_mm,
@@ -148,7 +149,9 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         "work_p999_ns": status.work_p999_ns,
         "work_max_ns": status.work_max_ns,
     });
-    let away = json!({
+    let clock_and_away = json!({
+        "clock_drift_ppm": follows_clock.then_some(status.clock_drift_ppm),
+        "phase_error_max_ns": follows_clock.then_some(status.phase_error_max_ns),
         "spindles": spindles(status),
         "away": axis_letters(status.away_mask, axes),
         "away_parts": status.away_parts,
@@ -158,7 +161,7 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         "handwheel_enabled": status.handwheel_enabled != 0,
         "handwheel_step": status.handwheel_step,
     });
-    for part in [rest, away] {
+    for part in [rest, clock_and_away] {
         if let (Value::Object(whole), Value::Object(part)) = (&mut whole, part) {
             whole.extend(part);
         }

@@ -216,6 +216,21 @@ fn write_summary(summary: &ServeSummary, out: &mut dyn Write) -> std::io::Result
         "  late setpoints {}, lost records {}, lost setpoints {}",
         summary.late_cycles, summary.dropped_records, summary.dropped_setpoints
     )?;
+    if let Some(clock) = &summary.clock {
+        writeln!(
+            out,
+            "  drives' clock: drift {:.2} ppm ({:.2} to {:.2}); phase error mean {:.2}, scatter {:.2}, p50 {:.2}, p99.9 {:.2}, \
+             max {:.2} us",
+            clock.drift_ppm,
+            clock.drift_min_ppm,
+            clock.drift_max_ppm,
+            clock.phase_mean_ns * 1e-3,
+            clock.phase_scatter_ns * 1e-3,
+            clock.phase_p50_ns as f64 * 1e-3,
+            clock.phase_p999_ns as f64 * 1e-3,
+            clock.phase_max_ns as f64 * 1e-3
+        )?;
+    }
     if let Some(trace) = &summary.trace {
         writeln!(out, "  trace {trace}")?;
     }

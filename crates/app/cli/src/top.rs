@@ -348,6 +348,14 @@ impl Picture<'_> {
             us(self.status.work_p999_ns),
             us(self.status.work_max_ns)
         );
+        if self.status.phase_error_max_ns > 0.0 {
+            let _ = writeln!(
+                self.text,
+                "drives' clock: drift {:.2} ppm   phase error max {:.1} us",
+                self.status.clock_drift_ppm,
+                self.status.phase_error_max_ns * 1e-3
+            );
+        }
         let lost = format!(
             "late setpoints {}, lost setpoints {}, lost records {}",
             self.status.late_cycles, self.status.dropped_setpoints, self.status.dropped_records

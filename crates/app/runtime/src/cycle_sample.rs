@@ -2,7 +2,7 @@
 
 use evolvent_motion::{Inputs, PathExecutor, Setpoint, State};
 use evolvent_path::AXES;
-use evolvent_trace::{CycleRecord, inputs as recorded};
+use evolvent_trace::{CycleRecord, PhaseRecord, inputs as recorded};
 use evolvent_turning::Transition;
 
 /// A cycle on its way to the trace.
@@ -13,6 +13,8 @@ pub(crate) struct CycleSample {
     pub actions: u32,
     /// The change of state of a turning cycle.
     pub turning: Option<Transition>,
+    /// How the cycle follows the drives' clock, where a phase error has come.
+    pub phase: Option<PhaseRecord>,
 }
 
 impl CycleSample {
@@ -48,6 +50,7 @@ impl CycleSample {
             block: setpoint.block,
             actions: setpoint.actions,
             turning: None,
+            phase: None,
         }
     }
 

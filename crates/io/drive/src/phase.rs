@@ -60,6 +60,10 @@ pub struct PhaseLock {
     /// Maximum number of cycles that an error applies to.
     max_cycles: u32,
     hold_cycles: u32,
+    /// Cycles since errors began to arrive.
+    locked_cycles: u32,
+    /// Cycles from there until what is left of the first error and of an unknown drift is negligible.
+    settling_cycles: u32,
 }
 
 impl PhaseLock {
@@ -78,6 +82,9 @@ impl PhaseLock {
             silent_cycles: 0,
             max_cycles: settings.delay_cycles.max(1),
             hold_cycles: (4.0 / bandwidth) as u32,
+            locked_cycles: 0,
+            // Half a period takes 500 cycles at the limit, and of `(1 + w t) exp(-w t)` a two thousandth is left after `10 / w`.
+            settling_cycles: 500 + (10.0 / bandwidth) as u32,
         }
     }
 
@@ -87,6 +94,18 @@ impl PhaseLock {
         self.drift_ns * MAX_CORRECTION_RATIO / self.limit_ns.max(1.0)
     }
 
+    /// By how much the period is longer than the nominal one, as a ratio.
+    #[must_use]
+    pub fn correction_ratio(&self) -> f64 {
+        self.correction_ns * MAX_CORRECTION_RATIO / self.limit_ns.max(1.0)
+    }
+
+    /// Whether it has had time to find drift and phase since errors began to arrive, and there is no long silence.
+    #[must_use]
+    pub const fn is_settled(&self) -> bool {
+        self.locked_cycles >= self.settling_cycles && self.silent_cycles <= self.hold_cycles
+    }
+
     /// One cycle: the newest phase error, if one arrived. Returns by how many ns this period is longer than
     /// the nominal one.
     ///
@@ -94,6 +113,10 @@ impl PhaseLock {
     /// to the drift that was found: the clocks differ as before.
     pub fn step(&mut self, phase_error_ns: Option<i64>) -> i64 {
         if let Some(error_ns) = phase_error_ns {
+            if self.silent_cycles > self.hold_cycles {
+                self.locked_cycles = 0;
+            }
+            self.locked_cycles = self.locked_cycles.saturating_add(1);
             let cycles = self.silent_cycles.saturating_add(1).min(self.max_cycles);
             self.silent_cycles = 0;
             let error = error_ns.saturating_sub(self.target_ns) as f64;
@@ -109,6 +132,9 @@ impl PhaseLock {
             }
         } else {
             self.silent_cycles = self.silent_cycles.saturating_add(1);
+            if self.locked_cycles > 0 {
+                self.locked_cycles = self.locked_cycles.saturating_add(1);
+            }
             if self.silent_cycles > self.hold_cycles {
                 self.correction_ns = self.drift_ns;
             }

@@ -1,5 +1,7 @@
 //! A histogram of times that costs a few nanoseconds per value and no allocation.
 
+use crate::schema::evolvent;
+
 /// Sub-buckets per power of two: values within one bucket differ by less than 1/16.
 const SUB_BITS: u32 = 4;
 const SUB: usize = 1 << SUB_BITS;
@@ -146,6 +148,15 @@ impl Histogram {
             }
         }
         self.max_ns
+    }
+
+    pub(crate) fn message(&self) -> evolvent::Histogram {
+        evolvent::Histogram {
+            count: self.powers_of_two(),
+            min_ns: self.min_ns(),
+            max_ns: self.max_ns(),
+            sum_ns: self.sum_ns(),
+        }
     }
 
     /// Counts of times in [2^(i−1), 2^i) ns (the first: below 1 ns), without trailing empty ones.

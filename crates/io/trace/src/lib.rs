@@ -61,6 +61,7 @@ mod decode;
 mod encode;
 mod histogram;
 mod messages;
+mod phase;
 mod read_error;
 mod reader;
 mod record;
@@ -81,6 +82,7 @@ mod whole;
 
 pub use histogram::Histogram;
 pub use messages::Messages;
+pub use phase::{PhaseFigures, PhaseRecord, PhaseTally};
 pub use read_error::ReadError;
 pub use reader::{TraceFile, TraceMessage};
 pub use record::{

@@ -239,7 +239,7 @@ pub struct BlockRecord {
     pub start_sequence: u64,
 }
 
-/// Lateness and work of the cycles of one second, channel `/timing`.
+/// Lateness and work of the cycles of one second, and how they followed the drives' clock, channel `/timing`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TimingRecord {
     /// When the first of the cycles was due, Unix time in ns.
@@ -254,6 +254,8 @@ pub struct TimingRecord {
     pub lateness: crate::Histogram,
     /// How long their work took.
     pub work: crate::Histogram,
+    /// How they followed the drives' clock.
+    pub phase: crate::PhaseTally,
 }
 
 /// How grave a log line is. The numbers are those of the public schema.

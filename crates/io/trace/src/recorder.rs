@@ -12,6 +12,7 @@ use crate::batch::Batch;
 use crate::checked_map::with_checksum;
 use crate::container::{Container, MessageHeader};
 use crate::encode::put_cycle;
+use crate::phase::PhaseRecord;
 use crate::record::{BlockRecord, CycleRecord, EventRecord, LogLevel, TimingRecord};
 use crate::record_error::{RecordError, Remains, write_error};
 use crate::run_info::{ProgramSource, RunInfo};
@@ -327,6 +328,11 @@ impl Recorder {
         self.close_full_chunk()
     }
 
+    /// Counts what the phase lock did in the cycle that was recorded last: for `/timing` and the summary.
+    pub fn phase(&mut self, record: &PhaseRecord) {
+        self.tally.phase(record);
+    }
+
     /// Records an event.
     ///
     /// # Errors
@@ -493,21 +499,14 @@ impl Recorder {
     }
 
     fn put_timing(&mut self, record: &TimingRecord) {
-        let histogram = |times: &crate::Histogram| {
-            Some(evolvent::Histogram {
-                count: times.powers_of_two(),
-                min_ns: times.min_ns(),
-                max_ns: times.max_ns(),
-                sum_ns: times.sum_ns(),
-            })
-        };
         let timing = evolvent::Timing {
             timestamp: Some(timestamp(record.time_ns)),
             start_sequence: record.start_sequence,
             cycles: record.cycles,
             late_cycles: record.late_cycles,
-            lateness: histogram(&record.lateness),
-            work: histogram(&record.work),
+            lateness: Some(record.lateness.message()),
+            work: Some(record.work.message()),
+            phase: record.phase.message(),
         };
         self.put(Channel::Timing, record.time_ns, record.start_sequence, &timing);
     }

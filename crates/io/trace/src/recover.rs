@@ -33,7 +33,7 @@ const MAX_ATTACHMENT_HEAD: u64 = 64 * 1024;
 const ALL_AXES: [usize; 9] = [0, 1, 2, 3, 4, 5, 6, 7, 8];
 
 /// What came of a recovery.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Recovered {
     /// The torn file.
     pub source: PathBuf,

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::histogram::Histogram;
+use crate::phase::{PhaseRecord, PhaseTally};
 use crate::record::{CycleRecord, EventKind, TimingRecord};
 
 /// Bit of `flags` in a cycle: the setpoint was published after its due time. The same on the bus.
@@ -11,7 +12,7 @@ pub(crate) const FLAG_LATE: u32 = 1;
 const TIMING_SPAN_NS: u64 = 1_000_000_000;
 
 /// Counts of a whole run, gathered while recording; goes into the metadata `evolvent.summary`.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunStatistics {
     /// Cycles recorded.
     pub cycles: u64,
@@ -31,6 +32,8 @@ pub struct RunStatistics {
     pub lateness: Histogram,
     /// How long their work took.
     pub work: Histogram,
+    /// How they followed the drives' clock, once the lock had settled.
+    pub phase: PhaseTally,
     /// The number with which the trace begins; `None` if what was run is unknown.
     begins_at: Option<u64>,
 }
@@ -92,6 +95,9 @@ impl RunStatistics {
                 );
             }
         }
+        if let Some(phase) = self.phase.figures() {
+            map.extend(phase.named().map(|(key, text)| (key.to_owned(), text)));
+        }
         map
     }
 }
@@ -132,6 +138,14 @@ impl Tally {
         self.second.work.record(i64::from(record.work_ns));
         self.run.count(record.sequence, record.flags);
         done
+    }
+
+    /// Counts what the phase lock did in the cycle that was counted last.
+    pub(crate) fn phase(&mut self, record: &PhaseRecord) {
+        self.second.phase.record(record);
+        if record.is_settled {
+            self.run.phase.record(record);
+        }
     }
 
     /// Counts an event.

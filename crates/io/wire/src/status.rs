@@ -179,8 +179,10 @@ payload! {
         spindle_command_rpm: [f32; 4],
         /// Measured speed of each spindle in revolutions per minute, negative counter-clockwise; not a number if none is known.
         spindle_measured_rpm: [f32; 4],
-        /// Zero; for later versions.
-        reserved: [u64; 1],
+        /// By how much this computer's clock is faster than the drives', as the phase lock has found, in millionths: the mean of a second.
+        clock_drift_ppm: f32,
+        /// Largest magnitude of the phase error in a second, in ns, at least 1; 0 where the core follows no clock of drives.
+        phase_error_max_ns: f32,
     }
 }
 

@@ -39,6 +39,15 @@ struct Arguments {
         allow_negative_numbers = true
     )]
     drift_ppm: f64,
+    /// By how much the clock of the first device, which is the reference, is faster than this computer's, in millionths. The others
+    /// count from it.
+    #[arg(
+        long,
+        value_name = "PPM",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    reference_ppm: f64,
     /// Turns of the motor from the start of each drive to its limit switches, negative and positive end.
     #[arg(
         long,
@@ -86,9 +95,10 @@ impl Kind {
                     settings.limits_turns = [f64::NEG_INFINITY, f64::INFINITY];
                     settings.probe_turns = f64::INFINITY;
                 }
-                SubDevice::drive(settings, serial, arguments.drift_ppm * position as f64)
+                let drift_ppm = arguments.reference_ppm + arguments.drift_ppm * position as f64;
+                SubDevice::drive(settings, serial, drift_ppm)
             }
-            Self::Coupler => terminal(TerminalKind::Coupler),
+            Self::Coupler => terminal(TerminalKind::Coupler).with_drift_ppm(arguments.reference_ppm),
             Self::DigitalIn => terminal(TerminalKind::DigitalInput),
             Self::DigitalOut => terminal(TerminalKind::DigitalOutput),
             Self::AnalogIn => terminal(TerminalKind::AnalogInput),

@@ -53,6 +53,17 @@ fn write_info(out: &mut dyn Write, info: &TraceInfo) -> io::Result<()> {
         rows.push(("alarms", text("alarms")));
         rows.push(("wake-up lateness", percentiles(info, "wake_lateness")));
         rows.push(("own work", percentiles(info, "work")));
+        if let Some(drift_ppm) = info.summary_number("clock_drift_ppm") {
+            let us = |key: &str| info.summary_number(key).unwrap_or(f64::NAN) * 1e-3;
+            let text = format!(
+                "drift {drift_ppm:.2} ppm; phase error mean {:.2}, scatter {:.2}, p99.9 {:.2}, max {:.2} us",
+                us("phase_mean_ns"),
+                us("phase_scatter_ns"),
+                us("phase_p999_ns"),
+                us("phase_max_ns")
+            );
+            rows.push(("drives' clock", text));
+        }
     }
     if let Some(failure) = info.recovery.get("failure") {
         rows.push(("recording failed", failure.clone()));

@@ -103,6 +103,9 @@ impl Tracks {
     ) -> Result<(), RecordError> {
         let cycle = &sample.record;
         recorder.cycle(cycle)?;
+        if let Some(phase) = &sample.phase {
+            recorder.phase(phase);
+        }
         let event = |kind, code, text: String, value| EventRecord {
             time_ns: cycle.due_time_ns,
             sequence: cycle.sequence,

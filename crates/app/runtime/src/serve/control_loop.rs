@@ -51,7 +51,7 @@ pub(super) struct ControlLoop {
     /// What the publisher counted so far, and its readers.
     pub published: (PublishReport, usize),
     calls: Calls,
-    pulse: Pulse,
+    pub pulse: Pulse,
     /// Whether it was told that messages of inputs, and of spindles, are discarded.
     refused_told: [bool; 2],
     /// Whether it was told that the connection of a client is damaged.
@@ -135,13 +135,13 @@ impl ControlLoop {
     /// Takes in what the cycle has reported.
     fn look(&mut self, now_ns: u64) {
         let queues = &mut self.queues;
-        let pulse = &mut self.pulse;
+        let (pulse, period_ns) = (&mut self.pulse, self.operator.setup.period_ns);
         self.operator.tick(
             now_ns,
             &mut queues.views,
             &mut queues.events,
             &mut queues.answers,
-            |view| pulse.count(view),
+            |view| pulse.count(view, period_ns),
         );
     }
 

@@ -9,6 +9,7 @@ use evolvent_machine::Limits;
 use evolvent_motion::{PathExecutor, PlanConsumer, Setpoint, TransferExecutor, Violation};
 use evolvent_path::{Axes, AxisMask};
 use evolvent_signals::{Change, ProbeState, ScheduleConsumer};
+use evolvent_trace::PhaseRecord;
 use evolvent_turning::Reason;
 
 use crate::due_setpoint::SpindleOverrides;
@@ -225,6 +226,8 @@ pub(crate) struct CycleView {
     pub spindle_overrides: SpindleOverrides,
     pub handwheel: HandwheelView,
     pub leaving: LeavingView,
+    /// How the cycle follows the drives' clock, where a phase error has come.
+    pub phase: Option<PhaseRecord>,
 }
 
 /// Whether and how the axes may leave a held program.

@@ -16,7 +16,7 @@ use evolvent_machine::Limits;
 use evolvent_motion::{DrivenPath, Excursion, Inputs, MachineState, Setpoint, TransferExecutor, flags};
 use evolvent_path::AxisMask;
 use evolvent_signals::ProbeInput;
-use evolvent_trace::inputs as recorded;
+use evolvent_trace::{PhaseRecord, inputs as recorded};
 use rtrb::{Consumer, Producer};
 
 use notes::CycleNotes;
@@ -251,9 +251,15 @@ impl SetpointSource for ServedCycle {
         }
         now.power_orders
             .record_request(now.drive.power, setpoint.sequence);
-        now.notes.phase_error_ns = feedback
+        now.notes.phase = feedback
             .filter(|_| now.presence == Presence::Operational)
-            .map(|feedback| feedback.phase_error_ns);
+            .zip(parts.phase.as_ref())
+            .map(|(feedback, lock)| PhaseRecord {
+                error_ns: feedback.phase_error_ns,
+                drift_ppm: 1e6 * lock.drift_ratio(),
+                correction_ppm: 1e6 * lock.correction_ratio(),
+                is_settled: lock.is_settled(),
+            });
         Computed {
             setpoint,
             corrected,
@@ -275,6 +281,7 @@ impl SetpointSource for ServedCycle {
         sample.record.following_error = notes.following_error;
         notes.note_load(&mut sample.record, self.now.inputs.load, self.parts.period_ns);
         sample.turning = notes.turned;
+        sample.phase = notes.phase;
     }
 
     fn finish(&mut self, end: &CycleEnd<'_>) -> Next {
@@ -299,11 +306,12 @@ impl SetpointSource for ServedCycle {
             spindle_overrides: parts.counted_overrides(now),
             handwheel: parts.handwheel(),
             leaving: parts.leaving(now),
+            phase: now.notes.phase,
         });
         if now.is_last {
             return Next::End;
         }
-        let phase_error_ns = now.notes.phase_error_ns;
+        let phase_error_ns = now.notes.phase.map(|phase| phase.error_ns);
         let correction_ns = parts.phase.as_mut().map_or(0, |phase| phase.step(phase_error_ns));
         Next::Cycle { correction_ns }
     }

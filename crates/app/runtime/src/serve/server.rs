@@ -200,6 +200,7 @@ impl Service {
             status,
             trace,
             published: (published, _),
+            pulse,
             // The service of commands is there until the last file is written, and the manager hears of the end.
             server: _server,
             manager: _manager,
@@ -218,6 +219,7 @@ impl Service {
             listeners: published.listeners as u64,
             dropped_records: view.dropped_records,
             dropped_setpoints: view.dropped_setpoints + published.failed,
+            clock: pulse.phase.figures(),
             alarms: operator.desk.alarms().map(|(alarm, _)| alarm.number()).collect(),
             trace: None,
             notes: self.notes,

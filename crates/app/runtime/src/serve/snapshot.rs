@@ -5,7 +5,7 @@ use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_motion::{State, flags};
 use evolvent_path::{AXES, Axes, AxisMask, angle_within_turn};
 use evolvent_signals::ProbeState;
-use evolvent_trace::Histogram;
+use evolvent_trace::{Histogram, PhaseFigures, PhaseTally};
 
 use super::operator::Operator;
 use super::orders::CycleView;
@@ -14,17 +14,37 @@ use crate::publish_report::PublishReport;
 use crate::spindle_command::shown_rpm;
 use crate::status_source::event_of;
 
+const SECOND_NS: u64 = 1_000_000_000;
+
 /// What the cycles so far were like.
 #[derive(Default)]
 pub(crate) struct Pulse {
     pub lateness: Histogram,
     pub work: Histogram,
+    /// How they followed the drives' clock, once the lock had settled.
+    pub phase: PhaseTally,
+    /// The same of the last whole second, settled or not, and of the present one with its number.
+    last_second: Option<PhaseFigures>,
+    second: PhaseTally,
+    second_number: u64,
 }
 
 impl Pulse {
-    pub(crate) fn count(&mut self, view: &CycleView) {
+    pub(crate) fn count(&mut self, view: &CycleView, period_ns: u64) {
         self.lateness.record(view.lateness_ns as i64);
         self.work.record(view.work_ns as i64);
+        let number = view.setpoint.sequence.saturating_mul(period_ns) / SECOND_NS;
+        if number != self.second_number {
+            self.second_number = number;
+            self.last_second = self.second.figures();
+            self.second.clear();
+        }
+        if let Some(phase) = &view.phase {
+            self.second.record(phase);
+            if phase.is_settled {
+                self.phase.record(phase);
+            }
+        }
     }
 }
 
@@ -219,7 +239,7 @@ pub(crate) fn snapshot(
     status
 }
 
-/// Lateness and work of the last second.
+/// Lateness and work since the start, and the drives' clock.
 fn add_timing(status: &mut Status, pulse: &Pulse) {
     status.wake_lateness_p50_ns = quantile(&pulse.lateness, 50.0);
     status.wake_lateness_p999_ns = quantile(&pulse.lateness, 99.9);
@@ -227,6 +247,10 @@ fn add_timing(status: &mut Status, pulse: &Pulse) {
     status.work_p50_ns = quantile(&pulse.work, 50.0);
     status.work_p999_ns = quantile(&pulse.work, 99.9);
     status.work_max_ns = pulse.work.max_ns().max(0) as u64;
+    if let Some(phase) = &pulse.last_second {
+        status.clock_drift_ppm = phase.drift_ppm as f32;
+        status.phase_error_max_ns = phase.phase_max_ns.max(1) as f32;
+    }
 }
 
 /// Positions of unlimited rotary axes are shown as angles of a turn.

@@ -1,5 +1,7 @@
 //! What serving came to.
 
+use evolvent_trace::PhaseFigures;
+
 /// What serving came to.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct ServeSummary {
@@ -24,6 +26,8 @@ pub struct ServeSummary {
     pub dropped_records: u64,
     /// Setpoints lost on the way to the bus.
     pub dropped_setpoints: u64,
+    /// How the cycle followed the drives' clock once the lock had settled; none where it followed none, or not for long enough.
+    pub clock: Option<PhaseFigures>,
     /// Alarms in force at the end.
     pub alarms: Vec<u32>,
     /// The trace file, if one was written.

@@ -120,6 +120,7 @@ mod tests {
             spindle_overrides: [1.0; SPINDLES],
             handwheel: HandwheelView::default(),
             leaving: LeavingView::default(),
+            phase: None,
         }
     }
 

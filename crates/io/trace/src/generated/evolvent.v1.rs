@@ -175,8 +175,8 @@ pub struct Histogram {
     #[prost(sint64, tag = "4")]
     pub sum_ns: i64,
 }
-/// Lateness and work of the cycles of one second; topic /timing.
-#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+/// Lateness and work of the cycles of one second, and how they followed the drives' clock; topic /timing.
+#[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Timing {
     /// When the first of the cycles was due.
     #[prost(message, optional, tag = "1")]
@@ -196,6 +196,37 @@ pub struct Timing {
     /// How long their work took.
     #[prost(message, optional, tag = "6")]
     pub work: ::core::option::Option<Histogram>,
+    /// What the phase lock did; absent where the cycle follows no clock of drives.
+    #[prost(message, optional, tag = "7")]
+    pub phase: ::core::option::Option<PhaseLock>,
+}
+/// How the cycle follows the drives' clock, from the cycles with which a bridge reported a phase error: the drives' time minus the due
+/// time of the setpoint, positive if the drives run late.
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct PhaseLock {
+    /// How many phase errors.
+    #[prost(uint64, tag = "1")]
+    pub errors: u64,
+    /// How many of them came after the lock had had time to find drift and phase.
+    #[prost(uint64, tag = "2")]
+    pub settled: u64,
+    /// Mean of the errors.
+    #[prost(double, tag = "3")]
+    pub mean_ns: f64,
+    /// Their standard deviation.
+    #[prost(double, tag = "4")]
+    pub scatter_ns: f64,
+    /// Their magnitudes.
+    #[prost(message, optional, tag = "5")]
+    pub magnitude: ::core::option::Option<Histogram>,
+    /// By how much this computer's clock is faster than the drives', as the lock has found; the mean.
+    #[prost(double, tag = "6")]
+    pub drift_ppm: f64,
+    /// By how much the period was longer than the nominal one, least and most.
+    #[prost(double, tag = "7")]
+    pub correction_min_ppm: f64,
+    #[prost(double, tag = "8")]
+    pub correction_max_ppm: f64,
 }
 /// What the cycle was doing. The numbers are those of the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]

@@ -4,7 +4,7 @@ use evolvent_bus::Feedback;
 use evolvent_drive::Presence;
 use evolvent_machine::LoadSample;
 use evolvent_path::{AXES, AxisMask};
-use evolvent_trace::{CycleRecord, inputs as recorded};
+use evolvent_trace::{CycleRecord, PhaseRecord, inputs as recorded};
 use evolvent_turning::Transition;
 
 /// A cutting load that is older than this is none any more.
@@ -14,8 +14,8 @@ const LOAD_AGE_NS: u64 = 1_000_000_000;
 pub(super) struct CycleNotes {
     /// What the step depended on, as bits of the trace.
     pub(super) input_bits: u32,
-    /// Of the drives' clock with this cycle; none where none was reported.
-    pub(super) phase_error_ns: Option<i64>,
+    /// How the cycle follows the drives' clock; none where no phase error was reported with this cycle.
+    pub(super) phase: Option<PhaseRecord>,
     /// As the drives reported it last; not a number where none replies.
     pub(super) following_error: [f64; AXES],
     /// Number of the newest cutting load, and the setpoint with which it was first used.
@@ -28,7 +28,7 @@ impl Default for CycleNotes {
     fn default() -> Self {
         Self {
             input_bits: 0,
-            phase_error_ns: None,
+            phase: None,
             following_error: [f64::NAN; AXES],
             load_seen: (0, 0),
             turned: None,
