@@ -7,6 +7,7 @@ mod entry;
 mod follower;
 mod gantry;
 mod input_entry;
+mod machines;
 mod phase;
 mod random_motion;
 mod renaming;

@@ -2,35 +2,20 @@
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
-use evolvent_drive::{BridgeState, Follower, FollowerSettings, PowerRequest, Target, bridge_cycles};
-use evolvent_path::AxisMask;
+use evolvent_drive::{BridgeState, Follower, FollowerSettings, PowerRequest, Target};
 use evolvent_random::{Random, cases};
 use evolvent_wire::{AXES, Setpoint};
 
+use crate::machines::{HEAVY, MILL, settings};
 use crate::random_motion::RandomMotion;
 
 /// Due time of the setpoint with the number 0, ns.
 const BEGIN_NS: u64 = 5_000_000_000;
-/// Velocity, acceleration and jerk: a mill and a heavy machine of 0.01 g.
-const MILL: [f64; 3] = [500.0, 5_000.0, 200_000.0];
-const HEAVY: [f64; 3] = [16.7, 98.0, 5_000.0];
 /// Tolerance of the start.
 const SYNC: f64 = 0.5;
 /// What the documentation permits the start besides the setpoints, of every limit; and rounding of differences.
 const START: f64 = 0.05;
 const ROUNDING: f64 = 1e-3;
-
-fn settings(period_ns: u64, [velocity, acceleration, jerk]: [f64; 3]) -> FollowerSettings {
-    FollowerSettings {
-        period_ns,
-        bridge_cycles: bridge_cycles(period_ns),
-        axes: AxisMask::from_bits(0b11),
-        max_velocity: [velocity; AXES],
-        max_acceleration: [acceleration; AXES],
-        max_jerk: [jerk; AXES],
-        sync_tolerance: [SYNC; AXES],
-    }
-}
 
 /// A follower with ideal drives. Setpoints arrive two periods before they are due.
 struct Bench {
@@ -115,7 +100,7 @@ fn axes_at_rest_go_smoothly_to_setpoints_beside_them() {
         let case = format!("{period_ns} ns, {limits:?}, {distance} mm");
         let mut actual = [0.0; AXES];
         (actual[0], actual[1]) = (distance, -0.5 * distance);
-        let mut bench = Bench::new(settings(period_ns, limits), actual);
+        let mut bench = Bench::new(settings(period_ns, limits, SYNC), actual);
         let mut left = f64::INFINITY;
         for sequence in 0..3_000_000_000 / period_ns {
             let target = bench.cycle(Some(setpoint(sequence, period_ns)), sequence >= 12);
@@ -150,7 +135,7 @@ fn axes_that_move_at_once_do_so_within_their_limits_and_the_share_of_the_start()
             let mut actual = [0.0; AXES];
             // What the setpoints have moved when following begins adds to it.
             (actual[0], actual[1]) = (0.99 * distance, 0.99 * distance);
-            let mut bench = Bench::new(settings(period_ns, limits), actual);
+            let mut bench = Bench::new(settings(period_ns, limits, SYNC), actual);
             let enabled_from = 12;
             for sequence in 0..6_000_000_000 / period_ns {
                 let mut sent = setpoint(sequence, period_ns);
@@ -189,7 +174,7 @@ fn axes_that_move_at_once_do_so_within_their_limits_and_the_share_of_the_start()
 #[test]
 fn a_small_jump_that_persists_at_rest_is_no_step_of_the_targets() {
     for (period_ns, limits, distance) in starts() {
-        let mut bench = Bench::new(settings(period_ns, limits), [0.0; AXES]);
+        let mut bench = Bench::new(settings(period_ns, limits, SYNC), [0.0; AXES]);
         for sequence in 0..3_000_000_000 / period_ns {
             let mut sent = setpoint(sequence, period_ns);
             if sequence >= 50 {
@@ -215,7 +200,7 @@ fn brakes_and_changes_of_datum_meanwhile_move_nothing_else() {
             let case = format!("{period_ns} ns, {limits:?}, {distance} mm, silent {is_silent}");
             let mut actual = [0.0; AXES];
             (actual[0], actual[1]) = (distance, distance);
-            let mut bench = Bench::new(settings(period_ns, limits), actual);
+            let mut bench = Bench::new(settings(period_ns, limits, SYNC), actual);
             let renamed_from = 20;
             let silence = if is_silent { 25..100 } else { 0..0 };
             for sequence in 0..3_000_000_000 / period_ns {
@@ -251,7 +236,7 @@ fn no_start_leaves_the_limits() {
         for held in &mut actual[..2] {
             *held = place + random.between(-SYNC, SYNC);
         }
-        let mut bench = Bench::new(settings(period_ns, limits), actual);
+        let mut bench = Bench::new(settings(period_ns, limits, SYNC), actual);
         // The drives sample between the due times.
         bench.now_ns += random.below(period_ns as usize) as u64;
         let moves_from = 8 + random.below(40) as u64;

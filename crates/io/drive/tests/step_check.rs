@@ -2,31 +2,17 @@
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
-use evolvent_drive::{BridgeState, Follower, FollowerSettings, Note, PowerRequest, Target, bridge_cycles};
-use evolvent_path::AxisMask;
+use evolvent_drive::{BridgeState, Follower, FollowerSettings, Note, PowerRequest, Target};
 use evolvent_random::{Random, cases};
 use evolvent_wire::{AXES, Setpoint, flags};
 
+use crate::machines::{HEAVY, MILL, settings};
 use crate::random_motion::RandomMotion;
 
 /// Due time of the setpoint with the number 0, ns.
 const BEGIN_NS: u64 = 5_000_000_000;
-/// Velocity, acceleration and jerk of an axis: a mill and a heavy machine of 0.01 g.
-const MILL: [f64; 3] = [500.0, 5_000.0, 200_000.0];
-const HEAVY: [f64; 3] = [16.7, 98.0, 5_000.0];
-
-fn settings(period_ns: u64, [velocity, acceleration, jerk]: [f64; 3]) -> FollowerSettings {
-    FollowerSettings {
-        period_ns,
-        bridge_cycles: bridge_cycles(period_ns),
-        axes: AxisMask::from_bits(0b11),
-        max_velocity: [velocity; AXES],
-        max_acceleration: [acceleration; AXES],
-        max_jerk: [jerk; AXES],
-        // None of the jumps is near enough to begin there.
-        sync_tolerance: [1e-3; AXES],
-    }
-}
+/// None of the jumps is near enough to begin there.
+const SYNC: f64 = 1e-3;
 
 fn at_rest(sequence: u64, period_ns: u64, position: f64) -> Setpoint {
     Setpoint {
@@ -129,7 +115,7 @@ fn a_jump_that_persists_is_not_followed_at_rest() {
         // How many setpoints are lost after the first one of the jump, and whether the drives come into operation only when the jump is
         // in the queue.
         for (lost, is_queued) in [(0, false), (1, false), (7, false), (0, true), (7, true)] {
-            let mut bench = Bench::new(settings(period_ns, limits), lead);
+            let mut bench = Bench::new(settings(period_ns, limits, SYNC), lead);
             let first = lead + 20;
             bench.enabled_from = if is_queued { first + 1 } else { 0 };
             let mut has_held = false;
@@ -155,7 +141,7 @@ fn a_jump_that_persists_is_not_followed_at_rest() {
 fn a_jump_that_persists_is_not_followed_in_motion() {
     for (period_ns, limits, lead, jump) in jumps() {
         for lost in [0, 1, 7] {
-            let mut bench = Bench::new(settings(period_ns, limits), lead);
+            let mut bench = Bench::new(settings(period_ns, limits, SYNC), lead);
             let speed = 0.5 * limits[0];
             let first = lead + 1_500_000_000 / period_ns;
             for cycle in 0..first + 2_000_000_000 / period_ns {
@@ -179,7 +165,7 @@ fn a_jump_that_persists_is_not_followed_in_motion() {
 #[test]
 fn one_setpoint_out_of_reach_counts_as_missing() {
     for (period_ns, limits, lead, jump) in jumps() {
-        let mut bench = Bench::new(settings(period_ns, limits), lead);
+        let mut bench = Bench::new(settings(period_ns, limits, SYNC), lead);
         let first = lead + 1_500_000_000 / period_ns;
         let mut wild = 0;
         for cycle in 0..first + 200 {
@@ -210,7 +196,7 @@ fn velocities_that_do_not_fit_the_positions_are_not_followed() {
     for period_ns in [4_000_000, 1_000_000, 250_000] {
         let period_s = period_ns as f64 * 1e-9;
         for (velocity, moves) in [(100.0, 0.0), (0.0, 100.0), (-100.0, 100.0)] {
-            let mut bench = Bench::new(settings(period_ns, MILL), 3);
+            let mut bench = Bench::new(settings(period_ns, MILL, SYNC), 3);
             let first = 30;
             for cycle in 0..first + 400 {
                 let mut setpoint = at_rest(cycle, period_ns, 0.0);
@@ -239,7 +225,7 @@ fn velocities_that_do_not_fit_the_positions_are_not_followed() {
 #[test]
 fn a_step_of_velocity_is_not_followed() {
     for period_ns in [4_000_000, 1_000_000, 250_000] {
-        let mut bench = Bench::new(settings(period_ns, MILL), 3);
+        let mut bench = Bench::new(settings(period_ns, MILL, SYNC), 3);
         let (first, speed) = (30, 100.0);
         for cycle in 0..first + 400 {
             let mut setpoint = at_rest(cycle, period_ns, 0.0);
@@ -260,7 +246,7 @@ fn a_step_of_velocity_is_not_followed() {
 fn a_stop_at_the_end_of_the_travel_by_the_guard_is_followed() {
     let (period_ns, first) = (1_000_000, 1500);
     for is_guarded in [true, false] {
-        let mut bench = Bench::new(settings(period_ns, MILL), 2);
+        let mut bench = Bench::new(settings(period_ns, MILL, SYNC), 2);
         for cycle in 0..first + 300 {
             let mut setpoint = in_motion(cycle.min(first - 1), period_ns, MILL, 100.0);
             if cycle >= first {
@@ -296,7 +282,7 @@ fn a_motion_within_the_limits_is_followed_whatever_is_lost() {
         let velocity = random.log(10.0, 1_000.0);
         let acceleration = random.log(0.5 * velocity, 50.0 * velocity);
         let limits = [velocity, acceleration, random.log(3.0, 200.0) * acceleration];
-        let settings = settings(period_ns, limits);
+        let settings = settings(period_ns, limits, SYNC);
         // Up to what corrections and a spindle that is followed may add.
         let share = random.between(0.3, 1.95);
         let driven = [velocity, share * acceleration, limits[2]];

@@ -120,9 +120,9 @@ pub(super) async fn start<'m>(
             let time_ns = time.map_err(failed("reading the reference clock"))?;
             reference = ReferenceClock::new(time_ns, monotonic_ns());
             let first_ns = time_ns.wrapping_add(SYNC_DELAY.as_nanos() as u64) / period_ns * period_ns;
-            for (device, listed) in network.devices.iter().enumerate() {
+            for (device, (listed, has_clock)) in network.devices.iter().zip(has_clock).enumerate() {
                 let is_drive = listed.axis.is_some() || listed.spindle.is_some();
-                if is_drive && has_clock[device] {
+                if is_drive && has_clock {
                     let begun = begin_sync(main, device, first_ns).await;
                     begun.map_err(failed("setting the start of SYNC0"))?;
                 }
