@@ -5,11 +5,11 @@ use evolvent_path::AxisMask;
 use evolvent_wire::AXES;
 
 /// Velocity, acceleration and jerk of every axis.
-pub const MILL: [f64; 3] = [500.0, 5_000.0, 200_000.0];
-pub const HEAVY: [f64; 3] = [16.7, 98.0, 5_000.0];
+pub(crate) const MILL: [f64; 3] = [500.0, 5_000.0, 200_000.0];
+pub(crate) const HEAVY: [f64; 3] = [16.7, 98.0, 5_000.0];
 
 /// A follower of X and Y that begins within `sync_tolerance`, mm.
-pub fn settings(
+pub(crate) fn settings(
     period_ns: u64,
     [velocity, acceleration, jerk]: [f64; 3],
     sync_tolerance: f64,
