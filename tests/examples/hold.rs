@@ -1,7 +1,7 @@
-//! How soon a hold takes effect, at random moments of a program: periods from the command's leaving its client to the moment
-//! at which the first setpoint that is slower is due (its computing in time, plus the lead), and setpoints from the newest that
-//! was computed when the command was judged. The client is a real-time thread of low priority, where that is permitted: it is the
-//! core that is measured.
+//! How soon a hold takes effect, at random moments of a program: periods from the command's leaving its
+//! client to the moment at which the first setpoint that is slower is due (its computing in time, plus the
+//! lead), and setpoints from the newest that was computed when the command was judged. The client is a
+//! real-time thread of low priority, where that is permitted: it is the core that is measured.
 //!
 //! `cargo run --release -p evolvent-tests --example hold [HOLDS]`
 #![expect(

@@ -1,9 +1,9 @@
 //! What joining, leaving and dying subscribers cost a machine that is served at 10 kHz.
 //!
-//! `cargo run --release -p evolvent-tests --example joins [JOINS]`: in one run by turns, for as long each, without and with
-//! subscribers that join and leave, one in ten of them killed. Prints the cycle's own work in each part, from the trace, and what
-//! a steady reader lost. Only parts of one run can be compared: what a shared host takes is another from minute to minute, and
-//! the longer one looks, the larger is the largest.
+//! `cargo run --release -p evolvent-tests --example joins [JOINS]`: in one run by turns, for as long each,
+//! without and with subscribers that join and leave, one in ten of them killed. Prints the cycle's own work
+//! in each part, from the trace, and what a steady reader lost. Only parts of one run can be compared: what a
+//! shared host takes is another from minute to minute, and the longer one looks, the larger is the largest.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,

@@ -1,9 +1,10 @@
-//! A machine that is operated for a long time: the core at 1 kHz with a trace, simulated drives, and three clients: one that
-//! reads every setpoint, one that polls the status, one that commands (programs, overrides, holds, jogs, MDI).
+//! A machine that is operated for a long time: the core at 1 kHz with a trace, simulated drives, and three
+//! clients: one that reads every setpoint, one that polls the status, one that commands (programs, overrides,
+//! holds, jogs, MDI).
 //!
-//! `cargo run --release -p evolvent-tests --example soak [MINUTES [no-trace]]`: every ten seconds it looks how much memory each process has;
-//! at the end it prints what was lost, and how fast the highest of each minute grew after the first third: a job's memory comes and
-//! goes with it.
+//! `cargo run --release -p evolvent-tests --example soak [MINUTES [no-trace]]`: every ten seconds it looks
+//! how much memory each process has; at the end it prints what was lost, and how fast the highest of each
+//! minute grew after the first third: a job's memory comes and goes with it.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -238,7 +239,8 @@ impl Watched {
         }
     }
 
-    /// The highest of each minute: first and last, and the slope of a straight line through all, KiB and KiB/min.
+    /// The highest of each minute: first and last, and the slope of a straight line through all, KiB and
+    /// KiB/min.
     fn growth(&self, which: usize, from: f64) -> [f64; 3] {
         let mut points: Vec<(f64, f64)> = Vec::new();
         for (time, values) in self.seen.iter().filter(|(time, _)| *time >= from) {

@@ -10,8 +10,8 @@ use serde_json::Value;
 use crate::repository;
 
 /// A command that starts the binary, in the repository's folder and with nothing on its standard input. The
-/// binary is brought up to date first, in the target folder and profile of the running test; unless the environment variable
-/// `EVOLVENT_BINARY` names another one.
+/// binary is brought up to date first, in the target folder and profile of the running test; unless the
+/// environment variable `EVOLVENT_BINARY` names another one.
 #[must_use]
 pub fn evolvent() -> Command {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
@@ -35,8 +35,8 @@ pub(crate) fn build_program(name: &str) -> PathBuf {
         Some("debug") | None => "dev",
         Some(name) => name,
     };
-    // The workspace with one of its tests: the same features of all dependencies as in `cargo test --workspace`, so
-    // that nothing is compiled twice.
+    // The workspace with one of its tests: the same features of all dependencies as in
+    // `cargo test --workspace`, so that nothing is compiled twice.
     let built = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
         .current_dir(repository())
         .args([

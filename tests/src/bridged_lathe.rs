@@ -1,5 +1,6 @@
-//! Lathes behind the bridges to hardware, simulated over real sockets: two axes, and a spindle with an encoder. The truth is the
-//! simulator's own angle and its own carriage, read at the same instant; no bridge sees either.
+//! Lathes behind the bridges to hardware, simulated over real sockets: two axes, and a spindle with an
+//! encoder. The truth is the simulator's own angle and its own carriage, read at the same instant; no bridge
+//! sees either.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -53,11 +54,13 @@ pub trait Lathe: Send + Sync {
     fn machine(&self, workshop: &Workshop, name: &str, spindles: &str) -> PathBuf {
         workshop.lathe(name, spindles)
     }
-    /// Where X and Z are when its drives have homed by themselves, which they do when power is first requested.
+    /// Where X and Z are when its drives have homed by themselves, which they do when power is first
+    /// requested.
     fn homed_at(&self) -> Option<[f64; 2]> {
         None
     }
-    /// Z stands at this coordinate. A drive finds its zero some moments after the edge of its switch, which no setting states.
+    /// Z stands at this coordinate. A drive finds its zero some moments after the edge of its switch, which
+    /// no setting states.
     fn stands_at(&self, _z: f64) {}
     /// Arguments of the bridge behind `evolvent bridge`.
     fn bridge(&self, workshop: &Workshop) -> Vec<String>;
@@ -122,7 +125,8 @@ impl MesaLathe {
         }
     }
 
-    /// With another maximum number of lost packets in a row: at a low rate a step generator turns over before the usual number is reached.
+    /// With another maximum number of lost packets in a row: at a low rate a step generator turns over before
+    /// the usual number is reached.
     #[must_use]
     pub fn with_lost_packets(mut self, max_lost_packets: u32) -> Self {
         self.max_lost_packets = max_lost_packets;
@@ -199,8 +203,8 @@ pub struct RingLathe {
 }
 
 impl RingLathe {
-    /// Runs a trial with lathes on a simulated ring, one after the other: each call creates new devices, because a drive
-    /// that has lost its fieldbus under power is in fault.
+    /// Runs a trial with lathes on a simulated ring, one after the other: each call creates new devices,
+    /// because a drive that has lost its fieldbus under power is in fault.
     pub fn on_ring(trial: impl FnOnce(&dyn Fn() -> Arc<dyn Lathe>) + Send + 'static) {
         on_bench(Self::devices(), move |ring| {
             trial(&|| {
@@ -298,15 +302,16 @@ impl Lathe for RingLathe {
     }
 }
 
-/// The lathe that ships, `config/machines/lathe-ethercat.toml` with `config/networks/sim-lathe.toml`, on the ring that the network file
-/// names. Only what a busy host needs is changed.
+/// The lathe that ships, `config/machines/lathe-ethercat.toml` with `config/networks/sim-lathe.toml`, on the
+/// ring that the network file names. Only what a busy host needs is changed.
 pub struct ShippedLathe {
     ring: SharedRing,
     /// The coordinate of Z where its motor is at 0, mm.
     zero: Mutex<f64>,
 }
 
-/// Turns from the start of each axis to its limit switches, which are at these machine coordinates, and mm per turn of Z.
+/// Turns from the start of each axis to its limit switches, which are at these machine coordinates, and mm
+/// per turn of Z.
 const LIMITS: [f64; 2] = [-90.0, 10.0];
 const SWITCHES: [f64; 2] = [205.0, 605.0];
 const SHIPPED_LEAD_MM: f64 = 10.0;

@@ -13,8 +13,8 @@ const AT_ONCE: usize = 4;
 /// One suite after the other: they would keep each other waiting.
 static ALONE: Mutex<()> = Mutex::new(());
 
-/// Runs the conformance suite against a bridge, or the simulated one where the command is empty, case by case in
-/// processes of their own. Returns the cases' reports.
+/// Runs the conformance suite against a bridge, or the simulated one where the command is empty, case by case
+/// in processes of their own. Returns the cases' reports.
 ///
 /// # Panics
 /// A case failed, with its reason.
@@ -67,8 +67,8 @@ pub fn hold_to_the_suite(options: &[&str], command: &[String]) -> Vec<Value> {
     cases
 }
 
-/// Compiles an example of `tools/examples` in C (`bridge` or `signals`) with the system's compiler and the library of this workspace;
-/// the program's path.
+/// Compiles an example of `tools/examples` in C (`bridge` or `signals`) with the system's compiler and the
+/// library of this workspace; the program's path.
 ///
 /// # Panics
 /// There is no compiler, or it complains.

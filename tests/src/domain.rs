@@ -11,7 +11,8 @@ use crate::served::PATIENCE;
 /// How long processes may take to end that nobody waits for: a busy host may need that.
 const ENDING: Duration = Duration::from_secs(20);
 
-/// An iceoryx2 prefix that nobody else uses. At the end its files are swept away, and it is checked that none is left.
+/// An iceoryx2 prefix that nobody else uses. At the end its files are swept away, and it is checked that none
+/// is left.
 #[derive(Debug)]
 pub struct Domain {
     /// The prefix, for `--bus-prefix`.

@@ -10,8 +10,9 @@ use crate::{Domain, evolvent};
 pub struct Drives(Child);
 
 impl Drives {
-    /// Starts them on a machine; further options of the command behind. They go without setpoints for 100 periods before they
-    /// brake, unless an option says otherwise: hosts that are busy keep core or drives waiting for longer than the usual 10.
+    /// Starts them on a machine; further options of the command behind. They go without setpoints for 100
+    /// periods before they brake, unless an option says otherwise: hosts that are busy keep core or drives
+    /// waiting for longer than the usual 10.
     ///
     /// # Panics
     /// They cannot be started.

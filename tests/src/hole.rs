@@ -1,9 +1,10 @@
 //! Exact curves of a program in the XY plane, by formulas of their own.
 //!
-//! Nothing here comes from the crates under test. An involute of a circle of radius r is, from the roll angle `p`,
-//! at the distance `sqrt(1 + p^2) r` from the circle's centre and at the polar angle `start + s (p - atan p)`, where s
-//! is 1 if it winds counter-clockwise on its way out and -1 if not. Its normals are the tangents of the circle, so the
-//! distance of a point to it, along the tangent of length t that ends in the point, is `t - r p`.
+//! Nothing here comes from the crates under test. An involute of a circle of radius r is, from the roll angle
+//! `p`, at the distance `sqrt(1 + p^2) r` from the circle's centre and at the polar angle
+//! `start + s (p - atan p)`, where s is 1 if it winds counter-clockwise on its way out and -1 if not. Its
+//! normals are the tangents of the circle, so the distance of a point to it, along the tangent of length t
+//! that ends in the point, is `t - r p`.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -130,8 +131,8 @@ pub struct Hole {
 }
 
 impl Hole {
-    /// Reads a program that `evolvent bore` could have written: absolute coordinates in mm, G0 to G3 and G2.2, G3.2 in the
-    /// XY plane, I and J from the start.
+    /// Reads a program that `evolvent bore` could have written: absolute coordinates in mm, G0 to G3 and
+    /// G2.2, G3.2 in the XY plane, I and J from the start.
     ///
     /// # Panics
     /// It is not such a program.

@@ -47,7 +47,8 @@ impl Workshop {
         self.write("lathe.toml", format!("name = {name:?}{MACHINE}{spindles}"))
     }
 
-    /// Runs a program on a lathe beside simulated spindles, with options of `bridge sim`; what came of it, and its trace.
+    /// Runs a program on a lathe beside simulated spindles, with options of `bridge sim`; what came of it,
+    /// and its trace.
     #[must_use]
     pub fn turn(&self, machine: &Path, program: &str, options: &[&str]) -> (Finished, PathBuf) {
         let domain = Domain::new();
@@ -89,7 +90,8 @@ pub struct ThreadPass {
     pub samples: usize,
 }
 
-/// The passes towards negative Z of a thread that begins at `start` and a whole turn, between these places, mm.
+/// The passes towards negative Z of a thread that begins at `start` and a whole turn, between these places,
+/// mm.
 ///
 /// # Panics
 /// The trace cannot be read, or has no cycles.

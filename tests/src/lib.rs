@@ -6,19 +6,22 @@
 //! - [`Launch`]: one `evolvent run`;
 //! - [`Served`] and [`Operator`]: an `evolvent serve`, and a client that commands it and looks on;
 //! - [`Scene`]: a mill that is served, with all that belongs to it;
-//! - [`Drives`]: simulated drives in a process of their own; [`HardwareBridge`]: a bridge to hardware in one; [`Simulator`]: a
-//!   simulator of hardware in one;
+//! - [`Drives`]: simulated drives in a process of their own; [`HardwareBridge`]: a bridge to hardware in one;
+//!   [`Simulator`]: a simulator of hardware in one;
 //! - [`Lathe`]: a lathe behind a bridge to hardware, [`MesaLathe`], [`RingLathe`] or [`ShippedLathe`];
 //! - [`Domain`]: a corner of shared memory of one's own, swept and checked at the end;
 //! - [`hold_to_the_suite`]: the conformance suite over a bridge; [`c_example`]: the examples in C;
-//! - [`unless_disturbed`] and [`where_undisturbed`]: a trial of real time, played again where the host kept its processes from running;
+//! - [`unless_disturbed`] and [`where_undisturbed`]: a trial of real time, played again where the host kept
+//!   its processes from running;
 //! - [`Workshop`]: a folder of one's own with machine files and programs made for one test;
-//! - [`cycles`]: what a trace recorded, [`verifies`] that it computes again, [`phases`] whether threads are in phase;
-//! - [`Hole`]: exact involutes and circles of a program, by formulas of their own and not the crates under test;
+//! - [`cycles`]: what a trace recorded, [`verifies`] that it computes again, [`phases`] whether threads are
+//!   in phase;
+//! - [`Hole`]: exact involutes and circles of a program, by formulas of their own and not the crates under
+//!   test;
 //! - [`Random`]: random numbers that tell their seed.
 //!
-//! Foreign clients are Python scripts in `python`, run by the interpreter that `EVOLVENT_PYTHON` names; `tools/test`
-//! makes one.
+//! Foreign clients are Python scripts in `python`, run by the interpreter that `EVOLVENT_PYTHON` names;
+//! `tools/test` makes one.
 #![expect(
     clippy::expect_used,
     clippy::panic,

@@ -9,13 +9,15 @@ use evolvent_bus::MachineOutputs;
 
 use crate::Domain;
 
-/// Every message of outputs on the bus, from somebody who is no bridge. It subscribes to setpoints as well, after the outputs: a core
-/// that waits for one client more than its bridges sends no change before the listener hears it.
+/// Every message of outputs on the bus, from somebody who is no bridge. It subscribes to setpoints as well,
+/// after the outputs: a core that waits for one client more than its bridges sends no change before the
+/// listener hears it.
 #[derive(Debug)]
 pub struct OutputListener {
     heard: Arc<Mutex<Vec<MachineOutputs>>>,
     over: Arc<AtomicBool>,
-    /// How often somebody asked, and the last of these questions before the thread last read the bus to its end.
+    /// How often somebody asked, and the last of these questions before the thread last read the bus to its
+    /// end.
     asked: Arc<AtomicU64>,
     answered: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,

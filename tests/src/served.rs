@@ -85,7 +85,8 @@ impl Served {
         child.wait().expect("a process that ends");
     }
 
-    /// The addresses of its screen: for who commands and for who watches. What it writes afterwards is read and dropped.
+    /// The addresses of its screen: for who commands and for who watches. What it writes afterwards is read
+    /// and dropped.
     ///
     /// # Panics
     /// It ends before it says them.
@@ -309,7 +310,8 @@ impl Operator {
     }
 }
 
-/// Whether a setpoint was received so long after it was due that those before it may be gone: a subscriber's queue holds a second.
+/// Whether a setpoint was received so long after it was due that those before it may be gone: a subscriber's
+/// queue holds a second.
 #[must_use]
 pub fn is_behind(setpoint: &Setpoint) -> bool {
     MonotonicClock::now_ns().saturating_sub(setpoint.due_time_ns) > QUEUE_NS / 2

@@ -11,8 +11,8 @@ use crate::repository;
 pub struct Simulator(Child);
 
 impl Simulator {
-    /// Starts it. The binary is brought up to date first, in the target folder and profile of the running test; unless it is beside the
-    /// one that the environment variable `EVOLVENT_BINARY` names.
+    /// Starts it. The binary is brought up to date first, in the target folder and profile of the running
+    /// test; unless it is beside the one that the environment variable `EVOLVENT_BINARY` names.
     ///
     /// # Panics
     /// It cannot be built or started.

@@ -19,8 +19,8 @@ pub type Cycle = evolvent_trace::CycleRecord;
 #[track_caller]
 pub fn cycles(trace: &Path) -> Vec<Cycle> {
     let mut file = TraceFile::open(trace).expect("a complete trace");
-    // What the core itself counts as lost met a full queue: the recorder was kept from writing for at least a period each. A gap
-    // that the core does not know of is a defect.
+    // What the core itself counts as lost met a full queue: the recorder was kept from writing for at least a
+    // period each. A gap that the core does not know of is a defect.
     let lost = file.info().summary_number("dropped_records").unwrap_or(0.0);
     tell_pause(lost as u64 * 1_000_000);
     let found: Vec<Cycle> = file

@@ -127,8 +127,8 @@ impl Workshop {
         )
     }
 
-    /// The shipped three-axis mill under a name of its own, with pieces of its text replaced. It is never stopped for
-    /// lateness: tests run on machines that are busy.
+    /// The shipped three-axis mill under a name of its own, with pieces of its text replaced. It is never
+    /// stopped for lateness: tests run on machines that are busy.
     ///
     /// # Panics
     /// A piece is not in the text.

@@ -1,4 +1,5 @@
-//! Bad input by the hundred: always an error with a place and never a panic; and what is accepted runs within limits.
+//! Bad input by the hundred: always an error with a place and never a panic; and what is accepted runs within
+//! limits.
 #![expect(clippy::expect_used, reason = "helpers of tests fail and talk as tests do")]
 
 use std::fs;
@@ -56,7 +57,8 @@ fn errors(file: &Path, text: &[u8], setup: &Setup) -> Vec<Diagnostic> {
             "{error}: {columns} columns"
         );
         assert!(!error.message.is_empty());
-        // Of a long line only a piece is shown, and odd bytes are shown otherwise: then the column is that of the picture.
+        // Of a long line only a piece is shown, and odd bytes are shown otherwise: then the column is that of
+        // the picture.
         let plain =
             lines[line - 1].len() < 80 && lines[line - 1].iter().all(|byte| (b' '..=b'~').contains(byte));
         let column = if plain {
@@ -162,7 +164,8 @@ impl RunObserver for Silent {
     fn note(&mut self, _: &str) {}
 }
 
-/// Runs a program in virtual time; whatever it is, the guard has nothing to refuse and the axes keep their limits.
+/// Runs a program in virtual time; whatever it is, the guard has nothing to refuse and the axes keep their
+/// limits.
 fn assert_runs_within_limits(file: &Path, setup: &Setup) -> &'static str {
     let job = Job::new(file.to_owned(), setup.clone());
     let controls = Arc::new(Controls::new(1.0));

@@ -1,4 +1,5 @@
-//! Drive bridges: the simulated one, the one within a process, and the examples in C and Python, all held to one suite.
+//! Drive bridges: the simulated one, the one within a process, and the examples in C and Python, all held to
+//! one suite.
 
 use std::fs::read_to_string;
 use std::io::Read;
@@ -117,8 +118,8 @@ fn each_example_is_shorter_than_60_lines() {
     }
 }
 
-/// The bridge to EtherCAT drives in a process that is killed: without frames its drives are in fault (7500h) until the next core resets
-/// them. Needs the right to make a network namespace.
+/// The bridge to EtherCAT drives in a process that is killed: without frames its drives are in fault (7500h)
+/// until the next core resets them. Needs the right to make a network namespace.
 #[test]
 fn the_ethercat_bridge_may_be_killed_and_so_may_its_core() {
     let devices = || {

@@ -1,5 +1,6 @@
-//! The chain of clocks, with every process as in use: the cycle of the EtherCAT bridge follows the reference clock of a ring that drifts
-//! against this computer's, and the core's loop follows the bridge. What each of them reports and records is the drift of the ring.
+//! The chain of clocks, with every process as in use: the cycle of the EtherCAT bridge follows the reference
+//! clock of a ring that drifts against this computer's, and the core's loop follows the bridge. What each of
+//! them reports and records is the drift of the ring.
 //!
 //! Needs the right to make a network namespace.
 #![expect(
@@ -25,8 +26,8 @@ const SETTLING: Duration = Duration::from_secs(11);
 const MEASURED: Duration = Duration::from_secs(20);
 /// A pause that ten periods of the bridge do not bridge explains a lost setpoint.
 const SUSPENDED: Duration = Duration::from_millis(15);
-/// Bounds of drift and mean phase error. Without its integral part the lock finds no drift, and is left with 200 ppm of the period over
-/// its proportional part: 400 ns / (0.2 / 42) = 84 us.
+/// Bounds of drift and mean phase error. Without its integral part the lock finds no drift, and is left with
+/// 200 ppm of the period over its proportional part: 400 ns / (0.2 / 42) = 84 us.
 const DRIFT_PPM: f64 = 5.0;
 const MEAN_NS: f64 = 20_000.0;
 
@@ -39,7 +40,8 @@ fn changed(file: &str, changes: &[(&str, &str)]) -> String {
     })
 }
 
-/// The shipped ring. Its reference is that much faster than this computer, and the other clocks still other than the reference.
+/// The shipped ring. Its reference is that much faster than this computer, and the other clocks still other
+/// than the reference.
 fn devices(reference_ppm: f64) -> Vec<SubDevice> {
     let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1).with_drift_ppm(reference_ppm)];
     devices.extend((2..5).map(|serial| {
@@ -54,7 +56,8 @@ fn number(value: &Value, key: &str) -> f64 {
     value[key].as_f64().expect(key)
 }
 
-/// Replies of the bridge: their number, and how many setpoints it had missed with the first and with the last of them.
+/// Replies of the bridge: their number, and how many setpoints it had missed with the first and with the last
+/// of them.
 struct Replies {
     reader: FeedbackReader,
     count: u64,

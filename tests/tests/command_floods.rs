@@ -9,7 +9,8 @@ use evolvent_tests::{Scene, command, speed, unless_disturbed};
 
 /// Clients that turn the feed override.
 const CLIENTS: usize = 3;
-/// From the command to the first setpoint that brakes: two looks of the control thread, a cycle, the lead of 2 ms, and the reply.
+/// From the command to the first setpoint that brakes: two looks of the control thread, a cycle, the lead of
+/// 2 ms, and the reply.
 const MAX_UNTIL_BRAKING: Duration = Duration::from_millis(40);
 
 /// Ends the flood.

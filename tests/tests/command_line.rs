@@ -1,4 +1,5 @@
-//! What scripts rely on: exit codes, one JSON object on standard output and nothing else, the fields of the contract, options.
+//! What scripts rely on: exit codes, one JSON object on standard output and nothing else, the fields of the
+//! contract, options.
 
 use std::path::Path;
 

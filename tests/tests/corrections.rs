@@ -1,5 +1,5 @@
-//! A machine with backlash, screw errors and axes that are not square: what its drives are sent keeps their limits, brings the tool to
-//! where it is programmed, and comes out the same when it is computed again.
+//! A machine with backlash, screw errors and axes that are not square: what its drives are sent keeps their
+//! limits, brings the tool to where it is programmed, and comes out the same when it is computed again.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::fmt::Write as _;
@@ -58,7 +58,8 @@ fn measured(axis: usize, position: f64) -> [f64; 2] {
     })
 }
 
-/// The mill of the tests with these errors: backlash on X, a CSV of both directions on Y, a table of LinuxCNC on Z.
+/// The mill of the tests with these errors: backlash on X, a CSV of both directions on Y, a table of LinuxCNC
+/// on Z.
 fn machine(workshop: &Workshop, name: &str, more: &str) -> PathBuf {
     let shipped = workshop.mill(name, &[]);
     let mut text = std::fs::read_to_string(shipped).expect("a machine file");
@@ -107,7 +108,8 @@ X80 Y80 Z10
 M2
 ";
 
-/// Largest share of velocity, acceleration and jerk that the third differences of these positions take, by axis.
+/// Largest share of velocity, acceleration and jerk that the third differences of these positions take, by
+/// axis.
 fn shares(positions: &[[f64; 3]], period_s: f64) -> [[f64; 3]; 3] {
     let mut most = [[0.0_f64; 3]; 3];
     for four in positions.windows(4) {
@@ -153,7 +155,8 @@ impl Settled {
     }
 }
 
-/// Drives the plant; the largest distance of the tool from the ideal where the play is surely taken up, and anywhere.
+/// Drives the plant; the largest distance of the tool from the ideal where the play is surely taken up, and
+/// anywhere.
 fn follow(cycles: &[Cycle], period_s: f64, is_corrected: bool) -> [f64; 2] {
     let mut plant = Plant { slides: [0.0; 3] };
     let mut settled = [0, 1, 2].map(|_| Settled {
@@ -330,7 +333,8 @@ fn a_served_machine_homes_jogs_and_runs_with_corrections_and_is_computed_again()
             let job = operator.says_text("MDI", text).job;
             assert_eq!(operator.sees_end(job).job_result, DONE, "{text}");
         }
-        // The table of Y corrects by some 5 um there, the backlash of X by 10 um: people see where the tool is.
+        // The table of Y corrects by some 5 um there, the backlash of X by 10 um: people see where the tool
+        // is.
         let status = operator.waits("drives at rest", |status| {
             (0..3).all(|axis| (status.position_actual[axis] - status.position_machine[axis]).abs() < 0.0021)
         });

@@ -1,5 +1,5 @@
-//! Documents: every link leads to a file, every page is in the book, every command exists with its options. Files of tests:
-//! each is part of an executable.
+//! Documents: every link leads to a file, every page is in the book, every command exists with its options.
+//! Files of tests: each is part of an executable.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::collections::BTreeMap;
@@ -112,7 +112,8 @@ fn every_page_is_in_the_list_of_the_documentation() {
     assert!(missing.is_empty(), "not in docs/README.md: {missing:?}");
 }
 
-/// The crates of a folder of `crates`, each with the crates of this repository on which it depends outside of tests.
+/// The crates of a folder of `crates`, each with the crates of this repository on which it depends outside of
+/// tests.
 fn dependencies() -> BTreeMap<String, Vec<String>> {
     let mut all = BTreeMap::new();
     for layer in LAYERS {

@@ -1,6 +1,6 @@
-//! A machine that is served, with simulated drives that fail: over the real bus, in real time. Every kind of fault, at random
-//! moments, ends at rest, with the alarm that names it. At 50 random moments each, by simulated time, it is tried in
-//! `evolvent-bridge-sim`.
+//! A machine that is served, with simulated drives that fail: over the real bus, in real time. Every kind of
+//! fault, at random moments, ends at rest, with the alarm that names it. At 50 random moments each, by
+//! simulated time, it is tried in `evolvent-bridge-sim`.
 
 use std::sync::Mutex;
 use std::time::Instant;
@@ -25,12 +25,13 @@ const KINDS: [(&str, &str, &[u32]); 9] = [
     ("nan", ":X", &[404]),
 ];
 
-/// One fault, so many seconds after the drives came into operation, in the middle of a motion of both axes. What was seen.
+/// One fault, so many seconds after the drives came into operation, in the middle of a motion of both axes.
+/// What was seen.
 fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -> String {
     let (domain, workshop) = (Domain::new(), Workshop::new());
     let name = format!("df{number}-{kind}");
-    // Busy machines: feedback may be old, and setpoints are sent long before they are due. Feedback that is 100 ms late has
-    // to be too old, though.
+    // Busy machines: feedback may be old, and setpoints are sent long before they are due. Feedback that is
+    // 100 ms late has to be too old, though.
     let timeout = if kind == "late" { 60 } else { 400 };
     let file = workshop.mill(
         &name,

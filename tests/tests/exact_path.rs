@@ -1,5 +1,5 @@
-//! Setpoints lie on the programmed curves, and the chords between them keep the chord error: measured in the trace,
-//! against formulas that share nothing with the crates under test.
+//! Setpoints lie on the programmed curves, and the chords between them keep the chord error: measured in the
+//! trace, against formulas that share nothing with the crates under test.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -12,8 +12,8 @@ use std::path::Path;
 use evolvent_tests::{Cycle, Hole, Launch, Piece, Workshop, cycles, repository, run};
 use evolvent_trace::TraceFile;
 
-/// Runs a program with the virtual clock and gives its curves and its cycles. The lengths of the trace's blocks are those
-/// of the curves.
+/// Runs a program with the virtual clock and gives its curves and its cycles. The lengths of the trace's
+/// blocks are those of the curves.
 fn run_exact(workshop: &Workshop, program: &Path, machine: &Path) -> (Hole, Vec<Cycle>) {
     let trace = workshop.path("run.mcap");
     Launch::in_virtual_time(program, machine)
@@ -123,8 +123,8 @@ fn setpoints_of_the_papers_hole_lie_on_its_involutes_and_circles_within_a_nanome
     assert_exact(&hole, &cycles, 0.001);
 }
 
-/// Holes of other sizes, milled either way, from elsewhere, on finer and coarser grids: at the rational rate no chord is
-/// further from its curve than one increment.
+/// Holes of other sizes, milled either way, from elsewhere, on finer and coarser grids: at the rational rate
+/// no chord is further from its curve than one increment.
 #[test]
 fn at_the_rational_rate_chords_stay_within_one_increment() {
     let holes: [(&str, &[&str]); 4] = [
@@ -188,8 +188,8 @@ fn at_the_rational_rate_chords_stay_within_one_increment() {
     }
 }
 
-/// Circles at a feed that no axis can keep: the chord error of the slow ones, the acceleration of the fast ones, and
-/// near the rational radius both bind.
+/// Circles at a feed that no axis can keep: the chord error of the slow ones, the acceleration of the fast
+/// ones, and near the rational radius both bind.
 #[test]
 fn circles_at_the_greatest_feed_keep_the_chord_error() {
     let workshop = Workshop::new();
@@ -206,8 +206,8 @@ fn circles_at_the_greatest_feed_keep_the_chord_error() {
     assert_exact(&hole, &cycles, 0.001);
 }
 
-/// Guards the measure itself: with the control rate halved and the chord error allowed in the file raised, the test
-/// above must be able to see it.
+/// Guards the measure itself: with the control rate halved and the chord error allowed in the file raised,
+/// the test above must be able to see it.
 #[test]
 fn a_chord_error_that_is_too_great_is_seen() {
     let workshop = Workshop::new();
@@ -223,7 +223,7 @@ fn a_chord_error_that_is_too_great_is_seen() {
     let (hole, cycles) = run_exact(&workshop, &program, &machine);
     let (off, chord) = worst(&hole, &cycles);
     assert!(off.0 <= 1e-9, "{off:?}");
-    // The sagitta is a/8f^2 of the acceleration across the path: 10 um for the limit of one axis, up to sqrt(2) times
-    // that where two axes share it.
+    // The sagitta is a/8f^2 of the acceleration across the path: 10 um for the limit of one axis, up to
+    // sqrt(2) times that where two axes share it.
     assert!((0.005..0.01415).contains(&chord.0), "{chord:?}");
 }

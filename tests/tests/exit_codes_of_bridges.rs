@@ -1,4 +1,5 @@
-//! The exit codes of the bridges to hardware: 1 is worth another try, 2 is not, and units of systemd go by that.
+//! The exit codes of the bridges to hardware: 1 is worth another try, 2 is not, and units of systemd go by
+//! that.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use evolvent_bus::{BusConfig, CoreBus};
@@ -77,7 +78,8 @@ fn the_bridge_to_ethercat_says_by_its_exit_code_whether_to_try_again() {
             options.extend(more);
             ended("ethercat", &options)
         };
-        // It may come up later, as may the core with the right axes. The recording that shows why it went stays until then.
+        // It may come up later, as may the core with the right axes. The recording that shows why it went
+        // stays until then.
         let recorded = workshop.write("recorded.pcapng", "of the last run");
         let found = with(&network, "absent0", &["--dump", &recorded.display().to_string()]);
         expect(&found, 1, &["the network interface absent0 cannot be opened"]);

@@ -1,4 +1,5 @@
-//! Clients in another language find on the bus and in the trace what was commanded, every cycle and every bit.
+//! Clients in another language find on the bus and in the trace what was commanded, every cycle and every
+//! bit.
 
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -6,9 +7,9 @@ use std::process::Stdio;
 
 use evolvent_tests::{Domain, Finished, Launch, Workshop, cycles, python, unless_disturbed, wait};
 
-/// Python subscribes before the run starts; the run waits for it. The three dumps hold sequence and nine positions of
-/// every cycle, 80 bytes each: what the bus carried, what the trace holds, and what a run with the virtual clock
-/// computes.
+/// Python subscribes before the run starts; the run waits for it. The three dumps hold sequence and nine
+/// positions of every cycle, 80 bytes each: what the bus carried, what the trace holds, and what a run with
+/// the virtual clock computes.
 #[test]
 fn python_finds_every_setpoint_once_and_in_order_on_the_bus_and_the_same_bits_in_the_trace() {
     unless_disturbed(|| {

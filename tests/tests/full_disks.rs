@@ -1,5 +1,5 @@
-//! A disk without room ends in a clear error and a readable file, while motion goes on or stops, as configured. The shell's
-//! limit of the size of a file stands for the disk's.
+//! A disk without room ends in a clear error and a readable file, while motion goes on or stops, as
+//! configured. The shell's limit of the size of a file stands for the disk's.
 #![expect(clippy::print_stdout, reason = "helpers of tests fail and talk as tests do")]
 
 use std::path::Path;

@@ -1,6 +1,7 @@
 //! Holds at random moments of whole programs: how they come to rest, and what is published meanwhile.
 //!
-//! `EVOLVENT_PROGRAMS=FOLDER` takes the programs of another folder, `EVOLVENT_CASES` that many holds in each at each rate.
+//! `EVOLVENT_PROGRAMS=FOLDER` takes the programs of another folder, `EVOLVENT_CASES` that many holds in each
+//! at each rate.
 
 #![expect(clippy::unwrap_used, reason = "a test may fail")]
 
@@ -155,8 +156,8 @@ fn holds_in_whole_programs_stop_soon_and_keep_every_limit() {
                 .iter()
                 .max_by(|a, b| a.seconds.total_cmp(&b.seconds))
                 .unwrap();
-            // From the highest speed on a straight line 140 ms; 40 more where it still accelerates, and again where an axis that the
-            // curve turns has its whole jerk in use and lets nothing brake.
+            // From the highest speed on a straight line 140 ms; 40 more where it still accelerates, and again
+            // where an axis that the curve turns has its whole jerk in use and lets nothing brake.
             assert!(
                 worst.seconds <= 0.25,
                 "{what}: line {} takes {} s",

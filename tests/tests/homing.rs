@@ -1,5 +1,5 @@
-//! Homing by switch, index pulse and absolute encoder in closed loop with simulated drives: by simulated time with faults at random
-//! moments, and served, with a trace that comes out the same.
+//! Homing by switch, index pulse and absolute encoder in closed loop with simulated drives: by simulated time
+//! with faults at random moments, and served, with a trace that comes out the same.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::collections::VecDeque;
@@ -250,8 +250,9 @@ fn the_index_pulse_names_the_axis_exactly_from_any_start() {
     }
 }
 
-/// A wire that breaks or a switch that sticks: the right alarm at rest, or the right zero where it came too late to matter. A break
-/// that looks like the edge that is waited for cannot be told from it and is left out.
+/// A wire that breaks or a switch that sticks: the right alarm at rest, or the right zero where it came too
+/// late to matter. A break that looks like the edge that is waited for cannot be told from it and is left
+/// out.
 #[test]
 fn faults_at_random_moments_end_in_their_alarm_or_do_not_matter() {
     let mut random = Random::new();

@@ -1,5 +1,6 @@
-//! A served mill that homes by the index pulses of its encoders, through the bridges to hardware and their simulators: every process
-//! as in use, over real sockets. The truth is the shaft of the simulator, which no bridge sees.
+//! A served mill that homes by the index pulses of its encoders, through the bridges to hardware and their
+//! simulators: every process as in use, over real sockets. The truth is the shaft of the simulator, which no
+//! bridge sees.
 //!
 //! The EtherCAT ring needs the right to make a network namespace.
 #![expect(clippy::expect_used, clippy::panic, reason = "tests fail as tests do")]
@@ -19,7 +20,8 @@ use evolvent_tests::{
     Domain, HardwareBridge, Operator, Random, Served, Workshop, command, where_undisturbed,
 };
 
-/// A bridge that is suspended for ten periods brakes by itself (`note` 2, alarm 413), as it must: three quarters of that explain it.
+/// A bridge that is suspended for ten periods brakes by itself (`note` 2, alarm 413), as it must: three
+/// quarters of that explain it.
 const SUSPENDED: Duration = Duration::from_millis(30);
 
 /// Machine coordinates that the pulses of X and Y become, mm.
@@ -27,8 +29,8 @@ const PULSES: [f64; 2] = [-60.0, 15.0];
 const X: u32 = 0b01;
 const Y: u32 = 0b10;
 
-/// X by the first pulse after its switch, Y by the next pulse from where it stands. The distance is a turn, and what the axis goes in a
-/// lead: setpoints are that far ahead, and it must be at rest by their end.
+/// X by the first pulse after its switch, Y by the next pulse from where it stands. The distance is a turn,
+/// and what the axis goes in a lead: setpoints are that far ahead, and it must be at rest by their end.
 fn homing(edge: &str, latch_mm_s: [f64; 2]) -> String {
     format!(
         "\n[[homing]]\naxis = \"X\"\nmethod = \"switch-index\"\nindex_edge = \"{edge}\"\ntowards = \"negative\"\n\
@@ -43,11 +45,13 @@ fn homing(edge: &str, latch_mm_s: [f64; 2]) -> String {
 trait Hardware {
     /// Arguments of the bridge behind `evolvent bridge`.
     fn bridge(&self, workshop: &Workshop) -> Vec<String>;
-    /// Increments of the shaft of X or Y from a pulse, in the direction of the axis, and increments per mm and per turn.
+    /// Increments of the shaft of X or Y from a pulse, in the direction of the axis, and increments per mm
+    /// and per turn.
     fn beyond_pulse(&self, axis: usize) -> (f64, f64, f64);
     /// The link is lost for a time.
     fn lose_link(&self, duration_ns: u64);
-    /// A drive is without supply for a moment, or the board's watchdog trips: the session ends, and the counts are those of a new one.
+    /// A drive is without supply for a moment, or the board's watchdog trips: the session ends, and the
+    /// counts are those of a new one.
     fn lose_session(&self);
     /// The encoder of Y gives no pulses, or does again.
     fn set_no_pulse(&self, is_missing: bool);
@@ -336,8 +340,8 @@ impl<'a> Mill<'a> {
         job
     }
 
-    /// The alarms are cleared, and power is on again. A drive that lost its fieldbus under power needs a reset that it sees, once its
-    /// bridge is there: as an operator does, again if need be.
+    /// The alarms are cleared, and power is on again. A drive that lost its fieldbus under power needs a
+    /// reset that it sees, once its bridge is there: as an operator does, again if need be.
     fn recovers(&mut self) {
         for _ in 0..20 {
             self.operator()
@@ -355,8 +359,8 @@ impl<'a> Mill<'a> {
         panic!("no power: {}", self.operator().now().alarm_sentence());
     }
 
-    /// By how many increments the coordinate of an axis at rest is wrong: its pulse must be where the machine file has it. It may be
-    /// any of them where the axis stood in one.
+    /// By how many increments the coordinate of an axis at rest is wrong: its pulse must be where the machine
+    /// file has it. It may be any of them where the axis stood in one.
     fn wrong(&mut self, axis: usize) -> f64 {
         let mut least = f64::INFINITY;
         for _ in 0..100 {
@@ -421,8 +425,9 @@ fn on_board(trial: impl Fn(&dyn Hardware, &str)) {
     });
 }
 
-/// From any start, at two speeds and by both edges of the switch, the pulse is where it truly is, within an increment. The distance
-/// between switch and pulse differs with the edge, and so may the pulse that is found, but never its place within the turn.
+/// From any start, at two speeds and by both edges of the switch, the pulse is where it truly is, within an
+/// increment. The distance between switch and pulse differs with the edge, and so may the pulse that is
+/// found, but never its place within the turn.
 fn at_two_speeds(hardware: &dyn Hardware, name: &str) {
     for (edge, latch_mm_s) in [("closing", [2.0, 12.0]), ("opening", [12.0, 2.0])] {
         let mut mill = Mill::new(hardware, name, &homing(edge, latch_mm_s));
@@ -455,7 +460,8 @@ fn without_a_pulse(hardware: &dyn Hardware, name: &str) {
     mill.end();
 }
 
-/// The link is lost, then the bridge is killed, while a pulse is awaited: no zero is taken from it, and the next HOME finds the pulse.
+/// The link is lost, then the bridge is killed, while a pulse is awaited: no zero is taken from it, and the
+/// next HOME finds the pulse.
 fn broken_off(hardware: &dyn Hardware, name: &str) {
     let mut mill = Mill::new(hardware, name, &homing("closing", [5.0, 1.0]));
     hardware.set_no_pulse(true);
@@ -487,8 +493,8 @@ fn broken_off(hardware: &dyn Hardware, name: &str) {
     mill.end();
 }
 
-/// Without `[[homing]]` axes are homed from the start, and no longer once a session is lost: after it the drives count from another
-/// zero. HOME declares where they are, and moves nothing.
+/// Without `[[homing]]` axes are homed from the start, and no longer once a session is lost: after it the
+/// drives count from another zero. HOME declares where they are, and moves nothing.
 fn without_homing_tables(hardware: &dyn Hardware, name: &str) {
     let mut mill = Mill::new(hardware, name, "");
     let moves = |mill: &mut Mill<'_>, block: &str| {

@@ -14,8 +14,9 @@ use rustix::process::{Pid, Signal, kill_process};
 const KILLS: usize = 12;
 /// The state of a cycle that brakes because it was told to stop.
 const STOPPING: u8 = 4;
-/// Cycles that may be missing at the end of a recovered trace, s: what was not flushed yet (250 ms), what was in the queue
-/// and the chunk being written; and the recorder, an ordinary thread, may have to wait for a busy processor.
+/// Cycles that may be missing at the end of a recovered trace, s: what was not flushed yet (250 ms), what was
+/// in the queue and the chunk being written; and the recorder, an ordinary thread, may have to wait for a
+/// busy processor.
 const LOST_S: f64 = 0.75;
 
 fn signal(process: &Child, signal: Signal) {

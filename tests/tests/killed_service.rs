@@ -215,8 +215,9 @@ fn brings_up_again(operator: &mut Operator) -> Option<u32> {
     );
 }
 
-/// The core, the drives or a client is killed while the machine starts, moves or ends; whoever is left, or comes next, goes
-/// on, and the drives keep their limits. At the end nothing is left in shared memory: the domain checks that.
+/// The core, the drives or a client is killed while the machine starts, moves or ends; whoever is left, or
+/// comes next, goes on, and the drives keep their limits. At the end nothing is left in shared memory: the
+/// domain checks that.
 #[test]
 fn cores_bridges_and_clients_that_are_killed_at_any_moment_leave_nothing_behind() {
     unless_disturbed(|| {

@@ -1,6 +1,6 @@
-//! Hardware that goes in the middle of a motion: the simulators of the EtherCAT ring and of the Mesa board in processes that are killed
-//! while a served machine moves. The core reports a fault in time, stops the axes without power, and works again after the hardware has
-//! come back and power was requested again.
+//! Hardware that goes in the middle of a motion: the simulators of the EtherCAT ring and of the Mesa board in
+//! processes that are killed while a served machine moves. The core reports a fault in time, stops the axes
+//! without power, and works again after the hardware has come back and power was requested again.
 //!
 //! The EtherCAT ring needs the right to make a network namespace.
 #![expect(
@@ -36,7 +36,8 @@ fn changed(file: &str, changes: &[(&str, &str)]) -> String {
     text
 }
 
-/// Requests power until the machine is on, as an operator does: a drive that lost its fieldbus needs a reset that it sees.
+/// Requests power until the machine is on, as an operator does: a drive that lost its fieldbus needs a reset
+/// that it sees.
 fn recovers(operator: &mut Operator) {
     for _ in 0..20 {
         operator.waits("drives", |status| status.feedback_age_ns < 100_000_000);

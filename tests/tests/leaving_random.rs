@@ -132,8 +132,8 @@ fn anything(random: &mut Random, is_held: bool) -> ControlRequest {
     }
 }
 
-/// Commands at random moments of a dense program, now and then a stop, an emergency stop or drives that are gone. Every axis keeps
-/// its limits, the program its contour, and the trace is recomputed bit for bit.
+/// Commands at random moments of a dense program, now and then a stop, an emergency stop or drives that are
+/// gone. Every axis keeps its limits, the program its contour, and the trace is recomputed bit for bit.
 #[test]
 fn random_commands_leave_limits_contour_and_trace_as_they_are() {
     unless_disturbed(|| {

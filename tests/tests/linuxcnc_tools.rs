@@ -1,5 +1,5 @@
-//! Tools and pockets as LinuxCNC's own tests expect them: their blocks and expected values are read from its source package where
-//! `tools/get-linuxcnc` has fetched it, and executed here.
+//! Tools and pockets as LinuxCNC's own tests expect them: their blocks and expected values are read from its
+//! source package where `tools/get-linuxcnc` has fetched it, and executed here.
 #![expect(
     clippy::expect_used,
     clippy::panic,
@@ -33,7 +33,8 @@ struct Blocks {
 }
 
 impl Blocks {
-    /// A machine with a tool changer. Their tables and programs are in the unit of their machine; here that is the millimetre.
+    /// A machine with a tool changer. Their tables and programs are in the unit of their machine; here that
+    /// is the millimetre.
     fn new(table: &str, is_random: bool, change: &str) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         std::fs::write(folder.path().join("toolchange.ngc"), change).expect("a file");
@@ -107,8 +108,8 @@ fn expected_values(text: &str) -> Vec<(f64, Vec<f64>)> {
     values.collect()
 }
 
-/// A test of LinuxCNC's that prints X, Y, Z, #5400 and #5403 between blocks of MDI. `answers` has what is executed here instead of
-/// a block, for what is known to differ.
+/// A test of LinuxCNC's that prints X, Y, Z, #5400 and #5403 between blocks of MDI. `answers` has what is
+/// executed here instead of a block, for what is known to differ.
 fn compare_script(
     script: &str,
     expected: &str,
@@ -156,11 +157,12 @@ fn lengths_of_tools_and_of_tool_0_are_those_of_linuxcnc() {
     let Some(folder) = linuxcnc() else { return };
     let tests = folder.join("tests/t0");
     let script = read(&tests.join("shared-test.sh"));
-    // H0 is the tool in the spindle here, with both magazines. LinuxCNC takes the length of T0 with a random one, which is 0, or
-    // an error without a T0 in the table.
+    // H0 is the tool in the spindle here, with both magazines. LinuxCNC takes the length of T0 with a random
+    // one, which is 0, or an error without a T0 in the table.
     let own = |_: &str| None;
     let zero = |block: &str| (block == "g43 h0").then_some("g49");
-    // And a spindle that was empty has left T0 in the pocket of T50 here, so T0 can be fetched although the table began without it.
+    // And a spindle that was empty has left T0 in the pocket of T50 here, so T0 can be fetched although the
+    // table began without it.
     let refused = |block: &str| ["g43 h0", "t0 m6"].contains(&block).then_some("G9999");
     let mut compared = 0;
     for (name, is_random) in [

@@ -1,4 +1,5 @@
-//! One name, one core: machines of different names run side by side, a second core of the same name is refused.
+//! One name, one core: machines of different names run side by side, a second core of the same name is
+//! refused.
 
 use std::time::{Duration, Instant};
 

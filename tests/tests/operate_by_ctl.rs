@@ -1,4 +1,5 @@
-//! `evolvent ctl` as an operator uses it: interrupted, in a crowd, after a mistake, in the middle of a program.
+//! `evolvent ctl` as an operator uses it: interrupted, in a crowd, after a mistake, in the middle of a
+//! program.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::process::Stdio;

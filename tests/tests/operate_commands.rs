@@ -88,7 +88,8 @@ fn mdi_remembers_modes_moves_and_is_refused_before_anything_moves() {
     });
 }
 
-/// A machine in inches, as LinuxCNC starts one. M2 leaves the units as they are, as there; RESET is a new start.
+/// A machine in inches, as LinuxCNC starts one. M2 leaves the units as they are, as there; RESET is a new
+/// start.
 #[test]
 fn mdi_starts_in_the_units_of_the_machine() {
     unless_disturbed(|| {

@@ -23,7 +23,8 @@ fn a_jog_whose_client_is_killed_stops_within_a_tenth_of_a_second() {
         let scene = Scene::new("op-jog");
         let mut operator = scene.operator();
         operator.brings_up();
-        // A busy host can make a stop late, and the moment of the kill one early: several in a row have to be in time.
+        // A busy host can make a stop late, and the moment of the kill one early: several in a row have to be
+        // in time.
         let (mut late, mut in_time) = (Vec::new(), 0);
         for _ in 0..TRIALS {
             let Some(begins_ms) = stop_behind_a_kill(&scene, &mut operator) else {
@@ -47,8 +48,8 @@ fn a_jog_whose_client_is_killed_stops_within_a_tenth_of_a_second() {
     });
 }
 
-/// ms from the death of a jog's client to the first setpoint that brakes. `None` where the jog had ended before: its client was
-/// kept from running for longer than the dead-man waits.
+/// ms from the death of a jog's client to the first setpoint that brakes. `None` where the jog had ended
+/// before: its client was kept from running for longer than the dead-man waits.
 fn stop_behind_a_kill(scene: &Scene, operator: &mut Operator) -> Option<f64> {
     let mut jogger = evolvent()
         .args([
@@ -171,7 +172,8 @@ fn no_jog_is_accepted_while_stop_brakes() {
     });
 }
 
-/// A jog without distance under way once freed of its dead-man switch ran to the end of the travel at the full speed of its axis.
+/// A jog without distance under way once freed of its dead-man switch ran to the end of the travel at the
+/// full speed of its axis.
 #[test]
 fn an_increment_stops_a_jog_without_distance_and_counts_from_where_its_axis_stops() {
     unless_disturbed(|| {

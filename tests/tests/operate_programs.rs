@@ -339,7 +339,8 @@ fn single_step_runs_block_by_block_and_program_stops_wait() {
     });
 }
 
-/// Follows setpoints until the machine is held; gives the one with this number, the first that brakes, and the last.
+/// Follows setpoints until the machine is held; gives the one with this number, the first that brakes, and
+/// the last.
 fn sees_hold(operator: &mut Operator, number: u64) -> [Setpoint; 3] {
     let (mut told, brakes) = (None, Cell::new(None));
     let held = operator.follows(
@@ -354,7 +355,8 @@ fn sees_hold(operator: &mut Operator, number: u64) -> [Setpoint; 3] {
                 brakes.set(Some(*setpoint));
             }
         },
-        // The answer names the setpoint that the control thread knew of: the next may still be of the hold before.
+        // The answer names the setpoint that the control thread knew of: the next may still be of the hold
+        // before.
         |setpoint| setpoint.sequence > number && setpoint.state == 3 && brakes.get().is_some(),
     );
     let brakes = brakes.get().expect("a braking one");
@@ -380,8 +382,9 @@ fn single_step_in_a_running_program_holds_a_braking_distance_into_the_next_line(
         operator.waits("line 3", |status| status.line >= 3);
         let mut answer = operator.says_number("SINGLE_STEP", 1);
         let mut place = [0.0; 9];
-        // From a feed of v with a jerk of j, without reaching the acceleration limit: v sqrt(v / j). The plan that brakes is asked for
-        // 10 ms ahead, and a planner on a busy host answers late, the third time at the latest.
+        // From a feed of v with a jerk of j, without reaching the acceleration limit: v sqrt(v / j). The plan
+        // that brakes is asked for 10 ms ahead, and a planner on a busy host answers late, the third time at
+        // the latest.
         let (feed, jerk) = (20.0_f64, 200_000.0);
         let least_mm = feed * (feed / jerk).sqrt();
         let most_mm = least_mm + 3.0 * 0.010 * feed;

@@ -15,7 +15,8 @@ use evolvent_tests::{
 const ON: u32 = 2;
 const DONE: u32 = 1;
 const TIMES: u32 = 50;
-/// A bridge that is suspended for ten periods brakes by itself, as it must: three quarters of that explain it.
+/// A bridge that is suspended for ten periods brakes by itself, as it must: three quarters of that explain
+/// it.
 const SUSPENDED: Duration = Duration::from_millis(30);
 
 /// Switches off and on, 0 to 50 ms apart; some of the times an axis moves at once.

@@ -1,7 +1,7 @@
 //! The shipped programs on the shipped mill: golden summaries, and what must hold whatever the summary says.
 //!
-//! After a change of the planner: `EVOLVENT_REGENERATE=1 cargo test -p evolvent-tests real_programs::`, and look at
-//! the difference before it is committed.
+//! After a change of the planner: `EVOLVENT_REGENERATE=1 cargo test -p evolvent-tests real_programs::`, and
+//! look at the difference before it is committed.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::fs;
@@ -29,7 +29,8 @@ const PROGRAMS: [(&str, [f64; 3], f64); 6] = [
     ("relief", [0.0; 3], 0.01),
 ];
 
-/// Velocity, acceleration and jerk of the shipped mill in mm and s: 30 and 20 m/min, 5 and 3 m/s2, 200 and 100 m/s3.
+/// Velocity, acceleration and jerk of the shipped mill in mm and s: 30 and 20 m/min, 5 and 3 m/s2, 200 and
+/// 100 m/s3.
 const LIMITS: [[f64; 3]; 3] = [
     [500.0, 5000.0, 200_000.0],
     [500.0, 5000.0, 200_000.0],
@@ -37,8 +38,8 @@ const LIMITS: [[f64; 3]; 3] = [
 ];
 /// Travel of its axes, mm.
 const TRAVEL: [[f64; 2]; 3] = [[-400.0, 400.0], [-250.0, 250.0], [-400.0, 100.0]];
-/// Bit of a setpoint's flags: at a step of curvature in exact-path mode, where the joint time bounds the acceleration's
-/// step and so the jerk.
+/// Bit of a setpoint's flags: at a step of curvature in exact-path mode, where the joint time bounds the
+/// acceleration's step and so the jerk.
 const JOINT: u32 = 1 << 4;
 
 fn round(value: &Value, digits: i32) -> Value {
@@ -180,8 +181,8 @@ fn shipped_programs_keep_limits_travel_tolerance_and_end() {
     }
 }
 
-/// Greatest magnitudes of the first three differences of positions, from rest before the first to rest after the last;
-/// third differences that touch a step of curvature in exact-path mode are left out.
+/// Greatest magnitudes of the first three differences of positions, from rest before the first to rest after
+/// the last; third differences that touch a step of curvature in exact-path mode are left out.
 fn extremes(cycles: &[Cycle], axis: usize, period_s: f64) -> [f64; 3] {
     let first = cycles.first().expect("cycles");
     let last = cycles.last().expect("cycles");

@@ -19,7 +19,8 @@ use evolvent_runtime::MonotonicClock;
 use evolvent_tests::{Domain, Scene, Served, Workshop, evolvent, repository};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// Runs a command at the root of the repository and hands on what it says; whether it was left out for want of npm or a browser.
+/// Runs a command at the root of the repository and hands on what it says; whether it was left out for want
+/// of npm or a browser.
 fn measured(command: &mut Command) -> bool {
     let output = command
         .current_dir(repository())
@@ -52,7 +53,8 @@ fn a_browser_operates_a_machine_by_the_page() {
     if !is_buildable() {
         return;
     }
-    // Browser and tests beside it keep the simulated drives waiting; how soon their silence is noticed is tested elsewhere.
+    // Browser and tests beside it keep the simulated drives waiting; how soon their silence is noticed is
+    // tested elsewhere.
     let patience = [("feedback_timeout_ms = 20 ", "feedback_timeout_ms = 200 ")];
     let options = ["--screen=127.0.0.1:0", "--trace-limit=1"];
     let mut scene = Scene::with_changes("screen-page", &patience, &options);

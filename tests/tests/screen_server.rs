@@ -19,8 +19,8 @@ const STOPPED: u32 = 2;
 const COUNTED: usize = 5;
 /// How often a jog is tried that a slow host may end early or keep waiting.
 const TRIALS: usize = 20;
-/// A trial during which the host kept this process or the core waiting for longer is not counted: it explains a stop that comes later
-/// than 100 ms after a patience of 90 ms.
+/// A trial during which the host kept this process or the core waiting for longer is not counted: it explains
+/// a stop that comes later than 100 ms after a patience of 90 ms.
 const PAUSE: Duration = Duration::from_millis(10);
 
 /// How a client of a jog is lost.
@@ -116,8 +116,8 @@ fn jogger(address: &str) -> Option<Child> {
     Some(started.expect("Python to start"))
 }
 
-/// ms from the loss of a jog's page to the first setpoint that brakes, and the latest that one of the setpoints came meanwhile. `None`
-/// where the jog had ended before.
+/// ms from the loss of a jog's page to the first setpoint that brakes, and the latest that one of the
+/// setpoints came meanwhile. `None` where the jog had ended before.
 fn stop_behind(operator: &mut Operator, mut client: Child, loss: Loss) -> Option<(f64, Duration)> {
     let mut said = BufReader::new(client.stdout.take().expect("its output")).lines();
     let began = said
@@ -164,7 +164,8 @@ fn stop_behind(operator: &mut Operator, mut client: Child, loss: Loss) -> Option
     Some((begins_ms, latest))
 }
 
-/// The server's own connections to the core are there before somebody presses: a jog that waits for one for 250 ms is refused.
+/// The server's own connections to the core are there before somebody presses: a jog that waits for one for
+/// 250 ms is refused.
 #[test]
 fn the_first_jog_and_the_first_emergency_stop_of_a_service_are_accepted() {
     unless_disturbed(|| {
@@ -293,7 +294,8 @@ fn twenty_pages_look_on_while_a_program_runs_and_those_that_do_not_read_hold_nob
     });
 }
 
-/// Pairs of phases without and with twenty pages, and the length of each, s; `EVOLVENT_PHASES=20 EVOLVENT_PHASE_S=20` measures more.
+/// Pairs of phases without and with twenty pages, and the length of each, s;
+/// `EVOLVENT_PHASES=20 EVOLVENT_PHASE_S=20` measures more.
 const PHASES: usize = 2;
 const PHASE_S: u64 = 4;
 
@@ -307,7 +309,8 @@ fn number_of(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).map_or(otherwise, |text| text.parse().expect("a number"))
 }
 
-/// Both run the same program, in turn and in one run of the service: what the host does to one it does to the other.
+/// Both run the same program, in turn and in one run of the service: what the host does to one it does to the
+/// other.
 #[test]
 fn cycles_are_as_late_with_twenty_pages_as_with_none() {
     unless_disturbed(|| {
@@ -364,7 +367,8 @@ fn cycles_are_as_late_with_twenty_pages_as_with_none() {
     });
 }
 
-/// 192 of the 256 connections are for one address; one more is closed at once, and those that end can be used again.
+/// 192 of the 256 connections are for one address; one more is closed at once, and those that end can be used
+/// again.
 #[test]
 fn one_address_gets_three_quarters_of_the_connections() {
     unless_disturbed(|| {

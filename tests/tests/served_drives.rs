@@ -248,7 +248,8 @@ fn an_emergency_stop_brings_every_axis_to_rest_and_takes_the_power_away() {
     });
 }
 
-/// Drives whose link is gone for a moment, or that are others: what was homed is not, unless their encoders are absolute.
+/// Drives whose link is gone for a moment, or that are others: what was homed is not, unless their encoders
+/// are absolute.
 #[test]
 fn machine_zero_is_lost_with_the_link_unless_the_drives_keep_it() {
     unless_disturbed(|| {

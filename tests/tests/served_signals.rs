@@ -1,4 +1,5 @@
-//! Outputs, inputs and the emergency-stop chain of a served machine, with a bridge on the bus that knows nothing of the core.
+//! Outputs, inputs and the emergency-stop chain of a served machine, with a bridge on the bus that knows
+//! nothing of the core.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::PathBuf;
@@ -120,7 +121,8 @@ impl Bridge {
         self.outputs.lock().expect("nobody panicked").clone()
     }
 
-    /// Waits for outputs of which something is true, and gives the first message that says so, from the `from`th on.
+    /// Waits for outputs of which something is true, and gives the first message that says so, from the
+    /// `from`th on.
     #[track_caller]
     fn waits(&self, what: &str, from: usize, until: impl Fn(&MachineOutputs) -> bool) -> MachineOutputs {
         let begin = Instant::now();

@@ -1,4 +1,5 @@
-//! Two spindles with ramps on a served machine: MDI commands them, STOP ramps them down, and ESTOP takes their power at once.
+//! Two spindles with ramps on a served machine: MDI commands them, STOP ramps them down, and ESTOP takes
+//! their power at once.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::PathBuf;
@@ -173,7 +174,8 @@ fn no_surface_speed_outlives_its_program_a_stop_or_a_reset() {
     });
 }
 
-/// The planner gets such a move in pieces of 1 % of speed. For the operator it is one: RETRACE went back to the start of a piece.
+/// The planner gets such a move in pieces of 1 % of speed. For the operator it is one: RETRACE went back to
+/// the start of a piece.
 #[test]
 fn a_move_whose_feed_follows_the_surface_speed_is_driven_back_as_a_whole() {
     unless_disturbed(|| {

@@ -50,7 +50,8 @@ fn jog(axis: usize, distance: f64, speed: f64) -> ControlRequest {
     request
 }
 
-/// Homing, MDI, jogs that turn over, a program with subroutines from a folder, overrides, holds and an emergency stop.
+/// Homing, MDI, jogs that turn over, a program with subroutines from a folder, overrides, holds and an
+/// emergency stop.
 fn session(workshop: &Workshop, cycles: &str) -> PathBuf {
     let domain = Domain::new();
     let name = format!("sv-{cycles}");

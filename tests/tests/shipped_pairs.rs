@@ -1,5 +1,6 @@
-//! Every pair of files that ships, a machine with its network or board, as the docs start it: core, bridge and simulator, each as in
-//! use. Only what a busy host needs is changed: how long setpoints, frames, packets and feedback may be missing.
+//! Every pair of files that ships, a machine with its network or board, as the docs start it: core, bridge
+//! and simulator, each as in use. Only what a busy host needs is changed: how long setpoints, frames, packets
+//! and feedback may be missing.
 //!
 //! The EtherCAT ring needs the right to make a network namespace.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
@@ -15,7 +16,8 @@ use evolvent_tests::{
 };
 
 const DONE: u32 = 1;
-/// Machines with their networks; and with their boards, the model that the simulator has to be, and its switches.
+/// Machines with their networks; and with their boards, the model that the simulator has to be, and its
+/// switches.
 const NETWORKS: [(&str, &str); 2] = [("mill-ethercat", "sim-mill"), ("lathe-ethercat", "sim-lathe")];
 const BOARDS: [(&str, &str, BoardModel, &[&str]); 4] = [
     ("router-3axis", "7i96s-router", BoardModel::B7i96s, &ROUTER),
@@ -59,7 +61,8 @@ fn machine(name: &str, workshop: &Workshop) -> PathBuf {
     workshop.write(&format!("{name}.toml"), text)
 }
 
-/// Serves the machine, starts the bridge, requests power, and jogs one axis. Drives that home by themselves come to these places first.
+/// Serves the machine, starts the bridge, requests power, and jogs one axis. Drives that home by themselves
+/// come to these places first.
 fn starts(name: &str, bridge: &[String], machine: &Path, workshop: &Workshop, homed_at: &[(usize, f64)]) {
     let domain = Domain::new();
     let served = Served::start(machine, name, &domain, &workshop.path("state"), &[]);
@@ -170,7 +173,8 @@ fn every_machine_starts_with_its_board() {
                 let switch: Switch = switch.parse().expect("a switch");
                 server.lock().add_switch(switch);
             }
-            // Current through the isolated input of the lathe's inverter, which is in order, makes it low; other boards ignore it.
+            // Current through the isolated input of the lathe's inverter, which is in order, makes it low;
+            // other boards ignore it.
             if name == "lathe-mesa" {
                 server.lock().set_level(3, false);
             }

@@ -130,7 +130,8 @@ pub(crate) fn keeps_limits(shop: &Shop, cycles: &[Cycle]) {
             limits.jerk[axis],
         ];
         for four in cycles.windows(4) {
-            // Drives without power are elsewhere than their setpoints: the core follows them by a step that is no motion.
+            // Drives without power are elsewhere than their setpoints: the core follows them by a step that
+            // is no motion.
             let is_relocated = four.iter().any(|cycle| cycle.inputs & RELOCATED != 0);
             if four[3].sequence != four[0].sequence + 3 || is_relocated {
                 continue;

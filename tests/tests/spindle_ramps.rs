@@ -1,4 +1,5 @@
-//! A spindle whose command has a ramp: what the bridge is commanded, what waits for it, and what the feed goes by.
+//! A spindle whose command has a ramp: what the bridge is commanded, what waits for it, and what the feed
+//! goes by.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
@@ -130,7 +131,8 @@ fn feed_per_revolution_goes_by_the_ramp() {
 fn a_spindle_that_the_program_has_stopped_holds_up_no_rest() {
     unless_disturbed(|| {
         let workshop = Workshop::new();
-        // After a feed by the spindle: a dwell, a rapid and an output at rest do not wait for a spindle that stands.
+        // After a feed by the spindle: a dwell, a rapid and an output at rest do not wait for a spindle that
+        // stands.
         let program = "G21 G90 G95\nS800 M3\nG1 X1 F0.1\nM5\nG4 P1\nG0 X50\nG4 P0.2\nG94 F600\nG1 X51\nM2\n";
         let (_messages, trace) = run(&workshop, "rests", "ramp_rpm_s = 2000\n", program);
         let cycles = cycles(&trace);
@@ -172,8 +174,8 @@ fn signal(process: &Child, signal: Signal) {
     kill_process(Pid::from_child(process), signal).expect("a process that can be signalled");
 }
 
-/// The axes rest from the end of the program to the last setpoint, and that comes when the ramp has ended, not later than
-/// `margin_s`.
+/// The axes rest from the end of the program to the last setpoint, and that comes when the ramp has ended,
+/// not later than `margin_s`.
 fn runs_down(messages: &[MachineOutputs], found: &[Cycle], rate_rpm_s: f64, from_rpm: f64, state: u8) {
     let begins = found
         .iter()

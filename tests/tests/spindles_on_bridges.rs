@@ -1,6 +1,6 @@
-//! A lathe that cuts threads, taps, and turns its spindle to an angle through the bridges to hardware and their simulators: every
-//! process as in use, over real sockets. The truth is the simulator's own angle and its own carriage, read at the same instant; no
-//! bridge sees either.
+//! A lathe that cuts threads, taps, and turns its spindle to an angle through the bridges to hardware and
+//! their simulators: every process as in use, over real sockets. The truth is the simulator's own angle and
+//! its own carriage, read at the same instant; no bridge sees either.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -23,7 +23,8 @@ use evolvent_tests::{
 const SPINDLE_ALARM: u32 = 440;
 const DONE: u32 = 1;
 const NAME: &str = "spun-lathe";
-/// Periods that setpoints are ahead: the angle is predicted for as long, so a thread needs few; a busy host needs many.
+/// Periods that setpoints are ahead: the angle is predicted for as long, so a thread needs few; a busy host
+/// needs many.
 const SHORT_LEAD: u32 = 3;
 /// A setpoint with that lead is late after this pause, and out of phase.
 const LATE: Duration = Duration::from_millis(3);
@@ -81,11 +82,12 @@ impl Cut {
     }
 }
 
-/// One lathe alone where setpoints are due soon: core, bridge and simulator of each want a processor of their own.
+/// One lathe alone where setpoints are due soon: core, bridge and simulator of each want a processor of their
+/// own.
 static TURN: RwLock<()> = RwLock::new(());
 
-/// As docs/ethercat.md says: power, which makes the drives home; off and on again; HOME takes over their positions; jogs from the
-/// switches into the travel.
+/// As docs/ethercat.md says: power, which makes the drives home; off and on again; HOME takes over their
+/// positions; jogs from the switches into the travel.
 fn homes_by_drives(operator: &mut Operator, places: [f64; 2]) {
     const AXES: [usize; 2] = [0, 2];
     operator.says("ESTOP_RESET");
@@ -179,8 +181,8 @@ fn cut(
     }
 }
 
-/// When the host kept core, bridge or the looks from running. A setpoint or a packet that is late by more than [`PAUSE`] is seen in
-/// the phase until all loops have caught up.
+/// When the host kept core, bridge or the looks from running. A setpoint or a packet that is late by more
+/// than [`PAUSE`] is seen in the phase until all loops have caught up.
 struct Pauses(Vec<(u64, u64)>);
 
 const PAUSE_NS: u64 = 1_500_000;
@@ -217,8 +219,8 @@ impl Pauses {
     }
 }
 
-/// By how much each pass away from a start was out of phase, mm, of half, 99 of 100 and all looks where nothing paused; and the number
-/// of looks. A pass begins at `start` with a whole turn.
+/// By how much each pass away from a start was out of phase, mm, of half, 99 of 100 and all looks where
+/// nothing paused; and the number of looks. A pass begins at `start` with a whole turn.
 fn passes(cut: &Cut, pitch: f64, start: f64, places: std::ops::Range<f64>) -> Vec<([f64; 3], usize)> {
     let pauses = Pauses::of(cut);
     let mut passes: Vec<Vec<f64>> = Vec::new();
@@ -263,8 +265,8 @@ fn phase_bound(pitch: f64, lathe: &dyn Lathe) -> f64 {
     0.002 + lathe.resolution() * pitch + lathe.step_mm()
 }
 
-/// Errors in phase that every attempt has are no pauses of the host: they fail also where it pauses in each. Of one attempt alone
-/// nobody can tell.
+/// Errors in phase that every attempt has are no pauses of the host: they fail also where it pauses in each.
+/// Of one attempt alone nobody can tell.
 struct ConstantError {
     /// The least of the attempts, relative to the bound.
     least: Cell<f64>,
@@ -279,7 +281,8 @@ impl ConstantError {
         }
     }
 
-    /// The error of half the looks of each pass of one attempt, and the bound: what is constant, the best pass has too.
+    /// The error of half the looks of each pass of one attempt, and the bound: what is constant, the best
+    /// pass has too.
     fn add(&self, errors: impl IntoIterator<Item = [f64; 3]>, bound: f64) {
         // An attempt in which nothing was measured proves nothing.
         let Some(best) = errors.into_iter().map(|[half, ..]| half / bound).reduce(f64::min) else {
@@ -346,7 +349,8 @@ fn taps_in_phase(lathe: impl Fn() -> Arc<dyn Lathe>) {
             let pauses = Pauses::of(&cut);
             let (trace, sights) = (cut.trace, cut.sights);
             let deepest = (sights.iter().map(|sight| sight.z)).fold(f64::INFINITY, f64::min);
-            // The bridge hears of the reversal with its setpoint, and acts within some milliseconds of it: 8 turns a second.
+            // The bridge hears of the reversal with its setpoint, and acts within some milliseconds of it: 8
+            // turns a second.
             assert!((deepest + 10.0).abs() < 0.15, "{code}: {deepest}");
             let (mut errors, mut ways) = (Vec::new(), [0, 0]);
             for pair in sights.windows(2) {

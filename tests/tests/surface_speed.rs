@@ -1,4 +1,5 @@
-//! G96 and G95 in real time beside a simulated spindle: what the bridge is commanded, and what the feed goes by.
+//! G96 and G95 in real time beside a simulated spindle: what the bridge is commanded, and what the feed goes
+//! by.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::f64::consts::TAU;

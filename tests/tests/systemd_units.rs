@@ -1,4 +1,5 @@
-//! The units for systemd: tight, for any host, and started for real where this runs as root. What cannot be done is "not measured".
+//! The units for systemd: tight, for any host, and started for real where this runs as root. What cannot be
+//! done is "not measured".
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
@@ -50,7 +51,8 @@ fn units_name_no_core_that_a_host_may_not_have() {
     }
 }
 
-/// At boot drives and boards often have no supply yet: with systemd's limit of five starts in ten seconds a bridge would give up before.
+/// At boot drives and boards often have no supply yet: with systemd's limit of five starts in ten seconds a
+/// bridge would give up before.
 #[test]
 fn bridges_are_started_for_ever() {
     let is_bridge = |unit: &PathBuf| unit.file_stem().is_some_and(|name| name != "evolvent@");
@@ -109,8 +111,8 @@ traces: 3
 bridge stopped: success
 ";
 
-/// Boots systemd with the units of a folder in namespaces of its own, until this fact is found; the folder with what was found, or
-/// why it cannot be done.
+/// Boots systemd with the units of a folder in namespaces of its own, until this fact is found; the folder
+/// with what was found, or why it cannot be done.
 fn boot(workshop: &Workshop, units: &Path, fact: &str) -> Result<PathBuf, &'static str> {
     // Whoever runs the tests as root has not asked for a second systemd on the host.
     if std::env::var_os("EVOLVENT_BOOT_SYSTEMD").is_none() {

@@ -1,4 +1,5 @@
-//! Threads beside a simulated spindle: phase by what its encoder said, holds, faults, taps, and what is refused.
+//! Threads beside a simulated spindle: phase by what its encoder said, holds, faults, taps, and what is
+//! refused.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::PathBuf;
@@ -89,7 +90,8 @@ fn a_tap_comes_back_to_its_start_with_the_spindle_turned_back() {
         let deepest = (all.iter())
             .map(|cycle| cycle.position[Z])
             .fold(f64::INFINITY, f64::min);
-        // The bridge hears of the order with its setpoint, and acts within a millisecond or two of it: 8 turns a second.
+        // The bridge hears of the order with its setpoint, and acts within a millisecond or two of it: 8
+        // turns a second.
         assert!((deepest + 10.0).abs() < 0.1, "{deepest}");
         let out = all
             .iter()
@@ -141,7 +143,8 @@ fn a_spindle_that_fails_in_a_pass_ends_it_at_rest_and_is_told() {
     }
 }
 
-/// A pass notices itself that its spindle stalls; behind it that is noticed as ever, from the next feed to the end of the program.
+/// A pass notices itself that its spindle stalls; behind it that is noticed as ever, from the next feed to
+/// the end of the program.
 #[test]
 fn a_spindle_that_stalls_behind_a_pass_raises_its_alarm() {
     unless_disturbed(|| {
@@ -276,8 +279,9 @@ fn the_last_cycle_of_a_thread_is_exactly_at_its_end() {
     verifies(&trace);
 }
 
-/// Where the groove of each pass towards negative Z lies, as a part of a turn, and how much that differs within the pass, in turns. With
-/// the virtual clock the angle is in no sample: between commands the spindle turns evenly.
+/// Where the groove of each pass towards negative Z lies, as a part of a turn, and how much that differs
+/// within the pass, in turns. With the virtual clock the angle is in no sample: between commands the spindle
+/// turns evenly.
 fn grooves(trace: &std::path::Path, turns_per_s: f64, pitch: f64) -> Vec<(f64, f64)> {
     let mut found: Vec<(f64, f64)> = Vec::new();
     let mut last = 0;
@@ -377,7 +381,8 @@ fn with_the_virtual_clock_starts_and_taps_keep_their_angle() {
         .map(|cycle| cycle.position[Z])
         .fold(f64::INFINITY, f64::min);
     assert!((deepest + 10.0).abs() < 0.02, "{deepest}");
-    // Out by the same thread as in. The spindle reverses by 2000 rpm per second, from where Z is no longer as fast as the thread.
+    // Out by the same thread as in. The spindle reverses by 2000 rpm per second, from where Z is no longer as
+    // fast as the thread.
     let (mut turns, mut speed, mut wanted, mut worst) = (0.0_f64, 8.0_f64, 8.0_f64, 0.0_f64);
     let (mut start, mut compared) = (None, 0);
     let rate = 2000.0 / 60.0 * 1e-3;

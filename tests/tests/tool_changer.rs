@@ -1,4 +1,5 @@
-//! A tool changer that a subroutine operates: a served machine with a simulated bridge, its outputs wired to its inputs.
+//! A tool changer that a subroutine operates: a served machine with a simulated bridge, its outputs wired to
+//! its inputs.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::PathBuf;
@@ -35,7 +36,8 @@ name = \"carousel\"
 number = 2
 ";
 
-/// To the pocket, drawbar open and closed. Tool 5 sits where the carousel never comes, tool 6 where nobody opens the drawbar.
+/// To the pocket, drawbar open and closed. Tool 5 sits where the carousel never comes, tool 6 where nobody
+/// opens the drawbar.
 const CHANGE: &str = "o<toolchange> sub
 G21 G90 G53 G1 X[#3] F6000
 o10 if [#1 EQ 5]

@@ -210,7 +210,8 @@ fn a_run_without_operator_refuses_m6_before_it_moves() {
     );
 }
 
-/// What somebody at a terminal of a kind sees who starts a program and types as `steps` say; none without Python.
+/// What somebody at a terminal of a kind sees who starts a program and types as `steps` say; none without
+/// Python.
 fn at_terminal(
     kind: &str,
     steps: &serde_json::Value,

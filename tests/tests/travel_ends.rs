@@ -1,4 +1,5 @@
-//! Homing and jogs at the ends of the travel, and on axes whose zero is unknown, come out the same from their trace.
+//! Homing and jogs at the ends of the travel, and on axes whose zero is unknown, come out the same from their
+//! trace.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
@@ -20,7 +21,8 @@ fn jog(axis: usize, distance: Option<f64>, speed: f64) -> ControlRequest {
     request
 }
 
-/// Jogs beyond the travel before homing, homing with a switch at the travel's end, and stops on the last millimetres.
+/// Jogs beyond the travel before homing, homing with a switch at the travel's end, and stops on the last
+/// millimetres.
 fn session(workshop: &Workshop, lead: u32) -> PathBuf {
     let domain = Domain::new();
     let name = format!("ends-{lead}");

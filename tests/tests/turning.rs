@@ -24,8 +24,8 @@ fn cutting_drives(machine: &Path, process: &Path, domain: &Domain) -> Drives {
     Drives::start(machine, domain, &["--process", process.to_str().expect("UTF-8")])
 }
 
-/// A lathe at 500 Hz that is never stopped for lateness, and a short stock. Busy hosts deliver readings late: a reading may
-/// be half a second old, which a slow spindle allows.
+/// A lathe at 500 Hz that is never stopped for lateness, and a short stock. Busy hosts deliver readings late:
+/// a reading may be half a second old, which a slow spindle allows.
 fn scene(workshop: &Workshop, name: &str) -> (PathBuf, PathBuf) {
     let read = |file: &str| std::fs::read_to_string(repository().join(file)).expect("a shipped file");
     let machine = read("config/machines/lathe-2axis.toml")
@@ -156,8 +156,8 @@ fn a_sensor_that_reads_zero_in_a_cut_ends_the_run() {
     });
 }
 
-/// A cut that takes a minute and more, by the load that simulated drives measure; the summary of the run, what the drives said, and what
-/// becomes of it meanwhile.
+/// A cut that takes a minute and more, by the load that simulated drives measure; the summary of the run,
+/// what the drives said, and what becomes of it meanwhile.
 fn long_cut(
     name: &str,
     options: &[&str],
@@ -354,7 +354,8 @@ fn adaptive_feed_holds_the_load_that_simulated_drives_measure() {
         let (finished, seen, _workshop) = scene.finish();
         let summary = finished.expect_code(&[0, 3]).json();
         assert_eq!(summary["outcome"], "done", "{summary}");
-        // From 4 to 9 mm behind the face 1.3 to 2.2 mm are cut: the factor that holds the load is within its limits.
+        // From 4 to 9 mm behind the face 1.3 to 2.2 mm are cut: the factor that holds the load is within its
+        // limits.
         let cut: Vec<&Cycle> = seen
             .iter()
             .filter(|cycle| {
@@ -468,8 +469,8 @@ impl ServedLathe {
             .waits("a cut", |status| status.position_machine[axis] < place_mm);
     }
 
-    /// Holds it while it cuts, up to 2.5 mm behind this place. A host that is busy may bring the command when the pass is over: then
-    /// the next pass is held.
+    /// Holds it while it cuts, up to 2.5 mm behind this place. A host that is busy may bring the command when
+    /// the pass is over: then the next pass is held.
     fn holds_in_the_cut(&mut self, axis: usize, place_mm: f64) -> Status {
         let held = (0..3).find_map(|_| {
             self.waits_for_cut(axis, place_mm);

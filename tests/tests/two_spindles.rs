@@ -1,4 +1,5 @@
-//! A lathe with two measured spindles: `$` selects the one that turns, threads, stops at an angle, or gives the feed.
+//! A lathe with two measured spindles: `$` selects the one that turns, threads, stops at an angle, or gives
+//! the feed.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::{Path, PathBuf};

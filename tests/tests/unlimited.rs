@@ -1,4 +1,5 @@
-//! An unlimited rotary axis: programs, MDI, jogs and homing in closed loop with simulated drives, and a trace that comes out the same.
+//! An unlimited rotary axis: programs, MDI, jogs and homing in closed loop with simulated drives, and a trace
+//! that comes out the same.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
@@ -12,10 +13,12 @@ use evolvent_tests::{
 
 const C: usize = 5;
 
-/// Farther than the table turns in a cycle of 1 ms, degrees: the end of a move without a stop lies between two setpoints.
+/// Farther than the table turns in a cycle of 1 ms, degrees: the end of a move without a stop lies between
+/// two setpoints.
 const STEP_DEG: f64 = 0.75;
 
-/// A mill with an unlimited rotary table that reaches 720 degrees/s, or a multiple of that: long turns make long traces.
+/// A mill with an unlimited rotary table that reaches 720 degrees/s, or a multiple of that: long turns make
+/// long traces.
 fn table(workshop: &Workshop, name: &str, way: &str, faster: u32, homing: &str) -> PathBuf {
     let shipped = workshop.mill(name, &[]);
     let text = std::fs::read_to_string(shipped).expect("a machine file");
@@ -154,8 +157,8 @@ fn near(status: &Status, angle: f64) -> bool {
     (status.position_machine[C] - angle).abs() < 1e-6
 }
 
-/// It homes within a turn, turns in one direction by MDI and jogs without an end, and displays angles. At rest whole turns are taken off
-/// without motion, and the next block takes the shorter direction.
+/// It homes within a turn, turns in one direction by MDI and jogs without an end, and displays angles. At
+/// rest whole turns are taken off without motion, and the next block takes the shorter direction.
 #[test]
 fn a_served_table_turns_without_an_end() {
     unless_disturbed(|| {
@@ -177,7 +180,8 @@ fn a_served_table_turns_without_an_end() {
         let job = operator.does(&home).job;
         let status = operator.sees_end(job);
         assert_eq!(status.job_result, 1, "{}", status.alarm_sentence());
-        // The drives give the offsets of the other axes; the pulse has corrected that of C, but for whole turns.
+        // The drives give the offsets of the other axes; the pulse has corrected that of C, but for whole
+        // turns.
         let wrong = (status.home_offset[C] - 3.5).rem_euclid(360.0);
         assert!(wrong.min(360.0 - wrong) < 1e-2, "{wrong}");
         let mut random = Random::new();

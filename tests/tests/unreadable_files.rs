@@ -1,4 +1,5 @@
-//! Files that never end or never open: pipes, and files that another program holds, as a network drive that hangs does.
+//! Files that never end or never open: pipes, and files that another program holds, as a network drive that
+//! hangs does.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::io::{BufRead, BufReader};

@@ -21,7 +21,8 @@ struct Shop {
 }
 
 impl Shop {
-    /// A machine with M101 and M102, of which M101 is this script; `said` in it stands for a file in the shop.
+    /// A machine with M101 and M102, of which M101 is this script; `said` in it stands for a file in the
+    /// shop.
     fn new(name: &str, script: &str, timeout_s: u32) -> Self {
         let workshop = Workshop::new();
         let shipped = workshop.mill(name, &[]);
@@ -54,7 +55,8 @@ impl Shop {
     }
 }
 
-/// Whether a process is the `sleep` that the script becomes. Between the two it has no command line for a moment, or the script's.
+/// Whether a process is the `sleep` that the script becomes. Between the two it has no command line for a
+/// moment, or the script's.
 fn is_sleeping(process: &str) -> bool {
     let line = std::fs::read_to_string(format!("/proc/{process}/cmdline")).unwrap_or_default();
     line.starts_with("sleep")

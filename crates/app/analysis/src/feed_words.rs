@@ -35,8 +35,9 @@ impl FeedWords {
         })
     }
 
-    /// Feed word in mm/s, limited to the machine's maximum feed; `None` on rapids. `path_mm` is the programmed length so far: a move
-    /// in G95 with G96 has a feed word for each of its parts. Neither it nor the block number may decrease.
+    /// Feed word in mm/s, limited to the machine's maximum feed; `None` on rapids. `path_mm` is the
+    /// programmed length so far: a move in G95 with G96 has a feed word for each of its parts. Neither it nor
+    /// the block number may decrease.
     pub fn at(&mut self, block: u32, path_mm: f64) -> Option<f64> {
         while !self.over && (self.next <= block || self.path_mm < path_mm && self.part_follows()) {
             // Errors of the program are reported by the run.

@@ -1,7 +1,8 @@
 //! The active limit at a setpoint, derived from the setpoint itself.
 //!
-//! A value at or above 97 % of its limit is limiting, and the largest share decides, so that unused capacity is visible
-//! ([`Limiting::Nothing`]). Of the planner only the fraction of the permitted chord error is used that it aims at.
+//! A value at or above 97 % of its limit is limiting, and the largest share decides, so that unused capacity
+//! is visible ([`Limiting::Nothing`]). Of the planner only the fraction of the permitted chord error is used
+//! that it aims at.
 
 use evolvent_machine::{Machine, chord_feed_limit_mm_s};
 use evolvent_motion::{Setpoint, State, flags};
@@ -123,7 +124,8 @@ pub struct Shares {
     /// Path speed relative to the feed word; 0 without one.
     pub feed_ratio: f64,
     /// Path speed relative to the speed at which the chord error is what the planner aims at
-    /// ([`chord_fraction`](evolvent_machine::PlannerKind::chord_fraction) of the permitted one); 0 on straight paths.
+    /// ([`chord_fraction`](evolvent_machine::PlannerKind::chord_fraction) of the permitted one); 0 on
+    /// straight paths.
     pub chord_ratio: f64,
     /// Velocity, acceleration and jerk of each axis relative to their limits.
     pub axes: [[f64; 3]; 9],
@@ -254,7 +256,8 @@ pub(crate) mod tests {
 
     use super::*;
 
-    /// X and Y: 500 mm/s, 5000 mm/s2, 200 000 mm/s3; Z: 333.3 mm/s, 3000 mm/s2, 100 000 mm/s3; 1 um at 1000/mm.
+    /// X and Y: 500 mm/s, 5000 mm/s2, 200 000 mm/s3; Z: 333.3 mm/s, 3000 mm/s2, 100 000 mm/s3; 1 um at
+    /// 1000/mm.
     pub(crate) fn mill() -> Machine {
         let text = include_str!("../../../../config/machines/mill-3axis.toml");
         Machine::parse(text, "mill-3axis.toml").unwrap()

@@ -8,8 +8,9 @@ use serde::Serialize;
 
 use crate::limiting::bend;
 
-/// Lower rates are no requirement, Hz: the curvature of a slanted line is the rounding error of its setpoints, eps a / v^2, which
-/// would need sqrt(eps a / (8 e)), 1e-4 Hz at an acceleration of 100 m/s2 and a chord error of 1 um. A machine runs at 250 Hz at least.
+/// Lower rates are no requirement, Hz: the curvature of a slanted line is the rounding error of its
+/// setpoints, eps a / v^2, which would need sqrt(eps a / (8 e)), 1e-4 Hz at an acceleration of 100 m/s2 and a
+/// chord error of 1 um. A machine runs at 250 Hz at least.
 const MIN_RATE_HZ: f64 = 0.01;
 
 /// The control rate that the plan of a program requires: equation (4) with the planned feed and the actual

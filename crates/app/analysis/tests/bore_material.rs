@@ -1,4 +1,5 @@
-//! The programs of [`BoreProgram`] cut a grid of material, as text: no rapid and no plunge of finishing may meet any.
+//! The programs of [`BoreProgram`] cut a grid of material, as text: no rapid and no plunge of finishing may
+//! meet any.
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
 use evolvent_analysis::{BoreError, BoreFinishing, BoreProgram, BoreRequest, BoreRoughing};
@@ -57,7 +58,8 @@ impl Stock {
         self.at = at;
     }
 
-    /// Moves straight; returns whether the tool met material. Sampled paths leave cusps, so a rim does not count.
+    /// Moves straight; returns whether the tool met material. Sampled paths leave cusps, so a rim does not
+    /// count.
     fn straight(&mut self, to: [f64; 3]) -> bool {
         let from = self.at;
         let long = f64::hypot(to[0] - from[0], to[1] - from[1]);
@@ -78,7 +80,8 @@ impl Stock {
         has_met
     }
 
-    /// Cuts along a circle or an involute about `centre`; `base_mm` is the radius of the involute's base circle.
+    /// Cuts along a circle or an involute about `centre`; `base_mm` is the radius of the involute's base
+    /// circle.
     fn curve(&mut self, to: [f64; 2], centre: [f64; 2], base_mm: Option<f64>, is_left: bool) {
         let z = self.at[2];
         let turn = if is_left { 1.0 } else { -1.0 };
@@ -89,7 +92,8 @@ impl Stock {
         if let Some(r) = base_mm {
             let roll = |[x, y]: [f64; 2]| ((x * x + y * y) / (r * r) - 1.0).max(0.0).sqrt();
             let (first, last) = (roll(from), roll(end));
-            // An involute that unrolls to the left and runs inwards is one that unrolls to the right and runs outwards.
+            // An involute that unrolls to the left and runs inwards is one that unrolls to the right and runs
+            // outwards.
             let hand = if last > first { turn } else { -turn };
             let turned = from[1].atan2(from[0]) - hand * (first - first.atan());
             let count = 1 + (0.5 * r * (last * last - first * first).abs() / step_mm) as usize;

@@ -52,7 +52,8 @@ pub(crate) struct BoreArgs {
     /// Turns of the complete finishing involute, usually 1 or 2 [default: 2].
     #[arg(long, value_name = "N")]
     pub turns: Option<u32>,
-    /// Turns of the complete roughing involute, at least as many as the pitch requires [default: as the pitch requires].
+    /// Turns of the complete roughing involute, at least as many as the pitch requires
+    /// [default: as the pitch requires].
     #[arg(long, value_name = "N")]
     pub rough_turns: Option<u32>,
     /// Climb milling: counter-clockwise with M3 (the default).

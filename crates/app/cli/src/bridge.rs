@@ -29,8 +29,8 @@ use crate::{CommandError, Ending};
 /// Real-time priority of simulated drives where the system permits it, below that of the core.
 const PRIORITY: u8 = 40;
 
-/// Index pulses of a simulated encoder are so far apart, of the distance within which homing expects one, and the switch closes so
-/// far before one: in the middle between two.
+/// Index pulses of a simulated encoder are so far apart, of the distance within which homing expects one, and
+/// the switch closes so far before one: in the middle between two.
 const PITCH_FRACTION: f64 = 0.75;
 const SWITCH_FRACTION: f64 = 0.5 * PITCH_FRACTION;
 
@@ -133,7 +133,8 @@ struct SimArgs {
     /// lost=MS after which it stops sending, latched if the drives latch their positions.
     #[arg(long, value_name = "SURFACES[;...]")]
     probe: Option<ProbeSettings>,
-    /// Wire each output to the input of the same number; the emergency-stop chain is closed. Without a machine file spindle 0 is simulated.
+    /// Wire each output to the input of the same number; the emergency-stop chain is closed. Without a
+    /// machine file spindle 0 is simulated.
     #[arg(long, conflicts_with = "inputs")]
     loopback: bool,
     /// Print one JSON object at the end.
@@ -159,11 +160,12 @@ struct TestArgs {
     /// wired to its digital input 0.
     #[arg(long)]
     signals: bool,
-    /// Run the cases of a spindle too: the bridge sends the angle of spindle 0, which TURNS AT 300 RPM, either way.
+    /// Run the cases of a spindle too: the bridge sends the angle of spindle 0, which TURNS AT 300 RPM,
+    /// either way.
     #[arg(long)]
     spindle: bool,
-    /// Run the case of a touch probe too: the FIRST AXIS MOVES in its positive direction, at 0.5 and at 3 mm/s, until the probe
-    /// touches what is 1 to 4 mm away, and about 1 mm beyond.
+    /// Run the case of a touch probe too: the FIRST AXIS MOVES in its positive direction, at 0.5 and at 3
+    /// mm/s, until the probe touches what is 1 to 4 mm away, and about 1 mm beyond.
     #[arg(long)]
     probe: bool,
     /// List the cases and their requirements.

@@ -40,8 +40,8 @@ pub(crate) struct EthercatArgs {
     /// bridge runs.
     #[arg(long, value_name = "FILE", requires = "scan")]
     write: Option<PathBuf>,
-    /// ESI file of a vendor, or a folder of them: names, process data and units that the devices do not report. May be given several
-    /// times.
+    /// ESI file of a vendor, or a folder of them: names, process data and units that the devices do not
+    /// report. May be given several times.
     #[arg(long, value_name = "FILE", requires = "scan")]
     esi: Vec<PathBuf>,
     /// Network interface, instead of the network file's.
@@ -53,11 +53,13 @@ pub(crate) struct EthercatArgs {
     /// Prefix of the bus's files, as for the core.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// End after this many seconds; without it, at Ctrl-C. The exit code is 1 if the network did not come up in that time.
+    /// End after this many seconds; without it, at Ctrl-C. The exit code is 1 if the network did not come up
+    /// in that time.
     #[arg(long, value_name = "N")]
     seconds: Option<f64>,
-    /// Record the wire to this file (pcapng, for Wireshark and tshark), which is created or replaced. It keeps the most recent frames
-    /// that fit into --dump-mib. Frames for which the disk is too slow are counted and omitted; the cycle does not wait.
+    /// Record the wire to this file (pcapng, for Wireshark and tshark), which is created or replaced. It
+    /// keeps the most recent frames that fit into --dump-mib. Frames for which the disk is too slow are
+    /// counted and omitted; the cycle does not wait.
     #[arg(long, value_name = "FILE", conflicts_with = "scan")]
     dump: Option<PathBuf>,
     /// Maximum size of that file in MiB.
@@ -178,8 +180,8 @@ pub(crate) fn run(
     let report = report.map_err(|error| match error {
         RunError::Bridge(BridgeError::Bus(BusError::Name(_) | BusError::Prefix { .. }))
         | RunError::Dump { .. } => usage(error.to_string()),
-        // An interface may come up after the bridge has started at boot, and a core with other axes may start again with the right ones:
-        // units start the bridge again.
+        // An interface may come up after the bridge has started at boot, and a core with other axes may start
+        // again with the right ones: units start the bridge again.
         error => CommandError::Failed(error.to_string()),
     })?;
     if args.json {

@@ -37,7 +37,8 @@ pub(crate) struct MesaArgs {
     /// Prefix of the bus's files, as for the core.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// End after this many seconds; without it, at Ctrl-C. The exit code is 1 if the board did not come up in that time.
+    /// End after this many seconds; without it, at Ctrl-C. The exit code is 1 if the board did not come up in
+    /// that time.
     #[arg(long, value_name = "N")]
     seconds: Option<f64>,
     /// Print one JSON object at the end.

@@ -19,7 +19,8 @@ pub(crate) struct CheckArgs {
     #[arg(long, value_name = "N", default_value_t = 50)]
     limit: usize,
     /// Check a loop, or a line that repeats a subroutine, up to this many commands; 0 for any number (an
-    /// endless loop is then checked until Ctrl-C). Exit code 3 if that leaves a part of the program unchecked.
+    /// endless loop is then checked until Ctrl-C). Exit code 3 if that leaves a part of the program
+    /// unchecked.
     #[arg(long, value_name = "COMMANDS", default_value_t = CheckBounds::LOOP_COMMANDS)]
     loop_limit: u64,
     /// The cutting process: a case file of `evolvent chatter` warns of turning cuts that are predicted to
@@ -127,7 +128,8 @@ pub(crate) fn write_text(
 
 /// The errors as one JSON value for editors: `{"file", "errors": [{"code", "line", "column", "length", "message",
 /// "help", "source", "span", "calls"}], "warnings": [{"file", "line", "message"}], "up_to": line or null,
-/// "unchecked": {"reason", "line", "file", "message"} or null, "chatter": [...], "chatter_omissions": [...]}`.
+/// "unchecked": {"reason", "line", "file", "message"} or null, "chatter": [...], "chatter_omissions":
+/// [...]}`.
 fn to_json(file_name: &str, found: &Checked, chatter: Option<&ChatterWarnings>) -> serde_json::Value {
     serde_json::json!({
         "file": file_name,

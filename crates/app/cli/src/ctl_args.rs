@@ -42,7 +42,8 @@ pub(crate) enum Action {
     Status,
     /// Show inputs, outputs, switches of the axes and spindles; an input that no bridge sends is unknown.
     Io {
-        /// The machine file, for the names and the inputs that nobody sends. Default: what is sent is listed by number.
+        /// The machine file, for the names and the inputs that nobody sends. Default: what is sent is listed
+        /// by number.
         #[arg(long, value_name = "FILE")]
         machine: Option<PathBuf>,
     },
@@ -95,7 +96,8 @@ pub(crate) enum Action {
     Reset,
     /// Clear the alarms.
     Clear,
-    /// Set an output of the machine file by hand: `ctl set clamp on`, `ctl set laser 4.5`. Not while a program runs.
+    /// Set an output of the machine file by hand: `ctl set clamp on`, `ctl set laser 4.5`. Not while a
+    /// program runs.
     Set {
         /// Its name.
         output: String,
@@ -135,14 +137,16 @@ pub(crate) enum Action {
     },
     /// Execute one block and wait for its end; Ctrl-C stops it. The wait ends at a program stop (M0).
     Mdi {
-        /// The block, quoted or as its words: `mdi G1 X50`. Quote comments, expressions and `$`, which the shell reads.
+        /// The block, quoted or as its words: `mdi G1 X50`. Quote comments, expressions and `$`, which the
+        /// shell reads.
         #[arg(required = true, value_name = "BLOCK")]
         block: Vec<String>,
         /// Do not wait.
         #[arg(long)]
         no_wait: bool,
     },
-    /// Jog, also while a program is held: `jog X+` as long as this command runs, `jog X+ Y- --distance 5` by an increment.
+    /// Jog, also while a program is held: `jog X+` as long as this command runs, `jog X+ Y- --distance 5` by
+    /// an increment.
     Jog {
         /// Axes with their directions.
         #[arg(required = true, value_name = "AXIS+|AXIS-")]
@@ -157,7 +161,8 @@ pub(crate) enum Action {
         #[arg(long, value_name = "S")]
         seconds: Option<f64>,
     },
-    /// Return to the position at which the held program was left, jog by jog and then forwards along the path. `resume` continues then.
+    /// Return to the position at which the held program was left, jog by jog and then forwards along the
+    /// path. `resume` continues then.
     Return {
         /// Maximum speed of reversed jogs, mm/min or degrees/min. Default: a fifth of the axis velocity.
         #[arg(long, value_name = "MM_MIN")]
@@ -181,7 +186,8 @@ pub(crate) enum Action {
     },
     /// Home axes, all if none is named, and wait for the end.
     ///
-    /// Axes without [[homing]] that have lost machine zero are declared to be at their home position: jog them there first.
+    /// Axes without [[homing]] that have lost machine zero are declared to be at their home position: jog
+    /// them there first.
     Home {
         /// Letters, as in XYZ.
         axes: Option<String>,

@@ -24,8 +24,8 @@ pub(crate) fn is_of_program(status: &Status) -> bool {
     matches!(status.activity, 1 | 2)
 }
 
-/// How far an axis with this index is from its target, mm or degrees. Angles are shown modulo a turn where the axis is unlimited: one
-/// that has moved may have turned fully, and one that has not is where it was.
+/// How far an axis with this index is from its target, mm or degrees. Angles are shown modulo a turn where
+/// the axis is unlimited: one that has moved may have turned fully, and one that has not is where it was.
 fn off_target(axis: usize, difference: f64, has_moved: bool) -> f64 {
     if has_moved && AxisLetter::ALL.get(axis).is_some_and(|letter| letter.is_rotary()) {
         let rest = difference.rem_euclid(360.0);
@@ -35,8 +35,8 @@ fn off_target(axis: usize, difference: f64, has_moved: bool) -> f64 {
     }
 }
 
-/// Whether an axis with this index has gone by `distance`, mm or degrees. `was_seen`: a status has shown it move; a short jog is over
-/// between two.
+/// Whether an axis with this index has gone by `distance`, mm or degrees. `was_seen`: a status has shown it
+/// move; a short jog is over between two.
 fn has_arrived(axis: usize, from: f64, distance: f64, to: f64, was_seen: bool) -> bool {
     off_target(axis, from + distance - to, was_seen || to != from) <= AT_TARGET
 }
@@ -49,7 +49,8 @@ pub(crate) struct Rest {
 }
 
 impl Session {
-    /// Sends an order that moves the axes away from the held program or back, and waits until they are at rest.
+    /// Sends an order that moves the axes away from the held program or back, and waits until they are at
+    /// rest.
     pub(crate) fn give_away(
         &mut self,
         order: &ControlRequest,
@@ -157,7 +158,8 @@ mod tests {
         assert_eq!(off_target(0, 360.0, true), 360.0);
     }
 
-    /// Where nothing has moved, a full turn was not made: of a limited axis, or of one whose jog was stopped before it began.
+    /// Where nothing has moved, a full turn was not made: of a limited axis, or of one whose jog was stopped
+    /// before it began.
     #[test]
     fn a_turn_that_never_began_is_missed() {
         assert_eq!(off_target(3, 360.0, false), 360.0);

@@ -15,7 +15,8 @@ use serde_json::{Value, json};
 
 use crate::{CommandError, Ending};
 
-/// Duration for which messages are collected. A bridge sends several times per input timeout, 100 ms by default.
+/// Duration for which messages are collected. A bridge sends several times per input timeout, 100 ms by
+/// default.
 const LISTENING: Duration = Duration::from_millis(500);
 /// Poll interval.
 const POLL: Duration = Duration::from_millis(5);
@@ -165,7 +166,8 @@ fn listen(bus: &ClientBus, settings: Option<&SignalSettings>) -> Result<Heard, B
     })
 }
 
-/// The messages that the core uses, and why it discards the others. Without the machine file its inputs are not known.
+/// The messages that the core uses, and why it discards the others. Without the machine file its inputs are
+/// not known.
 fn accepted(
     settings: Option<&SignalSettings>,
     messages: Vec<MachineInputs>,

@@ -24,8 +24,8 @@ pub(crate) struct DoctorArgs {
     /// How long to measure, in seconds
     #[arg(long, value_name = "N", default_value_t = 5.0)]
     pub(crate) seconds: f64,
-    /// Measure round trips on this network interface instead, of EtherCAT frames or packets to --board, and examine its card and
-    /// driver. Not for use while a bridge runs on it
+    /// Measure round trips on this network interface instead, of EtherCAT frames or packets to --board, and
+    /// examine its card and driver. Not for use while a bridge runs on it
     #[arg(long, value_name = "IFACE")]
     pub(crate) network: Option<String>,
     /// Address of a Mesa board behind that interface

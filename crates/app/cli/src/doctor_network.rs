@@ -10,7 +10,8 @@ use serde_json::{Value, json};
 use crate::CommandError;
 use crate::finding_row::{FindingRow, write_advice, write_findings};
 
-/// Maximum round trip as a fraction of the period. A bridge waits for 60 % of a period (Mesa boards) or 90 % (EtherCAT).
+/// Maximum round trip as a fraction of the period. A bridge waits for 60 % of a period (Mesa boards) or 90 %
+/// (EtherCAT).
 const MAX_FRACTION: f64 = 0.6;
 
 /// Measures an interface and writes the report.

@@ -27,7 +27,8 @@ pub(crate) struct PlanArgs {
     /// Write every setpoint as CSV: time, position, velocity, acceleration and jerk of every axis.
     #[arg(long, value_name = "FILE.csv")]
     setpoints: Option<PathBuf>,
-    /// Draw the path coloured by feed and by what limits it, and feed, velocity, acceleration and jerk over time.
+    /// Draw the path coloured by feed and by what limits it, and feed, velocity, acceleration and jerk over
+    /// time.
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
     /// Explain why the machine is slow on this line of the program, and what would help (by planning again).

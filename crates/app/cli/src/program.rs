@@ -66,7 +66,8 @@ impl ProgramArgs {
         Ok(setup)
     }
 
-    /// The files that are read, and what each is: no output may replace one of them. `setup` names those of the machine file.
+    /// The files that are read, and what each is: no output may replace one of them. `setup` names those of
+    /// the machine file.
     pub(crate) fn inputs<'a>(&'a self, setup: &'a Setup) -> Vec<(&'a Path, &'static str)> {
         let mut inputs = vec![
             (self.program.as_path(), "the program"),
@@ -131,7 +132,8 @@ pub(crate) fn warn_of_machine(setup: &Setup, err: &mut dyn Write) {
     }
 }
 
-/// Warns of values of a machine file that are those of no machine. If standard error is closed, nobody is left to inform.
+/// Warns of values of a machine file that are those of no machine. If standard error is closed, nobody is
+/// left to inform.
 pub(crate) fn warn_of_values(machine: &Machine, err: &mut dyn Write) {
     for warning in &machine.warnings {
         drop(writeln!(err, "warning: {warning}"));

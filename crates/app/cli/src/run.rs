@@ -25,7 +25,8 @@ use crate::{CommandError, Ending};
 pub(crate) struct RunArgs {
     #[command(flatten)]
     program: ProgramArgs,
-    /// Real time, or virtual: as fast as it computes, with the same bits; tools and parameters stay as they are.
+    /// Real time, or virtual: as fast as it computes, with the same bits; tools and parameters stay as they
+    /// are.
     #[arg(long, value_enum, default_value_t = ClockArg::Realtime)]
     clock: ClockArg,
     /// Trace file. Default: traces/NAME-TIME.mcap.
@@ -267,7 +268,8 @@ fn refuse_wrong_program(
 }
 
 /// Writes the program's changes to tools and parameters. A program that did not reach its end keeps none: it
-/// was interpreted ahead of the machine. Neither does one with the virtual clock, whose contacts and lengths no machine has measured.
+/// was interpreted ahead of the machine. Neither does one with the virtual clock, whose contacts and lengths
+/// no machine has measured.
 fn keep(job: &Job, outcome: &RunOutcome) -> Result<(), CommandError> {
     let Some(left) = outcome
         .left

@@ -45,7 +45,8 @@ impl Screen {
 
     fn say(&self, text: &str) {
         match &self.bar {
-            // Hidden where the terminal cannot move its cursor (TERM is dumb or not set): it prints nothing then.
+            // Hidden where the terminal cannot move its cursor (TERM is dumb or not set): it prints nothing
+            // then.
             Some(bar) if !bar.is_hidden() => bar.println(text),
             // If standard error is closed, nobody is left to inform.
             _ => drop(writeln!(io::stderr(), "{text}")),

@@ -13,8 +13,8 @@ use crate::CommandError;
 /// Options of the screen.
 #[derive(Debug, Args)]
 pub(crate) struct ScreenArgs {
-    /// Serve the page for the browser. Beyond 127.0.0.1 connections are encrypted, the fingerprint of the certificate is printed,
-    /// and on a terminal the address is also printed as a QR code.
+    /// Serve the page for the browser. Beyond 127.0.0.1 connections are encrypted, the fingerprint of the
+    /// certificate is printed, and on a terminal the address is also printed as a QR code.
     #[arg(
         long = "screen",
         value_name = "ADDRESS:PORT",
@@ -44,8 +44,8 @@ pub(crate) struct ScreenArgs {
 /// Options of a screen from which a machine is operated.
 #[derive(Debug, Args)]
 pub(crate) struct OperateArgs {
-    /// File of macros: buttons of the screen, each with blocks of MDI (config/macros). Default: macros.toml in the state folder,
-    /// if it is there.
+    /// File of macros: buttons of the screen, each with blocks of MDI (config/macros). Default: macros.toml
+    /// in the state folder, if it is there.
     #[arg(long = "screen-macros", value_name = "FILE.toml", requires = "address")]
     pub(crate) macros: Option<PathBuf>,
 }

@@ -47,8 +47,9 @@ pub(crate) struct ServeArgs {
     /// Folder for offsets, tools and parameters. Default: $XDG_STATE_HOME/evolvent/NAME.
     #[arg(long, value_name = "FOLDER")]
     state: Option<PathBuf>,
-    /// The cutting process. A process file of `evolvent turn`: for turning cycles with Q1, which compute their passes from the cutting load
-    /// on the bus. A case file of `evolvent chatter`: its limits are shown on the screen. May be given once for each.
+    /// The cutting process. A process file of `evolvent turn`: for turning cycles with Q1, which compute
+    /// their passes from the cutting load on the bus. A case file of `evolvent chatter`: its limits are shown
+    /// on the screen. May be given once for each.
     #[arg(long, value_name = "FILE.toml")]
     process: Vec<PathBuf>,
     #[command(flatten)]

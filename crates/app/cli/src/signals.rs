@@ -11,12 +11,13 @@ use crate::CommandError;
 
 /// How often signals are looked at.
 const SIGNAL_POLL: Duration = Duration::from_millis(5);
-/// Signals that follow the first within this are the same request: `timeout` sends one to the process and one to its group, and
-/// a terminal and a shell may both send theirs. To end at the second would leave axes moving.
+/// Signals that follow the first within this are the same request: `timeout` sends one to the process and one
+/// to its group, and a terminal and a shell may both send theirs. To end at the second would leave axes
+/// moving.
 const SAME_REQUEST: Duration = Duration::from_millis(500);
 
-/// Calls `stop` at the first SIGINT, SIGTERM, SIGHUP or SIGQUIT. A second SIGINT or SIGTERM, [`SAME_REQUEST`] later or more, ends the
-/// process at once, with exit code 1.
+/// Calls `stop` at the first SIGINT, SIGTERM, SIGHUP or SIGQUIT. A second SIGINT or SIGTERM, [`SAME_REQUEST`]
+/// later or more, ends the process at once, with exit code 1.
 pub(crate) fn stop_at_first(stop: impl FnOnce() + Send + 'static) -> Result<(), CommandError> {
     let (signalled, ends) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
     let register = || {

@@ -282,7 +282,8 @@ impl Picture<'_> {
                 continue;
             }
             let is_homed = AxisMask::from_bits(self.status.homed_mask).contains(at);
-            // As at the screen: X is what the program writes. Velocity and following error are those of the axis.
+            // As at the screen: X is what the program writes. Velocity and following error are those of the
+            // axis.
             let is_diameter = letter == 'X' && is_diameter(self.status);
             let factor = if is_diameter { 2.0 } else { 1.0 };
             let unit = match letter {

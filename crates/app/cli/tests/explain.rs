@@ -69,7 +69,8 @@ fn a_long_line_at_its_feed_is_limited_by_its_feed_word() {
     assert!(joined(&json["advice"]).contains("higher feed word"));
 }
 
-/// A pass of a thread, which the cycle drives in step with the spindle, has no block: lines after it have their own feed words.
+/// A pass of a thread, which the cycle drives in step with the spindle, has no block: lines after it have
+/// their own feed words.
 #[test]
 fn lines_after_threads_are_compared_with_their_own_feed_words() {
     let folder = tempfile::tempdir().unwrap();

@@ -17,7 +17,8 @@ const TRAVEL_WITHOUT_LIMITS: (f64, f64) = (10_000.0, 36_000.0);
 const JERK_TIME_S: f64 = 0.05;
 /// LinuxCNC's default velocity in units/s and acceleration in units/s^2.
 const DEFAULT_LIMIT: f64 = 1.0;
-/// Within this the index pulse is looked for, mm and degrees, because LinuxCNC has no bound: a turn of a usual screw, or of the axis.
+/// Within this the index pulse is looked for, mm and degrees, because LinuxCNC has no bound: a turn of a
+/// usual screw, or of the axis.
 const INDEX_WITHIN: (f64, f64) = (12.0, 365.0);
 /// No machine has a home switch farther away than this, mm and degrees: the bound of machine files.
 const MAX_COORDINATE: f64 = 1e9;

@@ -132,8 +132,8 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
     })
 }
 
-/// The text of the machine file, without the screw tables that are too rough for the limits: they are removed from
-/// `tables`. The error is that of the machine file.
+/// The text of the machine file, without the screw tables that are too rough for the limits: they are removed
+/// from `tables`. The error is that of the machine file.
 fn machine_file(
     source: &str,
     stem: &str,
@@ -391,9 +391,9 @@ impl Import {
     /// Writes the machine file, and the tables next to it. Returns the names of all files.
     ///
     /// # Errors
-    /// A file is one of the configuration's, even if `force` is true; two files are one; the extension of the machine file is not
-    /// `.toml`; or a file with one of the names exists and `force` is false: then nothing is written. A file cannot be written: the
-    /// previous ones are complete, none is incomplete.
+    /// A file is one of the configuration's, even if `force` is true; two files are one; the extension of the
+    /// machine file is not `.toml`; or a file with one of the names exists and `force` is false: then nothing
+    /// is written. A file cannot be written: the previous ones are complete, none is incomplete.
     pub fn write(&self, machine: &Path, force: bool) -> Result<Vec<PathBuf>, ImportError> {
         let folder = machine.parent().unwrap_or(Path::new(""));
         let mut files: Vec<(PathBuf, &str)> = self

@@ -1,8 +1,9 @@
 //! Machine files from configurations of LinuxCNC.
 //!
-//! [`import`] reads an INI file with what it includes and returns an [`Import`]: the text of a machine file, the tool
-//! table and the parameter file in millimetres, and a [`Report`] that names every value that was chosen because LinuxCNC
-//! has none, and every line that was not carried over, with its reason. [`Import::write`] writes the files.
+//! [`import`] reads an INI file with what it includes and returns an [`Import`]: the text of a machine file,
+//! the tool table and the parameter file in millimetres, and a [`Report`] that names every value that was
+//! chosen because LinuxCNC has none, and every line that was not carried over, with its reason.
+//! [`Import::write`] writes the files.
 //!
 //! ```
 //! let folder = std::env::temp_dir().join(format!("evolvent-import-example-{}", std::process::id()));
@@ -22,7 +23,8 @@
 //! ```
 //!
 //! The machine file that is returned has been read by `evolvent-machine`: what that crate would refuse is an
-//! [`ImportError`] here. Nothing is written before everything has been read. Not for the cycle: files, allocation.
+//! [`ImportError`] here. Nothing is written before everything has been read. Not for the cycle: files,
+//! allocation.
 
 mod axes;
 mod error;

@@ -20,7 +20,8 @@ pub(crate) struct SpindleValues {
     pub(crate) feedback: bool,
 }
 
-/// The spindles, none where a single one has neither limits nor an encoder: a machine file without spindles has spindle 0.
+/// The spindles, none where a single one has neither limits nor an encoder: a machine file without spindles
+/// has spindle 0.
 pub(crate) fn spindles(ini: &mut Ini, report: &mut Report) -> Result<Vec<SpindleValues>, ImportError> {
     let count = count(ini, report)?;
     let encoders = encoders(ini);

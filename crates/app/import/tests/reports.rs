@@ -241,7 +241,8 @@ fn a_latch_at_the_opening_edge_of_a_plain_switch_is_named() {
     assert!(named(&by_index).is_empty());
 }
 
-/// The start-up code of a machine with these units: the keys of the machine file for the start of programs, and the reason of the line if it is listed.
+/// The start-up code of a machine with these units: the keys of the machine file for the start of programs,
+/// and the reason of the line if it is listed.
 fn start_of(units: &str, code: Option<&str>) -> (Vec<String>, Vec<String>) {
     let folder = Folder::new("start");
     folder.write("x.comp", "0 0 0\n100 0 0\n");

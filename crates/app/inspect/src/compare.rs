@@ -64,13 +64,15 @@ pub struct Comparison {
     pub deviation_at_mm: f64,
     /// Its line in A.
     pub deviation_line: u32,
-    /// Maximum difference of a rotary axis at the same position on the path, degrees; `None` if neither machine has one.
+    /// Maximum difference of a rotary axis at the same position on the path, degrees; `None` if neither
+    /// machine has one.
     pub max_rotary_deviation_deg: Option<f64>,
     /// Its position on the path, mm.
     pub rotary_deviation_at_mm: f64,
     /// Its line in A.
     pub rotary_deviation_line: u32,
-    /// The first position at which they differ by more than a nanometre or a millionth of a degree: path and line in A.
+    /// The first position at which they differ by more than a nanometre or a millionth of a degree: path and
+    /// line in A.
     pub first_deviation: Option<(f64, u32)>,
     /// Lines by difference in time, the largest first.
     pub lines: Vec<LineDifference>,
@@ -122,7 +124,8 @@ impl Part {
         })
     }
 
-    /// The cycle, counted from the beginning of the run; `None` for one in which the job does not move the axes.
+    /// The cycle, counted from the beginning of the run; `None` for one in which the job does not move the
+    /// axes.
     fn cut(self, record: Result<CycleRecord, ReadError>) -> Option<Result<CycleRecord, ReadError>> {
         let mut record = match record {
             Ok(record) => record,

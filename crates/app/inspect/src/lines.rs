@@ -106,7 +106,8 @@ impl LineTimes {
         self.last_path_mm = path_mm;
     }
 
-    /// The active limit of this cycle. Traces have no feed words: where nothing else is reached, it is the feed.
+    /// The active limit of this cycle. Traces have no feed words: where nothing else is reached, it is the
+    /// feed.
     #[must_use]
     pub fn limit_of(&self, record: &CycleRecord) -> Limiting {
         let setpoint = Setpoint {

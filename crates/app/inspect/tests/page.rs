@@ -1,7 +1,7 @@
 //! The page in a real browser: drawn, zoomable, nothing from a network, no extreme lost.
 //!
-//! Needs Chromium (Debian: `apt-get install chromium`), or the browser that `EVOLVENT_BROWSER` names; without one the
-//! tests say "not measured".
+//! Needs Chromium (Debian: `apt-get install chromium`), or the browser that `EVOLVENT_BROWSER` names; without
+//! one the tests say "not measured".
 #![allow(
     clippy::expect_used,
     clippy::print_stdout,

@@ -113,7 +113,8 @@ pub struct Replayed {
 }
 
 /// Publishes recorded setpoints under the recorded machine's name, as its core did. `steps` returns how many
-/// to publish, before each setpoint of a stepped replay, and `stop` whether to end, at any time: the result then says so.
+/// to publish, before each setpoint of a stepped replay, and `stop` whether to end, at any time: the result
+/// then says so.
 ///
 /// Drives that are on are never moved unless that is confirmed twice: before the first setpoint the replay
 /// listens whether a bridge reports a drive in "operation enabled". Setpoints carry no power request, so
@@ -233,8 +234,8 @@ fn first_status(opened: &Opened, axes_mask: u32) -> Status {
     status
 }
 
-/// Waits until the next setpoint, which was due `since_ns` after the first, is due; none where the replay is to end. `steps`: how
-/// many to publish next, asked where none is `allowed` any more.
+/// Waits until the next setpoint, which was due `since_ns` after the first, is due; none where the replay is
+/// to end. `steps`: how many to publish next, asked where none is `allowed` any more.
 fn await_due(
     pace: Pace,
     start_ns: u64,
@@ -267,7 +268,8 @@ fn await_due(
     }
 }
 
-/// Waits until this many clients subscribe to setpoints; less long where the replay is to end. Returns their number.
+/// Waits until this many clients subscribe to setpoints; less long where the replay is to end. Returns their
+/// number.
 fn wait_for_subscribers(bus: &CoreBus, count: usize, stop: &impl Fn() -> bool) -> usize {
     let mut found = bus.wait_for_setpoint_subscribers(count, Duration::ZERO);
     for _ in 0..SUBSCRIBER_TIMES {

@@ -138,7 +138,8 @@ fn flip(name: &str, cases: usize, random: &mut impl FnMut(usize) -> usize) {
     assert!(refused + partly > cases / 2);
 }
 
-/// What is missing behind the last cycle is no motion: it was called a chord error of four times what is permitted.
+/// What is missing behind the last cycle is no motion: it was called a chord error of four times what is
+/// permitted.
 #[test]
 fn a_trace_that_was_cut_off_in_motion_keeps_what_it_has() {
     let folder = tempfile::tempdir().expect("a folder");

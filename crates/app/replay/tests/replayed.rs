@@ -234,7 +234,8 @@ fn answer_always(
     }
 }
 
-/// Replays to such a bridge. `pause`: for so long the host keeps both from running when the replay begins to listen.
+/// Replays to such a bridge. `pause`: for so long the host keeps both from running when the replay begins to
+/// listen.
 fn replay_to_drives(
     trace: &Path,
     corner: &Corner,

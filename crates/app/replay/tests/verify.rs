@@ -1,4 +1,5 @@
-//! A recorded run comes out the same when it is computed again, and whatever was changed in the record is found.
+//! A recorded run comes out the same when it is computed again, and whatever was changed in the record is
+//! found.
 #![allow(
     clippy::expect_used,
     clippy::print_stdout,

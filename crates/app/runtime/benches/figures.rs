@@ -83,7 +83,8 @@ impl Ahead {
     }
 }
 
-/// Time of each step with its hand-over to two queues, as the loop does it; and the planner's longest absence.
+/// Time of each step with its hand-over to two queues, as the loop does it; and the planner's longest
+/// absence.
 fn own_work(program: &str, rate_hz: f64, planner: PlannerKind) -> (Histogram, u64, Duration) {
     let mut setup = setup("mill-3axis.toml", Some(ControlRate::Hz(rate_hz)));
     setup.machine.path.planner = planner;

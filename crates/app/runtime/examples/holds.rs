@@ -1,7 +1,8 @@
-//! Holds at random moments of a program, with the plan ahead of each, as JSON lines for `shortest_stop.py` beside this file.
+//! Holds at random moments of a program, with the plan ahead of each, as JSON lines for `shortest_stop.py`
+//! beside this file.
 //!
-//! `cargo run --release -p evolvent-runtime --example holds -- PROGRAM MACHINE RATE COUNT SEED`. In every third hold nobody plans
-//! from the hold until the machine is at rest.
+//! `cargo run --release -p evolvent-runtime --example holds -- PROGRAM MACHINE RATE COUNT SEED`. In every
+//! third hold nobody plans from the hold until the machine is at rest.
 
 #![allow(
     clippy::print_stdout,
@@ -52,7 +53,8 @@ fn main() {
     }
 }
 
-/// The rest of a line: limits, the plan from the hold on, and the motion from the setpoint before the hold to rest.
+/// The rest of a line: limits, the plan from the hold on, and the motion from the setpoint before the hold to
+/// rest.
 fn write(setup: &Setup, samples: &[Setpoint], held: &[Setpoint], moment: usize) {
     let limits = setup.machine.limits();
     let period_s = setup.period_ns as f64 * 1e-9;

@@ -28,7 +28,8 @@ use crate::user_code::UserCodes;
 /// What was found.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Checked {
-    /// Errors in the order in which a run would meet them: what the text gets wrong and what the machine refuses.
+    /// Errors in the order in which a run would meet them: what the text gets wrong and what the machine
+    /// refuses.
     pub errors: Vec<Diagnostic>,
     /// Lines that are right but probably not what was meant.
     pub warnings: Vec<Warning>,
@@ -65,7 +66,8 @@ impl Warning {
     }
 }
 
-/// Reads a program as a run would, and asks of every command whether the machine can do it. Nothing is planned.
+/// Reads a program as a run would, and asks of every command whether the machine can do it. Nothing is
+/// planned.
 ///
 /// # Errors
 /// The file cannot be read.
@@ -117,7 +119,8 @@ pub(crate) fn check_while(
     Ok(check.checked)
 }
 
-/// Whether a program has more than comments, blank lines and `%`. Of a program that has, only the beginning is read.
+/// Whether a program has more than comments, blank lines and `%`. Of a program that has, only the beginning
+/// is read.
 fn holds_block(program: &Path) -> std::io::Result<bool> {
     let mut comment_ends_at = None;
     for byte in reader_of(open_regular(program)?).bytes() {
@@ -237,7 +240,8 @@ impl<'a> ProgramCheck<'a> {
         if let Action::Thread { curve, .. } = &command.action {
             self.validator.set_position(&curve.end());
         }
-        // Only a straight move sends an axis to a place of its own; one to where the axis stands is no move, and comes here with the next.
+        // Only a straight move sends an axis to a place of its own; one to where the axis stands is no move,
+        // and comes here with the next.
         let is_curve =
             matches!(&command.action, Action::Move(motion) if !matches!(motion.curve, Curve::Line(_)));
         if is_curve {
@@ -372,7 +376,8 @@ impl<'a> ProgramCheck<'a> {
                 return own.map(Objection::Plan);
             }
             let is_open = |axis: usize| self.assumed[axis] || self.doubtful[axis];
-            // Where a move led on an assumption only, one that is certain to end beyond is an error of its own.
+            // Where a move led on an assumption only, one that is certain to end beyond is an error of its
+            // own.
             let is_own =
                 self.strayed_openly && !is_open(axis.index()) && ends_beyond(motion, axis.index(), *limit);
             let follows = self.has_strayed && was_there(error, motion) && !is_own;
@@ -388,8 +393,8 @@ impl<'a> ProgramCheck<'a> {
         refused.map(Objection::Plan)
     }
 
-    /// The first axis that a move takes out of the travel in which it was before, where another axis was beyond it already. Of an
-    /// axis that comes from anywhere the end counts.
+    /// The first axis that a move takes out of the travel in which it was before, where another axis was
+    /// beyond it already. Of an axis that comes from anywhere the end counts.
     fn leaves_elsewhere(&self, motion: &Move) -> Option<PlanError<Infallible>> {
         let (low, high) = motion.curve.bounds(0.0, motion.curve.domain());
         let (start, end) = (motion.curve.start(), motion.curve.end());

@@ -11,8 +11,8 @@ pub struct CheckBounds {
     pub errors: usize,
     /// Commands for the machine in all.
     pub commands: u64,
-    /// Commands after which no line farther down has been reached: a loop that makes parts until it is stopped would
-    /// be followed for ever.
+    /// Commands after which no line farther down has been reached: a loop that makes parts until it is
+    /// stopped would be followed for ever.
     pub round: u64,
     /// Whether the programs of user-defined M codes (M100 to M199) have to be there.
     pub user_codes: bool,
@@ -36,8 +36,8 @@ impl CheckBounds {
         }
     }
 
-    /// As far as can be looked at while a client waits, about a second at most: a million commands, a hundred thousand
-    /// of them in a loop.
+    /// As far as can be looked at while a client waits, about a second at most: a million commands, a hundred
+    /// thousand of them in a loop.
     #[must_use]
     pub fn while_one_waits(errors: usize) -> Self {
         Self {

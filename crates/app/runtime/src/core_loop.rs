@@ -1,8 +1,9 @@
 //! The core loop: cycle after cycle at the control rate, of a run and of a served machine alike.
 //!
-//! Deadlines, lateness, and the hand-over to bus and trace are here; what the axes do is a [`SetpointSource`]'s. Once it
-//! runs it allocates nothing, locks nothing, and waits for nothing but its deadline (the virtual clock also waits for the
-//! planner and for room in the queues, because its time is not real).
+//! Deadlines, lateness, and the hand-over to bus and trace are here; what the axes do is a
+//! [`SetpointSource`]'s. Once it runs it allocates nothing, locks nothing, and waits for nothing but its
+//! deadline (the virtual clock also waits for the planner and for room in the queues, because its time is not
+//! real).
 
 use evolvent_motion::{Setpoint, flags};
 use evolvent_path::Jet;
@@ -23,7 +24,8 @@ pub(crate) trait SetpointSource {
     /// Before a cycle whose time is not real: waits until the plan for it is there.
     fn await_plan(&mut self);
 
-    /// The next setpoint. What counts with it, as outputs do, is handed over here: before the setpoint itself.
+    /// The next setpoint. What counts with it, as outputs do, is handed over here: before the setpoint
+    /// itself.
     fn step(&mut self, begin: &CycleBegin) -> Computed;
 
     /// Too many setpoints in a row are late; this is the last of them.
@@ -190,7 +192,8 @@ impl CoreLoop {
     }
 }
 
-/// In real time what finds no room is dropped; in virtual time there is time to wait. Whether it was handed over.
+/// In real time what finds no room is dropped; in virtual time there is time to wait. Whether it was handed
+/// over.
 pub(crate) fn hand_over<T>(queue: &mut Producer<T>, item: T, is_realtime: bool) -> bool {
     if !is_realtime {
         wait_until(|| !queue.is_full() || queue.is_abandoned());

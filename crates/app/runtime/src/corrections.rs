@@ -1,4 +1,5 @@
-//! From the ideal setpoint of a cycle to what the drives are sent, the same in the cycle and where it is computed again.
+//! From the ideal setpoint of a cycle to what the drives are sent, the same in the cycle and where it is
+//! computed again.
 
 use evolvent_compensation::Compensation;
 use evolvent_machine::{Limits, Machine, SignalKind};
@@ -6,8 +7,8 @@ use evolvent_motion::{Guard, Setpoint, State, Violation, flags};
 use evolvent_path::{AXES, Axes, Jet};
 use evolvent_signals::InputImage;
 
-/// How far the drives may stand from what they were sent, mm or degrees, and count as standing there: going from a corrected
-/// position to the ideal one and back is exact to rounding only.
+/// How far the drives may stand from what they were sent, mm or degrees, and count as standing there: going
+/// from a corrected position to the ideal one and back is exact to rounding only.
 const SAME_PLACE: f64 = 1e-9;
 
 /// Corrects every setpoint. Made where the machine file says that something is wrong with the machine.
@@ -22,7 +23,8 @@ pub struct Corrections {
     period_s: f64,
     guard: Guard,
     sent: Jet,
-    /// The next setpoint does not continue the last: the axes have other coordinates, or were moved without power.
+    /// The next setpoint does not continue the last: the axes have other coordinates, or were moved without
+    /// power.
     is_new: bool,
     fault: Option<Violation>,
 }
@@ -60,7 +62,8 @@ impl Corrections {
                 self.compensation.set_thermal_offset(axis, value);
             }
         }
-        // A take-up may be under way where the axes have got other coordinates: for three cycles acceleration and jerk are not known.
+        // A take-up may be under way where the axes have got other coordinates: for three cycles acceleration
+        // and jerk are not known.
         let is_new = std::mem::take(&mut self.is_new);
         if is_new {
             let before = self.compensation.corrected_position(&setpoint.position);
@@ -100,8 +103,8 @@ impl Corrections {
         self.sent.position - ideal
     }
 
-    /// Where the tool is, the drives being at `positions` on the axes for which `is_known`, and elsewhere as they were sent; none where
-    /// that is where they were sent.
+    /// Where the tool is, the drives being at `positions` on the axes for which `is_known`, and elsewhere as
+    /// they were sent; none where that is where they were sent.
     pub(crate) fn found(&self, positions: &[f64; AXES], is_known: impl Fn(usize) -> bool) -> Option<Axes> {
         let mut at = self.sent.position;
         let mut is_elsewhere = false;

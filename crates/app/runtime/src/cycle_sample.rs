@@ -18,7 +18,8 @@ pub(crate) struct CycleSample {
 }
 
 impl CycleSample {
-    /// Of a setpoint that is due at this Unix time. `inputs`: what its computing depended on, as bits of the trace.
+    /// Of a setpoint that is due at this Unix time. `inputs`: what its computing depended on, as bits of the
+    /// trace.
     pub(crate) fn new(
         setpoint: &Setpoint,
         due_unix_ns: u64,

@@ -163,7 +163,8 @@ pub struct DoctorReport {
     pub lateness: LatenessReport,
 }
 
-/// Looks at the host, then measures with the best that this user may ask for. Takes `duration` and about 0.1 s.
+/// Looks at the host, then measures with the best that this user may ask for. Takes `duration` and about 0.1
+/// s.
 ///
 /// # Errors
 /// Rate or duration make no sense.

@@ -12,12 +12,14 @@ struct StoppedDrive {
     error_code: u16,
 }
 
-/// State of bridge and drives in one feedback message. Fits into a number, by which one thread hands it to another as a whole.
+/// State of bridge and drives in one feedback message. Fits into a number, by which one thread hands it to
+/// another as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct DriveReport {
     state: BridgeState,
     note: u8,
-    /// The first drive in fault, or else the first one that has left operation, or else the first one that is stopped quickly.
+    /// The first drive in fault, or else the first one that has left operation, or else the first one that is
+    /// stopped quickly.
     idle: Option<StoppedDrive>,
 }
 

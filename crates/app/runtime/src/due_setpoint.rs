@@ -20,7 +20,8 @@ pub(crate) struct DueSetpoint {
     pub drive: DriveRequest,
     /// The job to whose program it belongs, or to whose program the last one did.
     pub job: u64,
-    /// By what the commanded speed of each spindle is multiplied: the override of the operator, where it counts.
+    /// By what the commanded speed of each spindle is multiplied: the override of the operator, where it
+    /// counts.
     pub spindle_overrides: SpindleOverrides,
     /// Spindles for which the program has switched that off.
     pub override_off_mask: u32,

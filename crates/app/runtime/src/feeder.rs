@@ -220,8 +220,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         self
     }
 
-    /// Plans the program to its end, or to its first error: the plan then ends at rest before it, and `failed` is
-    /// called before its end is handed on.
+    /// Plans the program to its end, or to its first error: the plan then ends at rest before it, and
+    /// `failed` is called before its end is handed on.
     pub(crate) fn feed(
         mut self,
         program: &Path,
@@ -416,7 +416,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         }
     }
 
-    /// Looks how the switches stand for the next command. Once for each, so that a number says what they counted for.
+    /// Looks how the switches stand for the next command. Once for each, so that a number says what they
+    /// counted for.
     fn follow_switches(&mut self, commands: &mut Commands, line: u32) {
         let state = self.switching.at(self.counts.commands, self.switches);
         if state == self.switches {

@@ -14,7 +14,8 @@ pub(crate) fn input_entry(settings: &SignalSettings) -> InputEntry {
     })
 }
 
-/// Why a core with this machine file discards a message that arrives at `now_ns` of CLOCK_MONOTONIC, if it does.
+/// Why a core with this machine file discards a message that arrives at `now_ns` of CLOCK_MONOTONIC, if it
+/// does.
 #[must_use]
 pub fn objection_to_inputs(
     settings: &SignalSettings,

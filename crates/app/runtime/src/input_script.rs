@@ -120,8 +120,9 @@ impl InputScript {
         }
     }
 
-    /// Reads a file of `[[change]]`: `input` (its name), `on`, `value` or `unknown = true`, and `at_s`, `at_path_mm` or `at_line`;
-    /// without one of these it is so from the start. Changes of one setpoint are made in the order of the file.
+    /// Reads a file of `[[change]]`: `input` (its name), `on`, `value` or `unknown = true`, and `at_s`,
+    /// `at_path_mm` or `at_line`; without one of these it is so from the start. Changes of one setpoint are
+    /// made in the order of the file.
     ///
     /// # Errors
     /// File, line, column and key of what is wrong.
@@ -210,7 +211,8 @@ impl InputScript {
         Ok(script)
     }
 
-    /// The next change that has come at a setpoint, as all inputs after it; none if there is no more. Allocates nothing.
+    /// The next change that has come at a setpoint, as all inputs after it; none if there is no more.
+    /// Allocates nothing.
     pub(crate) fn next(
         &mut self,
         sequence: u64,

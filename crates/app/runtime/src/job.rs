@@ -55,7 +55,8 @@ pub struct Setup {
     pub start_line: Option<u32>,
     /// Where the machine stands, machine coordinates; at home where this is none.
     pub place: Option<Axes>,
-    /// Axes that are not homed: their position there means nothing. A program is only checked then, and does not start.
+    /// Axes that are not homed: their position there means nothing. A program is only checked then, and does
+    /// not start.
     pub unhomed: AxisMask,
     /// The tool in the spindle; 0 for none.
     pub tool: u32,
@@ -75,7 +76,8 @@ pub struct Setup {
     pub block_delete: bool,
     /// Share of the axes' speed that rapids may use, 0 to 1.
     pub rapid_override: f64,
-    /// Tool, force law, load and feeds of turning cycles that find their passes; none where no file tells them.
+    /// Tool, force law, load and feeds of turning cycles that find their passes; none where no file tells
+    /// them.
     pub process: Option<Arc<TurningJob>>,
 }
 
@@ -123,7 +125,8 @@ impl Setup {
         })
     }
 
-    /// Warns of folders of subroutines in the machine file that do not exist. That is no error: the disk may be mounted later.
+    /// Warns of folders of subroutines in the machine file that do not exist. That is no error: the disk may
+    /// be mounted later.
     #[must_use]
     pub fn missing_folders(&self) -> Vec<Warning> {
         let beside = self.machine_file.parent().unwrap_or(Path::new(""));
@@ -284,7 +287,8 @@ impl Setup {
             },
             arc: gcode::ArcTolerance {
                 metric_mm: path.arc_radius_tolerance_mm,
-                // An inch program is rounded to a thousandth of an inch rather than a hundredth of a millimetre.
+                // An inch program is rounded to a thousandth of an inch rather than a hundredth of a
+                // millimetre.
                 inch_mm: 2.54 * path.arc_radius_tolerance_mm,
                 relative: path.arc_radius_tolerance_ratio,
                 ..gcode::ArcTolerance::default()
@@ -318,7 +322,8 @@ pub struct Job {
     pub bus_prefix: Option<String>,
     /// How many setpoint subscribers to wait for before the start, 10 s at most.
     pub wait_for_subscribers: usize,
-    /// Inputs over the run where time is not real; none known but for a closed emergency-stop chain where this is none.
+    /// Inputs over the run where time is not real; none known but for a closed emergency-stop chain where
+    /// this is none.
     pub inputs: Option<InputScript>,
     /// Stop at M1.
     pub optional_stop: bool,

@@ -1,7 +1,7 @@
 //! What a job of a served machine begins with, as one line of a trace.
 //!
-//! Together with the attachments that it names, and with what came in at each cycle, a line is all that is needed to
-//! compute the job's setpoints again. Numbers are written so that they read back to the same bits.
+//! Together with the attachments that it names, and with what came in at each cycle, a line is all that is
+//! needed to compute the job's setpoints again. Numbers are written so that they read back to the same bits.
 
 use std::fmt;
 
@@ -60,7 +60,8 @@ pub struct SteeredStart {
     pub from: AxesState,
     /// Where it stops.
     pub to: Axes,
-    /// Each axis moves on its own, slows down to this speed at once, and keeps it. Without, all axes arrive at the same time.
+    /// Each axis moves on its own, slows down to this speed at once, and keeps it. Without, all axes arrive
+    /// at the same time.
     pub cruise: Option<Axes>,
 }
 

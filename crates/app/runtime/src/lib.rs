@@ -1,15 +1,16 @@
 //! Threads and clocks: the real-time loop, planner feeding, publisher, recorder.
 //!
-//! [`run`] starts four threads over wait-free queues and joins them (and one that follows stops for the status):
+//! [`run`] starts four threads over wait-free queues and joins them (and one that follows stops for the
+//! status):
 //!
 //! ```text
 //!   planner ──► cycle ──► publisher (owns the ports of the bus)
 //!   normal      FIFO  └─► recorder  (owns the trace file)
 //! ```
 //!
-//! The cycle owns nothing that can block it. [`Controls`] carries hold, override and stop to it, one atomic each,
-//! sampled once a cycle. In real time what finds no room in a queue is dropped and counted; with the virtual clock
-//! the cycle waits, because its time is not real.
+//! The cycle owns nothing that can block it. [`Controls`] carries hold, override and stop to it, one atomic
+//! each, sampled once a cycle. In real time what finds no room in a queue is dropped and counted; with the
+//! virtual clock the cycle waits, because its time is not real.
 //!
 //! [`examine`] says what the host can do.
 

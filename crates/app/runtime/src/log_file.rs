@@ -1,7 +1,8 @@
 //! Files that programs write: `(LOGOPEN,..)`, `(LOG,..)`, `(PROBEOPEN ..)`.
 //!
-//! A thread of its own writes, so that no planner waits for a disk. A file is written aside and takes its name when it is
-//! closed, or when the program is over: whoever reads it finds whole lines, and never one that is being written.
+//! A thread of its own writes, so that no planner waits for a disk. A file is written aside and takes its
+//! name when it is closed, or when the program is over: whoever reads it finds whole lines, and never one
+//! that is being written.
 
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write as _};

@@ -55,8 +55,9 @@ pub struct Notice {
 /// Notices after the first that are looked at: what is announced between two actions at most.
 const NOTICES_AHEAD: usize = 16;
 
-/// How many notices from the front have come. They are in the order of the program: where a later one has come, so have those
-/// before it, although the block that they wait for begins only after a stop (T and M6 on one line).
+/// How many notices from the front have come. They are in the order of the program: where a later one has
+/// come, so have those before it, although the block that they wait for begins only after a stop (T and M6 on
+/// one line).
 pub(crate) fn notices_due(notices: &VecDeque<Notice>, actions: u32, blocks: u32, ended: bool) -> usize {
     let has_come = |notice: &Notice| notice.moment.has_come(actions, blocks, ended);
     let looked_at = notices.len().min(NOTICES_AHEAD);

@@ -1,13 +1,14 @@
 //! When the loop wakes, and when its setpoints are due.
 //!
-//! Setpoints bear the time at which they are due, so the loop need not wake for each: where a period is shorter than
-//! [`MIN_WAKE_NS`] it wakes once for several and computes them in a row. What is computed depends on the cycle's number
-//! and its inputs alone, never on when the loop woke.
+//! Setpoints bear the time at which they are due, so the loop need not wake for each: where a period is
+//! shorter than [`MIN_WAKE_NS`] it wakes once for several and computes them in a row. What is computed
+//! depends on the cycle's number and its inputs alone, never on when the loop woke.
 
 use crate::rt::MonotonicClock;
 
-/// Shortest time between two wake-ups, ns. Tuned: 0.1 to 1 ms; below, a plain kernel spends more time on waking than on
-/// cycles (`cargo bench -p evolvent-runtime --bench figures`), above, a hold waits for the next wake-up.
+/// Shortest time between two wake-ups, ns. Tuned: 0.1 to 1 ms; below, a plain kernel spends more time on
+/// waking than on cycles (`cargo bench -p evolvent-runtime --bench figures`), above, a hold waits for the
+/// next wake-up.
 const MIN_WAKE_NS: u64 = 250_000;
 
 /// A clock to sleep by.
@@ -75,7 +76,8 @@ impl Pacing {
         let mut wake_ns = None;
         if self.left == 0 {
             self.left = self.cycles_per_wake;
-            // The last deadline of the row: an input then takes effect with the next row, at most a row after it came.
+            // The last deadline of the row: an input then takes effect with the next row, at most a row after
+            // it came.
             let last_ns = self.deadline_ns + (self.cycles_per_wake - 1) * self.period_ns;
             timer.sleep_until(last_ns);
             wake_ns = Some(last_ns);
@@ -217,7 +219,8 @@ mod tests {
         }
     }
 
-    /// A hold that comes at any moment counts from a setpoint that is due at most a lead and two cycles later.
+    /// A hold that comes at any moment counts from a setpoint that is due at most a lead and two cycles
+    /// later.
     #[test]
     fn what_comes_in_counts_after_the_lead_and_two_cycles_at_most() {
         let period_ns = 28_571;

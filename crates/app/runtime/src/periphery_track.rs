@@ -1,4 +1,5 @@
-//! Spindle, coolant and tool with the setpoints that leave: what the bus says of them, and from which setpoint on.
+//! Spindle, coolant and tool with the setpoints that leave: what the bus says of them, and from which
+//! setpoint on.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::Receiver;
@@ -17,7 +18,8 @@ pub(crate) enum PeripheryOrder {
         sequence: u64,
         periphery: Box<Periphery>,
     },
-    /// A program has been begun: what it makes of the periphery, from the action of a number on, as it is planned.
+    /// A program has been begun: what it makes of the periphery, from the action of a number on, as it is
+    /// planned.
     Program {
         job: u64,
         planned: Receiver<(u32, Periphery)>,
@@ -62,8 +64,8 @@ impl PeripheryTrack {
         &self.now
     }
 
-    /// Goes on to a setpoint; whether anything has changed. Where the program ends early, or the drives have no power,
-    /// everything is off: nobody else has to be in time for it.
+    /// Goes on to a setpoint; whether anything has changed. Where the program ends early, or the drives have
+    /// no power, everything is off: nobody else has to be in time for it.
     pub(crate) fn follow(&mut self, due: &DueSetpoint) -> bool {
         let before = self.now;
         for order in self.orders.try_iter() {

@@ -1,8 +1,9 @@
 //! Where the axes were when the probe changed.
 //!
-//! The position that the drives have latched, where they have; otherwise between the two samples of feedback around the time of the
-//! change, by straight interpolation. Within a period T at an acceleration a this is wrong by a T^2 / 8 at most, beside what feedback
-//! and time themselves are wrong by. Where no bridge sends feedback the setpoints stand for it.
+//! The position that the drives have latched, where they have; otherwise between the two samples of feedback
+//! around the time of the change, by straight interpolation. Within a period T at an acceleration a this is
+//! wrong by a T^2 / 8 at most, beside what feedback and time themselves are wrong by. Where no bridge sends
+//! feedback the setpoints stand for it.
 
 use evolvent_path::AxisMask;
 use std::collections::VecDeque;

@@ -10,8 +10,8 @@ use evolvent_planner::MoveValidator;
 use crate::job::Setup;
 use crate::refusal::{about_line_with, explain};
 
-/// How long a change of the probe is on its way to the cycle beside the lead, s: the publisher looks every millisecond, and
-/// bridges send as often.
+/// How long a change of the probe is on its way to the cycle beside the lead, s: the publisher looks every
+/// millisecond, and bridges send as often.
 const NOTICE_S: f64 = 0.002;
 
 /// Why a probing move is refused.
@@ -41,7 +41,8 @@ pub(crate) fn objection(order: &ProbeMove, setup: &Setup) -> Option<ProbeObjecti
             "add [probe] to the machine file; a bridge says on the bus what it does".to_owned(),
         ));
     };
-    // The stop after contact ends before the end of the move, so that it stays within the travel where the move does.
+    // The stop after contact ends before the end of the move, so that it stays within the travel where the
+    // move does.
     let motion = Move {
         curve: order.curve,
         kind: MoveKind::Feed,

@@ -1,5 +1,6 @@
-//! A long program's text for the recorder: copied beside the state by a thread of its own, because the recorder must not wait for
-//! the program's file system, and because the file may be another one when the recorder comes to it.
+//! A long program's text for the recorder: copied beside the state by a thread of its own, because the
+//! recorder must not wait for the program's file system, and because the file may be another one when the
+//! recorder comes to it.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Result, Write as _};

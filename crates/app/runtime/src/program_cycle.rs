@@ -44,7 +44,8 @@ pub(crate) struct ProgramCycle<F> {
     pub is_realtime: bool,
     /// Wait at program stops until told to go on; otherwise stand there for one cycle.
     pub stops_at_program_stops: bool,
-    /// The actions before stops at which a user-defined M code is carried out, in order; none where nothing is.
+    /// The actions before stops at which a user-defined M code is carried out, in order; none where nothing
+    /// is.
     pub commands: Option<Consumer<u32>>,
     /// Outputs and inputs, where the machine has any.
     pub signals: Option<SignalLoop>,
@@ -275,8 +276,8 @@ impl<F> ProgramCycle<F> {
         inputs.stop |= self.now.drive_stop.is_some();
     }
 
-    /// The action before the command at which the machine stands, if it stands at one. Commands that were passed are
-    /// forgotten.
+    /// The action before the command at which the machine stands, if it stands at one. Commands that were
+    /// passed are forgotten.
     fn at_command(&mut self) -> Option<u32> {
         let (commands, last) = (self.commands.as_mut()?, self.now.last.as_ref()?);
         while commands.peek().is_ok_and(|action| action + 1 < last.actions) {
@@ -286,7 +287,8 @@ impl<F> ProgramCycle<F> {
         (last.state == State::ProgramStop && next + 1 == last.actions).then_some(next)
     }
 
-    /// Inputs of the machine: its emergency-stop chain, and waits that are over. Whether the machine rests for a wait.
+    /// Inputs of the machine: its emergency-stop chain, and waits that are over. Whether the machine rests
+    /// for a wait.
     fn take_signals(&mut self, number: u64, inputs: &mut Inputs) -> bool {
         let Some(signals) = &mut self.signals else {
             return false;
@@ -331,8 +333,9 @@ impl<F> ProgramCycle<F> {
         self.now.resumed = inputs.resume;
     }
 
-    /// Lets the cutting load scale the feed. Rapids are left alone; the operator's override counts below 100 % only, so that
-    /// the set load holds. Where the program has switched it off (M52 P0), it follows the load and scales nothing.
+    /// Lets the cutting load scale the feed. Rapids are left alone; the operator's override counts below 100
+    /// % only, so that the set load holds. Where the program has switched it off (M52 P0), it follows the
+    /// load and scales nothing.
     fn adapt(&mut self, inputs: &mut Inputs, counts: bool) {
         let Some(adaptive) = &mut self.adaptive else {
             return;

@@ -1,7 +1,7 @@
 //! The publisher's thread, of a run and of a served machine alike: it owns the ports of the bus.
 //!
-//! Setpoints and outputs out, feedback, inputs and loads in. What the status says, and who receives the drives' feedback, is a
-//! [`StatusSource`]'s.
+//! Setpoints and outputs out, feedback, inputs and loads in. What the status says, and who receives the
+//! drives' feedback, is a [`StatusSource`]'s.
 
 use std::sync::mpsc::{self, Receiver, Sender};
 
@@ -24,7 +24,8 @@ use crate::start_error::{BUS_TIMEOUT, StartError};
 use crate::status_source::{StatusPort, StatusSource};
 use crate::stop_watch::StopWatch;
 
-/// Time between two looks for readers that have joined, and between two status snapshots where nothing changes.
+/// Time between two looks for readers that have joined, and between two status snapshots where nothing
+/// changes.
 const REFRESH_EVERY_NS: u64 = 50_000_000;
 /// Longest sleep between two looks at the queues.
 const LONGEST_SLEEP_NS: u64 = 1_000_000;
@@ -77,7 +78,8 @@ impl<S: StatusSource> Publisher<S> {
         (body, Opening(opening))
     }
 
-    /// Opens the bus, tells `ready` how that went and how many subscribers came, and publishes until cycle and status are over.
+    /// Opens the bus, tells `ready` how that went and how many subscribers came, and publishes until cycle
+    /// and status are over.
     fn run(mut self, ready: &Sender<Result<usize, BusError>>) -> PublishReport {
         let mut report = PublishReport::default();
         let publishing = &self.publishing;

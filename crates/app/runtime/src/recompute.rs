@@ -23,7 +23,8 @@ use crate::signal_loop::{ProgramProgress, SignalChange, for_each_change, phase_o
 use crate::spindle_rundown::rest_after;
 use crate::stages::Stages;
 
-/// Looks at the plan before the one who waits sleeps, and for how long: spinning would take the core from the planner.
+/// Looks at the plan before the one who waits sleeps, and for how long: spinning would take the core from the
+/// planner.
 const LOOKS: u32 = 64;
 const PATIENCE: Duration = Duration::from_micros(50);
 /// How long the planner sleeps when the queue is full.
@@ -76,12 +77,14 @@ pub(crate) fn wait_for_planner(mut ready: impl FnMut() -> bool) {
     }
 }
 
-/// Computes a run again, cycle by cycle, as the virtual clock does. `inputs` gives what came in at each cycle, `None`
-/// to end; `changes` are the recorded changes of digital and analog inputs, in order; `observe` sees every setpoint, with what the drives are sent
-/// where that is something else, and says whether to go on.
+/// Computes a run again, cycle by cycle, as the virtual clock does. `inputs` gives what came in at each
+/// cycle, `None` to end; `changes` are the recorded changes of digital and analog inputs, in order; `observe`
+/// sees every setpoint, with what the drives are sent where that is something else, and says whether to go
+/// on.
 ///
-/// The setpoints are those of the recorded run, bit for bit, if this program is the same version for the same kind of
-/// processor, however late its planner was (ADR 71), unless a classic planner was starved, whose progress is not recorded.
+/// The setpoints are those of the recorded run, bit for bit, if this program is the same version for the same
+/// kind of processor, however late its planner was (ADR 71), unless a classic planner was starved, whose
+/// progress is not recorded.
 ///
 /// # Errors
 /// The operating system gives no thread.
@@ -278,8 +281,8 @@ impl<'a> CycleReplay<'a> {
         self.estopped |= self.signals.is_estop_open();
     }
 
-    /// Whether the wait for an input, which the recorded run left here, is over. A trace that says otherwise differs;
-    /// nothing waits for it.
+    /// Whether the wait for an input, which the recorded run left here, is over. A trace that says otherwise
+    /// differs; nothing waits for it.
     fn can_resume(&mut self) -> bool {
         let is_over = self.signals.is_over();
         if is_over {

@@ -112,8 +112,8 @@ impl ServedAgain {
         self
     }
 
-    /// What the drives were sent with the last setpoint, where that is something else and known: in which directions the axes
-    /// had moved is recorded by the motions alone, so it is lost with a gap.
+    /// What the drives were sent with the last setpoint, where that is something else and known: in which
+    /// directions the axes had moved is recorded by the motions alone, so it is lost with a gap.
     #[must_use]
     pub fn corrected(&self) -> Option<&Jet> {
         self.corrected.as_ref()
@@ -194,7 +194,8 @@ impl ServedAgain {
         }
     }
 
-    /// The next setpoint is the first of this program, whose text is in `file`; `switched` is what was switched while it was read.
+    /// The next setpoint is the first of this program, whose text is in `file`; `switched` is what was
+    /// switched while it was read.
     ///
     /// # Errors
     /// [`ServedError`].
@@ -277,8 +278,8 @@ impl ServedAgain {
         if counts { Ok(()) } else { Err(ServedError::Place) }
     }
 
-    /// The next setpoint is the first of a motion along the driven path of the held program: backwards by `back` block starts,
-    /// for 0 forwards to its end.
+    /// The next setpoint is the first of a motion along the driven path of the held program: backwards by
+    /// `back` block starts, for 0 forwards to its end.
     ///
     /// # Errors
     /// [`ServedError`].
@@ -298,8 +299,8 @@ impl ServedAgain {
         }
     }
 
-    /// The next setpoint; `feed_override` is the one it shows where nothing follows a plan. `None` where what moved the axes is
-    /// not known here.
+    /// The next setpoint; `feed_override` is the one it shows where nothing follows a plan. `None` where what
+    /// moved the axes is not known here.
     pub fn step(&mut self, moved: &Moved, feed_override: f64) -> Option<Setpoint> {
         let sequence = self.station.sequence();
         if let Some(signals) = &mut self.signals {

@@ -58,7 +58,8 @@ pub(crate) struct Further {
 }
 
 impl Further {
-    /// Goes on in the next file; the present one is finished by a thread of its own, because its index and the disk take time.
+    /// Goes on in the next file; the present one is finished by a thread of its own, because its index and
+    /// the disk take time.
     fn go_on(&mut self, recorder: &mut Recorder, sequence: u64) -> Result<(), RecordError> {
         let path = self.series.file_of_now();
         self.info
@@ -141,7 +142,8 @@ pub(crate) struct RecordReport {
 }
 
 impl Recording {
-    /// Records until the cycle has gone and the queue is empty, then finishes the file with what its closing brings.
+    /// Records until the cycle has gone and the queue is empty, then finishes the file with what its closing
+    /// brings.
     pub(crate) fn run(self, period_ns: u64) -> RecordReport {
         let mut underway = RecordingUnderway {
             tracks: Tracks::new(&self.program, period_ns),
@@ -296,7 +298,8 @@ impl RecordingUnderway {
             further,
             ..
         } = self.recording;
-        // The feeder ends soon after the cycle, and with it the news; one that hangs in a file system is not waited for.
+        // The feeder ends soon after the cycle, and with it the news; one that hangs in a file system is not
+        // waited for.
         while let Ok(news) = lines.news.recv_timeout(LAST_NEWS) {
             self.tracks.receive(news);
         }

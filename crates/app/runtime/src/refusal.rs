@@ -29,8 +29,8 @@ pub enum ProgramError {
     },
 }
 
-/// A diagnostic about a command's line: `build` gets the file and the line in it, which are those of a subroutine where the
-/// command comes from one. The calls that lead there are named.
+/// A diagnostic about a command's line: `build` gets the file and the line in it, which are those of a
+/// subroutine where the command comes from one. The calls that lead there are named.
 pub(crate) fn at_origin(
     command: &Command,
     program: &Path,

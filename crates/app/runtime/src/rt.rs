@@ -1,7 +1,8 @@
-//! What the real-time threads ask of the operating system: scheduler, core, locked memory, absolute deadlines.
+//! What the real-time threads ask of the operating system: scheduler, core, locked memory, absolute
+//! deadlines.
 //!
-//! The only module of this crate with `unsafe`. Nothing here fails a run: what is not permitted is left out and
-//! told in a note that says how to permit it.
+//! The only module of this crate with `unsafe`. Nothing here fails a run: what is not permitted is left out
+//! and told in a note that says how to permit it.
 
 use core::num::NonZeroU64;
 use rustix::io::Errno;
@@ -29,7 +30,8 @@ impl MonotonicClock {
         now.tv_sec.unsigned_abs() * NS_PER_S + now.tv_nsec.unsigned_abs()
     }
 
-    /// Sleeps until a moment of this clock, at once if it has passed. Returns the lateness of the wake-up in ns.
+    /// Sleeps until a moment of this clock, at once if it has passed. Returns the lateness of the wake-up in
+    /// ns.
     ///
     /// The cycle may call it: one system call, no allocation. Signals do not shorten it.
     #[must_use]
@@ -166,8 +168,8 @@ fn set_class(class: libc::c_int, priority: u8) -> std::io::Result<()> {
 /// Priority of a thread that people wait for: below whatever serves a machine.
 const PROMPT: u8 = 1;
 
-/// Lets the calling thread run before all threads of the normal scheduler, where that is permitted; else sooner than others of
-/// it. What takes long belongs to another thread.
+/// Lets the calling thread run before all threads of the normal scheduler, where that is permitted; else
+/// sooner than others of it. What takes long belongs to another thread.
 pub(crate) fn raise_priority() {
     if set_class(libc::SCHED_FIFO, PROMPT).is_err() {
         hurry();
@@ -177,8 +179,8 @@ pub(crate) fn raise_priority() {
 /// How much sooner than others a thread of the normal scheduler that people wait for is let run.
 const HURRY: i32 = -10;
 
-/// Lets the calling thread run sooner than others of the normal scheduler, where that is permitted. Threads that it starts
-/// inherit that; see [`take_turns`].
+/// Lets the calling thread run sooner than others of the normal scheduler, where that is permitted. Threads
+/// that it starts inherit that; see [`take_turns`].
 fn hurry() {
     // Without the permission it waits its turn.
     let _denied = set_nice(HURRY);
@@ -199,12 +201,13 @@ fn set_nice(nice: i32) -> rustix::io::Result<()> {
 #[cfg(target_env = "gnu")]
 const LARGE_BLOCK: libc::c_int = 256 * 1024;
 
-/// Lets large blocks have pages of their own, which go back when they are freed, and keeps those of small ones. To be called before
-/// other threads are started.
+/// Lets large blocks have pages of their own, which go back when they are freed, and keeps those of small
+/// ones. To be called before other threads are started.
 ///
-/// Each job takes the same queues and grids again, of up to 12 MB. Of one heap with everything else, whose memory is locked, they
-/// would leave holes; once something small that stays has come to lie in one of them, the next job's block no longer fits, and the
-/// heap grows. Large blocks come and go with jobs, while the axes are at rest.
+/// Each job takes the same queues and grids again, of up to 12 MB. Of one heap with everything else, whose
+/// memory is locked, they would leave holes; once something small that stays has come to lie in one of them,
+/// the next job's block no longer fits, and the heap grows. Large blocks come and go with jobs, while the
+/// axes are at rest.
 pub(crate) fn separate_large_blocks() {
     #[cfg(target_env = "gnu")]
     {

@@ -18,7 +18,8 @@ use crate::spindle_command::shown_rpm;
 use crate::status_source::{StatusPort, StatusSource, event_of};
 use evolvent_gcode::SPINDLES;
 
-/// Numbers of [`evolvent_bus::MACHINE_STATES`], [`evolvent_bus::ACTIVITIES`] and power of a machine that runs a program.
+/// Numbers of [`evolvent_bus::MACHINE_STATES`], [`evolvent_bus::ACTIVITIES`] and power of a machine that runs
+/// a program.
 const READY: u32 = 2;
 const PROGRAM: u32 = 1;
 const POWER_ON: u32 = 1;

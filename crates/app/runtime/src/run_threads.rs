@@ -187,8 +187,8 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         Ok(builder.spawn_scoped(self.scope, move || recording.run(period_ns))?)
     }
 
-    /// Who carries out user-defined M codes. None where time is not real: nothing of the machine is there to be
-    /// commanded.
+    /// Who carries out user-defined M codes. None where time is not real: nothing of the machine is there to
+    /// be commanded.
     ///
     /// # Errors
     /// No thread.

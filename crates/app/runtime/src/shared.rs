@@ -9,7 +9,8 @@ use crate::drive_report::DriveReport;
 use crate::load_cell::LoadCell;
 use evolvent_control::Alarm;
 
-/// Switches and gauges of a run. The cycle reads the switches once a cycle and sets the gauges; nothing waits.
+/// Switches and gauges of a run. The cycle reads the switches once a cycle and sets the gauges; nothing
+/// waits.
 #[derive(Debug)]
 pub struct Controls {
     feed_override: AtomicU64,
@@ -31,7 +32,8 @@ pub struct Controls {
     chain_closed: AtomicBool,
     /// What drives have answered last: a [`DriveReport`], 0 before the first.
     drives: AtomicU64,
-    /// The number of the setpoint after which every ramp of a spindle rested, + 1; 0 while one turns its spindle.
+    /// The number of the setpoint after which every ramp of a spindle rested, + 1; 0 while one turns its
+    /// spindle.
     ramps_rested: AtomicU64,
 }
 
@@ -142,8 +144,8 @@ impl Controls {
         self.adaptive
     }
 
-    /// A cutting load has come in, with the highest value that its sensor can show. From one thread only: the bus's, or
-    /// where there is no bus, that of whoever simulates a sensor.
+    /// A cutting load has come in, with the highest value that its sensor can show. From one thread only: the
+    /// bus's, or where there is no bus, that of whoever simulates a sensor.
     pub fn set_load(&self, value: f64, range_max: f64) {
         self.load.observe(value, range_max);
     }

@@ -5,7 +5,8 @@ use evolvent_machine::{SignalKind, SignalSettings, SpindleSettings};
 
 use crate::news::with_article;
 
-/// Why the machine cannot carry out an action, and what to do; none where it can, or where the action is none of a signal's.
+/// Why the machine cannot carry out an action, and what to do; none where it can, or where the action is none
+/// of a signal's.
 pub(crate) fn signal_objection(signals: &SignalSettings, action: &Action) -> Option<(String, String)> {
     match *action {
         Action::Output {

@@ -10,7 +10,8 @@ use crate::signal_loop::{InputSource, SignalLoop};
 use crate::signal_port::{CHANGES, SAMPLES, SignalPort};
 use crate::signal_recorder::SignalRecorder;
 
-/// The ends. A machine without signals has those of cycle and planner alone, for the overrides that a program switches.
+/// The ends. A machine without signals has those of cycle and planner alone, for the overrides that a program
+/// switches.
 #[derive(Default)]
 pub(crate) struct SignalEnds {
     /// Of the publisher, where there is one.

@@ -41,7 +41,8 @@ pub struct SignalChange {
     pub is_output: bool,
     /// Which.
     pub name: SignalName,
-    /// What it is from then on; none of an input that is not known. Of a spindle the number of a [`SpindleState`].
+    /// What it is from then on; none of an input that is not known. Of a spindle the number of a
+    /// [`SpindleState`].
     pub value: Option<f64>,
 }
 
@@ -62,7 +63,8 @@ pub enum SignalName {
     AngleSpindle,
 }
 
-/// One of the two numbers of a sample of a spindle's angle. In the trace the turns come first: the sample is complete with its time.
+/// One of the two numbers of a sample of a spindle's angle. In the trace the turns come first: the sample is
+/// complete with its time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AngleValue {
     /// Turns since the index pulse.
@@ -106,8 +108,9 @@ impl SignalName {
 }
 
 impl SignalChange {
-    /// The number in the trace: 64 more of an analog signal, 80 more of a spindle, 84 more of a value of the probe;
-    /// 96 and 97 are the angle of a spindle and its time, 98 to 101 the speeds of the spindles, 102 the spindle of the angle.
+    /// The number in the trace: 64 more of an analog signal, 80 more of a spindle, 84 more of a value of the
+    /// probe; 96 and 97 are the angle of a spindle and its time, 98 to 101 the speeds of the spindles, 102
+    /// the spindle of the angle.
     #[must_use]
     pub const fn code(&self) -> u32 {
         match self.name {
@@ -267,7 +270,8 @@ impl SignalLoop {
         }
     }
 
-    /// A program begins whose first block has this number. Hands back the schedule of a program that has not been ended.
+    /// A program begins whose first block has this number. Hands back the schedule of a program that has not
+    /// been ended.
     pub(crate) fn begin_program(
         &mut self,
         schedule: ScheduleConsumer,
@@ -335,8 +339,8 @@ impl SignalLoop {
         *self.signals.overrides()
     }
 
-    /// By what the feed of the plan is multiplied for the next setpoint. `last`: the one before; `is_rapid`: it was of a rapid, or one
-    /// comes next.
+    /// By what the feed of the plan is multiplied for the next setpoint. `last`: the one before; `is_rapid`:
+    /// it was of a rapid, or one comes next.
     pub(crate) fn feed_ratio(
         &mut self,
         last: Option<&Setpoint>,
@@ -387,8 +391,8 @@ impl SignalLoop {
         let _was_over = self.signals.take_resume();
     }
 
-    /// After a setpoint: the outputs that count with it go to bus and trace. The setpoint goes there after them. `phase`: what
-    /// the machine does, but for the chain. Whether an output has changed.
+    /// After a setpoint: the outputs that count with it go to bus and trace. The setpoint goes there after
+    /// them. `phase`: what the machine does, but for the chain. Whether an output has changed.
     pub(crate) fn step(&mut self, setpoint: &Setpoint, phase: Phase) -> bool {
         let phase = if self.estopped { Phase::Fault } else { phase };
         let outputs = self.signals.step(&self.progress.with(setpoint, phase));

@@ -64,7 +64,8 @@ pub(crate) struct SignalPort {
 }
 
 impl SignalPort {
-    /// Every output at its safe value, with this tool in the spindle. `period_ns`: from one setpoint to the next.
+    /// Every output at its safe value, with this tool in the spindle. `period_ns`: from one setpoint to the
+    /// next.
     pub(crate) fn new(
         settings: &SignalSettings,
         period_ns: u64,
@@ -182,7 +183,8 @@ impl SignalPort {
         })
     }
 
-    /// The speed of a spindle that a bridge reports, rpm, negative counter-clockwise; none where that is too old.
+    /// The speed of a spindle that a bridge reports, rpm, negative counter-clockwise; none where that is too
+    /// old.
     pub(crate) fn measured_rpm(&self, number: u32, now_ns: u64) -> Option<f64> {
         Some(self.spindles.known(now_ns, number)?.speed_rpm)
     }
@@ -308,8 +310,8 @@ impl SignalPort {
         fault.map(|fault| (count, fault))
     }
 
-    /// Sends what has changed with a setpoint, before the setpoint itself. `periphery`: where it has changed; `commands`:
-    /// what the spindles are commanded.
+    /// Sends what has changed with a setpoint, before the setpoint itself. `periphery`: where it has changed;
+    /// `commands`: what the spindles are commanded.
     pub(crate) fn follow(
         &mut self,
         bus: &mut CoreBus,

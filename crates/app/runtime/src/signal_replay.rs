@@ -1,4 +1,5 @@
-//! The signals of a served machine again: recorded inputs for the waits of its programs, and the outputs compared.
+//! The signals of a served machine again: recorded inputs for the waits of its programs, and the outputs
+//! compared.
 
 use std::collections::VecDeque;
 
@@ -80,7 +81,8 @@ impl SignalReplay {
         }
     }
 
-    /// Whether the program goes on with this cycle; `recorded` says that it did. Outside of waits that is all there is to know.
+    /// Whether the program goes on with this cycle; `recorded` says that it did. Outside of waits that is all
+    /// there is to know.
     pub(crate) fn resumes(&self, recorded: bool, motion: &PathExecutor, queue: &mut PlanConsumer) -> bool {
         if !self.signals.is_waiting() || !recorded {
             return recorded;
@@ -116,8 +118,8 @@ impl SignalReplay {
         let _was_over = self.signals.take_resume();
     }
 
-    /// After a setpoint. `is_of_program`: it is one of a program, whose outputs are compared. Whether an output had changed when it
-    /// was recorded.
+    /// After a setpoint. `is_of_program`: it is one of a program, whose outputs are compared. Whether an
+    /// output had changed when it was recorded.
     pub(crate) fn step(&mut self, setpoint: &Setpoint, is_of_program: bool) -> bool {
         let sequence = setpoint.sequence;
         let mut has_changed = false;

@@ -48,8 +48,8 @@ fn output_text(action: &Action, machine: &Machine) -> Option<String> {
     }
 }
 
-/// Interprets a program file as commands are asked for. Everything that needs the commands of a program gets them here, so
-/// that blocks have the same numbers everywhere.
+/// Interprets a program file as commands are asked for. Everything that needs the commands of a program gets
+/// them here, so that blocks have the same numbers everywhere.
 #[derive(Debug)]
 pub struct Commands {
     interpreter: Interpreter<BufReader<File>>,
@@ -64,8 +64,8 @@ pub(crate) fn reader_of(file: File) -> BufReader<File> {
 }
 
 impl Commands {
-    /// Opens a program. Where the set-up names a line to begin at, the lines before are interpreted now, and the commands
-    /// begin with the way there.
+    /// Opens a program. Where the set-up names a line to begin at, the lines before are interpreted now, and
+    /// the commands begin with the way there.
     ///
     /// # Errors
     /// The file cannot be read, or the program cannot begin at that line.
@@ -73,11 +73,12 @@ impl Commands {
         Self::opened(program, setup, None)
     }
 
-    /// The same, with loops and subroutines of at most `max_body_bytes`. Another thread can end it by `interrupt`: lines before the
-    /// one to begin at can take minutes.
+    /// The same, with loops and subroutines of at most `max_body_bytes`. Another thread can end it by
+    /// `interrupt`: lines before the one to begin at can take minutes.
     ///
     /// # Errors
-    /// As [`Commands::open`]; [`evolvent_gcode::Code::Interrupted`] and [`evolvent_gcode::Code::BodyTooLong`].
+    /// As [`Commands::open`]; [`evolvent_gcode::Code::Interrupted`] and
+    /// [`evolvent_gcode::Code::BodyTooLong`].
     pub fn open_bounded(
         program: &Path,
         setup: &Setup,
@@ -217,7 +218,8 @@ impl Commands {
         self.interpreter.feed_per_minute()
     }
 
-    /// Lines that set what the machine has answered so far, in another program, except parameters that a file keeps.
+    /// Lines that set what the machine has answered so far, in another program, except parameters that a file
+    /// keeps.
     fn results(&self, kept: Option<&KeptParameters>) -> String {
         RESULTS
             .into_iter()
@@ -247,8 +249,8 @@ impl Commands {
     }
 }
 
-/// Numbers of the parameters with answers of the machine: where the probe was last and whether it tripped, and what an input was
-/// when a wait (M66) ended.
+/// Numbers of the parameters with answers of the machine: where the probe was last and whether it tripped,
+/// and what an input was when a wait (M66) ended.
 const RESULTS: [u32; 11] = [5061, 5062, 5063, 5064, 5065, 5066, 5067, 5068, 5069, 5070, 5399];
 
 impl Iterator for Commands {

@@ -17,7 +17,8 @@ const RAMP_STEP_NS: u64 = 1_000_000;
 /// The command to a spindle with one setpoint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SpindleCommand {
-    /// With the override of the operator, rpm, not negative; that of a stopped spindle is kept for its next start.
+    /// With the override of the operator, rpm, not negative; that of a stopped spindle is kept for its next
+    /// start.
     pub rpm: f64,
     /// The direction while a ramp goes on; none where it is the one of the program.
     pub passing: Option<SpindleDirection>,
@@ -129,7 +130,8 @@ impl SpindleCommands {
         })
     }
 
-    /// Goes on to a setpoint with its X in machine coordinates, mm. `is_new`: the program has commanded something.
+    /// Goes on to a setpoint with its X in machine coordinates, mm. `is_new`: the program has commanded
+    /// something.
     pub(crate) fn follow(
         &mut self,
         outputs: &Outputs,
@@ -163,7 +165,8 @@ impl SpindleCommands {
             .any(|ramp| ramp.rpm != 0.0 || ramp.target_rpm != 0.0)
     }
 
-    /// Ends every ramp at its target: the drives lose their power, and what a ramp would do for them is theirs to do.
+    /// Ends every ramp at its target: the drives lose their power, and what a ramp would do for them is
+    /// theirs to do.
     pub(crate) fn end_ramps(&mut self) {
         for ramp in self.ramps.iter_mut().flatten() {
             ramp.follow(ramp.target_rpm, true);
@@ -171,7 +174,8 @@ impl SpindleCommands {
     }
 }
 
-/// What the status shows, of the spindle with the lowest number: negative counter-clockwise, 0 where it is stopped.
+/// What the status shows, of the spindle with the lowest number: negative counter-clockwise, 0 where it is
+/// stopped.
 pub(crate) fn shown_rpm(
     outputs: &Outputs,
     x_mm: f64,

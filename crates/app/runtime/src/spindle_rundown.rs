@@ -1,4 +1,5 @@
-//! The end of a run whose spindles have ramps: the axes rest, with setpoints as before, until the ramps have ended at 0.
+//! The end of a run whose spindles have ramps: the axes rest, with setpoints as before, until the ramps have
+//! ended at 0.
 
 use evolvent_machine::SignalSettings;
 use evolvent_motion::{Setpoint, State, flags};
@@ -49,8 +50,8 @@ impl SpindleRundown {
         self.is_running
     }
 
-    /// With a setpoint that could be the last: whether another follows. It then loses its flag LAST. After a fault, and with
-    /// the emergency-stop chain open, ramps end at once.
+    /// With a setpoint that could be the last: whether another follows. It then loses its flag LAST. After a
+    /// fault, and with the emergency-stop chain open, ramps end at once.
     pub(crate) fn follow(&mut self, setpoint: &mut Setpoint, controls: &Controls, is_estopped: bool) -> bool {
         let is_at_end = setpoint.flags & flags::LAST != 0
             && matches!(setpoint.state, State::Done | State::Stopped)

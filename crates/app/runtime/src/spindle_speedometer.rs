@@ -1,4 +1,5 @@
-//! How fast a spindle turns, as feed goes by it: without the noise of its encoder, and told where it has changed.
+//! How fast a spindle turns, as feed goes by it: without the noise of its encoder, and told where it has
+//! changed.
 
 use evolvent_bus::SpindleFeedback;
 
@@ -16,7 +17,8 @@ pub(crate) struct Speedometer {
 }
 
 impl Speedometer {
-    /// The speed that a ramp commands, rpm, not negative, in the same steps; exact at its end. `is_passing`: it has not ended.
+    /// The speed that a ramp commands, rpm, not negative, in the same steps; exact at its end. `is_passing`:
+    /// it has not ended.
     pub(crate) fn commanded_rpm(&mut self, rpm: f64, is_passing: bool) -> f64 {
         let told = self
             .told_rpm
@@ -26,8 +28,8 @@ impl Speedometer {
         told
     }
 
-    /// The speed that is reported, rpm, never negative; none where it is not measured. `known`: the newest sample, where it is not
-    /// too old.
+    /// The speed that is reported, rpm, never negative; none where it is not measured. `known`: the newest
+    /// sample, where it is not too old.
     pub(crate) fn rpm(&mut self, known: Option<&SpindleFeedback>) -> Option<f64> {
         let Some(sample) = known else {
             *self = Self::default();

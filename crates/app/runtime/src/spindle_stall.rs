@@ -6,7 +6,8 @@ const REACHED: f64 = 0.8;
 const STALLED: f64 = 0.2;
 /// A command above the reached speed times this is a new speed, which has to be reached first.
 const RAISED: f64 = 1.25;
-/// Minimum duration of a stall, s, and in turns at the commanded speed: a coarse encoder reports a slow spindle's speed in jumps.
+/// Minimum duration of a stall, s, and in turns at the commanded speed: a coarse encoder reports a slow
+/// spindle's speed in jumps.
 const MIN_S: f64 = 0.2;
 const MIN_TURNS: f64 = 0.5;
 

@@ -248,7 +248,8 @@ fn pace<S: PlanSink<Error = QueueClosed>>(
     tell(&mut pacer, teller, 0);
     // There may be no listener any more.
     let _gone = teller.send(TimingStageEvent::End);
-    // Holds and overrides are answered as long as the program runs; the only way out is that nobody asks any more.
+    // Holds and overrides are answered as long as the program runs; the only way out is that nobody asks any
+    // more.
     let _gone = pacer.serve_until_closed();
     pacer.sink().planned_s
 }

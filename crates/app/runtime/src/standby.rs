@@ -1,4 +1,5 @@
-//! A program that goes by a cutting load: the time before it moves, and its end where the drives that cut stop by themselves.
+//! A program that goes by a cutting load: the time before it moves, and its end where the drives that cut
+//! stop by themselves.
 
 use evolvent_drive::DriveAlarm;
 use evolvent_machine::FeedbackMode;
@@ -43,8 +44,8 @@ pub(crate) fn needs_load(job: &Job, controls: &Controls) -> bool {
     job.is_realtime() && (job.setup.process.is_some() || controls.adaptive().is_some())
 }
 
-/// Holds a program at its start until a load comes in, and until drives that answer follow: what moves before cuts
-/// nothing that anybody feels, and neither does what moves after they have stopped. Real-time safe.
+/// Holds a program at its start until a load comes in, and until drives that answer follow: what moves before
+/// cuts nothing that anybody feels, and neither does what moves after they have stopped. Real-time safe.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Standby {
     period_ns: u64,

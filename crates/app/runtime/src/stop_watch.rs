@@ -1,7 +1,9 @@
-//! The longest stop of the job that runs: what a hold at any moment of it so far would have needed, for the status.
+//! The longest stop of the job that runs: what a hold at any moment of it so far would have needed, for the
+//! status.
 //!
-//! A hold is followed over the path that was driven after it, so its stop is known when as much path has gone by: a fraction
-//! of a second later. That takes 30 ms of work at a time, so a thread of its own does it, of the normal scheduler.
+//! A hold is followed over the path that was driven after it, so its stop is known when as much path has gone
+//! by: a fraction of a second later. That takes 30 ms of work at a time, so a thread of its own does it, of
+//! the normal scheduler.
 
 use std::io;
 use std::thread;
@@ -16,7 +18,8 @@ use rtrb::{Consumer, Producer, RingBuffer};
 use crate::due_setpoint::DueSetpoint;
 use crate::job::{Clock, Setup};
 
-/// Seconds of setpoints that wait for the thread, and the least number of them. It works up to 30 ms without a look.
+/// Seconds of setpoints that wait for the thread, and the least number of them. It works up to 30 ms without
+/// a look.
 const QUEUE_SECONDS: f64 = 0.25;
 const MIN_QUEUE: usize = 1024;
 /// Found stops that wait for the publisher. The thread keeps what finds no room.
@@ -41,8 +44,9 @@ pub(crate) struct StopWatch {
 }
 
 impl StopWatch {
-    /// Starts the thread, which ends with the watch. None where holds are not followed: with the classic planner they are
-    /// profiles of their own, and where time is not real setpoints come faster than they can be followed.
+    /// Starts the thread, which ends with the watch. None where holds are not followed: with the classic
+    /// planner they are profiles of their own, and where time is not real setpoints come faster than they can
+    /// be followed.
     pub(crate) fn start(setup: &Setup, clock: Clock) -> io::Result<Option<Self>> {
         if clock != Clock::Realtime || setup.machine.path.planner == PlannerKind::Classic {
             return Ok(None);
@@ -62,7 +66,8 @@ impl StopWatch {
         }))
     }
 
-    /// A setpoint that leaves. Does not wait: what finds no room is a gap, and what is in motion there is not followed.
+    /// A setpoint that leaves. Does not wait: what finds no room is a gap, and what is in motion there is not
+    /// followed.
     pub(crate) fn follow(&mut self, due: &DueSetpoint) {
         let moves = due.setpoint.line > 0 && !is_at_rest(&due.setpoint);
         if moves || self.moved {
@@ -217,8 +222,8 @@ mod tests {
         out
     }
 
-    /// The least path and time to rest along X from a speed and an acceleration, by steps of 5 us: the jerk limit down to `-A`, and
-    /// back to none where the rest of the speed is just used up.
+    /// The least path and time to rest along X from a speed and an acceleration, by steps of 5 us: the jerk
+    /// limit down to `-A`, and back to none where the rest of the speed is just used up.
     fn least_stop(mut v: f64, mut a: f64) -> (f64, f64) {
         const STEP_S: f64 = 5e-6;
         let (mut path, mut seconds) = (0.0, 0.0);
@@ -236,8 +241,9 @@ mod tests {
         (path, seconds)
     }
 
-    /// The longest of the holds 10 ms apart is not longer than the longest at any moment, and not shorter than where these holds
-    /// lie worst. Reports have 20 % and 1 ms on top at 1 kHz; the stop itself may take 3 % and two steps more.
+    /// The longest of the holds 10 ms apart is not longer than the longest at any moment, and not shorter
+    /// than where these holds lie worst. Reports have 20 % and 1 ms on top at 1 kHz; the stop itself may take
+    /// 3 % and two steps more.
     fn expect(found: LongestStop, v: f64) {
         let stops: Vec<(f64, f64)> = (line(v, 0).iter())
             .map(|setpoint| least_stop(setpoint.velocity[0], setpoint.acceleration[0]))
@@ -273,8 +279,8 @@ mod tests {
         expect(follower.longest.stop, 200.0);
         slow.iter().for_each(|setpoint| follower.push(2, setpoint));
         expect(follower.longest.stop, 120.0);
-        // What lies on both sides of lost setpoints is no one motion. The hold above is not over by then, others are: from the
-        // cruise at least, in v/A + A/J and half of that time's path.
+        // What lies on both sides of lost setpoints is no one motion. The hold above is not over by then,
+        // others are: from the cruise at least, in v/A + A/J and half of that time's path.
         let gap = fast
             .iter()
             .filter(|setpoint| !(250..300).contains(&setpoint.sequence));

@@ -27,7 +27,8 @@ pub struct AxisSummary {
     pub max_jerk_mm_s3: f64,
     /// Ratio to the limit.
     pub jerk_ratio: f64,
-    /// The same within three cycles of a step of curvature in exact-path mode, where only the joint time bounds it.
+    /// The same within three cycles of a step of curvature in exact-path mode, where only the joint time
+    /// bounds it.
     pub max_jerk_at_joints_mm_s3: f64,
 }
 
@@ -131,8 +132,8 @@ pub struct Summary {
     pub path_length_mm: f64,
     /// Setpoints that left after they were due.
     pub late_cycles: u64,
-    /// Readers of setpoints and bridges that were connected at the same time, at most. Late setpoints count for the exit code only
-    /// where there was one.
+    /// Readers of setpoints and bridges that were connected at the same time, at most. Late setpoints count
+    /// for the exit code only where there was one.
     pub listeners: u64,
     /// Trace records lost for want of room.
     pub dropped_records: u64,
@@ -179,8 +180,8 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Whether something of the run was lost to a reader: setpoints that left late for a bridge or client that was connected,
-    /// records, or setpoints.
+    /// Whether something of the run was lost to a reader: setpoints that left late for a bridge or client
+    /// that was connected, records, or setpoints.
     #[must_use]
     pub fn is_lossy(&self) -> bool {
         (self.late_cycles > 0 && self.listeners > 0) || self.dropped_records > 0 || self.dropped_setpoints > 0

@@ -1,4 +1,5 @@
-//! What an operator switches while a program is being read: it counts for the commands that are still to be read.
+//! What an operator switches while a program is being read: it counts for the commands that are still to be
+//! read.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
@@ -82,7 +83,8 @@ impl Switches {
 
 /// Other switches in the middle of a program, as one line of a trace.
 ///
-/// When the operator switched does not tell which lines it counted for: a program is read ahead of the machine. This does.
+/// When the operator switched does not tell which lines it counted for: a program is read ahead of the
+/// machine. This does.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Switched {
     /// The first command of the program, from 0, that was read with them.

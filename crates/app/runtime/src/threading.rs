@@ -57,7 +57,8 @@ impl ThreadChain {
         self.return_factor.is_some()
     }
 
-    /// Takes a piece that continues the one before; `false` if the command is not a piece or begins another pass.
+    /// Takes a piece that continues the one before; `false` if the command is not a piece or begins another
+    /// pass.
     pub(crate) fn take(&mut self, command: &Command) -> bool {
         let (curve, pitch_mm) = match &command.action {
             Action::Thread {
@@ -195,7 +196,8 @@ impl ThreadCheck {
         }
     }
 
-    /// What the machine has against the thread that ends before this command, and the command with which that begins.
+    /// What the machine has against the thread that ends before this command, and the command with which that
+    /// begins.
     pub(crate) fn observe(&mut self, command: &Command, setup: &Setup) -> Option<(Command, ThreadRefusal)> {
         if self.chain.take(command) {
             return None;

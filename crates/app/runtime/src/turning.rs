@@ -10,8 +10,8 @@ use evolvent_turning::{
 use crate::job::Setup;
 use crate::turning_motion::{TurningFrame, TurningMotion};
 
-/// The controller of a cycle, with tool, law and feeds of the process file, and what the program says: where, how far,
-/// how fast the spindle turns. The tool stands at the stock's surface: higher nothing may stand.
+/// The controller of a cycle, with tool, law and feeds of the process file, and what the program says: where,
+/// how far, how fast the spindle turns. The tool stands at the stock's surface: higher nothing may stand.
 ///
 /// # Errors
 /// A sentence that says what does not fit.
@@ -110,9 +110,10 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<TurningMoti
     Ok(TurningMotion::new(controller, frame))
 }
 
-/// How much farther than the allowance says the passes go, mm, so that the finishing pass leaves the wall of the shoulder
-/// that they have left: it would meet what stands on the wall with its whole edge at once. The edge leaves the wall along
-/// itself, so the wall begins where contour and wall of the finished part cross, the contour raised by the allowance.
+/// How much farther than the allowance says the passes go, mm, so that the finishing pass leaves the wall of
+/// the shoulder that they have left: it would meet what stands on the wall with its whole edge at once. The
+/// edge leaves the wall along itself, so the wall begins where contour and wall of the finished part cross,
+/// the contour raised by the allowance.
 fn allowance_at_wall(cycle: &TurningCycle, process: &Job, cone: Option<&Cone>) -> f64 {
     if process.cut.end == CutEnd::Open {
         return 0.0;

@@ -46,7 +46,8 @@ impl TurningTally {
         }
     }
 
-    /// One control period: what a turning cycle gave out, if one moves the axes, and what a simulated stock lost.
+    /// One control period: what a turning cycle gave out, if one moves the axes, and what a simulated stock
+    /// lost.
     pub(crate) fn observe(&mut self, output: Option<&TurningOutput>, cut: Option<&CutNow>) {
         let Some(output) = output else {
             self.inside = false;

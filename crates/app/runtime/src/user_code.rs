@@ -1,8 +1,9 @@
 //! M100 to M199: user-defined M codes, programs in a folder beside the machine file.
 //!
-//! Such a program runs while the axes rest and the plan waits, in a process group of its own, without a shell, with P and Q as
-//! its two arguments (-1 for a word that is missing, as machine builders know it). What it writes is reported line by line. It
-//! is over when it ends; whatever it leaves behind in the background is its own affair.
+//! Such a program runs while the axes rest and the plan waits, in a process group of its own, without a
+//! shell, with P and Q as its two arguments (-1 for a word that is missing, as machine builders know it).
+//! What it writes is reported line by line. It is over when it ends; whatever it leaves behind in the
+//! background is its own affair.
 
 use std::io::{ErrorKind, PipeReader, Read};
 use std::os::unix::fs::PermissionsExt;
@@ -26,12 +27,14 @@ use crate::rt::take_turns;
 const LOOK_EVERY: Duration = Duration::from_millis(2);
 /// How long a program may take to end after it was asked to.
 const GRACE: Duration = Duration::from_secs(1);
-/// How long is waited for what others write in the name of a program that has ended, where they keep the pipe open.
+/// How long is waited for what others write in the name of a program that has ended, where they keep the pipe
+/// open.
 const LAST_WORDS: Duration = Duration::from_millis(100);
 /// Bytes of output that are reported, of a line and in all.
 const MAX_LINE: usize = 500;
 const MAX_BYTES: usize = 64 * 1024;
-/// Bytes that are read at once, and so often in one look: more than a pipe holds (1 MiB, where it was enlarged).
+/// Bytes that are read at once, and so often in one look: more than a pipe holds (1 MiB, where it was
+/// enlarged).
 const BYTES_AT_ONCE: usize = 8 * 1024;
 const MAX_READS: usize = 160;
 /// What a program gets for a word that is missing.
@@ -141,7 +144,8 @@ impl UserCodes {
         let name = call.text();
         let fails = |error: std::io::Error| format!("{name}: cannot be started: {error}");
         let (output, input) = std::io::pipe().map_err(fails)?;
-        // Read by the thread that looks after the program: all that it has written is there when it has ended.
+        // Read by the thread that looks after the program: all that it has written is there when it has
+        // ended.
         rustix::io::ioctl_fionbio(&output, true).map_err(|error| fails(error.into()))?;
         let mut command = Command::new(self.file(call.number));
         for word in call.words {
@@ -335,7 +339,8 @@ mod tests {
 
     use super::*;
 
-    /// A script cannot be started while the child of another test, which is just being made, has it open as we had.
+    /// A script cannot be started while the child of another test, which is just being made, has it open as
+    /// we had.
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     /// Longer than any host keeps a test from running.
     const FOREVER: Duration = Duration::from_secs(60);
@@ -351,7 +356,8 @@ mod tests {
         (lines, result)
     }
 
-    /// The same, with the time from the script's start to its end, without that for which it waits for its turn.
+    /// The same, with the time from the script's start to its end, without that for which it waits for its
+    /// turn.
     fn timed_outcome(
         script: &str,
         timeout_s: f64,

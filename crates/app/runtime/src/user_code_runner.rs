@@ -25,8 +25,8 @@ pub(crate) struct UserCodeRunner {
 }
 
 impl UserCodeRunner {
-    /// Carries out each command where the machine has come to it, until the feeder has gone and none is left, or the cycle has
-    /// ended. What went wrong, if something did: the machine was told to stop then.
+    /// Carries out each command where the machine has come to it, until the feeder has gone and none is left,
+    /// or the cycle has ended. What went wrong, if something did: the machine was told to stop then.
     pub(crate) fn run(self) -> Option<String> {
         loop {
             match self.calls.recv_timeout(LOOK_EVERY) {

@@ -1,5 +1,6 @@
-//! A hold takes at most 1.15 times the shortest stop on that path plus 15 ms, with the planner running or frozen. The shortest stops were
-//! computed by another method (`examples/shortest_stop.py`, linear programs that know the whole path).
+//! A hold takes at most 1.15 times the shortest stop on that path plus 15 ms, with the planner running or
+//! frozen. The shortest stops were computed by another method (`examples/shortest_stop.py`, linear programs
+//! that know the whole path).
 #![expect(
     clippy::expect_used,
     clippy::panic,
@@ -11,8 +12,8 @@ use std::path::{Path, PathBuf};
 
 use crate::common::driven::{Driven, set_up};
 
-/// `program,machine,rate_hz,moment,is_frozen,feed_mm_s,shortest_s,method`; where the bound holds for the slowest axis by itself, its
-/// time stands for the shortest (method `axis`).
+/// `program,machine,rate_hz,moment,is_frozen,feed_mm_s,shortest_s,method`; where the bound holds for the
+/// slowest axis by itself, its time stands for the shortest (method `axis`).
 const TABLE: &str = include_str!("shortest_stops.csv");
 const FACTOR: f64 = 1.15;
 const EXTRA_S: f64 = 0.015;

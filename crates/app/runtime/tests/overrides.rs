@@ -1,4 +1,5 @@
-//! M48 to M53 in runs with the virtual clock: which override and which hold counts at which place, and the same bits again.
+//! M48 to M53 in runs with the virtual clock: which override and which hold counts at which place, and the
+//! same bits again.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 

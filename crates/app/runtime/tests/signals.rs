@@ -1,5 +1,5 @@
-//! Outputs and inputs of runs with the virtual clock: which output changes with which setpoint, and what M66 waits for. What is
-//! expected is found in the setpoints' positions, not in numbers of blocks.
+//! Outputs and inputs of runs with the virtual clock: which output changes with which setpoint, and what M66
+//! waits for. What is expected is found in the setpoints' positions, not in numbers of blocks.
 
 #![expect(
     clippy::unwrap_used,
@@ -449,9 +449,9 @@ fn a_trace_is_left() {
     assert!(ran.trace.is_file());
 }
 
-/// Moves along X, each farther than the one before, and between them whatever sets outputs. Gives the program, and for each
-/// synchronised change of an output the X at which its move begins, its number in the trace and its value: told apart from what
-/// the core knows, by the rule of the language alone.
+/// Moves along X, each farther than the one before, and between them whatever sets outputs. Gives the
+/// program, and for each synchronised change of an output the X at which its move begins, its number in the
+/// trace and its value: told apart from what the core knows, by the rule of the language alone.
 fn random_program(random: &mut Random) -> (String, Vec<(f64, u32, f64)>) {
     let mode = ["G61", "G61.1", "G64 P0.01", "G64"][random.below(4)];
     let mut text = format!("G21 {mode} F{}\n", 300 + random.below(6000));
@@ -511,7 +511,8 @@ fn in_random_programs_every_synchronised_output_changes_with_the_first_setpoint_
         );
         let end = ran.setpoints.last().unwrap().sequence;
         for (x, code, value) in expected {
-            // A blend begins and ends beside the programmed corner, on a straight line at the same place of the path.
+            // A blend begins and ends beside the programmed corner, on a straight line at the same place of
+            // the path.
             let wanted = ran.leaves(x + 1e-9);
             let first = ran.leaves(x);
             let found = ran.output(code);

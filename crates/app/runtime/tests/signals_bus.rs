@@ -68,7 +68,8 @@ struct Heard {
     last: Option<evolvent_bus::Setpoint>,
 }
 
-/// A bridge that reads its inputs every 5 ms: what they are, `inputs` says of the outputs in force and the last setpoint.
+/// A bridge that reads its inputs every 5 ms: what they are, `inputs` says of the outputs in force and the
+/// last setpoint.
 fn bridge(prefix: &str, over: &AtomicBool, mut inputs: impl FnMut(&Heard) -> Option<MachineInputs>) -> Heard {
     let client = ClientBus::open(&ClientConfig {
         prefix: Some(prefix.to_owned()),

@@ -1,4 +1,5 @@
-//! G95 with G97 and G96 in runs with the virtual clock: the feed in the middle of cuts, and the same bits again.
+//! G95 with G97 and G96 in runs with the virtual clock: the feed in the middle of cuts, and the same bits
+//! again.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 

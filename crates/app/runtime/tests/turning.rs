@@ -96,8 +96,8 @@ fn keeps_limits(looks: &[Look], setup: &Setup) {
     }
 }
 
-/// The largest true load of a whole program, and the stock that is left above the final size 10 mm behind the face. The stock
-/// is cut by the positions of the setpoints.
+/// The largest true load of a whole program, and the stock that is left above the final size 10 mm behind the
+/// face. The stock is cut by the positions of the setpoints.
 fn largest_load(program: &str, process: &TurningJob) -> (f64, f64) {
     let here = setup(Some(process.clone()));
     let mut stock = SimulatedProcess::new(process, 1.0 / here.rate_hz()).unwrap();

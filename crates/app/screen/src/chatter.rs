@@ -1,4 +1,5 @@
-//! The chatter case of the service, computed once: limits over spindle speed, beside which a page marks the present one.
+//! The chatter case of the service, computed once: limits over spindle speed, beside which a page marks the
+//! present one.
 
 use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};

@@ -1,5 +1,5 @@
-//! Commands of pages on their way to the core. Only the page that has control moves anything, and what needs somebody who watches
-//! ends when that page loses control.
+//! Commands of pages on their way to the core. Only the page that has control moves anything, and what needs
+//! somebody who watches ends when that page loses control.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,8 +23,8 @@ const AGE: Duration = Duration::from_secs(5);
 const PRESS_AGE: Duration = Duration::from_secs(1);
 /// The same for a LOAD, which waits for earlier commands.
 const LOAD_AGE: Duration = Duration::from_secs(12);
-/// Maximum age of the status that a page had before it when it sent a command that does not stop. A dead link that comes back
-/// delivers what was sent on it, many seconds later.
+/// Maximum age of the status that a page had before it when it sent a command that does not stop. A dead link
+/// that comes back delivers what was sent on it, many seconds later.
 const MAX_SEEN_AGE_NS: u64 = 1_000_000_000;
 
 /// `activity` of a jog in the status.
@@ -119,8 +119,8 @@ impl Dispatch {
     ) -> Answer {
         self.jogged.store(true, Ordering::Relaxed);
         let answer = orders.give(request, max_age, Some(term)).await;
-        // The page may have lost control while the core evaluated the command. The stop that was sent then came before the motion
-        // began, and reset `jogged`: it has to be sent again, whatever that says.
+        // The page may have lost control while the core evaluated the command. The stop that was sent then
+        // came before the motion began, and reset `jogged`: it has to be sent again, whatever that says.
         if !self.hub.is_present(term) {
             self.stops.send(plain(CommandCode::JogStop), AGE, None);
         }
@@ -135,7 +135,8 @@ fn plain(code: CommandCode) -> ControlRequest {
     }
 }
 
-/// Why a command that does not stop is not carried out any more. Without a status the core rejects it, or nothing moves.
+/// Why a command that does not stop is not carried out any more. Without a status the core rejects it, or
+/// nothing moves.
 fn outdated(present: Option<&Status>, command: &CommandMessage) -> Option<Refusal> {
     let present = present?;
     if present.time_ns.saturating_sub(command.seen_ns) > MAX_SEEN_AGE_NS {
@@ -169,7 +170,8 @@ mod tests {
             let json = serde_json::json!({"id": 1, "command": 20, "seen_ns": seen_ns, "steers": steers});
             serde_json::from_value(json).unwrap()
         };
-        // A second, and the future: the status is that of the last setpoint, which pages may have from the frame before.
+        // A second, and the future: the status is that of the last setpoint, which pages may have from the
+        // frame before.
         for seen_ns in [99_000_000_000, 100_000_000_000, 100_010_000_000] {
             assert_eq!(outdated(Some(&present), &command(seen_ns, true)), None);
         }
@@ -186,7 +188,8 @@ mod tests {
         assert_eq!(outdated(None, &command(0, true)), None);
     }
 
-    /// A request that the core replies to and does not list: behind it, all that was sent before on the same way has been evaluated.
+    /// A request that the core replies to and does not list: behind it, all that was sent before on the same
+    /// way has been evaluated.
     const MARKER: u32 = u32::MAX;
     /// Longer than any host keeps a thread from running.
     const FOREVER: Duration = Duration::from_secs(60);

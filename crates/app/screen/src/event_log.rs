@@ -56,7 +56,8 @@ impl EventLog {
         self.push(kind, number, fact.sentence(), Some(fact), cure)
     }
 
-    /// Adds an entry of what comes many times in a row, as the jogs of a pad; none where it is one of the last already.
+    /// Adds an entry of what comes many times in a row, as the jogs of a pad; none where it is one of the
+    /// last already.
     pub(crate) fn add_repeated(&mut self, kind: LogKind, fact: LogFact) -> Option<LogEntry> {
         self.repeated.retain(|(_, written)| written.elapsed() < REPEAT);
         if self.repeated.iter().any(|(other, _)| *other == fact) {

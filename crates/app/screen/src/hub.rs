@@ -33,7 +33,8 @@ pub(crate) struct Visitor {
     pub(crate) client: IpAddr,
 }
 
-/// The control that one page has, from when it takes it to when it loses it. Control that comes back is another one.
+/// The control that one page has, from when it takes it to when it loses it. Control that comes back is
+/// another one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Term {
     page: u64,
@@ -173,8 +174,8 @@ impl Hub {
         self.lock().term() == Some(term)
     }
 
-    /// The control that a page has, for a request beside its connection: all pages of a browser have one session, so that it says who
-    /// the page is. The session says that it is this browser's.
+    /// The control that a page has, for a request beside its connection: all pages of a browser have one
+    /// session, so that it says who the page is. The session says that it is this browser's.
     pub(crate) fn term_of_request(&self, page: u64, session: &str) -> Option<Term> {
         let inner = self.lock();
         let term = inner.term().filter(|term| term.page == page)?;
@@ -280,7 +281,8 @@ impl Hub {
         is_before
     }
 
-    /// The program that pages show, and the one of the status beside which it is shown, where the core has rejected it.
+    /// The program that pages show, and the one of the status beside which it is shown, where the core has
+    /// rejected it.
     pub(crate) fn shown_program(&self) -> (Option<ProgramInfo>, Option<String>) {
         let inner = self.lock();
         (inner.program.clone(), inner.beside.clone())

@@ -1,5 +1,5 @@
-//! The program that the core has loaded and that no upload has told pages of: another client has loaded it, or a page by its name.
-//! Pages show what START would start, and so it is read and told like an upload.
+//! The program that the core has loaded and that no upload has told pages of: another client has loaded it,
+//! or a page by its name. Pages show what START would start, and so it is read and told like an upload.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,7 +13,8 @@ use crate::messages::{LogFact, LogKind, ProgramInfo};
 use crate::server::{Server, name_of};
 use crate::upload::{MAX_PROGRAM, look_through};
 
-/// Poll interval. Pages hear of a program when two polls in a row find it: the first status after an upload may be older.
+/// Poll interval. Pages hear of a program when two polls in a row find it: the first status after an upload
+/// may be older.
 const LOOK: Duration = Duration::from_millis(200);
 
 /// What a file looks like from outside: another look means another text.
@@ -48,7 +49,8 @@ pub(crate) async fn watch_loaded(server: Arc<Server>) {
         let (shown, beside) = server.hub.shown_program();
         let is_shown = shown.as_ref().is_some_and(|shown| is_named(&shown.file, &loaded));
         let is_told_here = told.as_ref().map(|told| told.number) == shown.as_ref().map(|shown| shown.upload);
-        // The text of an upload never changes, and one that was rejected is shown until something else is loaded.
+        // The text of an upload never changes, and one that was rejected is shown until something else is
+        // loaded.
         if !is_settled || (is_shown && !is_told_here) || (!is_shown && beside.as_ref() == Some(&loaded)) {
             continue;
         }

@@ -23,8 +23,8 @@ pub(crate) fn public_host(local: SocketAddr) -> IpAddr {
     routed.map_or(local.ip(), |address| address.ip())
 }
 
-/// Names and addresses of this computer, for its certificate and for `Host`; the machine's name is the first, where a name server can
-/// have it.
+/// Names and addresses of this computer, for its certificate and for `Host`; the machine's name is the first,
+/// where a name server can have it.
 pub(crate) fn server_names(machine: &str, hosts: &[String], host: IpAddr) -> Vec<String> {
     let system = rustix::system::uname();
     let own = system.nodename().to_string_lossy().into_owned();

@@ -82,7 +82,8 @@ impl Orders {
         Ok((Self { sender }, thread))
     }
 
-    /// Sends a command unless it has then waited for longer than `max_age`, or the control under which it was given has ended.
+    /// Sends a command unless it has then waited for longer than `max_age`, or the control under which it was
+    /// given has ended.
     pub(crate) async fn give(
         &self,
         request: ControlRequest,
@@ -127,7 +128,8 @@ pub(crate) trait Core {
     fn command(&mut self, request: &ControlRequest) -> Answer;
 }
 
-/// The first and the longest wait from an early connection that failed to the next: each is work for the processor of the core.
+/// The first and the longest wait from an early connection that failed to the next: each is work for the
+/// processor of the core.
 const RETRIES: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
 
 /// The core on the bus.
@@ -203,14 +205,16 @@ impl Core for BusCore {
 
 fn carry(mut core: impl Core, hub: &Hub, stop: &AtomicBool, orders: &Receiver<Order>) {
     while !stop.load(Ordering::Relaxed) {
-        // A client takes up to seconds to open: an emergency stop does not wait for that, and a jog would expire.
+        // A client takes up to seconds to open: an emergency stop does not wait for that, and a jog would
+        // expire.
         core.open_early();
         let order = match orders.recv_timeout(LOOK) {
             Ok(order) => order,
             Err(RecvTimeoutError::Timeout) => continue,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        // There may be no core yet, or no longer: what is looked at is the moment in which the command leaves.
+        // There may be no core yet, or no longer: what is looked at is the moment in which the command
+        // leaves.
         let answer = match core.open() {
             Err(text) => Answer::refused(text),
             Ok(()) => match order.expired(hub) {

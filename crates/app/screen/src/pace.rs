@@ -1,5 +1,6 @@
-//! How many frames are on their way to a page. The kernel takes megabytes for a link that stands still, and delivers them afterwards: old
-//! figures that look live. A page replies to what it receives (`alive`, twice a second), so one that has not replied for a while gets few.
+//! How many frames are on their way to a page. The kernel takes megabytes for a link that stands still, and
+//! delivers them afterwards: old figures that look live. A page replies to what it receives (`alive`, twice a
+//! second), so one that has not replied for a while gets few.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};

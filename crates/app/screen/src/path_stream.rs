@@ -1,5 +1,5 @@
-//! The path of a program for pages, in chunks: first as it is programmed, within a second or two of a million lines, then as it
-//! is planned, in as many minutes.
+//! The path of a program for pages, in chunks: first as it is programmed, within a second or two of a million
+//! lines, then as it is planned, in as many minutes.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -169,7 +169,8 @@ impl RunObserver for Quiet {
     fn note(&mut self, _text: &str) {}
 }
 
-/// Plans a program and sends its path until nobody receives. Returns the planned time, s, if it reached the end.
+/// Plans a program and sends its path until nobody receives. Returns the planned time, s, if it reached the
+/// end.
 fn send_planned(file: PathBuf, setup: Setup, mut writer: ChunkWriter) -> Option<f64> {
     let every = (VERTEX_NS / setup.period_ns.max(1)).max(1);
     let job = Job::new(file, setup);

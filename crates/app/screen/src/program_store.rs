@@ -1,6 +1,7 @@
-//! The files of uploaded programs. Each upload has a folder of its own, so that the text of a loaded program never changes:
-//! `programs/.UPLOAD/NAME`, where UPLOAD is its number. Beside it are links to the other programs, because subroutines are looked for in the program's folder.
-//! `programs/NAME` is the newest that the core has loaded under the name.
+//! The files of uploaded programs. Each upload has a folder of its own, so that the text of a loaded program
+//! never changes: `programs/.UPLOAD/NAME`, where UPLOAD is its number. Beside it are links to the other
+//! programs, because subroutines are looked for in the program's folder. `programs/NAME` is the newest that
+//! the core has loaded under the name.
 
 use std::io;
 use std::os::unix::fs::{MetadataExt, symlink};
@@ -92,7 +93,8 @@ impl ProgramStore {
         Ok(file)
     }
 
-    /// The core has loaded an upload: programs find it under its name, and uploads but the one before are removed.
+    /// The core has loaded an upload: programs find it under its name, and uploads but the one before are
+    /// removed.
     pub(crate) fn accept(&self, upload: u64, name: &str) -> io::Result<()> {
         // In one step, so that there is always one of the name.
         let part = self.part(upload);

@@ -1,5 +1,5 @@
-//! The programmed path: the curves of a program's moves as polylines with the programmed feed. It needs no plan, so it is
-//! drawn until the planned path arrives.
+//! The programmed path: the curves of a program's moves as polylines with the programmed feed. It needs no
+//! plan, so it is drawn until the planned path arrives.
 
 use std::iter::Peekable;
 use std::path::Path;
@@ -8,7 +8,8 @@ use evolvent_gcode::{Action, MoveKind};
 use evolvent_path::{Axes, Curve};
 use evolvent_runtime::{Commands, ProgramError, Setup};
 
-/// Maximum distance between a curve and its polyline, mm. At the resolution of a screen that shows 1 m it is invisible.
+/// Maximum distance between a curve and its polyline, mm. At the resolution of a screen that shows 1 m it is
+/// invisible.
 const CHORD_MM: f64 = 0.02;
 /// Maximum number of chords of a curve: the curvature of an involute has no bound at its base circle.
 const MAX_CHORDS: f64 = 512.0;
@@ -64,8 +65,8 @@ impl ProgrammedPath {
         })
     }
 
-    /// Interprets one command and passes its vertices on. False at the end of the program, at its first error, and once it
-    /// counts as endless.
+    /// Interprets one command and passes its vertices on. False at the end of the program, at its first
+    /// error, and once it counts as endless.
     pub(crate) fn advance(&mut self, put: &mut impl FnMut(ProgrammedVertex)) -> bool {
         let command = match self.commands.next() {
             Some(Ok(command)) if !self.is_over => command,
@@ -144,8 +145,8 @@ impl ProgrammedPath {
     }
 }
 
-/// Number of chords that keep a curve within [`CHORD_MM`]: the distance of a chord of length c from an arc of curvature k is
-/// k c² / 8.
+/// Number of chords that keep a curve within [`CHORD_MM`]: the distance of a chord of length c from an arc of
+/// curvature k is k c² / 8.
 fn chords(curve: &Curve) -> u32 {
     let curvature = curve.curvature_bound(0.0, curve.domain());
     let count = curve.length() * (curvature / (8.0 * CHORD_MM)).sqrt();

@@ -22,14 +22,16 @@ use crate::server::{Server, upload_of};
 
 /// Bit of `switches` in the status: lines that begin with `/` are left out.
 const BLOCK_DELETE: u32 = 4;
-/// Maximum time to interpret the lines before: 50 MB take a second on a slow computer, and nobody waits for minutes.
+/// Maximum time to interpret the lines before: 50 MB take a second on a slow computer, and nobody waits for
+/// minutes.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Maximum wait for the line that was asked for before: a page that asks for another one has given it up.
 const TURN: Duration = Duration::from_secs(2);
 /// Maximum memory for loops and subroutines before the line, bytes: a quarter of what a run may use.
 const MAX_BODY_BYTES: usize = 64 << 20;
 
-/// The modes in force at a line, and the way there from where the machine stands. It is the way that START with this line takes.
+/// The modes in force at a line, and the way there from where the machine stands. It is the way that START
+/// with this line takes.
 pub(crate) async fn restart(
     State(server): State<Arc<Server>>,
     Extension(role): Extension<Role>,

@@ -10,7 +10,8 @@ use crate::signal_board::SignalBoard;
 
 /// Values are worked out again after this time where nothing has changed, because old inputs become unknown.
 const REFRESH_NS: u64 = 1_000_000;
-/// Messages farther ahead of the newest setpoint than this are of another clock: setpoints are sampled up to a second late.
+/// Messages farther ahead of the newest setpoint than this are of another clock: setpoints are sampled up to
+/// a second late.
 const MAX_AHEAD_NS: u64 = 10_000_000_000;
 /// Figures of a spindle: commanded speed, measured speed, angle.
 const SPINDLE_FIGURES: usize = 3;
@@ -76,7 +77,8 @@ impl SampledSignals {
         }
     }
 
-    /// Whether a time of a bridge is one that setpoints reach soon: a message from the far future would stand before all others.
+    /// Whether a time of a bridge is one that setpoints reach soon: a message from the far future would stand
+    /// before all others.
     fn may_come_due(&self, time_ns: u64) -> bool {
         self.newest_ns
             .is_none_or(|newest| time_ns <= newest.saturating_add(MAX_AHEAD_NS))

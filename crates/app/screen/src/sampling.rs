@@ -168,7 +168,8 @@ mod tests {
         Sampler::new(&signals)
     }
 
-    /// Time, following errors of the first two axes, load; the measured velocity is the negative following error.
+    /// Time, following errors of the first two axes, load; the measured velocity is the negative following
+    /// error.
     fn read(bytes: &[u8]) -> Vec<(f64, f32, f32, f32)> {
         let float = |at: usize| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
         let one = |at: usize| {

@@ -37,7 +37,8 @@ pub(crate) struct Server {
     pub(crate) checkers: Arc<Semaphore>,
     /// Plans one program after another, beside a check: its picture must not wait for that.
     pub(crate) planners: Turns,
-    /// Programmed paths that are sent at the same time: a page shows one within a second or two, whoever waits for a plan.
+    /// Programmed paths that are sent at the same time: a page shows one within a second or two, whoever
+    /// waits for a plan.
     pub(crate) programmed: Turns,
     /// Texts of programs that are sent at the same time.
     pub(crate) texts: Turns,
@@ -60,7 +61,8 @@ pub(crate) struct Server {
 }
 
 impl Server {
-    /// The file of a program that pages may read, and the number of its text. `upload`: only the text of that number.
+    /// The file of a program that pages may read, and the number of its text. `upload`: only the text of that
+    /// number.
     pub(crate) fn file_of(&self, name: &str, upload: Option<u64>) -> Option<(PathBuf, u64)> {
         if let Some(run) = &self.run {
             return (name_of(run) == name).then(|| (run.clone(), 0));

@@ -46,7 +46,8 @@ impl SignalBoard {
         self.bridges.push(message);
     }
 
-    /// The values at a time of CLOCK_MONOTONIC. Inputs older than the input timeout are unknown, as to the core.
+    /// The values at a time of CLOCK_MONOTONIC. Inputs older than the input timeout are unknown, as to the
+    /// core.
     pub(crate) fn values(&self, now_ns: u64) -> SignalValues {
         let timeout_s = self.settings.input_timeout_s;
         let is_fresh =

@@ -78,7 +78,8 @@ impl Drop for Slot {
     }
 }
 
-/// What counts as one client: an IPv4 address, or an IPv6 /64 network, in which a host selects its own addresses.
+/// What counts as one client: an IPv4 address, or an IPv6 /64 network, in which a host selects its own
+/// addresses.
 fn client_of(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(six) if !six.is_loopback() => IpAddr::V6((six.to_bits() & !u128::from(u64::MAX)).into()),
@@ -102,8 +103,8 @@ mod tests {
         slots.take(permit, address(text))
     }
 
-    /// One client takes all slots it gets, with many addresses of its network: others still get slots, and it gets new ones
-    /// for those it returns.
+    /// One client takes all slots it gets, with many addresses of its network: others still get slots, and it
+    /// gets new ones for those it returns.
     #[test]
     fn one_client_leaves_slots_for_others() {
         let slots = Slots::new(8);

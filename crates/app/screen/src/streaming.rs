@@ -1,5 +1,6 @@
-//! Bodies that a thread makes while a client takes them. A client that takes too slowly ends its body, which it then sees as cut short: it
-//! holds neither the thread nor memory for longer than [`PATIENCE`] and the time that its bytes take at [`MIN_RATE`].
+//! Bodies that a thread makes while a client takes them. A client that takes too slowly ends its body, which
+//! it then sees as cut short: it holds neither the thread nor memory for longer than [`PATIENCE`] and the
+//! time that its bytes take at [`MIN_RATE`].
 
 use std::io;
 use std::sync::Arc;
@@ -14,7 +15,8 @@ use tokio::sync::mpsc::error::TrySendError;
 
 /// How long a body may wait for its client, in all.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// Bytes per second that a client takes at least: each byte gives its body so much more time. A slow wireless network has it.
+/// Bytes per second that a client takes at least: each byte gives its body so much more time. A slow wireless
+/// network has it.
 const MIN_RATE: f64 = (1 << 20) as f64;
 /// How often a full channel is looked at.
 const LOOK: Duration = Duration::from_millis(4);
@@ -23,7 +25,8 @@ const PIECE: usize = 64 << 10;
 /// Pieces that wait for a client.
 const WAITING: usize = 4;
 
-/// A body that a thread makes. What is dropped before [`finish`](Self::finish) ends with an error: a client never takes a part for the whole.
+/// A body that a thread makes. What is dropped before [`finish`](Self::finish) ends with an error: a client
+/// never takes a part for the whole.
 #[derive(Debug)]
 pub(crate) struct BodyWriter {
     pieces: mpsc::Sender<Bytes>,

@@ -21,8 +21,8 @@ use tokio_rustls::rustls::{ServerConfig, SupportedCipherSuite};
 use crate::config::{ScreenConfig, ScreenError};
 
 const DAY_S: i64 = 86_400;
-/// Days from the beginning of a generated certificate to its end. Browsers reject more than 398 days (CA/Browser Forum, Baseline
-/// Requirements 6.3.2, before March 2026); both ends count.
+/// Days from the beginning of a generated certificate to its end. Browsers reject more than 398 days
+/// (CA/Browser Forum, Baseline Requirements 6.3.2, before March 2026); both ends count.
 const VALID_DAYS: i64 = 396;
 /// A generated certificate begins so long before it is made: clocks of other computers differ.
 const BEFORE_DAYS: i64 = 1;

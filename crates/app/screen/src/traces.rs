@@ -135,8 +135,8 @@ fn unreadable(error: impl std::fmt::Display) -> Refusal {
     (StatusCode::UNPROCESSABLE_ENTITY, error.to_string())
 }
 
-/// Reads something in a thread of its own, one after the other, and sends it from there: of what is large there is one at a time for each
-/// role, however many ask and however slowly they take it.
+/// Reads something in a thread of its own, one after the other, and sends it from there: of what is large
+/// there is one at a time for each role, however many ask and however slowly they take it.
 async fn read(
     server: &Arc<Server>,
     role: Role,
@@ -256,7 +256,8 @@ struct Room<'a> {
 }
 
 impl<'a> Room<'a> {
-    /// Room for a copy of `size` bytes and the complete trace that is made of it, where `free` bytes are left.
+    /// Room for a copy of `size` bytes and the complete trace that is made of it, where `free` bytes are
+    /// left.
     fn take(taken: &'a AtomicU64, size: u64, free: u64) -> Result<Self, Refusal> {
         let bytes = size.saturating_mul(2);
         let before = taken.fetch_add(bytes, Ordering::Relaxed);

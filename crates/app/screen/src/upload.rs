@@ -88,8 +88,8 @@ async fn store(
         return Err(too_large());
     }
     let (server, programs, name) = (Arc::clone(server), programs.clone(), name.to_owned());
-    // A request whose page closes its connection is dropped where it stands: between LOAD and what follows it, the core would have a
-    // program of which the store knows nothing.
+    // A request whose page closes its connection is dropped where it stands: between LOAD and what follows
+    // it, the core would have a program of which the store knows nothing.
     let task = tokio::spawn(async move {
         let Ok(_turn) = server.receiving.try_acquire() else {
             return Err((StatusCode::TOO_MANY_REQUESTS, Refusal::Receiving.into()));
@@ -205,7 +205,8 @@ pub(crate) fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInf
     });
 }
 
-/// Writes a body to a file, in a thread that the disk may block; returns its size. The thread has ended when this does.
+/// Writes a body to a file, in a thread that the disk may block; returns its size. The thread has ended when
+/// this does.
 async fn receive(body: Body, programs: &ProgramStore, part: PathBuf) -> Result<u64, Refused> {
     let most = programs.stored().map_or(MAX_PROGRAM, |stored| {
         MAX_PROGRAM.min(MAX_STORED.saturating_sub(stored))

@@ -62,7 +62,8 @@ pub(crate) fn spawn(
                         // The scope shows what there is.
                         feedback: bus.feedback().ok(),
                         loads: bus.loads().ok(),
-                        // A machine without signals has no such channels, and opening them would wait for them.
+                        // A machine without signals has no such channels, and opening them would wait for
+                        // them.
                         outputs: (!board.is_empty()).then(|| bus.outputs().ok()).flatten(),
                         inputs: (!board.is_empty()).then(|| bus.inputs().ok()).flatten(),
                         spindles: (!signals.spindles.is_empty())
@@ -194,8 +195,8 @@ fn follow(shown: &mut Status, setpoint: &Setpoint) {
     let work_of = |status: &Status, axis: usize| {
         status.position_machine[axis] - status.work_offset[axis] - status.tool_offset[axis]
     };
-    // In a rotated system X and Y are not these differences. The rotation is known to the core only: its figures stay, and are one
-    // status old.
+    // In a rotated system X and Y are not these differences. The rotation is known to the core only: its
+    // figures stay, and are one status old.
     let is_rotated =
         [0, 1].map(|axis| (shown.position_work[axis] - work_of(shown, axis)).abs() > ROUNDING_MM);
     let first = if is_rotated.contains(&true) { 2 } else { 0 };
@@ -208,8 +209,8 @@ fn follow(shown: &mut Status, setpoint: &Setpoint) {
     shown.flags &= !flags::LATE;
 }
 
-/// Brings what is left of a move to the same moment: the end of the move less the position. With another line the end is not known
-/// here, and without a move nothing is left.
+/// Brings what is left of a move to the same moment: the end of the move less the position. With another line
+/// the end is not known here, and without a move nothing is left.
 fn shorten(shown: &mut Status, setpoint: &Setpoint) {
     let has_move = shown.distance_to_go.iter().any(|distance| *distance != 0.0);
     if setpoint.line != shown.line || !has_move {
@@ -246,7 +247,8 @@ fn log_changes(hub: &Hub, before: &Status, now: &Status) {
         };
         let cure = alarm.map(|alarm| alarm.sentence().to_owned());
         let is_cause = now.listed_alarms().first() == Some(&number);
-        // The core gives the sentence of a lost reference as its message too, because it stays when the alarm of the lost link is cleared.
+        // The core gives the sentence of a lost reference as its message too, because it stays when the alarm
+        // of the lost link is cleared.
         let is_message = is_new && alarm == Some(Alarm::ReferenceLost);
         is_logged |= is_message;
         let text = match (is_cause, now.alarm_sentence(), &cure) {

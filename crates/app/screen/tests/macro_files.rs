@@ -1,4 +1,5 @@
-//! Files of macros: what ships is read, what is wrong is refused with its place, and the schema is that of the code.
+//! Files of macros: what ships is read, what is wrong is refused with its place, and the schema is that of
+//! the code.
 
 use evolvent_file_tests::{assert_refused, assert_schema, edit, shipped};
 use evolvent_screen::{macros_schema, parse_macros};

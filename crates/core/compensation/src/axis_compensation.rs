@@ -6,7 +6,8 @@ use crate::screw_table::ScrewTable;
 use crate::thermal_offset::ThermalOffset;
 use crate::triple_average::TripleAverage;
 
-/// Maximum iterations of the inverse. The slope of a correction is at most 0.05, so each iteration gains more than a digit.
+/// Maximum iterations of the inverse. The slope of a correction is at most 0.05, so each iteration gains more
+/// than a digit.
 const ITERATIONS: usize = 16;
 
 /// The corrections of one axis, one step per cycle.
@@ -59,7 +60,8 @@ impl AxisCompensation {
             .map_or([0.0; 4], |table| table.mean().at(y[0]));
         let g = self.half(y[0]);
         let [_, y1, y2, y3] = y;
-        // The correction over the position for the present direction, by the chain rule; then the terms of the changing direction.
+        // The correction over the position for the present direction, by the chain rule; then the terms of
+        // the changing direction.
         let c = [
             m[0] + b[0] * g[0],
             m[1] + b[0] * g[1],

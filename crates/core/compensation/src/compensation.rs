@@ -5,9 +5,11 @@ use evolvent_path::{AXES, Axes, Jet};
 use crate::axis_compensation::AxisCompensation;
 use crate::squareness::Squareness;
 
-/// Converts ideal setpoints into corrected ones. Created by [`Design::compensation`](crate::Design::compensation).
+/// Converts ideal setpoints into corrected ones. Created by
+/// [`Design::compensation`](crate::Design::compensation).
 ///
-/// Call [`step`](Self::step) once per cycle, also at rest: a running take-up of the backlash then continues to its end.
+/// Call [`step`](Self::step) once per cycle, also at rest: a running take-up of the backlash then continues
+/// to its end.
 #[derive(Clone, Debug)]
 pub struct Compensation {
     squareness: Squareness,
@@ -19,8 +21,8 @@ impl Compensation {
         Self { squareness, axes }
     }
 
-    /// Sets the thermal offset of an axis in mm or degrees, clamped to the maximum of its settings; the next steps follow it at
-    /// the permitted rate. No effect on an axis without thermal offset. Real-time safe.
+    /// Sets the thermal offset of an axis in mm or degrees, clamped to the maximum of its settings; the next
+    /// steps follow it at the permitted rate. No effect on an axis without thermal offset. Real-time safe.
     pub fn set_thermal_offset(&mut self, axis: usize, offset: f64) {
         if let Some(Some(axis)) = self.axes.get_mut(axis) {
             axis.set_thermal_offset(offset);
@@ -52,8 +54,8 @@ impl Compensation {
         corrected
     }
 
-    /// The corrected position that belongs to an ideal one for the present directions and offsets: the position of the drives if
-    /// the machine were at rest there. Real-time safe.
+    /// The corrected position that belongs to an ideal one for the present directions and offsets: the
+    /// position of the drives if the machine were at rest there. Real-time safe.
     #[must_use]
     pub fn corrected_position(&self, ideal: &Axes) -> Axes {
         let mut corrected = self.squareness.slides(ideal);
@@ -65,7 +67,8 @@ impl Compensation {
         corrected
     }
 
-    /// The position of the tool when the drives are at `corrected`, for the present directions and offsets. Real-time safe.
+    /// The position of the tool when the drives are at `corrected`, for the present directions and offsets.
+    /// Real-time safe.
     #[must_use]
     pub fn ideal_position(&self, corrected: &Axes) -> Axes {
         let mut slides = *corrected;
@@ -77,7 +80,8 @@ impl Compensation {
         self.squareness.tool(&slides)
     }
 
-    /// At rest: the coordinates of the present position change to `position`. Directions are kept. Real-time safe.
+    /// At rest: the coordinates of the present position change to `position`. Directions are kept. Real-time
+    /// safe.
     pub fn rebase_position(&mut self, position: &Axes) {
         let slides = self.squareness.slides(position);
         for (i, axis) in self.axes.iter_mut().enumerate() {

@@ -7,8 +7,9 @@ use crate::compensation::Compensation;
 use crate::screw_table::ScrewTable;
 use crate::squareness::{LINEAR, Squareness};
 
-/// Fraction of each limit that the take-up of the backlash may use. Tuned: 0.05 to 0.3; the take-up time grows with the
-/// inverse cube root of the fraction, the time of a program with the fraction. At 0.02 mm and 200 m/s3 the take-up lasts 48 ms.
+/// Fraction of each limit that the take-up of the backlash may use. Tuned: 0.05 to 0.3; the take-up time
+/// grows with the inverse cube root of the fraction, the time of a program with the fraction. At 0.02 mm and
+/// 200 m/s3 the take-up lasts 48 ms.
 const TAKE_UP_FRACTION: f64 = 0.1;
 /// Fraction of each limit that must remain for the ideal motion. A table that needs more has a wrong point.
 const MIN_REMAINING: f64 = 0.5;
@@ -220,8 +221,8 @@ impl Design {
         self.average_s[axis].map(|average_s| 3.0 * average_s)
     }
 
-    /// Creates the compensation for a cycle of `period_s`, at rest at the ideal `position`; the direction of each axis is
-    /// unknown. Allocates.
+    /// Creates the compensation for a cycle of `period_s`, at rest at the ideal `position`; the direction of
+    /// each axis is unknown. Allocates.
     #[must_use]
     pub fn compensation(&self, period_s: f64, position: Axes) -> Compensation {
         let slides = self.errors.squareness.slides(&position);
@@ -284,7 +285,8 @@ fn worst_position(errors: &AxisErrors, order: usize) -> Option<f64> {
     Some(if mean.0 >= half.0 { mean.1 } else { half.1 })
 }
 
-/// The shortest averaging time within the limits. An axis without backlash needs it only for the thermal offset.
+/// The shortest averaging time within the limits. An axis without backlash needs it only for the thermal
+/// offset.
 fn average_time(errors: &AxisErrors, rough: &Roughness, limit: &AxisLimits) -> f64 {
     let step = rough.half[0];
     let rate = errors.thermal.map_or(0.0, |thermal| thermal.max_offset_velocity);

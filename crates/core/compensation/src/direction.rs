@@ -1,7 +1,7 @@
 //! The direction of the last motion of an axis.
 
-/// The direction of an axis with hysteresis: it changes when the position has moved back from its extreme by more than the
-/// width. Unknown until the axis has moved by the width.
+/// The direction of an axis with hysteresis: it changes when the position has moved back from its extreme by
+/// more than the width. Unknown until the axis has moved by the width.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Direction {
     width: f64,

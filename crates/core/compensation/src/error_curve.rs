@@ -1,9 +1,10 @@
 //! A correction over the position of an axis.
 
-/// The natural cubic spline through the points of a table: C2, without curvature at the first and the last point, so that a uniform
-/// error of pitch stays uniform.
+/// The natural cubic spline through the points of a table: C2, without curvature at the first and the last
+/// point, so that a uniform error of pitch stays uniform.
 ///
-/// Beyond the table the slope fades to zero over the length of the interval beside it, and then the curve is constant.
+/// Beyond the table the slope fades to zero over the length of the interval beside it, and then the curve is
+/// constant.
 ///
 /// Exact up to rounding; evaluation is a binary search and a polynomial.
 #[derive(Clone, Debug, PartialEq)]
@@ -11,7 +12,8 @@ pub struct ErrorCurve {
     pieces: Vec<Piece>,
 }
 
-/// Valid from `start` to the next piece: `c[0] + c[1] t + c[2] t^2 + c[3] t^3`, with `t` counted from `start`.
+/// Valid from `start` to the next piece: `c[0] + c[1] t + c[2] t^2 + c[3] t^3`, with `t` counted from
+/// `start`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Piece {
     start: f64,
@@ -38,8 +40,8 @@ impl Piece {
 }
 
 impl ErrorCurve {
-    /// The spline through `values` at ascending `positions`; both have the same length, at least two, as checked by
-    /// [`ScrewTable`](crate::ScrewTable).
+    /// The spline through `values` at ascending `positions`; both have the same length, at least two, as
+    /// checked by [`ScrewTable`](crate::ScrewTable).
     pub(crate) fn through(positions: &[f64], values: &[f64]) -> Self {
         let last = positions.len() - 1;
         let length = |i: usize| positions[i + 1] - positions[i];
@@ -71,7 +73,8 @@ impl ErrorCurve {
         Self { pieces }
     }
 
-    /// Value and three derivatives by the position. At a knot the third derivative is that of the piece on the right. Real-time safe.
+    /// Value and three derivatives by the position. At a knot the third derivative is that of the piece on
+    /// the right. Real-time safe.
     #[must_use]
     pub fn at(&self, position: f64) -> [f64; 4] {
         let after = self.pieces.partition_point(|piece| piece.start <= position);
@@ -121,8 +124,8 @@ impl ErrorCurve {
     }
 }
 
-/// Slopes at the points, from the continuity of the second derivative, which is zero at both ends: Thomas algorithm on a diagonally
-/// dominant tridiagonal system.
+/// Slopes at the points, from the continuity of the second derivative, which is zero at both ends: Thomas
+/// algorithm on a diagonally dominant tridiagonal system.
 fn slopes(positions: &[f64], values: &[f64]) -> Vec<f64> {
     let last = positions.len() - 1;
     // Of an interval: what it adds to the diagonal's half and to the right side.
@@ -151,7 +154,8 @@ fn slopes(positions: &[f64], values: &[f64]) -> Vec<f64> {
     slopes
 }
 
-/// From a constant to `value` at `x` with this slope and no curvature, over `length`: constant third derivative, and its negative.
+/// From a constant to `value` at `x` with this slope and no curvature, over `length`: constant third
+/// derivative, and its negative.
 fn fade_in(x: f64, length: f64, value: f64, slope: f64, pieces: &mut Vec<Piece>) {
     let rise = slope * length / 12.0;
     let c3 = slope / (1.5 * length * length);

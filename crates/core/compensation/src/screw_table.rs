@@ -9,8 +9,8 @@ const MAX_CORRECTION: f64 = 10.0;
 /// Minimum distance of points, mm or degrees.
 const MIN_SPACING: f64 = 1e-3;
 
-/// Corrections of an axis over its position for either direction: the amount added to the commanded position so that the axis
-/// reaches the ideal one.
+/// Corrections of an axis over its position for either direction: the amount added to the commanded position
+/// so that the axis reaches the ideal one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScrewTable {
     mean: ErrorCurve,
@@ -54,8 +54,8 @@ pub enum TableError {
 }
 
 impl ScrewTable {
-    /// Creates a table from corrections at ascending positions, mm or degrees: forwards (towards larger positions), and backwards
-    /// if they differ.
+    /// Creates a table from corrections at ascending positions, mm or degrees: forwards (towards larger
+    /// positions), and backwards if they differ.
     ///
     /// # Errors
     /// [`TableError`] if there are too few points, positions do not ascend, or a number is out of range.

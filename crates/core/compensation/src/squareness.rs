@@ -2,10 +2,11 @@
 
 use evolvent_path::{AXES, Axes};
 
-/// Squareness errors of X, Y and Z: the ratio of the drift of one axis to the motion of another (1 um/m is 1e-6).
+/// Squareness errors of X, Y and Z: the ratio of the drift of one axis to the motion of another (1 um/m is
+/// 1e-6).
 ///
-/// While Y alone moves forwards by 1 mm, the tool drifts by `xy` mm towards larger X; while Z alone moves, by `xz` mm towards
-/// larger X and by `yz` mm towards larger Y. Positive values are angles below 90 degrees.
+/// While Y alone moves forwards by 1 mm, the tool drifts by `xy` mm towards larger X; while Z alone moves, by
+/// `xz` mm towards larger X and by `yz` mm towards larger Y. Positive values are angles below 90 degrees.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Squareness {
     /// Drift of X with Y.
@@ -17,7 +18,8 @@ pub struct Squareness {
 }
 
 impl Squareness {
-    /// Slide positions for the tool position `ideal`, the exact inverse of [`tool`](Self::tool). Derivatives transform alike.
+    /// Slide positions for the tool position `ideal`, the exact inverse of [`tool`](Self::tool). Derivatives
+    /// transform alike.
     #[must_use]
     pub fn slides(&self, ideal: &Axes) -> Axes {
         let mut slides = *ideal;

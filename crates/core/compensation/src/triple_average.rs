@@ -2,9 +2,10 @@
 
 /// Three consecutive moving averages of `n` periods each over a signal that is constant within a period.
 ///
-/// In continuous time the output has a continuous second derivative and a third derivative that is constant within each
-/// period. For a signal within `[-1, 1]` the derivatives by the number of periods are at most `1.5/n`, `4/n^2` and `8/n^3` in
-/// magnitude: the total variation of the kernel (a quadratic B-spline) and of its derivatives.
+/// In continuous time the output has a continuous second derivative and a third derivative that is constant
+/// within each period. For a signal within `[-1, 1]` the derivatives by the number of periods are at most
+/// `1.5/n`, `4/n^2` and `8/n^3` in magnitude: the total variation of the kernel (a quadratic B-spline) and of
+/// its derivatives.
 ///
 /// The computation uses integers: it is exact, so it neither drifts nor depends on the history.
 #[derive(Clone, Debug, PartialEq, Eq)]

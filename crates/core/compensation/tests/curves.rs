@@ -1,10 +1,12 @@
-//! Curves through tables: reference values from a dense exact system of truncated powers, and properties of random tables.
+//! Curves through tables: reference values from a dense exact system of truncated powers, and properties of
+//! random tables.
 
 use evolvent_compensation::{ScrewTable, TableError};
 use evolvent_random::Random;
 
-/// Reference values computed in rational arithmetic: the natural spline from the system of truncated powers (x - k)^3 over all knots, by
-/// elimination; beyond the table the integral of a slope that falls to zero by two parabolas.
+/// Reference values computed in rational arithmetic: the natural spline from the system of truncated powers
+/// (x - k)^3 over all knots, by elimination; beyond the table the integral of a slope that falls to zero by
+/// two parabolas.
 #[test]
 fn a_curve_agrees_with_an_exact_dense_system() {
     let six = (
@@ -280,7 +282,8 @@ fn a_random_curve_is_smooth_and_within_its_maxima() {
         }
         let (low, high) = (positions[0], positions[positions.len() - 1]);
         let last = values.len() - 1;
-        // Constant from the length of the interval at the end on; half of what the slope at the end would have given.
+        // Constant from the length of the interval at the end on; half of what the slope at the end would
+        // have given.
         let beyond = [
             (low, positions[0] - positions[1], values[0]),
             (high, positions[last] - positions[last - 1], values[last]),
@@ -299,7 +302,8 @@ fn a_random_curve_is_smooth_and_within_its_maxima() {
             let position = low - 61.0 + f64::from(step) * width;
             let now = curve.at(position);
             for order in 0..3 {
-                // A derivative without steps changes by at most the maximum of the next one times the interval.
+                // A derivative without steps changes by at most the maximum of the next one times the
+                // interval.
                 let max = maxima[order + 1].0 * width * (1.0 + 1e-9) + 1e-12;
                 assert!(
                     (now[order] - before[order]).abs() <= max,

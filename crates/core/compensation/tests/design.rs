@@ -23,7 +23,8 @@ fn with_axis(axis: AxisErrors) -> MachineErrors {
     errors
 }
 
-/// 8 (B/2)/T^3 = 0.1 J gives T = (0.08/20000)^(1/3) = 15.874 ms; by hand: 1.5 0.01/T = 0.9449 mm/s, 4 0.01/T^2 = 158.74 mm/s2.
+/// 8 (B/2)/T^3 = 0.1 J gives T = (0.08/20000)^(1/3) = 15.874 ms; by hand: 1.5 0.01/T = 0.9449 mm/s, 4
+/// 0.01/T^2 = 158.74 mm/s2.
 #[test]
 fn the_reserve_for_backlash_follows_the_formula() {
     let design = design(&with_axis(AxisErrors {
@@ -50,8 +51,8 @@ fn the_reserve_for_backlash_follows_the_formula() {
     assert!((design.largest_correction()[0] - 0.01).abs() < 1e-15);
 }
 
-/// Two points, 8 um over 10 mm: the slope is 8e-4, and it fades to zero on both sides with at most 1.6e-4 1/mm (half-way) and 3.2e-5 1/mm2.
-/// By the chain rule at 50 mm/s.
+/// Two points, 8 um over 10 mm: the slope is 8e-4, and it fades to zero on both sides with at most 1.6e-4
+/// 1/mm (half-way) and 3.2e-5 1/mm2. By the chain rule at 50 mm/s.
 #[test]
 fn the_reserve_for_a_table_follows_the_chain_rule() {
     let table = ScrewTable::new(&[0.0, 10.0], &[0.002, -0.006], None).unwrap();

@@ -1,5 +1,5 @@
-//! Random errors and random motions at the planned limits: the corrected setpoints keep the limits of the axes, and their
-//! derivatives are those of their positions.
+//! Random errors and random motions at the planned limits: the corrected setpoints keep the limits of the
+//! axes, and their derivatives are those of their positions.
 
 use evolvent_compensation::{
     AxisErrors, AxisLimits, Design, MachineErrors, ScrewTable, Squareness, ThermalSettings,
@@ -134,7 +134,8 @@ fn corrected_setpoints_keep_the_limits() {
     assert!(closest.iter().all(|ratio| *ratio > 0.95), "{closest:?}");
 }
 
-/// Velocity and acceleration against central differences at 100 kHz, and jerk against differences of the acceleration.
+/// Velocity and acceleration against central differences at 100 kHz, and jerk against differences of the
+/// acceleration.
 #[test]
 fn derivatives_match_positions() {
     let mut random = Random::seeded(16_705);
@@ -146,7 +147,8 @@ fn derivatives_match_positions() {
     }
 }
 
-/// The same with a backlash that varies by 40 um over 30 mm, so that every term of the chain rule contributes.
+/// The same with a backlash that varies by 40 um over 30 mm, so that every term of the chain rule
+/// contributes.
 #[test]
 fn derivatives_match_positions_with_varying_backlash() {
     let mut random = Random::seeded(16_706);

@@ -87,6 +87,7 @@ fn a_circle_of_an_inaccurate_machine_is_round() {
     let [away, near] = circle(&errors());
     // The curve between the points of the table, and the second-order term error times slope.
     assert!(away < 0.0002, "{away}");
-    // The take-up lasts 48 ms; meanwhile part of the backlash remains, almost all of it in the radial direction.
+    // The take-up lasts 48 ms; meanwhile part of the backlash remains, almost all of it in the radial
+    // direction.
     assert!(near < 0.021, "{near}");
 }

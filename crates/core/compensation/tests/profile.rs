@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use evolvent_compensation::AxisLimits;
 use evolvent_random::Random;
 
-/// Oscillation at the limits: steps of the target velocity through two moving averages, so that jerk is constant within each
-/// cycle, and velocity, acceleration and jerk reach but do not exceed their limits.
+/// Oscillation at the limits: steps of the target velocity through two moving averages, so that jerk is
+/// constant within each cycle, and velocity, acceleration and jerk reach but do not exceed their limits.
 pub(crate) struct Profile {
     velocity: f64,
     period_s: f64,

@@ -11,8 +11,9 @@ use crate::words::{in_plain_words, one_line, plain, shortened, with_plain_number
 
 /// A user-written configuration file, parsed once: TOML, or JSON if the file name ends in `.json`.
 ///
-/// [`ConfigDocument::read`] deserializes it (unknown keys, missing keys and wrong types are errors as far as the type
-/// requires). [`ConfigDocument::number`] and [`ConfigDocument::error`] serve the checks that follow; both take a dotted key.
+/// [`ConfigDocument::read`] deserializes it (unknown keys, missing keys and wrong types are errors as far as
+/// the type requires). [`ConfigDocument::number`] and [`ConfigDocument::error`] serve the checks that follow;
+/// both take a dotted key.
 #[derive(Debug)]
 pub struct ConfigDocument<'a> {
     file: &'a str,
@@ -27,7 +28,8 @@ enum Content<'a> {
 }
 
 impl<'a> ConfigDocument<'a> {
-    /// Parses `text`. `file` is the name in error messages; the ending `.json` selects JSON, anything else TOML.
+    /// Parses `text`. `file` is the name in error messages; the ending `.json` selects JSON, anything else
+    /// TOML.
     ///
     /// # Errors
     /// [`ConfigError`] with line and column if the text is not valid.
@@ -89,7 +91,8 @@ impl<'a> ConfigDocument<'a> {
         self.read_advised(|_| None)
     }
 
-    /// As [`read`](Self::read), with additional advice on unknown keys. `advice` receives the last part of the key.
+    /// As [`read`](Self::read), with additional advice on unknown keys. `advice` receives the last part of
+    /// the key.
     ///
     /// # Errors
     /// Errors of serde, with line, column and key.

@@ -8,8 +8,8 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Time limit for opening and reading one file. A local disk takes milliseconds and a slow network share less than a second;
-/// an NFS server that does not respond blocks a reader for minutes or forever.
+/// Time limit for opening and reading one file. A local disk takes milliseconds and a slow network share less
+/// than a second; an NFS server that does not respond blocks a reader for minutes or forever.
 pub const FILE_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Interval between attempts to open a file on which another program holds a lease.
@@ -17,8 +17,8 @@ const LEASE_POLL: Duration = Duration::from_millis(20);
 
 /// Opens a regular file for reading.
 ///
-/// Pipes, sockets, devices and folders are rejected without being opened: opening a pipe waits for its writer. The call can
-/// still block if the file system does; threads that must not wait call [`within`].
+/// Pipes, sockets, devices and folders are rejected without being opened: opening a pipe waits for its
+/// writer. The call can still block if the file system does; threads that must not wait call [`within`].
 ///
 /// # Errors
 /// The error of the operating system, [`ErrorKind::InvalidInput`] for anything but a regular file, and
@@ -61,7 +61,8 @@ fn reject_special(facts: &std::fs::Metadata) -> Result<()> {
     Err(Error::new(ErrorKind::InvalidInput, what))
 }
 
-/// Reads a regular file of at most `max_bytes`; of a longer file, `max_bytes + 1` bytes, so that the caller can detect it.
+/// Reads a regular file of at most `max_bytes`; of a longer file, `max_bytes + 1` bytes, so that the caller
+/// can detect it.
 ///
 /// Another thread reads it; that thread is abandoned if the file system does not respond.
 ///

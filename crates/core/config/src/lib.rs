@@ -1,8 +1,9 @@
-//! Reads user-written configuration files, with errors that name file, line, column and key, and writes results whole.
+//! Reads user-written configuration files, with errors that name file, line, column and key, and writes
+//! results whole.
 //!
-//! Input: the text of a TOML or JSON file. Output: a deserialized type, or a [`ConfigError`] that says what is wrong, where,
-//! and what to do. [`ConfigDocument`] keeps the positions of all keys, so that checks after deserialization can name them
-//! too. [`shortened`] and [`plain`] format values in messages.
+//! Input: the text of a TOML or JSON file. Output: a deserialized type, or a [`ConfigError`] that says what
+//! is wrong, where, and what to do. [`ConfigDocument`] keeps the positions of all keys, so that checks after
+//! deserialization can name them too. [`shortened`] and [`plain`] format values in messages.
 //!
 //! ```
 //! use evolvent_config::ConfigDocument;
@@ -20,13 +21,14 @@
 //! # Ok::<(), evolvent_config::ConfigError>(())
 //! ```
 //!
-//! [`open_regular`], [`read_regular`] and [`read_text`] open regular files only, with a time limit. [`OutputFile`] and
-//! [`write_whole`] write a file completely or not at all; [`check_outputs`] compares the files that a command writes with those
-//! that it reads. [`ProgramNumber`] writes numbers of part programs.
+//! [`open_regular`], [`read_regular`] and [`read_text`] open regular files only, with a time limit.
+//! [`OutputFile`] and [`write_whole`] write a file completely or not at all; [`check_outputs`] compares the
+//! files that a command writes with those that it reads. [`ProgramNumber`] writes numbers of part programs.
 //!
 //! # Guarantees
 //!
-//! No input panics. Messages are single lines of bounded length. Everything allocates: use it at start-up, not in the cycle.
+//! No input panics. Messages are single lines of bounded length. Everything allocates: use it at start-up,
+//! not in the cycle.
 
 mod config_document;
 mod error;

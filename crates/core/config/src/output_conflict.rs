@@ -31,10 +31,11 @@ pub enum OutputConflict {
     },
 }
 
-/// Compares the files that a command writes with those that it reads, and with one another, before anything is written.
+/// Compares the files that a command writes with those that it reads, and with one another, before anything
+/// is written.
 ///
-/// Files are the same by device and inode: another spelling of the path and links of both kinds lead to the same file. A device,
-/// a pipe or a socket is no file: it may be named for several outputs.
+/// Files are the same by device and inode: another spelling of the path and links of both kinds lead to the
+/// same file. A device, a pipe or a socket is no file: it may be named for several outputs.
 ///
 /// ```
 /// # let folder = tempfile::tempdir()?;

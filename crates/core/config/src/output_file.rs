@@ -7,11 +7,12 @@ use tempfile::NamedTempFile;
 
 /// A file that is either written completely or stays what it was.
 ///
-/// The bytes go to a hidden file in the same folder, which [`OutputFile::finish`] puts on disk and renames. A file that is
-/// dropped before is removed. The rights of a file that is replaced stay as they were, and a symbolic link stays a link.
+/// The bytes go to a hidden file in the same folder, which [`OutputFile::finish`] puts on disk and renames. A
+/// file that is dropped before is removed. The rights of a file that is replaced stay as they were, and a
+/// symbolic link stays a link.
 ///
-/// A device, a pipe or a socket is written to as it is: it has nothing to keep whole, and a rename would put an ordinary
-/// file in the place of `/dev/null`.
+/// A device, a pipe or a socket is written to as it is: it has nothing to keep whole, and a rename would put
+/// an ordinary file in the place of `/dev/null`.
 ///
 /// Not for the cycle: it waits for the disk.
 ///
@@ -119,7 +120,8 @@ fn hidden_file(path: &Path) -> io::Result<NamedTempFile> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
-        // A temporary file is private to its owner otherwise; a new file has the rights that the user's mask leaves.
+        // A temporary file is private to its owner otherwise; a new file has the rights that the user's mask
+        // leaves.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let aside = builder.tempfile_in(folder_of(path))?;

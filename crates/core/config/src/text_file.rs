@@ -40,7 +40,8 @@ pub enum TextFileError {
     },
 }
 
-/// The text of a regular file of at most `max_bytes`, and the name of the file for messages; `kind` says what it should be.
+/// The text of a regular file of at most `max_bytes`, and the name of the file for messages; `kind` says what
+/// it should be.
 ///
 /// # Errors
 /// The file cannot be read in time, is too long, or is not UTF-8.

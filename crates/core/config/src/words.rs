@@ -31,7 +31,8 @@ fn shortened_to(text: &str, most_chars: usize) -> String {
     }
 }
 
-/// Numbers with more digits are put as [`plain`] puts them. Those of a double number are 17, and a file may write some more.
+/// Numbers with more digits are put as [`plain`] puts them. Those of a double number are 17, and a file may
+/// write some more.
 const MAX_DIGITS: usize = 24;
 
 /// A message in which no number fills lines: others format what a user has written as it comes.

@@ -1,7 +1,7 @@
 //! The diagrams of the control rate: figures 3, 4 and 5 of Kombarov and Sorokin, as one SVG.
 //!
-//! Text remains text in the SVG, so drawing needs no font. All axes are logarithmic: the limits are power laws and become
-//! straight lines. Lines are labelled at their ends instead of in a legend.
+//! Text remains text in the SVG, so drawing needs no font. All axes are logarithmic: the limits are power
+//! laws and become straight lines. Lines are labelled at their ends instead of in a legend.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -47,11 +47,13 @@ type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<Log, Log>>;
 type Limit<'a> = (&'a str, RGBColor, &'a dyn Fn(f64) -> f64);
 type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 
-/// Draws figure 3 (feed that acceleration, jerk and maximum feed permit, over the radius), figure 4 (control rate over feed,
-/// by radius, with the lines at which acceleration and jerk limit it) and figure 5 (control rate over acceleration, by grid)
-/// below one another. The point that requires the rational rate is marked in each.
+/// Draws figure 3 (feed that acceleration, jerk and maximum feed permit, over the radius), figure 4 (control
+/// rate over feed, by radius, with the lines at which acceleration and jerk limit it) and figure 5 (control
+/// rate over acceleration, by grid) below one another. The point that requires the rational rate is marked in
+/// each.
 ///
-/// `title` is the heading, for example the machine's name. Returns the text of an SVG file. Not real-time safe.
+/// `title` is the heading, for example the machine's name. Returns the text of an SVG file. Not real-time
+/// safe.
 ///
 /// # Errors
 /// Those of [`rational_rate`]; drawing itself has no cause to fail.
@@ -59,8 +61,9 @@ pub fn figures_svg(input: &RateInput, title: &str) -> Result<String, FigureError
     figures_svg_of_axes(input, &[], title)
 }
 
-/// As [`figures_svg`], with one figure 3 for each axis with its own limits, as in the paper (3a, 3b, ..): acceleration of one
-/// axis and jerk of another belong to no motion. Without axes there is one figure 3, for `input`.
+/// As [`figures_svg`], with one figure 3 for each axis with its own limits, as in the paper (3a, 3b, ..):
+/// acceleration of one axis and jerk of another belong to no motion. Without axes there is one figure 3, for
+/// `input`.
 ///
 /// # Errors
 /// As [`figures_svg`], also for the limits of an axis.
@@ -380,8 +383,8 @@ fn log_log<'a, 'b>(
 
 /// Points of a curve over a logarithmic parameter, as far as they are within the range of y.
 ///
-/// SVG coordinates are rounded to pixels, which makes a straight line of many points ragged. Points on the line through their
-/// neighbours are therefore dropped.
+/// SVG coordinates are rounded to pixels, which makes a straight line of many points ragged. Points on the
+/// line through their neighbours are therefore dropped.
 fn curve(over: &Span, point: impl Fn(f64) -> Option<(f64, f64)>, y: &Span) -> Vec<(f64, f64)> {
     let (start, end) = (libm::log(over.start), libm::log(over.end));
     let all: Vec<_> = (0..=STEPS)

@@ -1,7 +1,7 @@
 //! The machine: axes, limits, configuration, and the rational control rate.
 //!
-//! Input: a machine file (TOML, see `config/machines/`). Output: a checked [`Machine`], and the control rate that its limits
-//! require.
+//! Input: a machine file (TOML, see `config/machines/`). Output: a checked [`Machine`], and the control rate
+//! that its limits require.
 //!
 //! ```
 //! use evolvent_machine::{chord_error_increments, rate_for};
@@ -14,29 +14,30 @@
 //!
 //! # Model
 //!
-//! [`Machine::load`] checks the file once. After that every number is finite, plausible for a machine, and in mm (degrees for
-//! rotary axes) and seconds, whatever unit the file uses. [`Machine::limits`] gives the limits of the nine axes as vectors.
+//! [`Machine::load`] checks the file once. After that every number is finite, plausible for a machine, and in
+//! mm (degrees for rotary axes) and seconds, whatever unit the file uses. [`Machine::limits`] gives the
+//! limits of the nine axes as vectors.
 //!
-//! How fast must the control loop run? Between two setpoints a drive moves along a chord, which deviates from a curved path by
-//! its sagitta. Three functions solve the same equation for different unknowns:
+//! How fast must the control loop run? Between two setpoints a drive moves along a chord, which deviates from
+//! a curved path by its sagitta. Three functions solve the same equation for different unknowns:
 //!
 //! - [`chord_error_increments`]: the error, from rate, feed and radius.
-//! - [`rate_for`]: the rate, from feed, radius and permitted error. [`rational_rate`] takes the maximum over every feed and
-//!   radius that the limits of a machine permit.
-//! - [`chord_feed_limit_mm_s`]: the feed, from rate, curvature and permitted error. The planner keeps this limit, so the error
-//!   is permitted at any rate, and too low a rate costs time instead.
+//! - [`rate_for`]: the rate, from feed, radius and permitted error. [`rational_rate`] takes the maximum over
+//!   every feed and radius that the limits of a machine permit.
+//! - [`chord_feed_limit_mm_s`]: the feed, from rate, curvature and permitted error. The planner keeps this
+//!   limit, so the error is permitted at any rate, and too low a rate costs time instead.
 //!
 //! [`figures_svg`] draws the corresponding diagrams.
 //!
 //! # Guarantees
 //!
-//! Errors name file, line, column and key, and say what to do. The functions of the chord error are real-time safe; everything
-//! else is for start-up. The crate starts no threads and knows no G-code.
+//! Errors name file, line, column and key, and say what to do. The functions of the chord error are real-time
+//! safe; everything else is for start-up. The crate starts no threads and knows no G-code.
 //!
 //! # Where to read on
 //!
-//! `machine.rs` for the settings, `file.rs` for the keys of the file, `parse/` for the checks; `docs/contract.md` for the
-//! user's view of the machine file.
+//! `machine.rs` for the settings, `file.rs` for the keys of the file, `parse/` for the checks;
+//! `docs/contract.md` for the user's view of the machine file.
 
 mod chord;
 mod corrections;

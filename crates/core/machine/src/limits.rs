@@ -49,8 +49,8 @@ impl Limits {
         limits
     }
 
-    /// The velocity of a path parameter at which the first axis reaches its limit, for the first derivatives of the axes by the
-    /// parameter; infinite where no axis moves.
+    /// The velocity of a path parameter at which the first axis reaches its limit, for the first derivatives
+    /// of the axes by the parameter; infinite where no axis moves.
     ///
     /// ```
     /// use evolvent_path::Axes;

@@ -183,27 +183,30 @@ impl RateInput {
         self.acceleration_mm_s2 * ratio * ratio
     }
 
-    /// Radius in mm above which the maximum feed is the active limit, and below which it is acceleration: `F^2 / A`.
+    /// Radius in mm above which the maximum feed is the active limit, and below which it is acceleration:
+    /// `F^2 / A`.
     #[must_use]
     pub fn acceleration_to_feed_radius_mm(&self) -> f64 {
         self.max_feed_mm_s * self.max_feed_mm_s / self.acceleration_mm_s2
     }
 
-    /// Radius in mm above which the maximum feed is the active limit, and below which it is jerk: `sqrt(F^3 / J)`.
+    /// Radius in mm above which the maximum feed is the active limit, and below which it is jerk:
+    /// `sqrt(F^3 / J)`.
     #[must_use]
     pub fn jerk_to_feed_radius_mm(&self) -> f64 {
         self.max_feed_mm_s * (self.max_feed_mm_s / self.jerk_mm_s3).sqrt()
     }
 }
 
-/// The rational control rate: the maximum of (4) over all radii from the minimum radius up, at the feed that (5) permits.
+/// The rational control rate: the maximum of (4) over all radii from the minimum radius up, at the feed that
+/// (5) permits.
 ///
-/// The maximum is computed exactly, without a search, because the shape of each piece of the curve is known. With the
-/// permitted error `D` and `R k >= D`: on the feed limit the rate decreases with the radius, on the acceleration limit it
-/// decreases (towards [`acceleration_rate_hz`](crate::acceleration_rate_hz)), on the jerk limit it decreases up to
-/// `R k = 2 D` and increases beyond. For `R k < D` it decreases on every limit (see [`max_chord_mm`](crate::max_chord_mm)). So
-/// the maximum is where two limits cross, or at the minimum radius. With jerk alone there is no maximum; the result is then
-/// that of a radius of 1e9 mm.
+/// The maximum is computed exactly, without a search, because the shape of each piece of the curve is known.
+/// With the permitted error `D` and `R k >= D`: on the feed limit the rate decreases with the radius, on the
+/// acceleration limit it decreases (towards [`acceleration_rate_hz`](crate::acceleration_rate_hz)), on the
+/// jerk limit it decreases up to `R k = 2 D` and increases beyond. For `R k < D` it decreases on every limit
+/// (see [`max_chord_mm`](crate::max_chord_mm)). So the maximum is where two limits cross, or at the minimum
+/// radius. With jerk alone there is no maximum; the result is then that of a radius of 1e9 mm.
 ///
 /// Not for the cycle, although it does not allocate.
 ///

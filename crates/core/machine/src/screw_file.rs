@@ -1,7 +1,8 @@
 //! Tables of screw errors: CSV, JSON, and LinuxCNC's COMP_FILE.
 //!
-//! CSV and JSON contain the result of a laser or gauge measurement: the error, position reached minus position commanded.
-//! LinuxCNC's type 0 contains the position reached, type 1 the correction. All become corrections in mm or degrees.
+//! CSV and JSON contain the result of a laser or gauge measurement: the error, position reached minus
+//! position commanded. LinuxCNC's type 0 contains the position reached, type 1 the correction. All become
+//! corrections in mm or degrees.
 
 use evolvent_compensation::{ScrewTable, TableError};
 use evolvent_config::{ConfigDocument, ConfigError, shortened};

@@ -63,7 +63,8 @@ fn tables_of_all_formats_are_read_into_corrections() {
         (-100.0, -0.003, 0.0025),
         (0.0, 0.0, 0.005),
         (100.0, 0.004, 0.009),
-        // The slopes at the end are 0.0425 and 0.04375 um/mm; half-way 5/12 of 100 mm of them have been added, and 1/2 in the end.
+        // The slopes at the end are 0.0425 and 0.04375 um/mm; half-way 5/12 of 100 mm of them have been
+        // added, and 1/2 in the end.
         (
             150.0,
             0.004 + 0.004_25 * 5.0 / 12.0,
@@ -95,7 +96,8 @@ fn tables_of_all_formats_are_read_into_corrections() {
     assert_corrections(&machine, 3, &[(0.0, 0.0, -0.01), (90.0, 0.01, 0.0)]);
 }
 
-/// The example of LinuxCNC's manual, type 0; LinuxCNC adds nominal minus given. In inches it is 25.4 times as much.
+/// The example of LinuxCNC's manual, type 0; LinuxCNC adds nominal minus given. In inches it is 25.4 times as
+/// much.
 #[test]
 fn comp_files_have_the_meaning_of_linuxcnc() {
     let absolute = "-1.000 -1.005 -0.995\n0.000 0.002 -0.003\n1.000 1.003 0.998\n";
@@ -148,7 +150,8 @@ fn squareness_and_thermal_inputs_are_read() {
     assert!((after[5000] - 5.025).abs() < 1e-4 && (after[11_999] - 5.03).abs() < 1e-9);
 }
 
-/// While an axis moves by 100 mm the tool drifts by what the key of the pair says, and by nothing else: the slides go back as much.
+/// While an axis moves by 100 mm the tool drifts by what the key of the pair says, and by nothing else: the
+/// slides go back as much.
 #[test]
 fn each_pair_of_axes_has_its_own_squareness() {
     let z = Y.replace("\"Y\"", "\"Z\"");

@@ -236,7 +236,8 @@ fn figure_3_is_drawn_for_each_axis_by_its_own_limits() {
         heads[0].contains("limits of X") && heads[1].contains("limits of Z"),
         "{heads:?}"
     );
-    // The line of X's jerk is that of X alone: at 100 mm it permits 60 cbrt(5000 1e4) = 22 104 mm/min, Z's 47 622.
+    // The line of X's jerk is that of X alone: at 100 mm it permits 60 cbrt(5000 1e4) = 22 104 mm/min, Z's 47
+    // 622.
     let alone = figures_svg_of_axes(&x, &[('X', x)], "ucp").unwrap();
     // Height of the line over radius in the first figure, independent of the numbering of lines.
     let lines = |svg: &str| -> Vec<String> {

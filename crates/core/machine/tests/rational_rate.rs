@@ -131,8 +131,8 @@ fn acceleration_alone_needs_its_rate_at_minimum_radius() {
 
 #[test]
 fn chord_error_is_stable_on_the_finest_grid() {
-    // 100 km radius on a 1 nm grid: r = 1e14 increments; the printed form of (1) would give 0 or 0.0156 steps.
-    // Independent: h^2 / (2 r) (1 + h^2 / (4 r^2)), exact to 1e-22 here.
+    // 100 km radius on a 1 nm grid: r = 1e14 increments; the printed form of (1) would give 0 or 0.0156
+    // steps. Independent: h^2 / (2 r) (1 + h^2 / (4 r^2)), exact to 1e-22 here.
     let (rate, feed, radius, k) = (1000.0, 500.0, 1e8, 1e6);
     let half = feed * k / (2.0 * rate);
     let r = radius * k;
@@ -329,8 +329,8 @@ proptest! {
         }
     }
 
-    /// At the feed limit the chord error equals the permitted one; the planner relies on this. Below `R k = D` the
-    /// chord is a diameter and the error is the radius.
+    /// At the feed limit the chord error equals the permitted one; the planner relies on this. Below
+    /// `R k = D` the chord is a diameter and the error is the radius.
     #[test]
     fn the_feed_limit_reaches_the_permitted_error(
         rate_hz in 250.0..35_000.0_f64,

@@ -10,15 +10,15 @@ use crate::plane::{
 use crate::quadrature::{integrate, invert};
 use crate::{Axes, CurveError, Jet, Plane, Sense};
 
-/// A circular arc of any number of turns in a plane. The seven axes outside the plane are linear in the swept angle, so
-/// motion of the normal axis makes a helix.
+/// A circular arc of any number of turns in a plane. The seven axes outside the plane are linear in the swept
+/// angle, so motion of the normal axis makes a helix.
 ///
-/// The swept angle is proportional to the regular parameter. If the radii at start and end differ, the radius varies
-/// linearly with the angle so that both ends are met; arc length then differs slightly from the regular parameter and is
-/// integrated to 1e-13 of the length. With equal radii both are identical.
+/// The swept angle is proportional to the regular parameter. If the radii at start and end differ, the radius
+/// varies linearly with the angle so that both ends are met; arc length then differs slightly from the
+/// regular parameter and is integrated to 1e-13 of the length. With equal radii both are identical.
 ///
-/// Points are computed from the start point by the sine and versine of the swept angle, not from the centre. A flat arc
-/// about a centre 100 km away is therefore as accurate as any other.
+/// Points are computed from the start point by the sine and versine of the swept angle, not from the centre.
+/// A flat arc about a centre 100 km away is therefore as accurate as any other.
 /// a flat arc about a centre 100 km away is as exact as any other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arc {
@@ -36,8 +36,9 @@ pub struct Arc {
 }
 
 impl Arc {
-    /// Creates the arc from `start` to `end` about `centre`, in-plane coordinates in mm. `turns` counts the full turns beyond
-    /// the first partial one (RS274/NGC's P word minus one). Equal end points in the plane make a full circle.
+    /// Creates the arc from `start` to `end` about `centre`, in-plane coordinates in mm. `turns` counts the
+    /// full turns beyond the first partial one (RS274/NGC's P word minus one). Equal end points in the plane
+    /// make a full circle.
     ///
     /// The radii at start and end may differ. Whether the difference is acceptable is the caller's decision.
     ///
@@ -120,7 +121,8 @@ impl Arc {
         mix(self.plane.project(&self.start), 1.0, self.radial, -self.radius)
     }
 
-    /// The part between two arc lengths in mm, `from < to`. A part that reaches an end of the arc keeps that end bit for bit.
+    /// The part between two arc lengths in mm, `from < to`. A part that reaches an end of the arc keeps that
+    /// end bit for bit.
     #[must_use]
     pub(crate) fn part(&self, from: f64, to: f64) -> Self {
         let (u0, u1) = (self.parameter(from), self.parameter(to));

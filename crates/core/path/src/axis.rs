@@ -5,8 +5,8 @@ pub const AXES: usize = 9;
 
 /// One number per axis in the order X Y Z A B C U V W.
 ///
-/// Linear axes (XYZ, UVW) are in millimetres, rotary axes (ABC) in degrees. Coordinates keep the unit of their axis from
-/// program to bus: nothing between them needs the sine of a rotary axis.
+/// Linear axes (XYZ, UVW) are in millimetres, rotary axes (ABC) in degrees. Coordinates keep the unit of
+/// their axis from program to bus: nothing between them needs the sine of a rotary axis.
 pub type Axes = nalgebra::SVector<f64, AXES>;
 
 /// An axis, identified by its letter.

@@ -16,8 +16,9 @@ const MIN_DOMAIN: f64 = 1e-9;
 
 /// A polynomial of degree five in the regular parameter, on all nine axes.
 ///
-/// It matches position and the first two derivatives by the regular parameter at both ends. Arc length is integrated
-/// numerically, to 1e-12 of the length where the speed does not vanish inside the blend, otherwise to about 1e-8.
+/// It matches position and the first two derivatives by the regular parameter at both ends. Arc length is
+/// integrated numerically, to 1e-12 of the length where the speed does not vanish inside the blend, otherwise
+/// to about 1e-8.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Blend {
     /// Coefficients of the powers of `u / domain`.
@@ -29,12 +30,12 @@ pub struct Blend {
 }
 
 impl Blend {
-    /// Creates the blend from `left` to `right` over `domain` by quintic Hermite interpolation: it matches position, first
-    /// and second derivative by the regular parameter at both ends.
+    /// Creates the blend from `left` to `right` over `domain` by quintic Hermite interpolation: it matches
+    /// position, first and second derivative by the regular parameter at both ends.
     ///
     /// # Errors
-    /// [`CurveError::Domain`]; [`CurveError::Coordinate`] or [`CurveError::Derivative`] for values that are not finite or
-    /// out of range; [`CurveError::ZeroLength`] if no axis moves.
+    /// [`CurveError::Domain`]; [`CurveError::Coordinate`] or [`CurveError::Derivative`] for values that are
+    /// not finite or out of range; [`CurveError::ZeroLength`] if no axis moves.
     pub fn hermite(left: &Jet, right: &Jet, domain: f64) -> Result<Self, CurveError> {
         if !(MIN_DOMAIN..=MAX_COORDINATE).contains(&domain) {
             return Err(CurveError::Domain { domain });

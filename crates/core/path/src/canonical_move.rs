@@ -9,8 +9,9 @@ pub struct Move {
     pub curve: Curve,
     /// Rapid or feed.
     pub kind: MoveKind,
-    /// Programmed speed in the feed metric of the curve (mm/s; deg/s if only rotary axes move), before override. G93 and
-    /// G95 are already resolved. Infinite for rapids: the axis limits alone bound the speed.
+    /// Programmed speed in the feed metric of the curve (mm/s; deg/s if only rotary axes move), before
+    /// override. G93 and G95 are already resolved. Infinite for rapids: the axis limits alone bound the
+    /// speed.
     pub feed_mm_s: f64,
     /// How the joint between this move and the next is treated.
     pub path_mode: PathMode,
@@ -34,11 +35,12 @@ pub enum PathMode {
     ExactStop,
     /// G64: joints may be rounded.
     Blend {
-        /// Maximum distance between the programmed and the driven path in mm (G64 P). `None` without P: the machine's
-        /// default applies.
+        /// Maximum distance between the programmed and the driven path in mm (G64 P). `None` without P: the
+        /// machine's default applies.
         tolerance_mm: Option<f64>,
-        /// Maximum distance in mm of a point from the line through its neighbours for the point to be dropped (G64 Q),
-        /// so that short lines are merged. `None` without Q: the tolerance of P applies. 0 merges nothing.
+        /// Maximum distance in mm of a point from the line through its neighbours for the point to be dropped
+        /// (G64 Q), so that short lines are merged. `None` without Q: the tolerance of P applies. 0 merges
+        /// nothing.
         merge_mm: Option<f64>,
     },
 }

@@ -6,13 +6,13 @@ use crate::{Arc, Axes, Blend, Involute, Jet, Line, Sense, Spline};
 
 /// The operations common to all curves.
 ///
-/// A curve has two parameters: the *regular parameter* `u` in `0..=domain()`, by which every derivative is finite, and
-/// the *arc length* `s` in `0..=length()`. They are identical on lines and on arcs of constant radius; they differ near
-/// an involute's base circle, on arcs with two radii, on blends and on splines. Parameters outside the range are clamped
-/// to it; NaN is treated as the start.
+/// A curve has two parameters: the *regular parameter* `u` in `0..=domain()`, by which every derivative is
+/// finite, and the *arc length* `s` in `0..=length()`. They are identical on lines and on arcs of constant
+/// radius; they differ near an involute's base circle, on arcs with two radii, on blends and on splines.
+/// Parameters outside the range are clamped to it; NaN is treated as the start.
 ///
-/// Lengths are measured in the feed metric of RS274/NGC: mm of XYZ; if XYZ does not move, mm of UVW; if UVW does not
-/// move either, degrees of ABC.
+/// Lengths are measured in the feed metric of RS274/NGC: mm of XYZ; if XYZ does not move, mm of UVW; if UVW
+/// does not move either, degrees of ABC.
 ///
 /// *Real-time safe* means: no allocation, no lock, bounded time, so the cycle may call it.
 pub trait ParamCurve {
@@ -37,11 +37,12 @@ pub trait ParamCurve {
     /// Arc length from the start to the regular parameter `u`. Not real-time safe: may integrate numerically.
     fn arc_length(&self, u: f64) -> f64;
 
-    /// The regular parameter at the arc length `s`, the inverse of [`arc_length`](Self::arc_length). Not real-time safe.
+    /// The regular parameter at the arc length `s`, the inverse of [`arc_length`](Self::arc_length). Not
+    /// real-time safe.
     fn parameter(&self, s: f64) -> f64;
 
-    /// Position and derivatives by arc length. They are infinite at an involute's base-circle point and where the speed of
-    /// a blend vanishes. Not real-time safe.
+    /// Position and derivatives by arc length. They are infinite at an involute's base-circle point and where
+    /// the speed of a blend vanishes. Not real-time safe.
     fn at(&self, s: f64) -> Jet;
 
     /// Unit tangent of the XYZ curve at arc length `s`; zero where XYZ does not move. Not real-time safe.
@@ -62,16 +63,17 @@ pub trait ParamCurve {
     /// The sense of rotation of the curve in its plane. Real-time safe.
     fn sense(&self) -> Sense;
 
-    /// Minimum and maximum position of every axis between two regular parameters, for travel checks. Exact to rounding.
-    /// Not real-time safe.
+    /// Minimum and maximum position of every axis between two regular parameters, for travel checks. Exact to
+    /// rounding. Not real-time safe.
     fn bounds(&self, u0: f64, u1: f64) -> (Axes, Axes);
 
-    /// Upper bounds of |q'|, |q''| and |q'''| by the regular parameter for every axis, between two parameters. Always
-    /// valid, and tight where the derivatives vary little over the range. Not real-time safe.
+    /// Upper bounds of |q'|, |q''| and |q'''| by the regular parameter for every axis, between two
+    /// parameters. Always valid, and tight where the derivatives vary little over the range. Not real-time
+    /// safe.
     fn derivative_bounds(&self, u0: f64, u1: f64) -> (Axes, Axes, Axes);
 
-    /// Upper bound of the XYZ curvature in 1/mm between two regular parameters; infinite if the range contains an
-    /// involute's base-circle point. Not real-time safe.
+    /// Upper bound of the XYZ curvature in 1/mm between two regular parameters; infinite if the range
+    /// contains an involute's base-circle point. Not real-time safe.
     fn curvature_bound(&self, u0: f64, u1: f64) -> f64;
 
     /// The same curve traversed in the opposite direction.
@@ -110,8 +112,9 @@ macro_rules! each {
 
 /// The functions of [`ParamCurve`], without importing the trait.
 impl Curve {
-    /// The part of a line or an arc between two arc lengths, `from < to`. With `from = 0` or `to = length()` that end is
-    /// kept bit for bit. `None` for other curves, and for a part without length. Not real-time safe.
+    /// The part of a line or an arc between two arc lengths, `from < to`. With `from = 0` or `to = length()`
+    /// that end is kept bit for bit. `None` for other curves, and for a part without length. Not real-time
+    /// safe.
     #[must_use]
     pub fn part(&self, from: f64, to: f64) -> Option<Self> {
         if !(to > from) {

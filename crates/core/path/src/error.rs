@@ -4,7 +4,8 @@ use thiserror::Error;
 
 use crate::{Axes, AxisLetter};
 
-/// Maximum magnitude of coordinates and radii, in mm or degrees (1000 km). Larger values are taken for a mistake.
+/// Maximum magnitude of coordinates and radii, in mm or degrees (1000 km). Larger values are taken for a
+/// mistake.
 pub const MAX_COORDINATE: f64 = 1e9;
 
 /// Minimum radius in mm (1 nm). Smaller values are taken for a mistake.

@@ -36,10 +36,11 @@ impl Milling {
 
 /// A hole and the tool that mills it.
 ///
-/// After V. F. Sorokin, T. P. But, V. V. Kombarov, "Synthesis of involute paths of high-speed machining of holes",
-/// Aerospace Technic and Technology 7 (104), 2013; numbers in parentheses are its equations. All lengths refer to the
-/// tool centre. An involute of n turns with base radius r = R / (2 pi n) (5) ends on the final circle of radius R with
-/// equal tangent and curvature; only the derivative of the curvature steps there, by 1 / (r^2 phi^3).
+/// After V. F. Sorokin, T. P. But, V. V. Kombarov, "Synthesis of involute paths of high-speed machining of
+/// holes", Aerospace Technic and Technology 7 (104), 2013; numbers in parentheses are its equations. All
+/// lengths refer to the tool centre. An involute of n turns with base radius r = R / (2 pi n) (5) ends on the
+/// final circle of radius R with equal tangent and curvature; only the derivative of the curvature steps
+/// there, by 1 / (r^2 phi^3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hole {
     /// The plane of the hole.
@@ -137,19 +138,20 @@ impl HolePass {
         self.blocks.iter().map(|block| block.figures.length_mm).sum()
     }
 
-    /// Number of turns of the involute that remain: the rotation of its tangent from the start to the circle. Close to the
-    /// paper's `(1 - |(x0, y0)| / R) n`, which approximates radii of curvature by distances.
+    /// Number of turns of the involute that remain: the rotation of its tangent from the start to the circle.
+    /// Close to the paper's `(1 - |(x0, y0)| / R) n`, which approximates radii of curvature by distances.
     #[must_use]
     pub fn visible_turns(&self) -> f64 {
         let involute = self.blocks.first().map(|block| block.figures.start_radius_mm);
         f64::from(self.turns) * (1.0 - involute.unwrap_or(0.0) / self.radius_mm)
     }
 
-    /// Range of distances from the centre of the hole in mm at which a tool of `tool_diameter_mm` fits into what this roughing pass
-    /// has cut: a later pass can move down there without cutting.
+    /// Range of distances from the centre of the hole in mm at which a tool of `tool_diameter_mm` fits into
+    /// what this roughing pass has cut: a later pass can move down there without cutting.
     ///
-    /// The lower end is 0 for a pass from the centre. A pass from another point leaves a core within its first turn, which covers
-    /// every direction at the distance that the involute has reached after it. A core narrower than the tool is cut with the turn.
+    /// The lower end is 0 for a pass from the centre. A pass from another point leaves a core within its
+    /// first turn, which covers every direction at the distance that the involute has reached after it. A
+    /// core narrower than the tool is cut with the turn.
     #[must_use]
     pub fn cleared_mm(&self, tool_diameter_mm: f64) -> [f64; 2] {
         let start_roll = self
@@ -163,7 +165,8 @@ impl HolePass {
     }
 }
 
-/// Distance from the centre of the hole of an involute of base radius `r` at roll angle `phi`: the size of (6), without cancellation.
+/// Distance from the centre of the hole of an involute of base radius `r` at roll angle `phi`: the size of
+/// (6), without cancellation.
 fn from_centre(r: f64, phi: f64) -> f64 {
     let (sin, cos, versin) = sin_cos_versin(phi);
     r * libm::hypot(phi * sin - versin, sin_less_angle_cos(phi, sin, cos))
@@ -226,9 +229,9 @@ fn mirrored_at([x, y]: Planar, at: Planar) -> Planar {
 }
 
 impl Hole {
-    /// Plans roughing: an involute from the start outwards and one revolution on the roughing circle, `allowance_mm`
-    /// short of the wall. The number of turns follows from the pitch (15) unless `turns` is given. `at` holds the axes
-    /// that do not move, such as the depth.
+    /// Plans roughing: an involute from the start outwards and one revolution on the roughing circle,
+    /// `allowance_mm` short of the wall. The number of turns follows from the pitch (15) unless `turns` is
+    /// given. `at` holds the axes that do not move, such as the depth.
     ///
     /// # Errors
     /// A [`HoleError`] that names the impossible value and its limit.
@@ -284,9 +287,9 @@ impl Hole {
         Ok(pass(blocks, radius, turns, &spiral))
     }
 
-    /// Plans finishing: an involute approach of `turns` (usually one or two) from the start, one revolution on the wall
-    /// and the mirrored departure. `allowance_mm` is what remains on the wall, usually 0. `at` holds the axes that do
-    /// not move.
+    /// Plans finishing: an involute approach of `turns` (usually one or two) from the start, one revolution
+    /// on the wall and the mirrored departure. `allowance_mm` is what remains on the wall, usually 0. `at`
+    /// holds the axes that do not move.
     ///
     /// # Errors
     /// A [`HoleError`] that names the impossible value and its limit.
@@ -375,8 +378,8 @@ impl Hole {
                         limit_mm: radius,
                     });
                 }
-                // (9). The left side has the derivative r^2 phi (1 - cos phi) / distance, which is never negative but vanishes
-                // once per turn: Newton's method needs a bracket.
+                // (9). The left side has the derivative r^2 phi (1 - cos phi) / distance, which is never
+                // negative but vanishes once per turn: Newton's method needs a bracket.
                 let distance = |phi: f64| from_centre(r, phi);
                 let slope = |phi: f64| r * r * phi * sin_cos_versin(phi).2 / distance(phi);
                 let guess = end * distance_mm / radius;
@@ -407,7 +410,8 @@ impl Hole {
         Ok(spiral)
     }
 
-    /// Converts from the coordinate system of the hole to machine coordinates; mirrors where the path runs clockwise.
+    /// Converts from the coordinate system of the hole to machine coordinates; mirrors where the path runs
+    /// clockwise.
     fn machine_position(&self, point: Planar, at: &Axes) -> Axes {
         let point = self.oriented(point);
         let (first, second, _) = self.plane.axes();
@@ -497,12 +501,12 @@ fn pass(blocks: Vec<HoleBlock>, radius_mm: f64, turns: u32, spiral: &Spiral) -> 
     }
 }
 
-/// The depths from `top_mm` down to `bottom_mm` in equal steps of at most `step_mm`. The first is one step below the
-/// top, the last is the bottom.
+/// The depths from `top_mm` down to `bottom_mm` in equal steps of at most `step_mm`. The first is one step
+/// below the top, the last is the bottom.
 ///
 /// # Errors
-/// [`HoleError::Depth`] if the bottom is not below the top or the step is not positive, [`HoleError::Depths`] if there
-/// are more than [`MAX_DEPTHS`].
+/// [`HoleError::Depth`] if the bottom is not below the top or the step is not positive, [`HoleError::Depths`]
+/// if there are more than [`MAX_DEPTHS`].
 pub fn depths_mm(top_mm: f64, bottom_mm: f64, step_mm: f64) -> Result<Vec<f64>, HoleError> {
     let depth = top_mm - bottom_mm;
     if !(depth > 0.0 && depth <= MAX_COORDINATE && step_mm > 0.0) {

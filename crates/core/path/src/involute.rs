@@ -18,16 +18,18 @@ pub const MAX_INVOLUTE_TURNS: f64 = 100.0;
 
 /// The involute of a circle: the curve traced by the end of a taut string that unwinds from the base circle.
 ///
-/// With base radius r and roll angle phi: radius of curvature r phi, arc length from the base circle r phi^2 / 2,
-/// distance from the centre r sqrt(1 + phi^2) (Sorokin, But and Kombarov 2013, equations (2), (3)). An outward involute
-/// unwinds, an inward one winds up. The sense is the sense of rotation of the tangent. The plane's normal axis and all
-/// other axes are linear in arc length (a helical involute).
+/// With base radius r and roll angle phi: radius of curvature r phi, arc length from the base circle r phi^2
+/// / 2, distance from the centre r sqrt(1 + phi^2) (Sorokin, But and Kombarov 2013, equations (2), (3)). An
+/// outward involute unwinds, an inward one winds up. The sense is the sense of rotation of the tangent. The
+/// plane's normal axis and all other axes are linear in arc length (a helical involute).
 ///
-/// If the end point is off the curve within the tolerance, it is met by an in-plane offset that grows linearly with arc
-/// length and is nowhere larger than at the end. (Growth with the roll angle would rotate the tangent at the base circle,
-/// where arc length grows with the square of the angle.) `length` and the parameters refer to the curve without offset.
+/// If the end point is off the curve within the tolerance, it is met by an in-plane offset that grows
+/// linearly with arc length and is nowhere larger than at the end. (Growth with the roll angle would rotate
+/// the tangent at the base circle, where arc length grows with the square of the angle.) `length` and the
+/// parameters refer to the curve without offset.
 ///
-/// Close to the base circle the regular parameter differs from arc length, see `Roll` in `involute/near_base.rs`.
+/// Close to the base circle the regular parameter differs from arc length, see `Roll` in
+/// `involute/near_base.rs`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Involute {
     plane: Plane,
@@ -64,12 +66,13 @@ struct Ends {
 }
 
 impl Involute {
-    /// Creates the involute of the circle of radius `base_radius_mm` about `centre` (in-plane coordinates in mm) from
-    /// `start` to `end`. The radii of the two points determine the direction, outwards or inwards, and the number of turns.
+    /// Creates the involute of the circle of radius `base_radius_mm` about `centre` (in-plane coordinates in
+    /// mm) from `start` to `end`. The radii of the two points determine the direction, outwards or inwards,
+    /// and the number of turns.
     ///
-    /// `tolerance_mm` is the permitted distance of the end from the involute through the start, and of either end to the
-    /// inside of the base circle. The parameters follow G02.2/G03.2 of the Fanuc 30i operator's manual: I, J to the centre,
-    /// R the base radius; G03.2 is [`Sense::CounterClockwise`].
+    /// `tolerance_mm` is the permitted distance of the end from the involute through the start, and of either
+    /// end to the inside of the base circle. The parameters follow G02.2/G03.2 of the Fanuc 30i operator's
+    /// manual: I, J to the centre, R the base radius; G03.2 is [`Sense::CounterClockwise`].
     ///
     /// # Errors
     /// One variant of [`InvoluteError`] for each cause.
@@ -155,7 +158,8 @@ impl Involute {
         Ok(involute)
     }
 
-    /// Rotates the curve onto its programmed end, if that is near enough, and keeps the rest as an offset of the end.
+    /// Rotates the curve onto its programmed end, if that is near enough, and keeps the rest as an offset of
+    /// the end.
     fn meet_end(
         &mut self,
         r: f64,
@@ -175,9 +179,10 @@ impl Involute {
             ..
         } = *ends;
         let (roll, handedness) = (self.roll, self.handedness);
-        // Involutes of one circle are parallel curves: rotated by an angle, they are base radius times angle apart
-        // everywhere. The foot of the end point is where the tangent equals the end's own tangent. Many turns out this is
-        // far more accurate than the radius, where a micrometre of radius means phi micrometres of path.
+        // Involutes of one circle are parallel curves: rotated by an angle, they are base radius times angle
+        // apart everywhere. The foot of the end point is where the tangent equals the end's own tangent. Many
+        // turns out this is far more accurate than the radius, where a micrometre of radius means phi
+        // micrometres of path.
         let expected = tangent_at(far, r, far_tangent_length, handedness);
         let (_, reached, _) = self.rolled(roll.roll_span());
         let angle = libm::atan2(cross(reached, expected), dot(reached, expected));
@@ -190,7 +195,8 @@ impl Involute {
 
         let distance_mm = r * angle.abs();
         let rounding = 64.0 * f64::EPSILON * ends.coordinate_size * (1.0 + roll.roll_span());
-        // Whatever the tolerance, an offset that is not small compared to the path is an error of the program.
+        // Whatever the tolerance, an offset that is not small compared to the path is an error of the
+        // program.
         let tolerance_mm = tolerance_mm.min(0.1 * planar_length);
         if !(distance_mm <= tolerance_mm + rounding && norm(self.end_offset) <= 0.2 * planar_length) {
             if (far_radius - near_radius) <= tolerance_mm {
@@ -272,8 +278,8 @@ impl Involute {
         sub(self.plane.project(&self.inner), arm)
     }
 
-    /// In-plane displacement from the inner end, unit tangent and unit normal (the derivative of the tangent by the roll
-    /// angle) at the roll angle `turn` past the inner end.
+    /// In-plane displacement from the inner end, unit tangent and unit normal (the derivative of the tangent
+    /// by the roll angle) at the roll angle `turn` past the inner end.
     fn rolled(&self, turn: f64) -> (Planar, Planar, Planar) {
         let (r, phi) = (self.roll.base_radius(), self.roll.phi_in());
         let (sin, cos, versin) = sin_cos_versin(turn);
@@ -281,7 +287,8 @@ impl Involute {
             self.handedness * -self.tangent[1],
             self.handedness * self.tangent[0],
         ];
-        // Integral of r (phi + w) (cos w t + sin w n) over w in 0..turn, in a form that does not cancel near zero.
+        // Integral of r (phi + w) (cos w t + sin w n) over w in 0..turn, in a form that does not cancel near
+        // zero.
         let along = phi * sin + (turn * sin - versin);
         let across = phi * versin + sin_less_angle_cos(turn, sin, cos);
         (
@@ -291,7 +298,8 @@ impl Involute {
         )
     }
 
-    /// Position at the roll angle `turn` past the inner end; `fraction` is the fraction of the arc length there.
+    /// Position at the roll angle `turn` past the inner end; `fraction` is the fraction of the arc length
+    /// there.
     fn point_at_roll(&self, turn: f64, fraction: f64) -> Axes {
         self.displaced(self.rolled(turn).0, fraction)
     }
@@ -413,8 +421,8 @@ impl ParamCurve for Involute {
         }
     }
 
-    /// By arc length, in closed form. At the base circle the second and third derivative are infinite along the normal,
-    /// in the axes in which the normal has a component.
+    /// By arc length, in closed form. At the base circle the second and third derivative are infinite along
+    /// the normal, in the axes in which the normal has a component.
     fn at(&self, s: f64) -> Jet {
         let s = s.max(0.0).min(self.roll.length());
         let s = if self.inward { self.roll.length() - s } else { s };
@@ -461,7 +469,8 @@ impl ParamCurve for Involute {
         let angle = libm::atan2(self.tangent[1], self.tangent[0]);
         let (from, to) = (self.roll.at(from).turn, self.roll.at(to).turn);
         let (first, second, _) = self.plane.axes();
-        // Extrema are where the tangent is parallel to the other axis. They grow outwards, so the last ones count.
+        // Extrema are where the tangent is parallel to the other axis. They grow outwards, so the last ones
+        // count.
         for turn in axis_crossings(angle, self.handedness, from, to) {
             let fraction = self.roll.arc_length_at_turn(turn) / self.roll.length();
             let point = self.point_at_roll(turn, fraction);
@@ -500,7 +509,8 @@ impl ParamCurve for Involute {
     fn curvature_bound(&self, u0: f64, u1: f64) -> f64 {
         let phi = self.roll.at(self.outward_range(u0, u1).0).phi;
         let k = self.roll.planar_fraction();
-        // The end offset changes the speed by at most its fraction of the length, and the curvature by its square.
+        // The end offset changes the speed by at most its fraction of the length, and the curvature by its
+        // square.
         let change = norm(self.end_offset) / self.roll.length();
         k * k / (self.roll.base_radius() * phi * (1.0 - change) * (1.0 - change))
     }
@@ -513,7 +523,8 @@ impl ParamCurve for Involute {
     }
 }
 
-/// Outward unit tangent at the point `arm` relative to the centre; `tangent_length` is r phi: arm = r t - r phi n.
+/// Outward unit tangent at the point `arm` relative to the centre; `tangent_length` is r phi: arm = r t - r
+/// phi n.
 fn tangent_at(arm: Planar, r: f64, tangent_length: f64, handedness: f64) -> Planar {
     let tangent = mix(arm, r, perp(arm), handedness * tangent_length);
     let size = norm(tangent);
@@ -555,7 +566,8 @@ fn roll_of_polar(polar: f64) -> f64 {
     phi
 }
 
-/// Bounds of the coefficients of tangent and normal in the in-plane derivatives, and of the derivatives of arc length.
+/// Bounds of the coefficients of tangent and normal in the in-plane derivatives, and of the derivatives of
+/// arc length.
 pub(crate) struct RollBounds {
     /// First to third derivative of arc length by the regular parameter.
     pub(crate) s: [Interval; 3],

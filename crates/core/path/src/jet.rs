@@ -43,8 +43,8 @@ impl Jet {
         }
     }
 
-    /// Changes the parameter by the chain rule. `d1`, `d2`, `d3` are the derivatives of the present parameter by the new
-    /// one.
+    /// Changes the parameter by the chain rule. `d1`, `d2`, `d3` are the derivatives of the present parameter
+    /// by the new one.
     ///
     /// ```
     /// use evolvent_path::{Axes, Jet};
@@ -106,8 +106,8 @@ impl Jet {
         }
     }
 
-    /// Curvature of the XYZ curve in 1/mm, not negative, from derivatives by any regular parameter. Zero where XYZ does
-    /// not move, infinite where the second derivative is infinite.
+    /// Curvature of the XYZ curve in 1/mm, not negative, from derivatives by any regular parameter. Zero
+    /// where XYZ does not move, infinite where the second derivative is infinite.
     #[must_use]
     pub fn curvature(&self) -> f64 {
         let (first, second) = (xyz(&self.first), xyz(&self.second));
@@ -122,9 +122,9 @@ impl Jet {
         (first / speed).cross(&second).norm() / (speed * speed)
     }
 
-    /// Derivative of the XYZ curvature by XYZ arc length in 1/mm^2, from derivatives by any regular parameter. Zero where
-    /// the curvature is zero (its magnitude is not differentiable there), minus infinity where the curvature is infinite
-    /// (an involute that leaves its base circle).
+    /// Derivative of the XYZ curvature by XYZ arc length in 1/mm^2, from derivatives by any regular
+    /// parameter. Zero where the curvature is zero (its magnitude is not differentiable there), minus
+    /// infinity where the curvature is infinite (an involute that leaves its base circle).
     #[must_use]
     pub fn curvature_derivative(&self) -> f64 {
         let (first, second, third) = (xyz(&self.first), xyz(&self.second), xyz(&self.third));

@@ -8,8 +8,8 @@ const SMOOTH_TANGENT: f64 = 1e-10;
 const SMOOTH_CURVATURE: f64 = 1e-7;
 /// Minimum speed of a joint in parameter units per s; a slower joint is a stop.
 const MIN_JOINT_SPEED: f64 = 0.01;
-/// Tangent steps above this are corners, where an exact path stops. Smaller steps are tangent joints that programs
-/// with few decimals cannot write exactly.
+/// Tangent steps above this are corners, where an exact path stops. Smaller steps are tangent joints that
+/// programs with few decimals cannot write exactly.
 const CORNER: f64 = 0.01;
 /// Minimum speed in the feed metric per unit of `u` at which a curve counts as regular at the joint.
 const REGULAR_SPEED: f64 = 0.5;
@@ -35,13 +35,14 @@ pub enum JointKind {
         /// Maximum parameter speed, units of `u` per s; infinite where no axis of the machine has a step.
         max_speed: f64,
     },
-    /// An exact path stops here: the tangent has a large step, a curve is singular, or a derivative is not finite.
+    /// An exact path stops here: the tangent has a large step, a curve is singular, or a derivative is not
+    /// finite.
     Corner,
 }
 
 impl JointKind {
-    /// Maximum parameter speed of an exact path, units of `u` per s: infinite at a smooth joint, 0 at a corner.
-    /// Real-time safe.
+    /// Maximum parameter speed of an exact path, units of `u` per s: infinite at a smooth joint, 0 at a
+    /// corner. Real-time safe.
     #[must_use]
     pub const fn max_speed(self) -> f64 {
         match self {
@@ -52,12 +53,12 @@ impl JointKind {
     }
 }
 
-/// Classifies the joint between `end`, the last jet of one curve, and `start`, the first jet of the next, both by the
-/// regular parameter. Real-time safe.
+/// Classifies the joint between `end`, the last jet of one curve, and `start`, the first jet of the next,
+/// both by the regular parameter. Real-time safe.
 ///
-/// At the maximum speed the step of velocity is at most `J t^2 / 2` and the step of acceleration at most `J t` on every
-/// axis, with the jerk limit `J` and the joint time `t`. The speed does not depend on the control rate
-/// (`docs/adr/0009`). A derivative that is not finite makes a corner.
+/// At the maximum speed the step of velocity is at most `J t^2 / 2` and the step of acceleration at most
+/// `J t` on every axis, with the jerk limit `J` and the joint time `t`. The speed does not depend on the
+/// control rate (`docs/adr/0009`). A derivative that is not finite makes a corner.
 ///
 /// ```
 /// use evolvent_path::{AXES, Axes, AxisLetter, JointKind, JointLimits, Jet, classify_joint};
@@ -99,7 +100,8 @@ pub fn classify_joint(end: &Jet, start: &Jet, limits: &JointLimits) -> JointKind
     }
 }
 
-/// The speed at which the jerk limit compensates the steps of velocity and acceleration within the joint time.
+/// The speed at which the jerk limit compensates the steps of velocity and acceleration within the joint
+/// time.
 fn step_speed(end: &Jet, start: &Jet, limits: &JointLimits) -> f64 {
     let time = limits.joint_time_s;
     (0..AXES)

@@ -1,7 +1,7 @@
 //! Curves in nine axes with position and three derivatives: line, arc, involute, quintic blend, cubic spline.
 //!
-//! Input: end points and the geometry of a curve in machine coordinates (mm, degrees). Output: a [`Curve`], a small
-//! value without heap memory that evaluates position, derivatives, arc length and bounds.
+//! Input: end points and the geometry of a curve in machine coordinates (mm, degrees). Output: a [`Curve`], a
+//! small value without heap memory that evaluates position, derivatives, arc length and bounds.
 //!
 //! A quarter circle of 10 mm in the XY plane:
 //!
@@ -23,24 +23,26 @@
 //!
 //! A path is a chain of curves over nine axes ([`Axes`]: X Y Z A B C U V W). Every curve has two parameters:
 //!
-//! - The *regular parameter* `u`, by which all derivatives are finite. Motion is computed with it: [`Curve::jet`]
-//!   returns position and three derivatives by `u`. On lines and arcs `u` is arc length; it differs near an involute's
-//!   base circle, where derivatives by arc length are unbounded, and on blends and splines.
-//! - The *arc length* `s` in the [feed metric](FeedMetric): mm of XYZ; if XYZ does not move, mm of UVW, else degrees of
-//!   ABC. The feed word refers to it. [`Curve::at`] returns the derivatives by `s`.
+//! - The *regular parameter* `u`, by which all derivatives are finite. Motion is computed with it:
+//!   [`Curve::jet`] returns position and three derivatives by `u`. On lines and arcs `u` is arc length; it
+//!   differs near an involute's base circle, where derivatives by arc length are unbounded, and on blends and
+//!   splines.
+//! - The *arc length* `s` in the [feed metric](FeedMetric): mm of XYZ; if XYZ does not move, mm of UVW, else
+//!   degrees of ABC. The feed word refers to it. [`Curve::at`] returns the derivatives by `s`.
 //!
-//! [`Arc`] and [`Involute`] are in a [`Plane`] and have a [`Sense`]; the normal axis and all others are linear. A
-//! [`Blend`] matches position and two derivatives at both ends; a [`Spline`] is one piece of a cubic spline.
-//! [`classify_joint`] decides whether two curves meet smoothly, with a step that bounds the speed, or at a corner.
-//! [`Curve::bounds`], [`Curve::derivative_bounds`] and [`Curve::curvature_bound`] bound a parameter range for travel
-//! checks, axis limits and chord error. [`Hole`] plans the milling of a hole along involutes.
+//! [`Arc`] and [`Involute`] are in a [`Plane`] and have a [`Sense`]; the normal axis and all others are
+//! linear. A [`Blend`] matches position and two derivatives at both ends; a [`Spline`] is one piece of a
+//! cubic spline. [`classify_joint`] decides whether two curves meet smoothly, with a step that bounds the
+//! speed, or at a corner. [`Curve::bounds`], [`Curve::derivative_bounds`] and [`Curve::curvature_bound`]
+//! bound a parameter range for travel checks, axis limits and chord error. [`Hole`] plans the milling of a
+//! hole along involutes.
 //!
 //! # Guarantees
 //!
-//! Constructors check their input and return an error; nothing panics, and all evaluation is total: any parameter,
-//! NaN included, gives a finite [`Curve::jet`]. End points are kept bit for bit. [`ParamCurve`] states for each function
-//! whether the real-time cycle may call it. Results depend on the arguments only. The crate knows no time, machine limits
-//! or files.
+//! Constructors check their input and return an error; nothing panics, and all evaluation is total: any
+//! parameter, NaN included, gives a finite [`Curve::jet`]. End points are kept bit for bit. [`ParamCurve`]
+//! states for each function whether the real-time cycle may call it. Results depend on the arguments only.
+//! The crate knows no time, machine limits or files.
 //!
 //! # Where to read on
 //!

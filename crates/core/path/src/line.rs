@@ -19,7 +19,8 @@ impl Line {
     /// Creates the line between two points.
     ///
     /// # Errors
-    /// [`CurveError::Coordinate`] if a coordinate is out of range, [`CurveError::ZeroLength`] if no axis moves.
+    /// [`CurveError::Coordinate`] if a coordinate is out of range, [`CurveError::ZeroLength`] if no axis
+    /// moves.
     pub fn new(start: Axes, end: Axes) -> Result<Self, CurveError> {
         check_coordinates(&start)?;
         check_coordinates(&end)?;

@@ -4,8 +4,8 @@ use crate::{AXES, Axes};
 
 /// The group of axes to which the feed word refers.
 ///
-/// RS274/NGC (NISTIR 6556, section 2.1.2.5): the length of the XYZ motion; if XYZ does not move, that of UVW (EMC's
-/// extension); if UVW does not move either, ABC in degrees.
+/// RS274/NGC (NISTIR 6556, section 2.1.2.5): the length of the XYZ motion; if XYZ does not move, that of UVW
+/// (EMC's extension); if UVW does not move either, ABC in degrees.
 ///
 /// ```
 /// use evolvent_path::{Axes, AxisLetter, FeedMetric};
@@ -80,8 +80,8 @@ impl FeedMetric {
 
 /// A feed and the axes to which it refers.
 ///
-/// A smoothed path deviates from its blocks: where only a rotary axis is programmed, X may still move by a rest of the block
-/// before. The feed refers to the axes of the block all the same.
+/// A smoothed path deviates from its blocks: where only a rotary axis is programmed, X may still move by a
+/// rest of the block before. The feed refers to the axes of the block all the same.
 ///
 /// ```
 /// use evolvent_path::{Axes, AxisLetter, Feed, FeedMetric};
@@ -117,8 +117,8 @@ impl From<f64> for Feed {
     }
 }
 
-/// Speed in the feed metric per unit of parameter speed, from the first derivative by the parameter: mm of XYZ where XYZ
-/// moves, else mm of UVW, else degrees of ABC. Zero if no axis moves. Real-time safe.
+/// Speed in the feed metric per unit of parameter speed, from the first derivative by the parameter: mm of
+/// XYZ where XYZ moves, else mm of UVW, else degrees of ABC. Zero if no axis moves. Real-time safe.
 #[must_use]
 pub fn feed_rate(first: &Axes) -> f64 {
     FeedMetric::of(first).map_or(0.0, |metric| metric.norm(first))

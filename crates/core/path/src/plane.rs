@@ -6,8 +6,8 @@ use crate::Axes;
 
 /// The plane of an arc or involute (RS274/NGC: G17, G18, G19).
 ///
-/// First axis, second axis and normal form a right-handed system: counter-clockwise is seen from the positive normal
-/// axis in every plane.
+/// First axis, second axis and normal form a right-handed system: counter-clockwise is seen from the positive
+/// normal axis in every plane.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Plane {
     /// G17: X and Y, normal Z.
@@ -116,9 +116,9 @@ pub(crate) fn sin_cos_versin(angle: f64) -> (f64, f64, f64) {
     (2.0 * half_sin * half_cos, 1.0 - versin, versin)
 }
 
-/// The rotation angles in `from..=to` at which a direction that starts at `angle` and rotates with `sense` (+1, -1) is
-/// parallel to a coordinate axis: the first and the last for each of the four half axes. Missing ones are replaced by
-/// `from` or `to`.
+/// The rotation angles in `from..=to` at which a direction that starts at `angle` and rotates with `sense`
+/// (+1, -1) is parallel to a coordinate axis: the first and the last for each of the four half axes. Missing
+/// ones are replaced by `from` or `to`.
 pub(crate) fn axis_crossings(angle: f64, sense: f64, from: f64, to: f64) -> [f64; 8] {
     let mut crossings = [from; 8];
     for (quarter, pair) in crossings.chunks_exact_mut(2).enumerate() {

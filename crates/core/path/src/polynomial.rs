@@ -19,8 +19,8 @@ pub(crate) fn derivative(c: &Quintic) -> Quintic {
 
 /// Exact range over `a..=b`, to rounding.
 ///
-/// Between neighbouring roots of the next higher derivative each derivative is monotone, so its roots are isolated one by
-/// one, from the fourth derivative down to the first.
+/// Between neighbouring roots of the next higher derivative each derivative is monotone, so its roots are
+/// isolated one by one, from the fourth derivative down to the first.
 pub(crate) fn range(c: &Quintic, a: f64, b: f64) -> Interval {
     let mut derivatives = [*c; 5];
     for order in 1..5 {
@@ -100,8 +100,8 @@ const BINOMIAL: [[f64; 6]; 6] = [
     [1.0, 5.0, 10.0, 10.0, 5.0, 1.0],
 ];
 
-/// Upper bound over `a..=b` of the curvature of a curve given by three polynomials: the hull of |q' x q''| divided by the
-/// cube of the minimum speed in the direction `along`; infinite if that speed may vanish.
+/// Upper bound over `a..=b` of the curvature of a curve given by three polynomials: the hull of |q' x q''|
+/// divided by the cube of the minimum speed in the direction `along`; infinite if that speed may vanish.
 pub(crate) fn curvature_bound(curve: &[Quintic; 3], along: Vector3<f64>, a: f64, b: f64) -> f64 {
     let speed = along.norm();
     if !(speed > 0.0) {

@@ -21,8 +21,8 @@ fn gauss_16(f: &impl Fn(f64) -> f64, a: f64, b: f64) -> f64 {
     sum * half
 }
 
-/// Integral of `f` over `a..b` by the 16-point Gauss-Legendre rule. Intervals are bisected until two levels agree to
-/// `accuracy`, relative to the whole integral, at most `depth` times.
+/// Integral of `f` over `a..b` by the 16-point Gauss-Legendre rule. Intervals are bisected until two levels
+/// agree to `accuracy`, relative to the whole integral, at most `depth` times.
 pub(crate) fn integrate(f: &impl Fn(f64) -> f64, a: f64, b: f64, accuracy: f64, depth: u32) -> f64 {
     let whole = gauss_16(f, a, b);
     refine(f, a, b, whole, accuracy * whole.abs(), depth)
@@ -38,8 +38,8 @@ fn refine(f: &impl Fn(f64) -> f64, a: f64, b: f64, whole: f64, tolerance: f64, d
         + refine(f, middle, b, right, 0.5 * tolerance, depth - 1)
 }
 
-/// The argument in `0..=upper` at which an increasing function with `f(0) = 0` reaches `target`, accurate to a few
-/// roundings of `upper`: Newton's method inside a shrinking bracket, at most 64 iterations.
+/// The argument in `0..=upper` at which an increasing function with `f(0) = 0` reaches `target`, accurate to
+/// a few roundings of `upper`: Newton's method inside a shrinking bracket, at most 64 iterations.
 pub(crate) fn invert(
     f: &impl Fn(f64) -> f64,
     derivative: &impl Fn(f64) -> f64,

@@ -28,7 +28,8 @@ pub enum SpindleSpeed {
     Surface(SurfaceSpeed),
 }
 
-/// A constant surface speed (G96): the spindle speed is inversely proportional to the distance from the centre.
+/// A constant surface speed (G96): the spindle speed is inversely proportional to the distance from the
+/// centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceSpeed {
     /// Surface speed, m/min, not negative.
@@ -46,8 +47,8 @@ impl SpindleSpeed {
         self.overridden_rpm_at(x_mm, 1.0, MAX_RPM)
     }
 
-    /// The same with an override (`ratio`, 1 at 100 %) and at most `max_rpm` of the spindle. The maximum of a surface speed is kept
-    /// whatever the override is: it is what the chuck can bear. Real-time safe.
+    /// The same with an override (`ratio`, 1 at 100 %) and at most `max_rpm` of the spindle. The maximum of a
+    /// surface speed is kept whatever the override is: it is what the chuck can bear. Real-time safe.
     #[must_use]
     pub fn overridden_rpm_at(&self, x_mm: f64, ratio: f64, max_rpm: f64) -> f64 {
         let rpm = match self {
@@ -57,7 +58,8 @@ impl SpindleSpeed {
         rpm.min(max_rpm).clamp(0.0, MAX_RPM)
     }
 
-    /// The maximum of a surface speed, rpm: closer to the centre the speed is constant. Infinite of a constant speed.
+    /// The maximum of a surface speed, rpm: closer to the centre the speed is constant. Infinite of a
+    /// constant speed.
     #[must_use]
     pub fn max_rpm(&self) -> f64 {
         match self {
@@ -66,7 +68,8 @@ impl SpindleSpeed {
         }
     }
 
-    /// Minimum and maximum speed in rpm between two X in machine coordinates, mm, the smaller X first. Real-time safe.
+    /// Minimum and maximum speed in rpm between two X in machine coordinates, mm, the smaller X first.
+    /// Real-time safe.
     #[must_use]
     pub fn range_rpm(&self, x_mm: (f64, f64)) -> (f64, f64) {
         let ends = (self.rpm_at(x_mm.0), self.rpm_at(x_mm.1));

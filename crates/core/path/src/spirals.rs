@@ -1,7 +1,7 @@
 //! Other paths that clear a hole, for comparison with the involute: half circles, Archimedean spiral, helix.
 //!
-//! All lengths refer to the tool centre. [`Hole`](crate::Hole) mills along involutes only; programs with these paths
-//! serve as benchmarks.
+//! All lengths refer to the tool centre. [`Hole`](crate::Hole) mills along involutes only; programs with
+//! these paths serve as benchmarks.
 
 use std::f64::consts::{PI, TAU};
 
@@ -34,7 +34,8 @@ impl Archimedean {
         [rho * cos, rho * sin]
     }
 
-    /// Length in mm, in closed form: `a/2 (theta sqrt(1 + theta^2) + asinh theta)`, where `a` is the growth per radian.
+    /// Length in mm, in closed form: `a/2 (theta sqrt(1 + theta^2) + asinh theta)`, where `a` is the growth
+    /// per radian.
     #[must_use]
     pub fn length_mm(&self) -> f64 {
         let (from, to) = self.angles_rad();
@@ -49,7 +50,8 @@ impl Archimedean {
         let growth = self.pitch_mm / TAU;
         let mut angles = vec![angle];
         while angle < end {
-            // The radius of curvature exceeds half the growth per radian everywhere and approaches the distance far out.
+            // The radius of curvature exceeds half the growth per radian everywhere and approaches the
+            // distance far out.
             let square = 1.0 + angle * angle;
             let radius = growth * square * libm::sqrt(square) / (1.0 + square);
             let step = libm::sqrt(8.0 * tolerance_mm * radius) / (growth * libm::sqrt(square));
@@ -60,8 +62,9 @@ impl Archimedean {
     }
 }
 
-/// Radii in mm of the half circles that fill a circle of `radius_mm` in this number of turns, in ascending order. They
-/// alternate between two centres; at each joint the tangent is continuous and the curvature steps.
+/// Radii in mm of the half circles that fill a circle of `radius_mm` in this number of turns, in ascending
+/// order. They alternate between two centres; at each joint the tangent is continuous and the curvature
+/// steps.
 #[must_use]
 pub fn half_circle_radii_mm(radius_mm: f64, turns: u32) -> Vec<f64> {
     let count = 2 * turns;

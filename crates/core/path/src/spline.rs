@@ -17,12 +17,12 @@ const MIN_DOMAIN: f64 = 1e-12;
 
 /// A cubic polynomial in the regular parameter on all nine axes: one piece of a cubic spline.
 ///
-/// Position and derivatives are exact; the third derivative is constant. The first derivative may vanish inside (a path
-/// that reverses smoothly).
+/// Position and derivatives are exact; the third derivative is constant. The first derivative may vanish
+/// inside (a path that reverses smoothly).
 ///
-/// *Arc length is approximate*: Gauss-Legendre quadrature to about 1e-9 of the length, about 1e-4 where the speed
-/// vanishes inside, because several hundred splines are constructed per millisecond. Functions of the regular parameter
-/// are not affected.
+/// *Arc length is approximate*: Gauss-Legendre quadrature to about 1e-9 of the length, about 1e-4 where the
+/// speed vanishes inside, because several hundred splines are constructed per millisecond. Functions of the
+/// regular parameter are not affected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spline {
     /// The jet at the start; evaluation divides the higher derivatives by their factorials.
@@ -36,12 +36,13 @@ pub struct Spline {
 impl Spline {
     /// Creates the cubic from position and derivatives by the regular parameter at its start.
     ///
-    /// `end` is its end point up to rounding, kept bit for bit so that the next piece can start there. It must be within
-    /// 1e-9 of the polynomial's end, relative to 1 mm plus the coordinate.
+    /// `end` is its end point up to rounding, kept bit for bit so that the next piece can start there. It
+    /// must be within 1e-9 of the polynomial's end, relative to 1 mm plus the coordinate.
     ///
     /// # Errors
-    /// [`CurveError::Domain`]; [`CurveError::Coordinate`] or [`CurveError::Derivative`] for values that are not finite or
-    /// out of range, or if `end` is not the end of the polynomial; [`CurveError::ZeroLength`] if no axis moves.
+    /// [`CurveError::Domain`]; [`CurveError::Coordinate`] or [`CurveError::Derivative`] for values that are
+    /// not finite or out of range, or if `end` is not the end of the polynomial; [`CurveError::ZeroLength`]
+    /// if no axis moves.
     pub fn new(start: &Jet, end: Axes, domain: f64) -> Result<Self, CurveError> {
         if !(MIN_DOMAIN..=MAX_COORDINATE).contains(&domain) {
             return Err(CurveError::Domain { domain });

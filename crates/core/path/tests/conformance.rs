@@ -1,7 +1,7 @@
 //! Properties of every curve, checked over a gallery of ordinary and degenerate curves.
 //!
-//! Error budgets scale with magnitude: `scale` is the largest number that enters a curve (coordinates, centre, radius),
-//! because no result can be more accurate than the rounding of that number.
+//! Error budgets scale with magnitude: `scale` is the largest number that enters a curve (coordinates,
+//! centre, radius), because no result can be more accurate than the rounding of that number.
 
 use evolvent_path::{Axes, Curve};
 use evolvent_random::Random;
@@ -79,7 +79,8 @@ fn jets_are_the_derivatives_of_position() {
             let ratio = |a: &Axes, b: &Axes| if b.norm() > 0.0 { a.norm() / b.norm() } else { 0.0 };
             let bend = ratio(&jet.second, &jet.first).max(ratio(&jet.third, &jet.second));
             let h = (domain / 400.0).min(0.04 / bend.max(1e-300));
-            // Where the section near the base circle ends only three derivatives agree: no difference across it.
+            // Where the section near the base circle ends only three derivatives agree: no difference across
+            // it.
             if matches!(curve, Curve::Involute(_))
                 && is_regular(&curve, u - 4.0 * h) != is_regular(&curve, u + 4.0 * h)
             {
@@ -130,8 +131,8 @@ fn is_regular(curve: &Curve, u: f64) -> bool {
     (speed(&curve.jet(u).first) - 1.0).abs() < 1e-9
 }
 
-/// The parameters between which the speed is analytic: the ends and, on involutes, the end of the section near the base
-/// circle.
+/// The parameters between which the speed is analytic: the ends and, on involutes, the end of the section
+/// near the base circle.
 fn analytic_pieces(curve: &Curve) -> Vec<f64> {
     let (mut low, mut high) = (0.0, curve.domain());
     let first = is_regular(curve, low);

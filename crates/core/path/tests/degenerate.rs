@@ -102,8 +102,8 @@ fn an_arc_with_invalid_radius_sense_or_turns_is_rejected() {
 
 #[test]
 fn flat_arcs_keep_their_sagitta() {
-    // Radius 100 km, chord c: the sagitta is c^2 / 8R = 1.25e-7 mm for 10 mm, a thousandth of what the rounding
-    // of a coordinate near the centre would leave.
+    // Radius 100 km, chord c: the sagitta is c^2 / 8R = 1.25e-7 mm for 10 mm, a thousandth of what the
+    // rounding of a coordinate near the centre would leave.
     let radius = 1e8;
     for chord in [10.0, 100.0, 1e4] {
         let arc: Curve = ccw(xyz(0.0, 0.0, 0.0), xyz(chord, 0.0, 0.0), [0.5 * chord, radius], 0)
@@ -284,7 +284,8 @@ fn an_end_off_the_involute_is_measured_and_distributed() {
 
 #[test]
 fn rounding_many_turns_out_is_not_amplified() {
-    // At 60 rad a micrometre of radius is 60 micrometres of path: the roll angle must not be computed from the radius.
+    // At 60 rad a micrometre of radius is 60 micrometres of path: the roll angle must not be computed from
+    // the radius.
     let rounded = |p: Axes| p.map(|x| (x * 1e3).round() / 1e3);
     for (from, to) in [(0.0, 60.0), (50.0, 60.0), (59.0, 60.0), (60.0, 3.0)] {
         // Traversed inwards, the same curve rotates the other way.
@@ -395,7 +396,8 @@ fn a_blend_reproduces_a_quintic() {
 
 #[test]
 fn curvature_does_not_depend_on_the_parameter() {
-    // A parabola (u + u^2, (u + u^2)^2 / 2) with a non-uniform parameter: k = (1 + x^2)^(-3/2), dk/ds = -3 x (1 + x^2)^(-3).
+    // A parabola (u + u^2, (u + u^2)^2 / 2) with a non-uniform parameter: k = (1 + x^2)^(-3/2), dk/ds = -3 x
+    // (1 + x^2)^(-3).
     for u in [0.0, 0.3, 1.0] {
         let (x, x1, x2) = (u + u * u, 1.0 + 2.0 * u, 2.0);
         let jet = Jet {

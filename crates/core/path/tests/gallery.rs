@@ -222,7 +222,8 @@ pub(crate) fn gallery() -> Vec<Case> {
             0,
             2e5,
         ),
-        // A radius of 100 km over 10 m: sine and versine of 1e-4 rad; the rounding of the centre must not show.
+        // A radius of 100 km over 10 m: sine and versine of 1e-4 rad; the rounding of the centre must not
+        // show.
         arc(
             "100 km",
             Xy,

@@ -195,7 +195,8 @@ fn each_turn_adds_the_pitch_to_the_radius_of_curvature() {
 
 #[test]
 fn a_start_is_found_where_the_distance_is_stationary() {
-    // At phi = 2 pi k the distance from the centre has a stationary point: Newton's method alone would diverge.
+    // At phi = 2 pi k the distance from the centre has a stationary point: Newton's method alone would
+    // diverge.
     for k in 0..4 {
         for offset in [-1e-3, -1e-9, 0.0, 1e-9, 1e-3] {
             let distance = (79.0 * f64::from(k) / 4.0 + offset).max(0.0);

@@ -142,7 +142,8 @@ fn random_input_gives_a_valid_curve_or_an_error() {
     );
 }
 
-/// Lines, circles, helices and arcs whose radius grows: a part has the points of the whole, and adjacent parts join.
+/// Lines, circles, helices and arcs whose radius grows: a part has the points of the whole, and adjacent
+/// parts join.
 #[test]
 fn a_part_of_a_line_or_an_arc_lies_on_it() {
     let mut random = Random::seeded(47);

@@ -11,20 +11,24 @@ use crate::rejection::Rejection;
 const SEARCH_FRACTION: f64 = 1.1;
 /// Backing off takes at most this share of the travel.
 const BACK_FRACTION: f64 = 0.5;
-/// A bridge takes a request for an index pulse over within this time, ns: the lead of setpoints is at most 28 ms, or 1000 cycles.
+/// A bridge takes a request for an index pulse over within this time, ns: the lead of setpoints is at most 28
+/// ms, or 1000 cycles.
 const TAKEN_OVER_NS: u64 = 5_000_000_000;
-/// A latched position may be off the way on which it was searched by what the axis travels in this time, s: samples are that old.
+/// A latched position may be off the way on which it was searched by what the axis travels in this time, s:
+/// samples are that old.
 const OFF_WAY_S: f64 = 0.1;
 
-/// The inputs of one switch that is home and limit switch may differ by so much, ns: they have filters of their own (the longest is the
-/// slow one of a Mesa board, up to 50 ms), and contacts bounce for some milliseconds.
+/// The inputs of one switch that is home and limit switch may differ by so much, ns: they have filters of
+/// their own (the longest is the slow one of a Mesa board, up to 50 ms), and contacts bounce for some
+/// milliseconds.
 const INPUTS_DIFFER_NS: u64 = 60_000_000;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     Begin,
     Search,
-    /// The limit switch was pressed in the search, at this time, and the home switch may still close: rest, then see.
+    /// The limit switch was pressed in the search, at this time, and the home switch may still close: rest,
+    /// then see.
     AtLimit {
         since_ns: u64,
     },
@@ -105,7 +109,8 @@ impl AxisHoming {
         &self.axis
     }
 
-    /// Goes on with one sample of the drives. After [`HomingAction::Done`] and [`HomingAction::Fail`] it is over.
+    /// Goes on with one sample of the drives. After [`HomingAction::Done`] and [`HomingAction::Fail`] it is
+    /// over.
     pub(crate) fn step(&mut self, sample: &HomingSample, at_rest: bool) -> HomingAction {
         let i = self.axis.axis.index();
         debug_assert!(i < AXES);
@@ -173,9 +178,9 @@ impl AxisHoming {
         }
     }
 
-    /// The limit switches, at the negative and the positive end, that this axis looks at by itself now: the one in the direction of
-    /// the search, which may be the home switch as well, from the search until its place is known; and the other one while the home
-    /// switch presses it too.
+    /// The limit switches, at the negative and the positive end, that this axis looks at by itself now: the
+    /// one in the direction of the search, which may be the home switch as well, from the search until its
+    /// place is known; and the other one while the home switch presses it too.
     pub(crate) fn expected_limits(&self) -> [AxisMask; 2] {
         let mut expected = [AxisMask::NONE; 2];
         let here = |is_expected: bool| AxisMask::one_if(self.axis.axis.index(), is_expected);
@@ -220,8 +225,9 @@ impl AxisHoming {
         sample.limits[self.search_limit()].contains(self.axis.axis.index())
     }
 
-    /// Detects an input that is the home switch and both limit switches. It is looked for while the axis reaches its home switch or
-    /// stands on it; on the way off, a limit switch of the other end is the end of the travel.
+    /// Detects an input that is the home switch and both limit switches. It is looked for while the axis
+    /// reaches its home switch or stands on it; on the way off, a limit switch of the other end is the end of
+    /// the travel.
     fn watch_shared(&mut self, sample: &HomingSample, closed: bool) {
         let i = self.axis.axis.index();
         let other = sample.limits[1 - self.search_limit()].contains(i);
@@ -239,7 +245,8 @@ impl AxisHoming {
         }
     }
 
-    /// Whether the axis has moved onto its limit switch, on its slow way, without the home switch having closed.
+    /// Whether the axis has moved onto its limit switch, on its slow way, without the home switch having
+    /// closed.
     fn has_passed_switch(&mut self, sample: &HomingSample, closed: bool) -> bool {
         let searches = match self.phase {
             Phase::Latch => true,
@@ -269,8 +276,8 @@ impl AxisHoming {
         if !at_rest {
             return HomingAction::Wait;
         }
-        // It bounced, or it belongs to the side of a gantry that came first, whose home switch the bridge has seen since: the search goes
-        // on, once.
+        // It bounced, or it belongs to the side of a gantry that came first, whose home switch the bridge has
+        // seen since: the search goes on, once.
         if !self.is_at_limit(sample) && !self.has_resumed {
             self.has_resumed = true;
             let distance = self.search_end - sample.position[self.axis.axis.index()];
@@ -317,7 +324,8 @@ impl AxisHoming {
         }
     }
 
-    /// Off the closed switch: fast where the edge is sought on the way back, slowly where it is the one of leaving.
+    /// Off the closed switch: fast where the edge is sought on the way back, slowly where it is the one of
+    /// leaving.
     fn leave_switch(&mut self) -> HomingAction {
         let distance = -self.axis.direction * self.axis.travel * BACK_FRACTION;
         match self.axis.method {

@@ -63,8 +63,8 @@ codes! {
     SpindleOverride = 18, "SPINDLE_OVERRIDE";
     /// Executes the block `text`.
     Mdi = 19, "MDI";
-    /// Jogs the axes of `axes_mask`: with `index` 0 in the directions of `values` as long as it is kept, with 1 by the
-    /// distances in `values`; at `amount` mm/s or degrees/s at most, 0 for the machine's own speed.
+    /// Jogs the axes of `axes_mask`: with `index` 0 in the directions of `values` as long as it is kept, with
+    /// 1 by the distances in `values`; at `amount` mm/s or degrees/s at most, 0 for the machine's own speed.
     Jog = 20, "JOG";
     /// The client that jogs is still there.
     JogKeep = 21, "JOG_KEEP";
@@ -76,8 +76,8 @@ codes! {
     WorkOffset = 24, "WORK_OFFSET";
     /// Sets them so that the axes' present positions read `values`.
     TouchOff = 25, "TOUCH_OFF";
-    /// Sets tool `index`: offsets `values` of `axes_mask`, diameter `amount`. With index 0 the tool table is read
-    /// again.
+    /// Sets tool `index`: offsets `values` of `axes_mask`, diameter `amount`. With index 0 the tool table is
+    /// read again.
     Tool = 26, "TOOL";
     /// Clears the alarms.
     ClearAlarms = 27, "CLEAR_ALARMS";
@@ -85,10 +85,11 @@ codes! {
     SetOutput = 28, "SET_OUTPUT";
     /// The handwheel moves the axis of `axes_mask`, none with 0, by `amount` mm or degrees a detent.
     Handwheel = 29, "HANDWHEEL";
-    /// Drives back to where the held program was left: each jog backwards at `amount` mm/s or degrees/s at most, 0 for the
-    /// machine's own speed.
+    /// Drives back to where the held program was left: each jog backwards at `amount` mm/s or degrees/s at
+    /// most, 0 for the machine's own speed.
     Return = 30, "RETURN";
-    /// Drives backwards along the path of the held program to the start of a block: `index` starts back, 0 as 1.
+    /// Drives backwards along the path of the held program to the start of a block: `index` starts back, 0 as
+    /// 1.
     Retrace = 31, "RETRACE";
 }
 

@@ -54,7 +54,8 @@ impl Command {
                 ),
             ));
         };
-        // Numbers that the command does not use are checked too: a client that sends rubbish is wrong somewhere.
+        // Numbers that the command does not use are checked too: a client that sends rubbish is wrong
+        // somewhere.
         if !raw.amount.is_finite() || raw.values.iter().any(|value| !value.is_finite()) {
             return Err(Rejection::new(
                 Alarm::BadNumber,

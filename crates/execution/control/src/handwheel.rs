@@ -18,8 +18,9 @@ pub struct HandwheelReading {
 
 /// Follows the counts of a handwheel.
 ///
-/// No count is lost between two readings with the same axis while the wheel is enabled. What is turned before an axis is chosen,
-/// without the button, or while the counts are not known, moves nothing: not then and not afterwards.
+/// No count is lost between two readings with the same axis while the wheel is enabled. What is turned before
+/// an axis is chosen, without the button, or while the counts are not known, moves nothing: not then and not
+/// afterwards.
 ///
 /// ```
 /// use evolvent_control::{Handwheel, HandwheelReading};

@@ -1,7 +1,7 @@
 //! Finding machine zero: the sequence of the axes.
 //!
-//! One axis after the other, each as [`HomingMethod`] says. Every way has an end, so a switch that is missing or stuck, or an index
-//! pulse that does not come, ends the sequence with an alarm.
+//! One axis after the other, each as [`HomingMethod`] says. Every way has an end, so a switch that is missing
+//! or stuck, or an index pulse that does not come, ends the sequence with an alarm.
 
 use evolvent_machine::HomingMethod;
 use evolvent_path::{Axes, AxisLetter, AxisMask};
@@ -113,7 +113,8 @@ pub struct Homing {
 }
 
 impl Homing {
-    /// A sequence of these axes. Requests for index pulses are numbered from `first_request` on, one for each axis.
+    /// A sequence of these axes. Requests for index pulses are numbered from `first_request` on, one for each
+    /// axis.
     #[must_use]
     pub fn new(mut axes: Vec<HomingAxis>, first_request: u32) -> Self {
         axes.sort_by_key(|axis| (axis.order, axis.axis.index()));
@@ -132,8 +133,8 @@ impl Homing {
         self.axes.get(self.at).map(|axis| axis.settings().axis)
     }
 
-    /// Limit switches, at negative and positive ends, that the sequence itself looks at: where the axis at work searches its home
-    /// switch, since one switch may be both. All others stop the axes as always.
+    /// Limit switches, at negative and positive ends, that the sequence itself looks at: where the axis at
+    /// work searches its home switch, since one switch may be both. All others stop the axes as always.
     #[must_use]
     pub fn expected_limits(&self) -> [AxisMask; 2] {
         self.axes
@@ -141,7 +142,8 @@ impl Homing {
             .map_or([AxisMask::NONE; 2], AxisHoming::expected_limits)
     }
 
-    /// Goes on with one sample of the drives. `at_rest`: the axes rest and no order of this sequence is under way.
+    /// Goes on with one sample of the drives. `at_rest`: the axes rest and no order of this sequence is under
+    /// way.
     ///
     /// After [`HomingAction::Done`] and [`HomingAction::Fail`] it is over.
     pub fn step(&mut self, sample: &HomingSample, at_rest: bool) -> HomingAction {

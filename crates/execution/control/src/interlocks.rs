@@ -210,9 +210,9 @@ pub(crate) fn mode_needed(command: Code) -> Option<Mode> {
 mod tests {
     use super::*;
 
-    /// Written by hand, apart from [`RULES`]: machine, mode and activity in which each command is accepted, and what it
-    /// needs besides. E e-stop, F off, N on; a auto, m manual, i MDI; - nothing, p program, b MDI block, j jog, h homing;
-    /// H homed, L loaded, C clear of alarms, W waiting (held).
+    /// Written by hand, apart from [`RULES`]: machine, mode and activity in which each command is accepted,
+    /// and what it needs besides. E e-stop, F off, N on; a auto, m manual, i MDI; - nothing, p program, b MDI
+    /// block, j jog, h homing; H homed, L loaded, C clear of alarms, W waiting (held).
     const TABLE: &str = "
         ESTOP            EFN ami -pbjh
         ESTOP_RESET      E   ami -

@@ -5,9 +5,10 @@
 //!               newer?     numbers    one table      and committed
 //! ```
 //!
-//! [`OperatorState`] is the operator's view of one machine: e-stop, off or on; manual, MDI or automatic; what moves the
-//! axes; overrides and switches; latched alarms. It reads no clock and does no I/O: time and inputs are arguments, and a
-//! [`Command`] to be carried out is the result. Every scenario therefore runs in microseconds.
+//! [`OperatorState`] is the operator's view of one machine: e-stop, off or on; manual, MDI or automatic; what
+//! moves the axes; overrides and switches; latched alarms. It reads no clock and does no I/O: time and inputs
+//! are arguments, and a [`Command`] to be carried out is the result. Every scenario therefore runs in
+//! microseconds.
 //!
 //! ```
 //! use evolvent_control::{Alarm, CommandCode, OperatorInputs, OperatorState, RawCommand};
@@ -37,11 +38,12 @@
 //! assert_eq!(rejection.alarm, Alarm::Stale);
 //! ```
 //!
-//! The interlocks are one table, [`RULES`]: a row for each command, with the machine states, modes and activities in which
-//! it is accepted and what else it needs. Every rejection has a stable number and a sentence ([`Alarm`], [`Rejection`]).
+//! The interlocks are one table, [`RULES`]: a row for each command, with the machine states, modes and
+//! activities in which it is accepted and what else it needs. Every rejection has a stable number and a
+//! sentence ([`Alarm`], [`Rejection`]).
 //!
-//! [`Homing`] is the sequence that finds machine zero with the switches and index pulses of the drives; [`JogEnable`] ends a jog whose
-//! client no longer renews it; [`Handwheel`] makes ways of a wheel's counts.
+//! [`Homing`] is the sequence that finds machine zero with the switches and index pulses of the drives;
+//! [`JogEnable`] ends a jog whose client no longer renews it; [`Handwheel`] makes ways of a wheel's counts.
 //!
 //! Nothing here is for the real-time cycle.
 

@@ -143,8 +143,8 @@ impl Default for OperatorState {
 }
 
 impl OperatorState {
-    /// Judges a request: its serial number, its numbers, the interlocks. Nothing is changed but the count of serials;
-    /// who carries the command out calls [`OperatorState::commit`] then.
+    /// Judges a request: its serial number, its numbers, the interlocks. Nothing is changed but the count of
+    /// serials; who carries the command out calls [`OperatorState::commit`] then.
     ///
     /// # Errors
     /// Verdict and rejection for the reply; it is counted.
@@ -166,7 +166,8 @@ impl OperatorState {
         if facts.is_ending {
             return Err(self.refuse(Alarm::Ending.into()));
         }
-        // Until it is carried out: whatever prevents it, the program that is loaded is not the one that was wanted.
+        // Until it is carried out: whatever prevents it, the program that is loaded is not the one that was
+        // wanted.
         self.load_failed |= raw.command == CommandCode::Load as u32;
         let (code, command) = match Command::decode(raw, facts.present) {
             Ok(decoded) => decoded,
@@ -188,7 +189,8 @@ impl OperatorState {
         Ok(command)
     }
 
-    /// What the interlocks say to a command now. [`OperatorState::authorize`] has asked before; who carries it out later asks again.
+    /// What the interlocks say to a command now. [`OperatorState::authorize`] has asked before; who carries
+    /// it out later asks again.
     ///
     /// # Errors
     /// Why it is not permitted; it is not counted.
@@ -219,7 +221,8 @@ impl OperatorState {
         Ok(())
     }
 
-    /// Why the program that is loaded may not be the one that is meant by who starts it, naming `meant` or nothing.
+    /// Why the program that is loaded may not be the one that is meant by who starts it, naming `meant` or
+    /// nothing.
     fn other_program(&self, meant: &str) -> Option<String> {
         let loaded = self.program.as_deref()?;
         if meant.is_empty() && self.load_failed {
@@ -237,7 +240,8 @@ impl OperatorState {
         (Verdict::Rejected, refusal)
     }
 
-    /// A command that was considered is being carried out. `needs_drives`: whether switching on has to wait for drives.
+    /// A command that was considered is being carried out. `needs_drives`: whether switching on has to wait
+    /// for drives.
     pub fn commit(&mut self, command: &Command, now_ns: u64, needs_drives: bool) {
         self.accepted += 1;
         match command {
@@ -301,7 +305,8 @@ impl OperatorState {
             if !alarm.is_latched() {
                 return;
             }
-            // What keeps the machine from moving is listed rather than what does not, and the newest rather than the last.
+            // What keeps the machine from moving is listed rather than what does not, and the newest rather
+            // than the last.
             let unlatched = self.alarms.iter().position(|raised| !raised.alarm.is_latched());
             self.alarms.remove(unlatched.unwrap_or(MAX_ALARMS - 1));
         }
@@ -442,10 +447,12 @@ impl OperatorState {
         self.alarms.iter().any(|raised| raised.alarm.is_latched())
     }
 
-    /// The alarms in force with their sentences, the cause first and the others in the order in which they came.
+    /// The alarms in force with their sentences, the cause first and the others in the order in which they
+    /// came.
     ///
-    /// The cause is the first fault since the alarms were cleared: what comes after it, a bridge that is silent and then axes that are not
-    /// homed any more, is usually its consequence. Without a fault it is the alarm of the job, and without that the first warning.
+    /// The cause is the first fault since the alarms were cleared: what comes after it, a bridge that is
+    /// silent and then axes that are not homed any more, is usually its consequence. Without a fault it is
+    /// the alarm of the job, and without that the first warning.
     pub fn alarms(&self) -> impl Iterator<Item = (Alarm, &str)> {
         let first = |kind| self.alarms.iter().position(|raised| raised.alarm.kind() == kind);
         let cause = first(AlarmKind::Fault)

@@ -20,7 +20,8 @@ pub struct Serials {
 }
 
 impl Serials {
-    /// Notes a command; `false` where it is not newer than the last of its client, or the client has no number.
+    /// Notes a command; `false` where it is not newer than the last of its client, or the client has no
+    /// number.
     ///
     /// Of more than 256 clients the one that has been silent longest is forgotten.
     pub fn admit(&mut self, client: u64, serial: u64) -> bool {

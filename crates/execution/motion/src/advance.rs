@@ -15,13 +15,13 @@ use crate::takeover::Takeover;
 /// Steps, segments and marks passed in one cycle at most. Pieces are as short as the path's shortest blocks
 /// make them, so only a broken plan comes near it.
 const MAX_PER_CYCLE: usize = 4096;
-/// Steps at rest that take no time and are passed in one cycle at most: a program may have thousands in a row, more
-/// than the queue holds.
+/// Steps at rest that take no time and are passed in one cycle at most: a program may have thousands in a
+/// row, more than the queue holds.
 pub(crate) const MAX_RESTS_PER_CYCLE: u64 = 32;
 /// What rounding leaves between a rest at the end of a move and its end, parameter units.
 const END_ROUNDING: f64 = 1e-11;
-/// A block that starts within this of a piece's end starts with the next piece, parameter units: path lengths and the
-/// places of blocks are sums of their own.
+/// A block that starts within this of a piece's end starts with the next piece, parameter units: path lengths
+/// and the places of blocks are sums of their own.
 const NEXT_PIECE: f64 = 1e-6;
 
 impl PathExecutor {
@@ -91,7 +91,8 @@ impl PathExecutor {
         self.settle(cursor, standing, inputs);
     }
 
-    /// Enters the next step; `false` where it has to be waited for, and where nothing more is entered in this cycle.
+    /// Enters the next step; `false` where it has to be waited for, and where nothing more is entered in this
+    /// cycle.
     fn enter(
         &mut self,
         cursor: &mut Cursor,
@@ -120,7 +121,8 @@ impl PathExecutor {
         let Some((index, step, is_final)) = found else {
             return queue.look(false);
         };
-        // A feed of zero keeps the axes where they are, and nothing else: a dwell, an output or a stop comes when it is its turn.
+        // A feed of zero keeps the axes where they are, and nothing else: a dwell, an output or a stop comes
+        // when it is its turn.
         if at_rest && pace.brake && step.begins_motion() {
             return false;
         }
@@ -145,7 +147,8 @@ impl PathExecutor {
                 cursor.enter_run(&run, from, pace, queue);
             }
             Step::TimedSegment(flow) => {
-                // A stop within a piece, or a plan for another override: both are replaced before anything moves.
+                // A stop within a piece, or a plan for another override: both are replaced before anything
+                // moves.
                 if cursor.slowdown.is_some() || !self.plan_fits(cursor.step, pace.brake) {
                     self.rest_step = Some(step);
                     return false;
@@ -166,7 +169,8 @@ impl PathExecutor {
             }
             Step::ProgramStop { line } | Step::InputWait { line } => {
                 cursor.line = line;
-                // A request to go on from before the machine was here does not count: it cannot have meant this stop.
+                // A request to go on from before the machine was here does not count: it cannot have meant
+                // this stop.
                 let stood_here = cursor.state == State::ProgramStop;
                 if !inputs.resume || self.resume_seen || !stood_here {
                     cursor.state = State::ProgramStop;
@@ -264,8 +268,8 @@ impl PathExecutor {
             }
         }
         let path = cursor.path();
-        // Where the path rests at the piece's end, it is a matter of the planner's speed whether the block after is
-        // known yet.
+        // Where the path rests at the piece's end, it is a matter of the planner's speed whether the block
+        // after is known yet.
         let next_piece = match &cursor.drive {
             ActiveMotion::TimedSegment { flow, .. } => {
                 let length = flow.piece.length;
@@ -297,7 +301,8 @@ impl PathExecutor {
             return (Jet::at_rest(position), Some(segment));
         }
         if cursor.is_still() {
-            // Zero times a derivative may be -0.0, and whether there is a segment yet is a matter of the planner's speed.
+            // Zero times a derivative may be -0.0, and whether there is a segment yet is a matter of the
+            // planner's speed.
             return (Jet::at_rest(place.position), Some(segment));
         }
         (place.compose(now.v, now.a, jerk), Some(segment))
@@ -305,7 +310,8 @@ impl PathExecutor {
 }
 
 impl Cursor {
-    /// Drives a piece of a time law for the time that is left of the period; whether another one follows in it.
+    /// Drives a piece of a time law for the time that is left of the period; whether another one follows in
+    /// it.
     fn advance_segment(&mut self, left: &mut f64, queue: &mut PlanConsumer) -> bool {
         let ActiveMotion::TimedSegment { flow, time } = &mut self.drive else {
             return false;
@@ -321,7 +327,8 @@ impl Cursor {
         let rests = flow.rests_at_end();
         let (next, is_unfinished) = queue.settle_successor(self.step, rests);
         self.step = next;
-        // A rest of the plan ends a slowdown, and what has not been final is entered from rest like any other.
+        // A rest of the plan ends a slowdown, and what has not been final is entered from rest like any
+        // other.
         let stays = (self.slowdown.is_some() || is_unfinished) && rests;
         if let Some(Step::TimedSegment(flow)) = queue.step(next)
             && !stays
@@ -335,8 +342,8 @@ impl Cursor {
         false
     }
 
-    /// At rest, with `left` of the period: the state from which the next step is entered, if it is in this cycle. `rests`: steps
-    /// at rest passed before this cycle.
+    /// At rest, with `left` of the period: the state from which the next step is entered, if it is in this
+    /// cycle. `rests`: steps at rest passed before this cycle.
     fn wait_at_rest(&mut self, left: f64, standing: bool, rests: u64) -> Option<ScalarState> {
         if std::mem::take(&mut self.rest.stays) {
             return None;

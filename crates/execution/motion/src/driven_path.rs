@@ -9,8 +9,9 @@ use crate::state::State;
 const SAMPLES: usize = 1 << 15;
 /// Number of block starts kept.
 const BLOCKS: usize = 1 << 10;
-/// Maximum time between two samples, ns, or one period if that is longer. The error of the quintics is at most `J h^3 / 161`
-/// ([`between`]): 0.0013 um for the 200 m/s3 of the machine files in `config/machines`, 0.012 um for 2000 m/s3.
+/// Maximum time between two samples, ns, or one period if that is longer. The error of the quintics is at
+/// most `J h^3 / 161` ([`between`]): 0.0013 um for the 200 m/s3 of the machine files in `config/machines`,
+/// 0.012 um for 2000 m/s3.
 const SPACING_NS: u64 = 1_000_000;
 
 /// One instant of the path.
@@ -37,11 +38,12 @@ pub(crate) struct DrivenPlace {
     pub(crate) joint: bool,
 }
 
-/// The newest part of the path that a program has driven, over its time in motion: a stop counts as one sample.
+/// The newest part of the path that a program has driven, over its time in motion: a stop counts as one
+/// sample.
 ///
-/// The cycle adds each setpoint of the program. Only [`DrivenPath::new`] allocates (about 8 MB). The path is cleared by whatever retracing
-/// can neither repeat nor undo: an action, a changed output, a probing move, a thread, a process cycle. None of these therefore
-/// happened between any two of its positions.
+/// The cycle adds each setpoint of the program. Only [`DrivenPath::new`] allocates (about 8 MB). The path is
+/// cleared by whatever retracing can neither repeat nor undo: an action, a changed output, a probing move, a
+/// thread, a process cycle. None of these therefore happened between any two of its positions.
 #[derive(Clone, Debug)]
 pub struct DrivenPath {
     samples: Box<[Sample]>,
@@ -95,8 +97,9 @@ impl DrivenPath {
         (self.begin, self.blocks_begin) = (self.end, self.blocks_end);
     }
 
-    /// Adds a setpoint of the program. `by_time`: its position and derivatives by time in s; `is_switched`: an output has changed
-    /// with it; `is_barred`: it belongs to a motion that cannot be retraced. Real-time safe.
+    /// Adds a setpoint of the program. `by_time`: its position and derivatives by time in s; `is_switched`:
+    /// an output has changed with it; `is_barred`: it belongs to a motion that cannot be retraced. Real-time
+    /// safe.
     pub(crate) fn note(
         &mut self,
         setpoint: &Setpoint,
@@ -196,8 +199,8 @@ impl DrivenPath {
         self.end_time().map_or(0, |time| self.blocks_before(time))
     }
 
-    /// The position at a path time. The search begins at the last position that was looked up, so that the cost is bounded by
-    /// the number of samples between both. Real-time safe.
+    /// The position at a path time. The search begins at the last position that was looked up, so that the
+    /// cost is bounded by the number of samples between both. Real-time safe.
     pub(crate) fn at(&mut self, time: f64) -> Option<DrivenPlace> {
         if self.begin == self.end {
             return None;
@@ -236,10 +239,11 @@ impl DrivenPath {
 
 /// The quintic that has position and two derivatives of both samples.
 ///
-/// It is linear in the third derivative `j(t)` of the path, so its error is an integral of `j` times a kernel. If `|j|` is at most
-/// `J`, steps included, then over the distance `h` of the samples the error is at most `J h^3 / 161.7` and the third
-/// derivative at most `2.18 J`: the maxima of the integrals of the kernels' absolute values, evaluated numerically. For one step
-/// from `-J` to `J` they are `J h^3 / 384` and `1.75 J`.
+/// It is linear in the third derivative `j(t)` of the path, so its error is an integral of `j` times a
+/// kernel. If `|j|` is at most `J`, steps included, then over the distance `h` of the samples the error is at
+/// most `J h^3 / 161.7` and the third derivative at most `2.18 J`: the maxima of the integrals of the
+/// kernels' absolute values, evaluated numerically. For one step from `-J` to `J` they are `J h^3 / 384` and
+/// `1.75 J`.
 fn between(left: &Sample, right: &Sample, time: f64) -> Jet {
     let h = (right.time - left.time) as f64;
     let s = (time - left.time as f64) / h;

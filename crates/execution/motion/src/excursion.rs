@@ -11,25 +11,28 @@ use crate::setpoint::Setpoint;
 use crate::state::State;
 use crate::transfer_executor::TransferExecutor;
 
-/// Distance below which two positions are the same, mm or degrees. A solved transfer ends within less of its target.
+/// Distance below which two positions are the same, mm or degrees. A solved transfer ends within less of its
+/// target.
 const NEAR: f64 = 1e-9;
-/// Number of setpoints at rest at the held position before the program takes over. The guard's third differences cover four
-/// positions, and are all zero then, as if the program had rested there all the time.
+/// Number of setpoints at rest at the held position before the program takes over. The guard's third
+/// differences cover four positions, and are all zero then, as if the program had rested there all the time.
 const SETTLED: u32 = 4;
 
 /// Maximum rate of path time at which the driven path is retraced.
 ///
-/// The path kept the limits `V`, `A`, `J` of an axis at rate 1. At rate `r` with derivatives `r'`, `r''` the axis has at most
-/// velocity `V r`, acceleration `A r^2 + V r'` and jerk `J r^3 + 3 A r r' + V r''`. [`rate_limits`] bounds `r'` and `r''` so that
-/// these are at most 0.85 `A` and 0.625 `J`. The quintics between samples have up to 2.18 times the third derivative of the path,
-/// so that `J r^3` becomes 0.273 `J`, and the total 0.773 `J`.
+/// The path kept the limits `V`, `A`, `J` of an axis at rate 1. At rate `r` with derivatives `r'`, `r''` the
+/// axis has at most velocity `V r`, acceleration `A r^2 + V r'` and jerk `J r^3 + 3 A r r' + V r''`.
+/// [`rate_limits`] bounds `r'` and `r''` so that these are at most 0.85 `A` and 0.625 `J`. The quintics
+/// between samples have up to 2.18 times the third derivative of the path, so that `J r^3` becomes 0.273 `J`,
+/// and the total 0.773 `J`.
 const RATE: f64 = 0.5;
 
 /// A motion of the axes away from a held program, and back.
 ///
-/// The [`PathExecutor`] of the program is stepped in every cycle as in any hold, and its setpoints at rest are not published. The
-/// excursion therefore cannot influence the program, which continues bit for bit as without it. The positions published are those of
-/// the excursion; state, block and actions are those of the program. Real-time safe: no method allocates, locks or waits.
+/// The [`PathExecutor`] of the program is stepped in every cycle as in any hold, and its setpoints at rest
+/// are not published. The excursion therefore cannot influence the program, which continues bit for bit as
+/// without it. The positions published are those of the excursion; state, block and actions are those of the
+/// program. Real-time safe: no method allocates, locks or waits.
 #[derive(Debug)]
 pub struct Excursion {
     mover: Mover,
@@ -75,8 +78,8 @@ pub enum ExcursionEnd {
 }
 
 impl Excursion {
-    /// Begins at the position where a program is held. `None` if it cannot be left there, see [`PathExecutor::can_be_left`].
-    /// Real-time safe.
+    /// Begins at the position where a program is held. `None` if it cannot be left there, see
+    /// [`PathExecutor::can_be_left`]. Real-time safe.
     #[must_use]
     pub fn begin(motion: &PathExecutor) -> Option<Self> {
         motion.can_be_left().then_some(Self {
@@ -106,7 +109,8 @@ impl Excursion {
     /// Begins a transfer. Real-time safe.
     ///
     /// # Errors
-    /// A motion is in progress, or the transfer does not begin at the present position. The transfer is returned.
+    /// A motion is in progress, or the transfer does not begin at the present position. The transfer is
+    /// returned.
     pub fn steer(
         &mut self,
         station: &MachineState,
@@ -120,7 +124,8 @@ impl Excursion {
         Ok(())
     }
 
-    /// Replaces the transfer in progress by one that begins at the state of the last setpoint. Returns whether it does. Real-time safe.
+    /// Replaces the transfer in progress by one that begins at the state of the last setpoint. Returns
+    /// whether it does. Real-time safe.
     pub fn turn(&mut self, station: &MachineState, to: &TransferExecutor) -> bool {
         match &mut self.mover {
             Mover::Transfer(transfer) => station.turn(transfer, to),
@@ -128,9 +133,9 @@ impl Excursion {
         }
     }
 
-    /// Begins a motion along the driven path: backwards by `back` block starts, or for 0 forwards to its end, where the program is
-    /// held. Returns `false` without effect if a motion is in progress, the axes are not on the path, or the path is not known so
-    /// far back. Real-time safe.
+    /// Begins a motion along the driven path: backwards by `back` block starts, or for 0 forwards to its end,
+    /// where the program is held. Returns `false` without effect if a motion is in progress, the axes are not
+    /// on the path, or the path is not known so far back. Real-time safe.
     pub fn retrace(
         &mut self,
         station: &MachineState,
@@ -166,8 +171,8 @@ impl Excursion {
         true
     }
 
-    /// Number of block starts that can be reached backwards from the last position at rest on the path. Real-time safe: at most
-    /// 1024 comparisons.
+    /// Number of block starts that can be reached backwards from the last position at rest on the path.
+    /// Real-time safe: at most 1024 comparisons.
     #[must_use]
     pub fn blocks_before(&self, path: &DrivenPath) -> u32 {
         let time = self.place.or_else(|| path.end_time());
@@ -189,7 +194,8 @@ impl Excursion {
         }
     }
 
-    /// The next setpoint. `plan`: the setpoint of the program's executor with the same number. Real-time safe.
+    /// The next setpoint. `plan`: the setpoint of the program's executor with the same number. Real-time
+    /// safe.
     pub fn step(
         &mut self,
         station: &mut MachineState,
@@ -261,7 +267,8 @@ impl Excursion {
         }
     }
 
-    /// Takes the transfer whose end [`Excursion::step`] has returned, so that the caller can drop it outside the cycle.
+    /// Takes the transfer whose end [`Excursion::step`] has returned, so that the caller can drop it outside
+    /// the cycle.
     pub fn take_spent(&mut self) -> Option<Box<TransferExecutor>> {
         match std::mem::replace(&mut self.mover, Mover::None) {
             Mover::Transfer(transfer) => Some(transfer),
@@ -269,8 +276,8 @@ impl Excursion {
         }
     }
 
-    /// Returns the axes to the program if they have been at rest at its held position for four setpoints. The excursion is over
-    /// if this returns `true`. Real-time safe.
+    /// Returns the axes to the program if they have been at rest at its held position for four setpoints. The
+    /// excursion is over if this returns `true`. Real-time safe.
     pub fn give_back(&self, station: &MachineState, motion: &mut PathExecutor) -> bool {
         let is_back = !self.is_moving()
             && self.place.is_none()

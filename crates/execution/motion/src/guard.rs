@@ -1,7 +1,7 @@
 //! The last check before a setpoint leaves.
 //!
-//! The guard knows nothing of plans: it differentiates the positions that were published and compares with the
-//! limits of the axes. What it measures is also what the run's summary reports.
+//! The guard knows nothing of plans: it differentiates the positions that were published and compares with
+//! the limits of the axes. What it measures is also what the run's summary reports.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, AxisLetter};
@@ -44,8 +44,8 @@ pub struct Violation {
     pub limit: f64,
 }
 
-/// Largest magnitudes seen in published positions, less what rounding can make of a difference: far from zero and at a high rate that
-/// alone exceeds a limit of jerk.
+/// Largest magnitudes seen in published positions, less what rounding can make of a difference: far from zero
+/// and at a high rate that alone exceeds a limit of jerk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extremes {
     /// First difference over the period, per s.
@@ -112,8 +112,9 @@ impl Guard {
         &self.past
     }
 
-    /// Velocity and acceleration that continue the published positions, whatever the plan says of them: those of the parabola
-    /// through the last three. None near a joint of exact-path mode, whose step they contain. Real-time safe.
+    /// Velocity and acceleration that continue the published positions, whatever the plan says of them: those
+    /// of the parabola through the last three. None near a joint of exact-path mode, whose step they contain.
+    /// Real-time safe.
     pub(crate) fn measured(&self) -> Option<(Axes, Axes)> {
         if self.since_joint < JOINT_CYCLES {
             return None;
@@ -124,8 +125,8 @@ impl Guard {
         Some(((d1 + (d1 - d2) * 0.5) * f, (d1 - d2) * (f * f)))
     }
 
-    /// Checks a position against every limit. While `braking` after a fault the speed may still be above its limit:
-    /// only acceleration and jerk, and so time, bring it down. Real-time safe.
+    /// Checks a position against every limit. While `braking` after a fault the speed may still be above its
+    /// limit: only acceleration and jerk, and so time, bring it down. Real-time safe.
     ///
     /// # Errors
     /// The first limit that it would break.

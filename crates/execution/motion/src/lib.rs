@@ -1,8 +1,8 @@
 //! The cycle: a pure, allocation-free step from inputs to one setpoint.
 //!
-//! [`PathExecutor::step`] advances the path parameter by one period along the plan, evaluates the path there, has the
-//! [`Guard`] check the result, and returns a [`Setpoint`]. Time enters only as the period. The plan comes through a
-//! wait-free queue ([`plan_queue`]); feed hold, override and stop come as [`Inputs`].
+//! [`PathExecutor::step`] advances the path parameter by one period along the plan, evaluates the path there,
+//! has the [`Guard`] check the result, and returns a [`Setpoint`]. Time enters only as the period. The plan
+//! comes through a wait-free queue ([`plan_queue`]); feed hold, override and stop come as [`Inputs`].
 //!
 //! ```
 //! use evolvent_machine::{Limits, PlannerKind};
@@ -46,27 +46,30 @@
 //! }
 //! assert_eq!((last.position, last.velocity), (end, Axes::zeros()));
 //! ```
-//! A time-optimal plan is only evaluated. For a hold, a stop or a lower override the step slows it down by itself, beginning
-//! with the setpoint that the input comes with, and needs no planner for that. For a higher override, and to go on at full
-//! speed after a lower one, it requests another plan, from the position where it will be 10 ms later. The runs of a classic
-//! plan are solved here in closed form.
+//! A time-optimal plan is only evaluated. For a hold, a stop or a lower override the step slows it down by
+//! itself, beginning with the setpoint that the input comes with, and needs no planner for that. For a higher
+//! override, and to go on at full speed after a lower one, it requests another plan, from the position where
+//! it will be 10 ms later. The runs of a classic plan are solved here in closed form.
 //!
-//! Jog and homing have no path: a [`TransferExecutor`] drives a transfer that was solved before. A [`MachineState`] carries sequence
-//! numbers and the guard's memory from job to job.
+//! Jog and homing have no path: a [`TransferExecutor`] drives a transfer that was solved before. A
+//! [`MachineState`] carries sequence numbers and the guard's memory from job to job.
 //!
-//! An [`Excursion`] moves the axes away from a held program, by jogs or backwards along the [`DrivenPath`], and back. The program
-//! continues as without it.
+//! An [`Excursion`] moves the axes away from a held program, by jogs or backwards along the [`DrivenPath`],
+//! and back. The program continues as without it.
 //!
-//! Where the plan says so, a [`Probing`] move takes over at rest, stops where the probe in the inputs trips, and hands its result
-//! back; the plan goes on where the axes stand then.
+//! Where the plan says so, a [`Probing`] move takes over at rest, stops where the probe in the inputs trips,
+//! and hands its result back; the plan goes on where the axes stand then.
 //!
-//! Where the plan says so, a pass of [`Threading`] takes over at rest and follows the angle of the spindle in the inputs.
+//! Where the plan says so, a pass of [`Threading`] takes over at rest and follows the angle of the spindle in
+//! the inputs.
 //!
-//! Where the plan says so, a [`ProcessCycle`] takes over at rest, finds its motion from the cutting load in the inputs,
-//! and ends where it began; its setpoints pass the same guard. Which processes there are is not known here.
+//! Where the plan says so, a [`ProcessCycle`] takes over at rest, finds its motion from the cutting load in
+//! the inputs, and ends where it began; its setpoints pass the same guard. Which processes there are is not
+//! known here.
 //!
-//! Whatever happens to the planner, the queue ends at rest on the path. Should a plan be wrong, the guard refuses
-//! the setpoint, the machine brakes on the path, and if that breaks a limit as well, each axis stops by itself.
+//! Whatever happens to the planner, the queue ends at rest on the path. Should a plan be wrong, the guard
+//! refuses the setpoint, the machine brakes on the path, and if that breaks a limit as well, each axis stops
+//! by itself.
 
 mod advance;
 mod cursor;

@@ -11,11 +11,12 @@ use crate::setpoint::Setpoint;
 use crate::state::State;
 use crate::transfer_executor::{TransferExecutor, fits};
 
-/// The machine between and across its jobs: the number of the next setpoint, the guard's memory, where the axes are.
+/// The machine between and across its jobs: the number of the next setpoint, the guard's memory, where the
+/// axes are.
 ///
-/// A job is a [`PathExecutor`] along a plan, or a [`TransferExecutor`]. It begins at rest where the last one ended, so that setpoints
-/// and what the guard measures go on without a jump. At rest a setpoint is made every period too. `Copy`; nothing here
-/// allocates.
+/// A job is a [`PathExecutor`] along a plan, or a [`TransferExecutor`]. It begins at rest where the last one
+/// ended, so that setpoints and what the guard measures go on without a jump. At rest a setpoint is made
+/// every period too. `Copy`; nothing here allocates.
 #[derive(Clone, Copy, Debug)]
 pub struct MachineState {
     limits: Limits,
@@ -97,8 +98,8 @@ impl MachineState {
         self.feed_override = factor;
     }
 
-    /// At rest: the same place has new coordinates, or the machine was moved without power. What the guard remembers
-    /// begins again there.
+    /// At rest: the same place has new coordinates, or the machine was moved without power. What the guard
+    /// remembers begins again there.
     pub fn relocate(&mut self, limits: Limits, position: Axes) {
         let extremes = *self.guard.extremes();
         self.limits = limits;
@@ -106,8 +107,8 @@ impl MachineState {
         self.last = Jet::at_rest(position);
     }
 
-    /// At rest at `position`, the next setpoint being number `sequence`, `path_mm` into the last job: for going through what
-    /// was recorded of a machine from a place in the middle on.
+    /// At rest at `position`, the next setpoint being number `sequence`, `path_mm` into the last job: for
+    /// going through what was recorded of a machine from a place in the middle on.
     pub fn place_at(&mut self, limits: Limits, sequence: u64, position: Axes, path_mm: f64) {
         self.relocate(limits, position);
         self.quick_stop = None;
@@ -129,7 +130,8 @@ impl MachineState {
         self.publish(jet, state, 0)
     }
 
-    /// Lets a job along a plan begin here, at rest. `false`, and nothing is changed, where it begins elsewhere.
+    /// Lets a job along a plan begin here, at rest. `false`, and nothing is changed, where it begins
+    /// elsewhere.
     pub fn attach(&self, motion: &mut PathExecutor) -> bool {
         let here = self.last.position;
         let there = motion.last.position;

@@ -25,8 +25,8 @@ const MIN_OVERRIDE: f64 = 0.001;
 
 /// Motion of one machine along one plan.
 ///
-/// `step` is pure: it looks at no clock and touches nothing but itself and the queue. It does not allocate, lock
-/// or wait, and its work is bounded.
+/// `step` is pure: it looks at no clock and touches nothing but itself and the queue. It does not allocate,
+/// lock or wait, and its work is bounded.
 #[derive(Debug)]
 pub struct PathExecutor {
     pub(crate) period: f64,
@@ -45,7 +45,8 @@ pub struct PathExecutor {
     pub(crate) asking: ReplanState,
     /// What a slowdown looks at.
     pub(crate) preview: PlanPreview,
-    /// The plan step in front of which the axes rest and for which another plan may be requested, as the last step found it.
+    /// The plan step in front of which the axes rest and for which another plan may be requested, as the last
+    /// step found it.
     pub(crate) rest_step: Option<Step>,
     /// What the last step met of the planner.
     pub(crate) lag: PlannerLag,
@@ -110,8 +111,8 @@ impl PathExecutor {
         self.guard = *guard;
     }
 
-    /// Whether the axes may leave the position at which the program is held, to return to it: the program is held or at a program
-    /// stop, and no probing move, thread or process cycle moves the axes.
+    /// Whether the axes may leave the position at which the program is held, to return to it: the program is
+    /// held or at a program stop, and no probing move, thread or process cycle moves the axes.
     #[must_use]
     pub fn can_be_left(&self) -> bool {
         matches!(self.cursor.state, State::Held | State::ProgramStop)
@@ -122,7 +123,8 @@ impl PathExecutor {
             && !self.stop
     }
 
-    /// Adds the last setpoint to the driven path. `is_switched`: an output has changed with it. Real-time safe.
+    /// Adds the last setpoint to the driven path. `is_switched`: an output has changed with it. Real-time
+    /// safe.
     pub fn note_driven(&self, path: &mut DrivenPath, setpoint: &Setpoint, is_switched: bool) {
         let others = self.process().is_some() || self.probing.is_some() || self.threading.is_some();
         let is_barred = others || self.process.is_active() || self.quick_stop.is_some();
@@ -160,9 +162,9 @@ impl PathExecutor {
         self.quick_stop.is_none() && plan_rests && self.process.is_at_rest() && !probes && !threads
     }
 
-    /// The feed that the axes are driven at after the last step, as a factor of the programmed one: less than the override
-    /// where corners or an axis slow the machine down, and 0 at rest and in rapids. None where a near-optimal plan drives,
-    /// which keeps no programmed feed.
+    /// The feed that the axes are driven at after the last step, as a factor of the programmed one: less than
+    /// the override where corners or an axis slow the machine down, and 0 at rest and in rapids. None where a
+    /// near-optimal plan drives, which keeps no programmed feed.
     #[must_use]
     pub fn feed_factor(&self) -> Option<f64> {
         match &self.cursor.drive {
@@ -184,7 +186,8 @@ impl PathExecutor {
         self.sequence
     }
 
-    /// What the last step met of the planner. In real time this depends on how fast the planner was, so it is recorded like an input.
+    /// What the last step met of the planner. In real time this depends on how fast the planner was, so it is
+    /// recorded like an input.
     #[must_use]
     pub fn planner_lag(&self) -> PlannerLag {
         self.lag
@@ -281,7 +284,8 @@ impl PathExecutor {
         self.guard.publish(&jet.position, cursor.joint);
         let marks = segment.map(|segment| segment.marks).unwrap_or_default();
         self.is_rapid = segment.is_some_and(|segment| cursor.is_rapid(segment, queue));
-        // At rest the front segment is that of the next move, and whether it is known yet is a matter of the planner's speed.
+        // At rest the front segment is that of the next move, and whether it is known yet is a matter of the
+        // planner's speed.
         let moves = !cursor.is_still();
         let mut bits = 0;
         for (set, bit) in [
@@ -310,10 +314,11 @@ impl PathExecutor {
         self.setpoint(jet, path_mm, bits)
     }
 
-    /// Begins to slow the plan down, or changes what it is slowed down to, as hold, stop, fault and override ask for it.
+    /// Begins to slow the plan down, or changes what it is slowed down to, as hold, stop, fault and override
+    /// ask for it.
     ///
-    /// A slowdown to a part of the speed ends when a plan for the override takes over. The override does not scale rapids: where
-    /// one is driven, the request alone is made.
+    /// A slowdown to a part of the speed ends when a plan for the override takes over. The override does not
+    /// scale rapids: where one is driven, the request alone is made.
     fn slow_down(&mut self, cursor: &mut Cursor, inputs: &Inputs, queue: &mut PlanConsumer) {
         let ActiveMotion::TimedSegment { flow, time } = cursor.drive else {
             return;
@@ -379,8 +384,8 @@ impl PathExecutor {
         }
     }
 
-    /// Every axis stops by itself from the motion that was published: the path is left. The plan is not to be trusted, nor
-    /// are its derivatives.
+    /// Every axis stops by itself from the motion that was published: the path is left. The plan is not to be
+    /// trusted, nor are its derivatives.
     pub(crate) fn start_quick_stop(&mut self) {
         let from = self.guard.past()[0];
         let mut last = self.last;

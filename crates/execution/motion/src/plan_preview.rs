@@ -1,20 +1,21 @@
 //! Samples of the plan ahead, by its own time.
 //!
-//! Slowing down acts on the time of a plan, so what it needs to know of the plan are the derivatives of every axis by plan
-//! time. They are sampled where the law changes and at most [`SPACING_S`] apart, once each, and only as far ahead as somebody
-//! looks: a sample costs one evaluation of the path.
+//! Slowing down acts on the time of a plan, so what it needs to know of the plan are the derivatives of every
+//! axis by plan time. They are sampled where the law changes and at most [`SPACING_S`] apart, once each, and
+//! only as far ahead as somebody looks: a sample costs one evaluation of the path.
 
 use evolvent_path::{AXES, Axes};
 use evolvent_planner::{Step, TimedSegment};
 
 use crate::queue::PlanConsumer;
 
-/// Largest distance of two samples, s of plan time. Tuned: with 0.25 ms holds are as short and keep the limits as well.
+/// Largest distance of two samples, s of plan time. Tuned: with 0.25 ms holds are as short and keep the
+/// limits as well.
 const SPACING_S: f64 = 0.0005;
 /// Samples that are held at a time. A power of two.
 const CAPACITY: usize = 2048;
-/// How far ahead the plan is looked at, s of plan time: several times what an axis takes from its largest acceleration
-/// in one direction to that in the other.
+/// How far ahead the plan is looked at, s of plan time: several times what an axis takes from its largest
+/// acceleration in one direction to that in the other.
 pub(crate) const LONGEST_PREVIEW_S: f64 = 0.4;
 
 /// The derivatives of the axes by plan time at one instant of the plan.

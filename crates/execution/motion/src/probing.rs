@@ -11,10 +11,11 @@ use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
 use crate::setpoint::{Inputs, Setpoint};
 
-/// Rest before the move, s, beside the lead: the position of an earlier contact has come by then, and is not taken for one of
-/// this move. Drives settle in less.
+/// Rest before the move, s, beside the lead: the position of an earlier contact has come by then, and is not
+/// taken for one of this move. Drives settle in less.
 const SETTLE_S: f64 = 0.03;
-/// Rest at the end of a move without contact, s, beside the lead: axes follow late, and a contact is reported late.
+/// Rest at the end of a move without contact, s, beside the lead: axes follow late, and a contact is reported
+/// late.
 const LINGER_S: f64 = 0.03;
 /// How long the position of a contact may take to come, s.
 const POSITION_TIMEOUT_S: f64 = 0.5;
@@ -49,7 +50,8 @@ impl ProbeMove {
         }
     }
 
-    /// How far the axes go on at most after the cycle has seen the contact, mm. It is less near the end of the move.
+    /// How far the axes go on at most after the cycle has seen the contact, mm. It is less near the end of
+    /// the move.
     #[must_use]
     pub fn stopping_distance(&self, limits: &Limits) -> f64 {
         let limits = self.limits(limits);
@@ -112,8 +114,8 @@ enum Wanted {
 }
 
 /// A probing move, driven setpoint by setpoint. Built outside the cycle and handed over in a box by a
-/// [`ProbingSender`](crate::ProbingSender), before the plan's [`Step::Probe`](evolvent_planner::Step::Probe), which hands it back with
-/// its result.
+/// [`ProbingSender`](crate::ProbingSender), before the plan's [`Step::Probe`](evolvent_planner::Step::Probe),
+/// which hands it back with its result.
 #[derive(Clone, Debug)]
 pub struct Probing {
     order: ProbeMove,

@@ -37,10 +37,10 @@ pub enum ProcessStatus {
 
 /// Motion that a process finds: a turning cycle that takes its passes from the cutting load, for one.
 ///
-/// It is built outside the cycle and handed over in a box by a [`ProcessSender`](crate::ProcessSender), before the plan's
-/// [`Step::Turning`](evolvent_planner::Step::Turning). Its methods are called by the real-time cycle: they do not allocate, lock
-/// or wait, and their work is bounded. The guard checks every position. As [`Any`], [`PathExecutor::process`] is read by the
-/// type that was handed over.
+/// It is built outside the cycle and handed over in a box by a [`ProcessSender`](crate::ProcessSender),
+/// before the plan's [`Step::Turning`](evolvent_planner::Step::Turning). Its methods are called by the
+/// real-time cycle: they do not allocate, lock or wait, and their work is bounded. The guard checks every
+/// position. As [`Any`], [`PathExecutor::process`] is read by the type that was handed over.
 pub trait ProcessCycle: Any + Debug + Send {
     /// Position and derivatives one period later, and what the cycle has come to.
     fn step(&mut self, inputs: &ProcessInputs) -> (Jet, ProcessStatus);

@@ -1,17 +1,18 @@
 //! The wait-free queue from the planner to the cycle, and the cycle's requests back.
 //!
-//! Segments, marks and steps go through rings; what changes of steps that are already queued stands in a table of
-//! atomics beside them.
+//! Segments, marks and steps go through rings; what changes of steps that are already queued stands in a
+//! table of atomics beside them.
 //!
-//! A classic plan raises the exit speed of queued runs, from the last run backwards, so whatever the cycle reads,
-//! at whatever moment, can be brought to rest on the path.
+//! A classic plan raises the exit speed of queued runs, from the last run backwards, so whatever the cycle
+//! reads, at whatever moment, can be brought to rest on the path.
 //!
-//! A near-optimal plan is a chain of pieces of a time law. After the committed pieces lies a *tail* that ends at
-//! rest; the last committed step is *open*. When more has been planned, it is appended after the tail, and the open step is
-//! *linked* to it: the tail is skipped. A cycle that comes to the end of what is committed before that claims the link, drives
-//! the tail, and the planner's late link fails. Overrides come as a [`Request`] for a new plan from a place a few cycles ahead;
-//! the [`Reply`] names the step to go on with there. A cycle that cannot take a reply over says that it has withdrawn the
-//! request: then the planner drops that plan and goes on with the one that is driven.
+//! A near-optimal plan is a chain of pieces of a time law. After the committed pieces lies a *tail* that ends
+//! at rest; the last committed step is *open*. When more has been planned, it is appended after the tail, and
+//! the open step is *linked* to it: the tail is skipped. A cycle that comes to the end of what is committed
+//! before that claims the link, drives the tail, and the planner's late link fails. Overrides come as a
+//! [`Request`] for a new plan from a place a few cycles ahead; the [`Reply`] names the step to go on with
+//! there. A cycle that cannot take a reply over says that it has withdrawn the request: then the planner
+//! drops that plan and goes on with the one that is driven.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -49,8 +50,8 @@ const TAKEN: u64 = 1 << 63;
 #[derive(Debug)]
 struct Table {
     exits: Box<[[AtomicU64; 2]]>,
-    /// Successor + 1 where it is not simply the next step; 0 where it is; [`OPEN`] or [`CLAIMED`] before a tail; [`PLACE`], or the
-    /// successor + 1 with [`TAKEN`], of a step that keeps a place.
+    /// Successor + 1 where it is not simply the next step; 0 where it is; [`OPEN`] or [`CLAIMED`] before a
+    /// tail; [`PLACE`], or the successor + 1 with [`TAKEN`], of a step that keeps a place.
     links: Box<[AtomicU64]>,
     committed: AtomicU64,
     complete: AtomicU64,
@@ -298,7 +299,8 @@ pub struct PlanConsumer {
     settled_up_to: u64,
 }
 
-/// What a cycle has looked for in the plan. In real time it may come too early for something; when it is computed again it meets the same.
+/// What a cycle has looked for in the plan. In real time it may come too early for something; when it is
+/// computed again it meets the same.
 #[derive(Debug, Default)]
 struct Looks {
     /// Looks that found what they looked for. More than a cycle ever makes are not told apart.
@@ -373,8 +375,8 @@ impl PlanConsumer {
         self.table.committed.load(Ordering::Acquire) > index
     }
 
-    /// The step that is executed at the position of step `index`: itself, the step linked to it if it keeps a place, or none until
-    /// one is linked.
+    /// The step that is executed at the position of step `index`: itself, the step linked to it if it keeps a
+    /// place, or none until one is linked.
     pub fn occupant(&mut self, index: u64) -> Option<u64> {
         // One look, after the step has been seen: before it is there its link may be that of an older step.
         if !matches!(self.step(index), Some(Step::Wait)) {
@@ -424,8 +426,8 @@ impl PlanConsumer {
         (index + 1, false)
     }
 
-    /// The step after step `index`, settled, and whether the planner had not come so far: then that step is a tail, or it has to be
-    /// waited for. `rests`: the axes rest between them.
+    /// The step after step `index`, settled, and whether the planner had not come so far: then that step is a
+    /// tail, or it has to be waited for. `rests`: the axes rest between them.
     pub(crate) fn settle_successor(&mut self, index: u64, rests: bool) -> (u64, bool) {
         let is_left_open = self.table.link(index).load(Ordering::Acquire) != 0;
         let is_end = (is_left_open || rests) && index >= self.settled_up_to;
@@ -447,8 +449,8 @@ impl PlanConsumer {
         (occupant.unwrap_or(next), occupant.is_none())
     }
 
-    /// Whether the runs ahead of step `index` cannot change any more: the next [`STEPS_AHEAD`] steps are final, or
-    /// all up to a wait for an input, or the plan is complete.
+    /// Whether the runs ahead of step `index` cannot change any more: the next [`STEPS_AHEAD`] steps are
+    /// final, or all up to a wait for an input, or the plan is complete.
     #[must_use]
     pub fn has_final_ahead(&self, index: u64) -> bool {
         self.has_final(index, STEPS_AHEAD)

@@ -1,8 +1,8 @@
 //! Every axis stops by itself: the last resort, which leaves the path.
 //!
-//! A stop brings acceleration to zero as well, which a path that turns back in front of the edge of the travel does not: at the same
-//! jerk the axis would go beyond the edge by up to `A^3 / (24 J^2)`. Such an axis takes as much more jerk as it needs to stop at the
-//! edge, within its acceleration.
+//! A stop brings acceleration to zero as well, which a path that turns back in front of the edge of the
+//! travel does not: at the same jerk the axis would go beyond the edge by up to `A^3 / (24 J^2)`. Such an
+//! axis takes as much more jerk as it needs to stop at the edge, within its acceleration.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, Jet};
@@ -10,8 +10,9 @@ use evolvent_planner::{Profile, ScalarLimits, ScalarState};
 
 use crate::guard::{Guard, SLACK, TRAVEL_SLACK};
 
-/// How often the jerk of an axis is doubled until it stops within its travel, and steps of the search for the least that does. From an
-/// acceleration within the limit, 2^10 times the jerk is nearly a step of acceleration at any control rate.
+/// How often the jerk of an axis is doubled until it stops within its travel, and steps of the search for the
+/// least that does. From an acceleration within the limit, 2^10 times the jerk is nearly a step of
+/// acceleration at any control rate.
 const DOUBLINGS: u32 = 10;
 const BISECTIONS: u32 = 12;
 
@@ -29,7 +30,8 @@ impl QuickStop {
         let mut axes = [(Profile::at_rest(0.0), 1.0); AXES];
         for i in 0..AXES {
             let (velocity, acceleration) = (last.first[i], last.second[i]);
-            // The last setpoint has left, so its position is sound; its derivatives are not worth a wrong motion.
+            // The last setpoint has left, so its position is sound; its derivatives are not worth a wrong
+            // motion.
             if !limits.present[i] || !velocity.is_finite() || !acceleration.is_finite() {
                 continue;
             }
@@ -82,8 +84,8 @@ impl QuickStop {
         jet
     }
 
-    /// The same, and an axis that would leave its travel all the same (the plan led it there) stands from here on, while the others
-    /// finish their stops. Whether one does. Real-time safe.
+    /// The same, and an axis that would leave its travel all the same (the plan led it there) stands from
+    /// here on, while the others finish their stops. Whether one does. Real-time safe.
     pub(crate) fn advance_within(&mut self, guard: &Guard, period: f64) -> (Jet, bool) {
         let mut jet = self.advance(period);
         let mut stands = false;
@@ -100,8 +102,8 @@ impl QuickStop {
     }
 }
 
-/// The fastest stop that goes no farther than `left`: with more jerk than the limit where it needs that, and with the most of it where
-/// none is enough.
+/// The fastest stop that goes no farther than `left`: with more jerk than the limit where it needs that, and
+/// with the most of it where none is enough.
 fn stop_within(from: ScalarState, left: f64, limits: &ScalarLimits) -> Profile {
     let with = |factor: f64| {
         let limits = ScalarLimits {
@@ -131,7 +133,8 @@ fn stop_within(from: ScalarState, left: f64, limits: &ScalarLimits) -> Profile {
     with(within)
 }
 
-/// How far a stop goes: to its end, or to where it turns back as its deceleration is more than its speed needs.
+/// How far a stop goes: to its end, or to where it turns back as its deceleration is more than its speed
+/// needs.
 fn farthest(from: ScalarState, stop: &Profile, jerk: f64) -> f64 {
     let below = from.a * from.a - 2.0 * jerk * from.v;
     if from.a < 0.0 && below > 0.0 {

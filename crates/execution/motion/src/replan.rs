@@ -1,9 +1,10 @@
 //! Requesting another plan from the planner, and taking it over.
 //!
-//! A plan of pieces is made for one override. When another is wanted the cycle requests a plan from the position where it will
-//! be a lead time later, and goes on until then; the reply takes over at just that setpoint. A lower override slows the plan
-//! down meanwhile ([`Slowdown`]), and the request is made once that is at a constant rate. At rest there is no hurry: the
-//! cycle waits until the reply comes. Holds and stops need no planner.
+//! A plan of pieces is made for one override. When another is wanted the cycle requests a plan from the
+//! position where it will be a lead time later, and goes on until then; the reply takes over at just that
+//! setpoint. A lower override slows the plan down meanwhile ([`Slowdown`]), and the request is made once that
+//! is at a constant rate. At rest there is no hurry: the cycle waits until the reply comes. Holds and stops
+//! need no planner.
 //!
 //! [`Slowdown`]: crate::slowdown::Slowdown
 
@@ -49,8 +50,9 @@ pub(crate) struct ReplanState {
     unanswered: u32,
     /// No further request before this setpoint: the last one could not be met.
     not_before: u64,
-    /// Requests in motion in a row that came to nothing, and the setpoint before which there is no other. Each may have the planner
-    /// append a window that is never driven, so an input that does not rest must not make one every few cycles.
+    /// Requests in motion in a row that came to nothing, and the setpoint before which there is no other.
+    /// Each may have the planner append a window that is never driven, so an input that does not rest must
+    /// not make one every few cycles.
     wasted: u32,
     waste_until: u64,
     pub(crate) lead: u64,
@@ -76,7 +78,8 @@ impl ReplanState {
         self.open.is_some()
     }
 
-    /// Whether a plan for this override has been requested, and the planner has not failed to give one in time.
+    /// Whether a plan for this override has been requested, and the planner has not failed to give one in
+    /// time.
     pub(crate) fn is_waiting_for(&self, factor: f64) -> bool {
         self.unanswered == 0 && self.open.is_some_and(|open| open.factor == factor)
     }
@@ -115,8 +118,9 @@ impl ReplanState {
 }
 
 impl PathExecutor {
-    /// Whether the plan from plan step `step` on may be driven as it is. A plan that was made for a start from there may be driven even
-    /// if the override has changed meanwhile: an override that changes in every cycle would never let the axes start.
+    /// Whether the plan from plan step `step` on may be driven as it is. A plan that was made for a start
+    /// from there may be driven even if the override has changed meanwhile: an override that changes in every
+    /// cycle would never let the axes start.
     pub(crate) fn plan_fits(&self, step: u64, brake: bool) -> bool {
         let asking = &self.asking;
         let is_wanted = asking.factor == self.feed_override || asking.answered_at == Some(step);
@@ -153,8 +157,9 @@ impl PathExecutor {
                         self.asking.is_met();
                         queue.acknowledge_replan(open.id);
                     }
-                    // Taking it over frees the queue of what lies before, which the planner may need to hand on the new plan: so
-                    // that is entered in a later cycle, whether it has come already or not.
+                    // Taking it over frees the queue of what lies before, which the planner may need to hand
+                    // on the new plan: so that is entered in a later cycle, whether it has come already or
+                    // not.
                     Some((step, _)) if open.after.is_none() => {
                         cursor.step = step;
                         self.asking.answered_at = Some(step);
@@ -257,8 +262,9 @@ impl PathExecutor {
         }
     }
 
-    /// The step and piece in which the plan is `time` seconds after the start of `flow`, which is plan step `step`, and the time since that
-    /// piece's start; none if the axes stop before. Settles the successors up to there.
+    /// The step and piece in which the plan is `time` seconds after the start of `flow`, which is plan step
+    /// `step`, and the time since that piece's start; none if the axes stop before. Settles the successors up
+    /// to there.
     fn foresee(
         &mut self,
         (mut step, mut flow, mut time): (u64, TimedSegment, f64),
@@ -319,14 +325,15 @@ impl PathExecutor {
         self.asking.open.is_some() || !goes_on
     }
 
-    /// Whether the next step meets nothing that the planner may still change, so that it does not depend on how
-    /// fast the planner is. The virtual clock waits for this.
+    /// Whether the next step meets nothing that the planner may still change, so that it does not depend on
+    /// how fast the planner is. The virtual clock waits for this.
     pub fn is_ready(&self, queue: &mut PlanConsumer) -> bool {
         self.is_ready_from(self.cursor.step, queue)
     }
 
-    /// Whether the machine stands at a wait for an input, and what follows it is known as far as a step can see. A wait that is
-    /// over is left only then, so that what follows does not depend on how fast the planner is.
+    /// Whether the machine stands at a wait for an input, and what follows it is known as far as a step can
+    /// see. A wait that is over is left only then, so that what follows does not depend on how fast the
+    /// planner is.
     pub fn can_leave_wait(&self, queue: &mut PlanConsumer) -> bool {
         let step = self.cursor.step;
         self.cursor.state == State::ProgramStop
@@ -351,7 +358,8 @@ impl PathExecutor {
         {
             return true;
         }
-        // With the virtual clock a request that finds no room is made in the next step: the planner takes the older ones.
+        // With the virtual clock a request that finds no room is made in the next step: the planner takes the
+        // older ones.
         if !queue.can_ask() && !queue.has_no_planner() {
             return false;
         }
@@ -361,7 +369,8 @@ impl PathExecutor {
             let due = open.after.is_none_or(|after| self.sequence > after);
             let is_moving = matches!(cursor.drive, ActiveMotion::TimedSegment { .. });
             if !due && is_moving {
-                // When it was sent, the plan in force was final beyond where the reply takes over; the planner may have left it since.
+                // When it was sent, the plan in force was final beyond where the reply takes over; the
+                // planner may have left it since.
                 return true;
             }
             let reply = if due { queue.reply(open.id) } else { None };
@@ -389,7 +398,8 @@ impl PathExecutor {
             // Where a reply has come it takes over now.
             ActiveMotion::TimedSegment { flow, time } => answered.map_or((flow, time), |flow| (flow, 0.0)),
             ActiveMotion::Run(_) => return queue.has_final_ahead(step),
-            // Steps at rest that take no time are passed in one cycle: what follows them must be known, if it gets there.
+            // Steps at rest that take no time are passed in one cycle: what follows them must be known, if it
+            // gets there.
             ActiveMotion::Still => loop {
                 let Some(occupant) = queue.occupant(step) else {
                     return queue.has_no_planner();

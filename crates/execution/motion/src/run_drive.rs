@@ -1,19 +1,22 @@
 //! Driving along the runs of a classic plan.
 //!
-//! The planner leaves every run with zero acceleration, so a profile is solved run by run. To stop like that takes far longer than it
-//! could where runs are short: each sheds a fraction of the speed only. A stop is therefore solved over as many runs as it needs, within
-//! the smallest of their limits, which hold for any speed, acceleration and jerk up to them. It does not pass the start of a run whose
-//! curvature has a step, where acceleration has to be zero.
+//! The planner leaves every run with zero acceleration, so a profile is solved run by run. To stop like that
+//! takes far longer than it could where runs are short: each sheds a fraction of the speed only. A stop is
+//! therefore solved over as many runs as it needs, within the smallest of their limits, which hold for any
+//! speed, acceleration and jerk up to them. It does not pass the start of a run whose curvature has a step,
+//! where acceleration has to be zero.
 //!
-//! Within such a stop the state is not one from which the present run can be left with zero acceleration. To go on, the acceleration is
-//! brought to zero over as many runs as that takes; where what comes then is too slow for that, the stop goes on.
+//! Within such a stop the state is not one from which the present run can be left with zero acceleration. To
+//! go on, the acceleration is brought to zero over as many runs as that takes; where what comes then is too
+//! slow for that, the stop goes on.
 
 use evolvent_planner::{Outcome, Profile, Run, ScalarLimits, ScalarState, Step};
 
 use crate::cursor::{ActiveMotion, Cursor};
 use crate::queue::PlanConsumer;
 
-/// Runs over which one profile is solved at most. Less than [`STEPS_AHEAD`](crate::STEPS_AHEAD) by what one cycle may pass.
+/// Runs over which one profile is solved at most. Less than [`STEPS_AHEAD`](crate::STEPS_AHEAD) by what one
+/// cycle may pass.
 const MAX_RUNS: usize = 48;
 /// Attempts to slow down over fewer runs where no stop fits.
 const MAX_ATTEMPTS: usize = 3;
@@ -203,7 +206,8 @@ impl RunDrive {
         None
     }
 
-    /// Whether a profile for the present run alone is to be driven. A state within a profile over several runs may not permit one.
+    /// Whether a profile for the present run alone is to be driven. A state within a profile over several
+    /// runs may not permit one.
     fn accepts(&self, alone: &Solution) -> bool {
         !self.is_long || alone.profile.outcome() != Outcome::Overruns
     }
@@ -316,7 +320,8 @@ impl RunChain {
             acceleration: run.limits.acceleration.min(before.limits.acceleration),
             jerk: run.limits.jerk.min(before.limits.jerk),
         };
-        // A profile within these limits has to begin within them, not to run backwards, and not to become too fast.
+        // A profile within these limits has to begin within them, not to run backwards, and not to become too
+        // fast.
         let relaxed = self.from.relaxed_speed(limits.jerk);
         let begins = self.from.a.abs() <= limits.acceleration * (1.0 + ROUNDING)
             && (0.0..=self.runs[0].bound).contains(&relaxed);

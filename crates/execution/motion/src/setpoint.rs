@@ -18,7 +18,8 @@ pub struct Inputs {
     pub stop: bool,
     /// Go on after a program stop. Must be seen unset before the next program stop counts it again.
     pub resume: bool,
-    /// The newest reading of the cutting load, the same again where there is no newer one: what process cycles go by.
+    /// The newest reading of the cutting load, the same again where there is no newer one: what process
+    /// cycles go by.
     pub load: Option<LoadSample>,
     /// The probe: what probing moves go by.
     pub probe: ProbeInput,
@@ -69,7 +70,8 @@ pub struct Setpoint {
     pub path_mm: f64,
     /// Speed along the path in the feed metric, mm/s (degrees/s while only rotary axes move).
     pub feed_mm_s: f64,
-    /// Feed override that is wanted: a time-optimal plan follows a lower one at once, a higher one a lead time later.
+    /// Feed override that is wanted: a time-optimal plan follows a lower one at once, a higher one a lead
+    /// time later.
     pub feed_override: f64,
     /// Program line.
     pub line: u32,

@@ -1,29 +1,32 @@
-//! Driving a plan more slowly than it was made, without a planner: down to rest, to a part of its speed, and back.
+//! Driving a plan more slowly than it was made, without a planner: down to rest, to a part of its speed, and
+//! back.
 //!
-//! Plan time `tau` passes at the rate `s = dtau/dt`, `0 <= s <= 1`. With the plan's derivatives by its own time `q', q'', q'''`
-//! an axis has
+//! Plan time `tau` passes at the rate `s = dtau/dt`, `0 <= s <= 1`. With the plan's derivatives by its own
+//! time `q', q'', q'''` an axis has
 //!
 //! ```text
 //!   acceleration  s^2 q'' + s' q'
 //!   jerk          s^3 q''' + 3 s s' q'' + s'' q'
 //! ```
 //!
-//! A plan at a constant rate up to 1 keeps every limit, so a change of the rate that can go over to a constant one is safe.
-//! Every [`TRIAL_S`] the cycle chooses the `s''` that changes the rate most towards the target and for which that is certain: it
-//! follows the motion over the plan ahead, with that `s''` for one trial first and then, in steps of [`STEP_S`], with what brings
-//! `s'` to zero soonest within the limits (the *recovery*). It takes the trial only if no axis exceeds a limit on the way and the
-//! rate does not pass the target. Else it drives the first step of the recovery that the trial before has left, whole, so there
-//! is a next step at every moment. Where the recovery would pass the target, `s'' = s'^2/(2 (s - target))` reaches it with
-//! `s' = 0`.
+//! A plan at a constant rate up to 1 keeps every limit, so a change of the rate that can go over to a
+//! constant one is safe. Every [`TRIAL_S`] the cycle chooses the `s''` that changes the rate most towards the
+//! target and for which that is certain: it follows the motion over the plan ahead, with that `s''` for one
+//! trial first and then, in steps of [`STEP_S`], with what brings `s'` to zero soonest within the limits (the
+//! *recovery*). It takes the trial only if no axis exceeds a limit on the way and the rate does not pass the
+//! target. Else it drives the first step of the recovery that the trial before has left, whole, so there is a
+//! next step at every moment. Where the recovery would pass the target, `s'' = s'^2/(2 (s - target))` reaches
+//! it with `s' = 0`.
 //!
-//! Trials are shorter than the steps of a recovery because a constant `s''` must fit under every peak of the plan's jerk within
-//! its time: on dense contours the jerk of a plan meets its limit several times a millisecond.
+//! Trials are shorter than the steps of a recovery because a constant `s''` must fit under every peak of the
+//! plan's jerk within its time: on dense contours the jerk of a plan meets its limit several times a
+//! millisecond.
 //!
-//! On a straight line this is the time-optimal jerk-limited stop but for the length of a step. Where the plan brakes with all
-//! that an axis has the slowdown leaves it as it is: nothing is faster there.
+//! On a straight line this is the time-optimal jerk-limited stop but for the length of a step. Where the plan
+//! brakes with all that an axis has the slowdown leaves it as it is: nothing is faster there.
 //!
-//! Cost: at most [`TRIALS`] + 3 recoveries a trial, each over as much of the plan as the axes take from one acceleration to
-//! another. No allocation.
+//! Cost: at most [`TRIALS`] + 3 recoveries a trial, each over as much of the plan as the axes take from one
+//! acceleration to another. No allocation.
 
 mod recovery;
 
@@ -35,29 +38,33 @@ use crate::plan_preview::{PlanPreview, Sample};
 use crate::queue::PlanConsumer;
 use crate::scale::Scale;
 
-/// Time for which `s''` is constant in a recovery. Tuned: 0.5 ms for both times stops sooner than 0.25 ms for trials in some
-/// holds and later in more, for 1.4 times the work.
+/// Time for which `s''` is constant in a recovery. Tuned: 0.5 ms for both times stops sooner than 0.25 ms for
+/// trials in some holds and later in more, for 1.4 times the work.
 pub(crate) const STEP_S: f64 = 0.001;
-/// Time for which the `s''` of a trial is constant. Tuned on 360 holds on dense contours: against 1 ms 0.5 ms stops 3.2 ms sooner
-/// in the mean and 29 ms at most for 1.6 times the work, 0.25 ms another 1.9 ms and 16 ms at most for 2.6 times.
+/// Time for which the `s''` of a trial is constant. Tuned on 360 holds on dense contours: against 1 ms 0.5 ms
+/// stops 3.2 ms sooner in the mean and 29 ms at most for 1.6 times the work, 0.25 ms another 1.9 ms and 16 ms
+/// at most for 2.6 times.
 const TRIAL_S: f64 = 0.00025;
 /// Steps of a recovery that are followed at most.
 const LONGEST_RECOVERY: u32 = 256;
 /// Values of `s''` between the recovery's and the lowest that are tried in a step.
 const TRIALS: u32 = 4;
-/// Largest `|s''|`, 1/s2. A stop takes eleven steps at least, however slow the axes are; and `1.5 s''^2 t^3 q''`, which the
-/// bounds of a step leave out, stays below a hundredth of the jerk limit where the plan has just begun to move.
+/// Largest `|s''|`, 1/s2. A stop takes eleven steps at least, however slow the axes are; and
+/// `1.5 s''^2 t^3 q''`, which the bounds of a step leave out, stays below a hundredth of the jerk limit where
+/// the plan has just begun to move.
 const MAX_SECOND: f64 = 1.0 / (32.0 * STEP_S * STEP_S);
-/// What an axis may have of its limits: acceleration, jerk. Where the plan itself has more, as much as the plan.
+/// What an axis may have of its limits: acceleration, jerk. Where the plan itself has more, as much as the
+/// plan.
 const ALLOWED: (f64, f64) = (1.0, 1.002);
-/// The fraction of a step at its start in which `s''` hardly changes the acceleration yet, and what an axis may have of its limit
-/// there: more than the step before left it with, so that no hair over the limit asks for an `s''` out of proportion; little
-/// enough that a jump of the plan's jerk in it does not hide a peak.
+/// The fraction of a step at its start in which `s''` hardly changes the acceleration yet, and what an axis
+/// may have of its limit there: more than the step before left it with, so that no hair over the limit asks
+/// for an `s''` out of proportion; little enough that a jump of the plan's jerk in it does not hide a peak.
 const EARLY_FRACTION: f64 = 0.3;
 const EARLY_ALLOWED: f64 = 1.0004;
 /// By how much a step may exceed that between the instants that its bounds were taken at.
 const ROUNDING: (f64, f64) = (1.0002, 1.004);
-/// Share of the target by which another one does not count while a plan is on its way: overrides from a sensor never rest.
+/// Share of the target by which another one does not count while a plan is on its way: overrides from a
+/// sensor never rest.
 const NEARLY: f64 = 0.01;
 /// What rounding leaves of a step, s.
 const NO_TIME_S: f64 = 1e-9 * STEP_S;
@@ -72,7 +79,8 @@ enum Phase {
     Changing,
     /// To the target with the present `s''`, for the seconds left.
     Landing,
-    /// The same, and the target is another one by now. What is certain is the landing alone, for this many seconds more.
+    /// The same, and the target is another one by now. What is certain is the landing alone, for this many
+    /// seconds more.
     Diverted(f64),
     /// At a constant rate.
     Steady,
@@ -183,8 +191,8 @@ impl Slowdown {
         }
     }
 
-    /// Changes the rate that it leads to. Where that ends a constant rate the preview has to begin again where the plan is now:
-    /// what it had looked at was passed.
+    /// Changes the rate that it leads to. Where that ends a constant rate the preview has to begin again
+    /// where the plan is now: what it had looked at was passed.
     #[must_use]
     pub(crate) fn lead_to(&mut self, target: f64) -> Lead {
         if target == self.target {
@@ -255,7 +263,8 @@ impl Slowdown {
         if self.phase == Phase::Landing && self.left <= NO_TIME_S {
             self.settle(self.target);
         }
-        // A hold that comes while the rate goes back to 1 turns it round within a hair of that; cutting it off there would be a step.
+        // A hold that comes while the rate goes back to 1 turns it round within a hair of that; cutting it
+        // off there would be a step.
         self.now.rate = self.now.rate.max(0.0);
         self.now.time - before
     }
@@ -304,7 +313,8 @@ impl Slowdown {
         };
         let recovery = bounds.recovery(from);
         if let Phase::Diverted(left) = self.phase {
-            // A landing is closer to its target than a recovery could stop: one that passes the new target may pass zero too.
+            // A landing is closer to its target than a recovery could stop: one that passes the new target
+            // may pass zero too.
             match follower.outlook(from, begin, recovery, STEP_S) {
                 Outlook::Safe => self.phase = Phase::Changing,
                 Outlook::Past | Outlook::Unsafe => {
@@ -353,9 +363,9 @@ impl Slowdown {
     }
 }
 
-/// The plan between two samples, of the first `axes` axes: cubic in velocity and acceleration, whose derivatives are known
-/// too; the jerk is the derivative of that acceleration. Linear in jerk it would be up to 0.04 of the limit too low on pieces
-/// where the jerk is curved.
+/// The plan between two samples, of the first `axes` axes: cubic in velocity and acceleration, whose
+/// derivatives are known too; the jerk is the derivative of that acceleration. Linear in jerk it would be up
+/// to 0.04 of the limit too low on pieces where the jerk is curved.
 pub(crate) fn between(left: &Sample, right: &Sample, time: f64, axes: usize) -> Sample {
     let length = right.time - left.time;
     let t = ((time - left.time) / length).clamp(0.0, 1.0);

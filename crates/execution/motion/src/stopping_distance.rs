@@ -1,8 +1,9 @@
 //! How far a plan goes on after a hold, measured on the plan without driving it.
 //!
-//! A [`StoppingDistance`] receives the setpoints of a plan that is driven without interruption. At most [`SPACING_S`] of path
-//! time apart, or [`SPACING_FRACTION`] of the time that holds take, it starts a hold there, with the slowdown of the cycle on
-//! the derivatives of the setpoints, and keeps the one with the longest path. Not real-time safe: it is for planning.
+//! A [`StoppingDistance`] receives the setpoints of a plan that is driven without interruption. At most
+//! [`SPACING_S`] of path time apart, or [`SPACING_FRACTION`] of the time that holds take, it starts a hold
+//! there, with the slowdown of the cycle on the derivatives of the setpoints, and keeps the one with the
+//! longest path. Not real-time safe: it is for planning.
 
 use std::collections::VecDeque;
 
@@ -15,15 +16,17 @@ use crate::slowdown::{Lookahead, STEP_S, Slowdown, between};
 
 /// Path time from one hold to the next, s.
 const SPACING_S: f64 = 0.01;
-/// Path time from one hold to the next as a fraction of the time that holds take, where that is more: with jerk limits so low that a hold
-/// takes seconds, the work would grow with the square of that time. A hold that comes between two of them rests no farther than the
-/// later one, so the path between the two is added.
+/// Path time from one hold to the next as a fraction of the time that holds take, where that is more: with
+/// jerk limits so low that a hold takes seconds, the work would grow with the square of that time. A hold
+/// that comes between two of them rests no farther than the later one, so the path between the two is added.
 const SPACING_FRACTION: f64 = 1.0 / 32.0;
-/// Least path time from one sample of the plan to the next, s: that of the cycle's preview, whatever the rate.
+/// Least path time from one sample of the plan to the next, s: that of the cycle's preview, whatever the
+/// rate.
 const SAMPLE_S: f64 = 0.0005;
-/// What a hold in the cycle may need beyond the one that is computed here: fractions where setpoints are no farther apart
-/// than samples and where they are, and the path of a time. Measured on 240 random dense contours: up to 1.082 of what is
-/// computed at 4 kHz, up to 1.154 at 1 kHz, where several chords lie between two setpoints.
+/// What a hold in the cycle may need beyond the one that is computed here: fractions where setpoints are no
+/// farther apart than samples and where they are, and the path of a time. Measured on 240 random dense
+/// contours: up to 1.082 of what is computed at 4 kHz, up to 1.154 at 1 kHz, where several chords lie between
+/// two setpoints.
 const MARGIN: (f64, f64) = (1.1, 1.2);
 const MARGIN_S: f64 = 0.001;
 
@@ -144,8 +147,8 @@ impl StoppingDistance {
         SPACING_S.max(SPACING_FRACTION * seconds.fold(0.0, f64::max))
     }
 
-    /// The hold with the longest path, of all that were followed to rest. The path includes a margin for what lies between
-    /// setpoints: 10 % from 2 kHz on, 20 % below, and 1 ms. None where nothing moves.
+    /// The hold with the longest path, of all that were followed to rest. The path includes a margin for what
+    /// lies between setpoints: 10 % from 2 kHz on, 20 % below, and 1 ms. None where nothing moves.
     #[must_use]
     pub fn longest(&self) -> Option<LongestStop> {
         self.longest
@@ -171,8 +174,8 @@ impl StoppingDistance {
         (self.first, self.rests_at, self.time) = (0, None, 0.0);
     }
 
-    /// Puts a sample in the middle where setpoints lie far apart: its jerk is that of the parabola which changes the
-    /// acceleration as both setpoints have it.
+    /// Puts a sample in the middle where setpoints lie far apart: its jerk is that of the parabola which
+    /// changes the acceleration as both setpoints have it.
     fn refine(&mut self, right: &Sample, path: f64) {
         let Some((left, path_before)) = self.samples.back().copied() else {
             return;

@@ -1,6 +1,7 @@
 //! What takes over from the plan at rest: a process cycle, a probing move or a pass of threading.
 //!
-//! Each is built outside the cycle and handed over in a box, and goes back in it: the cycle neither allocates nor frees.
+//! Each is built outside the cycle and handed over in a box, and goes back in it: the cycle neither allocates
+//! nor frees.
 
 use evolvent_path::Jet;
 use evolvent_wire::flags;
@@ -120,7 +121,8 @@ impl PathExecutor {
         }
     }
 
-    /// Publishes a setpoint of what has taken over, unless the guard objects: then every axis stops by itself.
+    /// Publishes a setpoint of what has taken over, unless the guard objects: then every axis stops by
+    /// itself.
     pub(crate) fn accept(&mut self, jet: &Jet) -> bool {
         if let Err(violation) = self.guard.check(&jet.position, false, false) {
             self.fault.get_or_insert(violation);
@@ -144,7 +146,8 @@ impl PathExecutor {
         }
     }
 
-    /// What took over is over: the path ends elsewhere, and what follows begins here, planned when the result is known.
+    /// What took over is over: the path ends elsewhere, and what follows begins here, planned when the result
+    /// is known.
     pub(crate) fn resume_plan_at(&mut self, jet: &Jet) {
         self.cursor.rest.position = Some(jet.position);
         self.cursor.pass_rest();

@@ -1,10 +1,11 @@
 //! The path of a thread as a function of the spindle's angle.
 //!
-//! A thread is a polyline: each axis has a number of millimetres per turn, and at its corners the slope changes. The axes cannot change
-//! their speed at once, so each corner is rounded by a kernel that is symmetric about it: on either side of it the path is the
-//! straight line that was programmed, at the same angle of the spindle whatever its speed. The first corner is the run-in, the
-//! last one the run-out: the axes start half a kernel before the angle at which the line begins, and are in phase half a kernel
-//! after it.
+//! A thread is a polyline: each axis has a number of millimetres per turn, and at its corners the slope
+//! changes. The axes cannot change their speed at once, so each corner is rounded by a kernel that is
+//! symmetric about it: on either side of it the path is the straight line that was programmed, at the same
+//! angle of the spindle whatever its speed. The first corner is the run-in, the last one the run-out: the
+//! axes start half a kernel before the angle at which the line begins, and are in phase half a kernel after
+//! it.
 
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
@@ -135,7 +136,8 @@ impl ThreadCam {
         self.check_room()
     }
 
-    /// Rounds corners that lie ahead again where the spindle has become faster than they were rounded for. Real-time safe.
+    /// Rounds corners that lie ahead again where the spindle has become faster than they were rounded for.
+    /// Real-time safe.
     pub(crate) fn reshape(&mut self, turns: f64, turns_per_s: f64, limits: &Limits, period_s: f64) {
         for corner in &mut self.corners {
             if turns_per_s <= corner.shaped_for || turns >= corner.at - corner.half() {
@@ -184,7 +186,8 @@ impl ThreadCam {
         self.legs.iter().map(|leg| leg.turns).sum()
     }
 
-    /// The turns at which the axes begin to stop, and at which they rest. Infinite where the spindle turns back.
+    /// The turns at which the axes begin to stop, and at which they rest. Infinite where the spindle turns
+    /// back.
     pub(crate) fn run_out(&self) -> (f64, f64) {
         match self.corners.last() {
             Some(last) if !self.is_tap => (last.at - last.half(), last.at + last.half()),
@@ -249,7 +252,8 @@ fn widths(change: &Axes, speed: f64, limits: &Limits, period_s: f64) -> (f64, f6
             by_jerk = by_jerk.max(step / (JERK_FRACTION * limits.jerk[axis]));
         }
     }
-    // The acceleration is the step by the wider box, the jerk by both. A setpoint or two see every part of it.
+    // The acceleration is the step by the wider box, the jerk by both. A setpoint or two see every part of
+    // it.
     let least_s = 2.0 * period_s;
     let wide = by_acceleration.max(by_jerk.sqrt()).max(least_s);
     let narrow = (by_jerk / wide).max(least_s).min(wide);
@@ -358,7 +362,8 @@ mod tests {
         else {
             unreachable!("it is too short")
         };
-        // 42 mm/s: by the jerk, sqrt(42 / 30000) = 37.4 ms for each box, of which half lies before the corner, and half after it.
+        // 42 mm/s: by the jerk, sqrt(42 / 30000) = 37.4 ms for each box, of which half lies before the
+        // corner, and half after it.
         assert_eq!((line, length_mm), (7, 3.0));
         let expected = 42.0 * (42.0_f64 / 30_000.0).sqrt();
         assert!((run_in_mm - expected).abs() < 1e-9, "{run_in_mm} {expected}");

@@ -6,8 +6,8 @@ use evolvent_planner::{Outcome, Profile, ScalarLimits, ScalarState};
 
 use crate::quick_stop::QuickStop;
 
-/// A quick stop of every axis, and a retract of one axis out of the thread. If that axis already moves outwards it continues; otherwise
-/// it stops first.
+/// A quick stop of every axis, and a retract of one axis out of the thread. If that axis already moves
+/// outwards it continues; otherwise it stops first.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ThreadRetreat {
     stop: QuickStop,
@@ -26,8 +26,8 @@ struct Lift {
 }
 
 impl ThreadRetreat {
-    /// Begins at the state of the last setpoint. `clear_at`: the axis and the position, mm, at which the tool is clear of the thread.
-    /// Real-time safe.
+    /// Begins at the state of the last setpoint. `clear_at`: the axis and the position, mm, at which the tool
+    /// is clear of the thread. Real-time safe.
     pub(crate) fn new(limits: &Limits, now: &Jet, clear_at: Option<(usize, f64)>) -> Self {
         let of_axis = |axis: usize| ScalarLimits {
             velocity: limits.velocity[axis],

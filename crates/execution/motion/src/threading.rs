@@ -1,10 +1,11 @@
 //! Threading: motion that follows the angle of the spindle, between two steps of a plan.
 //!
 //! The plan stands still meanwhile, and is not read on before. The path is a function of the spindle's angle
-//! ([`ThreadCam`](crate::thread_cam::ThreadCam)), so a thread lies in the same groove pass after pass, whatever the speed is and
-//! however the spindle comes to it: the axes start before the angle at which the thread begins, by as much as they need to
-//! be in phase there. A follower of third order drives them along it: what it adds for a spindle that is not even stays within
-//! what the path leaves of acceleration and jerk.
+//! ([`ThreadCam`](crate::thread_cam::ThreadCam)), so a thread lies in the same groove pass after pass,
+//! whatever the speed is and however the spindle comes to it: the axes start before the angle at which the
+//! thread begins, by as much as they need to be in phase there. A follower of third order drives them along
+//! it: what it adds for a spindle that is not even stays within what the path leaves of acceleration and
+//! jerk.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, Jet};
@@ -19,22 +20,25 @@ use crate::thread_retreat::ThreadRetreat;
 /// How fast an error of the position is made good, 1/s: three equal poles. A third of the rate at most.
 const FOLLOW_RATE: f64 = 120.0;
 const FOLLOW_FRACTION: f64 = 0.3;
-/// Fraction of acceleration and jerk that following one harmonic of the turn may take. What needs more is left out.
+/// Fraction of acceleration and jerk that following one harmonic of the turn may take. What needs more is
+/// left out.
 const RIPPLE_FRACTION: f64 = 0.3;
 /// How far the axes may be from where the spindle's angle wants them before the pass is given up, mm.
 const PHASE_TOLERANCE_MM: f64 = 0.1;
-/// How much slower than at the start of a pass the spindle may turn, as a ratio: it is stalled then, or nearly.
+/// How much slower than at the start of a pass the spindle may turn, as a ratio: it is stalled then, or
+/// nearly.
 const STALL_RATIO: f64 = 0.2;
-/// How long it may be that slow where that is no harm, s, and in turns at its speed: at the reversal of a tap some drives wait at zero speed,
-/// and before the run-in nothing moves, while an encoder of few lines reports a slow spindle's speed in jumps.
+/// How long it may be that slow where that is no harm, s, and in turns at its speed: at the reversal of a tap
+/// some drives wait at zero speed, and before the run-in nothing moves, while an encoder of few lines reports
+/// a slow spindle's speed in jumps.
 const STALL_TIMEOUT_S: f64 = 0.5;
 const STALL_TIMEOUT_TURNS: f64 = 0.5;
 /// How much longer than at the rate of its braking a spindle may take to turn back.
 const REVERSAL_MARGIN: f64 = 2.0;
 /// The same faster: no one has requested that.
 const RUNAWAY_RATIO: f64 = 1.5;
-/// How far beyond its depth a tap may go because the spindle has not turned back yet: so many turns, and what it turns in so many
-/// seconds where nothing is known of its braking.
+/// How far beyond its depth a tap may go because the spindle has not turned back yet: so many turns, and what
+/// it turns in so many seconds where nothing is known of its braking.
 const OVERRUN_TURNS: f64 = 2.0;
 const OVERRUN_S: f64 = 0.5;
 /// Maximum time until the angle of the spindle is reported and known before a pass, s.
@@ -51,8 +55,9 @@ const LANDING_STEPS: f64 = 12.0;
 pub struct TapReturn {
     /// Speed out of the hole, turns/s.
     pub turns_per_s: f64,
-    /// How fast the spindle's speed changes, turns/s^2, where that is known: it is turned back that much earlier, and the tap
-    /// stops at the depth. Otherwise it is turned back at the depth, and goes on by what the spindle needs.
+    /// How fast the spindle's speed changes, turns/s^2, where that is known: it is turned back that much
+    /// earlier, and the tap stops at the depth. Otherwise it is turned back at the depth, and goes on by what
+    /// the spindle needs.
     pub braking: Option<f64>,
 }
 
@@ -63,13 +68,15 @@ pub struct ThreadPass {
     pub start: Axes,
     /// Its straight pieces.
     pub legs: Box<[ThreadLeg]>,
-    /// Angle at which it begins, as a part of a turn from the index pulse: 0 but for threads of several starts.
+    /// Angle at which it begins, as a part of a turn from the index pulse: 0 but for threads of several
+    /// starts.
     pub start_turns: f64,
     /// Commanded speed, turns/s, negative counter-clockwise.
     pub turns_per_s: f64,
     /// The spindle turns back at the end, and the axes with it to the start.
     pub tap: Option<TapReturn>,
-    /// An axis and its position at which the tool is clear of the thread: where a pass is given up it is drawn out there.
+    /// An axis and its position at which the tool is clear of the thread: where a pass is given up it is
+    /// drawn out there.
     pub clear_at: Option<(usize, f64)>,
 }
 
@@ -154,8 +161,8 @@ impl Landing {
             let (e, v) = ((from.position[axis] - end[axis]).abs(), from.first[axis].abs());
             let (limit_a, limit_j) = (limits.acceleration[axis], limits.jerk[axis]);
             if limits.present[axis] {
-                // A third of each limit for each of distance, speed and acceleration: the extremes of the polynomial are 60, 36
-                // and 9 of jerk, 5.8, 4 and 1 of acceleration.
+                // A third of each limit for each of distance, speed and acceleration: the extremes of the
+                // polynomial are 60, 36 and 9 of jerk, 5.8, 4 and 1 of acceleration.
                 duration = duration
                     .max(libm::cbrt(180.0 * e / limit_j))
                     .max((108.0 * v / limit_j).sqrt())
@@ -205,8 +212,8 @@ impl Landing {
 }
 
 /// A pass, driven setpoint by setpoint. Built outside the cycle and handed over in a box by a
-/// [`ThreadingSender`](crate::ThreadingSender), before the plan's [`Step::Thread`](evolvent_planner::Step::Thread), which hands it back
-/// with its result.
+/// [`ThreadingSender`](crate::ThreadingSender), before the plan's
+/// [`Step::Thread`](evolvent_planner::Step::Thread), which hands it back with its result.
 #[derive(Clone, Debug)]
 pub struct Threading {
     cam: ThreadCam,
@@ -286,7 +293,8 @@ impl Threading {
         }
     }
 
-    /// Angle the way the spindle turns, its speed and acceleration, and the third derivative of what is followed of its ripple.
+    /// Angle the way the spindle turns, its speed and acceleration, and the third derivative of what is
+    /// followed of its ripple.
     fn angle(&self, spindle: &SpindleInput) -> Option<(AngleJet, f64)> {
         match spindle.knowledge {
             SpindleKnowledge::Tracked | SpindleKnowledge::Imagined => {
@@ -371,8 +379,8 @@ impl Threading {
         self.phase = Phase::Following { turned: false };
     }
 
-    /// Gives the pass up: every axis stops by itself, and the tool is drawn out if it is known which way. Each axis stops sooner than
-    /// the run-out would, so none overshoots the end.
+    /// Gives the pass up: every axis stops by itself, and the tool is drawn out if it is known which way.
+    /// Each axis stops sooner than the run-out would, so none overshoots the end.
     fn give_up(&mut self, verdict: ThreadVerdict) {
         self.phase = Phase::Stopping(
             ThreadRetreat::new(&self.limits, &self.now, self.clear_at),
@@ -565,7 +573,8 @@ impl PathExecutor {
         if acts {
             self.cursor.actions += 1;
         }
-        // A held pass is driven to its end: a tool that stands in a groove that turns would spoil it, or break.
+        // A held pass is driven to its end: a tool that stands in a groove that turns would spoil it, or
+        // break.
         let is_held = inputs.hold && !self.stop;
         self.cursor.state = self.takeover_state(is_held, is_at_rest);
         if is_over && !self.stop {

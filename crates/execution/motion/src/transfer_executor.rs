@@ -7,8 +7,8 @@ use evolvent_transfer::Transfer;
 use crate::quick_stop::QuickStop;
 use crate::state::State;
 
-/// How well the state that a transfer begins with must be met by the present one: places in mm or degrees, and
-/// velocity and acceleration as a share of their limits.
+/// How well the state that a transfer begins with must be met by the present one: places in mm or degrees,
+/// and velocity and acceleration as a share of their limits.
 const FIT: (f64, f64) = (1e-6, 1e-5);
 
 /// A solved transfer, or a stop of each axis by itself, driven setpoint by setpoint.
@@ -68,8 +68,8 @@ impl TransferExecutor {
         }
     }
 
-    /// Goes on with another transfer if that begins where the axes are in the last setpoint; otherwise nothing changes.
-    /// Real-time safe.
+    /// Goes on with another transfer if that begins where the axes are in the last setpoint; otherwise
+    /// nothing changes. Real-time safe.
     pub(crate) fn turn_to(&mut self, transfer: &Transfer, last: &Jet, limits: &Limits) -> bool {
         let fits = !self.stopping && fits(transfer, last, limits);
         if fits {

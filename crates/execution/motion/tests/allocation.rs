@@ -48,7 +48,8 @@ fn the_cycle_does_not_allocate() {
     assert!(cycles > 5_000, "only {cycles} cycles: proves nothing");
 }
 
-/// A process that swings out 30 mm along X and back, at a rate that follows the override, and may give up on the way.
+/// A process that swings out 30 mm along X and back, at a rate that follows the override, and may give up on
+/// the way.
 #[derive(Debug)]
 struct OutAndBack {
     start: Axes,
@@ -126,7 +127,8 @@ enum Scene {
     BeyondLimits,
 }
 
-/// The states that two process cycles in a plan go through, the last setpoint's position, and calls of the allocator.
+/// The states that two process cycles in a plan go through, the last setpoint's position, and calls of the
+/// allocator.
 fn drive_processes(scene: Scene) -> (Vec<State>, PathExecutor, Axes, u64) {
     let limits = Limits {
         present: [true; AXES],

@@ -47,8 +47,9 @@ fn shortest_stop(speed: f64, acceleration: f64, jerk: f64) -> f64 {
     }
 }
 
-/// Runs last 2 to 8 ms here, a stop from 65 mm/s at least 72 ms. Of jerk a run has what curvature at its highest speed leaves, 0.15 to
-/// 0.3 of the axes': within that a stop takes 1.8 to 2.5 times the time. Run by run it takes up to nine times.
+/// Runs last 2 to 8 ms here, a stop from 65 mm/s at least 72 ms. Of jerk a run has what curvature at its
+/// highest speed leaves, 0.15 to 0.3 of the axes': within that a stop takes 1.8 to 2.5 times the time. Run by
+/// run it takes up to nine times.
 #[test]
 fn a_hold_over_many_short_runs_is_one_stop() {
     let machine = equal_axes(300.0, 2000.0, 50_000.0);
@@ -230,7 +231,8 @@ fn holds_and_overrides_at_any_moment_keep_every_limit_whatever_the_planner_does(
     println!("worst ratios of velocity, acceleration, jerk: {most:.5?}");
 }
 
-/// The same setpoints come of the same inputs where the planner is far ahead, and is taken to be as late as it was.
+/// The same setpoints come of the same inputs where the planner is far ahead, and is taken to be as late as
+/// it was.
 fn assert_repeats(scenario: &Scenario, met: &[(Inputs, PlannerLag)], out: &[Setpoint], what: &str) {
     let mut pair = Pair::new(scenario);
     for ((inputs, lag), setpoint) in met.iter().zip(out) {

@@ -145,8 +145,8 @@ fn the_line_at_a_stop_is_the_same_whether_the_next_move_is_known_yet_or_not() {
     assert!(near > 3, "only {near} setpoints at the very end of a move");
 }
 
-/// 36 m in 6 mm blocks on a machine so weak that no speed is settled before the end is known: half of the steps
-/// that the look-ahead holds are made final unsettled.
+/// 36 m in 6 mm blocks on a machine so weak that no speed is settled before the end is known: half of the
+/// steps that the look-ahead holds are made final unsettled.
 #[test]
 fn steps_made_final_for_want_of_room_are_the_same_steps_and_keep_every_limit() {
     let scenario = straight(equal_axes(1e4, 50.0, 1e6), 6000, 6.0, [2500.0, 2500.1], 4_000_000);

@@ -346,7 +346,8 @@ fn a_program_that_moves_is_not_left_and_an_action_begins_the_path_anew() {
         let stands = machine.pair.motion.state() != State::Running;
         assert!(Excursion::begin(&machine.pair.motion).is_none() || stands);
     }
-    // An output that is safe while the feed is held does not restart the stored path; an output of the program does.
+    // An output that is safe while the feed is held does not restart the stored path; an output of the
+    // program does.
     machine.holds();
     let last = *machine.out.last().expect("setpoints");
     machine.pair.motion.note_driven(&mut machine.driven, &last, true);

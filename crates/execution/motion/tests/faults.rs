@@ -390,8 +390,8 @@ fn at_rest_the_line_is_that_of_the_step_that_is_waited_for() {
     assert_eq!(seen, expected);
 }
 
-/// Every axis stops by itself behind what was published: acceleration and jerk of X and Y as published, as multiples of their limits,
-/// and the greatest X.
+/// Every axis stops by itself behind what was published: acceleration and jerk of X and Y as published, as
+/// multiples of their limits, and the greatest X.
 fn stopped_alone(
     mut station: MachineState,
     mut published: Vec<Axes>,
@@ -470,12 +470,14 @@ fn an_emergency_stop_on_a_circle_that_touches_the_travel_stays_within_it_and_wit
         println!("{what}: acceleration XY, jerk XY {most:.3?}, to within {least:.6} mm of the edge");
         assert!(most[0] <= 1.001 && most[1] <= 1.001, "{what}: {most:?}");
         assert!(most[3] <= 1.02, "{what}: {most:?}");
-        // The overshoot at the limit of jerk is A^3 / 24 J^2 = 0.133 mm: farther from the edge nothing is exceeded.
+        // The overshoot at the limit of jerk is A^3 / 24 J^2 = 0.133 mm: farther from the edge nothing is
+        // exceeded.
         assert!(most[2] <= 1.02 || beside < 0.2, "{what}: {most:?}");
     }
 }
 
-/// A plan that leads X out of its travel at full speed: nothing stops that axis before the edge but a step of its speed.
+/// A plan that leads X out of its travel at full speed: nothing stops that axis before the edge but a step of
+/// its speed.
 #[test]
 fn where_a_plan_leads_one_axis_out_of_the_travel_the_others_finish_their_stops() {
     let mut limits = one_axis(200.0, 2000.0, 50_000.0);

@@ -26,7 +26,8 @@ fn scenario(moves: Vec<Move>, planner: PlannerKind) -> Scenario {
     }
 }
 
-/// Drives `moves` by `step`, which is given the number of the cycle, in `rounds` that each begin when the queue is full.
+/// Drives `moves` by `step`, which is given the number of the cycle, in `rounds` that each begin when the
+/// queue is full.
 fn drive(
     moves: Vec<Move>,
     (rounds, cycles): (usize, usize),
@@ -111,8 +112,8 @@ fn overrides_are_answered_when_the_queue_is_full_of_steps() {
     });
 }
 
-/// Each answer that is not taken over stays in the queue until the cycle has passed it. When no more fits, the cycle must not wait for
-/// the planner, which waits for the cycle.
+/// Each answer that is not taken over stays in the queue until the cycle has passed it. When no more fits,
+/// the cycle must not wait for the planner, which waits for the cycle.
 #[test]
 fn answers_that_came_to_nothing_do_not_stop_the_next() {
     let mut refusals = 0;
@@ -133,8 +134,8 @@ fn answers_that_came_to_nothing_do_not_stop_the_next() {
     assert!(refusals > 8, "{refusals} answers came to nothing");
 }
 
-/// A plan that is dropped fills the queue behind the place that is kept for what follows a stop, and answers that come to nothing take
-/// what was left: what follows the stop finds room all the same.
+/// A plan that is dropped fills the queue behind the place that is kept for what follows a stop, and answers
+/// that come to nothing take what was left: what follows the stop finds room all the same.
 #[test]
 fn what_follows_a_stop_finds_room_beside_a_dropped_plan() {
     let mut moves = vec![line(

@@ -183,7 +183,8 @@ fn whatever_the_guard_refuses_what_is_published_keeps_the_limits() {
             motion.fault()
         );
         assert!(out.iter().any(|setpoint| setpoint.flags & flags::GUARD != 0));
-        // Above its limit the speed is while the acceleration that it came with goes down: a^2 / (2 J) at most.
+        // Above its limit the speed is while the acceleration that it came with goes down: a^2 / (2 J) at
+        // most.
         let overshoot = 2000.0 * 2000.0 / (2.0 * 50_000.0) / 200.0;
         assert!(v <= 1.001 * (1.0 + overshoot), "{what}");
         assert!(a <= 1.002, "{what}");

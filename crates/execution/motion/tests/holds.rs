@@ -48,8 +48,8 @@ fn dense(random: &mut Random, chords: usize, limits: Limits) -> Scenario {
     }
 }
 
-/// The least time in which an axis stops from velocity `v` and acceleration `a`, wherever: `J` to `-a_p`, `a_p` at most
-/// `A`, and `J` back to zero.
+/// The least time in which an axis stops from velocity `v` and acceleration `a`, wherever: `J` to `-a_p`,
+/// `a_p` at most `A`, and `J` back to zero.
 fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
     // The velocity that letting go of the acceleration leads to is to fall.
     let falls = v + a * a.abs() / (2.0 * jerk) >= 0.0;
@@ -73,8 +73,8 @@ fn least_stop(from: &Setpoint, limits: &Limits) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Drives the scenario with a hold from setpoint `moment` on until `Held`, then to the end. From the hold to rest nobody plans
-/// where the planner is `frozen`.
+/// Drives the scenario with a hold from setpoint `moment` on until `Held`, then to the end. From the hold to
+/// rest nobody plans where the planner is `frozen`.
 fn hold_at(scenario: &Scenario, moment: usize, frozen: bool, what: &str) -> (Vec<Setpoint>, usize) {
     let mut pair = Pair::new(scenario);
     let mut out: Vec<Setpoint> = Vec::new();
@@ -158,14 +158,16 @@ fn holds_on_dense_contours_stop_soon_whether_planned_or_not() {
     ratios.sort_by(f64::total_cmp);
     let (median, worst) = (ratios[ratios.len() / 2], ratios[ratios.len() - 1]);
     println!("but for 15 ms: median {median:.2}, worst {worst:.2} times the least of any path");
-    // The least of an axis by itself is out of reach where the path couples them: measured 1.2 to 1.4 and 2.4 to 2.9 in three campaigns
-    // of 108 holds. Stops planned with the whole path known took 1.1 times as long, the worst 26 times.
+    // The least of an axis by itself is out of reach where the path couples them: measured 1.2 to 1.4 and 2.4
+    // to 2.9 in three campaigns of 108 holds. Stops planned with the whole path known took 1.1 times as long,
+    // the worst 26 times.
     assert!(median <= 1.5 && worst <= 3.2, "{median}, {worst}");
 }
 
-/// Holds of a campaign (seed, case, setpoint), and how long they may take. With one `s''` a millisecond they took 83, 148 and
-/// 168 ms. Linear programs that know the whole path, one after another, with the limits at ten instants a millisecond, bring the
-/// first to rest in 60 ms with one `s''` each half millisecond; the last in 165 ms with one a millisecond.
+/// Holds of a campaign (seed, case, setpoint), and how long they may take. With one `s''` a millisecond they
+/// took 83, 148 and 168 ms. Linear programs that know the whole path, one after another, with the limits at
+/// ten instants a millisecond, bring the first to rest in 60 ms with one `s''` each half millisecond; the
+/// last in 165 ms with one a millisecond.
 const LONG_HOLDS: [(usize, usize, f64); 3] = [(25, 553, 0.074), (18, 36, 0.130), (0, 301, 0.140)];
 
 #[test]
@@ -187,7 +189,8 @@ fn holds_under_the_peaks_of_a_plan_that_uses_all_its_jerk_come_to_rest_soon() {
     }
 }
 
-/// Drives the scenario at an override of `factor` from setpoint `moment` on, where the planner stops for good.
+/// Drives the scenario at an override of `factor` from setpoint `moment` on, where the planner stops for
+/// good.
 fn lower_at(scenario: &Scenario, moment: usize, factor: f64, what: &str) {
     // What is planned by then is driven to its end: nobody plans any more.
     let frozen_at_moment = |feed_override: f64| {
@@ -225,8 +228,8 @@ fn lower_at(scenario: &Scenario, moment: usize, factor: f64, what: &str) {
     }
 }
 
-/// One of the scenarios of [`lowered_overrides_on_dense_contours_are_met_without_a_planner`], with its moment as a part of the
-/// first half of the plan.
+/// One of the scenarios of [`lowered_overrides_on_dense_contours_are_met_without_a_planner`], with its moment
+/// as a part of the first half of the plan.
 fn lowered_case(random: &mut Random, case: usize) -> (Scenario, f64, f64) {
     let mut scenario = dense(random, 900, equal_axes(200.0, 2000.0, 50_000.0));
     scenario.period_ns = [1_000_000, 250_000][case % 2];
@@ -253,7 +256,8 @@ fn lowered_overrides_on_dense_contours_are_met_without_a_planner() {
     }
 }
 
-/// The end of a step was a hair before the place that its look ahead went to, with a jump of the plan's jerk between them.
+/// The end of a step was a hair before the place that its look ahead went to, with a jump of the plan's jerk
+/// between them.
 #[test]
 fn a_jump_of_the_plan_at_the_end_of_a_step_is_seen_ahead() {
     let mut random = Random::from_state(79);

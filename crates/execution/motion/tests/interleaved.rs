@@ -1,4 +1,5 @@
-//! Cycles that run while the planner is in the middle of its work, as they do in real time, and the same run replayed.
+//! Cycles that run while the planner is in the middle of its work, as they do in real time, and the same run
+//! replayed.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
@@ -78,7 +79,8 @@ impl Cycles {
         }
     }
 
-    /// A cycle in the middle of the planner's work. In real time at rest only; `slow_planner.rs` has cycles in motion.
+    /// A cycle in the middle of the planner's work. In real time at rest only; `slow_planner.rs` has cycles
+    /// in motion.
     fn interrupt(&mut self, probability: f64) {
         let may_step = match self.replayed {
             None => self.motion.is_at_rest(),

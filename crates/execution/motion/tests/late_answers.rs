@@ -142,8 +142,9 @@ fn cycles_to_rest(setpoints: &[Setpoint], hold: usize) -> usize {
     rest.expect("comes to rest") - (hold - 1)
 }
 
-/// A hold begins to brake at once, and after two requests of 10 ms each that nobody has met it brakes on by itself. That
-/// takes twice the longer of `v/A` and `sqrt(v/J)`, of which a tenth of the limits is left: about 1.2 times the least.
+/// A hold begins to brake at once, and after two requests of 10 ms each that nobody has met it brakes on by
+/// itself. That takes twice the longer of `v/A` and `sqrt(v/J)`, of which a tenth of the limits is left:
+/// about 1.2 times the least.
 #[test]
 fn a_hold_without_answers_takes_little_longer_than_the_least_time_and_the_program_goes_on_behind_it() {
     let holds = |cycle: u64| Inputs {
@@ -201,7 +202,8 @@ fn holds_without_answers_keep_the_limits_and_the_path_wherever_they_come() {
     assert!(held > cases as u32 / 4, "only {held} of {cases} came to rest");
 }
 
-/// What is planned after a stop that was reached before an answer got lost follows the stop, not the lost plan.
+/// What is planned after a stop that was reached before an answer got lost follows the stop, not the lost
+/// plan.
 #[test]
 fn a_lost_answer_stands_between_no_stop_and_what_is_read_behind_it() {
     let line = |from: f64, to: f64| Move {

@@ -11,8 +11,8 @@ use crate::common::{BLEND, Pair, Scenario, check, equal_axes};
 
 /// By how much the feed may miss the wish.
 const ALLOWED: f64 = 1e-3;
-/// By how much it may stay below it on the first interval after a way down on which the caps vary: stations lie as far
-/// apart there as the speed before asked for.
+/// By how much it may stay below it on the first interval after a way down on which the caps vary: stations
+/// lie as far apart there as the speed before asked for.
 const BEHIND_A_WAY_DOWN: f64 = 2.5e-3;
 
 fn scenario(moves: Vec<Move>) -> Scenario {

@@ -1,4 +1,5 @@
-//! Probing moves at random moments: where they stop, what they tell, that no limit is broken and nothing is allocated.
+//! Probing moves at random moments: where they stop, what they tell, that no limit is broken and nothing is
+//! allocated.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use evolvent_counting::calls;

@@ -6,8 +6,8 @@ use evolvent_path::PathMode;
 use crate::common::{BLEND, Random, check, run, scenario};
 
 /// The speed at which an override is changed is known to its last digit; the time of the change that is still
-/// to be made is the root of what is left. Left at that, the run ended nanometres late, and where the path came
-/// to rest that was a step of acceleration, which the guard refused.
+/// to be made is the root of what is left. Left at that, the run ended nanometres late, and where the path
+/// came to rest that was a step of acceleration, which the guard refused.
 #[test]
 fn rounding_of_the_speed_does_not_carry_a_rest_beyond_its_place() {
     let mut random = Random::from_state(1000);

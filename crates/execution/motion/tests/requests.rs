@@ -73,8 +73,8 @@ fn a_hold_stops_in_the_least_time_after_the_lead() {
         let took = rest as f64 * period;
         let allowed = 1.1 * least_stop(feed) + LEAD + 2.0 * period;
         assert!(took <= allowed, "{feed} mm/s: {took} s of {allowed} s");
-        // The axes still have their speed in the setpoint before the first that brakes: a period earlier. 0.1 % is rounding of
-        // the jerk, of which a slowdown may have 1.002.
+        // The axes still have their speed in the setpoint before the first that brakes: a period earlier. 0.1
+        // % is rounding of the jerk, of which a slowdown may have 1.002.
         assert!(
             took + period >= 0.999 * least_stop(feed),
             "{feed} mm/s: {took} s is less than the limits allow"
@@ -328,8 +328,8 @@ fn a_hold_that_meets_a_dwell_while_path_time_is_slowed_goes_on_behind_it() {
         ..scenario.moves[0]
     };
     scenario.moves.push(back);
-    // Nobody answers the hold. It comes where there is room to rest before the dwell, where there is hardly any, and where the
-    // machine is at the dwell before path time stands still.
+    // Nobody answers the hold. It comes where there is room to rest before the dwell, where there is hardly
+    // any, and where the machine is at the dwell before path time stands still.
     let mut places = Vec::new();
     let (plain, _) = run(&scenario, |_| Inputs::default());
     let there = plain

@@ -15,12 +15,15 @@ use crate::common::{Random, Scenario, WAVE_FEED_MM_S, check, forward_to_sink, wa
 
 /// The cycle at which the override begins to change.
 const BEGINS: u64 = 500;
-/// Minimum fraction of the feed: the plan itself has less than 0.9 of it at one place, also with a planner that is never late.
+/// Minimum fraction of the feed: the plan itself has less than 0.9 of it at one place, also with a planner
+/// that is never late.
 const MIN_FRACTION: f64 = 0.88;
-/// Cycles for a window on a busy host at most: too late for every request, and so late that the cycle drives tails.
+/// Cycles for a window on a busy host at most: too late for every request, and so late that the cycle drives
+/// tails.
 const LATE: usize = 50;
 const STARVING: usize = 1000;
-/// Cycles of the virtual clock between two things that the planner does at most: one request may follow another's reply at once.
+/// Cycles of the virtual clock between two things that the planner does at most: one request may follow
+/// another's reply at once.
 const MEANWHILE: usize = 40;
 /// Blocks of the wave between two places with steps at rest.
 const BLOCKS_TO_REST: usize = 60;
@@ -94,7 +97,8 @@ impl Cycles {
 struct Slow {
     sink: PlanProducer<fn() -> bool>,
     cycles: Rc<RefCell<Cycles>>,
-    /// Draws how many cycles run meanwhile; none in a replay, where the clock is virtual: it waits for the planner.
+    /// Draws how many cycles run meanwhile; none in a replay, where the clock is virtual: it waits for the
+    /// planner.
     random: Option<Random>,
     /// How many at most on a busy host.
     longest: usize,
@@ -244,7 +248,8 @@ const FALLING: [fn(u64) -> f64; 5] = [
     |cycle| falling(cycle, 0.9, 70),
 ];
 
-/// A lower override needs no planner: the plan is driven more slowly, and planned on whatever becomes of the requests meanwhile.
+/// A lower override needs no planner: the plan is driven more slowly, and planned on whatever becomes of the
+/// requests meanwhile.
 #[test]
 fn a_falling_override_is_followed_however_late_the_planner_is() {
     let mut late = 0;

@@ -1,15 +1,17 @@
 //! The step of an encoder, from the angles that it shows.
 
-/// Smaller differences are rounding, turns: a double has fewer digits for fractions after many turns, and Euclid's algorithm multiplies
-/// their errors by the number of counts in an increment.
+/// Smaller differences are rounding, turns: a double has fewer digits for fractions after many turns, and
+/// Euclid's algorithm multiplies their errors by the number of counts in an increment.
 const ROUNDING: f64 = 1.0 / (64.0 * 4096.0);
-/// Number of changes of the increment per window: a jump at the index pulse spoils one window, not all that follow.
+/// Number of changes of the increment per window: a jump at the index pulse spoils one window, not all that
+/// follow.
 const WINDOW: u32 = 32;
-/// A larger divisor is not taken for a step, turns: increments of an almost even speed share one that is none.
+/// A larger divisor is not taken for a step, turns: increments of an almost even speed share one that is
+/// none.
 const LARGEST: f64 = 1.0 / 32.0;
 
-/// The largest angle of which all increments are multiples: what an encoder's counts are, at any speed. Angles that are interpolated
-/// between counts have none that matters. Neither allocates nor waits.
+/// The largest angle of which all increments are multiples: what an encoder's counts are, at any speed.
+/// Angles that are interpolated between counts have none that matters. Neither allocates nor waits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct EncoderStep {
     increment: Option<f64>,
@@ -29,7 +31,8 @@ impl EncoderStep {
         known: 0.0,
     };
 
-    /// Takes the increment of the angle from one sample to the next, turns. `finest`: smaller steps do not matter.
+    /// Takes the increment of the angle from one sample to the next, turns. `finest`: smaller steps do not
+    /// matter.
     pub(crate) fn observe(&mut self, increment: f64, finest: f64) {
         let increment = increment.abs();
         let Some(before) = self.increment.replace(increment) else {

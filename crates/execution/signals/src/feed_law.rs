@@ -27,9 +27,9 @@ impl FeedLaw {
         }
     }
 
-    /// By what the feed of the plan is multiplied where the tool is at X in machine coordinates, mm. `measured_rpm`: how fast the
-    /// spindle turns, where that is known; otherwise it turns as commanded, with the spindle override and up to its highest
-    /// speed. Real-time safe.
+    /// By what the feed of the plan is multiplied where the tool is at X in machine coordinates, mm.
+    /// `measured_rpm`: how fast the spindle turns, where that is known; otherwise it turns as commanded, with
+    /// the spindle override and up to its highest speed. Real-time safe.
     #[must_use]
     pub fn ratio(&self, x_mm: f64, measured_rpm: Option<f64>, spindle_override: f64, max_rpm: f64) -> f64 {
         let Self::Revolution { speed, .. } = self else {

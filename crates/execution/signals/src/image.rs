@@ -75,7 +75,8 @@ pub struct InputImage {
 }
 
 impl InputImage {
-    /// The value of an input, 0 or 1 of a digital one; none while it is not known, or has no such number. Real-time safe.
+    /// The value of an input, 0 or 1 of a digital one; none while it is not known, or has no such number.
+    /// Real-time safe.
     #[must_use]
     pub fn value(&self, kind: SignalKind, number: u32) -> Option<f64> {
         let index = number as usize;
@@ -96,14 +97,16 @@ impl InputImage {
         self.spindles.get(number as usize).copied().flatten()
     }
 
-    /// Sets how a spindle is; none makes it unknown. Numbers that there are not are left alone. Real-time safe.
+    /// Sets how a spindle is; none makes it unknown. Numbers that there are not are left alone. Real-time
+    /// safe.
     pub fn set_spindle(&mut self, number: u32, state: Option<SpindleState>) {
         if let Some(slot) = self.spindles.get_mut(number as usize) {
             *slot = state;
         }
     }
 
-    /// Sets the value of an input; none makes it unknown. Numbers that there are not are left alone. Real-time safe.
+    /// Sets the value of an input; none makes it unknown. Numbers that there are not are left alone.
+    /// Real-time safe.
     pub fn set(&mut self, kind: SignalKind, number: u32, value: Option<f64>) {
         match kind {
             SignalKind::Digital if number < u64::BITS => {

@@ -9,7 +9,8 @@ pub struct OverrideSwitches {
     pub feed: bool,
     /// The spindle override counts (M51), by spindle; otherwise it is 1.
     pub spindles: [bool; MAX_SPINDLES as usize],
-    /// Adaptive feed counts (M52); none where the program has not said: then it counts where the job was started with it.
+    /// Adaptive feed counts (M52); none where the program has not said: then it counts where the job was
+    /// started with it.
     pub adaptive: Option<bool>,
     /// A feed hold counts (M53); otherwise it waits until it does.
     pub feed_stop: bool,

@@ -8,8 +8,8 @@ use crate::override_switches::OverrideSwitches;
 use crate::virtual_spindle::SpindleTarget;
 use crate::wait::{InputWait, WaitResult};
 
-/// Changes and waits on the way: one for each block mark and step that a plan queue holds at most, 131 072 and 36 800, and for
-/// the blocks that wait in the planner's windows.
+/// Changes and waits on the way: one for each block mark and step that a plan queue holds at most, 131 072
+/// and 36 800, and for the blocks that wait in the planner's windows.
 const AHEAD: usize = 1 << 18;
 /// Results of waits on the way: a program waits for each before it goes on.
 const RESULTS: usize = 8;
@@ -63,7 +63,8 @@ impl Change {
         }
     }
 
-    /// Switches a digital output; of two changes of one output the later counts. Numbers that there are not are left alone.
+    /// Switches a digital output; of two changes of one output the later counts. Numbers that there are not
+    /// are left alone.
     pub fn set_digital(&mut self, number: u32, on: bool) {
         if let Some(bit) = 1_u64.checked_shl(number) {
             (self.on, self.off) = if on {
@@ -110,7 +111,8 @@ pub(crate) enum Scheduled {
     Wait(InputWait),
 }
 
-/// The planner's end. Everything is scheduled in the order of the program, before the block or action goes into the plan.
+/// The planner's end. Everything is scheduled in the order of the program, before the block or action goes
+/// into the plan.
 #[derive(Debug)]
 pub struct Scheduler {
     scheduled: Producer<Box<Scheduled>>,
@@ -119,8 +121,8 @@ pub struct Scheduler {
 }
 
 impl Scheduler {
-    /// Schedules a change. `false` where there is no room, which a plan queue of its sizes never brings about, or where the
-    /// cycle has gone.
+    /// Schedules a change. `false` where there is no room, which a plan queue of its sizes never brings
+    /// about, or where the cycle has gone.
     #[must_use]
     pub fn change(&mut self, change: Change) -> bool {
         self.push(Scheduled::Change(change))
@@ -150,7 +152,8 @@ impl Scheduler {
     }
 }
 
-/// The cycle's end: what one program has scheduled, and the way back. [`Signals`](crate::Signals) carries it out.
+/// The cycle's end: what one program has scheduled, and the way back. [`Signals`](crate::Signals) carries it
+/// out.
 #[derive(Debug)]
 pub struct ScheduleConsumer {
     pub(crate) ahead: Consumer<Box<Scheduled>>,

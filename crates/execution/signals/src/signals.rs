@@ -101,7 +101,8 @@ pub struct Signals {
     /// What turns where time is not real.
     virtual_spindles: [VirtualSpindle; MAX_SPINDLES as usize],
     period_s: f64,
-    /// Setpoints after which a sample of the angle is too old: what holds for every input, where the publisher says nothing either.
+    /// Setpoints after which a sample of the angle is too old: what holds for every input, where the
+    /// publisher says nothing either.
     stale_cycles: f64,
     wait: Option<ActiveWait>,
     /// The wait is over, and the program may go on.
@@ -109,8 +110,8 @@ pub struct Signals {
 }
 
 impl Signals {
-    /// Every output at its safe value, no input known, no program. `lead_cycles`: from the computing of a setpoint until it
-    /// is due. `period_ns`: from one setpoint to the next.
+    /// Every output at its safe value, no input known, no program. `lead_cycles`: from the computing of a
+    /// setpoint until it is due. `period_ns`: from one setpoint to the next.
     #[must_use]
     pub fn new(settings: &SignalSettings, lead_cycles: u32, period_ns: u64) -> Self {
         let period_s = period_ns as f64 * 1e-9;
@@ -149,15 +150,16 @@ impl Signals {
         }
     }
 
-    /// A program begins: from now on its schedule is carried out. Outputs stay as they are. Hands back the schedule of a
-    /// program that has not been ended.
+    /// A program begins: from now on its schedule is carried out. Outputs stay as they are. Hands back the
+    /// schedule of a program that has not been ended.
     pub fn begin_program(&mut self, schedule: ScheduleConsumer) -> Option<ScheduleConsumer> {
         let before = self.end_program();
         self.schedule = Some(schedule);
         before
     }
 
-    /// The program is over, and so is a wait of it; every override counts again. Hands its schedule back, to be dropped where time does not matter.
+    /// The program is over, and so is a wait of it; every override counts again. Hands its schedule back, to
+    /// be dropped where time does not matter.
     pub fn end_program(&mut self) -> Option<ScheduleConsumer> {
         (self.wait, self.go_on) = (None, false);
         (self.overrides, self.feed_law) = (OverrideSwitches::default(), FeedLaw::default());
@@ -206,7 +208,8 @@ impl Signals {
             _ => {}
         }
         if has_moved {
-            // The index pulse moves the zero: what was learned before it is of another angle. A trace tells this after the sample.
+            // The index pulse moves the zero: what was learned before it is of another angle. A trace tells
+            // this after the sample.
             self.tracker.forget();
             if let Some(now) = &inputs.angle {
                 self.tracker.observe(now);
@@ -305,8 +308,9 @@ impl Signals {
         &self.overrides
     }
 
-    /// By what the feed of the plan is multiplied for the next setpoint, with the tool at X in machine coordinates, mm.
-    /// It stays as it is within 1 %, so that the plan is not asked for a feed of its own with each setpoint.
+    /// By what the feed of the plan is multiplied for the next setpoint, with the tool at X in machine
+    /// coordinates, mm. It stays as it is within 1 %, so that the plan is not asked for a feed of its own
+    /// with each setpoint.
     pub fn feed_ratio(&mut self, x_mm: f64, spindle_overrides: &[f64; MAX_SPINDLES as usize]) -> f64 {
         let spindle = self.feed_law.spindle().unwrap_or(0) as usize;
         let of_spindle = |values: &[f64]| values.get(spindle).copied().unwrap_or(f64::INFINITY);
@@ -342,7 +346,8 @@ impl Signals {
         image
     }
 
-    /// The spindles that follow their commands are a period further: how they turn when the next setpoint is due.
+    /// The spindles that follow their commands are a period further: how they turn when the next setpoint is
+    /// due.
     fn turn_virtual_spindles(&mut self, x_mm: f64) {
         for (spindle, state) in self.virtual_spindles.iter_mut().zip(&self.inputs.spindles) {
             if *state == Some(SpindleState::OBEDIENT) {

@@ -8,7 +8,8 @@ pub enum SpindleKnowledge {
     /// It is not reported, or has not been for too long.
     #[default]
     Unknown,
-    /// Time is not real and it is not reported: the spindle turns as commanded, and its angle is known from that.
+    /// Time is not real and it is not reported: the spindle turns as commanded, and its angle is known from
+    /// that.
     Imagined,
     /// It is reported, but not for long enough, or the index pulse has not been seen.
     Seeking,

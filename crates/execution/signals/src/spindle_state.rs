@@ -8,7 +8,8 @@ const MAX_COMMAND: u64 = (1 << (f64::MANTISSA_DIGITS - BITS)) - 1;
 /// A spindle with respect to what it was commanded last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SpindleState {
-    /// The command that it was given last: the number that the program's thread has given to it. Numbers grow.
+    /// The command that it was given last: the number that the program's thread has given to it. Numbers
+    /// grow.
     pub command: u64,
     /// It executes that command and has reached its speed.
     pub at_speed: bool,

@@ -1,10 +1,11 @@
 //! The angle of a spindle at any instant, from samples that are late, quantised and of uneven speed.
 //!
-//! A Kalman filter whose state is the angle `u` of an even spindle, its speed and acceleration, and the first harmonics of the
-//! turn by which the true angle differs from it: `phi = u + sum(c_k cos 2 pi k phi + s_k sin 2 pi k phi)`. The acceleration and
-//! the harmonics drift at random. What repeats every turn (an uneven transmission, a bent encoder shaft, the teeth of the motor) is
-//! learned and told apart from what the speed does, so that the angle a few milliseconds ahead is known better than the
-//! newest sample extended by its speed.
+//! A Kalman filter whose state is the angle `u` of an even spindle, its speed and acceleration, and the first
+//! harmonics of the turn by which the true angle differs from it:
+//! `phi = u + sum(c_k cos 2 pi k phi + s_k sin 2 pi k phi)`. The acceleration and the harmonics drift at
+//! random. What repeats every turn (an uneven transmission, a bent encoder shaft, the teeth of the motor) is
+//! learned and told apart from what the speed does, so that the angle a few milliseconds ahead is known
+//! better than the newest sample extended by its speed.
 
 use std::f64::consts::TAU;
 
@@ -18,10 +19,11 @@ const STATES: usize = MEAN + 2 * HARMONICS;
 
 /// The finest step of an encoder that is distinguished, turns. Finer ones do no harm.
 const FINEST_STEP: f64 = 1.0 / 4096.0;
-/// How fast the acceleration drifts, turns^2/s^5: the filter then follows up to some 15 Hz at 1000 samples a second.
+/// How fast the acceleration drifts, turns^2/s^5: the filter then follows up to some 15 Hz at 1000 samples a
+/// second.
 const ACCELERATION_DRIFT: f64 = 5.0;
-/// Errors of the prediction, as multiples of what is to be expected squared and smoothed, above which the spindle does something
-/// else than before: it is braked, reversed or loaded.
+/// Errors of the prediction, as multiples of what is to be expected squared and smoothed, above which the
+/// spindle does something else than before: it is braked, reversed or loaded.
 const SURPRISE: f64 = 4.0;
 /// Fraction of the newest error in the smoothed one.
 const SURPRISE_FRACTION: f64 = 0.25;

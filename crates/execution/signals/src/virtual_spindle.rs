@@ -19,8 +19,9 @@ pub struct SpindleTarget {
     pub speed: SpindleSpeed,
 }
 
-/// A spindle that turns as commanded: it changes its speed at a constant rate, and its angle goes on from pass to pass. The angle is 0
-/// where the run begins. It depends on commands and the number of setpoints alone, so the same program gives the same bits.
+/// A spindle that turns as commanded: it changes its speed at a constant rate, and its angle goes on from
+/// pass to pass. The angle is 0 where the run begins. It depends on commands and the number of setpoints
+/// alone, so the same program gives the same bits.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct VirtualSpindle {
     /// Turns, turns/s and turns/s^2; negative counter-clockwise.
@@ -30,7 +31,8 @@ pub(crate) struct VirtualSpindle {
     max_rpm: f64,
     /// Turns/s^2, from the machine file.
     rate: Option<f64>,
-    /// Highest speed since the last command and the one at it, turns/s: sets the rate where the machine file gives none.
+    /// Highest speed since the last command and the one at it, turns/s: sets the rate where the machine file
+    /// gives none.
     fastest: f64,
 }
 

@@ -78,7 +78,8 @@ pub struct InputWait {
 pub struct WaitResult {
     /// The wait's action.
     pub action: u32,
-    /// The input's value, 1 of a spindle that is as it should be; none after the timeout, or where it was not known.
+    /// The input's value, 1 of a spindle that is as it should be; none after the timeout, or where it was not
+    /// known.
     pub value: Option<f64>,
 }
 

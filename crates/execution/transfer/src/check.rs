@@ -286,7 +286,8 @@ mod tests {
 
     #[test]
     fn extremes_between_the_ends_of_a_piece_are_found() {
-        // p = t^3/6 - t^2/2 + 3t/8 from rest at 0: v = (t - 1/2)(t - 3/2)/2, extremes of p at 1/2 and 3/2, of v at 1.
+        // p = t^3/6 - t^2/2 + 3t/8 from rest at 0: v = (t - 1/2)(t - 3/2)/2, extremes of p at 1/2 and 3/2, of
+        // v at 1.
         let start = AxisState {
             p: 0.0,
             v: 0.375,

@@ -1,11 +1,13 @@
 //! The only place that names ruckig.
 //!
 //! What this module keeps from it:
-//! - *Waypoints.* The published build sends `intermediate_positions` in plain HTTP to a server of the vendor. No
-//!   function here takes waypoints, the list is emptied before every call, and the solver is made with room for none.
-//! - *Short vectors.* The C++ side reads as many numbers as there are axes, whatever the length of the vector: every
-//!   vector is built here from the same tasks.
-//! - *Units.* Its tolerances are absolute (1e-8 for position and velocity): tasks are scaled to numbers around 1.
+//! - *Waypoints.* The published build sends `intermediate_positions` in plain HTTP to a server of the vendor.
+//!   No function here takes waypoints, the list is emptied before every call, and the solver is made with
+//!   room for none.
+//! - *Short vectors.* The C++ side reads as many numbers as there are axes, whatever the length of the
+//!   vector: every vector is built here from the same tasks.
+//! - *Units.* Its tolerances are absolute (1e-8 for position and velocity): tasks are scaled to numbers
+//!   around 1.
 //! - *Trust.* It may fail, and what it gives is only samples of position, velocity and acceleration; see
 //!   `recover` for the pieces.
 

@@ -1,8 +1,8 @@
 //! The move that takes ruckig's place where ruckig fails: stop, go, speed up.
 //!
 //! Every axis stops as fast as it can; then all go in a straight line, rest to rest, to the places from which
-//! they reach their targets by speeding up. Each of the three parts is closed form, so this cannot fail numerically.
-//! It is slower than what is possible, never beyond a limit of velocity, acceleration or jerk.
+//! they reach their targets by speeding up. Each of the three parts is closed form, so this cannot fail
+//! numerically. It is slower than what is possible, never beyond a limit of velocity, acceleration or jerk.
 
 use crate::landing::Steps;
 use crate::state::{AxisLimits, AxisState, AxisTask};
@@ -104,8 +104,8 @@ pub(crate) fn stop(from: AxisState, limits: &AxisLimits) -> [(f64, f64); 3] {
 
 /// The fastest move over `distance`, not negative, from rest to rest: seven pieces, symmetric in time.
 ///
-/// Jerk lasts as long as the least of acceleration limit, velocity limit and distance allows; then acceleration;
-/// then speed.
+/// Jerk lasts as long as the least of acceleration limit, velocity limit and distance allows; then
+/// acceleration; then speed.
 pub(crate) fn rest_to_rest(distance: f64, limits: &AxisLimits) -> [(f64, f64); 7] {
     let (v, a, j) = (limits.v, limits.a, limits.j);
     let by_acceleration = a / j;

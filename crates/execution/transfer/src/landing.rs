@@ -1,16 +1,17 @@
 //! Makes pieces of constant jerk end at the target exactly.
 //!
-//! What is missing at the end, `e = (position, velocity, acceleration)`, is linear in the jerks. Of all corrections
-//! that make it up, the one with the least integral of their square is taken: with the effect `m_k` (three numbers)
-//! of the jerk of piece `k`, which lasts `t_k`, it is `d_k = m_k . x / t_k` where `(sum of m_k m_k^T / t_k) x = e`.
-//! Times stay as they are, so synchronised axes stay synchronised.
+//! What is missing at the end, `e = (position, velocity, acceleration)`, is linear in the jerks. Of all
+//! corrections that make it up, the one with the least integral of their square is taken: with the effect
+//! `m_k` (three numbers) of the jerk of piece `k`, which lasts `t_k`, it is `d_k = m_k . x / t_k` where
+//! `(sum of m_k m_k^T / t_k) x = e`. Times stay as they are, so synchronised axes stay synchronised.
 
 use crate::state::AxisState;
 
 /// Steps `(duration, jerk)` of one axis.
 pub(crate) type Steps = Vec<(f64, f64)>;
 
-/// Pieces longer than this share of the whole are divided in three: a correction needs three numbers to play with.
+/// Pieces longer than this share of the whole are divided in three: a correction needs three numbers to play
+/// with.
 const LONGEST_FRACTION: f64 = 1.0 / 3.0;
 /// A second pass mops up the rounding of the first.
 const PASSES: usize = 3;
@@ -30,7 +31,8 @@ pub(crate) fn land(steps: &mut Steps, start: AxisState, end: AxisState) {
         }
     }
     *steps = divided;
-    // Counted from the start: what a position far from zero has in its last digit would take much jerk in a short move.
+    // Counted from the start: what a position far from zero has in its last digit would take much jerk in a
+    // short move.
     let (start, end) = (
         AxisState { p: 0.0, ..start },
         AxisState {
@@ -62,7 +64,8 @@ pub(crate) fn land(steps: &mut Steps, start: AxisState, end: AxisState) {
     }
 }
 
-/// What one unit of jerk over `t`, followed by `left`, does to position, velocity and acceleration at the end.
+/// What one unit of jerk over `t`, followed by `left`, does to position, velocity and acceleration at the
+/// end.
 fn effect(t: f64, left: f64) -> [f64; 3] {
     [
         t * (t * t / 6.0 + left * (0.5 * t + 0.5 * left)),

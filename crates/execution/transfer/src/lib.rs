@@ -1,7 +1,8 @@
 //! State-to-state moves: jog, retract, stop and go on, back to the path.
 //!
-//! A [`Transfer`] takes the axes from one [`AxesState`] (position, velocity, acceleration) to another as fast as their
-//! limits allow. No path is prescribed between the two, unless [`Sync::Phase`] asks for the straight line.
+//! A [`Transfer`] takes the axes from one [`AxesState`] (position, velocity, acceleration) to another as fast
+//! as their limits allow. No path is prescribed between the two, unless [`Sync::Phase`] asks for the straight
+//! line.
 //!
 //! ```text
 //! limits, from, to ─► check ─► ruckig ─► pieces ─► landed on the target ─► every limit verified ─► Transfer
@@ -9,13 +10,14 @@
 //!                       └► TransferError
 //! ```
 //!
-//! The solver is ruckig (Berscheid and Kroeger, "Jerk-limited Real-time Trajectory Generation with Arbitrary Target
-//! States", RSS 2021). It is a C++ library that allocates, may fail on valid input, and would hand waypoints to a
-//! server on the internet. So it is locked into one private module which knows no waypoints, and nothing that it says
-//! is believed: its result is read back as pieces of constant jerk, the pieces are corrected to end at the target to
-//! the last digits, and every limit and the travel are verified on the extremes of those pieces, by formulas of this
-//! crate. Where ruckig fails, a slower move of our own takes its place: each axis stops, all move in a
-//! straight line, each speeds up to its target ([`Method::StopAndGo`]).
+//! The solver is ruckig (Berscheid and Kroeger, "Jerk-limited Real-time Trajectory Generation with Arbitrary
+//! Target States", RSS 2021). It is a C++ library that allocates, may fail on valid input, and would hand
+//! waypoints to a server on the internet. So it is locked into one private module which knows no waypoints,
+//! and nothing that it says is believed: its result is read back as pieces of constant jerk, the pieces are
+//! corrected to end at the target to the last digits, and every limit and the travel are verified on the
+//! extremes of those pieces, by formulas of this crate. Where ruckig fails, a slower move of our own takes
+//! its place: each axis stops, all move in a straight line, each speeds up to its target
+//! ([`Method::StopAndGo`]).
 //!
 //! ```
 //! use evolvent_machine::Limits;
@@ -41,11 +43,11 @@
 //! assert!(speed_mm_s > 99.99 && speed_mm_s <= 100.0, "{speed_mm_s}");
 //! # Ok::<(), evolvent_transfer::TransferError>(())
 //! ```
-//! [`Transfer::solve`] belongs on the planner's side. What it gives is a plain value without heap: the real-time cycle
-//! owns a copy and calls [`Transfer::at`], which is a few multiplications an axis.
+//! [`Transfer::solve`] belongs on the planner's side. What it gives is a plain value without heap: the
+//! real-time cycle owns a copy and calls [`Transfer::at`], which is a few multiplications an axis.
 //!
-//! The same input gives the same bits on the same computer only: ruckig uses the platform's cosine and cube root.
-//! Record a transfer, do not compute it again elsewhere.
+//! The same input gives the same bits on the same computer only: ruckig uses the platform's cosine and cube
+//! root. Record a transfer, do not compute it again elsewhere.
 
 #![expect(
     clippy::neg_cmp_op_on_partial_ord,

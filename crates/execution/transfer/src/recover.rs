@@ -1,9 +1,10 @@
 //! Reads pieces of constant jerk back from samples of a motion.
 //!
-//! Acceleration is piecewise linear in time and continuous. An interval is one piece if velocity and position at its
-//! end, and acceleration inside, are what constant jerk makes of its start, to rounding. It is two pieces if the same
-//! holds with one break where the straight lines from both ends meet. Everything else is halved. What an interval
-//! hides from this test is below rounding; and whatever is wrong here is seen by the verification afterwards.
+//! Acceleration is piecewise linear in time and continuous. An interval is one piece if velocity and position
+//! at its end, and acceleration inside, are what constant jerk makes of its start, to rounding. It is two
+//! pieces if the same holds with one break where the straight lines from both ends meet. Everything else is
+//! halved. What an interval hides from this test is below rounding; and whatever is wrong here is seen by the
+//! verification afterwards.
 
 use std::collections::BTreeMap;
 
@@ -55,8 +56,8 @@ struct Noise {
     a: f64,
 }
 
-/// The steps `(duration, jerk)` of one axis over `0..duration`, where no jerk is above `jerk`; none if the samples are
-/// not numbers or no such motion.
+/// The steps `(duration, jerk)` of one axis over `0..duration`, where no jerk is above `jerk`; none if the
+/// samples are not numbers or no such motion.
 pub(crate) fn recover<F: FnMut(f64) -> Vec<AxisState>>(
     recorded: &mut Recorded<F>,
     axis: usize,
@@ -200,7 +201,8 @@ mod tests {
     fn planted_pieces_are_found_with_their_times_and_jerks() {
         let mut random = Random::from_state(0x4e_0001);
         for case in 0..500 {
-            // As a solver gives them: full jerk, none, full jerk the other way, short and long ones beside each other.
+            // As a solver gives them: full jerk, none, full jerk the other way, short and long ones beside
+            // each other.
             let planted: Steps = (0..7)
                 .map(|k| {
                     (

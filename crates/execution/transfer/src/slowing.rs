@@ -11,7 +11,8 @@ use crate::state::{AxesState, AxisLimits, AxisState};
 use crate::track::Track;
 use crate::transfer::{Sync, Transfer};
 
-/// Fraction by which a speed may be beyond the cruise speed without being slowed down first: it comes from a motion at it.
+/// Fraction by which a speed may be beyond the cruise speed without being slowed down first: it comes from a
+/// motion at it.
 const SLACK: f64 = 1e-9;
 
 /// What an axis that is too fast does first.
@@ -36,7 +37,8 @@ impl AxesState {
         })
     }
 
-    /// The speed of each axis when its acceleration has been brought to zero at once: it cannot avoid this one.
+    /// The speed of each axis when its acceleration has been brought to zero at once: it cannot avoid this
+    /// one.
     #[must_use]
     pub fn unavoidable_speed(&self, limits: &Limits) -> Axes {
         Axes::from_fn(|i, _| {
@@ -51,11 +53,12 @@ impl AxesState {
 }
 
 impl Transfer {
-    /// A move to rest at `to`, each axis on its own and no faster than `cruise` once it has slowed down to that, which it does
-    /// first and at once. An axis whose target is nearer than that, or behind it, stops first.
+    /// A move to rest at `to`, each axis on its own and no faster than `cruise` once it has slowed down to
+    /// that, which it does first and at once. An axis whose target is nearer than that, or behind it, stops
+    /// first.
     ///
-    /// Costs as much as two calls of [`Transfer::solve`] at most four times; same accuracy and errors. `limits` must permit the
-    /// velocity that the axes have.
+    /// Costs as much as two calls of [`Transfer::solve`] at most four times; same accuracy and errors.
+    /// `limits` must permit the velocity that the axes have.
     ///
     /// # Errors
     /// As [`Transfer::solve`].

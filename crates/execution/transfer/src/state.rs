@@ -97,8 +97,8 @@ pub(crate) struct AxisTask {
 }
 
 impl AxisTask {
-    /// A share of the limits, but not less than the states themselves need: one that moves at its limit must not be
-    /// refused for its last digit.
+    /// A share of the limits, but not less than the states themselves need: one that moves at its limit must
+    /// not be refused for its last digit.
     pub(crate) fn usable(&self, share: f64) -> AxisLimits {
         let j = self.limits.j * share;
         let arriving = AxisState {

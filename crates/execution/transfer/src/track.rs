@@ -2,8 +2,8 @@
 
 use crate::state::AxisState;
 
-/// Most pieces of one axis: two to brake below the limits and seven of ruckig, or fifteen of a stop-and-go move, and
-/// four more where long pieces are divided to land exactly.
+/// Most pieces of one axis: two to brake below the limits and seven of ruckig, or fifteen of a stop-and-go
+/// move, and four more where long pieces are divided to land exactly.
 pub const PIECES: usize = 20;
 
 /// Constant jerk from a known state.
@@ -33,7 +33,8 @@ impl Piece {
     }
 }
 
-/// All pieces of one axis in order of time. A fixed-size value: no heap, may be copied to the real-time cycle.
+/// All pieces of one axis in order of time. A fixed-size value: no heap, may be copied to the real-time
+/// cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
     pieces: [Piece; PIECES],
@@ -53,8 +54,8 @@ impl Track {
         }
     }
 
-    /// From `start` through `(duration, jerk)`s. Ends at `end` whatever rounding makes of the last piece; none where
-    /// there are more than [`PIECES`].
+    /// From `start` through `(duration, jerk)`s. Ends at `end` whatever rounding makes of the last piece;
+    /// none where there are more than [`PIECES`].
     pub(crate) fn through(start: AxisState, end: AxisState, steps: &[(f64, f64)]) -> Option<Self> {
         let mut track = Self::resting(end);
         let mut state = start;

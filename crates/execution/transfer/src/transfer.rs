@@ -17,7 +17,8 @@ pub enum Sync {
     /// All arrive at the same time.
     #[default]
     Time,
-    /// All keep to the straight line between start and target (of all nine axes), so they arrive at the same time.
+    /// All keep to the straight line between start and target (of all nine axes), so they arrive at the same
+    /// time.
     Phase,
     /// Each arrives as soon as it can; all must end at rest.
     None,
@@ -50,13 +51,13 @@ const STRAIGHT: f64 = 1e-9;
 impl Transfer {
     /// The fastest move between two states within `limits` and the travel.
     ///
-    /// Not for the real-time cycle: allocates, and takes some tens of microseconds an axis, at worst milliseconds.
-    /// Limits hold to three millionths; the target is reached to 1e-9 (mm, degrees; velocity and acceleration: of
-    /// their limits).
+    /// Not for the real-time cycle: allocates, and takes some tens of microseconds an axis, at worst
+    /// milliseconds. Limits hold to three millionths; the target is reached to 1e-9 (mm, degrees; velocity
+    /// and acceleration: of their limits).
     ///
     /// # Errors
-    /// A number that is not finite or not above zero, a state beyond limits or travel, states that [`Sync`] does not
-    /// permit; or a way that leaves the travel. Numbers that were refused are in the error.
+    /// A number that is not finite or not above zero, a state beyond limits or travel, states that [`Sync`]
+    /// does not permit; or a way that leaves the travel. Numbers that were refused are in the error.
     pub fn solve(
         limits: &Limits,
         from: &AxesState,
@@ -163,7 +164,8 @@ struct StraightLine {
 }
 
 impl Job<'_> {
-    /// Calls ruckig for each group in several ways, and takes the first result that can be verified; otherwise stops first.
+    /// Calls ruckig for each group in several ways, and takes the first result that can be verified;
+    /// otherwise stops first.
     fn solve(
         &self,
         groups: &[&[AxisTask]],
@@ -336,9 +338,10 @@ fn spread(steps: &[Steps], ways: &[f64]) -> Vec<Steps> {
 
 /// Steps of all tasks, which arrive together.
 ///
-/// Axes that stand still at both ends need no solver: the fastest such move is closed form, and slower by a factor `k`
-/// it has `1/k^3` of the jerk. Only the slowest of them is handed on, so that it has its say in the duration. That
-/// spares ruckig what it is worst at: an axis that goes a micrometre while another goes a metre.
+/// Axes that stand still at both ends need no solver: the fastest such move is closed form, and slower by a
+/// factor `k` it has `1/k^3` of the jerk. Only the slowest of them is handed on, so that it has its say in
+/// the duration. That spares ruckig what it is worst at: an axis that goes a micrometre while another goes a
+/// metre.
 fn together(tasks: &[AxisTask], attempt: Attempt) -> Option<Vec<Steps>> {
     let resting = |task: &AxisTask| task.from.is_at_rest() && task.to.is_at_rest();
     let fastest = |task: &AxisTask| {
@@ -384,8 +387,8 @@ fn lasting(steps: &[(f64, f64)]) -> f64 {
 /// One formulation of a problem for ruckig.
 #[derive(Clone, Copy)]
 struct Attempt {
-    /// In units of the move itself, so that its numbers are about 1; otherwise in seconds and the way that an axis
-    /// goes in one.
+    /// In units of the move itself, so that its numbers are about 1; otherwise in seconds and the way that an
+    /// axis goes in one.
     natural: bool,
     /// Share of the limits that may be used. Other digits are another way through the solver.
     share: f64,

@@ -20,7 +20,8 @@ struct Question {
     to: [f64; 3],
 }
 
-/// A change of speed from `(v0, a0)` to `(v1, 0)`: time and distance. At most three pieces of jerk `j`, 0, `-j`.
+/// A change of speed from `(v0, a0)` to `(v1, 0)`: time and distance. At most three pieces of jerk `j`, 0,
+/// `-j`.
 fn change(v0: f64, a0: f64, v1: f64, a_max: f64, j: f64) -> (f64, f64) {
     let up = v1 >= v0 + a0 * a0.abs() / (2.0 * j);
     let s = if up { 1.0 } else { -1.0 };
@@ -43,8 +44,9 @@ fn change(v0: f64, a0: f64, v1: f64, a_max: f64, j: f64) -> (f64, f64) {
 }
 
 impl Question {
-    /// The least time of all motions that change to one speed, hold it, and change to the target: found by scanning
-    /// that speed. What comes to zero acceleration nowhere in between is missing, so it is an upper bound.
+    /// The least time of all motions that change to one speed, hold it, and change to the target: found by
+    /// scanning that speed. What comes to zero acceleration nowhere in between is missing, so it is an upper
+    /// bound.
     fn scanned(&self) -> f64 {
         let through = |speed: f64| {
             let first = change(self.from[1], self.from[2], speed, self.a, self.j);

@@ -114,11 +114,12 @@ pub enum BridgeError {
 /// Runs a bridge until `stop` is set or the time is up. Waits for its core, outlives it, and finds the next
 /// one. `tell` receives the messages for the log.
 ///
-/// The calling thread, which serves the bus, keeps no capability, no file but those of the bus, and only the system calls that this
-/// needs, permanently: call this on a thread that does little else afterwards. Rights that this kernel cannot remove are reported.
+/// The calling thread, which serves the bus, keeps no capability, no file but those of the bus, and only the
+/// system calls that this needs, permanently: call this on a thread that does little else afterwards. Rights
+/// that this kernel cannot remove are reported.
 ///
-/// Both threads run with `SCHED_FIFO`, below the core's, and memory is locked if the machine file says so, where the system permits
-/// it. What it does not permit is reported.
+/// Both threads run with `SCHED_FIFO`, below the core's, and memory is locked if the machine file says so,
+/// where the system permits it. What it does not permit is reported.
 ///
 /// `session` is called, in a thread with fewer rights still, once a core is known and
 /// again whenever it has returned. It sets up the hardware and runs its cycle until something ends it; it
@@ -198,7 +199,8 @@ pub fn run_bridge<H: Hardware>(
             folders,
             connections: 0,
         };
-        // Setpoints pass through this thread: without its priority, other work on the computer would stop the machine.
+        // Setpoints pass through this thread: without its priority, other work on the computer would stop the
+        // machine.
         let result = enter_role(priority, ThreadRole::Bus, &writable)
             .map_err(BridgeError::Privileges)
             .and_then(|remarks| {
@@ -221,7 +223,8 @@ pub fn run_bridge<H: Hardware>(
     })
 }
 
-/// Gives the calling thread its priority, then takes its rights. Returns what the system does not grant, and what it does not let go.
+/// Gives the calling thread its priority, then takes its rights. Returns what the system does not grant, and
+/// what it does not let go.
 fn enter_role(priority: u8, role: ThreadRole, folders: &[PathBuf]) -> std::io::Result<Vec<String>> {
     let mut remarks = Vec::new();
     if let Err(note) = raise_priority(priority) {

@@ -41,7 +41,8 @@ pub(crate) struct BusSide<'a, H> {
     pub(crate) feedback: &'a mut Consumer<Feedback>,
     pub(crate) inputs: &'a mut Consumer<MachineInputs>,
     pub(crate) spindles: &'a mut Consumer<SpindleFeedback>,
-    /// Folders of the bus to which this thread has kept its rights, with what tells each from one that is made in its place.
+    /// Folders of the bus to which this thread has kept its rights, with what tells each from one that is
+    /// made in its place.
     pub(crate) folders: Vec<(PathBuf, String)>,
     pub(crate) connections: u32,
 }

@@ -17,7 +17,8 @@ use seccompiler::{
 
 use crate::privileges::drop_capabilities;
 
-/// The newest version of landlock whose rights are asked for; kernels that have less of it enforce what they have.
+/// The newest version of landlock whose rights are asked for; kernels that have less of it enforce what they
+/// have.
 const LANDLOCK: ABI = ABI::V6;
 
 /// What a thread still has to do.
@@ -34,8 +35,8 @@ pub(crate) enum ThreadRole {
     Writer,
 }
 
-/// For a thread of a bridge that writes to files that are open, and does nothing else: gives up all other rights. Returns what
-/// this kernel does not let it give up.
+/// For a thread of a bridge that writes to files that are open, and does nothing else: gives up all other
+/// rights. Returns what this kernel does not let it give up.
 ///
 /// # Errors
 /// Capabilities stay.
@@ -43,8 +44,8 @@ pub fn confine_writer() -> io::Result<Vec<String>> {
     confine(ThreadRole::Writer, &[])
 }
 
-/// Gives up every capability of the calling thread, every file outside of `folders`, and every system call that its role does not
-/// need. Returns what this kernel does not let it give up.
+/// Gives up every capability of the calling thread, every file outside of `folders`, and every system call
+/// that its role does not need. Returns what this kernel does not let it give up.
 ///
 /// # Errors
 /// Capabilities stay.

@@ -47,8 +47,8 @@ fn finding(
     }
 }
 
-/// Examines a network interface, the settings of its driver, and the CPU frequency governors. Items that the driver or the system does
-/// not report are omitted.
+/// Examines a network interface, the settings of its driver, and the CPU frequency governors. Items that the
+/// driver or the system does not report are omitted.
 ///
 /// # Errors
 /// There is no such interface.
@@ -210,7 +210,8 @@ impl Driver {
             data: words.as_mut_ptr(),
             rest: [0; 16],
         };
-        // SAFETY: the kernel writes as many words as the structure of the request has, which is `WORDS` at each call; both outlive the call.
+        // SAFETY: the kernel writes as many words as the structure of the request has, which is `WORDS` at
+        // each call; both outlive the call.
         let result = unsafe { libc::ioctl(self.socket.as_raw_fd(), SIOCETHTOOL as _, &raw mut call) };
         (result == 0).then_some(words)
     }

@@ -34,7 +34,8 @@ pub(crate) fn raise_priority(priority: u8) -> Result<(), String> {
 /// # Errors
 /// The system does not permit it: a note that says how to permit it.
 pub(crate) fn lock_memory() -> Result<(), String> {
-    // Threads of a bridge drop CAP_IPC_LOCK. Under a finite limit the kernel would then refuse them memory, so the limit has to go.
+    // Threads of a bridge drop CAP_IPC_LOCK. Under a finite limit the kernel would then refuse them memory,
+    // so the limit has to go.
     if let Some(bytes) = getrlimit(Resource::Memlock).current {
         let none = Rlimit {
             current: None,

@@ -28,8 +28,9 @@ pub struct RoundTrips {
     pub is_real_time: bool,
 }
 
-/// Measures round trips for `duration`, one in each `period`, on a thread with real-time priority if permitted. `exchange` sends a packet
-/// and waits for its reply until the given time in ns of `CLOCK_MONOTONIC`; it returns whether the reply was received.
+/// Measures round trips for `duration`, one in each `period`, on a thread with real-time priority if
+/// permitted. `exchange` sends a packet and waits for its reply until the given time in ns of
+/// `CLOCK_MONOTONIC`; it returns whether the reply was received.
 ///
 /// # Errors
 /// The thread cannot be started, or `exchange` panics.

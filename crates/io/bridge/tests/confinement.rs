@@ -1,4 +1,5 @@
-//! What the threads of a bridge can still do once it runs: tried by the threads themselves, and read from the kernel by another.
+//! What the threads of a bridge can still do once it runs: tried by the threads themselves, and read from the
+//! kernel by another.
 
 #![expect(clippy::expect_used, reason = "a test")]
 
@@ -193,8 +194,8 @@ fn threads_of_a_bridge_can_do_nothing_but_their_work() {
     }
 }
 
-/// A folder that is made in the place of the one that the bridge may use is out of its reach: it says so and ends, and does not wait for
-/// ever for a core that it cannot see.
+/// A folder that is made in the place of the one that the bridge may use is out of its reach: it says so and
+/// ends, and does not wait for ever for a core that it cannot see.
 #[test]
 fn a_folder_that_is_made_again_ends_the_bridge() {
     // Another process: the variable is of the whole process.

@@ -140,8 +140,8 @@ fn set_limit(resource: Resource, bytes: Option<u64>) {
     setrlimit(resource, limit).expect("a limit that this user may set");
 }
 
-/// Runs a test in a process of its own, because limits and locked memory are of the whole process. Returns what it said; none in that
-/// process.
+/// Runs a test in a process of its own, because limits and locked memory are of the whole process. Returns
+/// what it said; none in that process.
 fn in_a_process(test: &str) -> Option<String> {
     if std::env::var_os("EVOLVENT_REAL_TIME_CHILD").is_some() {
         return None;

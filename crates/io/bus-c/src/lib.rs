@@ -1,5 +1,5 @@
-//! The bus for C: a few functions for a bridge to drives and signals. The header is `tools/include/evolvent_bridge.h`, examples
-//! are `tools/examples/bridge.c` and `signals.c`.
+//! The bus for C: a few functions for a bridge to drives and signals. The header is
+//! `tools/include/evolvent_bridge.h`, examples are `tools/examples/bridge.c` and `signals.c`.
 //!
 //! No package registry has iceoryx2's own C binding at the version of the bus, so a bridge in C would have to
 //! be built with a checkout of it. This library is built with the workspace (`cargo build -p evolvent-bus-c`)
@@ -8,7 +8,8 @@
 //! A handle belongs to the thread that opened it. No function panics across the C interface: an error is a
 //! return value and a sentence.
 //!
-//! A client that prints setpoints; `tools/examples/bridge.c` is a whole bridge, which the tests compile, link and run:
+//! A client that prints setpoints; `tools/examples/bridge.c` is a whole bridge, which the tests compile, link
+//! and run:
 //!
 //! ```c
 //! char error[256];

@@ -2,8 +2,8 @@
 //!
 //!     cargo run -p evolvent-bus --example publish -- NAME RATE_HZ COUNT [PREFIX]
 //!
-//! Waits up to 10 s for one subscriber, then sends COUNT setpoints, the last one flagged. Setpoint `n` has the
-//! position `n + axis / 16` on every axis, so that a reader can check each number.
+//! Waits up to 10 s for one subscriber, then sends COUNT setpoints, the last one flagged. Setpoint `n` has
+//! the position `n + axis / 16` on every axis, so that a reader can check each number.
 
 use evolvent_bus::{BusConfig, CoreBus, EventKind, Setpoint, Status, flags};
 use std::error::Error;

@@ -190,7 +190,8 @@ impl ClientBus {
         Ok(LoadSender { publisher })
     }
 
-    /// Subscribes to the values of sensors, starting with the next; the core's own watch does not see this reader.
+    /// Subscribes to the values of sensors, starting with the next; the core's own watch does not see this
+    /// reader.
     ///
     /// # Errors
     /// The service does not exist, or all connections are taken.
@@ -382,7 +383,8 @@ pub struct LoadReader {
 }
 
 impl LoadReader {
-    /// The oldest value not read yet; none if there is none. Does not wait. Whether it is valid is the reader's to see.
+    /// The oldest value not read yet; none if there is none. Does not wait. Whether it is valid is the
+    /// reader's to see.
     ///
     /// # Errors
     /// The connection is damaged, or a sensor speaks another version.

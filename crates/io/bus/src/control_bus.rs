@@ -98,8 +98,8 @@ impl ControlServer {
     }
 
     /// Takes the oldest waiting request; `None` if there is none. A request of another version is returned
-    /// too, and has to be rejected. Each client may have at most four unanswered requests: what it sends beyond waits until one of
-    /// them has been answered, while requests of other clients are taken.
+    /// too, and has to be rejected. Each client may have at most four unanswered requests: what it sends
+    /// beyond waits until one of them has been answered, while requests of other clients are taken.
     ///
     /// # Errors
     /// The connection is damaged.

@@ -3,8 +3,8 @@
 use core::time::Duration;
 use std::time::Instant;
 
-/// Begin and length of a wait, from one reading of the clock: an error never reports a shorter wait than the one
-/// that was configured.
+/// Begin and length of a wait, from one reading of the clock: an error never reports a shorter wait than the
+/// one that was configured.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Deadline {
     begin: Instant,

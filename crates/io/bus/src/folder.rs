@@ -240,8 +240,9 @@ pub fn bus_folders(prefix: Option<&str>) -> Result<Vec<(PathBuf, String)>, BusEr
         .collect())
 }
 
-/// Folders that a client of this user's bus writes to, for a process that gives up all others afterwards; the one that a core takes
-/// first is made where it is missing. What iceoryx2 reads elsewhere, its configuration, is read now.
+/// Folders that a client of this user's bus writes to, for a process that gives up all others afterwards; the
+/// one that a core takes first is made where it is missing. What iceoryx2 reads elsewhere, its configuration,
+/// is read now.
 ///
 /// # Errors
 /// The folder belongs to another user, or the prefix is invalid.

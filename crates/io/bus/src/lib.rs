@@ -1,8 +1,8 @@
 //! Services over iceoryx2: the transport of the messages.
 //!
-//! One machine is one folder of services in shared memory, `evolvent/NAME/CHANNEL`. Its one core opens them with
-//! [`CoreBus`]; bridges, screens and loggers, in any number and language, with [`ClientBus`] or iceoryx2's own
-//! bindings and the generated header or module in `tools/`.
+//! One machine is one folder of services in shared memory, `evolvent/NAME/CHANNEL`. Its one core opens them
+//! with [`CoreBus`]; bridges, screens and loggers, in any number and language, with [`ClientBus`] or
+//! iceoryx2's own bindings and the generated header or module in `tools/`.
 //!
 //! ```text
 //!   core ── Setpoint ──► bridge      every period, in order, ahead of its due time

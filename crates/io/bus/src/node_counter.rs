@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 use crate::error::BusError;
 use crate::folder::{SHARED_MEMORY, this_user, user_name};
 
-/// iceoryx2 puts the SHA-1 of the payload's type name, `iceoryx2::node::global_management_segment::State`, into the file's
-/// name.
+/// iceoryx2 puts the SHA-1 of the payload's type name, `iceoryx2::node::global_management_segment::State`,
+/// into the file's name.
 const NAME: &str = "9204dd183d1c4d8e1ff592a30766ffa6765aa8b5_node.0_10_0.global_mgmt";
 
 /// iceoryx2's version, by which a reader recognizes a complete segment: major, minor, patch in 16 bits each.

@@ -53,16 +53,17 @@ impl OpeningLock {
     }
 }
 
-/// A segment that is still incomplete after this number of checks, at this interval, is left over. Its age proves nothing: while the host
-/// suspends all processes, its creator cannot complete it.
+/// A segment that is still incomplete after this number of checks, at this interval, is left over. Its age
+/// proves nothing: while the host suspends all processes, its creator cannot complete it.
 const LOOKS: u32 = 100;
 const LOOK_EVERY: Duration = Duration::from_millis(10);
 
-/// Removes segments of shared memory whose creator died before they were complete. iceoryx2 would wait for one
-/// forever, so this comes before any other call.
+/// Removes segments of shared memory whose creator died before they were complete. iceoryx2 would wait for
+/// one forever, so this comes before any other call.
 ///
-/// A live creator is in that state for milliseconds, in which it fills the segment; one that is still incomplete after a second is left
-/// over. If it were removed while its creator lives, that process would go on, and nobody could reach it.
+/// A live creator is in that state for milliseconds, in which it fills the segment; one that is still
+/// incomplete after a second is left over. If it were removed while its creator lives, that process would go
+/// on, and nobody could reach it.
 pub(crate) fn clear_unborn_segments(config: &Config) {
     clear_unborn_in(StdPath::new("/dev/shm"), &config.global.prefix.to_string());
 }

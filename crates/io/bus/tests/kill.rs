@@ -50,7 +50,8 @@ fn start(prefix: &str) -> Child {
         .expect("a child")
 }
 
-/// Waits for a setpoint of a child. Its process number is in each, so that they cannot be taken for those of an earlier core.
+/// Waits for a setpoint of a child. Its process number is in each, so that they cannot be taken for those of
+/// an earlier core.
 fn hear(setpoints: &mut SetpointReader, child: &Child) {
     let begin = Instant::now();
     loop {
@@ -62,7 +63,8 @@ fn hear(setpoints: &mut SetpointReader, child: &Child) {
     }
 }
 
-/// A child that has opened all of its bus. Its services are there before its publishers, and clients find the services.
+/// A child that has opened all of its bus. Its services are there before its publishers, and clients find the
+/// services.
 fn start_to_publish(domain: &PrivateDomain) -> Child {
     let child = start(&domain.prefix);
     let client = domain.client("mill");
@@ -135,7 +137,8 @@ fn nodes_whose_monitor_is_not_whole_are_cleared_away_with_their_domain() {
         }
     }
     kill(child);
-    // Another domain that ends shares the folder of nodes and must not take what it could not clear away whole.
+    // Another domain that ends shares the folder of nodes and must not take what it could not clear away
+    // whole.
     let empty = std::fs::read_dir(folder.parent().expect("the nodes"))
         .expect("a list")
         .flatten()

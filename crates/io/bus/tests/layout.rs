@@ -149,7 +149,8 @@ fn states_and_flags_are_those_of_the_cycle() {
     assert_eq!(SETPOINT_FLAGS, bits);
 }
 
-/// The compiler checks sizes and offsets by the header's static assertions; the program prints them once more.
+/// The compiler checks sizes and offsets by the header's static assertions; the program prints them once
+/// more.
 #[test]
 fn the_c_compiler_agrees_on_sizes_and_offsets() {
     let folder = tempfile::tempdir().expect("a folder");

@@ -1,4 +1,5 @@
-//! Whose the bus is: other users, files that were taken or cut off, few descriptors, and places for those who must get in.
+//! Whose the bus is: other users, files that were taken or cut off, few descriptors, and places for those who
+//! must get in.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,

@@ -13,9 +13,10 @@ pub struct BrakeState {
 
 /// The fastest way to rest: at most three pieces of constant jerk.
 ///
-/// In the direction of the braking the acceleration rises with full jerk to its peak, stays there if that is the limit,
-/// and falls to zero as the velocity does. An acceleration at the start that is beyond the limit, or that leads beyond rest
-/// by itself, is brought back with full jerk; the velocity then overshoots zero as little as can be.
+/// In the direction of the braking the acceleration rises with full jerk to its peak, stays there if that is
+/// the limit, and falls to zero as the velocity does. An acceleration at the start that is beyond the limit,
+/// or that leads beyond rest by itself, is brought back with full jerk; the velocity then overshoots zero as
+/// little as can be.
 ///
 /// ```
 /// use evolvent_drive::{Brake, BrakeState};

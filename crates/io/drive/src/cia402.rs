@@ -22,8 +22,8 @@ pub mod control {
     pub const FAULT_RESET: u16 = 0x80;
 }
 
-/// So long a drive may brake by itself while no power is requested, s: then the voltage is removed however fast it is. Twice what an
-/// axis takes from 500 mm/s with the 500 mm/s2 of a large machine.
+/// So long a drive may brake by itself while no power is requested, s: then the voltage is removed however
+/// fast it is. Twice what an axis takes from 500 mm/s with the 500 mm/s2 of a large machine.
 const MAX_BRAKING_S: f64 = 2.0;
 
 /// What a bridge knows of a drive that may be braking by itself, for one period.
@@ -42,7 +42,8 @@ pub struct DriveOrder {
     pub control_word: u16,
     /// Object 6060h.
     pub mode_of_operation: i8,
-    /// Object 607Ah, in the unit of the arguments: the actual position until operation is enabled, then the setpoint.
+    /// Object 607Ah, in the unit of the arguments: the actual position until operation is enabled, then the
+    /// setpoint.
     pub target_position: f64,
     /// Whether the drive follows the setpoint in this period.
     pub follows: bool,
@@ -54,8 +55,9 @@ pub struct DriveOrder {
 /// - until operation is enabled the target is the actual position, so that enabling causes no motion;
 /// - after a fault or a quick stop power stays off until the request has once been *off*;
 /// - a fault is reset only when the counter of resets of one core has grown, by one edge;
-/// - a drive that brakes by its quick stop ramp or its fault reaction keeps its voltage until it has stopped, leaves that state by
-///   itself, or has braked for 2 s without power being requested: without voltage the axis would coast.
+/// - a drive that brakes by its quick stop ramp or its fault reaction keeps its voltage until it has stopped,
+///   leaves that state by itself, or has braked for 2 s without power being requested: without voltage the
+///   axis would coast.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cia402 {
     /// The counter of the core, as it was seen last; none before, and between two cores.
@@ -96,8 +98,9 @@ impl Cia402 {
 
     /// One period: from the drive's status word and the core's request to the commands of the drive.
     ///
-    /// `fault_reset` is the core's counter, none without a core and in the first period of another one; `setpoint` and `actual` are in
-    /// one unit; `braking` is needed while the drive brakes by itself. A status word that matches no state removes the voltage.
+    /// `fault_reset` is the core's counter, none without a core and in the first period of another one;
+    /// `setpoint` and `actual` are in one unit; `braking` is needed while the drive brakes by itself. A
+    /// status word that matches no state removes the voltage.
     pub fn step(
         &mut self,
         status_word: u16,
@@ -173,7 +176,8 @@ impl Cia402 {
         braking.is_standing != Some(true) && self.braking_ns as f64 <= MAX_BRAKING_S * 1e9
     }
 
-    /// Takes over the counter. Only its growth within one core is a request: that of a core that has begun again may be anything.
+    /// Takes over the counter. Only its growth within one core is a request: that of a core that has begun
+    /// again may be anything.
     const fn take_counter(&mut self, fault_reset: Option<u32>) {
         match (self.counter, fault_reset) {
             (Some(before), Some(count)) if count == before => {}

@@ -20,7 +20,8 @@ pub struct Command {
     pub power: PowerRequest,
     /// The counter of fault resets.
     pub fault_reset: u32,
-    /// Bit i set: the limit switch at the negative, and at the positive end of axis i is checked elsewhere, as in homing.
+    /// Bit i set: the limit switch at the negative, and at the positive end of axis i is checked elsewhere,
+    /// as in homing.
     pub switches_expected: [AxisMask; 2],
 }
 

@@ -53,11 +53,11 @@ pub struct Target {
     pub state: BridgeState,
     /// The core's request to the power stages; off if the drives do not follow and the core is silent.
     pub power: PowerRequest,
-    /// The core requested power and is silent, and the drives do not follow: `power` is not its request, and unlocks nothing that waits
-    /// for *off*.
+    /// The core requested power and is silent, and the drives do not follow: `power` is not its request, and
+    /// unlocks nothing that waits for *off*.
     pub is_silent: bool,
-    /// The core's counter of fault resets; none without a core, and in the first period of each: only what it counts from there on is
-    /// a request.
+    /// The core's counter of fault resets; none without a core, and in the first period of each: only what it
+    /// counts from there on is a request.
     pub fault_reset: Option<u32>,
     /// The setpoint that came due last.
     pub sequence: u64,
@@ -67,20 +67,22 @@ pub struct Target {
     pub datum: u64,
     /// If the datum has changed in this period: the amount to add to every position that the bridge keeps.
     pub datum_shift: Option<[f64; AXES]>,
-    /// How often the datum has changed by an amount that is unknown: the positions that the bridge keeps count from another zero than
-    /// the core's.
+    /// How often the datum has changed by an amount that is unknown: the positions that the bridge keeps
+    /// count from another zero than the core's.
     pub datums_lost: u32,
     /// Which index pulse is to be latched: the setpoint's `index_request` and `index_axis`.
     pub index: IndexRequest,
 }
 
 impl Target {
-    /// The `instance` of the feedback, from that of the session: another one after each change of datum by an unknown amount, so that
-    /// the core homes again.
+    /// The `instance` of the feedback, from that of the session: another one after each change of datum by an
+    /// unknown amount, so that the core homes again.
     #[must_use]
     pub const fn instance(&self, of_session: u64) -> u64 {
-        // Sessions are numbered by their start in ns since the host started, which reaches the upper 16 bits after three days, or from
-        // 1. Each of 65536 losses of a session has another number all the same; that of another session is equal only if both began
+        // Sessions are numbered by their start in ns since the host started, which reaches the upper 16 bits
+        // after three days, or from
+        // 1. Each of 65536 losses of a session has another number all the same; that of another session is
+        //    equal only if both began
         // a multiple of 2^48 ns apart, to the nanosecond.
         of_session ^ ((self.datums_lost as u64) << 48)
     }
@@ -89,8 +91,8 @@ impl Target {
 /// Follows setpoints by their due times. If they are missing the last motion continues for a few periods,
 /// never longer; then every axis brakes within its limits and holds. From there following starts again only
 /// with a setpoint at the position of the axes: the core has to adapt to the machine, not the machine to the
-/// core. The small distance that is permitted between both ([`FollowerSettings::sync_tolerance`]) is added to the setpoints, and decays to
-/// zero within a twentieth of the limits of each axis.
+/// core. The small distance that is permitted between both ([`FollowerSettings::sync_tolerance`]) is added to
+/// the setpoints, and decays to zero within a twentieth of the limits of each axis.
 ///
 /// May be called by a real-time cycle; only [`Follower::new`] allocates.
 #[derive(Clone, Debug)]
@@ -108,8 +110,8 @@ pub struct Follower {
     /// What is added to the setpoints since following began.
     offsets: StartOffsets,
     datum: u64,
-    /// The core of the current setpoint has been followed. Until then it takes over the bridge's datum and coordinates, and a change
-    /// of its datum renames nothing.
+    /// The core of the current setpoint has been followed. Until then it takes over the bridge's datum and
+    /// coordinates, and a change of its datum renames nothing.
     is_tied: bool,
     /// No setpoint of the core has been the current one before this period.
     is_new_core: bool,
@@ -258,8 +260,8 @@ impl Follower {
         if is_accepted { Ok(()) } else { Err(Rejection::Jump) }
     }
 
-    /// Rejects queued setpoints that no axis can reach. They arrived while none was followed, when a core may still be adapting to the
-    /// position of the axes, so their steps were not checked.
+    /// Rejects queued setpoints that no axis can reach. They arrived while none was followed, when a core may
+    /// still be adapting to the position of the axes, so their steps were not checked.
     fn check_queue(&mut self) {
         self.steps.reset();
         let Some(mut tail) = self.current else { return };
@@ -352,11 +354,11 @@ impl Follower {
         shift
     }
 
-    /// Takes over the datum of a setpoint that has come due, and adds the change of coordinates to `shift`. Returns `false` if the
-    /// setpoint cannot be followed.
+    /// Takes over the datum of a setpoint that has come due, and adds the change of coordinates to `shift`.
+    /// Returns `false` if the setpoint cannot be followed.
     ///
-    /// A change of datum is a change of names only, so it does not matter whether the drives follow: they may have lost power since
-    /// it was ordered.
+    /// A change of datum is a change of names only, so it does not matter whether the drives follow: they may
+    /// have lost power since it was ordered.
     fn take_datum(&mut self, point: &Point, shift: &mut Option<[f64; AXES]>) -> bool {
         if let Some(last) = self.current.filter(|_| self.is_tied) {
             if self.is_renaming(&last, point) {
@@ -379,10 +381,12 @@ impl Follower {
         true
     }
 
-    /// Whether the step from one setpoint to the next is a change of coordinates only, if their datums differ.
+    /// Whether the step from one setpoint to the next is a change of coordinates only, if their datums
+    /// differ.
     ///
-    /// While they are followed, at most the bridged periods are missing in between. What an axis moves in these from rest to rest is
-    /// at most j t^3 / 32: 1.6 um in 10 ms with 50 m/s3. Otherwise a core may have followed axes that were moved by hand.
+    /// While they are followed, at most the bridged periods are missing in between. What an axis moves in
+    /// these from rest to rest is at most j t^3 / 32: 1.6 um in 10 ms with 50 m/s3. Otherwise a core may have
+    /// followed axes that were moved by hand.
     fn is_renaming(&self, last: &Point, point: &Point) -> bool {
         let is_next = point.sequence == last.sequence + 1;
         last.stands() && point.stands() && (is_next || self.is_following())
@@ -403,8 +407,8 @@ impl Follower {
         let _reached = self.follow(now_ns, states);
     }
 
-    /// The target positions now: those of the setpoints, and what is left of the distance at the start. False if the setpoints have run
-    /// out.
+    /// The target positions now: those of the setpoints, and what is left of the distance at the start. False
+    /// if the setpoints have run out.
     fn follow(&mut self, now_ns: u64, states: &mut [BrakeState; AXES]) -> bool {
         let Some(last) = self.current else {
             // The motion of the previous core is void, and only the last target of the axes is known.
@@ -429,7 +433,8 @@ impl Follower {
         is_reached
     }
 
-    /// The position of the setpoints now; false if they have run out, and then of when they did, `brake_since_ns`.
+    /// The position of the setpoints now; false if they have run out, and then of when they did,
+    /// `brake_since_ns`.
     fn interpolate(&mut self, now_ns: u64, last: &Point, states: &mut [BrakeState; AXES]) -> bool {
         let period_ns = self.settings.period_ns;
         let patience = u64::from(self.settings.bridge_cycles);

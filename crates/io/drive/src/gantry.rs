@@ -130,18 +130,19 @@ impl SideSwitch {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Found {
     edges: [f64; 2],
-    /// The coordinate of the axis in the period in which the second of them came: that of which the core takes note.
+    /// The coordinate of the axis in the period in which the second of them came: that of which the core
+    /// takes note.
     at: f64,
 }
 
 /// Two motors that move one axis. A plain value; may be used by a real-time cycle.
 ///
-/// The core knows the axis only: its coordinate is that of the first motor ([`Gantry::position`]), and its home
-/// switch ([`Gantry::home_switch`]) closes when both have closed and opens when both have opened. Each motor's target
-/// is the setpoint plus [`Gantry::offset`].
+/// The core knows the axis only: its coordinate is that of the first motor ([`Gantry::position`]), and its
+/// home switch ([`Gantry::home_switch`]) closes when both have closed and opens when both have opened. Each
+/// motor's target is the setpoint plus [`Gantry::offset`].
 ///
-/// When power comes on, the second motor moves at `square_velocity` until it is `squaring_offset` above the first.
-/// Home switches tell where each motor is: the edges of the approach after which the core assigns
+/// When power comes on, the second motor moves at `square_velocity` until it is `squaring_offset` above the
+/// first. Home switches tell where each motor is: the edges of the approach after which the core assigns
 /// machine zero rename both motors ([`Gantry::rename`]), and both move to where their names say.
 ///
 /// ```
@@ -172,7 +173,8 @@ struct Found {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gantry {
     settings: GantrySettings,
-    /// Distance of each motor from where it would be on a square beam at the setpoint, as far as it is intended.
+    /// Distance of each motor from where it would be on a square beam at the setpoint, as far as it is
+    /// intended.
     apart: [f64; 2],
     velocity: [f64; 2],
     is_following: bool,
@@ -245,9 +247,10 @@ impl Gantry {
         self.is_closed
     }
 
-    /// The limit switches of a side at the negative and the positive end, as the core has to see them. A home switch may be the limit
-    /// switch as well: from its edge until both have closed the one in the direction of motion is hidden, because the core would stop
-    /// before the other side has come there. If that does not come within `max_difference`, that is the fault.
+    /// The limit switches of a side at the negative and the positive end, as the core has to see them. A home
+    /// switch may be the limit switch as well: from its edge until both have closed the one in the direction
+    /// of motion is hidden, because the core would stop before the other side has come there. If that does
+    /// not come within `max_difference`, that is the fault.
     #[must_use]
     pub fn limits(&self, side: usize, pressed: [bool; 2]) -> [bool; 2] {
         if self.is_closed || self.fault.is_some() {
@@ -268,17 +271,18 @@ impl Gantry {
         self.fault
     }
 
-    /// How far the second motor was from square when the core has homed the axis by both switches: once after each homing.
+    /// How far the second motor was from square when the core has homed the axis by both switches: once after
+    /// each homing.
     pub const fn take_squared(&mut self) -> Option<f64> {
         self.squared.take()
     }
 
-    /// The core has assigned new coordinates, by `shift` for this axis: its motors are renamed by the result. `is_homed`:
-    /// it is the axis that has been homed.
+    /// The core has assigned new coordinates, by `shift` for this axis: its motors are renamed by the result.
+    /// `is_homed`: it is the axis that has been homed.
     ///
-    /// If both switches have closed on the way, each motor's edge receives the coordinate that the axis had when
-    /// the second closed, which is the one that the core has homed by. The names are then true, the targets stay
-    /// where they are, and the difference is removed at the squaring velocity.
+    /// If both switches have closed on the way, each motor's edge receives the coordinate that the axis had
+    /// when the second closed, which is the one that the core has homed by. The names are then true, the
+    /// targets stay where they are, and the difference is removed at the squaring velocity.
     #[must_use]
     pub fn rename(&mut self, shift: f64, is_homed: bool) -> [f64; 2] {
         let mut by = [shift; 2];
@@ -300,7 +304,8 @@ impl Gantry {
         by
     }
 
-    /// By how much the second motor is ahead of square, if the switches have closed at `edges` and the motors are at `position`.
+    /// By how much the second motor is ahead of square, if the switches have closed at `edges` and the motors
+    /// are at `position`.
     fn racked(&self, edges: [f64; 2], position: [f64; 2]) -> f64 {
         (position[1] - edges[1] - self.settings.squaring_offset) - (position[0] - edges[0])
     }
@@ -345,7 +350,8 @@ impl Gantry {
 
     fn watch_switches(&mut self, inputs: &GantryInputs, closed: [bool; 2]) {
         if !inputs.is_enabled {
-            // Edges without power were made by hand. One that is closed has to open before both are searched for.
+            // Edges without power were made by hand. One that is closed has to open before both are searched
+            // for.
             self.switches = closed.map(|was_closed| SideSwitch {
                 was_closed,
                 ..SideSwitch::default()
@@ -440,8 +446,8 @@ fn distance_from_operation(status_word: u16) -> u8 {
     }
 }
 
-/// Whether a change of datum by `shift` of all axes means that the axis with this one has been homed: the core homes one after the
-/// other, and a shift of zero is possible.
+/// Whether a change of datum by `shift` of all axes means that the axis with this one has been homed: the
+/// core homes one after the other, and a shift of zero is possible.
 #[must_use]
 pub fn is_homed(shift: &[f64], of_axis: f64) -> bool {
     of_axis != 0.0 || shift.iter().all(|shift| *shift == 0.0)

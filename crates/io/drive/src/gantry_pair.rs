@@ -41,7 +41,8 @@ pub struct GantryEvent {
     pub squared: Option<f64>,
 }
 
-/// Two motors of one axis among those of a session, by their indices in its list. May be used by a real-time cycle.
+/// Two motors of one axis among those of a session, by their indices in its list. May be used by a real-time
+/// cycle.
 #[derive(Clone, Copy, Debug)]
 pub struct GantryPair {
     first: usize,
@@ -51,7 +52,8 @@ pub struct GantryPair {
 }
 
 impl GantryPair {
-    /// The motors at these indices, without power. `has_switches`: each has a home switch, and both square the beam.
+    /// The motors at these indices, without power. `has_switches`: each has a home switch, and both square
+    /// the beam.
     #[must_use]
     pub const fn new(first: usize, second: usize, settings: GantrySettings, has_switches: bool) -> Self {
         Self {
@@ -86,7 +88,8 @@ impl GantryPair {
         motors[self.second].rename(self.gantry.alignment(positions));
     }
 
-    /// Positions refer to another datum: those of both motors were shifted as their axis was, and receive the rest here.
+    /// Positions refer to another datum: those of both motors were shifted as their axis was, and receive the
+    /// rest here.
     pub fn rename<M: GantryMotor>(&mut self, motors: &mut [M], shift: &[f64]) {
         let of_axis = shift[motors[self.first].axis()];
         let by = self.gantry.rename(of_axis, is_homed(shift, of_axis));
@@ -95,8 +98,9 @@ impl GantryPair {
         }
     }
 
-    /// One period: moves both until the beam is square, and stops both where that is not possible. `strain`: the difference of the
-    /// distances that they have moved, while their coordinates do not refer to one zero.
+    /// One period: moves both until the beam is square, and stops both where that is not possible. `strain`:
+    /// the difference of the distances that they have moved, while their coordinates do not refer to one
+    /// zero.
     pub fn step<M: GantryMotor>(
         &mut self,
         motors: &mut [M],
@@ -131,7 +135,8 @@ impl GantryPair {
         }
     }
 
-    /// The limit switches of the motor at index `index` as the core has to see them ([`Gantry::limits`]); `None` for any other motor.
+    /// The limit switches of the motor at index `index` as the core has to see them ([`Gantry::limits`]);
+    /// `None` for any other motor.
     #[must_use]
     pub fn limits(&self, index: usize, pressed: [bool; 2]) -> Option<[bool; 2]> {
         let side = self.indices().iter().position(|motor| *motor == index)?;

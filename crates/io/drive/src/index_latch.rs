@@ -36,7 +36,8 @@ pub struct IndexLatch {
 }
 
 impl IndexLatch {
-    /// Takes over what the setpoint in force asks for. Returns the axis whose latch is to be armed in this period.
+    /// Takes over what the setpoint in force asks for. Returns the axis whose latch is to be armed in this
+    /// period.
     pub fn take(&mut self, request: IndexRequest) -> Option<usize> {
         if request.number == self.request.number {
             return None;

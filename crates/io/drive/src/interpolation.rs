@@ -32,8 +32,8 @@ impl InterpolationTime {
     /// The period of the cycle as the drive wants to hear it, exactly.
     ///
     /// # Errors
-    /// The period has more digits than the object holds; names the nearest that fits. A drive that was told another
-    /// period than that of the setpoints moves in steps.
+    /// The period has more digits than the object holds; names the nearest that fits. A drive that was told
+    /// another period than that of the setpoints moves in steps.
     ///
     /// ```
     /// use evolvent_drive::InterpolationTime;

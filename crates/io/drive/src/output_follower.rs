@@ -101,8 +101,8 @@ impl OutputFollower {
         Ok(())
     }
 
-    /// The present outputs: those of the newest message that is due, or safe ones. `sequence` is that of the message; 0 while they
-    /// are safe because none is due yet or the core is silent.
+    /// The present outputs: those of the newest message that is due, or safe ones. `sequence` is that of the
+    /// message; 0 while they are safe because none is due yet or the core is silent.
     pub fn step(&mut self, now_ns: u64) -> MachineOutputs {
         let due = self.ahead[..self.count]
             .iter()
@@ -123,8 +123,8 @@ impl OutputFollower {
     }
 }
 
-/// The same with everything safe: spindles stopped, coolant off. It carries out no message, so that what is reported of it (a spindle
-/// that stands) is not taken for an answer to one.
+/// The same with everything safe: spindles stopped, coolant off. It carries out no message, so that what is
+/// reported of it (a spindle that stands) is not taken for an answer to one.
 fn safe(message: &MachineOutputs) -> MachineOutputs {
     MachineOutputs {
         sequence: 0,

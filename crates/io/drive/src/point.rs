@@ -54,8 +54,8 @@ impl Point {
         self.velocity.iter().all(|velocity| velocity.abs() <= 1e-9)
     }
 
-    /// The motion that continues after a setpoint: the acceleration is reduced to zero with full jerk. A motion
-    /// within its limits could do so at any moment, so this neither exceeds a velocity nor reverses.
+    /// The motion that continues after a setpoint: the acceleration is reduced to zero with full jerk. A
+    /// motion within its limits could do so at any moment, so this neither exceeds a velocity nor reverses.
     pub(crate) fn onward(&self, axis: usize, max_jerk: f64, time_s: f64) -> BrakeState {
         let (position, velocity, acceleration) =
             (self.position[axis], self.velocity[axis], self.acceleration[axis]);

@@ -1,4 +1,5 @@
-//! The encoder of a spindle: counts of a wrapping counter and index pulses to the angle, the speed and the faults of the bus.
+//! The encoder of a spindle: counts of a wrapping counter and index pulses to the angle, the speed and the
+//! faults of the bus.
 
 use evolvent_wire::{SpindleFeedback, spindle_flags};
 
@@ -10,18 +11,20 @@ const COUNTER_CLOCKWISE: u32 = 2;
 const READINGS: usize = 128;
 /// Shortest time between two readings that are kept: shorter periods need no more of them.
 const SPACING_NS: u64 = 800_000;
-/// The speed is that over this many counts, which is exact to 0.4 %, but over no less than the shorter and no more than the longer time:
-/// a slow spindle is measured from edge to edge, whose times are known to a period of the bridge.
+/// The speed is that over this many counts, which is exact to 0.4 %, but over no less than the shorter and no
+/// more than the longer time: a slow spindle is measured from edge to edge, whose times are known to a period
+/// of the bridge.
 const WINDOW_COUNTS: u64 = 256;
 const SHORTEST_WINDOW_NS: u64 = 4_000_000;
 const LONGEST_WINDOW_NS: u64 = 100_000_000;
-/// A spindle that is slower stands, rpm: 1 kg m2 at 1 rpm have 5 mJ. The noise of an encoder at rest, a few counts of 2^20 in a turn, is
-/// a thousandth of it.
+/// A spindle that is slower stands, rpm: 1 kg m2 at 1 rpm have 5 mJ. The noise of an encoder at rest, a few
+/// counts of 2^20 in a turn, is a thousandth of it.
 const STANDING_RPM: f64 = 1.0;
-/// A coarse encoder cannot show less than this many counts in the longest window: a shaft at rest on an edge goes to and fro.
+/// A coarse encoder cannot show less than this many counts in the longest window: a shaft at rest on an edge
+/// goes to and fro.
 const STANDING_COUNTS: f64 = 3.0;
-/// Turns of the index in which a pulse has to come after its latch was armed: it is reported some periods later, which at a high speed
-/// is a good part of a turn.
+/// Turns of the index in which a pulse has to come after its latch was armed: it is reported some periods
+/// later, which at a high speed is a good part of a turn.
 const INDEX_WITHIN: u64 = 2;
 const NS_PER_MINUTE: f64 = 60e9;
 
@@ -32,7 +35,8 @@ pub enum SpindleIndex {
     None,
     /// Once per turn of the spindle: on the spindle, or on an encoder that turns as fast.
     PerSpindleTurn,
-    /// Once per turn of an encoder behind a gear: the first pulse of a session is the zero, and after a restart it may be another.
+    /// Once per turn of an encoder behind a gear: the first pulse of a session is the zero, and after a
+    /// restart it may be another.
     PerEncoderTurn,
     /// The counter is absolute within the turn, and its zero is this count.
     Absolute {
@@ -189,8 +193,8 @@ impl SpindleEncoder {
         &self.settings
     }
 
-    /// Takes a reading of the counter, and the time at which it was read. Between two readings the counter moves by less than half of
-    /// its range.
+    /// Takes a reading of the counter, and the time at which it was read. Between two readings the counter
+    /// moves by less than half of its range.
     pub fn read(&mut self, raw: u32, time_ns: u64) {
         let is_first = self.raw.is_none();
         match self.raw {
@@ -282,7 +286,8 @@ impl SpindleEncoder {
         }
     }
 
-    /// Whole turns of the spindle and the rest, from the index or, before it has come, from the start; the middle of the count.
+    /// Whole turns of the spindle and the rest, from the index or, before it has come, from the start; the
+    /// middle of the count.
     #[must_use]
     pub fn turns(&self) -> (i64, f64) {
         let counts = self.counts - self.zero.unwrap_or(0);
@@ -313,7 +318,8 @@ impl SpindleEncoder {
         spindle / (encoder * f64::from(self.settings.counts_per_turn))
     }
 
-    /// The speed, rpm, negative counter-clockwise: over as many counts as make it exact, or over as long as it takes.
+    /// The speed, rpm, negative counter-clockwise: over as many counts as make it exact, or over as long as
+    /// it takes.
     #[must_use]
     pub fn speed_rpm(&self) -> f64 {
         let last = self.edge(0);

@@ -9,8 +9,8 @@ const WAY_COUNTER_CLOCKWISE: u32 = 2;
 const CATCH_RATIO: f64 = 1.2;
 /// It must have been within the tolerance for so long.
 const SETTLED_NS: u64 = 50_000_000;
-/// The integral acts below this fraction of the greatest speed: on the way it would only make the spindle overshoot, and what it has
-/// to remove is where the spindle stands still beside its angle.
+/// The integral acts below this fraction of the greatest speed: on the way it would only make the spindle
+/// overshoot, and what it has to remove is where the spindle stands still beside its angle.
 const INTEGRAL_BELOW: f64 = 0.05;
 /// Greatest part of the integral in the command, of the greatest speed.
 const INTEGRAL_RATIO: f64 = 0.2;
@@ -71,7 +71,8 @@ impl SpindleOrientation {
         (self.phase, self.integral, self.there_since_ns) = (Phase::Off, 0.0, None);
     }
 
-    /// One period of an orientation to an angle, degrees, by a way. Returns the speed to command, rpm, negative counter-clockwise.
+    /// One period of an orientation to an angle, degrees, by a way. Returns the speed to command, rpm,
+    /// negative counter-clockwise.
     pub fn step(&mut self, angle_deg: f64, way: u32, encoder: &SpindleEncoder, now_ns: u64) -> f64 {
         let period_s = now_ns.saturating_sub(self.last_ns).min(100_000_000) as f64 * 1e-9;
         self.last_ns = now_ns;

@@ -1,8 +1,8 @@
 //! Whether the drive of a spindle may have torque.
 
-/// Whether the drive of a spindle is to be enabled. Only a command enables it. It then keeps its torque until the spindle stands,
-/// because it brakes while it is enabled; a spindle without torque stays without, however it turns: by a hand, coasting, or by the
-/// noise of its encoder.
+/// Whether the drive of a spindle is to be enabled. Only a command enables it. It then keeps its torque until
+/// the spindle stands, because it brakes while it is enabled; a spindle without torque stays without, however
+/// it turns: by a hand, coasting, or by the noise of its encoder.
 ///
 /// ```
 /// use evolvent_drive::SpindlePower;
@@ -20,8 +20,9 @@ pub struct SpindlePower {
 }
 
 impl SpindlePower {
-    /// One period. `is_commanded`: the core has it turn, or hold an angle; `stands`: it is at rest; `has_torque`: the drive has
-    /// torque, where that is known, otherwise true. Returns whether the drive is to be enabled.
+    /// One period. `is_commanded`: the core has it turn, or hold an angle; `stands`: it is at rest;
+    /// `has_torque`: the drive has torque, where that is known, otherwise true. Returns whether the drive is
+    /// to be enabled.
     pub const fn step(&mut self, is_commanded: bool, stands: bool, has_torque: bool) -> bool {
         self.is_on = is_commanded || self.is_on && !stands && has_torque;
         self.is_on

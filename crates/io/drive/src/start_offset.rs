@@ -5,17 +5,19 @@ use evolvent_wire::AXES;
 use crate::brake::BrakeState;
 use crate::follower_settings::FollowerSettings;
 
-/// Fraction of the velocity, acceleration and jerk of an axis that the decay takes at most, besides those of the setpoints. Setpoints
-/// within the limits of the axis thus give targets within 1.05 of them, which is less than what [`crate::Follower`] tolerates of setpoints.
+/// Fraction of the velocity, acceleration and jerk of an axis that the decay takes at most, besides those of
+/// the setpoints. Setpoints within the limits of the axis thus give targets within 1.05 of them, which is
+/// less than what [`crate::Follower`] tolerates of setpoints.
 const FRACTION: f64 = 0.05;
 
 /// Largest derivatives of `1 - 10 u^3 + 15 u^4 - 6 u^5`: at u = 1/2, at `(3 - sqrt 3) / 6`, and at 0.
 const DISTANCE_PEAKS: [f64; 3] = [1.875, 5.773_502_691_896_258, 60.0];
-/// Largest second and third derivative of `u - 6 u^3 + 8 u^4 - 3 u^5`: at `(8 - sqrt 19) / 15`, and at 0. Its first is at most 1.
+/// Largest second and third derivative of `u - 6 u^3 + 8 u^4 - 3 u^5`: at `(8 - sqrt 19) / 15`, and at 0. Its
+/// first is at most 1.
 const VELOCITY_PEAKS: [f64; 2] = [3.940_233_952_969_67, 36.0];
 
-/// What is added to the setpoints of one axis: at first as much as leaves the axis where it stands, and at rest, then less, and nothing
-/// after `duration_s`. Position, velocity and acceleration are continuous.
+/// What is added to the setpoints of one axis: at first as much as leaves the axis where it stands, and at
+/// rest, then less, and nothing after `duration_s`. Position, velocity and acceleration are continuous.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct StartOffset {
     distance: f64,

@@ -9,10 +9,11 @@ use crate::point::Point;
 /// Factor by which a setpoint may exceed the velocity of an axis: rounding, and a guard that permits a
 /// thousandth.
 const TOLERATED: f64 = 1.1;
-/// The same for its acceleration: a spindle that is followed, and corrections of the axes, add some percent; nothing doubles it.
+/// The same for its acceleration: a spindle that is followed, and corrections of the axes, add some percent;
+/// nothing doubles it.
 pub(crate) const TOLERATED_ACCELERATION: f64 = 2.0;
-/// By how many periods the due times of setpoints in motion may be farther apart than their numbers: the core changes its period by a
-/// thousandth at most.
+/// By how many periods the due times of setpoints in motion may be farther apart than their numbers: the core
+/// changes its period by a thousandth at most.
 const TOLERATED_DELAY: f64 = 0.5;
 /// By how much two due times together may be rounded, s.
 const CLOCK_ROUNDING_S: f64 = 2e-9;
@@ -21,13 +22,14 @@ const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// Checks each setpoint against the last one that was accepted.
 ///
-/// With the acceleration `a` of an axis at most `A`, over the time `h` from one setpoint to the next, `p1 - p0 - h (v0 + v1) / 2` is the
-/// integral of `(h/2 - t) a(t)`, and so at most `A h^2 / 4` in magnitude; `v1 - v0` is at most `A h`. This holds for every motion within
-/// the limits, however many setpoints are missing in between.
+/// With the acceleration `a` of an axis at most `A`, over the time `h` from one setpoint to the next,
+/// `p1 - p0 - h (v0 + v1) / 2` is the integral of `(h/2 - t) a(t)`, and so at most `A h^2 / 4` in magnitude;
+/// `v1 - v0` is at most `A h`. This holds for every motion within the limits, however many setpoints are
+/// missing in between.
 ///
-/// The bound grows with the time, so that a jump that persists would be within it after some periods. Setpoints that continue a
-/// refused one are therefore refused too, and with the second setpoint in a row that cannot be reached all are, until following begins
-/// again. One wild setpoint counts as missing.
+/// The bound grows with the time, so that a jump that persists would be within it after some periods.
+/// Setpoints that continue a refused one are therefore refused too, and with the second setpoint in a row
+/// that cannot be reached all are, until following begins again. One wild setpoint counts as missing.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct StepCheck {
     /// The setpoint since the last accepted one that the axes cannot reach.
@@ -106,7 +108,8 @@ fn reaches(settings: &FollowerSettings, from: &Point, to: &Point) -> bool {
             return true;
         }
         let hardest = TOLERATED_ACCELERATION * settings.max_acceleration[axis];
-        // The core computes with its nominal period, and changes the due times to follow the clock of the drives.
+        // The core computes with its nominal period, and changes the due times to follow the clock of the
+        // drives.
         let clock = v0.abs().max(v1.abs()) * (MAX_CORRECTION_RATIO * h + CLOCK_ROUNDING_S);
         let bend = (step - 0.5 * h * (v0 + v1)).abs();
         step.abs() <= TOLERATED * settings.max_velocity[axis] * h

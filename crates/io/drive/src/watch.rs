@@ -74,7 +74,8 @@ pub enum Presence {
     Absent,
     /// A bridge sends feedback; power is not requested.
     Idle,
-    /// Power is requested; the drives are coming into operation, or the axes to their setpoints. Nothing may be moved yet.
+    /// Power is requested; the drives are coming into operation, or the axes to their setpoints. Nothing may
+    /// be moved yet.
     Enabling,
     /// Every drive is in operation and monitored.
     Operational,
@@ -116,9 +117,10 @@ struct Sent {
 ///
 /// A message that cannot be true ([`FeedbackBounds`]) is never used. Everything else is checked only while
 /// power is requested. From the request on the drives have their time to come into operation; from then on
-/// everything is monitored until power is no longer requested. A bridge begins beside the setpoints and removes the
-/// distance: the drives count as operational once every axis has been within half of its following error, or when
-/// that time has passed. An alarm is not latched here: it is returned in each step while its cause lasts.
+/// everything is monitored until power is no longer requested. A bridge begins beside the setpoints and
+/// removes the distance: the drives count as operational once every axis has been within half of its
+/// following error, or when that time has passed. An alarm is not latched here: it is returned in each step
+/// while its cause lasts.
 #[derive(Clone, Debug)]
 pub struct FeedbackWatch {
     settings: WatchSettings,
@@ -238,7 +240,8 @@ impl FeedbackWatch {
         self.settings.bounds.check(now_ns, feedback).is_ok()
     }
 
-    /// Whether a bridge was heard and its samples are older now than they may be. Messages of nonsense do not count.
+    /// Whether a bridge was heard and its samples are older now than they may be. Messages of nonsense do not
+    /// count.
     #[must_use]
     pub fn is_silent(&self, now_ns: u64) -> bool {
         self.last.is_some() && now_ns.saturating_sub(self.sampled_ns) > self.settings.stale_ns
@@ -464,7 +467,8 @@ impl FeedbackWatch {
         Ok(())
     }
 
-    /// Whether every axis is within half of its following error: the other half is left for the error of a motion.
+    /// Whether every axis is within half of its following error: the other half is left for the error of a
+    /// motion.
     fn check_positions(
         &mut self,
         now_ns: u64,

@@ -49,7 +49,8 @@ fn every_brake_keeps_its_limits_and_ends_at_rest() {
     }
 }
 
-/// With the jerk all but unlimited the way is v^2 / 2a; with the acceleration unlimited the time is 2 sqrt(v / j).
+/// With the jerk all but unlimited the way is v^2 / 2a; with the acceleration unlimited the time is 2 sqrt(v
+/// / j).
 #[test]
 fn distances_and_times_are_those_of_the_textbook() {
     let start = BrakeState {
@@ -93,7 +94,8 @@ fn nonsense_stands_still() {
     }
 }
 
-/// The acceleration is beyond the limit already: it is brought back as the velocity is, and both end at zero together.
+/// The acceleration is beyond the limit already: it is brought back as the velocity is, and both end at zero
+/// together.
 #[test]
 fn a_brake_that_begins_beyond_its_limit_ends_at_rest_all_the_same() {
     for velocity in [0.7, 10.0, -0.7, -10.0_f64] {

@@ -362,7 +362,8 @@ fn one_growth_of_the_counter_is_one_edge() {
 fn the_counter_of_another_core_is_no_request() {
     let mut controller = Cia402::new();
     let fault = DriveState::Fault.code();
-    // A core that has counted before, a restart from 0, and one without a period in between; then a growth past the end.
+    // A core that has counted before, a restart from 0, and one without a period in between; then a growth
+    // past the end.
     let counts = [
         None,
         Some(3),

@@ -57,7 +57,8 @@ fn setpoint(cycle: u64) -> Setpoint {
     }
 }
 
-/// A follower with ideal drives behind it; offers each setpoint two periods before it is due and keeps all targets.
+/// A follower with ideal drives behind it; offers each setpoint two periods before it is due and keeps all
+/// targets.
 struct Bench {
     follower: Follower,
     now_ns: u64,
@@ -162,7 +163,8 @@ fn a_few_missing_setpoints_are_bridged_within_a_hair() {
         for (i, target) in bench.targets.iter().enumerate().skip(10) {
             let true_position = setpoint(i as u64 - 1).position;
             for axis in 0..2 {
-                // Jerk times time cubed over six: the motion's 20 000 mm/s3 and that of the fading, over 4 ms.
+                // Jerk times time cubed over six: the motion's 20 000 mm/s3 and that of the fading, over 4
+                // ms.
                 let off = (target.position[axis] - true_position[axis]).abs();
                 assert!(off < (20_000.0 + LIMITS[2]) * 4e-3_f64.powi(3) / 6.0, "{i} {off}");
             }
@@ -171,7 +173,8 @@ fn a_few_missing_setpoints_are_bridged_within_a_hair() {
     }
 }
 
-/// 50 random moments: silence for ever. The axes go on for the bridged periods, brake within the limits, and stay.
+/// 50 random moments: silence for ever. The axes go on for the bridged periods, brake within the limits, and
+/// stay.
 #[test]
 fn silence_at_any_moment_ends_at_rest_within_the_limits_and_never_goes_on_without_bound() {
     let mut random = Random::new();
@@ -277,7 +280,8 @@ fn a_jump_is_refused_and_what_follows_it_too() {
     assert!(shares.iter().all(|share| *share <= 1.01), "{shares:?}");
 }
 
-/// Setpoints arrive two periods before they are due: the one that comes in the period in which following starts was not checked.
+/// Setpoints arrive two periods before they are due: the one that comes in the period in which following
+/// starts was not checked.
 #[test]
 fn a_jump_that_was_queued_before_the_drives_came_into_operation_is_refused_too() {
     let wrongs: [fn(&mut Setpoint); 3] = [
@@ -392,8 +396,8 @@ fn numbers_that_are_none_times_long_past_and_far_ahead_and_repetitions_change_no
     assert!(bench.shares().iter().all(|share| *share <= 1.01));
 }
 
-/// A core dies in mid-motion and another starts at zero: the axes brake, under torque although the new core asks for none
-/// yet, and then do what it asks.
+/// A core dies in mid-motion and another starts at zero: the axes brake, under torque although the new core
+/// asks for none yet, and then do what it asks.
 #[test]
 fn another_core_stops_the_motion_of_the_one_before_within_the_limits() {
     let mut bench = Bench::new();
@@ -527,7 +531,8 @@ fn settings_that_are_none_are_named() {
     ));
 }
 
-/// 35 kHz: the core sends nothing for 1.5 ms in motion, then what it has missed, and a scheduling pause of that length stops no axis.
+/// 35 kHz: the core sends nothing for 1.5 ms in motion, then what it has missed, and a scheduling pause of
+/// that length stops no axis.
 #[test]
 fn a_pause_of_the_host_at_a_high_rate_does_not_stop_the_axes() {
     let period_ns = 28_571;

@@ -1,5 +1,6 @@
-//! A beam with two motors and two switches, homed as the core does it: at random racks, with switches that bounce or never close, and
-//! with power lost at random moments. Its motors follow at once, so what is wrong is the squaring.
+//! A beam with two motors and two switches, homed as the core does it: at random racks, with switches that
+//! bounce or never close, and with power lost at random moments. Its motors follow at once, so what is wrong
+//! is the squaring.
 
 #![expect(clippy::panic, reason = "helpers of tests fail as tests do")]
 
@@ -366,7 +367,8 @@ fn power_that_is_lost_at_any_moment_leaves_no_error() {
     }
 }
 
-/// Another axis that is homed meanwhile does not square this one, and passing the switches alone does not either.
+/// Another axis that is homed meanwhile does not square this one, and passing the switches alone does not
+/// either.
 #[test]
 fn only_homing_of_this_axis_squares_it() {
     let mut random = Random::seeded(76);
@@ -415,7 +417,8 @@ fn true_coordinates_are_squared_when_power_comes() {
     assert_eq!(gantry.fault(), None);
 }
 
-/// Home switches that are limit switches as well: the side that came first does not stop the axis before the other is there.
+/// Home switches that are limit switches as well: the side that came first does not stop the axis before the
+/// other is there.
 #[test]
 fn the_limit_of_the_side_that_came_first_is_hidden_in_its_direction_until_both_have_closed() {
     let mut gantry = Gantry::new(GantrySettings {
@@ -445,7 +448,8 @@ fn the_limit_of_the_side_that_came_first_is_hidden_in_its_direction_until_both_h
     step(&mut gantry, -SEARCH, both);
     assert!(gantry.home_switch());
     assert_eq!(gantry.limits(0, both), both);
-    // Off both, and on again, but the second switch stays open: farther than max_difference nothing is hidden.
+    // Off both, and on again, but the second switch stays open: farther than max_difference nothing is
+    // hidden.
     for _ in 0..100 {
         step(&mut gantry, SEARCH, [false; 2]);
     }

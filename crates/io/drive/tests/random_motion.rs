@@ -35,7 +35,8 @@ impl RandomMotion {
         }
         let [p, v, a] = self.state;
         let left = self.wanted - v;
-        // As much acceleration as leaves time to bring it to zero, and as brings the velocity there in one period.
+        // As much acceleration as leaves time to bring it to zero, and as brings the velocity there in one
+        // period.
         let aim = most_a.min((most_j * left.abs()).sqrt()).min(left.abs() / t) * left.signum();
         let j = if self.has_steps {
             self.state[2] = aim;

@@ -1,5 +1,5 @@
-//! A change of datum is a change of names: whatever is lost, late or switched off around it, no axis moves for it, and bridge and core
-//! have the same coordinates afterwards or know that they have not.
+//! A change of datum is a change of names: whatever is lost, late or switched off around it, no axis moves
+//! for it, and bridge and core have the same coordinates afterwards or know that they have not.
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
@@ -199,7 +199,8 @@ fn two_changes_in_one_period_add_up() {
     assert!(bench.motor.abs() < 1e-9);
 }
 
-/// A core that has started again knows no datum before it has heard the bridge, and then stands where the drives are.
+/// A core that has started again knows no datum before it has heard the bridge, and then stands where the
+/// drives are.
 #[test]
 fn a_core_that_takes_over_the_bridges_datum_renames_nothing() {
     let mut bench = Bench::new();
@@ -224,7 +225,8 @@ fn a_core_that_takes_over_the_bridges_datum_renames_nothing() {
     assert_eq!((target.state, target.datum), (BridgeState::Following, 3));
 }
 
-/// The setpoint before the new datum never came, and axes without power may have been moved: the amount is not known.
+/// The setpoint before the new datum never came, and axes without power may have been moved: the amount is
+/// not known.
 #[test]
 fn a_change_by_an_unknown_amount_is_another_instance() {
     let mut bench = Bench::new();
@@ -242,7 +244,8 @@ fn a_change_by_an_unknown_amount_is_another_instance() {
     assert_ne!(target.instance(77), before);
 }
 
-/// A core as far as renaming goes: it moves, homes, loses power when the bridge does not follow, and stands where the drives are.
+/// A core as far as renaming goes: it moves, homes, loses power when the bridge does not follow, and stands
+/// where the drives are.
 struct Core {
     sequence: u64,
     datum: u64,

@@ -1,4 +1,5 @@
-//! Following begins at setpoints that are not quite where the axes are: no target steps, whatever the setpoints do meanwhile.
+//! Following begins at setpoints that are not quite where the axes are: no target steps, whatever the
+//! setpoints do meanwhile.
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
@@ -13,7 +14,8 @@ use crate::random_motion::RandomMotion;
 const BEGIN_NS: u64 = 5_000_000_000;
 /// Tolerance of the start.
 const SYNC: f64 = 0.5;
-/// What the documentation permits the start besides the setpoints, of every limit; and rounding of differences.
+/// What the documentation permits the start besides the setpoints, of every limit; and rounding of
+/// differences.
 const START: f64 = 0.05;
 const ROUNDING: f64 = 1e-3;
 
@@ -254,7 +256,8 @@ fn no_start_leaves_the_limits() {
             has_followed |= target.state == BridgeState::Following;
         }
         let ratios = bench.ratios();
-        // Differences of motions whose limits the discretisation may exceed by a little; and rounding of positions.
+        // Differences of motions whose limits the discretisation may exceed by a little; and rounding of
+        // positions.
         let rate = 1e9 / period_ns as f64;
         let rounding = 4.0 * 2_000.0 * f64::EPSILON * rate * rate / acceleration;
         let most = [1.0 + START, 1.0 + START + rounding].map(|most| most * 1.02);

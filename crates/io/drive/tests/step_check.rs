@@ -29,7 +29,8 @@ fn at_rest(sequence: u64, period_ns: u64, position: f64) -> Setpoint {
 /// X and Y from rest to a constant velocity, within the limits.
 fn in_motion(sequence: u64, period_ns: u64, limits: [f64; 3], speed: f64) -> Setpoint {
     let mut setpoint = at_rest(sequence, period_ns, 0.0);
-    // A ramp whose acceleration is a parabola: its largest is 1.5 times the mean, its largest slope 6 times speed over duration squared.
+    // A ramp whose acceleration is a parabola: its largest is 1.5 times the mean, its largest slope 6 times
+    // speed over duration squared.
     let ramp_s = (2.0 * speed / limits[1]).max((8.0 * speed / limits[2]).sqrt());
     let time_s = sequence as f64 * period_ns as f64 * 1e-9;
     let u = (time_s / ramp_s).min(1.0);
@@ -112,8 +113,8 @@ fn jumps() -> impl Iterator<Item = (u64, [f64; 3], u64, f64)> {
 #[test]
 fn a_jump_that_persists_is_not_followed_at_rest() {
     for (period_ns, limits, lead, jump) in jumps() {
-        // How many setpoints are lost after the first one of the jump, and whether the drives come into operation only when the jump is
-        // in the queue.
+        // How many setpoints are lost after the first one of the jump, and whether the drives come into
+        // operation only when the jump is in the queue.
         for (lost, is_queued) in [(0, false), (1, false), (7, false), (0, true), (7, true)] {
             let mut bench = Bench::new(settings(period_ns, limits, SYNC), lead);
             let first = lead + 20;
@@ -240,8 +241,8 @@ fn a_step_of_velocity_is_not_followed() {
     }
 }
 
-/// An axis that the core's guard stops at the end of its travel stands where it is; without the guard the axes brake within their
-/// limits.
+/// An axis that the core's guard stops at the end of its travel stands where it is; without the guard the
+/// axes brake within their limits.
 #[test]
 fn a_stop_at_the_end_of_the_travel_by_the_guard_is_followed() {
     let (period_ns, first) = (1_000_000, 1500);

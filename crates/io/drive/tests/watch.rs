@@ -20,7 +20,8 @@ fn a_bridge_that_does_its_work_is_never_complained_of() {
     }
 }
 
-/// With a lead of 100 cycles the axes begin to move 0.1 s after the first setpoint that moves: nothing is wrong with that.
+/// With a lead of 100 cycles the axes begin to move 0.1 s after the first setpoint that moves: nothing is
+/// wrong with that.
 #[test]
 fn a_long_lead_is_no_fault() {
     let mut bench = Bench::new(settings());
@@ -209,7 +210,8 @@ fn a_jump_is_a_jump_and_a_growing_error_a_following_error() {
     assert!((error + 0.51).abs() < 1e-9, "{error}");
 }
 
-/// Following begins beside the setpoints, and what bridges do about it is theirs: until then nothing may be moved.
+/// Following begins beside the setpoints, and what bridges do about it is theirs: until then nothing may be
+/// moved.
 #[test]
 fn drives_are_operational_once_the_axes_are_at_their_setpoints() {
     // Distance of Y from its setpoint by cycle, and the cycle from which on it is operational.
@@ -500,7 +502,8 @@ fn every_alarm_has_a_number_of_its_own_and_says_what_to_do() {
         assert_eq!(alarm.number() as usize, 400 + i);
         let text = alarm.to_string();
         assert!(text.contains(": ") && text.len() < 220, "{text}");
-        // Drives that never came up, have lost power, stopped by themselves or were restarted cannot be led along a path.
+        // Drives that never came up, have lost power, stopped by themselves or were restarted cannot be led
+        // along a path.
         let is_led = ![400, 405, 406, 407, 408, 412, 413].contains(&alarm.number());
         assert_eq!(alarm.drives_follow(), is_led, "{text}");
     }
@@ -514,7 +517,8 @@ fn every_alarm_has_a_number_of_its_own_and_says_what_to_do() {
     );
 }
 
-/// A bridge whose clock is ahead, killed in motion: its last sample must not stay young until that time has come.
+/// A bridge whose clock is ahead, killed in motion: its last sample must not stay young until that time has
+/// come.
 #[test]
 fn no_clock_of_a_bridge_keeps_its_death_from_being_noticed() {
     for ahead_ns in [0, 1_000_000, 15_000_000, 20_400_000, 60_000_000_000, u64::MAX / 2] {

@@ -1,6 +1,8 @@
-//! The bridge's cycle beside a bare socket loop on the same ring: `cargo bench -p evolvent-ethercat --bench cycle [-- SECONDS]`.
+//! The bridge's cycle beside a bare socket loop on the same ring:
+//! `cargo bench -p evolvent-ethercat --bench cycle [-- SECONDS]`.
 //!
-//! Needs the right to make a network namespace. Times are of this host at this moment; compare lines of one run with one another.
+//! Needs the right to make a network namespace. Times are of this host at this moment; compare lines of one
+//! run with one another.
 
 #![expect(
     clippy::expect_used,
@@ -270,7 +272,8 @@ fn measure(axes: usize, rate_hz: u64, seconds: u64) {
     let measured = on_bench(devices(axes), move |ring| {
         println!("{axes} drives at {rate_hz} Hz, {seconds} s each");
         let cycles = (seconds * rate_hz) as usize;
-        // Half before and half after the bridge, on threads of their own, which inherit the bench's namespace.
+        // Half before and half after the bridge, on threads of their own, which inherit the bench's
+        // namespace.
         let bare_half = move || {
             std::thread::spawn(move || bare_loop(frame_bytes(axes), period_ns, cycles / 2))
                 .join()

@@ -13,8 +13,8 @@ use crate::zero_impulse::{Latched, ZeroImpulse};
 /// Number of periods for which the fault reset bit is held: a drive may miss a single one between two frames.
 const RESET_PERIODS: u32 = 5;
 
-/// A motor that is slower may lose its torque, mm/s or degrees/s: 300 kg at 1 mm/s have 0.15 mJ, which a friction of 50 N takes in
-/// 3 um.
+/// A motor that is slower may lose its torque, mm/s or degrees/s: 300 kg at 1 mm/s have 0.15 mJ, which a
+/// friction of 50 N takes in 3 um.
 const STANDING: f64 = 1.0;
 
 /// What a period has shown of the zero impulse.
@@ -37,10 +37,11 @@ pub(crate) struct DriveAxis {
     /// The drive's position without wrap-around.
     increments: i64,
     has_position: bool,
-    /// It begins at `zero`, wherever its counter is: homing comes before its coordinates count, and a counter that is not absolute may be
-    /// any number of turns away.
+    /// It begins at `zero`, wherever its counter is: homing comes before its coordinates count, and a counter
+    /// that is not absolute may be any number of turns away.
     begins_at_zero: bool,
-    /// The offset of an earlier session, with which it begins instead if its position is within the reach then.
+    /// The offset of an earlier session, with which it begins instead if its position is within the reach
+    /// then.
     kept_offset: Option<f64>,
     reach: f64,
     /// Machine coordinate minus position of the increments.
@@ -52,7 +53,8 @@ pub(crate) struct DriveAxis {
     /// Remaining periods of a fault reset.
     reset_periods: u32,
     homing: HomingProgress,
-    /// The position at which a drive in operation waits for the others: where it has come into operation, or has found its zero.
+    /// The position at which a drive in operation waits for the others: where it has come into operation, or
+    /// has found its zero.
     hold: i32,
     holds: bool,
     probe: TouchProbe,
@@ -112,17 +114,18 @@ impl DriveAxis {
         }
     }
 
-    /// Before the first inputs: it begins at `zero`, or, in a later session of the process, with the last offset that was chosen, so that
-    /// an axis that was not moved keeps its coordinate. A counter that was reset meanwhile gives a coordinate beyond `reach`, which
-    /// the core rejects: such an axis begins at `zero` again.
+    /// Before the first inputs: it begins at `zero`, or, in a later session of the process, with the last
+    /// offset that was chosen, so that an axis that was not moved keeps its coordinate. A counter that was
+    /// reset meanwhile gives a coordinate beyond `reach`, which the core rejects: such an axis begins at
+    /// `zero` again.
     pub(crate) const fn begin_at_zero(&mut self, kept_offset: Option<f64>, reach: f64) {
         self.begins_at_zero = true;
         self.kept_offset = kept_offset;
         self.reach = reach;
     }
 
-    /// The offset, if it was just chosen by the first inputs, or by the drive, which has homed: its counter begins again there, and
-    /// with an older offset the next session would be as far off as the counter was.
+    /// The offset, if it was just chosen by the first inputs, or by the drive, which has homed: its counter
+    /// begins again there, and with an older offset the next session would be as far off as the counter was.
     pub(crate) const fn take_chosen_offset(&mut self) -> Option<f64> {
         if core::mem::replace(&mut self.is_renamed_by_drive, false) {
             return Some(self.offset);
@@ -241,7 +244,8 @@ impl DriveAxis {
         self.velocity
     }
 
-    /// Whether the motor is so slow that it may lose its torque; an encoder at rest shows one increment more or less.
+    /// Whether the motor is so slow that it may lose its torque; an encoder at rest shows one increment more
+    /// or less.
     fn is_standing(&self, period_s: f64) -> bool {
         let increment = self.settings.scale.position(1).abs();
         self.velocity.abs() <= STANDING.max(1.5 * increment / period_s)
@@ -252,8 +256,8 @@ impl DriveAxis {
         self.offset += shift;
     }
 
-    /// Reads the inputs, `elapsed_s` after the last ones. The axis cannot move faster than `max_velocity`. Returns what has become
-    /// of the zero impulse.
+    /// Reads the inputs, `elapsed_s` after the last ones. The axis cannot move faster than `max_velocity`.
+    /// Returns what has become of the zero impulse.
     pub(crate) fn take(&mut self, inputs: DriveInputs, elapsed_s: f64, max_velocity: f64) -> IndexProgress {
         // A drive that reports no state yet reports no position either.
         if self.has_position && !self.begins_at_zero {
@@ -269,8 +273,8 @@ impl DriveAxis {
             };
             let is_possible = way.abs() <= fastest * elapsed_s;
             if !is_possible && homes {
-                // The drive has found its zero and counts from there: this step is not a motion. It may come before the drive reports
-                // that it has homed; until then the coordinates go on as they were.
+                // The drive has found its zero and counts from there: this step is not a motion. It may come
+                // before the drive reports that it has homed; until then the coordinates go on as they were.
                 self.offset -= way;
             } else {
                 self.velocity = way / elapsed_s;
@@ -304,8 +308,9 @@ impl DriveAxis {
         }
     }
 
-    /// How fast the axis can move while its drive homes: twice the speed of the search. Over lost frames the largest velocity of the
-    /// axis would let the step to the drive's zero pass for a motion of some millimetres.
+    /// How fast the axis can move while its drive homes: twice the speed of the search. Over lost frames the
+    /// largest velocity of the axis would let the step to the drive's zero pass for a motion of some
+    /// millimetres.
     fn homing_velocity(&self) -> f64 {
         let fastest = self
             .settings

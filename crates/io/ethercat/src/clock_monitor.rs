@@ -1,5 +1,6 @@
-//! The quality of the distributed clocks: how far those of the devices are from the reference clock, where in the period of SYNC0 the
-//! frames pass, and how fast this computer's clock is. Only its construction allocates; nothing waits.
+//! The quality of the distributed clocks: how far those of the devices are from the reference clock, where in
+//! the period of SYNC0 the frames pass, and how fast this computer's clock is. Only its construction
+//! allocates; nothing waits.
 
 use evolvent_trace::Histogram;
 
@@ -19,13 +20,15 @@ const FIRST_REPORT_NS: u64 = 10_000_000_000;
 pub struct ClockFigures {
     /// Number of readings of the system time difference (092Ch).
     pub readings: u64,
-    /// The largest difference that was read, ns: positive if the device's clock is ahead of the reference clock.
+    /// The largest difference that was read, ns: positive if the device's clock is ahead of the reference
+    /// clock.
     pub max_difference_ns: i32,
     /// The device that had it, from 0.
     pub max_difference_device: Option<usize>,
     /// The largest of the last readings of all devices, ns.
     pub last_difference_ns: i32,
-    /// Mean distance of frames, as they pass the reference clock, from the middle between two SYNC0, ns: positive if they are late.
+    /// Mean distance of frames, as they pass the reference clock, from the middle between two SYNC0, ns:
+    /// positive if they are late.
     pub shift_ns: i64,
     /// Distance from that mean which half of the frames do not exceed, ns, too large by at most a sixteenth.
     pub jitter_p50_ns: u64,
@@ -33,11 +36,13 @@ pub struct ClockFigures {
     pub jitter_p999_ns: u64,
     /// The maximum.
     pub jitter_max_ns: u64,
-    /// How much faster this computer's clock is than the reference clock, millionths; none before two seconds in OP.
+    /// How much faster this computer's clock is than the reference clock, millionths; none before two seconds
+    /// in OP.
     pub drift_ppm: Option<f64>,
 }
 
-/// The difference in register 092Ch (ETG.1000.4): a magnitude, and bit 31 if the device's copy of the system time is behind.
+/// The difference in register 092Ch (ETG.1000.4): a magnitude, and bit 31 if the device's copy of the system
+/// time is behind.
 const fn difference_ns(register: u32) -> i32 {
     let magnitude = (register & 0x7FFF_FFFF) as i32;
     if register >> 31 == 1 {
@@ -128,8 +133,8 @@ impl ClockMonitor {
         }
     }
 
-    /// A frame that was sent at `sent_ns` has passed the reference clock at its time `reference_ns`, `phase_ns` after the middle between
-    /// two SYNC0.
+    /// A frame that was sent at `sent_ns` has passed the reference clock at its time `reference_ns`,
+    /// `phase_ns` after the middle between two SYNC0.
     pub(crate) fn take_frame(&mut self, sent_ns: u64, reference_ns: u64, phase_ns: i64) {
         if !self.is_used {
             return;
@@ -167,8 +172,8 @@ impl ClockMonitor {
     }
 }
 
-/// The drift of this computer's clock, from the frames with the least delay at the beginning and at the end: delays of the computer only
-/// make a frame late.
+/// The drift of this computer's clock, from the frames with the least delay at the beginning and at the end:
+/// delays of the computer only make a frame late.
 #[derive(Debug, Default)]
 struct Drift {
     /// Time on this computer of the frame with the least delay, and that of the reference less it.

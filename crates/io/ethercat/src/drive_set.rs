@@ -62,7 +62,8 @@ pub(crate) struct DriveSet {
 /// Bits of an offset that is not known: not a number that arithmetic gives.
 const UNKNOWN: u64 = u64::MAX;
 
-/// Machine coordinate minus position of the increments, as drives have begun or found their zero, over the sessions of a process.
+/// Machine coordinate minus position of the increments, as drives have begun or found their zero, over the
+/// sessions of a process.
 #[derive(Clone, Debug)]
 pub(crate) struct Starts(Arc<[AtomicU64; 2 * AXES]>);
 
@@ -215,7 +216,8 @@ impl DriveSet {
         }
     }
 
-    /// Arms the drive whose index pulse is requested. A request for an axis whose drive latches none is never taken over.
+    /// Arms the drive whose index pulse is requested. A request for an axis whose drive latches none is never
+    /// taken over.
     fn request_index(&mut self, request: IndexRequest) {
         if request == self.index_request {
             return;
@@ -282,7 +284,8 @@ impl DriveSet {
         self.target = Some(target);
     }
 
-    /// Encoders without an absolute position: the beam is assumed square until both drives have homed, or have passed their switches.
+    /// Encoders without an absolute position: the beam is assumed square until both drives have homed, or
+    /// have passed their switches.
     fn align(&mut self) {
         if core::mem::replace(&mut self.aligned, true) {
             return;
@@ -328,7 +331,8 @@ impl DriveSet {
         self.axes[axis].outputs(self.target.as_ref(), self.power, self.homing, self.period_s)
     }
 
-    /// Results of the touch probes: the state of the probe, touches, and the positions latched at the last one.
+    /// Results of the touch probes: the state of the probe, touches, and the positions latched at the last
+    /// one.
     pub(crate) fn probe(&self) -> ProbeReading {
         let inputs = self.axes.iter().filter_map(DriveAxis::probe_input);
         ProbeReading {

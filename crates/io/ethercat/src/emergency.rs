@@ -1,8 +1,8 @@
 //! Emergency messages of devices (CoE, ETG.1000.6, 5.6.4): taken out of the wire before ethercrab sees them.
 //!
-//! A device puts an emergency message into the mailbox in which its reply to an object is expected. ethercrab 0.7 takes whatever is
-//! there for the reply, and asserts that it is no emergency message. [`EmergencyFilter`] records the message and reads the mailbox
-//! again until the reply is there:
+//! A device puts an emergency message into the mailbox in which its reply to an object is expected. ethercrab
+//! 0.7 takes whatever is there for the reply, and asserts that it is no emergency message.
+//! [`EmergencyFilter`] records the message and reads the mailbox again until the reply is there:
 //!
 //! ```text
 //!   ethercrab ── request ──► device

@@ -1,7 +1,7 @@
 //! ESI files: descriptions of devices by their vendors, in XML (ETG.2000).
 //!
-//! A scan uses them for data that devices do not report: names, process data of devices without CoE, units, and the defaults of the
-//! resolution and gear of a drive.
+//! A scan uses them for data that devices do not report: names, process data of devices without CoE, units,
+//! and the defaults of the resolution and gear of a drive.
 
 use std::path::{Path, PathBuf};
 
@@ -190,7 +190,8 @@ impl EsiLibrary {
         self.devices.is_empty()
     }
 
-    /// The device with this vendor, product and revision; otherwise the next lower revision; otherwise the lowest.
+    /// The device with this vendor, product and revision; otherwise the next lower revision; otherwise the
+    /// lowest.
     fn find(&self, vendor: u32, product: u32, revision: u32) -> Option<&EsiDevice> {
         let same = || {
             self.devices
@@ -203,7 +204,8 @@ impl EsiLibrary {
             .or_else(|| same().min_by_key(|device| device.revision))
     }
 
-    /// Adds data that the devices of a scan did not report. Notes devices that are in no file, or in a file with another revision.
+    /// Adds data that the devices of a scan did not report. Notes devices that are in no file, or in a file
+    /// with another revision.
     pub fn complete(&self, devices: &mut [FoundDevice]) {
         for device in devices {
             let sii = &device.sii;

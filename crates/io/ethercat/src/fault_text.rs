@@ -156,8 +156,8 @@ const YASKAWA_ALARMS: [(u16, &str); 18] = [
     (0xF1, "A.F1x: a mains phase is missing"),
 ];
 
-/// Meaning of an error code (object 603Fh) of a vendor's drive: from the vendor's manual for its own codes, otherwise as
-/// [`fault_text`].
+/// Meaning of an error code (object 603Fh) of a vendor's drive: from the vendor's manual for its own codes,
+/// otherwise as [`fault_text`].
 ///
 /// ```
 /// assert!(evolvent_ethercat::fault_text_of(0x066F, 0xFF10).starts_with("Err16: overload"));

@@ -152,8 +152,9 @@ pub enum FitError {
     },
 }
 
-/// Compares axes, resolution, travel, velocity and the period of both files, and signals: those of the network file exist
-/// in the machine file, with the same kind, and analog outputs reach every value that programs may request.
+/// Compares axes, resolution, travel, velocity and the period of both files, and signals: those of the
+/// network file exist in the machine file, with the same kind, and analog outputs reach every value that
+/// programs may request.
 ///
 /// # Errors
 /// The first difference.
@@ -247,7 +248,8 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
     Ok(())
 }
 
-/// Whether the drives can be given the period of the machine file. `serve --rate` may choose another, which each session checks.
+/// Whether the drives can be given the period of the machine file. `serve --rate` may choose another, which
+/// each session checks.
 fn check_period(machine: &Machine) -> Result<(), FitError> {
     let period_ns = machine.period_ns(machine.rate)?;
     if InterpolationTime::from_period_ns(period_ns).is_ok() {
@@ -265,8 +267,8 @@ fn check_period(machine: &Machine) -> Result<(), FitError> {
     })
 }
 
-/// Notes about a valid pair of files: a probe that no drive reports, axes that only their drives know as homed, and spindles of which one
-/// file says that they are measured and the other does not.
+/// Notes about a valid pair of files: a probe that no drive reports, axes that only their drives know as
+/// homed, and spindles of which one file says that they are measured and the other does not.
 #[must_use]
 pub fn fit_notes(machine: &Machine, network: &Network) -> Vec<String> {
     let mut notes = Vec::new();

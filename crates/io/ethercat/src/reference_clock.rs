@@ -1,7 +1,7 @@
 //! The time of the reference clock, whose register 0910h has 64 bits or 32.
 
-/// The system time of the reference without wrap-around. A clock of 32 bits begins again each 4.3 s, which is no whole number of periods:
-/// SYNC0 goes on at the periods of the time before.
+/// The system time of the reference without wrap-around. A clock of 32 bits begins again each 4.3 s, which is
+/// no whole number of periods: SYNC0 goes on at the periods of the time before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ReferenceClock {
     time_ns: u64,
@@ -18,8 +18,9 @@ impl ReferenceClock {
         }
     }
 
-    /// The time of a reading. The lower half is right for both kinds; the upper half is the one that fits what has passed by this
-    /// computer's clock: devices may take seconds to their next state, and two clocks are apart by less than 2.1 s after hours.
+    /// The time of a reading. The lower half is right for both kinds; the upper half is the one that fits
+    /// what has passed by this computer's clock: devices may take seconds to their next state, and two clocks
+    /// are apart by less than 2.1 s after hours.
     pub(crate) const fn take(&mut self, register: u64, now_ns: u64) -> u64 {
         let expected_ns = self.time_ns.wrapping_add(now_ns.wrapping_sub(self.read_ns));
         self.time_ns = same_time(register, expected_ns);
@@ -28,7 +29,8 @@ impl ReferenceClock {
     }
 }
 
-/// A time of one clock, at most 2.1 s away, by another that has the same lower 32 bits: `now_ns` is what its register shows.
+/// A time of one clock, at most 2.1 s away, by another that has the same lower 32 bits: `now_ns` is what its
+/// register shows.
 pub(crate) const fn same_time(time_ns: u64, now_ns: u64) -> u64 {
     let ahead_ns = (time_ns as u32).wrapping_sub(now_ns as u32).cast_signed();
     now_ns.wrapping_add_signed(ahead_ns as i64)

@@ -26,8 +26,8 @@ fn frame(index: u8) -> [u8; 60] {
     frame
 }
 
-/// Sends a frame in each period for the given duration. Also returns the number of devices that replied. Not for use while a bridge runs on
-/// the interface.
+/// Sends a frame in each period for the given duration. Also returns the number of devices that replied. Not
+/// for use while a bridge runs on the interface.
 ///
 /// # Errors
 /// The interface cannot be opened.

@@ -118,7 +118,8 @@ pub fn run_measured(
         file: wanted.path.display().to_string(),
         source,
     };
-    // Before the interface, which may come up later: a path that cannot be written stays one. The last recording is kept until this one begins.
+    // Before the interface, which may come up later: a path that cannot be written stays one. The last
+    // recording is kept until this one begins.
     if let Some(wanted) = &settings.dump {
         dump::check(wanted).map_err(|source| dump_failed(wanted, source))?;
     }

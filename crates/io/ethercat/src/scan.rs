@@ -167,7 +167,8 @@ async fn scan_main<'m>(main: &'m MainDevice<'m>) -> Result<Vec<FoundDevice>, Sca
             .await
             .map_err(failed("reading features"))?;
         devices.push(FoundDevice {
-            // Bit 2: it has a clock; bit 3: of 64 bits. ethercrab's `DcSupport` asks for bit 8, which is about extras of SYNC0.
+            // Bit 2: it has a clock; bit 3: of 64 bits. ethercrab's `DcSupport` asks for bit 8, which is
+            // about extras of SYNC0.
             clock: match features >> 2 & 0b11 {
                 0b01 => "32 bits",
                 0b11 => "64 bits",

@@ -52,8 +52,9 @@ const CLOCK_WARM_UP: u32 = 2_000;
 const PHASE_GAIN: i64 = 16;
 /// First station address assigned by the MainDevice.
 pub(crate) const FIRST_STATION: u16 = 0x1000;
-/// Maximum time for one frame while the network comes up. A mailbox from which an emergency message was read is read again until the
-/// device has replied, all within one frame of the MainDevice: drives take up to some 100 ms.
+/// Maximum time for one frame while the network comes up. A mailbox from which an emergency message was read
+/// is read again until the device has replied, all within one frame of the MainDevice: drives take up to some
+/// 100 ms.
 pub(crate) const REPLY: Duration = Duration::from_millis(500);
 
 type Group<S> = SubDeviceGroup<MAX_DEVICES, IMAGE, DefaultLock, Op, S>;
@@ -265,7 +266,8 @@ fn state_of(wanted: &str) -> SubDeviceState {
 /// Bit of the AL status: the device has refused a state.
 const AL_ERROR: u8 = 0x10;
 
-/// The devices that are below a state or report an error, each with its state, its AL status code by name, and what to check.
+/// The devices that are below a state or report an error, each with its state, its AL status code by name,
+/// and what to check.
 fn tell_states<'m>(
     pump: &mut Pump<'_, '_>,
     main: &'m MainDevice<'m>,

@@ -195,7 +195,8 @@ impl SiiContents {
         };
         let general = find(GENERAL);
         let byte = |place: usize| general.get(place).copied().unwrap_or(0);
-        // Word 1Ch: mailbox protocols, bit 2 is CoE. Byte 5 of `general`: bit 2 PDO assignment, bit 3 PDO configuration.
+        // Word 1Ch: mailbox protocols, bit 2 is CoE. Byte 5 of `general`: bit 2 PDO assignment, bit 3 PDO
+        // configuration.
         let has_coe = u16_at(image, 0x38).unwrap_or(0) & 1 << 2 != 0;
         Self {
             vendor: u32_at(image, 0x10),

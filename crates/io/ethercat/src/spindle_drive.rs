@@ -1,7 +1,7 @@
 //! A spindle drive: CiA 402 in cyclic synchronous velocity, its position as the angle of the spindle.
 //!
-//! M19 is a position loop of the bridge on the velocity, in the same mode: it works with every drive that has mode 9, and a change of
-//! mode under power is what drives do least alike.
+//! M19 is a position loop of the bridge on the velocity, in the same mode: it works with every drive that has
+//! mode 9, and a change of mode under power is what drives do least alike.
 
 use evolvent_bus::{MachineOutputs, SpindleFeedback};
 use evolvent_drive::{

@@ -1,9 +1,11 @@
-//! Touch probe 1 of a drive (60B8h, 60B9h, 60BAh), always armed for the next rising edge, and the touches that several drives latch.
+//! Touch probe 1 of a drive (60B8h, 60B9h, 60BAh), always armed for the next rising edge, and the touches
+//! that several drives latch.
 
 use evolvent_bus::AXES;
 use evolvent_path::AxisMask;
 
-/// Edges of all drives within this time are of one touch, ns: a contact bounces for some ms, and no touch ends and comes again sooner.
+/// Edges of all drives within this time are of one touch, ns: a contact bounces for some ms, and no touch
+/// ends and comes again sooner.
 const TOUCH_NS: u64 = 20_000_000;
 
 /// Enabled, first event, probe input, rising edge.
@@ -41,8 +43,8 @@ impl TouchProbe {
     }
 }
 
-/// The touches of a probe that is wired to several drives. A drive that has latched a bounce, or nothing, is out of step for this touch
-/// only.
+/// The touches of a probe that is wired to several drives. A drive that has latched a bounce, or nothing, is
+/// out of step for this touch only.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Touches {
     /// Touches since the start of the session.

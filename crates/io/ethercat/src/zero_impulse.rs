@@ -1,6 +1,7 @@
 //! The latch of the encoder's zero impulse by a touch probe of the drive, on request of the core.
 
-/// A touch probe function of the drive (CiA 402): its bits in 60B8h and 60B9h, and the object with its position.
+/// A touch probe function of the drive (CiA 402): its bits in 60B8h and 60B9h, and the object with its
+/// position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProbeNumber {
     /// Bits 0 to 7; 60BAh.
@@ -20,7 +21,8 @@ impl ProbeNumber {
 
 /// Bits of 60B8h: enabled, first event only, source 01b (zero impulse), rising edge.
 const ARM: u16 = 1 | 1 << 2 | 1 << 4;
-/// Periods for which the function is off before it is commanded again: a drive may take several to detect either change.
+/// Periods for which the function is off before it is commanded again: a drive may take several to detect
+/// either change.
 const OFF_PERIODS: u8 = 4;
 /// Bits of 60B9h.
 const ENABLED: u16 = 1;
@@ -115,7 +117,8 @@ impl ZeroImpulse {
 mod tests {
     use super::*;
 
-    /// A drive according to CiA 402 that takes some periods for each change: what was latched persists until the function is off.
+    /// A drive according to CiA 402 that takes some periods for each change: what was latched persists until
+    /// the function is off.
     struct Drive {
         probe: ProbeNumber,
         functions: [u16; 3],
@@ -189,7 +192,8 @@ mod tests {
         );
     }
 
-    /// A request right after another: the drive must see that the function was off, though its status is clear all the time.
+    /// A request right after another: the drive must see that the function was off, though its status is
+    /// clear all the time.
     #[test]
     fn it_is_off_for_some_periods_before_it_is_armed_again() {
         let mut latch = ZeroImpulse::default();

@@ -1,4 +1,5 @@
-//! The cycle neither allocates nor frees once all devices are in OP: drives that move, terminals, a fault of a drive.
+//! The cycle neither allocates nor frees once all devices are in OP: drives that move, terminals, a fault of
+//! a drive.
 //!
 //! Needs the right to make a network namespace.
 

@@ -61,7 +61,8 @@ const MACHINE_SPINDLE: &str = "\n[[spindle]]\nmax_rpm = 3000\nfeedback = true\n"
 fn ethercat_bridge(machine: Machine, network: String) -> ThreadBridge {
     ThreadBridge::new(move |machine_name, prefix, stop| {
         let mut network = Network::parse(&network, "sim-mill.toml").expect("a network");
-        // The suite's period is 2 ms, the devices' watchdog 100 ms; a host that is busy may be late for so long.
+        // The suite's period is 2 ms, the devices' watchdog 100 ms; a host that is busy may be late for so
+        // long.
         network.max_lost_cycles = 40;
         let settings = RunSettings {
             machine: machine.clone(),

@@ -1,5 +1,5 @@
-//! Each kind of fault at random moments of a motion, on the simulated ring over real sockets. One moment of each, or
-//! `EVOLVENT_CASES` moments.
+//! Each kind of fault at random moments of a motion, on the simulated ring over real sockets. One moment of
+//! each, or `EVOLVENT_CASES` moments.
 //!
 //! Needs the right to make a network namespace.
 
@@ -18,7 +18,8 @@ use crate::support::*;
 /// Travel in use and maximum velocity of X, mm and mm/s.
 const REACH: f64 = 100.0;
 const FASTEST: f64 = 60.0;
-/// Gain of the drives' position loop, 1/s, and the longest time without a target that does not end the session: 20 cycles, s.
+/// Gain of the drives' position loop, 1/s, and the longest time without a target that does not end the
+/// session: 20 cycles, s.
 const POSITION_GAIN: f64 = 80.0;
 const LONGEST_LOSS_S: f64 = 20.0 * 2e-3;
 /// Lead of X, mm per turn; the drives' window of following errors (6065h) is one turn too.
@@ -33,9 +34,9 @@ fn turns(ring: &SharedRing) -> f64 {
         .map_or(0.0, |drive| drive.motor_turns())
 }
 
-/// One fault while X moves. Either the drives continue, or all stop within 2.5 s; no motor exceeds the commanded velocity,
-/// but to catch up; afterwards the axes are enabled again at the positions of their motors. Returns whether the axes were
-/// stopped.
+/// One fault while X moves. Either the drives continue, or all stop within 2.5 s; no motor exceeds the
+/// commanded velocity, but to catch up; afterwards the axes are enabled again at the positions of their
+/// motors. Returns whether the axes were stopped.
 fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, ring: &SharedRing) -> bool {
     core.bring_up();
     // Away from the end that is nearer.
@@ -52,8 +53,8 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, ring: 
         _ => 1 + random.below(3),
     };
     let duration_ns = random.log(1e6, 4e8) as u64;
-    // Drives whose targets were lost for some cycles, but for fewer than end the session, catch up the distance that their
-    // position loop sees.
+    // Drives whose targets were lost for some cycles, but for fewer than end the session, catch up the
+    // distance that their position loop sees.
     let highest = match kind {
         FaultKind::Loss
         | FaultKind::Delay
@@ -61,7 +62,8 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, ring: 
         | FaultKind::WorkingCounter
         | FaultKind::Break
         | FaultKind::Gone => FASTEST * (1.0 + POSITION_GAIN * LONGEST_LOSS_S),
-        // A load that comes free follows its target again, from as far behind as the drive's window of following errors allows.
+        // A load that comes free follows its target again, from as far behind as the drive's window of
+        // following errors allows.
         FaultKind::Blocked => FASTEST + POSITION_GAIN * (LEAD_MM + FASTEST * FOLLOWING_TIMEOUT_S),
         _ => 1.3 * FASTEST,
     };

@@ -1,4 +1,5 @@
-//! What drives do by themselves, on the simulated ring over real sockets: homing, touch probe, following error.
+//! What drives do by themselves, on the simulated ring over real sockets: homing, touch probe, following
+//! error.
 //!
 //! Needs the right to make a network namespace.
 
@@ -53,8 +54,8 @@ fn set_homing(network: &mut Network, device: usize, homing: HomingOnDrive) {
     axis.homing = Some(homing);
 }
 
-/// Moves X to a position at 10 mm/s and waits until it is there, however often the host makes the drives stop on the way; the following
-/// errors on the way, mm.
+/// Moves X to a position at 10 mm/s and waits until it is there, however often the host makes the drives stop
+/// on the way; the following errors on the way, mm.
 fn go(core: &mut TrialCore, to: f64) -> Vec<f64> {
     let begin = Instant::now();
     let stands = |core: &TrialCore| {
@@ -122,7 +123,8 @@ fn a_drive_far_from_its_zero_begins_where_the_core_can_home_it() {
     });
 }
 
-/// Y first, then X; Z has no homing and holds. Without power nothing moves, and in operation the axes are where the files say.
+/// Y first, then X; Z has no homing and holds. Without power nothing moves, and in operation the axes are
+/// where the files say.
 #[test]
 fn drives_find_their_zero_in_order_when_power_is_requested() {
     unless_disturbed(|| {
@@ -166,7 +168,8 @@ fn drives_find_their_zero_in_order_when_power_is_requested() {
                     }
                     assert!(!x_first, "Y homes before X moves");
                     assert!(z_most < 0.01, "Z holds: {z_most} turns");
-                    // Not in operation until power was off, so that the core takes the new positions over first.
+                    // Not in operation until power was off, so that the core takes the new positions over
+                    // first.
                     for _ in 0..200 {
                         core.cycle();
                     }
@@ -177,7 +180,8 @@ fn drives_find_their_zero_in_order_when_power_is_requested() {
                     }));
                     let here = core.bring_up();
                     assert_eq!(here.absolute_mask, 0b011);
-                    // 5 mm a turn; the motor of Y turns against its axis. Switches close at load turns -3 and -2.
+                    // 5 mm a turn; the motor of Y turns against its axis. Switches close at load turns -3 and
+                    // -2.
                     let turns = turns(ring);
                     let expected = [-380.0 + 5.0 * (turns[0] + 3.0), 25.0 - 5.0 * (turns[1] + 2.0)];
                     for axis in 0..2 {
@@ -303,7 +307,8 @@ fn the_touch_probe_latches_and_the_drive_tells_its_following_error() {
                     for trips in 1..=2_u64 {
                         let mut errors = go(core, closes + 4.0);
                         if trips == 1 {
-                            // 2 turns a second over a gain of 80 /s: 0.025 turns, 0.125 mm. Most of the way: pauses of the host spoil some.
+                            // 2 turns a second over a gain of 80 /s: 0.025 turns, 0.125 mm. Most of the way:
+                            // pauses of the host spoil some.
                             errors.sort_unstable_by(f64::total_cmp);
                             let error = errors[errors.len() / 2];
                             assert!((error - 0.125).abs() < 0.03, "{error} mm");

@@ -1,4 +1,5 @@
-//! Faults of the network and of drives, on the simulated ring over real sockets: what the core is told, and what drives do.
+//! Faults of the network and of drives, on the simulated ring over real sockets: what the core is told, and
+//! what drives do.
 //!
 //! Needs the right to make a network namespace.
 
@@ -13,7 +14,8 @@ use evolvent_ethercat_ring::{FaultKind, SharedRing, SubDevice, on_bench};
 
 use crate::support::*;
 
-/// An axis goes where the setpoints say, with the scale of its gear, and against its motor where that is inverted.
+/// An axis goes where the setpoints say, with the scale of its gear, and against its motor where that is
+/// inverted.
 #[test]
 fn a_drive_follows_its_axis() {
     unless_disturbed(|| {
@@ -163,7 +165,8 @@ fn frames_that_are_lost_stop_the_feedback_and_the_drives_stop_themselves() {
     });
 }
 
-/// A drive that tells by emergency messages that its motor is blocked: at once, and before each reply to an object.
+/// A drive that tells by emergency messages that its motor is blocked: at once, and before each reply to an
+/// object.
 #[test]
 fn emergency_messages_at_start_are_told_and_the_network_comes_up() {
     unless_disturbed(|| {
@@ -251,7 +254,8 @@ fn a_network_that_is_not_the_one_of_the_file_is_told_in_plain_words() {
     });
 }
 
-/// Brings the drives up, moves X, begins a fault, and waits until the feedback shows it and no drive turns any more.
+/// Brings the drives up, moves X, begins a fault, and waits until the feedback shows it and no drive turns
+/// any more.
 fn while_moving(
     kind: FaultKind,
     device: usize,
@@ -394,7 +398,8 @@ fn a_jump_that_persists_is_not_followed() {
     });
 }
 
-/// Following begins beside the axes: no target of the drive steps by that distance, at rest and where X moves at once.
+/// Following begins beside the axes: no target of the drive steps by that distance, at rest and where X moves
+/// at once.
 #[test]
 fn following_begins_without_a_step_of_the_targets() {
     /// Lead of X, mm per turn.

@@ -1,4 +1,5 @@
-//! Two drives of one axis on the simulated ring, over real sockets: squaring, and the limit of their difference.
+//! Two drives of one axis on the simulated ring, over real sockets: squaring, and the limit of their
+//! difference.
 //!
 //! Needs the right to make a network namespace.
 
@@ -126,8 +127,8 @@ fn drives_that_come_apart_stop_before_the_limit_is_far_behind() {
     });
 }
 
-/// Each drive homes at its own switch; where the beam is square the second one's coordinate is 0.3 mm above that of the first. Then the
-/// second moves at 2 mm/s until it is so.
+/// Each drive homes at its own switch; where the beam is square the second one's coordinate is 0.3 mm above
+/// that of the first. Then the second moves at 2 mm/s until it is so.
 #[test]
 fn a_beam_is_made_square_after_homing() {
     unless_disturbed(|| {
@@ -143,7 +144,8 @@ fn a_beam_is_made_square_after_homing() {
                         order: 0,
                         timeout_s: 20.0,
                     };
-                    // Switches half a turn apart: 2.5 mm, on which the frame may twist while each is searched.
+                    // Switches half a turn apart: 2.5 mm, on which the frame may twist while each is
+                    // searched.
                     add_second(network, |axis| {
                         axis.homing = Some(homing);
                         set_gantry(axis, |gantry| {
@@ -190,7 +192,8 @@ fn a_beam_is_made_square_after_homing() {
     });
 }
 
-/// Where the home switches of X and its second drive close, in mm of their motors: 10 mm below, and not quite square.
+/// Where the home switches of X and its second drive close, in mm of their motors: 10 mm below, and not quite
+/// square.
 const SWITCHES: [f64; 2] = [-10.0, -10.15];
 /// Coordinate of the first switch.
 const SWITCH_MM: f64 = -3.0;
@@ -203,8 +206,8 @@ const HOMING: HomingTrial = HomingTrial {
     travel_mm: 60.0,
 };
 
-/// A bench whose beam is racked by `rack` mm at power-on; the core homes it by switches at bit 0, which are the limit
-/// switches of the negative end as well. `switches` in mm.
+/// A bench whose beam is racked by `rack` mm at power-on; the core homes it by switches at bit 0, which are
+/// the limit switches of the negative end as well. `switches` in mm.
 fn on_switch_bench(
     rack: f64,
     switches: [f64; 2],
@@ -253,12 +256,13 @@ fn errors(core: &TrialCore, ring: &SharedRing) -> (f64, f64) {
     )
 }
 
-/// Two edges, each seen a period of 2 ms late at most, at 4 mm/s, and what a drive's load twists behind its motor.
+/// Two edges, each seen a period of 2 ms late at most, at 4 mm/s, and what a drive's load twists behind its
+/// motor.
 const SQUARE_MM: f64 = 0.02;
 const HOMINGS: usize = 3;
 
-/// Homes X until the beam is square and its zero is true. A period that the host withholds at an edge moves that edge by 0.008 mm, which
-/// no other homing repeats; a fault of the procedure is there each time.
+/// Homes X until the beam is square and its zero is true. A period that the host withholds at an edge moves
+/// that edge by 0.008 mm, which no other homing repeats; a fault of the procedure is there each time.
 fn home_square(core: &mut TrialCore, ring: &SharedRing, rest_s: f64) {
     let found: Vec<_> = (0..HOMINGS)
         .map(|_| {
@@ -328,7 +332,8 @@ fn a_home_switch_that_never_closes_stops_both_drives() {
     }
 }
 
-/// The second drive has a fault, or loses its torque, while the beam is homed; afterwards it is homed as if nothing had been.
+/// The second drive has a fault, or loses its torque, while the beam is homed; afterwards it is homed as if
+/// nothing had been.
 #[test]
 fn a_second_drive_that_fails_in_the_middle_of_homing_stops_the_first() {
     for (kind, seed) in [(FaultKind::Drive, 1), (FaultKind::TorqueOff, 2)] {

@@ -16,7 +16,8 @@ use crate::support::*;
 const PHASES: [f64; 4] = [0.3, 0.55, 0.8, 0.05];
 /// Increments a turn.
 const RESOLUTION: f64 = 1_048_576.0;
-/// What one turn of the motor moves X, Y and Z: 5 mm, 5 mm against the axis, a gear of 3 to 2 and a screw of 5.08 mm.
+/// What one turn of the motor moves X, Y and Z: 5 mm, 5 mm against the axis, a gear of 3 to 2 and a screw of
+/// 5.08 mm.
 const TURNS: [f64; 3] = [5.0, -5.0, 5.08 / 1.5];
 
 fn drive(serial: u32, phase: f64, start_turns: f64) -> SubDevice {
@@ -79,7 +80,8 @@ struct Latch<'a> {
 }
 
 impl Latch<'_> {
-    /// The machine coordinate of an impulse of an axis at rest: the one that the axis meets first in a direction.
+    /// The machine coordinate of an impulse of an axis at rest: the one that the axis meets first in a
+    /// direction.
     fn next(&mut self, axis: usize, direction: f64) -> f64 {
         let feedback = self.core.until("feedback", |_| true);
         let here = turns(self.ring, axis + 1);
@@ -129,7 +131,8 @@ fn with_latch(
     });
 }
 
-/// From random places, in both directions, at two speeds, for axes that are inverted and geared, with the counter passing its end.
+/// From random places, in both directions, at two speeds, for axes that are inverted and geared, with the
+/// counter passing its end.
 #[test]
 fn the_latched_position_is_the_place_of_the_impulse() {
     unless_disturbed(|| {
@@ -162,8 +165,8 @@ fn the_latched_position_is_the_place_of_the_impulse() {
     });
 }
 
-/// Another request arms again, also while one is open; one for an axis that the drive does not latch is never taken over, and takes
-/// the latch of the others off; 0 asks for nothing.
+/// Another request arms again, also while one is open; one for an axis that the drive does not latch is never
+/// taken over, and takes the latch of the others off; 0 asks for nothing.
 #[test]
 fn requests_follow_each_other() {
     unless_disturbed(|| {
@@ -269,8 +272,8 @@ fn a_touch_probe_works_beside_it() {
     });
 }
 
-/// An axis at rest in the impulse: this one or the next is latched, never another place; and one that starts just beyond it in
-/// the direction of motion finds the next one.
+/// An axis at rest in the impulse: this one or the next is latched, never another place; and one that starts
+/// just beyond it in the direction of motion finds the next one.
 #[test]
 fn an_impulse_at_the_start_is_it_or_the_next() {
     unless_disturbed(|| {

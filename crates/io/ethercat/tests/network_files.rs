@@ -130,7 +130,8 @@ fn an_axis_without_a_scale_is_refused() {
     }
 }
 
-/// 2^20 increments, 3 turns of the motor to 2 of a screw of 5.08 mm: 2^20 * 3 / (2 * 5.08) = 39321600 / 127 a mm.
+/// 2^20 increments, 3 turns of the motor to 2 of a screw of 5.08 mm: 2^20 * 3 / (2 * 5.08) = 39321600 / 127 a
+/// mm.
 #[test]
 fn scales_are_exact_and_torque_follows_from_inertia() {
     let network = Network::parse(&shipped("networks/sim-mill.toml"), "good.toml").expect("a network");

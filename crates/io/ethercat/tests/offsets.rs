@@ -1,4 +1,5 @@
-//! The velocity offset (60B1h) and the torque offset (60B2h) of moving axes, as they arrive at the drives of the simulated ring.
+//! The velocity offset (60B1h) and the torque offset (60B2h) of moving axes, as they arrive at the drives of
+//! the simulated ring.
 //!
 //! Needs the right to make a network namespace.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]

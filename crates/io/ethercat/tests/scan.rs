@@ -1,5 +1,6 @@
-//! `scan` on the simulated ring over a real socket: what is on the wire, and a network file that a bridge takes. A reply that comes
-//! later than half a second is none: a trial during which the host kept the ring from running for so long is played again.
+//! `scan` on the simulated ring over a real socket: what is on the wire, and a network file that a bridge
+//! takes. A reply that comes later than half a second is none: a trial during which the host kept the ring
+//! from running for so long is played again.
 //!
 //! Needs the right to make a network namespace.
 

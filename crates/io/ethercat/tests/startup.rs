@@ -1,4 +1,5 @@
-//! Devices that refuse while the network comes up: the bridge says what was refused, by whom and why, and comes up once they no longer do.
+//! Devices that refuse while the network comes up: the bridge says what was refused, by whom and why, and
+//! comes up once they no longer do.
 //!
 //! Needs the right to make a network namespace.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
@@ -21,7 +22,8 @@ fn until_told(core: &mut TrialCore, messages: &Messages, texts: &[&str], within:
     assert!(core.heard.is_none(), "no feedback of a network that is not up");
 }
 
-/// A fault of a device from before the start: the bridge says these texts; once the fault is over the network comes up.
+/// A fault of a device from before the start: the bridge says these texts; once the fault is over the network
+/// comes up.
 fn is_told_and_ends(kind: FaultKind, device: usize, texts: &'static [&'static str]) {
     unless_disturbed(move || {
         on_bench(devices(), move |ring: &SharedRing| {
@@ -41,7 +43,8 @@ fn is_told_and_ends(kind: FaultKind, device: usize, texts: &'static [&'static st
     });
 }
 
-/// The object and the abort code by its name. The period of a drive may be aborted (60C2h): some take it from SYNC0 alone.
+/// The object and the abort code by its name. The period of a drive may be aborted (60C2h): some take it from
+/// SYNC0 alone.
 #[test]
 fn an_object_that_a_drive_aborts_is_named_with_the_reason() {
     is_told_and_ends(

@@ -23,7 +23,8 @@ pub(crate) const MAX_COUNTS: f64 = 30_000.0;
 /// Maximum steps between two readings, as accumulators count them: 16 bits of steps.
 const MAX_STEPS: f64 = 32_000.0;
 
-/// How long an axis may go without a reading, s: at its highest velocity its counter would then turn over unseen.
+/// How long an axis may go without a reading, s: at its highest velocity its counter would then turn over
+/// unseen.
 pub(crate) fn longest_gap_s(axis: &BoardAxis, max_velocity: f64) -> f64 {
     let most = match axis.actuator {
         Actuator::Steps { .. } => MAX_STEPS,

@@ -106,8 +106,8 @@ impl AxisSet {
     /// Evaluates a reading.
     ///
     /// # Errors
-    /// It came so late that a counter may have turned over unseen: the session has to end, because the coordinates of the axis are no
-    /// longer true. The axes can still brake by the reading.
+    /// It came so late that a counter may have turned over unseen: the session has to end, because the
+    /// coordinates of the axis are no longer true. The axes can still brake by the reading.
     pub(crate) fn take(
         &mut self,
         plan: &Plan,
@@ -141,7 +141,8 @@ impl AxisSet {
             );
         }
         if !core::mem::replace(&mut self.is_aligned, true) {
-            // Nothing tells where the motors are: the beam is assumed to be square until both have passed their switches.
+            // Nothing tells where the motors are: the beam is assumed to be square until both have passed
+            // their switches.
             for pair in &self.gantries {
                 pair.align(&mut self.axes);
             }
@@ -156,7 +157,8 @@ impl AxisSet {
         gaps.fold(f64::INFINITY, f64::min)
     }
 
-    /// What has become of the request for an index pulse. It is taken over, for the core, once the board would latch the pulse.
+    /// What has become of the request for an index pulse. It is taken over, for the core, once the board
+    /// would latch the pulse.
     fn take_index(&mut self, inputs: &Inputs) {
         let reading = self
             .encoder_index
@@ -174,7 +176,8 @@ impl AxisSet {
         }
     }
 
-    /// Arms the encoder of the axis whose index pulse is requested. A request for an axis without one is never taken over.
+    /// Arms the encoder of the axis whose index pulse is requested. A request for an axis without one is
+    /// never taken over.
     fn request_index(&mut self, request: IndexRequest) {
         if request == self.index_request {
             return;

@@ -319,7 +319,8 @@ fn figure(what: &'static str, value: u32, least: u32, most: u32) -> Result<u32, 
     }
 }
 
-/// The address of a table after the IDROM, with this number of bytes, all of which are within the address space.
+/// The address of a table after the IDROM, with this number of bytes, all of which are within the address
+/// space.
 fn address(idrom: u16, what: &'static str, value: u32, bytes: usize) -> Result<u16, DescriptionError> {
     let offset = figure(what, value, 0x10, 0x1000)?;
     let begin = u32::from(idrom) + offset;

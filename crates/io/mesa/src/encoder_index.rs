@@ -1,7 +1,8 @@
 //! The latch of an encoder's index pulse by the board, on request of the core.
 //!
-//! The board keeps latching until a pulse has come (Just Once), so the write that arms it must not be repeated once it has arrived: it
-//! would take the pulse after that. Each arming therefore has a number, which the same packet stores in a scratch word of the board.
+//! The board keeps latching until a pulse has come (Just Once), so the write that arms it must not be
+//! repeated once it has arrived: it would take the pulse after that. Each arming therefore has a number,
+//! which the same packet stores in a scratch word of the board.
 
 /// Control bits of an encoder: quadrature, with the long filter.
 pub(crate) const QUADRATURE: u32 = 1 << 11;
@@ -93,7 +94,8 @@ impl EncoderIndex {
         })
     }
 
-    /// Evaluates a reading: the number of the last arming that has arrived, and the control register of the encoder.
+    /// Evaluates a reading: the number of the last arming that has arrived, and the control register of the
+    /// encoder.
     pub(crate) const fn take(&mut self, number: u16, control: u32) -> IndexReading {
         match self.phase {
             Phase::Off | Phase::Sending => IndexReading::Nothing,
@@ -121,8 +123,8 @@ mod tests {
 
     use super::*;
 
-    /// A board whose packets are lost at random in either direction: the pulse that is reported is the first one after the arming
-    /// arrived, never a later one.
+    /// A board whose packets are lost at random in either direction: the pulse that is reported is the first
+    /// one after the arming arrived, never a later one.
     #[test]
     fn the_first_pulse_after_the_arming_is_reported_whatever_is_lost() {
         let mut random = Random::new();

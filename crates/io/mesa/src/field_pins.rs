@@ -1,7 +1,8 @@
 //! Pins behind modules of their own: inputs with a filter (InM), isolated outputs (SSR, OutM).
 //!
-//! A 7I96S has all three: its inputs are filtered by InM, four outputs are switched by SSR and two by OutM. SSR drives the gates of
-//! isolated transistors through transformers, with an alternating signal between each output pin and a common reference pin.
+//! A 7I96S has all three: its inputs are filtered by InM, four outputs are switched by SSR and two by OutM.
+//! SSR drives the gates of isolated transistors through transformers, with an alternating signal between each
+//! output pin and a common reference pin.
 
 use crate::description::{Description, Module, PinFunction, RELAY_REFERENCE, tag};
 use crate::packet::{Packet, PacketFull, Space};
@@ -190,8 +191,8 @@ pub(crate) struct FieldOutputs {
     pub(crate) simple: [u32; MAX_FIELD_UNITS],
 }
 
-/// The control register of a filter. Each input is sampled every `4 width (divisor + 1)` clocks and changes after the given time at the
-/// same level. The global inversion is off: board files invert by pin.
+/// The control register of a filter. Each input is sampled every `4 width (divisor + 1)` clocks and changes
+/// after the given time at the same level. The global inversion is off: board files invert by pin.
 fn filter_control(clock_hz: f64, width: u32, [short_s, long_s]: [f64; 2]) -> u32 {
     let width = f64::from(width.max(1));
     let divisor = (clock_hz / (4.0 * SCAN_HZ * width) - 1.0)

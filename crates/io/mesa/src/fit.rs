@@ -9,7 +9,8 @@ use crate::board_settings::{
     Actuator, BoardAxis, BoardSettings, InputSource, OutputTarget, SpindleOrienting, SpindleSpeed,
 };
 
-/// Maximum speed of squaring, as a fraction of the maximum velocity: motors may exceed that velocity by as much.
+/// Maximum speed of squaring, as a fraction of the maximum velocity: motors may exceed that velocity by as
+/// much.
 const SQUARE_FRACTION: f64 = 0.2;
 
 /// Why a board file does not fit a machine file.
@@ -246,7 +247,8 @@ pub(crate) fn max_velocity(machine: &Machine, board: &BoardSettings, axis: usize
     listed.map_or(0.0, |listed| listed.max_velocity) + squaring.map_or(0.0, |gantry| gantry.square_velocity)
 }
 
-/// Whether a motor of an axis reaches `needed`, which is `max_velocity` of the machine file and what squaring adds.
+/// Whether a motor of an axis reaches `needed`, which is `max_velocity` of the machine file and what squaring
+/// adds.
 fn check_motor(motor: &BoardAxis, letter: char, max_velocity: f64, needed: f64) -> Result<(), FitError> {
     if let Some(gantry) = motor.gantry
         && gantry.square_velocity > SQUARE_FRACTION * max_velocity
@@ -282,8 +284,8 @@ fn check_motor(motor: &BoardAxis, letter: char, max_velocity: f64, needed: f64) 
     Ok(())
 }
 
-/// Notes about a valid pair of files: motors that are coarser than the machine's increments, and spindles of which one file says that
-/// they are measured and the other does not.
+/// Notes about a valid pair of files: motors that are coarser than the machine's increments, and spindles of
+/// which one file says that they are measured and the other does not.
 #[must_use]
 pub fn fit_notes(machine: &Machine, board: &BoardSettings) -> Vec<String> {
     let mut notes = coarse_motors(machine, board);

@@ -122,8 +122,8 @@ impl BoardSettings {
         uses
     }
 
-    /// Checks that no two entries of the file have the same unit, and no output the pin of another entry. Inputs may share a pin,
-    /// such as a switch that is home and limit, with the same filter.
+    /// Checks that no two entries of the file have the same unit, and no output the pin of another entry.
+    /// Inputs may share a pin, such as a switch that is home and limit, with the same filter.
     pub(crate) fn check_uses(&self, sheet: &ConfigDocument<'_>) -> Result<(), ConfigError> {
         let units = self.unit_uses();
         for (i, unit) in units.iter().enumerate() {

@@ -21,8 +21,8 @@ pub(crate) const MAX_PORTS: usize = 8;
 const MAX_PINS: usize = 144;
 /// Maximum number of instances of one module.
 pub(crate) const MAX_UNITS: usize = 16;
-/// Scratch words of the timer space: number of the write packet, of the read packet, of the session, and of the last arming of each
-/// index latch.
+/// Scratch words of the timer space: number of the write packet, of the read packet, of the session, and of
+/// the last arming of each index latch.
 pub(crate) const SCRATCH: u16 = 0x10;
 const INDEX_SCRATCH: u16 = SCRATCH + 6;
 /// Index latches: one of the axes, and one of each spindle from this place on.
@@ -90,7 +90,8 @@ pub(crate) struct RemoteSpindle {
 }
 
 impl RemoteSpindle {
-    /// Sets the fraction of the full speed, whether the spindle turns, and whether it turns counter-clockwise.
+    /// Sets the fraction of the full speed, whether the spindle turns, and whether it turns
+    /// counter-clockwise.
     pub(crate) fn put(&self, outputs: &mut Outputs, share: f64, turns: bool, backwards: bool) {
         let words = &mut outputs.serial.words[self.remote];
         self.speed.put_share(words, if turns { share.abs() } else { 0.0 });
@@ -458,7 +459,8 @@ impl Plan {
         Ok(packets)
     }
 
-    /// The packet that reads all values, and the control registers of the encoders whose index pulses are awaited.
+    /// The packet that reads all values, and the control registers of the encoders whose index pulses are
+    /// awaited.
     pub(crate) fn read(
         &self,
         packet: &mut Packet,
@@ -570,7 +572,8 @@ impl Plan {
     }
 }
 
-/// Readings are missing for at most `max_lost` periods, and the next comes within one more: no counter may turn over in that time.
+/// Readings are missing for at most `max_lost` periods, and the next comes within one more: no counter may
+/// turn over in that time.
 fn check_gap(
     what: &'static str,
     unit: usize,

@@ -307,7 +307,8 @@ impl Cycle<'_> {
         }
     }
 
-    /// Axes stop and outputs are safe from the next command on; the axes keep their torque until they have stopped.
+    /// Axes stop and outputs are safe from the next command on; the axes keep their torque until they have
+    /// stopped.
     const fn end(&mut self) {
         self.axes.end();
         self.signals.end();

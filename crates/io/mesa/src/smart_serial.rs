@@ -1,8 +1,9 @@
-//! Smart serial: devices behind a board that describe their own inputs and outputs, such as the field I/O of a 7I76E.
+//! Smart serial: devices behind a board that describe their own inputs and outputs, such as the field I/O of
+//! a 7I76E.
 //!
-//! The module's processor (SSLBP) executes one command at a time and clears the command register at its end. In setup mode the bridge
-//! reads the process data descriptors from a device's memory. In normal mode each DOIT exchanges the process data, up to 96 bits in each
-//! direction.
+//! The module's processor (SSLBP) executes one command at a time and clears the command register at its end.
+//! In setup mode the bridge reads the process data descriptors from a device's memory. In normal mode each
+//! DOIT exchanges the process data, up to 96 bits in each direction.
 
 use core::time::Duration;
 use std::time::Instant;
@@ -159,7 +160,8 @@ impl Element {
         }
     }
 
-    /// Sets a fraction of the range: 0 is the minimum of an unsigned number or the zero of a signed one, 1 the maximum.
+    /// Sets a fraction of the range: 0 is the minimum of an unsigned number or the zero of a signed one, 1
+    /// the maximum.
     pub(crate) fn put_share(&self, words: &mut [u32; WORDS], share: f64) {
         let full = 2.0_f64.powi(self.bits as i32) - 1.0;
         let raw = match self.kind {
@@ -281,8 +283,8 @@ pub(crate) struct SmartSerial {
 }
 
 impl SmartSerial {
-    /// Reads the descriptors of each device of a board file, and starts the devices. `None` if the file has no devices. Blocks for up to
-    /// 5 s; not for use in the cycle.
+    /// Reads the descriptors of each device of a board file, and starts the devices. `None` if the file has
+    /// no devices. Blocks for up to 5 s; not for use in the cycle.
     ///
     /// # Errors
     /// A device is missing, has another name, or has invalid descriptors.
@@ -407,7 +409,8 @@ impl SmartSerial {
         let device = self.remotes.get(remote)?;
         let (command, failed) = inputs.ports[device.port];
         let status = inputs.status[remote];
-        // Byte 1: not ready, no device, communication error, remote fault; byte 0: sticky errors since the start.
+        // Byte 1: not ready, no device, communication error, remote fault; byte 0: sticky errors since the
+        // start.
         if command as u16 != 0 {
             Some("the last exchange is not complete")
         } else if status & 0xE000 != 0 || failed >> device.channel & 1 == 1 {
@@ -469,7 +472,8 @@ impl Asking<'_> {
         })
     }
 
-    /// Sends a packet that ends with a command, and waits for its completion. Returns the mask of failed channels.
+    /// Sends a packet that ends with a command, and waits for its completion. Returns the mask of failed
+    /// channels.
     fn finish(&self, packet: &mut Packet, channel: usize) -> Result<u32, RemoteError> {
         let until = Instant::now() + COMMAND;
         let command = self.module.address(COMMAND_REGISTER, self.port);

@@ -339,7 +339,8 @@ impl Spindle {
     }
 }
 
-/// Whether a counter may have turned over unseen in a gap between two readings, of a spindle whose speed was at most this.
+/// Whether a counter may have turned over unseen in a gap between two readings, of a spindle whose speed was
+/// at most this.
 fn is_unread(angle: &SpindleAngleSource, rpm: f64, gap_s: f64) -> bool {
     MARGIN * rpm / 60.0 * angle.counts_per_turn() * gap_s > MAX_COUNTS
 }
@@ -357,7 +358,8 @@ mod tests {
 
     use super::*;
 
-    /// 30 000 counts are 73 ms of 6000 rpm at 4096 counts a turn, less the fifth that a speed may be too high.
+    /// 30 000 counts are 73 ms of 6000 rpm at 4096 counts a turn, less the fifth that a speed may be too
+    /// high.
     #[test]
     fn a_spindle_may_go_without_a_reading_for_less_than_half_its_counter() {
         let angle = SpindleAngleSource {

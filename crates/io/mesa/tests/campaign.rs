@@ -1,5 +1,5 @@
-//! Each kind of fault at random moments of a motion, on the simulated board over real sockets. One moment of each, or
-//! `EVOLVENT_CASES` moments.
+//! Each kind of fault at random moments of a motion, on the simulated board over real sockets. One moment of
+//! each, or `EVOLVENT_CASES` moments.
 
 use std::time::{Duration, Instant};
 
@@ -13,7 +13,8 @@ use crate::common::core::{STEPS, with_bridge};
 /// Distance from where it began that X keeps, mm, and its maximum velocity, mm/s.
 const REACH: f64 = 40.0;
 const FASTEST: f64 = 60.0;
-/// The highest velocity command: 1.2 of what the machine file permits X, mm/s. An axis whose setpoints or packets were late catches up.
+/// The highest velocity command: 1.2 of what the machine file permits X, mm/s. An axis whose setpoints or
+/// packets were late catches up.
 const LIMIT: f64 = 1.2 * 150.0;
 
 /// Steps that the motor of X has made beyond those of its position.
@@ -21,8 +22,9 @@ fn ahead(server: &BoardServer, position: f64) -> f64 {
     server.lock().motor_steps(0) - position * STEPS
 }
 
-/// One fault while X moves. Either the drives continue with every step, or all stop within 1.5 s; no motor exceeds the highest command;
-/// afterwards the axes are enabled again and steps and positions agree. Returns whether the axes were stopped.
+/// One fault while X moves. Either the drives continue with every step, or all stop within 1.5 s; no motor
+/// exceeds the highest command; afterwards the axes are enabled again and steps and positions agree. Returns
+/// whether the axes were stopped.
 fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, server: &BoardServer) -> bool {
     let before = core.bring_up();
     let (from, stalls) = (before.position[0], server.lock().motor_stalls(0));
@@ -83,7 +85,8 @@ fn one_moment(kind: FaultKind, random: &mut Random, core: &mut TrialCore, server
             "{kind:?} for {duration_ns} ns: {lost} steps lost"
         );
     }
-    // The host may keep the core from sending in time, which stops the axes: what is moved then is not compared.
+    // The host may keep the core from sending in time, which stops the axes: what is moved then is not
+    // compared.
     let moved = (0..5).find_map(|_| {
         core.bring_up();
         let (from, motor) = (core.position[0], server.lock().motor_steps(0));

@@ -1,5 +1,5 @@
-//! Faults of the cable, of the board and of drives, on the simulated board over real sockets: what the core is told, and what the motors
-//! do.
+//! Faults of the cable, of the board and of drives, on the simulated board over real sockets: what the core
+//! is told, and what the motors do.
 
 use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -255,7 +255,8 @@ fn analog_servos_follow_by_their_encoders() {
     });
 }
 
-/// 16 bits are 65 536 counts: at 140 mm/s and 1000 counts a mm they pass unseen in 0.47 s, and half of them in 0.23 s.
+/// 16 bits are 65 536 counts: at 140 mm/s and 1000 counts a mm they pass unseen in 0.47 s, and half of them
+/// in 0.23 s.
 #[test]
 fn a_counter_that_was_not_read_for_too_long_ends_the_session() {
     let suspend_ms = AtomicU64::new(0);
@@ -356,7 +357,8 @@ fn a_spindle_turns_by_its_pwm_and_stops_with_the_core() {
     );
 }
 
-/// The board still receives packets when its replies are lost: the axes brake by them, which takes a while, but outputs do not wait.
+/// The board still receives packets when its replies are lost: the axes brake by them, which takes a while,
+/// but outputs do not wait.
 #[test]
 fn outputs_are_safe_while_the_axes_still_brake_at_the_end_of_a_session() {
     with_bridge(

@@ -202,7 +202,8 @@ fn a_slow_input_does_not_see_a_bounce() {
             };
             server.lock().set_level(3, false);
             core.until("a closed door", level(true));
-            // 3 ms at a time, six times: 18 ms in all, shorter than the 25 ms of the filter. The board's clock is that of its packets.
+            // 3 ms at a time, six times: 18 ms in all, shorter than the 25 ms of the filter. The board's
+            // clock is that of its packets.
             for _ in 0..6 {
                 for on in [false, true] {
                     server.lock().set_level(3, !on);
@@ -264,7 +265,8 @@ fn field_inputs_outputs_and_the_spindle_of_a_7i76() {
             std::thread::sleep(Duration::from_millis(600));
             assert_eq!(server.lock().field_spindle(), (0.0, false, false));
             assert!(!server.lock().field_output_is_on(3));
-            // Without its supply the device does not reply. The bridge reports its name, and uses it again when the supply is back.
+            // Without its supply the device does not reply. The bridge reports its name, and uses it again
+            // when the supply is back.
             server.lock().fault_now(FaultKind::FieldOff, None);
             core.until("the failure", |_| {
                 messages.contain("7I76 10004711 on smart serial: no reply")

@@ -1,5 +1,5 @@
-//! Two motors of one axis on the simulated board, over real sockets, between them a beam that is racked when power comes: homing by
-//! the core, and what goes wrong in the middle.
+//! Two motors of one axis on the simulated board, over real sockets, between them a beam that is racked when
+//! power comes: homing by the core, and what goes wrong in the middle.
 
 use evolvent_bridge_trial::{HomingTrial, Messages, TrialCore, states};
 use evolvent_drive::{DriveState, GantrySettings, PowerRequest};
@@ -211,7 +211,8 @@ fn a_home_switch_that_never_closes_stops_both_motors() {
             assert_stopped(server);
             let [first, second] = sides(server);
             let beyond = SWITCHES[1 - side] - [first, second][1 - side];
-            // max_difference and squaring_offset, three periods at 20 mm/s, and the ramp of 0.27 mm at 1500 mm/s2 with its jerk.
+            // max_difference and squaring_offset, three periods at 20 mm/s, and the ramp of 0.27 mm at 1500
+            // mm/s2 with its jerk.
             assert!(
                 (0.8..2.2).contains(&beyond),
                 "{beyond} mm beyond the other switch"
@@ -231,7 +232,8 @@ fn a_home_switch_that_never_closes_stops_both_motors() {
     }
 }
 
-/// One side is held while the axis moves: encoders show it, so both stop before the beam is racked much farther than permitted.
+/// One side is held while the axis moves: encoders show it, so both stop before the beam is racked much
+/// farther than permitted.
 #[test]
 fn a_blocked_servo_stops_both_before_the_limit_is_far_behind() {
     on_beam(BoardModel::B7i97, 0.0, |core, server, messages| {
@@ -245,7 +247,8 @@ fn a_blocked_servo_stops_both_before_the_limit_is_far_behind() {
         core.rest(0.5);
         let [first, second] = sides(server);
         let rack = (second - first).abs();
-        // The limit, two periods at 30 mm/s and the ramp: v2 / 2a is 0.3 mm at 1500 mm/s2, and twice that with its jerk.
+        // The limit, two periods at 30 mm/s and the ramp: v2 / 2a is 0.3 mm at 1500 mm/s2, and twice that
+        // with its jerk.
         assert!(
             (MAX_DIFFERENCE - 0.2..MAX_DIFFERENCE + 1.2).contains(&rack),
             "{rack} mm apart"
@@ -290,7 +293,8 @@ fn steps_that_a_blocked_side_has_lost_are_found_by_homing() {
     });
 }
 
-/// The drive of the second motor has a fault somewhere on the way; afterwards the beam is homed as if nothing had been.
+/// The drive of the second motor has a fault somewhere on the way; afterwards the beam is homed as if nothing
+/// had been.
 #[test]
 fn a_second_drive_that_fails_in_the_middle_of_homing_stops_the_first() {
     let mut random = Random::seeded(74);
@@ -330,7 +334,8 @@ fn a_second_drive_that_fails_in_the_middle_of_homing_stops_the_first() {
     }
 }
 
-/// The board restarts, or power is switched off, somewhere on the way: nothing of it is left in the next homing.
+/// The board restarts, or power is switched off, somewhere on the way: nothing of it is left in the next
+/// homing.
 #[test]
 fn homing_that_is_interrupted_begins_again() {
     let mut random = Random::seeded(75);

@@ -43,7 +43,8 @@ struct Latch<'a> {
 }
 
 impl Latch<'_> {
-    /// The machine coordinate of the pulse that an axis at rest meets first in a direction: its edge, in whole counts.
+    /// The machine coordinate of the pulse that an axis at rest meets first in a direction: its edge, in
+    /// whole counts.
     fn next(&mut self, axis: usize, direction: f64) -> f64 {
         let feedback = self.core.until("feedback", |_| true);
         let here = self.server.lock().shaft(axis).floor() as i64;
@@ -87,7 +88,8 @@ fn with_latch(starts: [f64; 3], test: impl Fn(&mut Latch<'_>)) {
     });
 }
 
-/// From random places, in both directions, at two speeds, also for an inverted axis and for a pulse that is low.
+/// From random places, in both directions, at two speeds, also for an inverted axis and for a pulse that is
+/// low.
 #[test]
 fn the_latched_position_is_the_place_of_the_pulse() {
     let mut random = Random::new();
@@ -153,7 +155,8 @@ fn requests_follow_each_other() {
     });
 }
 
-/// Packets that are lost in either direction around the arming and around the pulse neither lose it nor take the one after it.
+/// Packets that are lost in either direction around the arming and around the pulse neither lose it nor take
+/// the one after it.
 #[test]
 fn lost_packets_lose_no_pulse() {
     with_latch([0.0; 3], |latch| {

@@ -17,7 +17,8 @@ fn router_text(from: &str, to: &str, more: &str) -> String {
     text.replacen(from, to, 1) + more
 }
 
-/// What the bridge says of a board file until it gives up on it or sets the board up, and which pins of the board are driven.
+/// What the bridge says of a board file until it gives up on it or sets the board up, and which pins of the
+/// board are driven.
 fn said_and_driven(text: &str, name: &str) -> (String, Vec<usize>) {
     let (server, address) = serve(BoardModel::B7i96s);
     let mut board = BoardSettings::parse(text, "b.toml").expect("a board file");
@@ -132,8 +133,8 @@ fn a_pin_that_something_drives_is_no_input() {
 
 #[test]
 fn exactly_the_outputs_of_the_file_are_driven() {
-    // Pins of the step generators of the axes and of the PWM generator, of outputs, and their reference. The pins of generator 4 are
-    // free: one is an output, one an input.
+    // Pins of the step generators of the axes and of the PWM generator, of outputs, and their reference. The
+    // pins of generator 4 are free: one is an output, one an input.
     let more = "\n[flood]\npin = 25\n";
     let text = router_text("pin = 3\n", "pin = 26\n", more);
     let (said, driven) = said_and_driven(&text, "fit_");

@@ -1,4 +1,5 @@
-//! The cycle's own work for 4 axes, one of them a gantry, beside a bare loop on the same sockets, and its allocations: none once it runs.
+//! The cycle's own work for 4 axes, one of them a gantry, beside a bare loop on the same sockets, and its
+//! allocations: none once it runs.
 //!
 //! An executable of its own, because its allocator counts.
 
@@ -22,8 +23,8 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 const PERIOD_NS: u64 = 1_000_000;
 const LEAD: u64 = 50;
-/// A bridge waits for so long before its next session, which allocates at its beginning. A session ends where the host keeps this process
-/// from running for so long that the position of an encoder is unknown.
+/// A bridge waits for so long before its next session, which allocates at its beginning. A session ends where
+/// the host keeps this process from running for so long that the position of an encoder is unknown.
 const BETWEEN_SESSIONS: Duration = Duration::from_millis(500);
 /// How long is measured, s.
 const SECONDS: u64 = 5;
@@ -67,7 +68,8 @@ fn say(what: &str, times_ns: &mut [u64]) {
     );
 }
 
-/// The same packets without a bridge, at the bridge's priority: one reading that is waited for, and one write.
+/// The same packets without a bridge, at the bridge's priority: one reading that is waited for, and one
+/// write.
 fn bare_loop(address: IpAddr) -> Vec<u64> {
     let parameters = libc::sched_param { sched_priority: 78 };
     // SAFETY: the parameters live through the call; 0 is the calling thread.

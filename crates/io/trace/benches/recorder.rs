@@ -1,7 +1,8 @@
-//! How fast cycles are recorded, and how many bytes each takes: `cargo bench -p evolvent-trace --bench recorder`.
+//! How fast cycles are recorded, and how many bytes each takes:
+//! `cargo bench -p evolvent-trace --bench recorder`.
 //!
-//! The run is a tool that goes round a circle under jerk-like changing accelerations: full mantissas in every number, as
-//! in a real trace, which is the hard case for the compressor.
+//! The run is a tool that goes round a circle under jerk-like changing accelerations: full mantissas in every
+//! number, as in a real trace, which is the hard case for the compressor.
 
 #![expect(clippy::print_stdout, reason = "a benchmark reports")]
 

@@ -1,8 +1,9 @@
 //! Numbers as bits: an adaptive Rice code.
 //!
-//! A number that is small as a rule and large now and then takes few bits as a rule (R. F. Rice, "Some practical
-//! universal noiseless coding techniques", JPL 79-22, 1979): its upper part in unary, its lower `k` bits as they are.
-//! `k` follows the mean of the numbers before, which both sides know. A number far above the mean goes out whole.
+//! A number that is small as a rule and large now and then takes few bits as a rule (R. F. Rice, "Some
+//! practical universal noiseless coding techniques", JPL 79-22, 1979): its upper part in unary, its lower `k`
+//! bits as they are. `k` follows the mean of the numbers before, which both sides know. A number far above
+//! the mean goes out whole.
 
 /// An upper part from here on is written as that many ones, a length of six bits and the number itself.
 const ESCAPE: u32 = 20;

@@ -44,7 +44,8 @@ impl ChunkRecords {
         let is_sized = length == content.len() as u64
             && size <= MAX_CHUNK_BYTES
             && (!header.compression.is_empty() || size == data.len() as u64);
-        // 0 is "not computed" in the format. This crate always computes it; one chunk in four thousand million has 0.
+        // 0 is "not computed" in the format. This crate always computes it; one chunk in four thousand
+        // million has 0.
         let is_checked = header.uncompressed_crc != 0 || size == 0;
         if !is_sized || !is_checked {
             return Err(Damaged);

@@ -1,8 +1,9 @@
 //! Writes the MCAP container, append-only, with the `mcap` crate.
 //!
-//! The crate's writer encodes into memory, where nothing can fail. What it has encoded, a whole chunk, attachment or
-//! metadata record, is then appended to the sink. Its own summary is discarded, because it cannot be written after a
-//! failed append and holds every chunk of the file in memory; [`Summary`] writes it instead.
+//! The crate's writer encodes into memory, where nothing can fail. What it has encoded, a whole chunk,
+//! attachment or metadata record, is then appended to the sink. Its own summary is discarded, because it
+//! cannot be written after a failed append and holds every chunk of the file in memory; [`Summary`] writes it
+//! instead.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -121,8 +122,8 @@ impl std::fmt::Debug for Container {
 }
 
 impl Container {
-    /// Writes magic and header. What the summary needs of chunks and attachments is stored in `folder` meanwhile, or in
-    /// memory if there is none.
+    /// Writes magic and header. What the summary needs of chunks and attachments is stored in `folder`
+    /// meanwhile, or in memory if there is none.
     ///
     /// # Errors
     /// The sink cannot take them.

@@ -1,8 +1,8 @@
 //! `/cycle` as protobuf, written by hand: this message goes out once a cycle, and straight into the chunk.
 //!
-//! The wire format (<https://protobuf.dev/programming-guides/encoding/>): a tag, field number × 8 + wire type, then a
-//! varint (0), eight bytes (1) or a length and bytes (2). A plain field that is zero is left out. The test holds it
-//! against `prost`, field by field.
+//! The wire format (<https://protobuf.dev/programming-guides/encoding/>): a tag, field number × 8 + wire
+//! type, then a varint (0), eight bytes (1) or a length and bytes (2). A plain field that is zero is left
+//! out. The test holds it against `prost`, field by field.
 
 use prost::encoding::encode_varint;
 

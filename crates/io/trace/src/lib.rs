@@ -25,31 +25,36 @@
 //!
 //! # The model
 //!
-//! A trace is a sequence of chunks. A *chunk* is up to half a megabyte of *messages*, compressed, with a checksum and the times
-//! it covers. Each message is on a *channel*: `/cycle`, `/event`, `/block` and so on. The messages are protobuf, and the file
-//! carries their description. Whole chunks are appended and nothing is written twice, so the file is valid up to its last
-//! complete chunk at every moment, whatever happens to the program or the power. Until its end it is `NAME.mcap.part`; then it gets an
-//! index, and its name.
+//! A trace is a sequence of chunks. A *chunk* is up to half a megabyte of *messages*, compressed, with a
+//! checksum and the times it covers. Each message is on a *channel*: `/cycle`, `/event`, `/block` and so on.
+//! The messages are protobuf, and the file carries their description. Whole chunks are appended and nothing
+//! is written twice, so the file is valid up to its last complete chunk at every moment, whatever happens to
+//! the program or the power. Until its end it is `NAME.mcap.part`; then it gets an index, and its name.
 //!
-//! - [`Recorder`] writes: `/cycle`, a message a cycle; or `/cycles`, every cycle in columns, a tenth of the size, with `/cycle`
-//!   at most 2000 times a second for viewers; `/event`, `/block`, `/timing`, the tool's pose and path.
+//! - [`Recorder`] writes: `/cycle`, a message a cycle; or `/cycles`, every cycle in columns, a tenth of the
+//!   size, with `/cycle` at most 2000 times a second for viewers; `/event`, `/block`, `/timing`, the tool's
+//!   pose and path.
 //! - [`RunInfo`] makes a trace complete: the program, the machine file, period, versions.
 //! - [`TraceFile`] reads: what a file holds, in the same time for any size, and its messages in order.
-//! - [`recover`] makes a complete file of a torn or damaged one and says what was lost; [`recover_leftovers`] does so for all
-//!   part files in a folder, at start-up.
+//! - [`recover`] makes a complete file of a torn or damaged one and says what was lost; [`recover_leftovers`]
+//!   does so for all part files in a folder, at start-up.
 //!
-//! The `mcap` crate encodes and decodes the records of the container; its fields are described in `docs/trace-format.md`.
+//! The `mcap` crate encodes and decodes the records of the container; its fields are described in
+//! `docs/trace-format.md`.
 //!
 //! # What is guaranteed
 //!
-//! - At most the messages since the last [`Recorder::flush`] are lost. A full disk leaves a readable, indexed file.
-//! - Every checksum is verified before a message is given: damage is an error with path and offset, never a wrong figure.
+//! - At most the messages since the last [`Recorder::flush`] are lost. A full disk leaves a readable, indexed
+//!   file.
+//! - Every checksum is verified before a message is given: damage is an error with path and offset, never a
+//!   wrong figure.
 //! - A recorder's memory does not grow with its trace.
-//! - Nothing here may be called from the real-time cycle. [`CycleRecord`] is made to be handed over by it, and [`Histogram`]
-//!   counts without allocation.
+//! - Nothing here may be called from the real-time cycle. [`CycleRecord`] is made to be handed over by it,
+//!   and [`Histogram`] counts without allocation.
 //!
-//! Lengths are in mm, times in the unit that the name bears; times of the clock are Unix time in ns, times of the path where
-//! the clock is virtual. Why it is so: `docs/adr/0017-cycles-in-columns.md`, `docs/adr/0026-mcap-crate.md`.
+//! Lengths are in mm, times in the unit that the name bears; times of the clock are Unix time in ns, times of
+//! the path where the clock is virtual. Why it is so: `docs/adr/0017-cycles-in-columns.md`,
+//! `docs/adr/0026-mcap-crate.md`.
 
 mod batch;
 mod bits;

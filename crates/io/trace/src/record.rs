@@ -69,12 +69,13 @@ pub mod inputs {
     pub const STEERS: u32 = 256;
     /// Served machine: at rest, the axes received other coordinates, or were moved without power.
     pub const RELOCATED: u32 = 512;
-    /// Served machine: with [`FOLLOWS`] and [`STEERS`], which together mean an excursion from a held program, its motion was told to
-    /// stop.
+    /// Served machine: with [`FOLLOWS`] and [`STEERS`], which together mean an excursion from a held program,
+    /// its motion was told to stop.
     pub const STEERING_STOPS: u32 = 1024;
     /// Run: the program had ended, and the run went on at rest for a spindle that slowed down.
     pub const RUNS_ON: u32 = 2048;
-    /// With [`WAITED`], bits 16 to 23 are the number, within the cycle, of the look at the plan that found nothing; from 0.
+    /// With [`WAITED`], bits 16 to 23 are the number, within the cycle, of the look at the plan that found
+    /// nothing; from 0.
     pub const FAILED_LOOK_SHIFT: u32 = 16;
 }
 

@@ -53,10 +53,11 @@ pub(crate) fn sync_folder_of(path: &Path) -> io::Result<()> {
 
 /// Writes the trace of one run.
 ///
-/// Belongs to the recorder thread: every call may wait for the disk, none may come from the cycle. A call adds its
-/// message to the open chunk in memory; a chunk that is full is compressed and written, as is the open one by [`Self::flush`], which
-/// the caller does each 250 ms, so that no more than that is ever lost. After a failed write the recorder cuts the
-/// file back to its last complete chunk, closes and renames it if it can, and gives the same error from then on.
+/// Belongs to the recorder thread: every call may wait for the disk, none may come from the cycle. A call
+/// adds its message to the open chunk in memory; a chunk that is full is compressed and written, as is the
+/// open one by [`Self::flush`], which the caller does each 250 ms, so that no more than that is ever lost.
+/// After a failed write the recorder cuts the file back to its last complete chunk, closes and renames it if
+/// it can, and gives the same error from then on.
 ///
 /// From the cycles it also derives `/timing` each second, the tool's pose twenty times a second
 /// and the path.
@@ -81,7 +82,8 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Creates `PATH.part` and its folder, and writes what is known of the run. A device or a pipe is written to as it is.
+    /// Creates `PATH.part` and its folder, and writes what is known of the run. A device or a pipe is written
+    /// to as it is.
     ///
     /// # Errors
     /// [`RecordError`]: an invalid description, a left-over part file, no permission, a full disk.
@@ -224,8 +226,8 @@ impl Recorder {
         self.settle(result)
     }
 
-    /// Attaches something that has come up while the run is under way, such as the program of a job. The open chunk is closed
-    /// first.
+    /// Attaches something that has come up while the run is under way, such as the program of a job. The open
+    /// chunk is closed first.
     ///
     /// # Errors
     /// As [`Self::cycle`].
@@ -234,7 +236,8 @@ impl Recorder {
         self.attach(name, "text/plain", time_ns, text)
     }
 
-    /// Attaches a program that has come up while the run is under way, from a file that is open; `path` names it in errors.
+    /// Attaches a program that has come up while the run is under way, from a file that is open; `path` names
+    /// it in errors.
     ///
     /// # Errors
     /// As [`Self::cycle`], and [`RecordError::Attach`] where reading fails in the middle.
@@ -372,7 +375,8 @@ impl Recorder {
         self.close_full_chunk()
     }
 
-    /// Records times measured elsewhere. Those of the cycles need no call: the recorder writes them each second.
+    /// Records times measured elsewhere. Those of the cycles need no call: the recorder writes them each
+    /// second.
     ///
     /// # Errors
     /// As [`Self::cycle`].
@@ -403,7 +407,8 @@ impl Recorder {
         self.close_full_chunk()
     }
 
-    /// Writes the open chunk and starts a synchronisation with the disk, without waiting for it. To be called each 250 ms.
+    /// Writes the open chunk and starts a synchronisation with the disk, without waiting for it. To be called
+    /// each 250 ms.
     ///
     /// # Errors
     /// As [`Self::cycle`], or the failure of an earlier synchronisation.
@@ -426,8 +431,8 @@ impl Recorder {
         self.container.position()
     }
 
-    /// Ends the trace: writes the summary, to which the caller adds what it knows, waits for the disk, and gives
-    /// the file its final name, which is returned.
+    /// Ends the trace: writes the summary, to which the caller adds what it knows, waits for the disk, and
+    /// gives the file its final name, which is returned.
     ///
     /// # Errors
     /// As [`Self::cycle`], or [`RecordError::Rename`].

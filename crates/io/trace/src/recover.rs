@@ -65,9 +65,9 @@ impl Recovered {
     }
 }
 
-/// Makes a complete, indexed trace of `source`, cut off anywhere or damaged, at `output`, or beside it: `NAME.mcap` for
-/// `NAME.mcap.part`, else `NAME.recovered.mcap`. Every chunk and attachment that fits its checksum is kept. The
-/// result appears under its name only when it is complete and on disk; `source` stays.
+/// Makes a complete, indexed trace of `source`, cut off anywhere or damaged, at `output`, or beside it:
+/// `NAME.mcap` for `NAME.mcap.part`, else `NAME.recovered.mcap`. Every chunk and attachment that fits its
+/// checksum is kept. The result appears under its name only when it is complete and on disk; `source` stays.
 ///
 /// ```
 /// # use evolvent_path::AxisLetter;
@@ -149,9 +149,9 @@ pub fn recover(source: &Path, output: Option<&Path>) -> Result<Recovered, Recove
     result
 }
 
-/// Recovers every `*.mcap.part` in a folder that no running recorder holds; to be called at start-up. A part file whose
-/// rest was merely cut off is removed once it is recovered; one that is damaged before its end is kept as
-/// `*.mcap.damaged`. A folder that does not exist holds nothing.
+/// Recovers every `*.mcap.part` in a folder that no running recorder holds; to be called at start-up. A part
+/// file whose rest was merely cut off is removed once it is recovered; one that is damaged before its end is
+/// kept as `*.mcap.damaged`. A folder that does not exist holds nothing.
 ///
 /// # Errors
 /// If the folder cannot be read. The result of each file is in the list.

@@ -55,8 +55,8 @@ pub struct RunInfo {
     pub clock: String,
     /// The real-time settings in force, as text: scheduler, priority, core, locked memory.
     pub real_time: String,
-    /// Whether the cycles are held in columns (`/cycles`), with `/cycle` thinned out and rounded for viewers; otherwise `/cycle`
-    /// has one exact message a cycle.
+    /// Whether the cycles are held in columns (`/cycles`), with `/cycle` thinned out and rounded for viewers;
+    /// otherwise `/cycle` has one exact message a cycle.
     pub columns: bool,
     /// Anything else to keep, by key.
     pub extra: BTreeMap<String, String>,

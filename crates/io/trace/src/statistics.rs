@@ -20,7 +20,8 @@ pub struct RunStatistics {
     pub first_sequence: Option<u64>,
     /// The last cycle's number.
     pub last_sequence: Option<u64>,
-    /// Number of positions at which the next number was not the last plus one, or the first not that with which the trace begins.
+    /// Number of positions at which the next number was not the last plus one, or the first not that with
+    /// which the trace begins.
     pub gaps: u64,
     /// Numbers missing in all gaps.
     pub missing_cycles: u64,

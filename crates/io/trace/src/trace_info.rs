@@ -46,8 +46,8 @@ pub struct TraceInfo {
 }
 
 impl TraceInfo {
-    /// From the first to the last message, and at least from the cycle with which the trace begins to the last one, s: cycles that
-    /// are missing at the beginning count.
+    /// From the first to the last message, and at least from the cycle with which the trace begins to the
+    /// last one, s: cycles that are missing at the beginning count.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         let messages_ns = self.end_time_ns.saturating_sub(self.start_time_ns);

@@ -14,10 +14,11 @@ use crate::schema;
 type Entries = BTreeMap<u16, Vec<(u64, u64)>>;
 
 impl TraceFile {
-    /// Reads the whole file and compares every chunk, attachment and index with its checksum, or with what it repeats. Readers check
-    /// what they read; this finds damage in what they did not need too.
+    /// Reads the whole file and compares every chunk, attachment and index with its checksum, or with what it
+    /// repeats. Readers check what they read; this finds damage in what they did not need too.
     ///
-    /// The name of the writing library in the file's header is not compared: the format has no checksum there, and any tool may write it.
+    /// The name of the writing library in the file's header is not compared: the format has no checksum
+    /// there, and any tool may write it.
     ///
     /// # Errors
     /// [`ReadError::Damaged`] at the first damaged record.

@@ -72,7 +72,8 @@ with open(sys.argv[3], 'wb') as out:
         out.write(struct.pack('<3d', c.path_mm, c.feed_mm_s, c.override) + struct.pack('<%dd' % len(flat), *flat))
 ";
 
-/// The decoder of columns in Python, written from the description of the format alone, against the Rust writer.
+/// The decoder of columns in Python, written from the description of the format alone, against the Rust
+/// writer.
 #[test]
 fn python_unpacks_columns_to_the_same_bits() {
     let Some(python) = std::env::var_os("EVOLVENT_PYTHON") else {

@@ -82,7 +82,8 @@ fn whatever_the_size_of_the_disk_what_was_flushed_is_readable() {
     }
 }
 
-/// A served machine attaches what its jobs begin with, hundreds of times: their index takes more than what else is at the end.
+/// A served machine attaches what its jobs begin with, hundreds of times: their index takes more than what
+/// else is at the end.
 #[test]
 fn a_full_disk_takes_the_index_of_every_attachment() {
     let folder = common::folder();

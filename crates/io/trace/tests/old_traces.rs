@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use crate::common;
 use evolvent_trace::{ReadError, TraceFile, configuration_hash, recover};
 
-/// The traces of `G0 X1`, `G1 X3 Y2 F6000` on the bench machine, and hashes of number, due time and position of all
-/// cycles, of `/cycle` by the MCAP reader for Python.
+/// The traces of `G0 X1`, `G1 X3 Y2 F6000` on the bench machine, and hashes of number, due time and position
+/// of all cycles, of `/cycle` by the MCAP reader for Python.
 const TRACES: [(&str, &str); 2] = [
     ("messages-0.1.mcap", "3259cbfa17154de5"),
     ("columns-0.1.mcap", "dbf4cc3686bb39d7"),

@@ -43,7 +43,8 @@ fn chunk_ends(bytes: &[u8]) -> Vec<(u64, u64)> {
         .collect()
 }
 
-/// The recovered file is complete, by both readers, and its cycles are those of the run: `Some(n)` exactly 0..n.
+/// The recovered file is complete, by both readers, and its cycles are those of the run: `Some(n)` exactly
+/// 0..n.
 fn check(recovered: &Recovered, wanted: Option<u64>) -> u64 {
     let mut trace = TraceFile::open(&recovered.path).expect("the recovered file opens");
     let reported = trace.info().messages("/cycle");

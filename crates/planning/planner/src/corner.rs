@@ -1,10 +1,11 @@
 //! The joint between two moves, blended within the tolerance.
 //!
-//! A blend replaces the last length `h` of one curve and the first length `h` of the next by a quintic in the same path
-//! parameter that equals both in position, first and second derivative. So curvature is continuous and jerk bounded for any
-//! pair of curves, tangent or not, and the parameter continues as the programmed length. For two lines with tangents `t1`,
-//! `t2` it is `P - h t1 + ...` with the second derivative along `t2 - t1` only, and its middle is `3/16 h |t2 - t1|` from the
-//! corner; a reversal becomes a stop and a return.
+//! A blend replaces the last length `h` of one curve and the first length `h` of the next by a quintic in the
+//! same path parameter that equals both in position, first and second derivative. So curvature is continuous
+//! and jerk bounded for any pair of curves, tangent or not, and the parameter continues as the programmed
+//! length. For two lines with tangents `t1`, `t2` it is `P - h t1 + ...` with the second derivative along
+//! `t2 - t1` only, and its middle is `3/16 h |t2 - t1|` from the corner; a reversal becomes a stop and a
+//! return.
 
 use evolvent_path::{Axes, Blend, Curve, Jet, ParamCurve};
 
@@ -30,11 +31,11 @@ pub struct Rounding {
     pub deviation: f64,
 }
 
-/// The blend between the end of `left` and the start of `right` within `tolerance_mm` of both that takes at most `max_length`
-/// from each; `None` if none longer than 100 nm exists.
+/// The blend between the end of `left` and the start of `right` within `tolerance_mm` of both that takes at
+/// most `max_length` from each; `None` if none longer than 100 nm exists.
 ///
-/// Distances are measured between points of equal parameter, so the blend misses the corner itself by at most the tolerance
-/// too. XYZ and UVW count in mm, a rotary axis by its angle in degrees. Not real-time safe.
+/// Distances are measured between points of equal parameter, so the blend misses the corner itself by at most
+/// the tolerance too. XYZ and UVW count in mm, a rotary axis by its angle in degrees. Not real-time safe.
 #[must_use]
 pub fn round_corner(left: &Curve, right: &Curve, tolerance_mm: f64, max_length: f64) -> Option<Rounding> {
     let goal = TOLERANCE_FRACTION * tolerance_mm;

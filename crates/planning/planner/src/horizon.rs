@@ -1,12 +1,13 @@
 //! The receding horizon: path in, windows of a time-optimal plan out.
 //!
-//! The known path is planned in windows. The first part of each window is committed, the rest is a tail that stops on known
-//! path; the next window starts at the end of the commitment and replaces the tail. Where the path itself stops, a window
-//! ends and all of it is committed. Windows are divided by the content of the path, never by time, so the same program gives
-//! the same plan.
+//! The known path is planned in windows. The first part of each window is committed, the rest is a tail that
+//! stops on known path; the next window starts at the end of the commitment and replaces the tail. Where the
+//! path itself stops, a window ends and all of it is committed. Windows are divided by the content of the
+//! path, never by time, so the same program gives the same plan.
 //!
-//! The cycle may request another plan from a position ahead of it: for another override, or after it has executed a tail.
-//! Holds need none. Everything after that position is replanned; the previous plan is dropped.
+//! The cycle may request another plan from a position ahead of it: for another override, or after it has
+//! executed a tail. Holds need none. Everything after that position is replanned; the previous plan is
+//! dropped.
 
 use std::collections::VecDeque;
 
@@ -29,15 +30,17 @@ const MAX_FAILURES: u32 = 3;
 const MIN_WINDOW: u64 = 32;
 /// Maximum number of steps of a window.
 const WINDOW_STEPS: usize = 2 * MAX_INTERVALS + 3;
-/// Steps that only windows take that the cycle will need soon. Steps of plans that nobody drives stay in the queue until the cycle has
-/// passed them, and it may be waiting for such a window.
+/// Steps that only windows take that the cycle will need soon. Steps of plans that nobody drives stay in the
+/// queue until the cycle has passed them, and it may be waiting for such a window.
 const RESERVED_STEPS: usize = 4 * WINDOW_STEPS;
-/// Steps that other windows leave free: for the replies to two requests, too, because the cycle may be waiting for one, and then
-/// nothing else frees capacity.
+/// Steps that other windows leave free: for the replies to two requests, too, because the cycle may be
+/// waiting for one, and then nothing else frees capacity.
 const LEFT_STEPS: usize = RESERVED_STEPS + 2 * WINDOW_STEPS;
-/// Maximum distance of the cycle from the end of the committed plan, in intervals, at which it needs the next window soon.
+/// Maximum distance of the cycle from the end of the committed plan, in intervals, at which it needs the next
+/// window soon.
 const SOON: u64 = 4 * MAX_INTERVALS as u64;
-/// Maximum number of marks of one segment. A segment has at least four intervals, so a window has at most 80 segments.
+/// Maximum number of marks of one segment. A segment has at least four intervals, so a window has at most 80
+/// segments.
 const MAX_MARKS: usize = 1024;
 /// Minimum duration of the tail, as a multiple of the stopping time.
 const MIN_TAIL_STOPS: f64 = 2.0;
@@ -65,8 +68,8 @@ struct PlannedWindow {
 struct PlanFrontier {
     place: PathPosition,
     entry: Entry,
-    /// The step that the next one is linked to: the last committed one, if a tail follows it now, or the Wait that keeps the place after
-    /// a stop.
+    /// The step that the next one is linked to: the last committed one, if a tail follows it now, or the Wait
+    /// that keeps the place after a stop.
     link: Option<u64>,
     /// Index in `rests` of the next stop.
     rest: usize,
@@ -75,7 +78,8 @@ struct PlanFrontier {
     is_waiting: bool,
 }
 
-/// The plan that a request in motion has cut short, kept until it is known whether the cycle has taken over the reply.
+/// The plan that a request in motion has cut short, kept until it is known whether the cycle has taken over
+/// the reply.
 #[derive(Clone, Copy, Debug)]
 struct PendingBranch {
     id: u64,
@@ -195,7 +199,8 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// Drops marks of the next segment if its blocks are so numerous that the marks of a window might not fit into any queue.
+    /// Drops marks of the next segment if its blocks are so numerous that the marks of a window might not fit
+    /// into any queue.
     fn limit_marks(&mut self) {
         let first = self
             .path
@@ -356,8 +361,8 @@ impl<S: PlanSink> Horizon<S> {
         proved
     }
 
-    /// Validates the solution independently. A plan from rest that exceeds a limit is slowed down; one from motion is
-    /// rejected.
+    /// Validates the solution independently. A plan from rest that exceeds a limit is slowed down; one from
+    /// motion is rejected.
     fn validate_window(&mut self, frontier: &PlanFrontier) -> Result<(), FeedError> {
         let (v, a) = match frontier.entry {
             Entry::Rest => (0.0, 0.0),
@@ -413,8 +418,8 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// Waits until the whole solution can be appended at once. True if a request received its reply meanwhile, which discards the
-    /// solution.
+    /// Waits until the whole solution can be appended at once. True if a request received its reply
+    /// meanwhile, which discards the solution.
     fn wait_for_capacity(&mut self) -> Result<bool, S::Error> {
         loop {
             if self.serve()? {
@@ -498,7 +503,8 @@ impl<S: PlanSink> Horizon<S> {
             None => true,
         };
         if !follows {
-            // The cycle executes the tail already and will send a request; plans from there cannot use this window.
+            // The cycle executes the tail already and will send a request; plans from there cannot use this
+            // window.
             self.windows.spare.extend(self.windows.planned.pop_back());
             if let Some(pending_branch) = &mut self.windows.pending_branch {
                 pending_branch.windows = pending_branch.windows.saturating_sub(1);
@@ -594,7 +600,8 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// No plan was found, or it came too late: the cycle stops at the end of the tail and sends a request from there.
+    /// No plan was found, or it came too late: the cycle stops at the end of the tail and sends a request
+    /// from there.
     fn fall_back_to_tail(&mut self) -> Result<(), S::Error> {
         self.sink.commit(self.appended);
         match self.frontier.link {

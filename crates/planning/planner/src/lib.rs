@@ -1,7 +1,7 @@
 //! The planner: moves in, a plan of time laws out, for the cycle to execute.
 //!
-//! Input: canonical moves ([`Planner::push`]) and the limits of the axes. Output, through a [`PlanSink`]: [`Segment`]s of
-//! path and [`Step`]s over them.
+//! Input: canonical moves ([`Planner::push`]) and the limits of the axes. Output, through a [`PlanSink`]:
+//! [`Segment`]s of path and [`Step`]s over them.
 //!
 //! The corner blend of the classic planner:
 //!
@@ -24,29 +24,32 @@
 //!
 //! # Model
 //!
-//! The path is a chain of [`Segment`]s in one path parameter `u`, the programmed length, by which every curve has finite
-//! derivatives. There are two planners:
+//! The path is a chain of [`Segment`]s in one path parameter `u`, the programmed length, by which every curve
+//! has finite derivatives. There are two planners:
 //!
-//! - The time-optimal planner, the default. [`PathStage`] smooths the path within the tolerance (`evolvent-smooth`),
-//!   [`TimingStage`] finds its time law (`evolvent-timing`) in windows whose tail always ends at rest. It hands over
-//!   [`TimedSegment`]s, which the cycle only evaluates. Overrides reach it as [`Request`]s. The two stages may run in
-//!   separate threads; [`Planner`] combines them.
-//! - The classic planner, simpler and slower, the fallback. It replaces corners by quintic blends, or limits the speed there.
-//!   The axis limits become constants for `u'`, `u''` and `u'''` on every [`Run`], consecutive segments with similar limits.
-//!   On a run the motion is a jerk-limited [`Profile`](evolvent_timing::Profile) in closed form; between runs acceleration is
-//!   zero. The [`LookAhead`] gives every boundary the highest speed from which all that follows can be executed. The cycle
-//!   solves the profile of the run that it enters, and of the present run again after a hold or an override.
+//! - The time-optimal planner, the default. [`PathStage`] smooths the path within the tolerance
+//!   (`evolvent-smooth`), [`TimingStage`] finds its time law (`evolvent-timing`) in windows whose tail always
+//!   ends at rest. It hands over [`TimedSegment`]s, which the cycle only evaluates. Overrides reach it as
+//!   [`Request`]s. The two stages may run in separate threads; [`Planner`] combines them.
+//! - The classic planner, simpler and slower, the fallback. It replaces corners by quintic blends, or limits
+//!   the speed there. The axis limits become constants for `u'`, `u''` and `u'''` on every [`Run`],
+//!   consecutive segments with similar limits. On a run the motion is a jerk-limited
+//!   [`Profile`](evolvent_timing::Profile) in closed form; between runs acceleration is zero. The
+//!   [`LookAhead`] gives every boundary the highest speed from which all that follows can be executed. The
+//!   cycle solves the profile of the run that it enters, and of the present run again after a hold or an
+//!   override.
 //!
 //! # Guarantees
 //!
-//! At every moment the steps handed over end at rest on known path, so a planner that dies leaves a valid plan. Plans are
-//! validated independently of the solver before they are handed over. The plan depends on the moves and on the requests of
-//! the cycle, never on when either arrives. [`Segment::jet`] and [`ExitSpeeds::at_override`] are real-time safe; everything
-//! else is for the planner's thread.
+//! At every moment the steps handed over end at rest on known path, so a planner that dies leaves a valid
+//! plan. Plans are validated independently of the solver before they are handed over. The plan depends on the
+//! moves and on the requests of the cycle, never on when either arrives. [`Segment::jet`] and
+//! [`ExitSpeeds::at_override`] are real-time safe; everything else is for the planner's thread.
 //!
 //! # Where to read on
 //!
-//! `planner.rs`, then `horizon.rs` for windows and tails; `docs/architecture.md` for the connection to the cycle.
+//! `planner.rs`, then `horizon.rs` for windows and tails; `docs/architecture.md` for the connection to the
+//! cycle.
 
 mod classic;
 mod corner;

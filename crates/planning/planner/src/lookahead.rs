@@ -1,9 +1,10 @@
 //! Look-ahead: from segments to runs with final exit speeds.
 //!
-//! Short segments with similar limits are combined into runs, because acceleration is zero at every boundary between runs and
-//! a chain of tiny runs would be slow. A backward pass from rest at the end of the known path gives each boundary the highest
-//! speed from which everything after it can be executed. A boundary whose speed equals its own cap cannot gain from path that
-//! is not known yet: it and everything before it are final. So the plan does not depend on how the program text arrives.
+//! Short segments with similar limits are combined into runs, because acceleration is zero at every boundary
+//! between runs and a chain of tiny runs would be slow. A backward pass from rest at the end of the known
+//! path gives each boundary the highest speed from which everything after it can be executed. A boundary
+//! whose speed equals its own cap cannot gain from path that is not known yet: it and everything before it
+//! are final. So the plan does not depend on how the program text arrives.
 
 use std::collections::VecDeque;
 
@@ -376,8 +377,8 @@ impl<S: PlanSink> LookAhead<S> {
     }
 }
 
-/// Maximum speed of the feed metric per unit of parameter speed. It differs from 1 near an involute's base circle, where the
-/// parameter advances faster than the path, and on blends.
+/// Maximum speed of the feed metric per unit of parameter speed. It differs from 1 near an involute's base
+/// circle, where the parameter advances faster than the path, and on blends.
 fn metric_speed(curve: &Curve, from: f64, to: f64) -> f64 {
     let at = |u: f64| {
         let first = curve.jet(u).first;
@@ -443,7 +444,8 @@ mod tests {
         let mut ahead = ahead();
         ahead.segment(straight(0.0, 100.0), 50.0).expect("plan");
         ahead.finish(2).expect("finish");
-        // Each change takes 2 sqrt(V/J) and the distance of half of both at V; 1 % of the jerk is kept as a margin.
+        // Each change takes 2 sqrt(V/J) and the distance of half of both at V; 1 % of the jerk is kept as a
+        // margin.
         let expected = 100.0 / 50.0 + 2.0 * (50.0_f64 / 49_500.0).sqrt();
         let took: f64 = ahead.sink().durations.iter().sum();
         assert!((took - expected).abs() < 1e-9, "{took} {expected}");
@@ -555,7 +557,8 @@ mod tests {
                     run.length
                 );
             }
-            // The entry speed is at one of its bounds: this run's, the previous run's, or the braking distance.
+            // The entry speed is at one of its bounds: this run's, the previous run's, or the braking
+            // distance.
             if k > 0 {
                 let before = &runs[k - 1].0;
                 let bound = top.min(before.limits.velocity.min(before.feed_u_s) * (1.0 + 1e-12));

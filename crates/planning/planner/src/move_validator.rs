@@ -10,8 +10,8 @@ pub const TRAVEL_SLACK: f64 = 1e-9;
 /// Rounding of positions tolerated between two moves, mm or degrees.
 const MAX_GAP: f64 = 1e-6;
 
-/// Checks whether a [`Planner`](crate::Planner) would accept each move, without planning: for checking programs at the speed
-/// of the interpreter.
+/// Checks whether a [`Planner`](crate::Planner) would accept each move, without planning: for checking
+/// programs at the speed of the interpreter.
 #[derive(Clone, Debug)]
 pub struct MoveValidator {
     limits: Limits,
@@ -33,11 +33,12 @@ impl MoveValidator {
         self.end = Some(*position);
     }
 
-    /// Checks the next move. A rejected move has no effect: the next one has to start at the end of the last accepted one.
+    /// Checks the next move. A rejected move has no effect: the next one has to start at the end of the last
+    /// accepted one.
     ///
     /// # Errors
-    /// [`PlanError::Travel`] if the move exceeds the travel, [`PlanError::Feed`] if it has no feed, [`PlanError::Gap`] if it does
-    /// not start at the end of the last one.
+    /// [`PlanError::Travel`] if the move exceeds the travel, [`PlanError::Feed`] if it has no feed,
+    /// [`PlanError::Gap`] if it does not start at the end of the last one.
     pub fn validate<E>(&mut self, motion: &Move) -> Result<(), PlanError<E>> {
         let curve = &motion.curve;
         check_travel(curve, &self.limits)?;

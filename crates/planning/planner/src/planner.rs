@@ -131,7 +131,8 @@ impl<S: PlanSink> Planner<S> {
         }
     }
 
-    /// Sets the start of the next move after a probing move ([`Step::Probe`]) or a thread ([`Step::Thread`]) has moved the axes.
+    /// Sets the start of the next move after a probing move ([`Step::Probe`]) or a thread ([`Step::Thread`])
+    /// has moved the axes.
     pub fn set_position(&mut self, position: &evolvent_path::Axes) {
         self.validator.set_position(position);
     }
@@ -139,8 +140,8 @@ impl<S: PlanSink> Planner<S> {
     /// Appends a move. A rejected move has no effect.
     ///
     /// # Errors
-    /// [`PlanError`] if the move exceeds the travel, has no feed, or does not start at the end of the last one; or if planning of
-    /// earlier path has failed.
+    /// [`PlanError`] if the move exceeds the travel, has no feed, or does not start at the end of the last
+    /// one; or if planning of earlier path has failed.
     pub fn push(&mut self, motion: &Move, line: u32, block: u32) -> Result<(), PlanError<S::Error>> {
         self.validator.validate(motion)?;
         match &mut self.kind {

@@ -1,9 +1,10 @@
 //! Divides segments where the speed steps.
 //!
-//! The optimizer's intervals are fine at the ends of lines and coarse in between, in proportion to the length. Within one interval the
-//! third derivative is constant, so where a slow block joins a long fast one the speed could rise by no more than a coarse interval
-//! allows: in a line of 20 mm at 600 mm/min behind one at 10 mm/min it took 2 mm and 0.5 s instead of 0.1 mm and 0.03 s. There the
-//! fast segment is divided a little beyond the place where its speed is reached, and the short part has intervals of its own.
+//! The optimizer's intervals are fine at the ends of lines and coarse in between, in proportion to the
+//! length. Within one interval the third derivative is constant, so where a slow block joins a long fast one
+//! the speed could rise by no more than a coarse interval allows: in a line of 20 mm at 600 mm/min behind one
+//! at 10 mm/min it took 2 mm and 0.5 s instead of 0.1 mm and 0.03 s. There the fast segment is divided a
+//! little beyond the place where its speed is reached, and the short part has intervals of its own.
 
 use evolvent_machine::Limits;
 use evolvent_path::{Curve, Feed};
@@ -13,7 +14,8 @@ use evolvent_smooth::PathSegment;
 const LENGTH_FACTOR: f64 = 2.0;
 /// Changes of speed that take no longer need no finer intervals, s.
 const MIN_CHANGE_S: f64 = 2e-3;
-/// Minimum ratio of the remainder to the short parts: the intervals of a shorter segment are fine enough without a division.
+/// Minimum ratio of the remainder to the short parts: the intervals of a shorter segment are fine enough
+/// without a division.
 const MIN_REMAINDER: f64 = 2.0;
 
 /// Knows the highest speed at the end of the segment before.
@@ -32,7 +34,8 @@ impl SpeedStep {
         }
     }
 
-    /// The parts of the next segment in their order. `after`: the highest speed of the parameter behind it where that is known, per s.
+    /// The parts of the next segment in their order. `after`: the highest speed of the parameter behind it
+    /// where that is known, per s.
     pub(crate) fn divide(
         &mut self,
         segment: &PathSegment,
@@ -102,7 +105,8 @@ impl SpeedStep {
             .min(self.limits.velocity_along(&first))
     }
 
-    /// The distance, by the parameter, over which the speed rises from `slow` to that of the segment at `at`, or falls to it, along a line.
+    /// The distance, by the parameter, over which the speed rises from `slow` to that of the segment at `at`,
+    /// or falls to it, along a line.
     fn transition_length(&self, segment: &PathSegment, slow: f64, at: f64) -> f64 {
         let first = segment.curve.jet(at).first;
         let fast = self.speed(segment, at);
@@ -181,7 +185,8 @@ mod tests {
             line(40.0, 60.0, 2.0),
         ]);
         assert_eq!(found[0].len(), 1);
-        // From 1 to 10 mm/s within the jerk limit takes 2 sqrt(9 / 200 000) s, at 5.5 mm/s on average; twice that.
+        // From 1 to 10 mm/s within the jerk limit takes 2 sqrt(9 / 200 000) s, at 5.5 mm/s on average; twice
+        // that.
         let [begin, _, end] = found[1][..] else {
             unreachable!("{found:?}")
         };

@@ -41,7 +41,8 @@ impl Segment {
     }
 }
 
-/// A run: consecutive whole segments under one set of scalar limits, with zero acceleration at both ends (classic planner).
+/// A run: consecutive whole segments under one set of scalar limits, with zero acceleration at both ends
+/// (classic planner).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Run {
     /// Parameter length: the sum over its segments.
@@ -75,14 +76,14 @@ pub enum Step {
         /// Program line.
         line: u32,
     },
-    /// Rest until the wait for an input ends (M66). The program is not read further before, so nothing follows in the plan until
-    /// the result is known.
+    /// Rest until the wait for an input ends (M66). The program is not read further before, so nothing
+    /// follows in the plan until the result is known.
     InputWait {
         /// Program line.
         line: u32,
     },
-    /// A command for the periphery of the machine takes effect here, at rest (M3, M6, M8 ...). `action` is its index in the
-    /// planner's list.
+    /// A command for the periphery of the machine takes effect here, at rest (M3, M6, M8 ...). `action` is
+    /// its index in the planner's list.
     Action {
         /// Number of the action in order of execution.
         action: u32,
@@ -94,14 +95,14 @@ pub enum Step {
         /// Program line.
         line: u32,
     },
-    /// A probing move starts here, at rest, and ends where the probe trips. Nothing follows in the plan until the result is known;
-    /// the next move starts at the actual position of the axes.
+    /// A probing move starts here, at rest, and ends where the probe trips. Nothing follows in the plan until
+    /// the result is known; the next move starts at the actual position of the axes.
     Probe {
         /// Program line.
         line: u32,
     },
-    /// A threading pass starts here, at rest, and follows the angle of the spindle. Nothing follows in the plan until the result is
-    /// known; the next move starts at the actual position of the axes.
+    /// A threading pass starts here, at rest, and follows the angle of the spindle. Nothing follows in the
+    /// plan until the result is known; the next move starts at the actual position of the axes.
     Thread {
         /// Program line.
         line: u32,
@@ -138,7 +139,8 @@ pub struct TimedSegment {
 }
 
 impl TimedSegment {
-    /// Speed of the path parameter, per s, below which a piece ends at rest. Rounding leaves far less, and no plan is so slow.
+    /// Speed of the path parameter, per s, below which a piece ends at rest. Rounding leaves far less, and no
+    /// plan is so slow.
     const AT_REST: f64 = 1e-6;
 
     /// Whether the motion stops at the end of the piece. Real-time safe.
@@ -164,8 +166,8 @@ pub struct BlockMark {
 pub struct Request {
     /// Serial number, repeated in the reply.
     pub id: u64,
-    /// Plan step at that position; at rest the next one. It tells which window the cycle drives: when a run is computed again, later
-    /// windows may have been planned although the cycle drives a tail.
+    /// Plan step at that position; at rest the next one. It tells which window the cycle drives: when a run
+    /// is computed again, later windows may have been planned although the cycle drives a tail.
     pub step: u64,
     /// Segment at which the new plan takes over.
     pub segment: u64,
@@ -179,7 +181,8 @@ pub struct Request {
     pub a: f64,
     /// Number of steps at rest (dwells, actions, stops) that have been passed.
     pub rests: u64,
-    /// Rate, above 0 and at most 1, at which the cycle executes the present plan there: the state is that of the plan at this rate.
+    /// Rate, above 0 and at most 1, at which the cycle executes the present plan there: the state is that of
+    /// the plan at this rate.
     pub rate: f64,
     /// Feed override of the new plan, in `0..=2`.
     pub feed_factor: f64,
@@ -196,10 +199,10 @@ pub struct Reply {
 
 /// Maximum exit speeds of a step, with zero acceleration.
 ///
-/// Two plans are kept: one for the programmed feed, one for twice the programmed feed. Scaling a plan in time by a factor
-/// below 1 keeps every limit, and the maximum of two permitted sequences is permitted. So the cycle derives boundary speeds
-/// for any override from 0 to 200 % from them at once, without a request, and they never exceed the feed word times the
-/// override.
+/// Two plans are kept: one for the programmed feed, one for twice the programmed feed. Scaling a plan in time
+/// by a factor below 1 keeps every limit, and the maximum of two permitted sequences is permitted. So the
+/// cycle derives boundary speeds for any override from 0 to 200 % from them at once, without a request, and
+/// they never exceed the feed word times the override.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ExitSpeeds {
     /// At the programmed feed.
@@ -243,8 +246,8 @@ pub trait PlanSink {
     /// The consumer has gone.
     fn step(&mut self, step: &Step) -> Result<(), Self::Error>;
 
-    /// Sets the exit speeds of step `index` (counted from 0). Speeds never decrease, and arrive from the last step backwards, so
-    /// that at every moment the consumer's steps end at rest within the limits.
+    /// Sets the exit speeds of step `index` (counted from 0). Speeds never decrease, and arrive from the last
+    /// step backwards, so that at every moment the consumer's steps end at rest within the limits.
     fn exit(&mut self, index: u64, speeds: ExitSpeeds);
 
     /// Step `index` is final and takes `duration_s` seconds at the programmed feed, without override or hold.
@@ -269,8 +272,8 @@ pub trait PlanSink {
         let _ = from;
     }
 
-    /// Appends a [`Step::Wait`] that keeps the place of what follows a stop: when that is appended, it is linked to the Wait. The
-    /// consumer rests there until then, and requests nothing.
+    /// Appends a [`Step::Wait`] that keeps the place of what follows a stop: when that is appended, it is
+    /// linked to the Wait. The consumer rests there until then, and requests nothing.
     ///
     /// # Errors
     /// The consumer has gone.
@@ -278,8 +281,8 @@ pub trait PlanSink {
         self.step(&Step::Wait)
     }
 
-    /// Makes step `to` the successor of step `from`, which was left open or keeps a place. False if the consumer has already continued
-    /// from `from`.
+    /// Makes step `to` the successor of step `from`, which was left open or keeps a place. False if the
+    /// consumer has already continued from `from`.
     fn link(&mut self, from: u64, to: u64) -> bool {
         let _ = (from, to);
         true
@@ -322,13 +325,14 @@ pub trait PlanSink {
         let _ = reply;
     }
 
-    /// Serial number of the last request whose reply the consumer has taken over; 0 for none. Settled before its next request.
+    /// Serial number of the last request whose reply the consumer has taken over; 0 for none. Settled before
+    /// its next request.
     fn acknowledged(&self) -> u64 {
         u64::MAX
     }
 
-    /// Serial number of the last request that the consumer has withdrawn: it takes over no reply to it or to an earlier one, and
-    /// drives the plan that it had. 0 for none.
+    /// Serial number of the last request that the consumer has withdrawn: it takes over no reply to it or to
+    /// an earlier one, and drives the plan that it had. 0 for none.
     fn withdrawn(&self) -> u64 {
         0
     }

@@ -1,7 +1,7 @@
 //! Joins collinear lines.
 //!
-//! Programs divide straight moves into pieces, and every piece would need its own stations. Pieces with equal direction and
-//! feed become one line; marks still distinguish the blocks.
+//! Programs divide straight moves into pieces, and every piece would need its own stations. Pieces with equal
+//! direction and feed become one line; marks still distinguish the blocks.
 
 use evolvent_path::{Axes, Curve, Line};
 use evolvent_smooth::PathSegment;

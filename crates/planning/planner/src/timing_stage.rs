@@ -9,8 +9,8 @@ use crate::path_stage::PathSink;
 use crate::planner::PathRules;
 use crate::step::{BlockMark, PlanSink, Segment, Step};
 
-/// Plans the time law for the path of one program. The plan depends on the path and on the requests of the cycle, not on when
-/// the path arrives.
+/// Plans the time law for the path of one program. The plan depends on the path and on the requests of the
+/// cycle, not on when the path arrives.
 #[derive(Debug)]
 pub struct TimingStage<S> {
     horizon: Horizon<S>,
@@ -40,7 +40,8 @@ impl<S: PlanSink> TimingStage<S> {
         self.horizon.sink_mut()
     }
 
-    /// Plans as much of the received path as possible, and replies to requests of the cycle. Call it after every move, and often.
+    /// Plans as much of the received path as possible, and replies to requests of the cycle. Call it after
+    /// every move, and often.
     ///
     /// # Errors
     /// Those of the sink.

@@ -1,7 +1,7 @@
 //! Validates a window before it is handed over.
 //!
-//! The guard stops the machine at a setpoint beyond a limit. A plan with such setpoints is detected here first, by a
-//! computation independent of the solver, while there is still time for another.
+//! The guard stops the machine at a setpoint beyond a limit. A plan with such setpoints is detected here
+//! first, by a computation independent of the solver, while there is still time for another.
 
 use evolvent_machine::Limits;
 use evolvent_path::AXES;
@@ -20,7 +20,8 @@ const MAX_RATIOS: Ratios = Ratios {
 };
 /// Maximum step of speed and acceleration between two pieces, relative to their maximum.
 const MAX_STEP: f64 = 1e-6;
-/// Maximum gap between the end of a piece and the start of the next, parameter units: far below what third differences show.
+/// Maximum gap between the end of a piece and the start of the next, parameter units: far below what third
+/// differences show.
 const MAX_GAP: f64 = 1e-10;
 /// The same relative to a length.
 const MAX_GAP_FRACTION: f64 = 1e-9;
@@ -53,8 +54,8 @@ impl Ratios {
     }
 }
 
-/// Maximum ratios along the pieces, the first of which starts at `(v, a)`; infinite if two pieces are not contiguous in
-/// position, speed or acceleration.
+/// Maximum ratios along the pieces, the first of which starts at `(v, a)`; infinite if two pieces are not
+/// contiguous in position, speed or acceleration.
 pub(crate) fn ratios<'a>(
     pieces: &[Piece],
     entry: (f64, f64),
@@ -117,8 +118,8 @@ pub(crate) fn ratios<'a>(
     max
 }
 
-/// Whether a piece starts where the previous one ends: in the same segment, or from its end to the start of a later one.
-/// Segments in between are shorter than rounding.
+/// Whether a piece starts where the previous one ends: in the same segment, or from its end to the start of a
+/// later one. Segments in between are shorter than rounding.
 fn are_contiguous<'a>(before: &Piece, piece: &Piece, segment: &impl Fn(u64) -> Option<&'a Segment>) -> bool {
     let end = before.from + before.length;
     let near =

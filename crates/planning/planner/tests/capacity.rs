@@ -1,5 +1,5 @@
-//! Nothing is handed over without capacity: a planner that waits for capacity in the middle of a window cannot answer
-//! requests.
+//! Nothing is handed over without capacity: a planner that waits for capacity in the middle of a window
+//! cannot answer requests.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 

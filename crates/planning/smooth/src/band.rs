@@ -1,10 +1,11 @@
 //! Symmetric banded linear systems.
 
-/// Solves `A x = b` for a symmetric positive definite matrix by an `L D L'` factorisation. The lower half of the matrix is
-/// stored by columns, entry `(r, c)` at `c * band + r - c`. `vector` holds `b` on entry and `x` on return. Matrix and vector
-/// have `band` additional columns of zeros after `size`.
+/// Solves `A x = b` for a symmetric positive definite matrix by an `L D L'` factorisation. The lower half of
+/// the matrix is stored by columns, entry `(r, c)` at `c * band + r - c`. `vector` holds `b` on entry and `x`
+/// on return. Matrix and vector have `band` additional columns of zeros after `size`.
 ///
-/// A pivot that is not positive, as rounding leaves it for an undetermined unknown, sets that unknown to zero.
+/// A pivot that is not positive, as rounding leaves it for an undetermined unknown, sets that unknown to
+/// zero.
 pub(crate) fn solve(matrix: &mut [f64], vector: &mut [f64], size: usize, band: usize) {
     for x in &mut vector[size..] {
         *x = 0.0;

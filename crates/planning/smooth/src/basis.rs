@@ -1,14 +1,14 @@
 //! Cubic B-splines on non-uniform knots.
 
-/// Value and three derivatives, at the left knot of an interval, of the four basis functions that are non-zero on it:
-/// `[function][order]`.
+/// Value and three derivatives, at the left knot of an interval, of the four basis functions that are
+/// non-zero on it: `[function][order]`.
 pub(crate) type Basis = [[f64; 4]; 4];
 
 /// The basis on the interval from `t[2]` to `t[3]`, which must not be empty, from the six knots around it.
 ///
-/// Computed by blossoming: each function is the spline whose control point is 1 for itself and 0 for the others, and its
-/// derivatives are splines of lower degree over divided differences (de Boor, "A Practical Guide to Splines", chapter X,
-/// equations (15) and (16)).
+/// Computed by blossoming: each function is the spline whose control point is 1 for itself and 0 for the
+/// others, and its derivatives are splines of lower degree over divided differences (de Boor, "A Practical
+/// Guide to Splines", chapter X, equations (15) and (16)).
 pub(crate) fn basis(t: &[f64; 6]) -> Basis {
     let [t0, t1, t2, t3, t4, t5] = *t;
     let whole = [1.0 / (t3 - t0), 1.0 / (t4 - t1), 1.0 / (t5 - t2)];

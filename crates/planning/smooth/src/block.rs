@@ -35,13 +35,15 @@ pub enum Tolerance {
     Within {
         /// Maximum distance of XYZ and of UVW in mm, and of every rotary axis in degrees (G64 P).
         mm: f64,
-        /// Maximum distance of a vertex that may be dropped between nearly collinear lines, in mm (G64 Q); 0 for none.
+        /// Maximum distance of a vertex that may be dropped between nearly collinear lines, in mm (G64 Q); 0
+        /// for none.
         merge_mm: f64,
     },
 }
 
 impl Tolerance {
-    /// The distance that is used: at most 100 mm, and 0 if the path is to be kept or the tolerance is below 1 nm.
+    /// The distance that is used: at most 100 mm, and 0 if the path is to be kept or the tolerance is below 1
+    /// nm.
     #[must_use]
     pub fn mm(&self) -> f64 {
         match *self {

@@ -25,8 +25,8 @@ pub(crate) struct ProgramSegment {
     slope: Axes,
     /// Whether the joint at its start has to be smoothed.
     pub(crate) smoothed: bool,
-    /// Whether that joint is kept as programmed because smoothing has failed; the speed at which it may then be passed, and
-    /// whether that is still to be output.
+    /// Whether that joint is kept as programmed because smoothing has failed; the speed at which it may then
+    /// be passed, and whether that is still to be output.
     pub(crate) kept: bool,
     pub(crate) exact_speed: f64,
     pub(crate) cap_pending: bool,
@@ -145,7 +145,8 @@ impl Chain {
         self.segments.back().map_or(0.0, |segment| segment.to)
     }
 
-    /// Number of the segment at a parameter: at a joint the one that starts there; outside of the chain the nearest.
+    /// Number of the segment at a parameter: at a joint the one that starts there; outside of the chain the
+    /// nearest.
     pub(crate) fn find(&self, u: f64) -> usize {
         let behind = self.segments.partition_point(|segment| segment.from <= u);
         self.first + behind.max(1) - 1
@@ -194,7 +195,8 @@ impl Chain {
     }
 }
 
-/// The maximum of the XYZ distance, the UVW distance and each rotary angle, which is compared with a tolerance.
+/// The maximum of the XYZ distance, the UVW distance and each rotary angle, which is compared with a
+/// tolerance.
 pub(crate) fn distance(d: &Axes) -> f64 {
     let norm = |i: usize| (d[i] * d[i] + d[i + 1] * d[i + 1] + d[i + 2] * d[i + 2]).sqrt();
     norm(0)

@@ -1,13 +1,14 @@
 //! Samples that follow the spline along the programmed path.
 //!
-//! On a chain of short lines a sample need not compare with the programmed point of its own parameter: any nearby point of the
-//! path proves the tolerance, and the nearest one proves it best. So between rounds of the optimisation the programmed points
-//! move to the nearest points of the spline. That never reduces the margin of a sample, because the nearest point is not
-//! farther than the previous one.
+//! On a chain of short lines a sample need not compare with the programmed point of its own parameter: any
+//! nearby point of the path proves the tolerance, and the nearest one proves it best. So between rounds of
+//! the optimisation the programmed points move to the nearest points of the spline. That never reduces the
+//! margin of a sample, because the nearest point is not farther than the previous one.
 //!
-//! Between two samples the deviation of the path from the chord between their points must stay bounded, otherwise nothing
-//! proves the tolerance there. A point that would exceed the bound moves half of its way, or stays. No point moves farther
-//! from its own parameter than the tolerance, so the spline misses no programmed point by more than twice the tolerance.
+//! Between two samples the deviation of the path from the chord between their points must stay bounded,
+//! otherwise nothing proves the tolerance there. A point that would exceed the bound moves half of its way,
+//! or stays. No point moves farther from its own parameter than the tolerance, so the spline misses no
+//! programmed point by more than twice the tolerance.
 
 use std::ops::Range;
 
@@ -28,7 +29,8 @@ fn passable(segment: &ProgramSegment, tolerance: f64) -> bool {
         && segment.slope().as_slice()[3..].iter().all(|&rate| rate == 0.0)
 }
 
-/// The range in which the point of a sample of segment `number` at `u` may move. It leaves the segment only if `pass`.
+/// The range in which the point of a sample of segment `number` at `u` may move. It leaves the segment only
+/// if `pass`.
 pub(crate) fn range(chain: &Chain, number: usize, u: f64, pass: bool) -> (f64, f64) {
     let Some(segment) = chain.get(number) else {
         return (u, u);
@@ -82,8 +84,8 @@ fn xyz(p: &Axes) -> [f64; 3] {
     std::array::from_fn(|d| p[d])
 }
 
-/// The point of the lines in `range` nearest to `place`, searched from segment `middle`: by descent or, if `all`,
-/// exhaustively.
+/// The point of the lines in `range` nearest to `place`, searched from segment `middle`: by descent or, if
+/// `all`, exhaustively.
 pub(crate) fn nearest(
     chain: &Chain,
     range: (f64, f64),
@@ -151,8 +153,8 @@ fn chord_deviation(chain: &Chain, a: &PathPoint, b: &PathPoint) -> f64 {
     max.sqrt()
 }
 
-/// Moves the points of the samples `which` to the nearest points of the spline with control points `points`. The first and
-/// last samples stay because their neighbours are unknown.
+/// Moves the points of the samples `which` to the nearest points of the spline with control points `points`.
+/// The first and last samples stay because their neighbours are unknown.
 pub(crate) fn follow(chain: &Chain, samples: &mut [Sample], which: Range<usize>, points: &[Axes]) {
     for k in which.start.max(1)..which.end.min(samples.len().saturating_sub(1)) {
         let sample = samples[k];

@@ -1,7 +1,7 @@
 //! Smoothing: programmed blocks in, the driven path out, within the tolerance.
 //!
-//! Input: [`Block`]s, programmed curves with feed and tolerance. Output: [`Output`]s, the [`PathSegment`]s of the driven path,
-//! limits of the speed where it is not smooth, and a [`Mark`] where each block ends.
+//! Input: [`Block`]s, programmed curves with feed and tolerance. Output: [`Output`]s, the [`PathSegment`]s of
+//! the driven path, limits of the speed where it is not smooth, and a [`Mark`] where each block ends.
 //!
 //! A right angle, rounded within 10 um:
 //!
@@ -34,19 +34,21 @@
 //!
 //! # Model
 //!
-//! - Everything refers to one parameter `u`, the programmed length. A point of the path belongs to a point of the program.
-//! - The *chain* is the known programmed path as program segments. A *section* of it is between positions where the path is
-//!   kept. In it, a *zone* extends from before a joint to after it; close joints share one. Outside of zones the programmed
-//!   curve itself is driven.
-//! - A zone becomes a cubic spline. Its knots follow the curvature of the path, its control points start on the path and are
-//!   then optimised for speed inside the *tube* of the tolerance, window by window, so that output starts while the program
-//!   is still being read.
+//! - Everything refers to one parameter `u`, the programmed length. A point of the path belongs to a point of
+//!   the program.
+//! - The *chain* is the known programmed path as program segments. A *section* of it is between positions
+//!   where the path is kept. In it, a *zone* extends from before a joint to after it; close joints share one.
+//!   Outside of zones the programmed curve itself is driven.
+//! - A zone becomes a cubic spline. Its knots follow the curvature of the path, its control points start on
+//!   the path and are then optimised for speed inside the *tube* of the tolerance, window by window, so that
+//!   output starts while the program is still being read.
 //!
 //! # Guarantees
 //!
-//! The tolerance does not depend on the optimisation: every piece is checked before output. Where no valid spline is found,
-//! the path stops, returns to the programmed curve, and passes the next joints as programmed; [`Smoother::failures`] counts
-//! these cases. The same blocks give the same path, bit for bit. Nothing here is real-time safe.
+//! The tolerance does not depend on the optimisation: every piece is checked before output. Where no valid
+//! spline is found, the path stops, returns to the programmed curve, and passes the next joints as
+//! programmed; [`Smoother::failures`] counts these cases. The same blocks give the same path, bit for bit.
+//! Nothing here is real-time safe.
 //!
 //! # Where to read on
 //!

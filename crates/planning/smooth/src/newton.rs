@@ -9,7 +9,8 @@ const MARGIN: f64 = 0.05;
 const BACKTRACK_FACTOR: f64 = 0.8;
 const MAX_BACKTRACKS: usize = 80;
 
-/// A term of the cost: the square of a linear function of the four control points of an interval, for each axis.
+/// A term of the cost: the square of a linear function of the four control points of an interval, for each
+/// axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Term {
     pub(crate) interval: usize,

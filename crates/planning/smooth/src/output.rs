@@ -24,8 +24,8 @@ pub enum Output {
 
 /// A path segment: a parameter range of one curve, with one feed.
 ///
-/// Position, first and second derivative by the parameter are continuous from segment to segment, except at an
-/// [`Output::Cap`].
+/// Position, first and second derivative by the parameter are continuous from segment to segment, except at
+/// an [`Output::Cap`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathSegment {
     /// The curve, by its regular parameter.

@@ -1,8 +1,8 @@
 //! The knot spacing.
 //!
-//! At a joint the spacing is half the distance over which the programmed path bends away by twice the tolerance (its second
-//! difference). Angles do not enter, so a true corner and a chain of a thousand chords are treated alike. Away from a joint
-//! the spacing may grow by [`GROWTH`] per unit of the path.
+//! At a joint the spacing is half the distance over which the programmed path bends away by twice the
+//! tolerance (its second difference). Angles do not enter, so a true corner and a chain of a thousand chords
+//! are treated alike. Away from a joint the spacing may grow by [`GROWTH`] per unit of the path.
 
 use crate::chain::{Chain, ProgramSegment, distance};
 
@@ -21,8 +21,8 @@ pub(crate) fn max_spacing(tolerance: f64) -> f64 {
     (MAX_TOLERANCES * tolerance).min(MAX_SPACING_MM)
 }
 
-/// The spacing at the start of a segment from the bend of the path there; `None` while too little of the path is known. The
-/// search starts at `guess`.
+/// The spacing at the start of a segment from the bend of the path there; `None` while too little of the path
+/// is known. The search starts at `guess`.
 pub(crate) fn at_joint(chain: &Chain, number: usize, guess: f64, complete: bool) -> Option<f64> {
     let segment = chain.get(number)?;
     let before = number

@@ -1,10 +1,11 @@
 //! The tube around the programmed path in which the spline stays.
 //!
-//! A sample compares a point of the spline with the programmed path near the same parameter. Where the path has dense joints
-//! that is the programmed point itself: the error stays in a ball. On a longer straight segment the point may also slide along
-//! it: it stays in the capsule of all points within the tolerance `P` of a part of the segment. A ball would waste
-//! `1 / sin(half the angle)` at every corner. On a chain of short lines the ball itself moves: it follows the spline to the
-//! nearest programmed point, but at most by `P`.
+//! A sample compares a point of the spline with the programmed path near the same parameter. Where the path
+//! has dense joints that is the programmed point itself: the error stays in a ball. On a longer straight
+//! segment the point may also slide along it: it stays in the capsule of all points within the tolerance `P`
+//! of a part of the segment. A ball would waste `1 / sin(half the angle)` at every corner. On a chain of
+//! short lines the ball itself moves: it follows the spline to the nearest programmed point, but at most by
+//! `P`.
 
 use evolvent_path::{Axes, ParamCurve, Spline};
 
@@ -64,7 +65,8 @@ impl Sample {
         error
     }
 
-    /// The vector from the nearest point of the straight segment to the point, and whether that is inside of it.
+    /// The vector from the nearest point of the straight segment to the point, and whether that is inside of
+    /// it.
     pub(crate) fn offset(&self, error: &[f64; 3]) -> ([f64; 3], bool) {
         let x = dot(error, &self.along);
         let nearest = x.max(-self.tangential_slack.0).min(self.tangential_slack.1);
@@ -121,8 +123,8 @@ struct Straight {
     sharp: bool,
 }
 
-/// Extent of the straight part in both directions, searched up to `limit`. Everything beyond is ignored, so that the result does
-/// not depend on how much more of the path is known.
+/// Extent of the straight part in both directions, searched up to `limit`. Everything beyond is ignored, so
+/// that the result does not depend on how much more of the path is known.
 fn straight(chain: &Chain, number: usize, segment: &ProgramSegment, u: f64, limit: f64) -> Straight {
     let (mut behind, mut ahead, mut sharp) = (u - segment.from, segment.to - u, false);
     let (mut feed_behind, mut feed_ahead) = (behind, ahead);
@@ -185,8 +187,8 @@ pub(crate) struct SamplingCoverage {
     pub(crate) chord_deviation: f64,
 }
 
-/// Minimum and maximum number of parts of an interval. Tuned: with fewer than 4 the path often deviates too far between
-/// samples, and solving again costs more than the samples.
+/// Minimum and maximum number of parts of an interval. Tuned: with fewer than 4 the path often deviates too
+/// far between samples, and solving again costs more than the samples.
 pub(crate) const MIN_PARTS: usize = 4;
 pub(crate) const MAX_PARTS: usize = 32;
 /// Number of joints in an interval above which not all of them are samples.
@@ -219,8 +221,9 @@ fn is_thinned(chain: &Chain, from: f64, to: f64) -> bool {
     chain.find(to) - chain.find(from) > MAX_SAMPLED_JOINTS
 }
 
-/// Appends the samples of one interval: at the left ends of its parts and at the joints inside, there of both segments; of many
-/// joints only those at which the path turns. Returns the maximum deviation of the path between the samples.
+/// Appends the samples of one interval: at the left ends of its parts and at the joints inside, there of both
+/// segments; of many joints only those at which the path turns. Returns the maximum deviation of the path
+/// between the samples.
 pub(crate) fn sample(
     chain: &Chain,
     interval: &Interval,
@@ -231,8 +234,8 @@ pub(crate) fn sample(
 ) -> SamplingCoverage {
     let (from, to) = (interval.from, interval.to);
     let number = chain.find(from);
-    // The first sample also ends the previous interval. If not all joints are samples there, it must not slide: the chord
-    // deviation is known between the points of two samples only.
+    // The first sample also ends the previous interval. If not all joints are samples there, it must not
+    // slide: the chord deviation is known between the points of two samples only.
     let after_thin = is_thinned(chain, interval.start_before, from);
     let before = samples.len();
     let mut shared = before;
@@ -316,8 +319,8 @@ pub(crate) fn sample(
     }
 }
 
-/// Whether the spline keeps the tolerance also between the samples of an interval: between two samples at distance `d` a curve is
-/// at most `d^2 / 8` times its maximum second derivative from the chord.
+/// Whether the spline keeps the tolerance also between the samples of an interval: between two samples at
+/// distance `d` a curve is at most `d^2 / 8` times its maximum second derivative from the chord.
 pub(crate) fn covers(
     chain: &Chain,
     cover: SamplingCoverage,
@@ -379,7 +382,8 @@ pub(crate) fn covers(
     if let (Some(next), Some(end)) = (next, last.first_mut())
         && (next.group, next.tolerance) == (end.group, end.tolerance)
     {
-        // As held there: it may have moved, or extend along a straight part that is longer than this interval.
+        // As held there: it may have moved, or extend along a straight part that is longer than this
+        // interval.
         (end.centre, end.along, end.tangential_slack) = (next.centre, next.along, next.tangential_slack);
     }
     last.iter().all(holds)
@@ -388,8 +392,8 @@ pub(crate) fn covers(
 /// Number of points at which a piece is compared with the program.
 const CHECK_POINTS: usize = 8;
 
-/// Whether a piece of the path, from `from` to `to`, is within the tolerance of the program at all sampled points: the final
-/// check, of the curve itself and by the distance itself.
+/// Whether a piece of the path, from `from` to `to`, is within the tolerance of the program at all sampled
+/// points: the final check, of the curve itself and by the distance itself.
 pub(crate) fn within_tolerance(chain: &Chain, (from, to): (f64, f64), piece: &Spline) -> bool {
     let mut number = chain.find(from);
     for k in 0..=CHECK_POINTS {
@@ -455,8 +459,8 @@ impl SampleBuilder<'_> {
         }
     }
 
-    /// Samples of those joints `first..=last` between `u0` and `u1` without which the chord deviation between samples would be too
-    /// large; returns the remaining deviation.
+    /// Samples of those joints `first..=last` between `u0` and `u1` without which the chord deviation between
+    /// samples would be too large; returns the remaining deviation.
     fn joints(&mut self, first: usize, last: usize, u0: f64, u1: f64, halvings: u32) -> f64 {
         if first > last {
             return 0.0;
@@ -551,7 +555,8 @@ impl SampleBuilder<'_> {
         }
         // At a sharp corner the corner point must be missed by at most twice the tolerance.
         let reach = if straight.sharp { segment.tolerance } else { reach };
-        // Feeds change at the parameter of a joint. A point that slid past it would have the feed of the other block.
+        // Feeds change at the parameter of a joint. A point that slid past it would have the feed of the
+        // other block.
         made.tangential_slack = (
             straight.feed_behind.clamp(0.0, reach),
             straight.feed_ahead.clamp(0.0, reach),

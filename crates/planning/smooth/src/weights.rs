@@ -1,8 +1,8 @@
 //! The cost function: an estimate of the time that the spline's derivatives cost.
 //!
-//! Where jerk limits the motion, a path takes about the integral of `(|q'''| / J)^(1/3)`; where acceleration does, that of
-//! `(|q''| / A)^(1/2)`. Weights from the last solution make both quadratic (iteratively reweighted least squares), with each
-//! axis relative to its own limits.
+//! Where jerk limits the motion, a path takes about the integral of `(|q'''| / J)^(1/3)`; where acceleration
+//! does, that of `(|q''| / A)^(1/2)`. Weights from the last solution make both quadratic (iteratively
+//! reweighted least squares), with each axis relative to its own limits.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes};

@@ -124,8 +124,8 @@ impl BlendZone {
         }
     }
 
-    /// Places knots as far as the path permits. `start` is the condition at the start of the zone, `end` its end if known, and
-    /// `reach` the position up to which spacings are determined.
+    /// Places knots as far as the path permits. `start` is the condition at the start of the zone, `end` its
+    /// end if known, and `reach` the position up to which spacings are determined.
     pub(crate) fn extend(
         &mut self,
         chain: &mut Chain,
@@ -251,8 +251,8 @@ impl BlendZone {
         true
     }
 
-    /// Control points of the new knots: on the programmed path, so that the start is a moving average of it, except those that an
-    /// end condition prescribes.
+    /// Control points of the new knots: on the programmed path, so that the start is a moving average of it,
+    /// except those that an end condition prescribes.
     fn start_points(&mut self, chain: &Chain, start: &EndCondition, end: Option<EndCondition>) {
         let first = self.points.len();
         let mut near = chain.find(self.knots[first + 1]);
@@ -293,7 +293,8 @@ impl BlendZone {
         }
     }
 
-    /// An interval as seen by its samples. The previous one may have been output already; its end does not change any more.
+    /// An interval as seen by its samples. The previous one may have been output already; its end does not
+    /// change any more.
     fn interval(&self, index: usize) -> Interval {
         let before = index.checked_sub(1).and_then(|before| self.coverage.get(before));
         Interval {
@@ -367,8 +368,8 @@ impl BlendZone {
         )
     }
 
-    /// Adds samples to those of the intervals `from..to` that are not covered, and returns whether all were. Those that were not stay
-    /// marked for [`relax_toward`](Self::relax_toward).
+    /// Adds samples to those of the intervals `from..to` that are not covered, and returns whether all were.
+    /// Those that were not stay marked for [`relax_toward`](Self::relax_toward).
     pub(crate) fn ensure_coverage(
         &mut self,
         chain: &Chain,
@@ -430,8 +431,8 @@ impl BlendZone {
         follow(chain, &mut self.samples, samples, &self.points);
     }
 
-    /// Moves free control points back towards `safe` where samples have no margin, until all have one; returns whether they have.
-    /// Control points elsewhere stay.
+    /// Moves free control points back towards `safe` where samples have no margin, until all have one;
+    /// returns whether they have. Control points elsewhere stay.
     pub(crate) fn backtrack(&mut self, safe: &[Axes], free: (usize, usize), from: usize, to: usize) -> bool {
         let samples = self.samples_of(from, to);
         for sample in &mut self.samples[samples.clone()] {
@@ -543,8 +544,8 @@ pub(crate) fn spread(chain: &mut Chain, number: usize) {
     }
 }
 
-/// The control points that an end condition prescribes, from the end inwards, and their number. `h1`, `h2` are the widths of the
-/// intervals from the end inwards, `sign` is -1 at the end of a zone.
+/// The control points that an end condition prescribes, from the end inwards, and their number. `h1`, `h2`
+/// are the widths of the intervals from the end inwards, `sign` is -1 at the end of a zone.
 fn clamped(end_condition: &EndCondition, h1: f64, h2: f64, sign: f64) -> ([Axes; 3], usize) {
     match end_condition {
         EndCondition::Position(place) => ([*place; 3], 1),

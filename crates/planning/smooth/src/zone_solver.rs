@@ -10,12 +10,13 @@ use crate::tube::Sample;
 use crate::weights::{Scales, Weights};
 use crate::zone::BlendZone;
 
-/// Number of control points that are optimised together, how many of them become final if more follow, and how many more may
-/// remain to be included.
+/// Number of control points that are optimised together, how many of them become final if more follow, and
+/// how many more may remain to be included.
 pub(crate) const WINDOW: usize = 96;
 const COMMIT: usize = 64;
 const MAX_REMAINING: usize = 48;
-/// Rounds of reweighting; initial barrier, its factor and its minimum; Newton steps of a round and of the last.
+/// Rounds of reweighting; initial barrier, its factor and its minimum; Newton steps of a round and of the
+/// last.
 const ROUNDS: usize = 6;
 const BARRIER: (f64, f64, f64) = (0.3, 0.35, 0.01);
 const STEPS: (usize, usize) = (2, 6);
@@ -57,8 +58,8 @@ struct WindowRange {
 }
 
 impl ZoneSolver {
-    /// Optimises the next control points of the zone and makes the first of them final. In any case the spline is covered by its
-    /// samples: if nothing better is found the points stay unchanged.
+    /// Optimises the next control points of the zone and makes the first of them final. In any case the
+    /// spline is covered by its samples: if nothing better is found the points stay unchanged.
     pub(crate) fn optimize(&mut self, zone: &mut BlendZone, context: &Context<'_>) {
         let low = zone.fixed;
         let last = if zone.complete {

@@ -78,7 +78,8 @@ fn programmed_points_are_missed_by_2_tolerances_at_most() {
     let (mut random, cases) = campaign(0x5300_0004, 24);
     for case in 0..cases {
         let tolerance = random.log(1e-3, 0.1);
-        // From many lines within the tolerance to lines much longer than it, corners and reversals among them.
+        // From many lines within the tolerance to lines much longer than it, corners and reversals among
+        // them.
         let step = tolerance * random.log(0.03, 30.0);
         let (mut at, mut heading) = (point(&[0.0]), 0.0);
         let mut points = vec![at];
@@ -116,8 +117,9 @@ fn programmed_points_are_missed_by_2_tolerances_at_most() {
     }
 }
 
-/// Sections of short chords next to chords several times as long, as CAM systems write them: at the transition, samples
-/// that follow the spline across joints are next to samples that slide along a straight segment.
+/// Sections of short chords next to chords several times as long, as CAM systems write them: at the
+/// transition, samples that follow the spline across joints are next to samples that slide along a straight
+/// segment.
 #[test]
 fn chords_of_varying_length_stay_within_the_tolerance() {
     let (mut random, cases) = campaign(0x5300_0005, 24);

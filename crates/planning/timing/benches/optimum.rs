@@ -124,8 +124,9 @@ fn main() {
     }
 }
 
-/// The minimum time of a straight line from rest to rest, in closed form: the profile is symmetric, each half a change of
-/// speed at the jerk limit, at the acceleration limit if that is reached, with the maximum speed in between.
+/// The minimum time of a straight line from rest to rest, in closed form: the profile is symmetric, each half
+/// a change of speed at the jerk limit, at the acceleration limit if that is reached, with the maximum speed
+/// in between.
 fn line(length: f64, v: f64, a: f64, j: f64) -> f64 {
     // The change to v takes 2 sqrt(v / j), or v / a + a / j if a is reached, at an average of v / 2.
     let change = |v: f64| {
@@ -194,7 +195,8 @@ fn butterfly(chords: u32, degrees: f64) -> Path {
     Path::polyline(&points, 0.02, 200.0)
 }
 
-/// Duration of one plan over the whole path, its stations and steps. `None` also if it needs more than one window.
+/// Duration of one plan over the whole path, its stations and steps. `None` also if it needs more than one
+/// window.
 fn whole(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, usize, u32, Vec<Piece>)> {
     let limits = relaxation(*limits);
     let mut grid = Grid::new(&limits);
@@ -207,7 +209,8 @@ fn whole(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, usize, 
     Some((report.duration_s, report.stations, report.iterations, out))
 }
 
-/// Duration in a receding horizon of [`MAX_INTERVALS`] that commits half of it, as the planner of programs does.
+/// Duration in a receding horizon of [`MAX_INTERVALS`] that commits half of it, as the planner of programs
+/// does.
 fn receding(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, Vec<Piece>)> {
     let limits = relaxation(*limits);
     let mut grid = Grid::new(&limits);

@@ -1,15 +1,16 @@
 //! The barrier function of a window: its value, gradient, and Gauss-Newton Hessian per station.
 //!
-//! Unknowns are `a = u'^2` and `b = u''` at the stations and `c = u'''/u'` on the intervals between them; on an interval
-//! `b` is linear and `a` quadratic in the parameter. Every constraint is `|y| <= 1` for an axis and a point:
-//! acceleration `y = (q'' a + q' b)/A`, jerk `y = sqrt(a) (q''' a + 3 q'' b + q' c)/J`. It contributes
-//! `-w log(1 - y^2)`; a cap contributes a quarter of `-w log(1 - a/cap)`. The weight `w` of an interval is the barrier
-//! parameter times the duration of the interval, so that the barrier costs the same fraction of the motion everywhere,
-//! on any scale of length and time.
+//! Unknowns are `a = u'^2` and `b = u''` at the stations and `c = u'''/u'` on the intervals between them; on
+//! an interval `b` is linear and `a` quadratic in the parameter. Every constraint is `|y| <= 1` for an axis
+//! and a point: acceleration `y = (q'' a + q' b)/A`, jerk `y = sqrt(a) (q''' a + 3 q'' b + q' c)/J`. It
+//! contributes `-w log(1 - y^2)`; a cap contributes a quarter of `-w log(1 - a/cap)`. The weight `w` of an
+//! interval is the barrier parameter times the duration of the interval, so that the barrier costs the same
+//! fraction of the motion everywhere, on any scale of length and time.
 //!
-//! `-w log(a + b d)` keeps the speed above zero between the stations too: together with the values at the ends it is the
-//! middle one of the three Bernstein coefficients of the quadratic `a` over an interval of length `d`. It has a cap as
-//! well: where the speed has its maximum inside an interval, that maximum does not exceed the caps there.
+//! `-w log(a + b d)` keeps the speed above zero between the stations too: together with the values at the
+//! ends it is the middle one of the three Bernstein coefficients of the quadratic `a` over an interval of
+//! length `d`. It has a cap as well: where the speed has its maximum inside an interval, that maximum does
+//! not exceed the caps there.
 
 use std::ops::{Add, AddAssign, Mul};
 
@@ -17,8 +18,9 @@ use wide::f64x2;
 
 use crate::window::Window;
 
-/// Weight of the barrier at a cap relative to that of an axis constraint. Where only the cap limits the motion, the speed
-/// stays below it by the barrier parameter times this. 1/4, because the fourth root of the caps' product is two square roots.
+/// Weight of the barrier at a cap relative to that of an axis constraint. Where only the cap limits the
+/// motion, the speed stays below it by the barrier parameter times this. 1/4, because the fourth root of the
+/// caps' product is two square roots.
 const CAP_WEIGHT: f64 = 0.25;
 
 /// Values at the stations and intervals.
@@ -79,7 +81,8 @@ pub(crate) struct Objective {
     pub(crate) weight: Vec<f64>,
 }
 
-/// Per station: gradient by `(a, b, c)` and Hessian `aa, ab, bb, ac, bc, cc`. `c` of the last station is unused.
+/// Per station: gradient by `(a, b, c)` and Hessian `aa, ab, bb, ac, bc, cc`. `c` of the last station is
+/// unused.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Local {
     pub(crate) g: Vec<[f64; 3]>,
@@ -282,7 +285,8 @@ impl Model<Pair> {
         }
     }
 
-    /// Adds `-weight log(1 - y^2)` of a constraint with gradient `dy`, without the second derivatives of `y` (Gauss-Newton).
+    /// Adds `-weight log(1 - y^2)` of a constraint with gradient `dy`, without the second derivatives of `y`
+    /// (Gauss-Newton).
     fn add_row(&mut self, y: Pair, dy: [Pair; 3], weight: Pair) {
         let square = y * y;
         let inverse = 1.0 / (1.0 - square);
@@ -365,7 +369,8 @@ pub(crate) fn assemble(window: &Window, objective: &Objective, x: &Iterate, loca
     local.g.resize(n + 1, [0.0; 3]);
     local.h.resize(n + 1, [0.0; 6]);
     let (rows, _) = window.rows.as_chunks::<9>();
-    // The terms at the end of an interval are folded into its own (a, b, c): a1 = a + 2 b d + c d^2, b1 = b + c d.
+    // The terms at the end of an interval are folded into its own (a, b, c): a1 = a + 2 b d + c d^2, b1 = b +
+    // c d.
     for j in 0..n.div_ceil(2) {
         let pair = StationPair::new(window, x, j);
         let (weight, d) = (pair.of(&objective.weight), pair.d);

@@ -8,16 +8,17 @@ use crate::limits::PathLimits;
 const MAX_TANGENT_ANGLE: f64 = 0.1;
 /// Minimum and maximum number of intervals of a curved segment.
 const CURVE_INTERVALS: (f64, f64) = (16.0, 2000.0);
-/// The same for a spline piece between two knots; a window has to span many of them. Tuned: with a maximum of 12 instead of
-/// 3 windows no longer cover a stopping distance and programs take 20 % longer; with 4 they are not faster, and planning
-/// costs 25 % more.
+/// The same for a spline piece between two knots; a window has to span many of them. Tuned: with a maximum of
+/// 12 instead of 3 windows no longer cover a stopping distance and programs take 20 % longer; with 4 they are
+/// not faster, and planning costs 25 % more.
 const SPLINE_INTERVALS: (f64, f64) = (3.0, 12.0);
-/// Maximum roll angle of one interval of an involute, rad, and minimum and maximum number of intervals. Tuned: with 0.1
-/// instead of 0.05 three holes take 3 % longer; with 0.035 they take 0.3 % less and 0.1 % more.
+/// Maximum roll angle of one interval of an involute, rad, and minimum and maximum number of intervals.
+/// Tuned: with 0.1 instead of 0.05 three holes take 3 % longer; with 0.035 they take 0.3 % less and 0.1 %
+/// more.
 const MAX_ROLL_ANGLE: f64 = 0.05;
 const INVOLUTE_INTERVALS: (f64, f64) = (16.0, 4000.0);
-/// A part of an involute below this fraction of its domain is divided uniformly: the roll angles of its ends differ by
-/// rounding only.
+/// A part of an involute below this fraction of its domain is divided uniformly: the roll angles of its ends
+/// differ by rounding only.
 const MIN_INVOLUTE_FRACTION: f64 = 1e-6;
 /// Number of intervals of a line, and the factor by which they grow from its ends towards its middle.
 const LINE_INTERVALS: u32 = 10;
@@ -73,7 +74,8 @@ impl PathSegment {
     fn division(&self, length: f64) -> Division<'_> {
         match &self.curve {
             Curve::Line(_) => Division::Graded,
-            // The curvature has no bound at the base circle, so intervals of equal length would be far too short elsewhere.
+            // The curvature has no bound at the base circle, so intervals of equal length would be far too
+            // short elsewhere.
             Curve::Involute(involute) if length > MIN_INVOLUTE_FRACTION * self.curve.domain() => {
                 let roll = |x: f64| involute.roll_angle_rad(self.from + x);
                 let (first, last) = (roll(0.0), roll(length));

@@ -1,8 +1,8 @@
 //! A change of speed under constant acceleration and jerk limits.
 //!
-//! A *change* takes the state `(v, a)` to `(target, 0)` in at most three phases of constant jerk. With `a = 0` at both ends
-//! a change by `dv` takes `T = 2 sqrt(dv/J)` for `dv <= A^2/J`, else `A/J + dv/A`, and covers `(v0 + v1)/2 T`. Closed form,
-//! no allocation: everything is real-time safe.
+//! A *change* takes the state `(v, a)` to `(target, 0)` in at most three phases of constant jerk. With
+//! `a = 0` at both ends a change by `dv` takes `T = 2 sqrt(dv/J)` for `dv <= A^2/J`, else `A/J + dv/A`, and
+//! covers `(v0 + v1)/2 T`. Closed form, no allocation: everything is real-time safe.
 
 /// Iterations of a bisection: enough for 52 bits from any bracket that occurs.
 pub(crate) const BISECTIONS: usize = 60;
@@ -52,8 +52,8 @@ impl ScalarState {
         }
     }
 
-    /// Speed after the acceleration is brought to zero at once, with jerk limit `jerk`. Below 0 a stop would run backwards. Real-time
-    /// safe.
+    /// Speed after the acceleration is brought to zero at once, with jerk limit `jerk`. Below 0 a stop would
+    /// run backwards. Real-time safe.
     #[must_use]
     pub fn relaxed_speed(self, jerk: f64) -> f64 {
         self.v + self.a * self.a.abs() / (2.0 * jerk)
@@ -82,8 +82,8 @@ impl Change {
         } else {
             -1.0
         };
-        // The present acceleration would overshoot the target slightly. Returning to it would take far longer, and a stop
-        // would have to run backwards.
+        // The present acceleration would overshoot the target slightly. Returning to it would take far
+        // longer, and a stop would have to run backwards.
         let exact = from.a * from.a / (2.0 * (target - from.v).abs());
         if sign * from.a < 0.0 && from.a * (target - from.v) > 0.0 && exact <= j_max * (1.0 + SPARE_JERK) {
             let (time, jerk) = (from.a.abs() / exact, sign * exact);
@@ -114,7 +114,8 @@ impl Change {
     }
 }
 
-/// The value nearest to `bad` that still satisfies `fits`, between `good` (which does) and `bad` (which does not).
+/// The value nearest to `bad` that still satisfies `fits`, between `good` (which does) and `bad` (which does
+/// not).
 pub(crate) fn bisect(good: f64, bad: f64, fits: impl Fn(f64) -> bool) -> f64 {
     let (mut good, mut bad) = (good, bad);
     for _ in 0..BISECTIONS {

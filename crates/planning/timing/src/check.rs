@@ -9,15 +9,17 @@ use crate::limits::PathLimits;
 use crate::piece::Ratios;
 use crate::window::Window;
 
-/// Fractions of an interval at which the limits are checked, between the constraints at its start, middle and end.
+/// Fractions of an interval at which the limits are checked, between the constraints at its start, middle and
+/// end.
 const CHECK_FRACTIONS: [f64; 4] = [0.15, 0.35, 0.65, 0.85];
-/// Additional ones for intervals of at least [`EXTRA_CHECK_MIN_S`], on which the path changes much: the minimum of the speed
-/// that a curve permits may be between the others.
+/// Additional ones for intervals of at least [`EXTRA_CHECK_MIN_S`], on which the path changes much: the
+/// minimum of the speed that a curve permits may be between the others.
 const EXTRA_CHECK_FRACTIONS: [f64; 8] = [0.05, 0.25, 0.45, 0.5, 0.55, 0.75, 0.92, 0.97];
 const EXTRA_CHECK_MIN_S: f64 = 0.005;
 /// The fractions, with start and end, at which accelerations are interpolated to find their peaks.
 const TRACK: [f64; 6] = [0.0, 0.15, 0.35, 0.65, 0.85, 1.0];
-/// Ratios above which the constraint weight of an interval is raised: of velocity and acceleration, and of jerk.
+/// Ratios above which the constraint weight of an interval is raised: of velocity and acceleration, and of
+/// jerk.
 const TARGET_RATIO: (f64, f64) = (1.0005, 1.005);
 /// Ratios accepted when no steps are left to reduce them, below what the guard of the cycle tolerates.
 const MAX_RATIO: (f64, f64) = (1.0008, 1.012);

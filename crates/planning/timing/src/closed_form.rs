@@ -160,7 +160,8 @@ pub(crate) fn slow_down(
             acceleration: (fraction * acceleration).max(a.abs()),
             jerk: fraction * JERK_FRACTION * jerk,
         };
-        // After hard braking, releasing the acceleration would undershoot the speed or run backwards: no closed form.
+        // After hard braking, releasing the acceleration would undershoot the speed or run backwards: no
+        // closed form.
         if a < 0.0 && v - 0.5 * a * a / limits.jerk < MIN_DIP * speed {
             return None;
         }
@@ -176,8 +177,8 @@ pub(crate) fn slow_down(
 
 /// Whether a deceleration keeps every limit.
 ///
-/// Checks the ends and the middle of each part between two joints, ends of intervals or steps of jerk, however short: a
-/// blend of 0.1 um has a curvature too. Longer parts have more samples.
+/// Checks the ends and the middle of each part between two joints, ends of intervals or steps of jerk,
+/// however short: a blend of 0.1 um has a curvature too. Longer parts have more samples.
 fn is_within_limits(grid: &Grid, from: PathPosition, until: u64, profile: &Profile) -> bool {
     let mut before = from.interval;
     let step = profile.duration() / SAMPLES;
@@ -220,8 +221,8 @@ pub(crate) fn write(
     })
 }
 
-/// Visits a profile piece by piece until `visit` returns false. False in that case, or if the grid does not contain an
-/// interval.
+/// Visits a profile piece by piece until `visit` returns false. False in that case, or if the grid does not
+/// contain an interval.
 fn pieces(
     grid: &Grid,
     from: PathPosition,

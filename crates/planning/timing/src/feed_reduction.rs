@@ -1,9 +1,9 @@
 //! Deceleration to a feed that was reduced.
 //!
-//! The deceleration has a closed form, with constant limits that all axes keep along it, down to just below the new feed.
-//! From there the motion is planned as if it had always had that speed. The solver alone would reach the new feed only
-//! where its stations permit: their distances follow the old speed, and a tenth or a thousandth of it is reached within a
-//! small part of an interval.
+//! The deceleration has a closed form, with constant limits that all axes keep along it, down to just below
+//! the new feed. From there the motion is planned as if it had always had that speed. The solver alone would
+//! reach the new feed only where its stations permit: their distances follow the old speed, and a tenth or a
+//! thousandth of it is reached within a small part of an interval.
 //! held within a small part of an interval.
 
 use crate::closed_form;
@@ -24,8 +24,9 @@ const FAR_FRACTION: f64 = 0.9;
 const FADES: [f64; 5] = [20.0, 100.0, 500.0, 2500.0, 12_500.0];
 
 impl Optimizer {
-    /// Plans a deceleration to a feed below the present speed, which is written to `out`, and the motion after it. `None` if
-    /// the speed is not above the feed, or if this method fails. Returns the final barrier parameter.
+    /// Plans a deceleration to a feed below the present speed, which is written to `out`, and the motion
+    /// after it. `None` if the speed is not above the feed, or if this method fails. Returns the final
+    /// barrier parameter.
     pub(crate) fn reduce_feed(&mut self, problem: &WindowProblem<'_>, out: &mut Vec<Piece>) -> Option<f64> {
         let WindowProblem {
             grid,
@@ -43,7 +44,8 @@ impl Optimizer {
         let (reach, head_length) = (closed_form::reach(grid, from, v, a, until), out.len());
         let near = TARGET_FRACTION * closed_form::min_cap(grid, from, until, reach, factor)?;
         self.reduce_feed_to(problem, near, out).or_else(|| {
-            // The feed refers to the path, the solver's speed to a curve's parameter, so the cap farther on may be slightly lower.
+            // The feed refers to the path, the solver's speed to a curve's parameter, so the cap farther on
+            // may be slightly lower.
             let far = TARGET_FRACTION
                 * closed_form::min_cap(
                     grid,

@@ -46,8 +46,8 @@ impl Grid {
 
     /// Appends a segment: `curve` over `from..from + length` of its regular parameter, at `feed`.
     ///
-    /// A segment shorter than rounding, or of a NaN length, has no interval. A feed that is not a positive number is raised to
-    /// 1e-6. Not real-time safe.
+    /// A segment shorter than rounding, or of a NaN length, has no interval. A feed that is not a positive
+    /// number is raised to 1e-6. Not real-time safe.
     pub fn push(&mut self, curve: &Curve, from: f64, length: f64, feed: impl Into<Feed>) {
         let index = self.first_segment + self.segments.len() as u64;
         let feed = feed.into();

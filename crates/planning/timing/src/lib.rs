@@ -1,7 +1,7 @@
 //! The time law along a known path: the path parameter as a function of time under the limits of every axis.
 //!
-//! Input: a path as a chain of segments of curves with feed words, and the limits of the axes. Output: [`Piece`]s, each a
-//! [`TimeLaw`] that the cycle evaluates.
+//! Input: a path as a chain of segments of curves with feed words, and the limits of the axes. Output:
+//! [`Piece`]s, each a [`TimeLaw`] that the cycle evaluates.
 //!
 //! 100 mm from rest to rest, at 100 mm/s, 1000 mm/s2 and 20 000 mm/s3, in closed form:
 //!
@@ -23,34 +23,37 @@
 //!
 //! # Model
 //!
-//! A path is a chain of segments of curves by a regular parameter `u`. With `a = u'^2`, `b = u''` and `c = u'''/u'` every
-//! axis limit except jerk is linear:
+//! A path is a chain of segments of curves by a regular parameter `u`. With `a = u'^2`, `b = u''` and
+//! `c = u'''/u'` every axis limit except jerk is linear:
 //!
 //! ```text
 //! velocity^2  q'^2 a     acceleration  q'' a + q' b     jerk  sqrt(a) (q''' a + 3 q'' b + q' c)
 //! ```
 //!
-//! With `c` constant on an interval, `b` is linear and `a` quadratic in `u`, and `u(t)` is a hyperbolic or circular function.
-//! A [`Grid`] divides the path into such intervals. The [`Optimizer`] plans a window of them: it minimises the duration by
-//! an interior-point method with feasible iterates, which may be stopped after any step. At rest, where `c` is unbounded,
-//! pieces have constant jerk.
+//! With `c` constant on an interval, `b` is linear and `a` quadratic in `u`, and `u(t)` is a hyperbolic or
+//! circular function. A [`Grid`] divides the path into such intervals. The [`Optimizer`] plans a window of
+//! them: it minimises the duration by an interior-point method with feasible iterates, which may be stopped
+//! after any step. At rest, where `c` is unbounded, pieces have constant jerk.
 //!
-//! Every plan ends at rest on known path. A window is planned while the previous one is executed: it starts at a given
-//! position of the previous plan, which also serves as the warm start. If planning fails, the previous plan stays valid.
+//! Every plan ends at rest on known path. A window is planned while the previous one is executed: it starts
+//! at a given position of the previous plan, which also serves as the warm start. If planning fails, the
+//! previous plan stays valid.
 //!
-//! [`PathLimits`] holds the axis limits, the control rate and the chord error. [`Profile`] is the motion under constant
-//! limits along one parameter; it is exact on lines, the basis of the classic planner, and the first attempt at a reduced
-//! feed override.
+//! [`PathLimits`] holds the axis limits, the control rate and the chord error. [`Profile`] is the motion
+//! under constant limits along one parameter; it is exact on lines, the basis of the classic planner, and the
+//! first attempt at a reduced feed override.
 //!
 //! # Guarantees
 //!
-//! [`TimeLaw`], [`Piece`] and [`Profile`] are real-time safe; everything else is for the planner's thread. The work of a
-//! plan is bounded by a number of Newton steps. Plans are checked between stations: ratios to the limits are at most 1.0008
-//! (velocity, acceleration) and 1.012 (jerk). Results depend on the sequence of calls only.
+//! [`TimeLaw`], [`Piece`] and [`Profile`] are real-time safe; everything else is for the planner's thread.
+//! The work of a plan is bounded by a number of Newton steps. Plans are checked between stations: ratios to
+//! the limits are at most 1.0008 (velocity, acceleration) and 1.012 (jerk). Results depend on the sequence of
+//! calls only.
 //!
 //! # Where to read on
 //!
-//! `docs/theory-feed.md` for the equations; [`Optimizer::plan`], then `barrier.rs` and `riccati.rs` for the method.
+//! `docs/theory-feed.md` for the equations; [`Optimizer::plan`], then `barrier.rs` and `riccati.rs` for the
+//! method.
 
 mod barrier;
 mod cell;

@@ -8,16 +8,17 @@
 //! jerk          q'''_i v^3 + 3 q''_i v b + q'_i c
 //! ```
 //!
-//! so constants for `v`, `b` and `c` follow from a decision on the fraction of acceleration and jerk that the curvature may
-//! use. Curvature gets most of it, because that determines the speed; the remainder must suffice to accelerate, decelerate
-//! and hold anywhere.
+//! so constants for `v`, `b` and `c` follow from a decision on the fraction of acceleration and jerk that the
+//! curvature may use. Curvature gets most of it, because that determines the speed; the remainder must
+//! suffice to accelerate, decelerate and hold anywhere.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, Curve};
 
 use crate::ScalarLimits;
 
-/// Fraction of the acceleration limit for the curvature. Tuned: see the classic planner in docs/benchmarks.md.
+/// Fraction of the acceleration limit for the curvature. Tuned: see the classic planner in
+/// docs/benchmarks.md.
 const ACCELERATION_FRACTION: f64 = 0.8;
 /// Fraction of the jerk limit for the curvature and its derivative.
 const JERK_FRACTION: f64 = 0.7;
@@ -62,8 +63,8 @@ impl PathLimits {
         }
     }
 
-    /// The same with a fraction of the permitted chord error. [`chord_speed`](Self::chord_speed) assumes constant curvature,
-    /// but at a low rate the curvature changes within one period.
+    /// The same with a fraction of the permitted chord error. [`chord_speed`](Self::chord_speed) assumes
+    /// constant curvature, but at a low rate the curvature changes within one period.
     #[must_use]
     pub fn with_chord_fraction(&self, fraction: f64) -> Self {
         Self {
@@ -94,13 +95,14 @@ impl PathLimits {
         speed.min(self.chord_speed(&bounds.second))
     }
 
-    /// The maximum parameter speed at which the chord of one period deviates from the path by at most the permitted error,
-    /// for the second derivatives `second`.
+    /// The maximum parameter speed at which the chord of one period deviates from the path by at most the
+    /// permitted error, for the second derivatives `second`.
     ///
-    /// Equation (4) of Kombarov and Sorokin solved for the speed: `v <= 2 f sqrt(e (2 R - e))`. The largest second derivative
-    /// replaces `1/R`. That is exact if the parameter is arc length, and otherwise also an upper bound of the distance from the
-    /// chord (`|q''| (v/f)^2 / 8`). Below `R = e` the root would decrease again, although a chord cannot deviate by more than
-    /// the radius; there the value at `R = e` is continued as `sqrt(R)`.
+    /// Equation (4) of Kombarov and Sorokin solved for the speed: `v <= 2 f sqrt(e (2 R - e))`. The largest
+    /// second derivative replaces `1/R`. That is exact if the parameter is arc length, and otherwise also an
+    /// upper bound of the distance from the chord (`|q''| (v/f)^2 / 8`). Below `R = e` the root would
+    /// decrease again, although a chord cannot deviate by more than the radius; there the value at `R = e` is
+    /// continued as `sqrt(R)`.
     ///
     /// ```
     /// use evolvent_machine::Limits;
@@ -178,7 +180,8 @@ impl PathLimits {
     }
 }
 
-/// Appends the derivative bounds of `curve` over `from..to`, in cells over which the tangent rotates by at most 0.3 rad.
+/// Appends the derivative bounds of `curve` over `from..to`, in cells over which the tangent rotates by at
+/// most 0.3 rad.
 pub fn append_cells(curve: &Curve, from: f64, to: f64, cells: &mut Vec<DerivativeBounds>) {
     let whole = curve.derivative_bounds(from, to);
     let angle = xyz(&whole.1) * (to - from);

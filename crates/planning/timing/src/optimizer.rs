@@ -18,8 +18,8 @@ pub const MAX_INTERVALS: usize = 320;
 pub(crate) const MAX_SPANS: usize = MAX_INTERVALS + 200;
 /// Fraction of the jerk limit for the last stub of an open window.
 const OPEN_END_JERK_FRACTION: f64 = 0.25;
-/// Factor on the number of Newton steps for a plan from rest: stopped early it would be executed to its end, and no cycle
-/// waits for it.
+/// Factor on the number of Newton steps for a plan from rest: stopped early it would be executed to its end,
+/// and no cycle waits for it.
 const REST_STEP_FACTOR: u32 = 5;
 /// Maximum number of Newton steps of one plan, and the reciprocal of the fraction reserved for refinement.
 const MAX_STEPS: u32 = 48;
@@ -27,8 +27,8 @@ const REFINEMENT_DIVISOR: u32 = 6;
 /// Maximum rounds of checking and correcting, and steps of each.
 const MAX_REFINEMENTS: usize = 4;
 const REFINEMENT_STEPS: u32 = 8;
-/// Fractions of the way from the start to the result to which a plan backtracks if the result exceeds the limits. The first
-/// cost almost nothing: an excess of 1 % at one corner must not slow down 100 mm.
+/// Fractions of the way from the start to the result to which a plan backtracks if the result exceeds the
+/// limits. The first cost almost nothing: an excess of 1 % at one corner must not slow down 100 mm.
 const BACKTRACK_FRACTIONS: [f64; 8] = [0.998, 0.99, 0.97, 0.9, 0.75, 0.5, 0.25, 0.0];
 /// Maximum number of slow start motions that are tried, and the factor of `u'^2` from one to the next.
 const MAX_CRAWLS: usize = 40;
@@ -87,8 +87,9 @@ impl Optimizer {
         }
     }
 
-    /// Limits the work of a plan from motion or a stop to this number of Newton steps (default 48); plans from rest, for which
-    /// only the start waits, may use five times as many. Fewer steps give a slower plan, which still keeps all limits.
+    /// Limits the work of a plan from motion or a stop to this number of Newton steps (default 48); plans
+    /// from rest, for which only the start waits, may use five times as many. Fewer steps give a slower plan,
+    /// which still keeps all limits.
     #[must_use]
     pub fn with_steps(mut self, max: u32) -> Self {
         self.max_steps = max;
@@ -97,8 +98,8 @@ impl Optimizer {
 
     /// Drops the state of earlier plans, so that the next result depends on its arguments alone.
     ///
-    /// Until a plan from rest has been made, a plan from motion fails with [`FeedError::NoMotion`], and a stop is attempted in
-    /// closed form only. Not real-time safe.
+    /// Until a plan from rest has been made, a plan from motion fails with [`FeedError::NoMotion`], and a
+    /// stop is attempted in closed form only. Not real-time safe.
     pub fn forget(&mut self) {
         self.last_plan.forget();
     }
@@ -190,8 +191,8 @@ impl Optimizer {
         (self.steps - kept).saturating_sub(self.solver.iterations)
     }
 
-    /// Checks the plan between stations and raises constraint weights where limits are exceeded. If no steps remain for that, the
-    /// plan backtracks towards its feasible start.
+    /// Checks the plan between stations and raises constraint weights where limits are exceeded. If no steps
+    /// remain for that, the plan backtracks towards its feasible start.
     pub(crate) fn refine(&mut self, grid: &Grid, factor: f64) -> Ratios {
         let mut checked = self.check_between(grid, factor);
         for _ in 1..MAX_REFINEMENTS {
@@ -381,8 +382,8 @@ mod tests {
     use super::*;
     use crate::barrier::constraint_ratio;
 
-    /// An excess in a small part of the motion is negligible compared to the weight of the whole, which otherwise decides when an
-    /// iterate counts as centred.
+    /// An excess in a small part of the motion is negligible compared to the weight of the whole, which
+    /// otherwise decides when an iterate counts as centred.
     #[test]
     fn a_higher_constraint_weight_increases_the_margin() {
         let limits = Limits {

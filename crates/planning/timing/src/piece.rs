@@ -58,8 +58,8 @@ pub struct Ratios {
 pub struct PlanReport {
     /// Newton steps.
     pub iterations: u32,
-    /// Upper bound of the relative excess of the duration over the optimum on the same stations, from the barrier parameter
-    /// (exact for a convex problem).
+    /// Upper bound of the relative excess of the duration over the optimum on the same stations, from the
+    /// barrier parameter (exact for a convex problem).
     pub gap: f64,
     /// Duration in s.
     pub duration_s: f64,

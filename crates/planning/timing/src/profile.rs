@@ -1,14 +1,14 @@
 //! Time-optimal motion along one parameter under constant speed, acceleration and jerk limits.
 //!
-//! Everything is in closed form or a bisection of fixed length, allocates nothing and is real-time safe. The parameter `x`
-//! is the path parameter of one run; `v`, `a`, `j` are its time derivatives.
+//! Everything is in closed form or a bisection of fixed length, allocates nothing and is real-time safe. The
+//! parameter `x` is the path parameter of one run; `v`, `a`, `j` are its time derivatives.
 //!
 //! The solver relies on two facts:
-//! - The distance of a [`Change`] grows with the *initial* speed, so a speed permitted at a boundary stays permitted when it
-//!   is reduced.
-//! - Braking distance is *not* monotone in the final speed: from 100 it takes longer to reach 33 (with zero acceleration)
-//!   than to stop. As a function of the final speed it has one maximum, so a bisection between a final speed that fits and
-//!   one that does not finds the only crossing.
+//! - The distance of a [`Change`] grows with the *initial* speed, so a speed permitted at a boundary stays
+//!   permitted when it is reduced.
+//! - Braking distance is *not* monotone in the final speed: from 100 it takes longer to reach 33 (with zero
+//!   acceleration) than to stop. As a function of the final speed it has one maximum, so a bisection between
+//!   a final speed that fits and one that does not finds the only crossing.
 
 use crate::change::{Change, SPARE_JERK, SPEED_ROUNDING, ScalarLimits, ScalarState, bisect};
 
@@ -24,8 +24,8 @@ pub enum Outcome {
     Exits,
     /// Stops within the run.
     Rests,
-    /// Cannot end at or below the permitted exit speed: the state was not permitted in this run. The profile brakes as hard as
-    /// the limits permit.
+    /// Cannot end at or below the permitted exit speed: the state was not permitted in this run. The profile
+    /// brakes as hard as the limits permit.
     Overruns,
 }
 
@@ -36,7 +36,8 @@ pub enum Outcome {
 pub struct Profile {
     start: ScalarState,
     phases: [(f64, f64); MAX_PHASES],
-    /// Speed of the cruise phase: the rounding residue of the acceleration before it must not accumulate over minutes.
+    /// Speed of the cruise phase: the rounding residue of the acceleration before it must not accumulate over
+    /// minutes.
     cruise: f64,
     duration: f64,
     exit_speed: f64,
@@ -59,8 +60,9 @@ impl Profile {
 
     /// The fastest profile from `from` to `length` that exits with zero acceleration at `desired` or less.
     ///
-    /// `limits.velocity` may be below the present speed (after a reduced override): the speed then falls to it if the run is
-    /// long enough. Otherwise the exit may be faster than `desired`, but not than `allowed`. Real-time safe.
+    /// `limits.velocity` may be below the present speed (after a reduced override): the speed then falls to
+    /// it if the run is long enough. Otherwise the exit may be faster than `desired`, but not than `allowed`.
+    /// Real-time safe.
     ///
     /// ```
     /// use evolvent_timing::{Outcome, Profile, ScalarLimits, ScalarState};
@@ -107,7 +109,8 @@ impl Profile {
             return Self::one_change(from, remaining, speed, limits, Outcome::Exits);
         }
         if change(exit).distance <= remaining {
-            // Already braking: interpolate between continued braking and immediate release, to use the length exactly.
+            // Already braking: interpolate between continued braking and immediate release, to use the length
+            // exactly.
             let high = relaxed.min(cap).max(exit);
             let middle = bisect(exit, high, |v| change(v).distance + settle(v) <= remaining);
             return Self::two_changes(from, remaining, middle, exit, limits);
@@ -115,7 +118,8 @@ impl Profile {
         if let Some(released) = Self::release(from, remaining, exit, limits) {
             return released;
         }
-        // Too short to decelerate to `exit`: below the maximum of the distance there may be lower speeds, above it higher ones.
+        // Too short to decelerate to `exit`: below the maximum of the distance there may be lower speeds,
+        // above it higher ones.
         if change(0.0).distance <= remaining {
             let speed = bisect(0.0, exit, |v| change(v).distance <= remaining);
             return Self::one_change(from, remaining, speed, limits, Outcome::Exits);
@@ -128,8 +132,8 @@ impl Profile {
         Self::last_resort(from, remaining, allowed, limits)
     }
 
-    /// Brakes as hard as the limits permit: to a stop within the run if it is long enough, otherwise to the lowest speed at its
-    /// end. Real-time safe.
+    /// Brakes as hard as the limits permit: to a stop within the run if it is long enough, otherwise to the
+    /// lowest speed at its end. Real-time safe.
     #[must_use]
     pub fn brake(from: ScalarState, length: f64, allowed: f64, limits: &ScalarLimits) -> Self {
         let remaining = length - from.x;
@@ -151,8 +155,8 @@ impl Profile {
         Self::change(from, from.relaxed_speed(limits.jerk).max(0.0), limits)
     }
 
-    /// The position from which on the speed is at most `speed_u_s`: negative infinity where it always is, infinity where it is
-    /// higher at the end. Real-time safe.
+    /// The position from which on the speed is at most `speed_u_s`: negative infinity where it always is,
+    /// infinity where it is higher at the end. Real-time safe.
     #[must_use]
     pub fn falls_below(&self, speed_u_s: f64) -> f64 {
         if self.exit_speed > speed_u_s {
@@ -183,9 +187,9 @@ impl Profile {
         Self::one_change(from, f64::NAN, speed, limits, Outcome::Exits)
     }
 
-    /// Completes a change that is finished except for rounding. The duration of a change is the root of the remaining speed
-    /// difference, so an error in the last digit of the speed costs a distance far above rounding. Bringing the acceleration to
-    /// zero at once ends above `target` by that last digit instead.
+    /// Completes a change that is finished except for rounding. The duration of a change is the root of the
+    /// remaining speed difference, so an error in the last digit of the speed costs a distance far above
+    /// rounding. Bringing the acceleration to zero at once ends above `target` by that last digit instead.
     fn release(from: ScalarState, remaining: f64, target: f64, limits: &ScalarLimits) -> Option<Self> {
         let relaxed = from.relaxed_speed(limits.jerk);
         let fits = |v: f64| Change::new(from, v, limits).distance <= remaining;
@@ -196,11 +200,11 @@ impl Profile {
         })
     }
 
-    /// Brakes to `allowed`, or releases at once below it, although neither quite fits: by rounding if the state came from a
-    /// profile that ends there, otherwise because the state was not permitted.
+    /// Brakes to `allowed`, or releases at once below it, although neither quite fits: by rounding if the
+    /// state came from a profile that ends there, otherwise because the state was not permitted.
     ///
-    /// Slightly more jerk compensates rounding. Passing the end would be worse: where the path stops, an excess of 1 nm is a step
-    /// of acceleration.
+    /// Slightly more jerk compensates rounding. Passing the end would be worse: where the path stops, an
+    /// excess of 1 nm is a step of acceleration.
     fn last_resort(from: ScalarState, remaining: f64, allowed: f64, limits: &ScalarLimits) -> Self {
         if let Some(released) = Self::release(from, remaining, allowed, limits) {
             return released;
@@ -230,8 +234,8 @@ impl Profile {
         Self::one_change(from, remaining, target, &limits, outcome)
     }
 
-    /// Error of the end of a change by rounding: `dv = target - v` is known to `eps v`, hence the time `sqrt(dv/J)` to
-    /// `sqrt(eps v/J)`.
+    /// Error of the end of a change by rounding: `dv = target - v` is known to `eps v`, hence the time
+    /// `sqrt(dv/J)` to `sqrt(eps v/J)`.
     fn rounding(v: f64, length: f64, limits: &ScalarLimits) -> f64 {
         16.0 * v.abs() * (f64::EPSILON * v.abs() / limits.jerk).sqrt() + 1e-12 * length.abs()
     }
@@ -320,7 +324,8 @@ impl Profile {
         self.outcome
     }
 
-    /// State and jerk `t` seconds after the start; at rest or at constant speed after the end. Real-time safe.
+    /// State and jerk `t` seconds after the start; at rest or at constant speed after the end. Real-time
+    /// safe.
     #[must_use]
     pub fn at(&self, t: f64) -> (ScalarState, f64) {
         let (mut state, mut left) = (self.start, t);
@@ -612,7 +617,8 @@ mod tests {
             };
             let mut profile = Profile::solve(from, length, allowed, allowed, &limits);
             for _ in 0..20 {
-                // Half of the instants are just before or after the end of a phase, where rounding is magnified.
+                // Half of the instants are just before or after the end of a phase, where rounding is
+                // magnified.
                 let border = profile.phases[..(random.unit() * 7.0) as usize]
                     .iter()
                     .map(|piece| piece.0)

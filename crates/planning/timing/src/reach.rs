@@ -2,12 +2,12 @@
 
 use crate::change::{BISECTIONS, SPEED_ROUNDING, ScalarLimits};
 
-/// The maximum entry speed of a run of `length` that can be left at `exit`, with zero acceleration at both ends (or, mirrored
-/// in time, the maximum exit speed after `exit`). The caller applies the speed limits.
+/// The maximum entry speed of a run of `length` that can be left at `exit`, with zero acceleration at both
+/// ends (or, mirrored in time, the maximum exit speed after `exit`). The caller applies the speed limits.
 ///
-/// Closed form where the acceleration limit is reached, otherwise Newton's method on a convex cubic. The result is rounded
-/// down by 1e-12 of the gain and several roundings of the speed, so that the cycle's solver accepts it even if rounding has
-/// raised the entry speed slightly.
+/// Closed form where the acceleration limit is reached, otherwise Newton's method on a convex cubic. The
+/// result is rounded down by 1e-12 of the gain and several roundings of the speed, so that the cycle's solver
+/// accepts it even if rounding has raised the entry speed slightly.
 ///
 /// ```
 /// use evolvent_timing::{ScalarLimits, reachable_speed};
@@ -41,11 +41,12 @@ pub fn reachable_speed(exit: f64, length: f64, limits: &ScalarLimits) -> f64 {
     exit + gain.max(0.0)
 }
 
-/// The maximum entry speed from which a run of `length` can be left at `exit` and at every speed from there to `highest`. It
-/// never decreases when `exit` increases.
+/// The maximum entry speed from which a run of `length` can be left at `exit` and at every speed from there
+/// to `highest`. It never decreases when `exit` increases.
 ///
-/// [`reachable_speed`] can decrease: the braking distance has its maximum at the exit speed `e = v/3`, or at `A^2/(2 J)` if
-/// that is smaller; there `(v + e)/2 T` is largest. With jerk alone that is `L^2 J = 32/27 v^3`.
+/// [`reachable_speed`] can decrease: the braking distance has its maximum at the exit speed `e = v/3`, or at
+/// `A^2/(2 J)` if that is smaller; there `(v + e)/2 T` is largest. With jerk alone that is
+/// `L^2 J = 32/27 v^3`.
 #[must_use]
 pub fn monotone_reachable_speed(exit: f64, highest: f64, length: f64, limits: &ScalarLimits) -> f64 {
     let (a, j) = (limits.acceleration, limits.jerk);

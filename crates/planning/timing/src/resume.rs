@@ -15,8 +15,9 @@ use crate::window::{Span, Window};
 
 /// Minimum number of intervals over the stopping distance, if a stop is requested.
 const STOP_INTERVALS: f64 = 16.0;
-/// If the motion has to decelerate to a cap: the weight of that relative to the duration, the maximum number of rounds of
-/// two steps, their barrier parameter, and the factor by which the cap of a round exceeds `u'^2`.
+/// If the motion has to decelerate to a cap: the weight of that relative to the duration, the maximum number
+/// of rounds of two steps, their barrier parameter, and the factor by which the cap of a round exceeds
+/// `u'^2`.
 const CAP_PENALTY: f64 = 3.0;
 const MAX_CAP_ROUNDS: usize = 25;
 const CAP_MU: f64 = 0.01;
@@ -45,8 +46,8 @@ struct Remainder {
 }
 
 impl Optimizer {
-    /// Plans a continuation of the last plan. Returns the final barrier parameter; NaN if nothing remained to be planned and
-    /// `out` is complete.
+    /// Plans a continuation of the last plan. Returns the final barrier parameter; NaN if nothing remained to
+    /// be planned and `out` is complete.
     pub(crate) fn continue_from(&mut self, problem: &WindowProblem<'_>, out: &mut Vec<Piece>) -> Option<f64> {
         if let Some(gap) = self.reduce_feed(problem, out) {
             return Some(gap);
@@ -58,8 +59,9 @@ impl Optimizer {
         Some(self.solver.descend(&self.window, MU_WARM, self.centre_steps()))
     }
 
-    /// Sets window and iterate to the remainder of the last plan from a position on, and to a slow motion on the new path. The
-    /// remainder of a first stub is written to `out` at once. Returns false if nothing remains to be planned.
+    /// Sets window and iterate to the remainder of the last plan from a position on, and to a slow motion on
+    /// the new path. The remainder of a first stub is written to `out` at once. Returns false if nothing
+    /// remains to be planned.
     pub(crate) fn resume(&mut self, problem: &WindowProblem<'_>, out: &mut Vec<Piece>) -> Option<bool> {
         let found = self
             .last_plan
@@ -123,7 +125,8 @@ impl Optimizer {
         })
     }
 
-    /// Takes the remainder of the last plan: pieces in closed form into `out`, segments into those of the new plan.
+    /// Takes the remainder of the last plan: pieces in closed form into `out`, segments into those of the new
+    /// plan.
     fn take_remainder(
         &mut self,
         problem: &WindowProblem<'_>,
@@ -226,8 +229,9 @@ impl Optimizer {
         Some(())
     }
 
-    /// Sets the iterate to the first `old` segments, the last stub passed without a stop, and a slow motion after it within
-    /// the limits. `None` if none of the attempts is within the limits, or if the window is full.
+    /// Sets the iterate to the first `old` segments, the last stub passed without a stop, and a slow motion
+    /// after it within the limits. `None` if none of the attempts is within the limits, or if the window is
+    /// full.
     fn crawl_beyond(&mut self, remainder: &Remainder, old: usize) -> Option<()> {
         let n = self.window.n();
         let mut level = remainder.square / 3.0;
@@ -273,8 +277,8 @@ impl Optimizer {
             .max(-(1.0 + START_MARGIN) * self.solver.x.b[n]);
     }
 
-    /// Makes the start feasible: margins at limits that it reaches, caps that it exceeds raised and lowered again, and the
-    /// given state where it differs from the last plan's by rounding.
+    /// Makes the start feasible: margins at limits that it reaches, caps that it exceeds raised and lowered
+    /// again, and the given state where it differs from the last plan's by rounding.
     fn make_start_feasible(&mut self, state: Option<(f64, f64)>) -> Option<()> {
         self.relax_start()?;
         let above = self.relax_caps();
@@ -295,8 +299,8 @@ impl Optimizer {
         Some(())
     }
 
-    /// Relaxes constraints where the start is on or slightly beyond a limit, which happens between the stations of its own plan.
-    /// `None` if it is too far beyond.
+    /// Relaxes constraints where the start is on or slightly beyond a limit, which happens between the
+    /// stations of its own plan. `None` if it is too far beyond.
     fn relax_start(&mut self) -> Option<()> {
         let n = self.window.n();
         for k in 0..n {
@@ -316,8 +320,8 @@ impl Optimizer {
         Some(())
     }
 
-    /// Raises the caps that the start exceeds, and penalises the speed there: after a reduced override, or a joint limit that
-    /// came later than the plan. Returns whether any cap is exceeded by more than rounding.
+    /// Raises the caps that the start exceeds, and penalises the speed there: after a reduced override, or a
+    /// joint limit that came later than the plan. Returns whether any cap is exceeded by more than rounding.
     fn relax_caps(&mut self) -> bool {
         let (window, x) = (&mut self.window, &self.solver.x);
         let n = window.n();
@@ -364,8 +368,8 @@ impl Optimizer {
         above
     }
 
-    /// Decelerates to the caps that were raised, as fast as the limits permit. Where they are reached they apply again; before
-    /// that the value reached is the cap.
+    /// Decelerates to the caps that were raised, as fast as the limits permit. Where they are reached they
+    /// apply again; before that the value reached is the cap.
     fn lower_caps(&mut self) {
         let n = self.window.n();
         for _ in 0..MAX_CAP_ROUNDS {
@@ -426,8 +430,8 @@ fn remainder_of_piece(piece: &Piece, t: f64) -> Piece {
     }
 }
 
-/// The value for which the cap in the middle of interval `k` needs a margin: the value there, or the control value if that
-/// does not fit below the caps at the ends either.
+/// The value for which the cap in the middle of interval `k` needs a margin: the value there, or the control
+/// value if that does not fit below the caps at the ends either.
 fn middle(window: &Window, x: &Iterate, k: usize) -> f64 {
     let d = window.d[k];
     let control = x.a[k] + d * x.b[k];

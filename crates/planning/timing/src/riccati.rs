@@ -1,7 +1,8 @@
 //! Newton's step of a window by the Riccati recursion.
 //!
-//! Stage by stage from the end, the minimum cost to go of the quadratic model is a quadratic form in the state `(a, b)` of a
-//! station; the control `c` of each interval follows from it. One division per stage, no matrix larger than 2 x 2.
+//! Stage by stage from the end, the minimum cost to go of the quadratic model is a quadratic form in the
+//! state `(a, b)` of a station; the control `c` of each interval follows from it. One division per stage, no
+//! matrix larger than 2 x 2.
 
 use crate::barrier::{Iterate, Local};
 use crate::window::Window;
@@ -19,8 +20,8 @@ impl Riccati {
         }
     }
 
-    /// The step that minimises the quadratic model, with the given step `start` of the first state unless the motion starts at
-    /// rest. Returns the directional derivative of the barrier function along it.
+    /// The step that minimises the quadratic model, with the given step `start` of the first state unless the
+    /// motion starts at rest. Returns the directional derivative of the barrier function along it.
     pub(crate) fn step(
         &mut self,
         window: &Window,

@@ -21,8 +21,8 @@ const MAX_STEP_FRACTION: f64 = 0.98;
 const BACKTRACK_FACTOR: f64 = 0.75;
 /// Weight of the first derivative of the speed in the approach to the initial guess.
 const GUESS_SLOPE_WEIGHT: f64 = 0.02;
-/// Initial weight of its second derivative, the factor by which it grows after an infeasible attempt, and the number of
-/// attempts.
+/// Initial weight of its second derivative, the factor by which it grows after an infeasible attempt, and the
+/// number of attempts.
 const GUESS_SMOOTHNESS: f64 = 0.2;
 const GUESS_SMOOTHNESS_FACTOR: f64 = 5.0;
 const MAX_GUESSES: usize = 3;
@@ -43,7 +43,8 @@ pub(crate) struct Solver {
     local: Local,
     riccati: Riccati,
     pub(crate) objective: Objective,
-    /// Factors on the barrier weights of the intervals, raised where the check between stations finds an excess.
+    /// Factors on the barrier weights of the intervals, raised where the check between stations finds an
+    /// excess.
     pub(crate) constraint_weight: Vec<f64>,
     /// Linear weights on `u'^2` at stations where the speed has to fall below that of the start.
     pub(crate) pull: Vec<f64>,
@@ -93,8 +94,8 @@ impl Solver {
         self.x.along(&self.trial, &self.step, 1.0);
     }
 
-    /// Moves a slow start motion towards the initial guess if that stays feasible: one least-squares step in which the speed
-    /// follows the guess and its derivatives are small over the guess's lengths.
+    /// Moves a slow start motion towards the initial guess if that stays feasible: one least-squares step in
+    /// which the speed follows the guess and its derivatives are small over the guess's lengths.
     pub(crate) fn approach_guess(&mut self, window: &Window, initial_guess: &InitialGuess) {
         let n = window.n();
         self.local.g.clear();
@@ -176,8 +177,8 @@ impl Solver {
         }
     }
 
-    /// Follows the central path from barrier parameter `mu` down to [`MU_FINAL`] in at most `max` steps. Returns the final
-    /// barrier parameter.
+    /// Follows the central path from barrier parameter `mu` down to [`MU_FINAL`] in at most `max` steps.
+    /// Returns the final barrier parameter.
     pub(crate) fn descend(&mut self, window: &Window, mut mu: f64, max: u32) -> f64 {
         let limit = self.iterations + max;
         loop {
@@ -198,8 +199,8 @@ impl Solver {
         self.newton(window, max, CENTRED * self.weight());
     }
 
-    /// Performs a few steps at [`MU_FINAL`] after some constraint weights were raised. The decrement there is small compared to
-    /// the weight of the whole window, so the smallest raised weight is the measure.
+    /// Performs a few steps at [`MU_FINAL`] after some constraint weights were raised. The decrement there is
+    /// small compared to the weight of the whole window, so the smallest raised weight is the measure.
     pub(crate) fn recentre_weighted(&mut self, window: &Window, max: u32) {
         self.time_objective(window, MU_FINAL);
         let weights_raised = (self.objective.weight.iter().zip(&self.constraint_weight))

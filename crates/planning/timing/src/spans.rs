@@ -37,8 +37,8 @@ pub(crate) fn plain(grid: &Grid, from: PathPosition, until: u64, spans: &mut Vec
     }
 }
 
-/// Divides the spans that start (or, with `reverse`, end) at rest, so that the first is a stub and the following ones grow in
-/// proportion to their distance from the rest. At most `capacity` spans in total.
+/// Divides the spans that start (or, with `reverse`, end) at rest, so that the first is a stub and the
+/// following ones grow in proportion to their distance from the rest. At most `capacity` spans in total.
 pub(crate) fn grade(
     spans: &mut Vec<Span>,
     problem: &WindowProblem<'_>,
@@ -59,8 +59,8 @@ pub(crate) fn grade(
     } else {
         GRADING
     };
-    // A longer stub permits a higher speed at its start. Newton's method at best doubles `u'^2` per step, so the next window,
-    // which passes this position at speed, needs half as many steps.
+    // A longer stub permits a higher speed at its start. Newton's method at best doubles `u'^2` per step, so
+    // the next window, which passes this position at speed, needs half as many steps.
     let stub = if reverse && problem.end_jerk_fraction < 1.0 {
         (OPEN_STUB_FACTOR * rest_length)
             .min(total / 20.0)
@@ -143,8 +143,8 @@ fn cut(left: &mut Span, part: f64, reverse: bool) -> Span {
     piece
 }
 
-/// Divides the spans of the first `reach` into parts of at most `max`, for a motion that has to change at once however smooth
-/// the path is there. At most `capacity` spans in total.
+/// Divides the spans of the first `reach` into parts of at most `max`, for a motion that has to change at
+/// once however smooth the path is there. At most `capacity` spans in total.
 pub(crate) fn subdivide(
     spans: &mut Vec<Span>,
     reach: f64,
@@ -178,7 +178,8 @@ pub(crate) fn subdivide(
     std::mem::swap(spans, scratch);
 }
 
-/// The length from rest over which constant jerk is optimal: well within the first phase of jerk, before the path has curved.
+/// The length from rest over which constant jerk is optimal: well within the first phase of jerk, before the
+/// path has curved.
 fn rest_length_at(problem: &WindowProblem<'_>, first: Span, reverse: bool) -> f64 {
     let (grid, limits) = (problem.grid, problem.grid.limits());
     let (Some(cell), true) = (grid.cell(first.interval), first.length > 0.0) else {

@@ -11,7 +11,8 @@ pub(crate) const FADE: f64 = 20.0;
 /// Fraction of the permitted `u'^2` at which the first slow motion is tried.
 const CRAWL_FRACTION: f64 = 0.3;
 
-/// The fading factor of the acceleration at distance `x` from a stub, over `length` but at most 45 % of `total`.
+/// The fading factor of the acceleration at distance `x` from a stub, over `length` but at most 45 % of
+/// `total`.
 fn fade(x: f64, length: f64, room: f64) -> f64 {
     let reach = length.min(0.45 * room);
     if x < reach {
@@ -22,8 +23,8 @@ fn fade(x: f64, length: f64, room: f64) -> f64 {
     }
 }
 
-/// Sets the stations on `segments`, which the window may divide further. Returns the index of the first station after them,
-/// which has the state of their end.
+/// Sets the stations on `segments`, which the window may divide further. Returns the index of the first
+/// station after them, which has the state of their end.
 pub(crate) fn fill(window: &Window, solved_spans: &[SolvedSpan], x: &mut Iterate) -> usize {
     let (mut k, n) = (0, window.n());
     for solved_span in solved_spans {
@@ -39,8 +40,9 @@ pub(crate) fn fill(window: &Window, solved_spans: &[SolvedSpan], x: &mut Iterate
     k
 }
 
-/// Sets the stations from `first` to a slow motion at `u'^2 = level` that decelerates over this many lengths of the last stub.
-/// The state at `first` is `level` with zero acceleration, unless `first` is the last station but one.
+/// Sets the stations from `first` to a slow motion at `u'^2 = level` that decelerates over this many lengths
+/// of the last stub. The state at `first` is `level` with zero acceleration, unless `first` is the last
+/// station but one.
 pub(crate) fn crawl_to_end(window: &Window, first: usize, level: f64, lengths: f64, x: &mut Iterate) {
     let n = window.n();
     let room: f64 = window.d[first..].iter().sum();
@@ -126,7 +128,8 @@ pub(crate) fn crawl_level(window: &Window, first: usize, limits: &PathLimits) ->
         * CRAWL_FRACTION
 }
 
-/// The initial guess of a motion: `u'^2` at the stations, and the length over which the speed may change significantly there.
+/// The initial guess of a motion: `u'^2` at the stations, and the length over which the speed may change
+/// significantly there.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct InitialGuess {
     pub(crate) a: Vec<f64>,
@@ -147,8 +150,8 @@ const STEADY_FRACTION: f64 = 0.6;
 /// Growth of `u'^2` along the path: fractions of acceleration and of the root of jerk.
 const GUIDE_GROWTH: (f64, f64) = (0.6, 0.7);
 
-/// A continuous speed of about half of what the path permits: at each station the minimum of the permitted constant speed and
-/// of what is reachable from the neighbours.
+/// A continuous speed of about half of what the path permits: at each station the minimum of the permitted
+/// constant speed and of what is reachable from the neighbours.
 pub(crate) fn initial_guess(window: &Window, limits: &PathLimits, x: &Iterate, out: &mut InitialGuess) {
     let n = window.n();
     let axes = limits.axes();

@@ -7,10 +7,10 @@ use crate::limits::PathLimits;
 
 /// Constant jerk `j` over the length `x` from rest, or to rest, where `c = u'''/u'` is unbounded.
 ///
-/// With `x = j t^3/6` the motion at the far end has `v = j t^2/2`, `b = j t`, so `v b = 3 j x` and `v^2 = 3/2 x b`: a line in
-/// the plane of `(a, b)` along which the solver may choose. An axis has the jerk `j (q' + 9 q'' x + 9/2 q''' x^2)`, the
-/// acceleration `j^(2/3) ((6 x)^(1/3) q' + (6 x)^(4/3)/4 q'')` and the velocity `j^(1/3) (6 x)^(2/3)/2 q'`. A motion to rest
-/// is the same reversed in time.
+/// With `x = j t^3/6` the motion at the far end has `v = j t^2/2`, `b = j t`, so `v b = 3 j x` and
+/// `v^2 = 3/2 x b`: a line in the plane of `(a, b)` along which the solver may choose. An axis has the jerk
+/// `j (q' + 9 q'' x + 9/2 q''' x^2)`, the acceleration `j^(2/3) ((6 x)^(1/3) q' + (6 x)^(4/3)/4 q'')` and the
+/// velocity `j^(1/3) (6 x)^(2/3)/2 q'`. A motion to rest is the same reversed in time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Stub {
     /// Length; zero if there is none.

@@ -12,8 +12,8 @@ const MAX_ITERATIONS: usize = 60;
 /// The path parameter as a function of time; `x` is counted from the start of the piece.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TimeLaw {
-    /// `u'' = b + c x`: the acceleration is linear in the parameter, so the jerk is `c u'`. With `v` at the start,
-    /// `x(t) = v sinh(w t)/w + b (cosh(w t) - 1)/w^2`, `w^2 = c` (sine and cosine if `c` is negative).
+    /// `u'' = b + c x`: the acceleration is linear in the parameter, so the jerk is `c u'`. With `v` at the
+    /// start, `x(t) = v sinh(w t)/w + b (cosh(w t) - 1)/w^2`, `w^2 = c` (sine and cosine if `c` is negative).
     LinearAcceleration {
         /// Speed at the start.
         v: f64,
@@ -89,8 +89,8 @@ impl TimeLaw {
         }
     }
 
-    /// The time in `0..=duration_s` at which position `x` is reached, for a law that does not run backwards. Real-time safe:
-    /// bounded iterations, no allocation.
+    /// The time in `0..=duration_s` at which position `x` is reached, for a law that does not run backwards.
+    /// Real-time safe: bounded iterations, no allocation.
     #[must_use]
     pub fn time_to(&self, x: f64, duration_s: f64) -> f64 {
         if x.is_nan() || x <= 0.0 {
@@ -124,16 +124,16 @@ impl TimeLaw {
         t
     }
 
-    /// The duration over `length`, for a law that runs forwards throughout. If rounding stops it just before the end, the time of
-    /// its maximum.
+    /// The duration over `length`, for a law that runs forwards throughout. If rounding stops it just before
+    /// the end, the time of its maximum.
     pub(crate) fn duration(&self, length: f64) -> f64 {
         let mut t = match *self {
             Self::LinearAcceleration { v, b, c } => {
                 let end = (v * v + length * (2.0 * b + c * length)).max(0.0).sqrt();
                 let middle = (v * v + length * (b + 0.25 * c * length)).max(0.0).sqrt();
                 if end > CLOSED_FORM_GROWTH * v && c > 0.0 {
-                    // Newton's method alone takes one iteration per unit of w t here, w^2 = c. The length divided by the sum of the speeds
-                    // at both ends is tanh(w t/2)/w.
+                    // Newton's method alone takes one iteration per unit of w t here, w^2 = c. The length
+                    // divided by the sum of the speeds at both ends is tanh(w t/2)/w.
                     let w = c.sqrt();
                     2.0 * libm::atanh((w * length / (v + end)).min(1.0 - f64::EPSILON)) / w
                 } else {

@@ -64,7 +64,8 @@ pub(crate) enum ResumePoint {
 pub(crate) struct WarmStart {
     pub(crate) valid: bool,
     pub(crate) solved_spans: Vec<SolvedSpan>,
-    /// Pieces in closed form before the segments: a deceleration to a reduced feed, or the remainder of a first stub.
+    /// Pieces in closed form before the segments: a deceleration to a reduced feed, or the remainder of a
+    /// first stub.
     pub(crate) head: Vec<Piece>,
     /// The stub before the segments, if any.
     pub(crate) first: Option<Span>,
@@ -109,7 +110,8 @@ impl WarmStart {
         };
     }
 
-    /// Scales the plan in time, to `rate` times the speed, `0 < rate <= 1`: `u'^2`, `u''` and `u'''/u'` by distance scale alike.
+    /// Scales the plan in time, to `rate` times the speed, `0 < rate <= 1`: `u'^2`, `u''` and `u'''/u'` by
+    /// distance scale alike.
     pub(crate) fn slow_down(&mut self, rate: f64) {
         let square = rate * rate;
         for solved_span in &mut self.solved_spans {
@@ -218,11 +220,12 @@ impl WarmStart {
         }
     }
 
-    /// The last stub passed without a stop, in three parts: from its state to zero acceleration at `u'^2 = level`, where `level`
-    /// is at most a third of the value at the start of the stub.
+    /// The last stub passed without a stop, in three parts: from its state to zero acceleration at
+    /// `u'^2 = level`, where `level` is at most a third of the value at the start of the stub.
     ///
-    /// With lengths in stub lengths and `b` relative to its start value, `a` starts with 3/2 and slope -2; the values of `b`
-    /// between the parts distribute the decrease `3/2 - level`. Three times the stub's jerk suffices.
+    /// With lengths in stub lengths and `b` relative to its start value, `a` starts with 3/2 and slope -2;
+    /// the values of `b` between the parts distribute the decrease `3/2 - level`. Three times the stub's jerk
+    /// suffices.
     pub(crate) fn release(span: Span, square: f64, level: f64, out: &mut Vec<SolvedSpan>) {
         let beta = square / (1.5 * span.length);
         let third = span.length / 3.0;

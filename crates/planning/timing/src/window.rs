@@ -42,17 +42,20 @@ pub(crate) struct Window {
     pub(crate) inverse_j: [f64; AXES],
     /// Lengths of the `n` intervals.
     pub(crate) d: Vec<f64>,
-    /// Per pair of neighbouring intervals and moving axis: point (start, middle, end) and derivative (first, second, third), one
-    /// number for each of the two intervals. With an odd number of intervals the last one fills both places.
+    /// Per pair of neighbouring intervals and moving axis: point (start, middle, end) and derivative (first,
+    /// second, third), one number for each of the two intervals. With an odd number of intervals the last one
+    /// fills both places.
     pub(crate) rows: Vec<f64x2>,
     /// Caps of `u'^2` at the stations and in the middle of the intervals.
     pub(crate) cap: Vec<f64>,
     pub(crate) middle_cap: Vec<f64>,
     /// 1 for intervals with constraints in the middle, 0 where second and third derivatives vanish.
     pub(crate) curved: Vec<f64>,
-    /// 1 where the derivatives step at the end, so that both sides have acceleration constraints; otherwise 0.
+    /// 1 where the derivatives step at the end, so that both sides have acceleration constraints; otherwise
+    /// 0.
     pub(crate) joints: Vec<f64>,
-    /// Factors on the acceleration and jerk constraints of each interval, below 1 where a start needs a margin.
+    /// Factors on the acceleration and jerk constraints of each interval, below 1 where a start needs a
+    /// margin.
     pub(crate) relaxation: Vec<(f64, f64)>,
     /// Whether caps were raised for a start above them.
     pub(crate) lifted: bool,

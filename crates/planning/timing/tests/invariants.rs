@@ -130,8 +130,9 @@ fn a_stop_across_a_tiny_blend_keeps_the_limits() {
     }
 }
 
-/// Regression: a speed with a maximum inside an interval above the caps at its ends and middle, when the feed rose
-/// again after an override across a coarse interval; and an acceleration with such a peak between check points.
+/// Regression: a speed with a maximum inside an interval above the caps at its ends and middle, when the feed
+/// rose again after an override across a coarse interval; and an acceleration with such a peak between check
+/// points.
 #[test]
 fn speed_and_acceleration_limits_hold_between_stations() {
     for (seed, case) in [(3, 53), (6, 16), (9, 7), (14, 0), (14, 4), (28, 21), (29, 51)] {
@@ -148,7 +149,8 @@ fn acceleration_limits_hold_between_check_points() {
     }
 }
 
-/// Regression: a margin above a cap that every plan granted again to the next one, on a line replanned 16 times.
+/// Regression: a margin above a cap that every plan granted again to the next one, on a line replanned 16
+/// times.
 #[test]
 fn speed_does_not_drift_above_its_limit() {
     campaign(40, 51..52, None);

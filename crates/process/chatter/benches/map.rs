@@ -1,8 +1,9 @@
 //! A map of 100 x 100 cuts by harmonic balance, and how long integration in time takes for the same answers.
 //!
-//! `cargo bench -p evolvent-chatter`. Integration answers a sample of the cells (every 9th speed and depth), one thread
-//! against one in processor time, with steps of a relative accuracy of 1e-7. For each it follows a small and a large disturbance until
-//! the amplitude is within 1e-4 of where it settles, judged from windows of 20 periods, or has died out. It never sees an unstable cycle.
+//! `cargo bench -p evolvent-chatter`. Integration answers a sample of the cells (every 9th speed and depth),
+//! one thread against one in processor time, with steps of a relative accuracy of 1e-7. For each it follows a
+//! small and a large disturbance until the amplitude is within 1e-4 of where it settles, judged from windows
+//! of 20 periods, or has died out. It never sees an unstable cycle.
 
 #![expect(
     clippy::print_stdout,

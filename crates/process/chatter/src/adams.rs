@@ -1,10 +1,12 @@
-//! The exponential Adams method: both oscillators exactly, the force between samples by the polynomial through the last five.
+//! The exponential Adams method: both oscillators exactly, the force between samples by the polynomial
+//! through the last five.
 //!
-//! Over a step `h` each axis moves as `x(h) = exp(A h) x(0) + 1/m integral of exp(A (h - s)) (0, 1) F(s) ds`. With the force
-//! extrapolated by Lagrange's polynomials through its last five samples the integral is a sum of these with constant weights
-//! (Adams and Bashforth's for A = 0), so that a step needs one evaluation of the force. The force changes the motion by a
-//! few percent a period; of that, 24 steps a period leave 4e-4. The classical Runge-Kutta method needs four evaluations and
-//! leaves more, because it approximates the oscillators as well.
+//! Over a step `h` each axis moves as `x(h) = exp(A h) x(0) + 1/m integral of exp(A (h - s)) (0, 1) F(s) ds`.
+//! With the force extrapolated by Lagrange's polynomials through its last five samples the integral is a sum
+//! of these with constant weights (Adams and Bashforth's for A = 0), so that a step needs one evaluation of
+//! the force. The force changes the motion by a few percent a period; of that, 24 steps a period leave 4e-4.
+//! The classical Runge-Kutta method needs four evaluations and leaves more, because it approximates the
+//! oscillators as well.
 
 use crate::error::ChatterError;
 use crate::model::{Model, PrincipalAxis, State};

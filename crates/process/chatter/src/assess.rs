@@ -1,10 +1,11 @@
 //! What becomes of a cut: its cycles with their multipliers, the fate of disturbances, and the verdict.
 //!
-//! Three ways look for cycles, and each covers what another may miss: harmonic balance along the branches of this cut
-//! and of its neighbours in speed and depth; disturbances followed in time, which find what attracts; and halving
-//! between a disturbance that dies out and one that does not, which finds what separates them. A cycle counts where it
-//! closes in time; what is stable is said by its Floquet multipliers. A cut is called stable only where no cycle is
-//! known, none was seen that could not be confirmed, and every disturbance that was tried has died out.
+//! Three ways look for cycles, and each covers what another may miss: harmonic balance along the branches of
+//! this cut and of its neighbours in speed and depth; disturbances followed in time, which find what
+//! attracts; and halving between a disturbance that dies out and one that does not, which finds what
+//! separates them. A cycle counts where it closes in time; what is stable is said by its Floquet multipliers.
+//! A cut is called stable only where no cycle is known, none was seen that could not be confirmed, and every
+//! disturbance that was tried has died out.
 
 use crate::cycle::Cycle;
 use crate::error::ChatterError;
@@ -13,14 +14,15 @@ use crate::model::{CuttingTool, Equilibrium, Model, State};
 use crate::scan::{Branch, Prediction, Scanner};
 use crate::transient::{Fate, Follower};
 
-/// A prediction that is further off in amplitude has landed on another cycle: with five harmonics and loss of contact
-/// it is 5e-3 off, with one up to 0.1.
+/// A prediction that is further off in amplitude has landed on another cycle: with five harmonics and loss of
+/// contact it is 5e-3 off, with one up to 0.1.
 const LANDED_AMPLITUDE: f64 = 0.15;
 /// ... or in frequency.
 const LANDED_FREQUENCY: f64 = 3e-3;
 /// Neighbours whose cycles are continued to a cut: parts of speed and depth.
 const NEIGHBOURS: [[f64; 2]; 4] = [[1.005, 1.0], [0.995, 1.0], [1.0, 1.005], [1.0, 0.995]];
-/// Numbers of harmonics with which a balance without a cycle is repeated: near the end of a branch few do not tell one.
+/// Numbers of harmonics with which a balance without a cycle is repeated: near the end of a branch few do not
+/// tell one.
 const FINER: [usize; 2] = [24, 48];
 /// Size of a large disturbance, of the largest that keeps the speed above the floor.
 const LARGE: f64 = 0.9;
@@ -38,8 +40,8 @@ pub enum Verdict {
     Bistable,
     /// The cut vibrates by itself.
     SelfExcited,
-    /// Vibration leaves the model, by itself or after a disturbance: it is large, and how large is not known. Also where the
-    /// balance has a cycle that integration in time neither confirms nor leads to another one.
+    /// Vibration leaves the model, by itself or after a disturbance: it is large, and how large is not known.
+    /// Also where the balance has a cycle that integration in time neither confirms nor leads to another one.
     OutOfModel,
 }
 
@@ -145,8 +147,8 @@ impl Assessment {
         self.cycles.iter().rev().find(|known| known.verified.stable())
     }
 
-    /// Whether the balance has a cycle, and nobody knows whether the cut has. Newton's method misses a strongly unstable cycle
-    /// that the harmonics do not give closely enough.
+    /// Whether the balance has a cycle, and nobody knows whether the cut has. Newton's method misses a
+    /// strongly unstable cycle that the harmonics do not give closely enough.
     #[must_use]
     pub fn is_in_doubt(&self) -> bool {
         // What a cycle landed on would be known if it counted.
@@ -245,9 +247,9 @@ impl Assessor {
         Ok(last)
     }
 
-    /// What becomes of disturbances, up to the first that leaves the model: the largest within it, or small ones where the
-    /// steady cut does not last, and the given motions. A motion that arrives at one of the given stable cycles is followed no
-    /// further.
+    /// What becomes of disturbances, up to the first that leaves the model: the largest within it, or small
+    /// ones where the steady cut does not last, and the given motions. A motion that arrives at one of the
+    /// given stable cycles is followed no further.
     pub(crate) fn disturbances(
         &self,
         model: &Model<'_>,
@@ -350,8 +352,8 @@ fn verified(model: &Model<'_>, prediction: Prediction) -> Assessment {
     assessment
 }
 
-/// Follows disturbances in time, and adds the cycles that they settle on. Two of one direction with different fates,
-/// where what is between them is not known.
+/// Follows disturbances in time, and adds the cycles that they settle on. Two of one direction with different
+/// fates, where what is between them is not known.
 fn disturb(model: &Model<'_>, assessment: &mut Assessment) -> Option<Between> {
     let mut open = None;
     let mut follower = Follower::new(*model, &assessment.equilibrium);
@@ -365,7 +367,8 @@ fn disturb(model: &Model<'_>, assessment: &mut Assessment) -> Option<Between> {
     for branch in &assessment.branches {
         directions.extend(branch.largest.map(|state| state - rest));
     }
-    // Where small vibrations grow, a small disturbance shows what the cut does by itself, a large one what a blow does.
+    // Where small vibrations grow, a small disturbance shows what the cut does by itself, a large one what a
+    // blow does.
     let sizes = if grows { [SMALL, LARGE] } else { [LARGE, MIDDLE] };
     for direction in directions {
         let (mut dies, mut stays): (Option<f64>, Option<f64>) = (None, None);
@@ -406,7 +409,8 @@ fn disturb(model: &Model<'_>, assessment: &mut Assessment) -> Option<Between> {
     open
 }
 
-/// The fate of a disturbance of a part of a direction, or of the largest smaller one that begins within the model.
+/// The fate of a disturbance of a part of a direction, or of the largest smaller one that begins within the
+/// model.
 fn fate_within(follower: &Follower<'_>, rest: State, direction: State, first: f64) -> (f64, Fate) {
     let mut part = first;
     loop {
@@ -419,8 +423,8 @@ fn fate_within(follower: &Follower<'_>, rest: State, direction: State, first: f6
     }
 }
 
-/// Disturbances that just keep the speed above the floor: blows along both principal axes, along the cutting speed and
-/// across it.
+/// Disturbances that just keep the speed above the floor: blows along both principal axes, along the cutting
+/// speed and across it.
 fn directions(model: &Model<'_>, follower: &Follower<'_>) -> Vec<State> {
     let (cos, sin) = model.machine_axes(1.0, 0.0);
     let along = |v1: f64, v2: f64| {
@@ -445,8 +449,8 @@ struct Between {
 }
 
 impl Between {
-    /// The unstable cycle between both, by halving: close to the border the motion lingers near the cycle before it
-    /// turns away.
+    /// The unstable cycle between both, by halving: close to the border the motion lingers near the cycle
+    /// before it turns away.
     fn border(&self, follower: &Follower<'_>) -> Option<Verified> {
         let (mut low, mut high) = (self.dies, self.stays);
         let mut calmest = None;

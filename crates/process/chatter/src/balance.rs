@@ -1,13 +1,14 @@
 //! Harmonic balance along a branch of motions.
 //!
-//! Both equations of motion are linear but for one scalar, the tangential force. So its harmonics `P_n` determine
-//! everything: `V_i,n = e_i P_n / (C_i - m_i n^2 w^2 + i n w (G_i + D m_i))`, with the directions `e_i` of the force
-//! and an extra damping `D` in proportion to the masses, 1/s. The amplitude `A` of the driving coordinate and its phase
-//! (a cosine) give `P_1` from `w` and `D`. What remains are 2 N + 2 unknowns, `P_0, w, D, P_2 .. P_N, A`, for 2 N + 1
-//! equations: that the force which the motion makes has these harmonics. So motions form curves; one linear
-//! [`Condition`] picks a point: its amplitude, its extra damping (0: a cycle), or its position along a tangent, which
-//! also passes where the curve turns back in `A`. The force is sampled over a period (alternating between frequency
-//! and time), the Jacobian is exact, and Newton's method needs two or three steps.
+//! Both equations of motion are linear but for one scalar, the tangential force. So its harmonics `P_n`
+//! determine everything: `V_i,n = e_i P_n / (C_i - m_i n^2 w^2 + i n w (G_i + D m_i))`, with the directions
+//! `e_i` of the force and an extra damping `D` in proportion to the masses, 1/s. The amplitude `A` of the
+//! driving coordinate and its phase (a cosine) give `P_1` from `w` and `D`. What remains are 2 N + 2
+//! unknowns, `P_0, w, D, P_2 .. P_N, A`, for 2 N + 1 equations: that the force which the motion makes has
+//! these harmonics. So motions form curves; one linear [`Condition`] picks a point: its amplitude, its extra
+//! damping (0: a cycle), or its position along a tangent, which also passes where the curve turns back in
+//! `A`. The force is sampled over a period (alternating between frequency and time), the Jacobian is exact,
+//! and Newton's method needs two or three steps.
 
 use nalgebra::Complex;
 
@@ -184,7 +185,8 @@ impl Balance {
         wide
     }
 
-    /// The motion that fulfils a condition, driven by coordinate `driver` (0 or 1), by Newton's method from `unknowns`.
+    /// The motion that fulfils a condition, driven by coordinate `driver` (0 or 1), by Newton's method from
+    /// `unknowns`.
     ///
     /// None where 12 steps do not balance the force.
     ///
@@ -310,7 +312,8 @@ impl Balance {
         ]
     }
 
-    /// Fills the matrix but for the condition's row, and the residual as first right hand side; the largest residual.
+    /// Fills the matrix but for the condition's row, and the residual as first right hand side; the largest
+    /// residual.
     fn linearise(
         &mut self,
         model: &Model<'_>,

@@ -10,8 +10,8 @@ use crate::case_file::{
 use crate::lobe::{Milling, MillingCut, Mode, Turning, TurningMode};
 use crate::model::{CuttingTool, PrincipalAxis};
 
-/// Frequencies of both axes, one over the other, at most: disturbances are followed for 1000 periods of the slower axis
-/// in steps of the faster one.
+/// Frequencies of both axes, one over the other, at most: disturbances are followed for 1000 periods of the
+/// slower axis in steps of the faster one.
 const MAX_FREQUENCY_RATIO: f64 = 100.0;
 
 /// Where the force law is to be had.

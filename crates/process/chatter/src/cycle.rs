@@ -13,8 +13,8 @@ pub struct Cycle {
     pub harmonics_m: [Vec<Complex<f64>>; 2],
     /// Coordinate (0 for V1, 1 for V2) whose amplitude was scanned.
     pub driver: usize,
-    /// How the extra damping that would balance the motion changes with the amplitude, 1/s per m: negative where
-    /// disturbances of the amplitude alone die out. NaN for a cycle that was found in time.
+    /// How the extra damping that would balance the motion changes with the amplitude, 1/s per m: negative
+    /// where disturbances of the amplitude alone die out. NaN for a cycle that was found in time.
     pub extra_slope: f64,
     /// Lowest and highest cutting speed, m/min.
     pub speed_m_min: [f64; 2],
@@ -44,8 +44,8 @@ impl Cycle {
         libm::atan2(turn.im, turn.re)
     }
 
-    /// Whether disturbances of the amplitude alone die out. The other mode may grow all the same: only the multipliers
-    /// of [`crate::Verified`] tell whether the cycle is stable.
+    /// Whether disturbances of the amplitude alone die out. The other mode may grow all the same: only the
+    /// multipliers of [`crate::Verified`] tell whether the cycle is stable.
     #[must_use]
     pub fn stable_by_slope(&self) -> bool {
         self.extra_slope < 0.0

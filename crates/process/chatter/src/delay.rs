@@ -6,17 +6,19 @@
 //! m q'' + c q' + k q = -w h(t) (r(t) - r(t - T)),     h periodic with T, zero where no tooth cuts
 //! ```
 //!
-//! with `r` the sum of the modes along each direction. What happened in one period determines the next by a linear
-//! map; the cut is stable where all its eigenvalues, the multipliers, lie within the unit circle.
+//! with `r` the sum of the modes along each direction. What happened in one period determines the next by a
+//! linear map; the cut is stable where all its eigenvalues, the multipliers, lie within the unit circle.
 //!
-//! [`MillingDelay::limit`] finds them as zeros of a characteristic function, with effort for every wave in the cut; it
-//! says where that is too much. Two other ways compute the largest one, for comparison:
+//! [`MillingDelay::limit`] finds them as zeros of a characteristic function, with effort for every wave in
+//! the cut; it says where that is too much. Two other ways compute the largest one, for comparison:
 //!
-//! - collocation at Chebyshev's points between entries and exits of teeth, exact between cuts: the error falls faster
-//!   than any power of the number of points, from about three a wave on ([`MillingDelay::collocation`]);
-//! - semi-discretisation (T. Insperger, G. Stepan, "Updated semi-discretization method for periodic delay-differential
-//!   equations with discrete delay", 2004): coefficients constant over a step, the delayed value the mean of two, exact
-//!   within it ([`MillingDelay::semi_discretisation`]); its error falls with the square of the step.
+//! - collocation at Chebyshev's points between entries and exits of teeth, exact between cuts: the error
+//!   falls faster than any power of the number of points, from about three a wave on
+//!   ([`MillingDelay::collocation`]);
+//! - semi-discretisation (T. Insperger, G. Stepan, "Updated semi-discretization method for periodic
+//!   delay-differential equations with discrete delay", 2004): coefficients constant over a step, the delayed
+//!   value the mean of two, exact within it ([`MillingDelay::semi_discretisation`]); its error falls with the
+//!   square of the step.
 
 use nalgebra::{Complex, DMatrix, DVector, Dyn, LU, Schur};
 
@@ -171,8 +173,8 @@ impl MillingDelay {
         }
     }
 
-    /// Degree of the polynomials that makes the multipliers of collocation good to about 1e-9: 24, and more the more
-    /// waves a stretch holds; more than [`MillingDelay::collocation`] takes from 80 waves on.
+    /// Degree of the polynomials that makes the multipliers of collocation good to about 1e-9: 24, and more
+    /// the more waves a stretch holds; more than [`MillingDelay::collocation`] takes from 80 waves on.
     #[must_use]
     pub fn degree(&self) -> usize {
         let fastest = self
@@ -189,8 +191,8 @@ impl MillingDelay {
         (24.0 + 0.75 * radians) as usize
     }
 
-    /// Largest multiplier, in magnitude, at a depth in m, by collocation with polynomials of the given degree (4 to
-    /// 400) on each stretch.
+    /// Largest multiplier, in magnitude, at a depth in m, by collocation with polynomials of the given degree
+    /// (4 to 400) on each stretch.
     ///
     /// # Errors
     /// A depth or degree out of range.
@@ -201,8 +203,8 @@ impl MillingDelay {
         Ok(map.map_or(f64::INFINITY, |map| leading(&map).norm()))
     }
 
-    /// Largest multiplier, in magnitude, at a depth in m, by semi-discretisation with `steps` steps per period (4 to
-    /// 2000).
+    /// Largest multiplier, in magnitude, at a depth in m, by semi-discretisation with `steps` steps per
+    /// period (4 to 2000).
     ///
     /// # Errors
     /// A depth or number of steps out of range.
@@ -239,7 +241,8 @@ impl MillingDelay {
     }
 }
 
-/// The map from states at the nodes of the cutting stretches and at the end of one period to those of the next.
+/// The map from states at the nodes of the cutting stretches and at the end of one period to those of the
+/// next.
 struct Collocation {
     matrix: DMatrix<f64>,
 }
@@ -431,7 +434,8 @@ impl PeriodMap for SemiDiscretisation {
     }
 }
 
-/// Mean of the factors over a step, with the ends of the cut where they lie: Gauss' rule on each side of an end.
+/// Mean of the factors over a step, with the ends of the cut where they lie: Gauss' rule on each side of an
+/// end.
 fn mean_factors(delay: &MillingDelay, start: f64, length: f64) -> [[f64; 2]; 2] {
     const NODES: [(f64, f64); 3] = [
         (-0.774_596_669_241_483_4, 5.0 / 9.0),
@@ -480,8 +484,9 @@ fn exponential(matrix: &DMatrix<f64>) -> DMatrix<f64> {
     sum
 }
 
-/// The eigenvalue of largest magnitude: of the whole matrix where it is small, else of its projection to a Krylov
-/// space of 48 vectors (W. E. Arnoldi), which holds the largest ones of a map that damps almost everything.
+/// The eigenvalue of largest magnitude: of the whole matrix where it is small, else of its projection to a
+/// Krylov space of 48 vectors (W. E. Arnoldi), which holds the largest ones of a map that damps almost
+/// everything.
 fn leading(map: &impl PeriodMap) -> Complex<f64> {
     let size = map.size();
     let count = size.min(48);
@@ -522,7 +527,8 @@ fn leading(map: &impl PeriodMap) -> Complex<f64> {
     largest.copied().unwrap_or(Complex::ZERO)
 }
 
-/// Speeds and limits of a whole diagram: one point a speed, from `from_rpm` to `to_rpm`, by the frequency domain.
+/// Speeds and limits of a whole diagram: one point a speed, from `from_rpm` to `to_rpm`, by the frequency
+/// domain.
 #[must_use]
 pub fn lobe_diagram(
     lobes: &impl Lobes,

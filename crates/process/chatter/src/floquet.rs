@@ -1,8 +1,8 @@
 //! Stability of a cycle: its Floquet multipliers, by integrating the equations of motion in time.
 //!
-//! Newton's method on the motion over one period, with the variational equations: it finds unstable cycles as well as
-//! stable ones, and its matrix is the monodromy matrix, whose eigenvalues are the Floquet multipliers. It shares
-//! nothing with harmonic balance but the equations of motion and the starting point.
+//! Newton's method on the motion over one period, with the variational equations: it finds unstable cycles as
+//! well as stable ones, and its matrix is the monodromy matrix, whose eigenvalues are the Floquet
+//! multipliers. It shares nothing with harmonic balance but the equations of motion and the starting point.
 
 use nalgebra::{Complex, Matrix4, Matrix5, SVector, Schur, Vector5};
 
@@ -18,7 +18,8 @@ const SAMPLES: usize = 256;
 const HARMONICS: usize = 9;
 /// What a coarse motion may miss of closing, of its size, before it is closed for good.
 const COARSE_CLOSURE: f64 = 1e-5;
-/// Steps of Newton's method in a row that may fail to halve what is missing. Tuned: with 2 cycles are lost, 5 finds no more.
+/// Steps of Newton's method in a row that may fail to halve what is missing. Tuned: with 2 cycles are lost, 5
+/// finds no more.
 const MAX_STALLED: u32 = 3;
 
 /// A cycle as integration in time has it.
@@ -67,7 +68,8 @@ impl Verified {
         self.speed_m_min[0] > model.tool().floor_m_min && self.free_part <= MAX_FREE_PART
     }
 
-    /// Whether both are one cycle: amplitudes and frequencies to 1e-4, which is far above the accuracy of either.
+    /// Whether both are one cycle: amplitudes and frequencies to 1e-4, which is far above the accuracy of
+    /// either.
     #[must_use]
     pub fn is_same(&self, other: &Self) -> bool {
         let size = self.amplitude_m[0].max(self.amplitude_m[1]);
@@ -102,7 +104,8 @@ impl Verified {
 /// State and monodromy matrix in one.
 type Wide = SVector<f64, 20>;
 
-/// Integrates a cycle and corrects it until it closes to `tolerance` of its amplitude (1e-9 is well within reach).
+/// Integrates a cycle and corrects it until it closes to `tolerance` of its amplitude (1e-9 is well within
+/// reach).
 ///
 /// # Errors
 /// No cycle near, or a motion out of the model.
@@ -129,8 +132,8 @@ pub(crate) struct Closed {
     accuracy: Accuracy,
 }
 
-/// Newton's method from a state and a period to a motion that closes to `tolerance` of `size`, m; None where 20 steps
-/// do not lead to one.
+/// Newton's method from a state and a period to a motion that closes to `tolerance` of `size`, m; None where
+/// 20 steps do not lead to one.
 ///
 /// # Errors
 /// A motion out of the model.
@@ -145,11 +148,12 @@ pub(crate) fn shoot(
     newton(model, state, first_period, size, tolerance, accuracy, |_, _| true)
 }
 
-/// As [`shoot`] to 1e-8, for a motion of which it is not known whether a cycle is near: coarsely first, and given up where
-/// a step leads to a state that is not `near`, or where the motion does not come nearer to closing.
+/// As [`shoot`] to 1e-8, for a motion of which it is not known whether a cycle is near: coarsely first, and
+/// given up where a step leads to a state that is not `near`, or where the motion does not come nearer to
+/// closing.
 ///
-/// Near a fold that is just missed Newton's method wanders for ever; near a root, even a double one, each step leaves less
-/// than half of what is missing.
+/// Near a fold that is just missed Newton's method wanders for ever; near a root, even a double one, each
+/// step leaves less than half of what is missing.
 ///
 /// # Errors
 /// As [`shoot`].
@@ -189,7 +193,8 @@ pub(crate) fn shoot_near(
     Ok(closed.filter(|closed| near(&closed.state)))
 }
 
-/// Newton's method to a motion that closes, as long as its states and what they miss of closing are `promising`.
+/// Newton's method to a motion that closes, as long as its states and what they miss of closing are
+/// `promising`.
 fn newton(
     model: &Model<'_>,
     mut state: State,
@@ -337,7 +342,8 @@ pub(crate) fn report(model: &Model<'_>, closed: &Closed) -> Result<Verified, Cha
     })
 }
 
-/// Floquet multipliers without the one that belongs to a shift in time, largest first, and how far that is from 1.
+/// Floquet multipliers without the one that belongs to a shift in time, largest first, and how far that is
+/// from 1.
 fn multipliers(monodromy: &Matrix4<f64>) -> ([Complex<f64>; 3], f64) {
     let eigenvalues = Schur::try_new(*monodromy, 1e-15, 1000).map(|schur| schur.complex_eigenvalues());
     let mut multipliers: Vec<Complex<f64>> = eigenvalues
@@ -352,8 +358,9 @@ fn multipliers(monodromy: &Matrix4<f64>) -> ([Complex<f64>; 3], f64) {
     ([others[0], others[1], others[2]], trivial_error)
 }
 
-/// Floquet multipliers of a cycle as it is, without the one next to 1, largest first: by the classical Runge-Kutta
-/// method over one period, in 64 steps. They are as good as the cycle; those of [`verify`] are better.
+/// Floquet multipliers of a cycle as it is, without the one next to 1, largest first: by the classical
+/// Runge-Kutta method over one period, in 64 steps. They are as good as the cycle; those of [`verify`] are
+/// better.
 ///
 /// # Errors
 /// The force law does not reach as far.
@@ -378,7 +385,8 @@ pub(crate) fn quick_multipliers(model: &Model<'_>, cycle: &Cycle) -> Result<[Com
     Ok(multipliers(&monodromy).0)
 }
 
-/// Lowest and highest value of a periodic function from its samples: of the parabola through the three nearest.
+/// Lowest and highest value of a periodic function from its samples: of the parabola through the three
+/// nearest.
 fn extremes(values: &[f64]) -> [f64; 2] {
     let mut result = [f64::INFINITY, f64::NEG_INFINITY];
     for k in 0..values.len() {

@@ -1,9 +1,10 @@
 //! Integration in time: an embedded Runge-Kutta pair of order 5(4) with step control and events.
 //!
-//! The coefficients are those of J. R. Dormand, P. J. Prince, "A family of embedded Runge-Kutta formulae" (1980). The
-//! error of a step is held below `relative |x| + absolute` in each component; the error at the end is of that order
-//! times the number of swings. An event (a function of the state that changes its sign) is located by a cubic through
-//! the step's ends and a step that ends there, so that no step runs across it with both its stages' halves.
+//! The coefficients are those of J. R. Dormand, P. J. Prince, "A family of embedded Runge-Kutta formulae"
+//! (1980). The error of a step is held below `relative |x| + absolute` in each component; the error at the
+//! end is of that order times the number of swings. An event (a function of the state that changes its sign)
+//! is located by a cubic through the step's ends and a step that ends there, so that no step runs across it
+//! with both its stages' halves.
 
 use nalgebra::SVector;
 
@@ -99,7 +100,8 @@ impl<const N: usize> Integrator<N> {
         self.steps
     }
 
-    /// The state after `duration_s`. `rate` gives the time derivative; where `event` changes its sign a step ends.
+    /// The state after `duration_s`. `rate` gives the time derivative; where `event` changes its sign a step
+    /// ends.
     ///
     /// # Errors
     /// What `rate` refuses; a step that must be too small.

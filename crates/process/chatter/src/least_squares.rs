@@ -1,14 +1,14 @@
 //! The least squares of the source, as a method of its own for comparison.
 //!
-//! S. L. Leonov and E. V. Veglov set both deflections as sines with unknown amplitudes, phase, frequency and means,
-//! and minimise the squared residuals of both equations over a period (their equation 4). Because rest is always a
-//! minimum, they go in three stages: step the amplitudes and fit frequency and phase, noting local minima; refine the
-//! amplitudes; refine all. Here with one frequency (two drift apart to values that mean nothing) and any number of
-//! harmonics.
+//! S. L. Leonov and E. V. Veglov set both deflections as sines with unknown amplitudes, phase, frequency and
+//! means, and minimise the squared residuals of both equations over a period (their equation 4). Because rest
+//! is always a minimum, they go in three stages: step the amplitudes and fit frequency and phase, noting
+//! local minima; refine the amplitudes; refine all. Here with one frequency (two drift apart to values that
+//! mean nothing) and any number of harmonics.
 //!
-//! The minimum of the residual is not zero at the true cycle with one harmonic: it lies beside it, and there are minima
-//! without any cycle. [`Fit::normalised`] tells them apart with five harmonics: 1e-9 to 3e-6 at true cycles, 1e-4 and
-//! more at false ones.
+//! The minimum of the residual is not zero at the true cycle with one harmonic: it lies beside it, and there
+//! are minima without any cycle. [`Fit::normalised`] tells them apart with five harmonics: 1e-9 to 3e-6 at
+//! true cycles, 1e-4 and more at false ones.
 
 use crate::elimination::solve;
 use crate::error::{ChatterError, number};
@@ -16,8 +16,8 @@ use crate::model::{Model, State};
 
 /// Samples over a period.
 const SAMPLES: usize = 64;
-/// Steps of the amplitude of V2, and how far beyond the amplitude at which the speed reaches the floor: there are
-/// false minima, and they belong to the method.
+/// Steps of the amplitude of V2, and how far beyond the amplitude at which the speed reaches the floor: there
+/// are false minima, and they belong to the method.
 const STEPS: usize = 36;
 const REACH: f64 = 1.5;
 /// Steps of the ratio of the amplitudes.
@@ -53,7 +53,8 @@ pub enum Measure {
 
 /// The least squares in three stages.
 ///
-/// `harmonics` from 1 to 16. The result holds the minima that the third stage ends in, the smallest amplitude first.
+/// `harmonics` from 1 to 16. The result holds the minima that the third stage ends in, the smallest amplitude
+/// first.
 ///
 /// # Errors
 /// A number of harmonics out of range, no steady cut, a law of its own for the radial force.
@@ -75,7 +76,8 @@ pub fn least_squares(
     let tool = model.tool();
     let omega = std::f64::consts::TAU * tool.axes[1].frequency_hz();
     let most = (tool.speed_m_min - tool.floor_m_min) / 60.0 / omega;
-    // First stage: amplitudes in steps (those of V1 by their ratio to V2), frequency and phase fitted at each.
+    // First stage: amplitudes in steps (those of V1 by their ratio to V2), frequency and phase fitted at
+    // each.
     let mut stepped: Vec<Option<(f64, Vec<f64>)>> = Vec::with_capacity(STEPS);
     for i in 0..STEPS {
         let second = REACH * most * (i + 1) as f64 / STEPS as f64;
@@ -138,8 +140,8 @@ impl Search<'_, '_> {
         BASIC + 4 * (self.harmonics - 1)
     }
 
-    /// Value, first and second derivative by the angle of the part of V1 or V2 that belongs to an unknown, per unit of
-    /// it; and which coordinate it moves.
+    /// Value, first and second derivative by the angle of the part of V1 or V2 that belongs to an unknown,
+    /// per unit of it; and which coordinate it moves.
     fn part(&self, unknowns: &[f64], unknown: usize, angle: f64) -> (usize, [f64; 3]) {
         let wave = |n: f64, sine: bool| {
             let (c, s) = (libm::cos(n * angle), libm::sin(n * angle));
@@ -170,8 +172,8 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Residuals at all samples and their derivatives by the free unknowns, scaled by the elastic force if so wanted,
-    /// and the lowest speed; None where the law has no force.
+    /// Residuals at all samples and their derivatives by the free unknowns, scaled by the elastic force if so
+    /// wanted, and the lowest speed; None where the law has no force.
     fn residuals(&self, unknowns: &[f64], free: &[usize]) -> Option<(Vec<f64>, Vec<f64>, f64)> {
         let model = self.model;
         let omega = unknowns[0];

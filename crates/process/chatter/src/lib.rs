@@ -2,17 +2,18 @@
 //!
 //! Two mechanisms, kept apart because they need different data.
 //!
-//! **Self-oscillation** of a tool on two springs in a force that falls with the speed and couples two directions. A
-//! [`CuttingTool`] and a force law make a [`Model`]. An [`Assessor`] tells everything about its cut: an [`Assessment`]
-//! with its cycles and a [`Verdict`]. For that [`Scanner::scan`] finds the steady cut, the growth of small vibrations,
-//! and cycles, stable or not, by harmonic balance along branches; [`verify`] integrates a cycle in time and gives its
-//! Floquet multipliers; a [`Follower`] follows disturbances in time. [`least_squares`] is the method of the source, for
-//! comparison. A [`Mapper`] computes maps of speed and depth.
+//! **Self-oscillation** of a tool on two springs in a force that falls with the speed and couples two
+//! directions. A [`CuttingTool`] and a force law make a [`Model`]. An [`Assessor`] tells everything about its
+//! cut: an [`Assessment`] with its cycles and a [`Verdict`]. For that [`Scanner::scan`] finds the steady cut,
+//! the growth of small vibrations, and cycles, stable or not, by harmonic balance along branches; [`verify`]
+//! integrates a cycle in time and gives its Floquet multipliers; a [`Follower`] follows disturbances in time.
+//! [`least_squares`] is the method of the source, for comparison. A [`Mapper`] computes maps of speed and
+//! depth.
 //!
-//! **Regenerative chatter**, in which the tool cuts the waves of the revolution or the tooth before. [`Turning`] and
-//! [`Milling`] from measured [`Mode`]s give stability [`Lobes`] in the frequency domain; [`MillingDelay`] gives the
-//! limits and multipliers of the delay equation, and whether a limit is one of period doubling or of a vibration of its
-//! own, with its frequency ([`Chatter`]).
+//! **Regenerative chatter**, in which the tool cuts the waves of the revolution or the tooth before.
+//! [`Turning`] and [`Milling`] from measured [`Mode`]s give stability [`Lobes`] in the frequency domain;
+//! [`MillingDelay`] gives the limits and multipliers of the delay equation, and whether a limit is one of
+//! period doubling or of a vibration of its own, with its frequency ([`Chatter`]).
 //!
 //! The first knows no delay, so it predicts no lobes; the second is linear, so it predicts no amplitude.
 //!
@@ -40,8 +41,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! SI units inside, but cutting speeds in m/min, depths and feeds of a cut in mm, as force laws have them. Everything
-//! here is pure: no files, clocks or threads; nothing is for the real-time cycle.
+//! SI units inside, but cutting speeds in m/min, depths and feeds of a cut in mm, as force laws have them.
+//! Everything here is pure: no files, clocks or threads; nothing is for the real-time cycle.
 
 mod adams;
 mod assess;

@@ -1,8 +1,9 @@
 //! Regenerative chatter in the frequency domain: stability lobes of turning and milling from measured modes.
 //!
-//! The tool cuts the waves that it left a revolution (turning) or a tooth (milling) before. At the limit of stability
-//! it vibrates at one frequency, with the depth and the phase between waves that make the loop just close. For each
-//! frequency this gives a depth and, by the phase, one speed for every whole number of waves between two cuts.
+//! The tool cuts the waves that it left a revolution (turning) or a tooth (milling) before. At the limit of
+//! stability it vibrates at one frequency, with the depth and the phase between waves that make the loop just
+//! close. For each frequency this gives a depth and, by the phase, one speed for every whole number of waves
+//! between two cuts.
 
 use nalgebra::Complex;
 
@@ -73,7 +74,8 @@ pub struct Turning {
 pub struct MillingCut {
     /// Number of teeth, evenly spaced.
     pub teeth: u32,
-    /// Angle at which a tooth enters, from the direction across the feed, degrees: 0 at the start of up-milling.
+    /// Angle at which a tooth enters, from the direction across the feed, degrees: 0 at the start of
+    /// up-milling.
     pub entry_deg: f64,
     /// Angle at which it leaves, degrees: 180 at the end of down-milling.
     pub exit_deg: f64,
@@ -146,8 +148,8 @@ pub trait Lobes {
         all
     }
 
-    /// The local minima of the limit over the frequency: the depths that are stable at every speed. Found to 1e-10 of
-    /// the frequency.
+    /// The local minima of the limit over the frequency: the depths that are stable at every speed. Found to
+    /// 1e-10 of the frequency.
     fn minima(&self) -> Vec<Limit> {
         let frequencies = self.frequencies();
         let depth = |frequency: f64, root: usize| {
@@ -191,8 +193,8 @@ pub trait Lobes {
     /// The limit of the depth at a spindle speed, to 1e-10 of the frequency; None where no depth chatters.
     fn limit_at(&self, speed_rpm: f64) -> Option<Limit> {
         let period = 60.0 / (speed_rpm * f64::from(self.cuts_per_rev()));
-        // Between these frequencies the depth rises or falls: the crossing at its lower end is the only one to look at,
-        // of however many.
+        // Between these frequencies the depth rises or falls: the crossing at its lower end is the only one
+        // to look at, of however many.
         let mut frequencies = self.frequencies();
         frequencies.extend(self.minima().iter().map(|limit| limit.frequency_hz));
         frequencies.sort_by(f64::total_cmp);
@@ -213,7 +215,8 @@ pub trait Lobes {
                 if best.is_some_and(|best| best.depth_m <= low.depth_m) {
                     continue;
                 }
-                // Waves between two cuts without what the phase asks for, which does not jump between neighbours.
+                // Waves between two cuts without what the phase asks for, which does not jump between
+                // neighbours.
                 let waves = |limit: &Limit| {
                     limit.frequency_hz * period - low.phase - wrapped(limit.phase - low.phase)
                 };
@@ -252,14 +255,16 @@ pub trait Lobes {
     }
 }
 
-/// Gain below which a mode counts as not excited: rounding of two cosines gives 6e-17, a mode at 0.001 degrees from the right angle 2e-5.
+/// Gain below which a mode counts as not excited: rounding of two cosines gives 6e-17, a mode at 0.001
+/// degrees from the right angle 2e-5.
 const UNEXCITED: f64 = 1e-12;
 
 impl Turning {
-    /// Modes, the angle between the cutting force and the direction of the chip's thickness in degrees, and the
-    /// cutting coefficient in N/m2.
+    /// Modes, the angle between the cutting force and the direction of the chip's thickness in degrees, and
+    /// the cutting coefficient in N/m2.
     ///
-    /// A mode counts by the part of the force that drives it, times the part of its motion that changes the chip.
+    /// A mode counts by the part of the force that drives it, times the part of its motion that changes the
+    /// chip.
     ///
     /// # Errors
     /// No mode, or numbers that are no modes.
@@ -272,7 +277,8 @@ impl Turning {
             number("direction_deg", mode.direction_deg, -360.0, 360.0)?;
             let (along, force) = (mode.direction_deg.to_radians(), force_deg.to_radians());
             let gain = libm::cos(along) * libm::cos(along - force);
-            // At a right angle neither cosine is 0 to the last bit: a mode that the force does not excite has no limit.
+            // At a right angle neither cosine is 0 to the last bit: a mode that the force does not excite has
+            // no limit.
             let gain = if gain.abs() < UNEXCITED { 0.0 } else { gain };
             checked.push((mode.mode.checked()?, gain));
         }
@@ -293,8 +299,8 @@ impl Turning {
 }
 
 impl Lobes for Turning {
-    /// `b = -1 / (2 K Re G)` and the phase `3 pi + 2 arg G` (Y. Altintas, "Manufacturing Automation", chapter on
-    /// orthogonal chatter).
+    /// `b = -1 / (2 K Re G)` and the phase `3 pi + 2 arg G` (Y. Altintas, "Manufacturing Automation", chapter
+    /// on orthogonal chatter).
     fn limits(&self, frequency_hz: f64) -> [Option<Limit>; 2] {
         let g: C = self
             .modes
@@ -400,8 +406,8 @@ impl Milling {
 
 impl Lobes for Milling {
     /// The zeroth harmonic of the directional factors: the eigenvalues of a quadratic (Y. Altintas, E. Budak,
-    /// "Analytical prediction of stability lobes in milling", 1995). Good for large immersion; at small immersion it
-    /// does not see the lobes of period doubling: see [`crate::MillingDelay`].
+    /// "Analytical prediction of stability lobes in milling", 1995). Good for large immersion; at small
+    /// immersion it does not see the lobes of period doubling: see [`crate::MillingDelay`].
     fn limits(&self, frequency_hz: f64) -> [Option<Limit>; 2] {
         let sum = |modes: &[Mode]| modes.iter().map(|mode| mode.response(frequency_hz)).sum::<C>();
         let (gx, gy) = (sum(&self.x), sum(&self.y));

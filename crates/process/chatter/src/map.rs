@@ -1,9 +1,10 @@
 //! Maps over speed and depth: where a cut is stable, bistable, vibrates by itself, or leaves the model.
 //!
-//! A cell has the verdict of a whole [`Assessor`], from less effort where little is enough: cycles are bracketed with one
-//! harmonic, refined with all, and their multipliers taken from one period; where no cycle is found, disturbances are
-//! followed. Wherever these do not fit together, the cell is assessed as a single cut is. A [`Mapper::tile`] is divided
-//! until the corners and the middle of each part agree; between them only growth and amplitude are computed.
+//! A cell has the verdict of a whole [`Assessor`], from less effort where little is enough: cycles are
+//! bracketed with one harmonic, refined with all, and their multipliers taken from one period; where no cycle
+//! is found, disturbances are followed. Wherever these do not fit together, the cell is assessed as a single
+//! cut is. A [`Mapper::tile`] is divided until the corners and the middle of each part agree; between them
+//! only growth and amplitude are computed.
 
 use nalgebra::Complex;
 
@@ -15,7 +16,8 @@ use crate::model::{CuttingTool, Equilibrium, Laws, Model, SmallMode, State};
 use crate::scan::{Branch, ScanPoint, Scanner};
 use crate::transient::Fate;
 
-/// How far a balance of few harmonics may be off. Tuned on the cells of ten maps, so that none differs from all harmonics.
+/// How far a balance of few harmonics may be off. Tuned on the cells of ten maps, so that none differs from
+/// all harmonics.
 #[derive(Clone, Copy, Debug)]
 struct Trust {
     /// Extra damping below which two roots may hide, 1/s ...
@@ -24,7 +26,8 @@ struct Trust {
     near_fold_part: f64,
     /// A minimum of the extra damping along a branch below this part of the largest may touch zero.
     grazing_part: f64,
-    /// How far beyond the end of a branch, as part of the amplitude there, a root may be within the model after all.
+    /// How far beyond the end of a branch, as part of the amplitude there, a root may be within the model
+    /// after all.
     near_end_part: f64,
 }
 
@@ -62,8 +65,8 @@ pub struct MapCell {
     pub verdict: Option<Verdict>,
     /// Growth of the fastest growing small vibration, 1/s.
     pub growth_per_s: f64,
-    /// Amplitude of the larger coordinate on the largest stable cycle, m; 0 where there is none, or where the cut leaves the
-    /// model.
+    /// Amplitude of the larger coordinate on the largest stable cycle, m; 0 where there is none, or where the
+    /// cut leaves the model.
     pub amplitude_m: f64,
     /// Its frequency, Hz; 0 where there is none.
     pub frequency_hz: f64,
@@ -149,7 +152,8 @@ impl Mapper {
         self.assessor.assess(model)
     }
 
-    /// The cells of a rectangle of speeds, m/min, and depths, mm, both rising: speed by speed, from the lowest depth up.
+    /// The cells of a rectangle of speeds, m/min, and depths, mm, both rising: speed by speed, from the
+    /// lowest depth up.
     ///
     /// An island that is smaller than 4 cells across may be missed.
     #[must_use]
@@ -351,7 +355,8 @@ impl Mapper {
     }
 }
 
-/// Whether a cycle is stable, by its multipliers; None where it does not close in time, or lands on another one.
+/// Whether a cycle is stable, by its multipliers; None where it does not close in time, or lands on another
+/// one.
 fn stability(model: &Model<'_>, cycle: &Cycle) -> Result<Option<bool>, ChatterError> {
     let largest = quick_multipliers(model, cycle)?
         .iter()
@@ -479,8 +484,8 @@ impl Mapper {
 }
 
 impl Assessor {
-    /// The verdict from cycles with their stability, where it is plain; disturbances are followed before `Stable` is
-    /// said.
+    /// The verdict from cycles with their stability, where it is plain; disturbances are followed before
+    /// `Stable` is said.
     fn quick_verdict(&self, model: &Model<'_>, rest: &Equilibrium, found: &mut Found) -> Option<Verdict> {
         let survey = &mut found.cycles;
         let stable = survey.iter().any(|(_, stable)| *stable);

@@ -39,8 +39,8 @@ impl PrincipalAxis {
 pub struct CuttingTool {
     /// The principal axes V1, V2 of the tool's stiffness.
     pub axes: [PrincipalAxis; 2],
-    /// Angle from the machine's axes (y: away from the workpiece, z: against the main force) to the principal axes,
-    /// degrees.
+    /// Angle from the machine's axes (y: away from the workpiece, z: against the main force) to the principal
+    /// axes, degrees.
     pub beta_deg: f64,
     /// Cutting speed, m/min.
     pub speed_m_min: f64,
@@ -54,7 +54,8 @@ pub struct CuttingTool {
     pub floor_m_min: f64,
 }
 
-/// The equations of motion (S. L. Leonov, E. V. Veglov, equation 1), with the signs that follow from conjugate work:
+/// The equations of motion (S. L. Leonov, E. V. Veglov, equation 1), with the signs that follow from
+/// conjugate work:
 ///
 /// ```text
 /// m1 V1'' + G1 V1' + C1 V1 = Pz (lambda cos b - sin b)      y = V1 cos b - V2 sin b     Vf = V0 + z'
@@ -140,7 +141,8 @@ impl<'a> Model<'a> {
     /// Takes a tool and a force law together.
     ///
     /// # Errors
-    /// Numbers that are not finite or absurd, a speed at or below the floor, a feed at which the law has no force.
+    /// Numbers that are not finite or absurd, a speed at or below the floor, a feed at which the law has no
+    /// force.
     pub fn new(tool: CuttingTool, laws: impl Into<Laws<'a>>) -> Result<Self, ChatterError> {
         let laws = laws.into();
         for axis in &tool.axes {
@@ -359,8 +361,8 @@ impl<'a> Model<'a> {
 
     /// The steady cut: deflection under a constant force, and its small vibrations.
     ///
-    /// The force is the root of `P - Pz(V0, t0 - y(P))`, bracketed between 0 and twice the rigid tool's force and found
-    /// to 1e-14 of it.
+    /// The force is the root of `P - Pz(V0, t0 - y(P))`, bracketed between 0 and twice the rigid tool's force
+    /// and found to 1e-14 of it.
     ///
     /// # Errors
     /// No steady cut, or no force.
@@ -433,8 +435,8 @@ impl Pull {
 }
 
 impl Model<'_> {
-    /// The steady cut where both forces have laws: the actual depth at which the tool's deflection leaves just that
-    /// depth, by halving to 1e-15 of it.
+    /// The steady cut where both forces have laws: the actual depth at which the tool's deflection leaves
+    /// just that depth, by halving to 1e-15 of it.
     fn equilibrium_by_depth(&self) -> Result<Equilibrium, ChatterError> {
         let (speed, depth) = (self.tool.speed_m_min, self.tool.depth_mm);
         let bent = |actual: f64| -> Result<([f64; 2], [Pull; 2]), ChatterError> {
@@ -475,8 +477,9 @@ impl Model<'_> {
         })
     }
 
-    /// Angular frequency and extra damping (in proportion to the masses, 1/s) with which a mode of small vibration goes
-    /// on for ever: where its eigenvalue lies on the imaginary axis. None for a mode that does not swing.
+    /// Angular frequency and extra damping (in proportion to the masses, 1/s) with which a mode of small
+    /// vibration goes on for ever: where its eigenvalue lies on the imaginary axis. None for a mode that does
+    /// not swing.
     pub(crate) fn balanced_mode(
         &self,
         rest: &Equilibrium,

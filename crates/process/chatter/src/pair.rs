@@ -1,9 +1,10 @@
 //! Harmonic balance with two laws of force: one along the cutting speed, one across it.
 //!
-//! With the radial force in proportion to the tangential one, one scalar drives both axes ([`crate::balance`]). With a
-//! law of its own the forces `F_1`, `F_2` on both axes are unknown: `V_i,n = F_i,n / (C_i - m_i n^2 w^2 + i n w (G_i + D
-//! m_i))`, but for the driver's first harmonic, which is its amplitude `A`. What remains are 4 N + 3 unknowns for 4 N + 2
-//! equations: that the forces which the motion makes have these harmonics. Else as there.
+//! With the radial force in proportion to the tangential one, one scalar drives both axes
+//! ([`crate::balance`]). With a law of its own the forces `F_1`, `F_2` on both axes are unknown:
+//! `V_i,n = F_i,n / (C_i - m_i n^2 w^2 + i n w (G_i + D m_i))`, but for the driver's first harmonic, which is
+//! its amplitude `A`. What remains are 4 N + 3 unknowns for 4 N + 2 equations: that the forces which the
+//! motion makes have these harmonics. Else as there.
 
 use nalgebra::Complex;
 
@@ -19,7 +20,8 @@ pub(crate) struct PairBalance {
     harmonics: usize,
     /// Harmonics of y and z' by each unknown: `[unknown][n]`.
     by: Vec<[C; 2]>,
-    /// For both axes: sums over the samples of the force, and of its derivatives by y and z', times the waves.
+    /// For both axes: sums over the samples of the force, and of its derivatives by y and z', times the
+    /// waves.
     sums: [[Vec<f64>; 3]; 2],
 }
 
@@ -85,7 +87,8 @@ impl PairBalance {
         })
     }
 
-    /// Fills the matrix but for its last row, and the residual as first right hand side; the largest residual.
+    /// Fills the matrix but for its last row, and the residual as first right hand side; the largest
+    /// residual.
     pub(crate) fn linearise(
         &mut self,
         model: &Model<'_>,

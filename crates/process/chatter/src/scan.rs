@@ -1,10 +1,10 @@
 //! The scan: motions that an extra damping makes periodic, followed from each mode of small vibration.
 //!
-//! The branch that begins at a mode is a curve of motions of amplitude `A` and extra damping `D`. It is followed by its
-//! arc length (H. B. Keller's continuation), because near a coupling of two modes it turns back in `A`, to where the
-//! model ends or back to rest. `D = 0` is a cycle. The branch cannot fall back to rest by mistake, brackets every root,
-//! and finds a large cycle beside a steady cut that is stable against small disturbances. Whether a cycle is stable is
-//! not said here: see [`crate::verify`] for its multipliers.
+//! The branch that begins at a mode is a curve of motions of amplitude `A` and extra damping `D`. It is
+//! followed by its arc length (H. B. Keller's continuation), because near a coupling of two modes it turns
+//! back in `A`, to where the model ends or back to rest. `D = 0` is a cycle. The branch cannot fall back to
+//! rest by mistake, brackets every root, and finds a large cycle beside a steady cut that is stable against
+//! small disturbances. Whether a cycle is stable is not said here: see [`crate::verify`] for its multipliers.
 
 use crate::balance::{Balance, Balanced, Condition};
 use crate::cycle::Cycle;
@@ -15,20 +15,22 @@ use crate::model::{Equilibrium, Model, SmallMode, State};
 pub const MAX_FREE_PART: f64 = 0.5;
 /// Steps of the scan up to the amplitude at which the model begins to end.
 const STEPS: f64 = 24.0;
-/// Samples a period where the contact is lost: force over time then has a corner, which must lie between close ones.
+/// Samples a period where the contact is lost: force over time then has a corner, which must lie between
+/// close ones.
 const FINE_SAMPLES: usize = 512;
 /// No scan needs more steps.
 const MAX_STEPS: usize = 400;
-/// A point farther than this number of steps from the one before is on another part of the branch, or on another branch.
+/// A point farther than this number of steps from the one before is on another part of the branch, or on
+/// another branch.
 const LEAP: f64 = 1.5;
-/// Frequency and extra damping that count, along a branch, as much as the whole amplitude or force: part of the
-/// frequency. Tuned: from 0.01 to 0.2 the same cycles are found, with the fewest steps at 0.05.
+/// Frequency and extra damping that count, along a branch, as much as the whole amplitude or force: part of
+/// the frequency. Tuned: from 0.01 to 0.2 the same cycles are found, with the fewest steps at 0.05.
 const SPEED_PART: f64 = 0.05;
 
 /// Harmonics of the balance beyond the end of a branch.
 const END_HARMONICS: usize = 24;
-/// A motion at the end of a branch that so much extra damping, as part of the largest along it, keeps from dying out has no
-/// cycle near: in a balance of few harmonics ...
+/// A motion at the end of a branch that so much extra damping, as part of the largest along it, keeps from
+/// dying out has no cycle near: in a balance of few harmonics ...
 const FEW_DAMPED: f64 = 0.5;
 /// ... and of many.
 const MANY_DAMPED: f64 = 0.3;
@@ -242,7 +244,8 @@ impl Scanner {
         Ok(Some(self.cycle(model, cycle.driver, &root)))
     }
 
-    /// Amplitudes of the driver at which the speed reaches the floor and the contact is lost, if all stayed linear.
+    /// Amplitudes of the driver at which the speed reaches the floor and the contact is lost, if all stayed
+    /// linear.
     fn reach(&self, model: &Model<'_>, driver: usize, tiny: &Balanced) -> (f64, f64) {
         let [v1, v2] = self.balance.deflections(model, driver, tiny);
         let (c, s) = model.machine_axes(1.0, 0.0);
@@ -320,8 +323,8 @@ impl Scanner {
         Ok(branch)
     }
 
-    /// Whether a branch without cycles that was found with fewer harmonics may have one beyond its end: followed on with the
-    /// harmonics of this scanner, it has one, or it cannot be followed.
+    /// Whether a branch without cycles that was found with fewer harmonics may have one beyond its end:
+    /// followed on with the harmonics of this scanner, it has one, or it cannot be followed.
     ///
     /// # Errors
     /// The force law does not reach as far.
@@ -517,8 +520,8 @@ impl Scanner {
             let root = self
                 .balance
                 .solve(model, walk.driver, guess, Condition::Extra(0.0))?;
-            // Newton's method may leap to another part of the branch, or to the neighbour of two close roots: there the extra
-            // damping changes the other way.
+            // Newton's method may leap to another part of the branch, or to the neighbour of two close roots:
+            // there the extra damping changes the other way.
             if let Some(mut root) = root
                 && walk.distance(&low, &root) <= 1.2 * length
                 && walk.distance(&high, &root) <= 1.2 * length
@@ -594,7 +597,8 @@ impl Walk {
         self.scale.last().copied().unwrap_or(f64::NAN)
     }
 
-    /// Makes the tangent one of unit length that leads on from the last point, or to larger amplitudes at the first.
+    /// Makes the tangent one of unit length that leads on from the last point, or to larger amplitudes at the
+    /// first.
     fn orient(&self, at: &mut Balanced, from: Option<&Balanced>) {
         let dot = |a: &[f64], b: &[f64]| -> f64 {
             let all = a.iter().zip(b).zip(&self.scale);

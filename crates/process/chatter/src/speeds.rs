@@ -6,8 +6,8 @@ use crate::model::{CuttingTool, Laws, Model};
 
 /// The nearest stable speeds below and above a cut's speed, m/min, within `range_m_min`; each to 0.1 %.
 ///
-/// Stable means that every disturbance dies out: bistable speeds do not count. Speeds are tried in steps of 2 %, so a
-/// stable gap that is narrower may be missed.
+/// Stable means that every disturbance dies out: bistable speeds do not count. Speeds are tried in steps of 2
+/// %, so a stable gap that is narrower may be missed.
 #[must_use]
 pub fn nearest_stable<'a>(
     mapper: &mut Mapper,

@@ -1,9 +1,9 @@
 //! What becomes of a disturbance: the motion followed in time.
 //!
-//! The classical Runge-Kutta method with 32 steps per period of the faster axis: it takes 1e-5 of the amplitude a
-//! period, far less than the damping of any tool. Beyond the model the motion goes on with the force held at the floor
-//! of the speed, and none out of contact, so that every motion has an end: it dies out, settles on a cycle, goes on
-//! within the model without one, or stays beyond the model.
+//! The classical Runge-Kutta method with 32 steps per period of the faster axis: it takes 1e-5 of the
+//! amplitude a period, far less than the damping of any tool. Beyond the model the motion goes on with the
+//! force held at the floor of the speed, and none out of contact, so that every motion has an end: it dies
+//! out, settles on a cycle, goes on within the model without one, or stays beyond the model.
 
 use crate::adams::{Adams, AdamsMotion, forces_n};
 use crate::error::ChatterError;
@@ -15,7 +15,8 @@ use crate::scan::MAX_FREE_PART;
 const STEPS: f64 = 32.0;
 /// Periods of the slower axis in a window.
 const PERIODS: f64 = 8.0;
-/// A disturbance that has fallen to this part of the largest within the model has died out: the law is linear there.
+/// A disturbance that has fallen to this part of the largest within the model has died out: the law is linear
+/// there.
 const DEAD_PART: f64 = 0.01;
 /// Windows beyond the model, none smaller than the first, after which a motion has left it.
 const WINDOWS_OUTSIDE: usize = 4;
@@ -76,7 +77,8 @@ pub(crate) struct Lingering {
 }
 
 impl<'a> Follower<'a> {
-    /// About a steady cut, for 375 to 1000 periods of the slower axis, the longer the slower small vibrations change.
+    /// About a steady cut, for 375 to 1000 periods of the slower axis, the longer the slower small vibrations
+    /// change.
     #[must_use]
     pub fn new(model: Model<'a>, rest: &Equilibrium) -> Self {
         let frequencies = model.axes().map(|axis| axis.frequency_hz());
@@ -103,8 +105,8 @@ impl<'a> Follower<'a> {
         }
     }
 
-    /// Takes a disturbance for dead that has fallen to 0.3 of itself, in windows of half the length by the exponential Adams
-    /// method: where no smaller cycle is known.
+    /// Takes a disturbance for dead that has fallen to 0.3 of itself, in windows of half the length by the
+    /// exponential Adams method: where no smaller cycle is known.
     pub(crate) fn hasty(self) -> Self {
         Self {
             dead: 0.3,
@@ -170,8 +172,8 @@ impl<'a> Follower<'a> {
     /// Steps of [`Follower::samples`], at most.
     pub const MAX_STEPS: usize = 1_000_000;
 
-    /// Samples of the motion from a state, time in s and state, until `duration_s` or where the force law ends, and
-    /// [`Self::MAX_STEPS`] steps at most.
+    /// Samples of the motion from a state, time in s and state, until `duration_s` or where the force law
+    /// ends, and [`Self::MAX_STEPS`] steps at most.
     #[must_use]
     pub fn samples(&self, start: State, duration_s: f64) -> Vec<(f64, State)> {
         let count = (duration_s / self.step_s).clamp(0.0, Self::MAX_STEPS as f64) as usize;

@@ -1,4 +1,5 @@
-//! Case files: what ships is read, what is wrong is refused with its place, and the schema is that of the code.
+//! Case files: what ships is read, what is wrong is refused with its place, and the schema is that of the
+//! code.
 
 use evolvent_chatter::{Case, case_schema};
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit, shipped};

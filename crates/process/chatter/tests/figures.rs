@@ -1,5 +1,5 @@
-//! Self-oscillation against figures that were computed independently, in another language, by integration with a
-//! relative tolerance of 1e-9 and by another harmonic balance.
+//! Self-oscillation against figures that were computed independently, in another language, by integration
+//! with a relative tolerance of 1e-9 and by another harmonic balance.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 

@@ -44,8 +44,8 @@ fn the_turning_benchmark_with_two_modes() {
     }
 }
 
-/// At low speed many waves lie between two cuts, more than one between two frequencies of the grid; a fine grid is the
-/// measure.
+/// At low speed many waves lie between two cuts, more than one between two frequencies of the grid; a fine
+/// grid is the measure.
 #[test]
 fn limits_of_turning_at_low_speed_are_those_of_a_fine_grid() {
     for (frequency_hz, damping_ratio) in [(250.0, 0.02), (800.0, 0.05), (1200.0, 0.04), (700.0, 0.08)] {
@@ -133,7 +133,8 @@ fn one_mode_has_its_closed_form() {
     near(turning.minima()[0].depth_m, 7.318_784e-3, 1e-7, "limit");
 }
 
-/// The force of 60 degrees drives modes at 90 and 150 degrees to the chip's thickness, which their motion or the force does not reach.
+/// The force of 60 degrees drives modes at 90 and 150 degrees to the chip's thickness, which their motion or
+/// the force does not reach.
 #[test]
 fn a_mode_that_is_not_excited_has_no_limit() {
     let mode = Mode {
@@ -423,7 +424,8 @@ fn the_chatter_frequency_of_turning_is_that_of_its_limit() {
     }
 }
 
-/// Collocation shares no formula with the limit but the factors of the force: there its largest multiplier is 1.
+/// Collocation shares no formula with the limit but the factors of the force: there its largest multiplier is
+/// 1.
 #[test]
 fn at_limits_of_random_mills_the_multiplier_of_collocation_is_one() {
     let (mut random, cases) = campaign(0x0c4a_0013, 24);
@@ -541,14 +543,16 @@ fn cuts_with_too_many_waves_have_no_limit_of_the_delay_equation() {
             "{rpm} rpm: {refused:?}"
         );
     }
-    // Most of the period is free: what a tooth leaves grows from tooth to tooth until it has moved out of the cut.
+    // Most of the period is free: what a tooth leaves grows from tooth to tooth until it has moved out of the
+    // cut.
     let small = MillingDelay::milling(&mill_of(4000.0, 0.1), 200.0).unwrap();
     assert!(matches!(small.limit(5e-3), Err(ChatterError::Growth { growth }) if growth > 1e12));
     let delay = MillingDelay::milling(&milling, 1000.0).unwrap();
     assert!(delay.collocation(1e-4, delay.degree()).is_err());
 }
 
-/// An island of chatter from 0.966 to 0.985 of the depth from which on all is chatter: its largest multiplier is 1.0037.
+/// An island of chatter from 0.966 to 0.985 of the depth from which on all is chatter: its largest multiplier
+/// is 1.0037.
 #[test]
 fn a_narrow_island_of_chatter_is_found() {
     let cut = MillingCut {

@@ -5,8 +5,8 @@ use evolvent_chatter::{ChatterKind, MillingDelay};
 use crate::common::near;
 use crate::published_cuts::{insperger, mill_of, stiffness_n_m};
 
-/// The mill of Insperger and Stepan in fixed steps: its deflection once a tooth at 16 places, the last 40 teeth of 160,
-/// and how often it swings in that time.
+/// The mill of Insperger and Stepan in fixed steps: its deflection once a tooth at 16 places, the last 40
+/// teeth of 160, and how often it swings in that time.
 fn stepped(immersion: f64, rpm: f64, depth_m: f64) -> (Vec<[f64; 16]>, f64) {
     const STEPS: usize = 1600;
     let omega = std::f64::consts::TAU * 922.0;
@@ -58,7 +58,8 @@ fn stepped(immersion: f64, rpm: f64, depth_m: f64) -> (Vec<[f64; 16]>, f64) {
     (samples, f64::from(crossings) / (40.0 * tooth_s))
 }
 
-/// A simulation that knows of no multipliers shows whether every second tooth cuts alike, and how fast it vibrates.
+/// A simulation that knows of no multipliers shows whether every second tooth cuts alike, and how fast it
+/// vibrates.
 #[test]
 fn flip_and_hopf_limits_are_those_of_a_simulation() {
     let (mut flips, mut hopfs) = (0, 0);
@@ -121,8 +122,8 @@ fn flip_and_hopf_limits_are_those_of_a_simulation() {
     assert!(flips >= 2 && hopfs >= 2, "{flips} flip, {hopfs} Hopf");
 }
 
-/// The factor by which a kick to [`mill_of`] grows from tooth to tooth, the mean over the last half of `teeth`: the delay
-/// equation in fixed steps of 1/60 wave.
+/// The factor by which a kick to [`mill_of`] grows from tooth to tooth, the mean over the last half of
+/// `teeth`: the delay equation in fixed steps of 1/60 wave.
 fn growth(frequency_hz: f64, immersion: f64, rpm: f64, depth_m: f64, teeth: usize) -> f64 {
     let omega = std::f64::consts::TAU * frequency_hz;
     let stiffness = stiffness_n_m();

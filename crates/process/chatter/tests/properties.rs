@@ -96,7 +96,8 @@ fn over_a_cycle_the_force_does_the_work_of_the_dampers() {
     assert!(seen > cases / 3);
 }
 
-/// At a vanishing amplitude the extra damping that would balance the motion is twice the growth, but for damping.
+/// At a vanishing amplitude the extra damping that would balance the motion is twice the growth, but for
+/// damping.
 #[test]
 fn the_branch_begins_at_the_growth_of_small_vibrations() {
     let law = steel();

@@ -1,4 +1,5 @@
-//! A law of its own for the radial force: against the ratio where both mean the same, and against another program.
+//! A law of its own for the radial force: against the ratio where both mean the same, and against another
+//! program.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 

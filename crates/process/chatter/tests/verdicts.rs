@@ -120,7 +120,8 @@ fn coupled(speed_m_min: f64, depth_mm: f64) -> Sample {
     }
 }
 
-/// Harmonic balance has a cycle that in time leads to another one, and both modes' branches have the same cycles.
+/// Harmonic balance has a cycle that in time leads to another one, and both modes' branches have the same
+/// cycles.
 fn with_invented_cycle() -> Sample {
     Sample {
         tool: CuttingTool {
@@ -306,7 +307,8 @@ fn two_close_cycles_are_told_apart() {
     }
 }
 
-/// Cuts whose cycle is so unstable that Newton's method in time misses it unless the balance has many harmonics.
+/// Cuts whose cycle is so unstable that Newton's method in time misses it unless the balance has many
+/// harmonics.
 #[test]
 fn a_strongly_unstable_cycle_is_not_called_stable() {
     let mut deep = coupled(60.0, 1.0);
@@ -501,7 +503,8 @@ fn the_map_agrees_with_single_calculations() {
             }
             let whole = whole.ok().filter(|whole| whole.verdict != Verdict::OutOfModel);
             let stable = whole.as_ref().and_then(Assessment::largest_stable);
-            // The balance is off by 5e-3 where the contact is lost; which of the two a cell has depends on who found it.
+            // The balance is off by 5e-3 where the contact is lost; which of the two a cell has depends on
+            // who found it.
             let expected = stable.map_or([0.0; 2], |known| {
                 let of_cycle = known.cycle.amplitude_m(0).max(known.cycle.amplitude_m(1));
                 let [first, second] = known.verified.amplitude_m;

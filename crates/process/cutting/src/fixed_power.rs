@@ -8,22 +8,24 @@ use crate::power::power;
 const INTERVALS: usize = 128;
 /// Binary exponents of the bases in the table: 1e-6 to 1e5 in mm or m/min.
 const BINADES: std::ops::Range<i32> = -20..17;
-/// Terms of the binomial series. Its argument is at most 1/256, so the first that is left out is below 1e-16 of the sum for exponents
-/// from -10 to 10.
+/// Terms of the binomial series. Its argument is at most 1/256, so the first that is left out is below 1e-16
+/// of the sum for exponents from -10 to 10.
 const TERMS: usize = 8;
 const MANTISSA_BITS: u32 = 52;
 const ONE: u64 = 1.0_f64.to_bits();
 
-/// `x^exponent`: the power of the middle of an interval from a table, the rest of the way by the binomial series.
+/// `x^exponent`: the power of the middle of an interval from a table, the rest of the way by the binomial
+/// series.
 ///
-/// Exact to some units in the last place. Bases beyond the table take `exp(exponent ln x)`, which is dearer by a factor of three and, for a
-/// large power, less exact.
+/// Exact to some units in the last place. Bases beyond the table take `exp(exponent ln x)`, which is dearer
+/// by a factor of three and, for a large power, less exact.
 #[derive(Clone, PartialEq)]
 pub(crate) struct FixedPower {
     exponent: f64,
     /// 2^(exponent k) for each binade.
     binades: Vec<f64>,
-    /// Reciprocal of about the middle of each interval of 1 to 2, and the power of what it is the reciprocal of.
+    /// Reciprocal of about the middle of each interval of 1 to 2, and the power of what it is the reciprocal
+    /// of.
     intervals: Vec<[f64; 2]>,
     /// Binomial coefficients of the exponent, from the linear term on.
     series: [f64; TERMS],

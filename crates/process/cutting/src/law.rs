@@ -89,7 +89,8 @@ impl From<ForceTable> for ForceLaw {
 }
 
 impl ForceLaw {
-    /// Radial force over tangential force (Py / Pz) where nothing else is known. An assumption, no measurement.
+    /// Radial force over tangential force (Py / Pz) where nothing else is known. An assumption, no
+    /// measurement.
     pub const ASSUMED_RADIAL_RATIO: f64 = 0.4;
 
     fn of(kind: Kind) -> Self {
@@ -143,7 +144,8 @@ impl ForceLaw {
     /// The force of a cut with all derivatives. The cycle may call it.
     ///
     /// # Errors
-    /// Speed, depth or feed that is not positive; a pole; a cut outside a table; a law that gives a negative force.
+    /// Speed, depth or feed that is not positive; a pole; a cut outside a table; a law that gives a negative
+    /// force.
     pub fn force(&self, cut: Cut) -> Result<Force, ForceError> {
         let section = self.section(cut.feed_mm_rev)?;
         let force = section.force(cut.speed_m_min, cut.depth_mm)?;

@@ -1,10 +1,10 @@
 //! Cutting force over speed, depth of cut and feed.
 //!
-//! A [`ForceLaw`] answers [`ForceLaw::force`] for a [`Cut`]: the tangential force and its partial derivatives, or why
-//! there is no answer. There are three kinds: a power law, a table of measured forces, and the rational law with a
-//! falling section that the reconstruction "40X-R1" of steel 40X has. A law is data: a [`LawDefinition`] is read from
-//! a TOML file ([`LawDefinition::parse`]), or taken by name from those that are built in
-//! ([`LawDefinition::built_in`]), and becomes a law with the angles of a [`Tool`].
+//! A [`ForceLaw`] answers [`ForceLaw::force`] for a [`Cut`]: the tangential force and its partial
+//! derivatives, or why there is no answer. There are three kinds: a power law, a table of measured forces,
+//! and the rational law with a falling section that the reconstruction "40X-R1" of steel 40X has. A law is
+//! data: a [`LawDefinition`] is read from a TOML file ([`LawDefinition::parse`]), or taken by name from those
+//! that are built in ([`LawDefinition::built_in`]), and becomes a law with the angles of a [`Tool`].
 //!
 //! ```
 //! use evolvent_cutting::{Cut, LawDefinition, Tool};
@@ -15,9 +15,9 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Who evaluates many speeds and depths at one feed takes [`ForceLaw::section`] first. Evaluation neither allocates nor
-//! reads a clock, and gives the same bits everywhere (`libm`): the real-time cycle may call it. Reading files and
-//! building laws is for start-up.
+//! Who evaluates many speeds and depths at one feed takes [`ForceLaw::section`] first. Evaluation neither
+//! allocates nor reads a clock, and gives the same bits everywhere (`libm`): the real-time cycle may call it.
+//! Reading files and building laws is for start-up.
 //!
 //! No law extrapolates silently: [`ForceLaw::covers`] says whether a cut lies where the data are from.
 

@@ -4,7 +4,8 @@ use crate::error::LawError;
 use crate::fixed_power::FixedPower;
 use crate::force::SectionForce;
 
-/// `Pz = coefficient_n factor V^speed_exponent t^depth_exponent S^feed_exponent`, V in m/min, t in mm, S in mm/rev.
+/// `Pz = coefficient_n factor V^speed_exponent t^depth_exponent S^feed_exponent`, V in m/min, t in mm, S in
+/// mm/rev.
 ///
 /// ```
 /// use evolvent_cutting::{Cut, ForceLaw, PowerLaw};
@@ -78,8 +79,8 @@ impl PowerLaw {
     }
 }
 
-/// `base` to the `exponent`, for a positive base: a third of the time of `pow`, with a relative error of 1e-16 times the
-/// logarithm of the power.
+/// `base` to the `exponent`, for a positive base: a third of the time of `pow`, with a relative error of
+/// 1e-16 times the logarithm of the power.
 pub(crate) fn power(base: f64, exponent: f64) -> f64 {
     libm::exp(exponent * libm::log(base))
 }

@@ -8,9 +8,9 @@ use crate::power::number;
 /// The coefficients, as a law file gives them.
 ///
 /// `Pz = unit_n Kt Klead ((a V k1 + b k2) / (V^2 + f V k5 + g k6) + c k3 / V + d k4)`, V in m/min, with
-/// `Kt = depth_factor t^depth_exponent`, `Klead = lead_factor_at_0_deg + lead_factor_per_deg phi`, each of `a` to `g`
-/// a value at 1 mm/rev and an exponent of the feed, each of `k1` to `k6` a value at rake angle 0 and an exponent of e
-/// per degree.
+/// `Kt = depth_factor t^depth_exponent`, `Klead = lead_factor_at_0_deg + lead_factor_per_deg phi`, each of
+/// `a` to `g` a value at 1 mm/rev and an exponent of the feed, each of `k1` to `k6` a value at rake angle 0
+/// and an exponent of e per degree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(missing_docs, reason = "the formula above names them")]
 pub struct RationalCoefficients {
@@ -31,7 +31,8 @@ pub struct RationalCoefficients {
 /// The law for a tool: rake and lead angle are taken into the coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RationalLaw {
-    /// a k1, b k2, f k5, g k6, c k3, d k4 at 1 mm/rev, in that order; a, b, c, d with all factors but the depth's, N.
+    /// a k1, b k2, f k5, g k6, c k3, d k4 at 1 mm/rev, in that order; a, b, c, d with all factors but the
+    /// depth's, N.
     terms: [Term; 6],
     depth_exponent: f64,
 }
@@ -65,8 +66,9 @@ impl RationalLaw {
     /// Takes the angles of a tool into the coefficients.
     ///
     /// # Errors
-    /// Numbers that are not finite or absurd; a lead angle at which the force would not be positive; a rake angle at
-    /// which the law has a pole at every feed (where that does not depend on the feed; else [`ForceError::Pole`]).
+    /// Numbers that are not finite or absurd; a lead angle at which the force would not be positive; a rake
+    /// angle at which the law has a pole at every feed (where that does not depend on the feed; else
+    /// [`ForceError::Pole`]).
     pub fn new(coefficients: &RationalCoefficients, tool: Tool) -> Result<Self, LawError> {
         let c = coefficients;
         number("rake angle", tool.rake_deg, -45.0, 45.0)?;

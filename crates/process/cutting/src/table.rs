@@ -9,10 +9,10 @@ const MAX_ENTRIES: usize = 200;
 
 /// Forces over speed, depth and feed, joined by cubics in the logarithms of all four.
 ///
-/// So a table that was sampled from a power law is that power law, force and its first derivatives are continuous, and
-/// the force is positive everywhere. An axis of one entry takes an exponent instead. Below the first depth and the
-/// first feed the power law of the first two entries goes on (a cut begins at nothing); elsewhere the table ends where
-/// its entries end.
+/// So a table that was sampled from a power law is that power law, force and its first derivatives are
+/// continuous, and the force is positive everywhere. An axis of one entry takes an exponent instead. Below
+/// the first depth and the first feed the power law of the first two entries goes on (a cut begins at
+/// nothing); elsewhere the table ends where its entries end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForceTable {
     speed: Axis,
@@ -252,8 +252,8 @@ impl Axis {
         }
     }
 
-    /// Hermite's cubic between entries `i` and `i + 1`, with the slope of the parabola through three entries, at the
-    /// ends of the straight line: all linear in the entries.
+    /// Hermite's cubic between entries `i` and `i + 1`, with the slope of the parabola through three entries,
+    /// at the ends of the straight line: all linear in the entries.
     fn cubic(&self, i: usize, x: f64) -> Weights {
         let first = i.saturating_sub(1);
         let (before, here, after) = (i > 0, i - first, i + 2 < self.len());

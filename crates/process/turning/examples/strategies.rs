@@ -178,7 +178,8 @@ impl Case {
         })
     }
 
-    /// Passes of one depth and feed: those of the same load, the fastest ones where the stock is known, and careful ones.
+    /// Passes of one depth and feed: those of the same load, the fastest ones where the stock is known, and
+    /// careful ones.
     fn fixed(&self, blank: &Blank) -> [(&'static str, Figures); 3] {
         let (base, regime) = (self.usual(), &self.regime);
         let high_mm = blank.highest_mm(LENGTH_MM);

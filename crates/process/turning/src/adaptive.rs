@@ -1,8 +1,9 @@
 //! Adaptive feed for any program: a factor of the programmed feed that holds a set load.
 //!
-//! LinuxCNC's M52 multiplies the feed by a pin and leaves law and protection to others. Here both are inside: the
-//! load at the programmed feed is worked out from the load and the feed of the moment (`load ~ feed^exponent`), and the
-//! factor follows from it at once, within limits and slew rates. What cannot be believed slows down and stops.
+//! LinuxCNC's M52 multiplies the feed by a pin and leaves law and protection to others. Here both are inside:
+//! the load at the programmed feed is worked out from the load and the feed of the moment
+//! (`load ~ feed^exponent`), and the factor follows from it at once, within limits and slew rates. What
+//! cannot be believed slows down and stops.
 
 use evolvent_config::plain;
 use evolvent_machine::LoadSample;
@@ -52,7 +53,8 @@ pub struct AdaptiveSettings {
     pub stale_s: f64,
     /// Time over which the load repeats: a revolution of the work (turning) or of the tool (milling), s.
     pub turn_s: f64,
-    /// Edges that come by in a turn, each with a chip of its own: 1 in turning, the teeth of a cutter in milling.
+    /// Edges that come by in a turn, each with a chip of its own: 1 in turning, the teeth of a cutter in
+    /// milling.
     pub edges: u32,
     /// Time constant of the sensor, with whatever delays its readings on their way, s.
     pub lag_s: f64,
@@ -141,7 +143,8 @@ impl AdaptiveStop {
 /// What the load asks of the feed in this cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdaptiveOutput {
-    /// Factor of the programmed feed; 0 holds it. To be multiplied with the operator's override where that is below 1.
+    /// Factor of the programmed feed; 0 holds it. To be multiplied with the operator's override where that is
+    /// below 1.
     pub factor: f64,
     /// Why the feed is held; stays until [`AdaptiveFeed::reset`].
     pub stop: Option<AdaptiveStop>,
@@ -237,7 +240,8 @@ impl AdaptiveFeed {
             stop: None,
             overload_s: 0.0,
             blind_s: 0.0,
-            // The feed has to stop within a revolution of the last good reading, where that leaves time to notice.
+            // The feed has to stop within a revolution of the last good reading, where that leaves time to
+            // notice.
             blind_most_s: (STAND_TURNS * s.turn_s - LoadWatch::notice_s(s.stale_s, s.period_s))
                 .clamp(0.0, 0.5 * s.turn_s),
             air_s: f64::INFINITY,
@@ -246,8 +250,8 @@ impl AdaptiveFeed {
         })
     }
 
-    /// One control period. `driven` is the feed of the moment as a factor of the programmed one, as the axes move and
-    /// not as it is wished for; `cutting` whether the program feeds (and does not move in rapid).
+    /// One control period. `driven` is the feed of the moment as a factor of the programmed one, as the axes
+    /// move and not as it is wished for; `cutting` whether the program feeds (and does not move in rapid).
     pub fn step(&mut self, sample: Option<LoadSample>, driven: f64, cutting: bool) -> AdaptiveOutput {
         let s = self.settings;
         let driven = if driven.is_finite() && cutting {
@@ -280,8 +284,8 @@ impl AdaptiveFeed {
         } else if in_air {
             s.factor_idle
         } else {
-            // Load at the programmed feed, the largest of a turn where the cut is not even. What grows goes on growing
-            // while the sensor lags and the chip forms.
+            // Load at the programmed feed, the largest of a turn where the cut is not even. What grows goes
+            // on growing while the sensor lags and the chip forms.
             let ahead = 1.0 + AHEAD_LAGS * s.lag_s / s.turn_s;
             let engaged = view.depth_mm.max(view.depth_now_mm + ahead * view.growth_mm);
             let held = libm::pow(s.set_load / engaged.max(1e-12), 1.0 / s.feed_exponent);

@@ -22,8 +22,8 @@ pub struct AxisPoint {
 
 /// An axis that moves to its target within velocity, acceleration and jerk limits.
 ///
-/// A target that lies behind, or that is too near to stop at, is reached by stopping first. Closed form or a bisection
-/// of fixed length at each change, no allocation: real-time safe.
+/// A target that lies behind, or that is too near to stop at, is reached by stopping first. Closed form or a
+/// bisection of fixed length at each change, no allocation: real-time safe.
 ///
 /// ```
 /// use evolvent_turning::{AxisDrive, ScalarLimits};
@@ -73,7 +73,8 @@ impl AxisDrive {
         }
     }
 
-    /// Another drive moves it and reports its position, until it receives a target or a stop. It moves forwards.
+    /// Another drive moves it and reports its position, until it receives a target or a stop. It moves
+    /// forwards.
     pub(crate) fn lead(&mut self, to: AxisPoint) {
         self.led = Some(to);
         (self.sign, self.target, self.speed) = (1.0, to.position, f64::NAN);

@@ -11,8 +11,8 @@ const DEEP: f64 = 0.98;
 const LEVEL_MM: f64 = 6.0;
 /// Least part of a depth that is worth backing off by.
 const MIN_PART: f64 = 0.25;
-/// Hard spots up to this factor of the load are not taken for higher stock where passes are counted, nor for a lost load where
-/// they end.
+/// Hard spots up to this factor of the load are not taken for higher stock where passes are counted, nor for
+/// a lost load where they end.
 pub(crate) const HARDEST: f64 = 1.35;
 /// Way beyond where contact is expected after which caution ends, mm.
 const CAUTION_MM: f64 = 1.5;
@@ -91,8 +91,8 @@ impl TurningController {
             self.lose_contact();
             self.felt.tip.set_front(front);
             self.require_stock(shoulder, depth);
-            // A cut that was not felt for a whole revolution, or had slots, does not tell how high the shoulder is. What was
-            // felt stands all the same, and is felt again before the job ends.
+            // A cut that was not felt for a whole revolution, or had slots, does not tell how high the
+            // shoulder is. What was felt stands all the same, and is felt again before the job ends.
             self.felt.unproven_mm.get_or_insert(here.max(0.0));
             self.places.cautious_to_mm = Some(shoulder + CAUTION_MM);
             self.feed = 0.0;
@@ -121,8 +121,8 @@ impl TurningController {
         }
     }
 
-    /// The same for what was felt, for parts of a height: what reads higher may only be harder, and stock that was lower in
-    /// places is not level. A gap tells nothing of what stands beside it.
+    /// The same for what was felt, for parts of a height: what reads higher may only be harder, and stock
+    /// that was lower in places is not level. A gap tells nothing of what stands beside it.
     pub(crate) fn passes_left(&self) -> u32 {
         self.passes_left_for(self.places.highest_felt_mm / HARDEST)
             .saturating_sub(self.places.returned_low)

@@ -2,12 +2,12 @@
 
 use evolvent_config::plain;
 
-/// A blank along the cut. Heights are measured outwards from the final size, places from the face at which the tool
-/// comes in, both in mm.
+/// A blank along the cut. Heights are measured outwards from the final size, places from the face at which
+/// the tool comes in, both in mm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Blank {
-    /// Height over place, straight between the points; two points at one place are a step. Beyond the ends the height
-    /// is that of the end point, beyond the length of the cut nothing stands.
+    /// Height over place, straight between the points; two points at one place are a step. Beyond the ends
+    /// the height is that of the end point, beyond the length of the cut nothing stands.
     pub outline_mm: Vec<(f64, f64)>,
     /// Places without stock: from, to, height that is left there.
     pub grooves_mm: Vec<(f64, f64, f64)>,

@@ -3,8 +3,8 @@
 /// Places that are kept of the way over the time in which a chip forms.
 const PLACES: usize = 256;
 
-/// The mean feed over the time in which a chip forms: what an edge has before it is what the feed was since the edge
-/// before it came by. Room is fixed, whatever that time is. Real-time safe.
+/// The mean feed over the time in which a chip forms: what an edge has before it is what the feed was since
+/// the edge before it came by. Room is fixed, whatever that time is. Real-time safe.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ChipTrail {
     /// The way at every `stride`-th cycle.

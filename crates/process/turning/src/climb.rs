@@ -9,7 +9,8 @@ use crate::missing::SURE_MM;
 use crate::settings::TurningSettings;
 use crate::state::{Reason, TurningState};
 
-/// The climb under way: one drive for the way along the cone, which leads both axes, so that they cannot leave the cone.
+/// The climb under way: one drive for the way along the cone, which leads both axes, so that they cannot
+/// leave the cone.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Climb {
     drive: AxisDrive,

@@ -50,7 +50,8 @@ impl Cone {
         }
     }
 
-    /// From a place along the cut up to a height over a length, all in mm; none where it does not rise, or at once.
+    /// From a place along the cut up to a height over a length, all in mm; none where it does not rise, or at
+    /// once.
     #[must_use]
     pub fn rising(from_mm: f64, height_mm: f64, length_mm: f64) -> Option<Self> {
         (height_mm > 0.0 && length_mm > 0.0).then(|| Self {

@@ -35,7 +35,8 @@ pub struct TurningInputs {
     pub start: bool,
     /// Stand while this is set.
     pub hold: bool,
-    /// Feed override, 1 at 100 %. It slows everything; it never lifts the feed above what the set load allows.
+    /// Feed override, 1 at 100 %. It slows everything; it never lifts the feed above what the set load
+    /// allows.
     pub feed_override: f64,
 }
 
@@ -71,8 +72,8 @@ pub struct TurningOutput {
     pub transition: Option<Transition>,
 }
 
-/// The controller. [`TurningController::step`] allocates nothing, looks at no clock, and is bounded: the cycle may call
-/// it.
+/// The controller. [`TurningController::step`] allocates nothing, looks at no clock, and is bounded: the
+/// cycle may call it.
 #[derive(Clone, Debug)]
 pub struct TurningController {
     pub(crate) settings: TurningSettings,
@@ -111,8 +112,8 @@ impl TurningController {
         Self::at(settings, start, None)
     }
 
-    /// Sets up, at rest at a place along the cut and a height (mm), to which the tool comes back at the end. The place
-    /// lies before the face or beside it, the height not below what the stock may have.
+    /// Sets up, at rest at a place along the cut and a height (mm), to which the tool comes back at the end.
+    /// The place lies before the face or beside it, the height not below what the stock may have.
     ///
     /// # Errors
     /// What [`TurningSettings::check`] refuses, and a start within the stock.
@@ -242,8 +243,8 @@ impl TurningController {
         self.trail.push(along.position, out.position);
         if self.feeds() {
             let (cut_along, cut_out) = self.trail.turn_ago();
-            // While a load is missed it is not known whether anything is cut; what has been swept by then follows.
-            // Standing at the end of the pass the load goes as it should.
+            // While a load is missed it is not known whether anything is cut; what has been swept by then
+            // follows. Standing at the end of the pass the load goes as it should.
             let ends = self.plan.end_s > 0.0;
             let felt = self.feels() || (ends && self.felt.contact_mm.is_some());
             let cuts = matches!(

@@ -34,8 +34,8 @@ impl SimulatedProcess {
         })
     }
 
-    /// The tip is now at this radius and Z, machine coordinates in mm. What is cut, and what the sensor shows of it: a
-    /// value of single precision, as the cutting load is kept everywhere. Allocates nothing.
+    /// The tip is now at this radius and Z, machine coordinates in mm. What is cut, and what the sensor shows
+    /// of it: a value of single precision, as the cutting load is kept everywhere. Allocates nothing.
     pub fn step(&mut self, x_mm: f64, z_mm: f64) -> (CutNow, Option<LoadSample>) {
         let (along, out) = self.cut.place_mm(x_mm, z_mm);
         let now = self.piece.step(along, out);

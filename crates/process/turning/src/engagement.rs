@@ -2,10 +2,11 @@
 
 /// The stock that was felt, and the least of it that must still stand before the tip.
 ///
-/// A gap shows in the load before it is there. The outer end of the edge leads, so at a wall square to the feed the depth
-/// falls by the tangent of the lead angle for each mm of feed, and never faster. In material that is harder than the law of
-/// the load says the depth reads higher by a factor, and falls faster by the same. A load that goes away faster than that
-/// belongs to stock which still stands: the insert is broken, or the sensor does not show the load any more.
+/// A gap shows in the load before it is there. The outer end of the edge leads, so at a wall square to the
+/// feed the depth falls by the tangent of the lead angle for each mm of feed, and never faster. In material
+/// that is harder than the law of the load says the depth reads higher by a factor, and falls faster by the
+/// same. A load that goes away faster than that belongs to stock which still stands: the insert is broken, or
+/// the sensor does not show the load any more.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Engagement {
     /// Where the stock was felt last, mm along the cut.

@@ -109,14 +109,16 @@ impl TurningController {
         self.end_of_pass();
     }
 
-    /// Feed towards stock that has not been felt: what may stand there by the record is taken at the set load at once.
+    /// Feed towards stock that has not been felt: what may stand there by the record is taken at the set load
+    /// at once.
     pub(crate) fn approach_feed(&self, here: f64) -> f64 {
         let settings = &self.settings;
         let entry = settings.strategy.entry_feed_mm_rev;
         if !settings.strategy.preview || self.places.cautious_to_mm.is_some() {
             return entry;
         }
-        // Beyond a gap the stock is met as it was left: growing along the lead angle, by an edge that has just been felt.
+        // Beyond a gap the stock is met as it was left: growing along the lead angle, by an edge that has
+        // just been felt.
         if self.felt.in_air {
             return settings.regime.feed_max_mm_rev;
         }

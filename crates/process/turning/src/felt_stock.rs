@@ -23,10 +23,11 @@ pub(crate) struct FeltStock {
     pub(crate) settled_mm: (f64, f64),
     /// Height of the shoulder that is backed off from.
     pub(crate) shoulder_mm: f64,
-    /// Place by which stock must be met, and its depth: a shoulder that was backed off from, or the cut before a hold.
+    /// Place by which stock must be met, and its depth: a shoulder that was backed off from, or the cut
+    /// before a hold.
     pub(crate) expected_mm: Option<(f64, f64)>,
-    /// The load has gone at this place in a way that may be a gap, or a shoulder was backed off from; none once a depth is
-    /// felt again. A touch alone proves nothing: off the axis the highest point comes first.
+    /// The load has gone at this place in a way that may be a gap, or a shoulder was backed off from; none
+    /// once a depth is felt again. A touch alone proves nothing: off the axis the highest point comes first.
     pub(crate) unproven_mm: Option<f64>,
     /// Load that the sensor still shows of what was cut before, and the fraction of it that goes in a cycle.
     pub(crate) residue_n: f64,

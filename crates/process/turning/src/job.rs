@@ -49,7 +49,8 @@ impl Job {
         Ok(job)
     }
 
-    /// The stock must not stand higher than the passes reach. Of another cut ([`Job::for_cut`]) it says nothing.
+    /// The stock must not stand higher than the passes reach. Of another cut ([`Job::for_cut`]) it says
+    /// nothing.
     fn check_stock(&self, sheet: &ConfigDocument<'_>) -> Result<(), ConfigError> {
         let Some(blank) = &self.blank else {
             return Ok(());
@@ -89,7 +90,8 @@ impl Job {
         &self.source.1
     }
 
-    /// Puts a machine's limits in, and its control period. Moves that do not cut go as fast as the axes allow.
+    /// Puts a machine's limits in, and its control period. Moves that do not cut go as fast as the axes
+    /// allow.
     pub fn drive_with(&mut self, along: ScalarLimits, out: ScalarLimits, period_s: f64) {
         let settings = &mut self.settings;
         (settings.along_limits, settings.out_limits) = (along, out);
@@ -326,7 +328,8 @@ impl JobFile {
         }
         let depth_max_mm = regime.depth_max_mm;
         let lead_per_depth = 1.0 / tool.slope();
-        // Nearest to the axis come the deepest cut of the last pass and the tip of the highest one, which ends at the shoulder.
+        // Nearest to the axis come the deepest cut of the last pass and the tip of the highest one, which
+        // ends at the shoulder.
         let shoulder_mm = (self.cut.allowance_max_mm * lead_per_depth).min(self.cut.beyond_mm());
         let nearer_mm = (depth_max_mm * lead_per_depth).max(2.0 * shoulder_mm);
         let end_mm = diameter_mm - 2.0 * self.cut.length_mm - nearer_mm;

@@ -30,8 +30,8 @@ impl JobConstants {
         }
     }
 
-    /// How far the tool goes in at the entry feed until the load of contact shows, mm. The chip is as thick as the way
-    /// gone until a revolution is over; the sensor and the smoothing lag behind.
+    /// How far the tool goes in at the entry feed until the load of contact shows, mm. The chip is as thick
+    /// as the way gone until a revolution is over; the sensor and the smoothing lag behind.
     fn detection(settings: &TurningSettings) -> f64 {
         let feed = settings.strategy.entry_feed_mm_rev;
         let step_mm = settings.speed_mm_s(feed) * settings.period_s;

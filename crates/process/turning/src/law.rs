@@ -1,9 +1,10 @@
 //! The load of a cut at one cutting speed, and its inverses.
 
-/// `load = coefficient depth^depth_exponent feed^feed_exponent` at one cutting speed, depth in mm, feed in mm/rev.
+/// `load = coefficient depth^depth_exponent feed^feed_exponent` at one cutting speed, depth in mm, feed in
+/// mm/rev.
 ///
-/// The load is whatever the sensor shows: a force in N, a torque, a power, a current. The closed form has closed
-/// inverses, so the real-time cycle may call everything here.
+/// The load is whatever the sensor shows: a force in N, a torque, a power, a current. The closed form has
+/// closed inverses, so the real-time cycle may call everything here.
 ///
 /// ```
 /// use evolvent_turning::CutLaw;

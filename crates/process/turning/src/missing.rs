@@ -27,8 +27,8 @@ const FALLING: f64 = 0.5;
 const CLEAR_LOADS: f64 = 2.0;
 
 impl TurningController {
-    /// Follows the load of a cut. Where it has been missing for a revolution the pass ends in a fault, or goes on as in
-    /// air if the edge can have left the stock; returns whether it does either.
+    /// Follows the load of a cut. Where it has been missing for a revolution the pass ends in a fault, or
+    /// goes on as in air if the edge can have left the stock; returns whether it does either.
     pub(crate) fn has_lost_load(&mut self) -> bool {
         match self.load_after() {
             LoadAfter::There => return false,
@@ -94,9 +94,9 @@ impl TurningController {
         LoadAfter::Air
     }
 
-    /// Whether the load is missing, or on its way to zero. The depths of a revolution are no depths of the stock then: the
-    /// mean falls as if the place were thin, and the deepest part exceeds it as if the cut had grown. A pass that
-    /// ended on them would hide a broken insert until the stock is met again.
+    /// Whether the load is missing, or on its way to zero. The depths of a revolution are no depths of the
+    /// stock then: the mean falls as if the place were thin, and the deepest part exceeds it as if the cut
+    /// had grown. A pass that ended on them would hide a broken insert until the stock is met again.
     pub(crate) fn is_load_falling(&self) -> bool {
         let is_cut = self.felt.contact_mm.is_some();
         is_cut && (self.loss.air_s > 0.0 || self.view.now < FALLING * self.view.mean)

@@ -72,7 +72,8 @@ impl TurningController {
         }
     }
 
-    /// What remains of a height after the first of the equal parts that take the least time, of those that are left.
+    /// What remains of a height after the first of the equal parts that take the least time, of those that
+    /// are left.
     pub(crate) fn part_of(&self, height: f64) -> f64 {
         self.parts_of(height, self.passes_left())
     }

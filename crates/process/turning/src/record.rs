@@ -40,8 +40,8 @@ pub struct SizeRecord {
 pub struct Cell {
     /// The most that can stand here, mm; infinite where no part of the edge has been.
     pub top_mm: f64,
-    /// The height at which the shoulder of a pass that was given up is taken to go on until the tip has been here, mm: no part of the
-    /// edge has made sure of it.
+    /// The height at which the shoulder of a pass that was given up is taken to go on until the tip has been
+    /// here, mm: no part of the edge has made sure of it.
     pub shoulder_mm: f64,
     /// The tip has passed.
     pub known: bool,
@@ -51,10 +51,11 @@ pub struct Cell {
     pub sure: bool,
     /// What may stand here at the end, mm: more than nothing on a cone and on the wall.
     pub final_mm: f64,
-    /// Behind the end of the cut, on the wall that the edge leaves along itself. The tip does not come here at the final size:
-    /// what the edge has left is all that is to be known.
+    /// Behind the end of the cut, on the wall that the edge leaves along itself. The tip does not come here
+    /// at the final size: what the edge has left is all that is to be known.
     pub is_wall: bool,
-    /// What stands at least where that is sure, mm. Below `top_mm` where the edge has been, but not for a whole turn.
+    /// What stands at least where that is sure, mm. Below `top_mm` where the edge has been, but not for a
+    /// whole turn.
     pub least_mm: f64,
 }
 
@@ -96,8 +97,8 @@ impl SizeRecord {
         self
     }
 
-    /// The same where stock may go on behind the end of the cut, over a length, and where the final contour begins with
-    /// `foot_mm` there: above it a wall is left along the edge.
+    /// The same where stock may go on behind the end of the cut, over a length, and where the final contour
+    /// begins with `foot_mm` there: above it a wall is left along the edge.
     #[must_use]
     pub fn with_shoulder(mut self, shoulder_mm: f64, foot_mm: f64) -> Self {
         // No cell that ends beyond the edge of the last pass, which does not reach the end of it.
@@ -114,8 +115,8 @@ impl SizeRecord {
         self
     }
 
-    /// The edge has cut all round up to a place of the tip, at a height; `felt` and `sure` as in `Cell`. Only ways
-    /// forward count.
+    /// The edge has cut all round up to a place of the tip, at a height; `felt` and `sure` as in `Cell`. Only
+    /// ways forward count.
     pub fn sweep(&mut self, along_mm: f64, out_mm: f64, felt: bool, sure: bool) {
         let before = self.swept_to;
         self.swept_to = along_mm;
@@ -149,8 +150,8 @@ impl SizeRecord {
         ((along_mm + 1e-9) / self.cell_mm).floor().max(0.0) as usize
     }
 
-    /// The next sweep starts somewhere else. Up to `along_mm` the tip has been, at a height, but not for a whole turn: what
-    /// stands there, and under the edge, is not sure.
+    /// The next sweep starts somewhere else. Up to `along_mm` the tip has been, at a height, but not for a
+    /// whole turn: what stands there, and under the edge, is not sure.
     pub fn lift(&mut self, along_mm: f64, out_mm: f64) {
         if self.swept_to.is_finite() {
             let (first, tip) = (self.ends_before(self.swept_to), self.ends_before(along_mm) + 1);
@@ -164,8 +165,8 @@ impl SizeRecord {
         self.swept_to = f64::NEG_INFINITY;
     }
 
-    /// A pass was given up where stock of a height was felt: its shoulder stands there, parallel to the edge. With `sure`
-    /// it is certain up to where the shoulder has that height.
+    /// A pass was given up where stock of a height was felt: its shoulder stands there, parallel to the edge.
+    /// With `sure` it is certain up to where the shoulder has that height.
     pub fn leave_shoulder(&mut self, along_mm: f64, height_mm: f64, sure: bool) {
         let (first, last) = (
             self.ends_before(along_mm),
@@ -214,7 +215,8 @@ impl SizeRecord {
         Self::most(cell) > height_mm.max(cell.final_mm)
     }
 
-    /// The first place where more than `height_mm` may stand, on a cone what is not at size; none if nothing does.
+    /// The first place where more than `height_mm` may stand, on a cone what is not at size; none if nothing
+    /// does.
     #[must_use]
     pub fn first_above(&self, height_mm: f64) -> Option<f64> {
         let cell = self
@@ -274,8 +276,8 @@ impl SizeRecord {
             .unwrap_or(air)
     }
 
-    /// How deep an edge with its tip at a height would cut when it has gone on by `ahead_mm` from a place. Places that
-    /// where no load was felt count as nothing, and with `sure` also those that are not sure.
+    /// How deep an edge with its tip at a height would cut when it has gone on by `ahead_mm` from a place.
+    /// Places that where no load was felt count as nothing, and with `sure` also those that are not sure.
     #[must_use]
     pub fn depth_ahead_mm(&self, along_mm: f64, out_mm: f64, ahead_mm: f64, sure: bool) -> f64 {
         let at = along_mm + ahead_mm;
@@ -293,8 +295,9 @@ impl SizeRecord {
         deepest
     }
 
-    /// The deepest cut that what may stand over the next `ahead_mm` can make for a tip at a height: without end where no
-    /// part of the edge has been. None where a load was felt there, so that the depth is known better.
+    /// The deepest cut that what may stand over the next `ahead_mm` can make for a tip at a height: without
+    /// end where no part of the edge has been. None where a load was felt there, so that the depth is known
+    /// better.
     #[must_use]
     pub fn bound_ahead_mm(&self, along_mm: f64, out_mm: f64, ahead_mm: f64) -> Option<f64> {
         let first = (along_mm.max(0.0) / self.cell_mm) as usize;
@@ -309,8 +312,9 @@ impl SizeRecord {
         Some(deepest)
     }
 
-    /// The highest that may stand from a place to another one, mm: without end where no part of the edge has been, where the
-    /// shoulder of a pass that was given up is only taken to go on, and behind the wall that the edge leaves.
+    /// The highest that may stand from a place to another one, mm: without end where no part of the edge has
+    /// been, where the shoulder of a pass that was given up is only taken to go on, and behind the wall that
+    /// the edge leaves.
     #[must_use]
     pub fn highest_mm(&self, from_mm: f64, to_mm: f64) -> f64 {
         let first = (from_mm.max(0.0) / self.cell_mm) as usize;
@@ -341,8 +345,8 @@ impl SizeRecord {
         high as f64 >= LEVEL_FRACTION * all as f64
     }
 
-    /// The last place at which a tip at a height can stand before the stock that starts at `from_mm`, so that the whole
-    /// edge is clear of it.
+    /// The last place at which a tip at a height can stand before the stock that starts at `from_mm`, so that
+    /// the whole edge is clear of it.
     #[must_use]
     pub fn clear_place_mm(&self, from_mm: f64, out_mm: f64) -> f64 {
         let mut place = from_mm;
@@ -497,8 +501,8 @@ mod tests {
             let along = f64::from(i) * 0.1;
             record.sweep(along, if along <= 20.0 { 1.0 } else { 4.0 }, true, true);
         }
-        // The shoulder is parallel to the edge: 1 mm above the tip's pass at 20, 4 mm from 21.7 on. With the tip
-        // at the final size the whole edge meets it at once, 0.58 mm of lead before 20.
+        // The shoulder is parallel to the edge: 1 mm above the tip's pass at 20, 4 mm from 21.7 on. With the
+        // tip at the final size the whole edge meets it at once, 0.58 mm of lead before 20.
         let depth = |along: f64| record.depth_ahead_mm(along, 0.0, 0.5, true);
         assert_eq!(depth(10.0), 1.0);
         assert_eq!(depth(18.5), 1.0);

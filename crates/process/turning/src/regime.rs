@@ -266,11 +266,11 @@ impl Regime {
         }
     }
 
-    /// The number of equal passes that takes the least time, or with [`Regime::wear`] costs the least, when a pass costs `overhead_rev` revolutions beside
-    /// its `length_mm` of cut. Real-time safe.
+    /// The number of equal passes that takes the least time, or with [`Regime::wear`] costs the least, when a
+    /// pass costs `overhead_rev` revolutions beside its `length_mm` of cut. Real-time safe.
     ///
-    /// At constant load the removal rate goes as `depth^(1 - xz/yz)`: with `xz > yz` shallow passes are faster, until
-    /// the largest feed is reached.
+    /// At constant load the removal rate goes as `depth^(1 - xz/yz)`: with `xz > yz` shallow passes are
+    /// faster, until the largest feed is reached.
     #[must_use]
     pub fn fastest_passes(&self, allowance_mm: f64, length_mm: f64, overhead_rev: f64) -> u32 {
         let least = (allowance_mm / self.depth_max_mm - 1e-9).ceil().max(1.0);

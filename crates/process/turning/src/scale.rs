@@ -1,9 +1,10 @@
-//! What a sensor shows of the cutting force: a force, a torque, a power or a current, and what it shows in air.
+//! What a sensor shows of the cutting force: a force, a torque, a power or a current, and what it shows in
+//! air.
 
 use evolvent_machine::LoadSample;
 
-/// From the cutting force to a sensor's reading and back: `reading = idle + per_n force`, with `per_n` in proportion to
-/// the diameter that is cut where the sensor is in the spindle's drive.
+/// From the cutting force to a sensor's reading and back: `reading = idle + per_n force`, with `per_n` in
+/// proportion to the diameter that is cut where the sensor is in the spindle's drive.
 ///
 /// ```
 /// use evolvent_turning::{Lever, LoadScale};
@@ -43,8 +44,8 @@ pub enum Lever {
 }
 
 impl Lever {
-    /// Diameter at which the force acts for a tip at a place (along the cut and above the final size, mm) and a depth, mm;
-    /// 1 without a lever.
+    /// Diameter at which the force acts for a tip at a place (along the cut and above the final size, mm) and
+    /// a depth, mm; 1 without a lever.
     fn at_mm(&self, [along_mm, out_mm]: [f64; 2], depth_mm: f64) -> f64 {
         match *self {
             Self::None => 1.0,
@@ -69,8 +70,8 @@ impl Lever {
     }
 }
 
-/// Fraction of the outer diameter to which facing may go by a sensor in the spindle's drive: farther in it shows so little
-/// of the force that its noise and idle reading hide it.
+/// Fraction of the outer diameter to which facing may go by a sensor in the spindle's drive: farther in it
+/// shows so little of the force that its noise and idle reading hide it.
 pub(crate) const MIN_LEVER_FRACTION: f64 = 0.2;
 
 impl LoadScale {
@@ -81,15 +82,16 @@ impl LoadScale {
         lever: Lever::None,
     };
 
-    /// What the sensor shows of a force in N, in the middle of a cut `depth_mm` deep whose tip is at a place: mm along the
-    /// cut, and mm above the final size.
+    /// What the sensor shows of a force in N, in the middle of a cut `depth_mm` deep whose tip is at a place:
+    /// mm along the cut, and mm above the final size.
     #[must_use]
     pub fn reading(&self, force_n: f64, place_mm: [f64; 2], depth_mm: f64) -> f64 {
         self.idle + self.per_n * self.lever.at_mm(place_mm, depth_mm) * force_n
     }
 
-    /// The force in N that a reading tells of, and the force at the end of the sensor's range. The depth is not known, so
-    /// the force is taken to act at the smallest diameter that it may act at: it is never reckoned too small. Real-time safe.
+    /// The force in N that a reading tells of, and the force at the end of the sensor's range. The depth is
+    /// not known, so the force is taken to act at the smallest diameter that it may act at: it is never
+    /// reckoned too small. Real-time safe.
     #[must_use]
     pub fn force(&self, sample: LoadSample, place_mm: [f64; 2]) -> LoadSample {
         let per_n = self.per_n * self.lever.least_mm(place_mm);

@@ -9,7 +9,8 @@ use crate::scale::LoadScale;
 use crate::tool::Tool;
 use crate::watch::LoadWatch;
 
-/// Passes beyond equation (5) that the safe strategy takes, for thin places and for parts that take less time.
+/// Passes beyond equation (5) that the safe strategy takes, for thin places and for parts that take less
+/// time.
 const SAFE_EXTRA: u32 = 2;
 
 /// How passes are chosen and protected against their own transients.
@@ -34,8 +35,8 @@ pub struct Strategy {
 pub enum OnThin {
     /// End the pass; the next one starts at the first place that is not at size.
     Return,
-    /// The same, this number of times in a job; then as [`OnThin::Continue`]. A pass that was ended can cost one more where the
-    /// stock behind rises again, one that goes on costs none.
+    /// The same, this number of times in a job; then as [`OnThin::Continue`]. A pass that was ended can cost
+    /// one more where the stock behind rises again, one that goes on costs none.
     ReturnUpTo(u32),
     /// The same, where what is left there costs no further pass.
     ReturnIfSaved,
@@ -76,7 +77,8 @@ impl Strategy {
         }
     }
 
-    /// With what simulation has taught: enters with `s_o`, resumes with `s_min`, sees its own shoulders coming.
+    /// With what simulation has taught: enters with `s_o`, resumes with `s_min`, sees its own shoulders
+    /// coming.
     #[must_use]
     pub fn safe(regime: &Regime) -> Self {
         Self {
@@ -116,7 +118,8 @@ pub struct TurningSettings {
     pub spindle_rpm: f64,
     /// Length of the cut, mm: where the last pass ends.
     pub length_mm: f64,
-    /// How far stock may go on behind the end of the cut, mm: without end at a shoulder, 0 where it ends with the cut.
+    /// How far stock may go on behind the end of the cut, mm: without end at a shoulder, 0 where it ends with
+    /// the cut.
     pub beyond_mm: f64,
     /// A cone behind the cylinder, up to the end of the cut.
     pub cone: Option<Cone>,
@@ -293,8 +296,9 @@ impl TurningSettings {
         }
     }
 
-    /// Where a pass at a height ends, mm along the cut. The edge leaves a wall along itself. All passes leave the same one,
-    /// or the last of them would meet what stands between their walls with its whole edge at once. Real-time safe.
+    /// Where a pass at a height ends, mm along the cut. The edge leaves a wall along itself. All passes leave
+    /// the same one, or the last of them would meet what stands between their walls with its whole edge at
+    /// once. Real-time safe.
     #[must_use]
     pub fn end_mm(&self, out_mm: f64) -> f64 {
         let above_mm = (out_mm - self.height_at_end_mm()).max(0.0);
@@ -331,8 +335,8 @@ impl TurningSettings {
         feed_mm_rev * self.spindle_rpm / 60.0
     }
 
-    /// How long the feed may go on at its smallest without readings that can be believed, so that it stands within a
-    /// revolution after the last good one, s; below 0 where that cannot be.
+    /// How long the feed may go on at its smallest without readings that can be believed, so that it stands
+    /// within a revolution after the last good one, s; below 0 where that cannot be.
     #[must_use]
     pub fn blind_s(&self) -> f64 {
         let (limits, speed) = (&self.along_limits, self.speed_mm_s(self.regime.feed_max_mm_rev));

@@ -131,8 +131,8 @@ impl Simulation {
 }
 
 impl Figures {
-    /// Counts one period of a job that finds its passes. `above` is kept from call to call: the time for which the load
-    /// has been above 1.3 times the set one.
+    /// Counts one period of a job that finds its passes. `above` is kept from call to call: the time for
+    /// which the load has been above 1.3 times the set one.
     pub fn see(
         &mut self,
         output: &TurningOutput,
@@ -161,8 +161,8 @@ impl Figures {
         }
     }
 
-    /// Counts one period of a job: its time and its loads. `above` is the time for which the load has been above 1.3
-    /// times the set one by now.
+    /// Counts one period of a job: its time and its loads. `above` is the time for which the load has been
+    /// above 1.3 times the set one by now.
     fn count(&mut self, cut: &CutNow, set_load: f64, period_s: f64, above: &mut f64) {
         self.time_s += period_s;
         self.peak = self.peak.max(cut.load);
@@ -198,9 +198,10 @@ pub fn run_fixed(mut passes: FixedPasses, mut piece: Workpiece, set_load: f64) -
     figures
 }
 
-/// Fixed passes on a blank whose largest load is `set_load`, for a comparison at the same load: at `feed_mm_rev` and
-/// `depth_mm` where these keep it, else at a lower feed. They begin at the highest place of the stock, run-out and all. A
-/// hard spot or a run-out makes passes of the nominal depth and feed overload: these would only look faster.
+/// Fixed passes on a blank whose largest load is `set_load`, for a comparison at the same load: at
+/// `feed_mm_rev` and `depth_mm` where these keep it, else at a lower feed. They begin at the highest place of
+/// the stock, run-out and all. A hard spot or a run-out makes passes of the nominal depth and feed overload:
+/// these would only look faster.
 ///
 /// Where even the smallest feed gives more the passes are shallower as well.
 #[must_use]

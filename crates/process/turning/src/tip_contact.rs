@@ -2,8 +2,8 @@
 
 /// Change of the depth, as a fraction of it, that may be noise.
 const LEVEL: f64 = 0.2;
-/// Rise or fall of the stock that a level follows, as a fraction of the slope of the edge. At a wall square to the feed the
-/// depth changes with the slope itself.
+/// Rise or fall of the stock that a level follows, as a fraction of the slope of the edge. At a wall square
+/// to the feed the depth changes with the slope itself.
 const TAPER: f64 = 0.25;
 /// What noise may make of a depth that is compared with the record.
 const NOISE: f64 = 1.15;
@@ -15,11 +15,12 @@ const HARD: f64 = 0.35;
 
 /// Decides from the load whether there is stock under the tip.
 ///
-/// The outer end of the edge leads. It cuts a ridge beyond a groove while the tip is still in the groove, and if the ridge is
-/// thinner than the edge reaches forward, the load is as steady as that of a cut over the whole depth. Stock where it was
-/// expected is not such a ridge, nor is any as high as the record says that it can be. Other stock may be one, after a gap
-/// or where the depth has changed: but the edge passes a ridge, and after a way of its overhang, and of the ridge's own
-/// width, the load has changed. A load that is steady for longer is that of stock under the tip.
+/// The outer end of the edge leads. It cuts a ridge beyond a groove while the tip is still in the groove, and
+/// if the ridge is thinner than the edge reaches forward, the load is as steady as that of a cut over the
+/// whole depth. Stock where it was expected is not such a ridge, nor is any as high as the record says that
+/// it can be. Other stock may be one, after a gap or where the depth has changed: but the edge passes a
+/// ridge, and after a way of its overhang, and of the ridge's own width, the load has changed. A load that is
+/// steady for longer is that of stock under the tip.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TipContact {
     front: Front,
@@ -148,7 +149,8 @@ impl TipContact {
         if cut.place_mm <= level.stock_to_mm {
             return UnderTip::Stock;
         }
-        // The first point of a ridge lies at most the overhang before the tip, and it is as wide as the depth tells.
+        // The first point of a ridge lies at most the overhang before the tip, and it is as wide as the depth
+        // tells.
         if cut.place_mm > level.from_mm + overhang_mm + level.depth_mm / slope {
             level.stock_to_mm = f64::INFINITY;
             return UnderTip::StockSince(level.since_mm);
@@ -166,7 +168,8 @@ impl Level {
     fn change(&mut self, cut: &CutNow, slope: f64) {
         // The rest of a change counts as noise.
         let rest_mm = LEVEL * cut.depth_mm / slope;
-        // The depth falls while the tip takes away more than comes in at the outer end. While it rises the tip may be in air.
+        // The depth falls while the tip takes away more than comes in at the outer end. While it rises the
+        // tip may be in air.
         let falls = cut.depth_mm < self.depth_mm && cut.place_mm <= self.stock_to_mm;
         *self = Self {
             depth_mm: cut.depth_mm,

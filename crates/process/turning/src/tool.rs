@@ -1,7 +1,7 @@
 //! The cutting edge of a turning tool, seen in the plane of feed.
 
-/// A straight main cutting edge. From the tip it rises outwards and leads: a point of the edge `h` above the tip lies
-/// `h / tan(lead)` before it in the direction of feed.
+/// A straight main cutting edge. From the tip it rises outwards and leads: a point of the edge `h` above the
+/// tip lies `h / tan(lead)` before it in the direction of feed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tool {
     lead_deg: f64,

@@ -49,7 +49,8 @@ pub struct LoadView {
     pub depth_now_mm: f64,
     /// Mean depth over the last revolution, mm.
     pub depth_mean_mm: f64,
-    /// Depth to be reckoned with, mm: the mean where the cut is round, the deepest part of the revolution where not.
+    /// Depth to be reckoned with, mm: the mean where the cut is round, the deepest part of the revolution
+    /// where not.
     pub depth_mm: f64,
     /// By how much the depth has grown over a revolution, mm; 0 where noise may be all of it.
     pub growth_mm: f64,
@@ -138,8 +139,8 @@ impl Revolution {
         }
     }
 
-    /// The same part of the last revolution and of the one before, so that a cut that is not round does not look like one
-    /// that grows.
+    /// The same part of the last revolution and of the one before, so that a cut that is not round does not
+    /// look like one that grows.
     fn growth(&self) -> f64 {
         let (mut latest, mut before) = (0.0, 0.0);
         // The part of now is not whole yet.
@@ -204,8 +205,8 @@ impl Readings {
 }
 
 impl LoadWatch {
-    /// For a spindle that turns once in `turn_s`, and a sensor of a time constant of `lag_s` whose readings may be
-    /// `stale_s` apart. Chips below `least_chip_mm` tell nothing.
+    /// For a spindle that turns once in `turn_s`, and a sensor of a time constant of `lag_s` whose readings
+    /// may be `stale_s` apart. Chips below `least_chip_mm` tell nothing.
     #[must_use]
     pub fn new(
         law: CutLaw,
@@ -250,8 +251,9 @@ impl LoadWatch {
 
     /// Takes the newest reading, if any, at a chip of `chip_mm` a revolution that is cut now.
     ///
-    /// The load of a depth is proportional to `chip^feed_exponent`, so what the sensor and the smoothing do to the load
-    /// is done to that as well, and their ratio is the depth whatever the feed has done meanwhile.
+    /// The load of a depth is proportional to `chip^feed_exponent`, so what the sensor and the smoothing do
+    /// to the load is done to that as well, and their ratio is the depth whatever the feed has done
+    /// meanwhile.
     pub fn step(&mut self, sample: Option<LoadSample>, chip_mm: f64) -> LoadView {
         self.age_s += self.period_s;
         let chip = libm::pow(chip_mm.max(0.0), self.law.feed_exponent);

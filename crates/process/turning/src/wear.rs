@@ -2,8 +2,9 @@
 
 /// Cost of wear over the cost of machine time, by depth and feed: `ratio (s / s_ref)^a (t / t_ref)^b`.
 ///
-/// With the edge's price `E`, the machine's price `M` a second and a tool life of `T` seconds at the reference cut, the
-/// ratio is `E / (M T)`; the exponents are those of feed and depth in Taylor's tool life. A ratio of 0 leaves time alone.
+/// With the edge's price `E`, the machine's price `M` a second and a tool life of `T` seconds at the
+/// reference cut, the ratio is `E / (M T)`; the exponents are those of feed and depth in Taylor's tool life.
+/// A ratio of 0 leaves time alone.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wear {
     /// At the reference cut.

@@ -1,9 +1,10 @@
 //! A simulated workpiece: a height field that a cutting edge removes, with a lag of one revolution.
 //!
-//! The field is what stands everywhere round the circumference. What the edge passes now is cut all round only when the
-//! spindle has turned once, so the field is lowered along the place where the tool was one revolution ago, and the chip
-//! is the area between the edge and the field. Engaged depth and chip thickness follow from it, for any motion of the
-//! tool: entry under a lead angle, shoulders parallel to the edge, stops, backing off.
+//! The field is what stands everywhere round the circumference. What the edge passes now is cut all round
+//! only when the spindle has turned once, so the field is lowered along the place where the tool was one
+//! revolution ago, and the chip is the area between the edge and the field. Engaged depth and chip thickness
+//! follow from it, for any motion of the tool: entry under a lead angle, shoulders parallel to the edge,
+//! stops, backing off.
 
 use crate::blank::Blank;
 use crate::cone::Cone;
@@ -53,7 +54,8 @@ pub struct Workpiece {
 }
 
 impl Workpiece {
-    /// A blank of a length, cut by a tool under a law; `steps_per_turn` calls of [`Workpiece::step`] are a revolution.
+    /// A blank of a length, cut by a tool under a law; `steps_per_turn` calls of [`Workpiece::step`] are a
+    /// revolution.
     #[must_use]
     pub fn new(blank: Blank, length_mm: f64, law: CutLaw, tool: Tool, steps_per_turn: f64) -> Self {
         let cells = ((length_mm / CELL_MM).round().clamp(1.0, 1e7)) as usize;
@@ -78,8 +80,9 @@ impl Workpiece {
         }
     }
 
-    /// The blank of a cut. It goes on behind the end of the cut as far as the settings say, with the final contour of
-    /// [`Workpiece::residual_mm`] and [`Workpiece::undercut_mm`]: cylinder, cone, and the wall that the edge leaves.
+    /// The blank of a cut. It goes on behind the end of the cut as far as the settings say, with the final
+    /// contour of [`Workpiece::residual_mm`] and [`Workpiece::undercut_mm`]: cylinder, cone, and the wall
+    /// that the edge leaves.
     #[must_use]
     pub fn of_cut(blank: Blank, settings: &TurningSettings, law: CutLaw, steps_per_turn: f64) -> Self {
         // The edge goes no farther: the highest tip, and the edge before it.

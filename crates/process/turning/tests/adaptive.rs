@@ -49,7 +49,8 @@ struct Moment {
     factor: f64,
 }
 
-/// A pass at the final size over a stock of 120 mm, up to 117: with the feed that is programmed, or held by the load.
+/// A pass at the final size over a stock of 120 mm, up to 117: with the feed that is programmed, or held by
+/// the load.
 fn drive(
     blank: Blank,
     adaptive: Option<AdaptiveSettings>,
@@ -150,8 +151,8 @@ fn the_load_is_held_with_slow_and_noisy_sensors() {
             for (name, blank) in blanks() {
                 let seen = pass(blank, settings(lag_s + dead_s), (lag_s, dead_s), noise);
                 let what = format!("{name}, lag {lag_s}, late by {dead_s}, noise {noise}: {seen:?}");
-                // The feed must not hunt: a sensor that lags shows the load of the feed of before. Noise that looks like
-                // growth makes it lower, the more the farther ahead it has to look.
+                // The feed must not hunt: a sensor that lags shows the load of the feed of before. Noise that
+                // looks like growth makes it lower, the more the farther ahead it has to look.
                 let dips = noise * (1.0 + (lag_s + dead_s) / TURN_S);
                 assert!(seen.least > 0.97 - dips && seen.most < 1.02 + noise, "{what}");
                 assert!((seen.mean - 1.0).abs() < 0.01 + 0.5 * noise, "{what}");

@@ -1,4 +1,5 @@
-//! Files of adaptive feed: what ships is read, what is wrong is refused with its place, and the schema is that of the code.
+//! Files of adaptive feed: what ships is read, what is wrong is refused with its place, and the schema is
+//! that of the code.
 #![allow(clippy::unwrap_used, reason = "a test may fail")]
 
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit, shipped};

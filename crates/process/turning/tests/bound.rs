@@ -1,5 +1,5 @@
-//! What no controller can beat: the least time for stock that is known exactly, by dynamic programming, and how near the
-//! strategies come that have to feel it.
+//! What no controller can beat: the least time for stock that is known exactly, by dynamic programming, and
+//! how near the strategies come that have to feel it.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -19,8 +19,8 @@ const HEIGHT_MM: f64 = 0.1;
 const PLACES: usize = 400;
 const MAX_PASSES: usize = 12;
 
-/// `least[m][k]`: the least time for a mm of way, s, that removes `k` steps of height in `m` cuts of the set load at most, with the way
-/// back in rapid.
+/// `least[m][k]`: the least time for a mm of way, s, that removes `k` steps of height in `m` cuts of the set
+/// load at most, with the way back in rapid.
 fn removal(hardness: f64, steps: usize, settings: &TurningSettings) -> Vec<Vec<f64>> {
     let law = law();
     let cut = |k: usize| {
@@ -43,7 +43,8 @@ fn removal(hardness: f64, steps: usize, settings: &TurningSettings) -> Vec<Vec<f
     least
 }
 
-/// The same where gaps have to be fed across at every height, because only the tool's own passes tell of them.
+/// The same where gaps have to be fed across at every height, because only the tool's own passes tell of
+/// them.
 fn blind_bound_s(blank: &Blank, settings: &TurningSettings) -> f64 {
     let filled = Blank {
         grooves_mm: Vec::new(),
@@ -52,8 +53,9 @@ fn blind_bound_s(blank: &Blank, settings: &TurningSettings) -> f64 {
     bound_s(&filled, settings).0
 }
 
-/// The least time of any job on a blank: in at most `n` passes, each place in as few of them as is best there. A pass costs its
-/// moves out and in, and a revolution at its end. Shoulders, run-ups and ramps cost nothing here, so no job is as fast.
+/// The least time of any job on a blank: in at most `n` passes, each place in as few of them as is best
+/// there. A pass costs its moves out and in, and a revolution at its end. Shoulders, run-ups and ramps cost
+/// nothing here, so no job is as fast.
 fn bound_s(blank: &Blank, settings: &TurningSettings) -> (f64, usize) {
     let length = settings.length_mm;
     let overhead = TURN_S + 2.0 * settings.clear_out_mm / settings.out_speed_mm_s;

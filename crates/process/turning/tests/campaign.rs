@@ -1,4 +1,5 @@
-//! Self-programmed turning of the reference stocks and of random ones, against the figures published with the cases.
+//! Self-programmed turning of the reference stocks and of random ones, against the figures published with the
+//! cases.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -236,7 +237,8 @@ struct Tally {
     slower_than_known: u32,
 }
 
-/// Turns many stocks by several strategies. What holds for every strategy but the literal one is checked here.
+/// Turns many stocks by several strategies. What holds for every strategy but the literal one is checked
+/// here.
 fn campaign(
     seed: u64,
     usual: usize,
@@ -402,8 +404,8 @@ fn fixed_passes_at_a_load_keep_it_on_any_stock() {
 
 #[test]
 fn the_safe_strategy_saves_one_sixth_on_every_stock() {
-    // Published: 5, 32, 16 and 11 %; before parts of least time 7, 38, 16 and 17 %; before gaps were crossed at the largest
-    // feed the gap 17 %.
+    // Published: 5, 32, 16 and 11 %; before parts of least time 7, 38, 16 and 17 %; before gaps were crossed
+    // at the largest feed the gap 17 %.
     for ((name, blank), least) in stocks().into_iter().zip([0.20, 0.36, 0.205, 0.44]) {
         let figures = turn(safe(), &blank, 0);
         let saved = 1.0 - figures.time_s / same_load(&blank).time_s;

@@ -14,7 +14,8 @@ use crate::common::{
     Limits, Part, Random, SET, cases, fast, law, literal, random_rough_stock, random_stock, safe, sensor,
 };
 
-/// Turns it and checks all but the load: figures, largest load on the cone, and how often it was climbed. None where the stock alone, without a cone, ends in a fault as well.
+/// Turns it and checks all but the load: figures, largest load on the cone, and how often it was climbed.
+/// None where the stock alone, without a cone, ends in a fault as well.
 fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Option<(Figures, f64, usize)> {
     let cone = settings.cone.unwrap();
     let mut limits = Limits::new(&settings);

@@ -14,8 +14,9 @@ use crate::common::{
 };
 use crate::protection::{RUN, run_for, run_out, simulation};
 
-/// Runs on with a load of zero for ever. Returns the reason of the fault, the longest time for which the tool was fed into
-/// stock before it without being drawn back, in revolutions, and whether the job was called done.
+/// Runs on with a load of zero for ever. Returns the reason of the fault, the longest time for which the tool
+/// was fed into stock before it without being drawn back, in revolutions, and whether the job was called
+/// done.
 fn lose_load(mut sim: Simulation, mut limits: Limits) -> (Option<Reason>, f64, bool) {
     let turn_s = sim.controller.settings().turn_s();
     let (mut reason, mut turns, mut most) = (None, 0.0, 0.0_f64);
@@ -57,7 +58,8 @@ fn a_load_that_goes_away_after_a_shoulder_is_a_fault() {
 
 #[test]
 fn a_load_lost_after_slots_is_not_done() {
-    // The mean of a revolution is far below the cut between the slots, so how high the shoulder is is not sure.
+    // The mean of a revolution is far below the cut between the slots, so how high the shoulder is is not
+    // sure.
     let blank = Blank {
         runout_mm: 0.3,
         slots: vec![(0.02, 0.18), (0.39, 0.50), (0.71, 0.75)],
@@ -136,7 +138,8 @@ fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
 
 #[test]
 fn a_load_lost_just_before_a_cut_is_left_is_a_fault_in_a_turn() {
-    // A mean depth that falls with the load is no thin place, and a part of a revolution that exceeds it is no deeper cut.
+    // A mean depth that falls with the load is no thin place, and a part of a revolution that exceeds it is
+    // no deeper cut.
     let stocks = [
         (
             fast(),

@@ -1,4 +1,5 @@
-//! Process files: what ships is read, what is wrong is refused with its place, and the schema is that of the code.
+//! Process files: what ships is read, what is wrong is refused with its place, and the schema is that of the
+//! code.
 
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit, shipped};
 use evolvent_turning::{Job, process_schema};

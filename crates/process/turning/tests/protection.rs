@@ -90,8 +90,8 @@ fn distrusted(random: &mut Random) -> SensorFault {
     kinds[(kinds.len() as f64 * random.unit()) as usize]
 }
 
-/// The sensor fails for ever. The feed must stand within a revolution of the last good reading, of a fault outside the
-/// stock within one of where the tool feeds again. Tells whether there was anything left to stop.
+/// The sensor fails for ever. The feed must stand within a revolution of the last good reading, of a fault
+/// outside the stock within one of where the tool feeds again. Tells whether there was anything left to stop.
 fn fail(mut sim: Simulation, mut limits: Limits, fault: SensorFault, what: &str) -> bool {
     let turn_s = sim.controller.settings().turn_s();
     let (mut reason, mut blind_s) = (None, 0.0);

@@ -78,7 +78,8 @@ fn a_job_by_torque_power_or_current_keeps_the_set_load() {
             let what = format!("{text}: {reason:?}, {figures:?}");
             assert!(figures.done && figures.residual_mm <= 0.1, "{what}");
             assert!(figures.over_130_s <= TURN_S && figures.peak < 1.3 * SET, "{what}");
-            // The force acts above the tip by up to half the depth: it is reckoned too large by a twelfth at most.
+            // The force acts above the tip by up to half the depth: it is reckoned too large by a twelfth at
+            // most.
             assert!(figures.time_s < 1.2 * 207.0, "{what}");
         }
     }

@@ -1,5 +1,5 @@
-//! Cuts that end within the stock: the passes leave one wall, along the edge, and none of them meets what another has left
-//! there with its whole edge at once.
+//! Cuts that end within the stock: the passes leave one wall, along the edge, and none of them meets what
+//! another has left there with its whole edge at once.
 #![allow(
     clippy::unwrap_used,
     clippy::print_stdout,
@@ -79,7 +79,8 @@ fn edges_of_any_lead_leave_one_wall() {
             period_s: PERIOD_S,
             ..TurningSettings::usual(regime, tool, 500.0, 40.0)
         };
-        // An edge at 89 degrees comes to more than the deepest cut before the load can tell it: that is the face, not the wall.
+        // An edge at 89 degrees comes to more than the deepest cut before the load can tell it: that is the
+        // face, not the wall.
         let shares: &[f64] = if lead_deg > 88.0 {
             &[0.3]
         } else {
@@ -146,7 +147,8 @@ fn random_stocks_are_cut_to_a_shoulder_anywhere_in_them() {
 
 #[test]
 fn a_thin_ridge_before_the_end_is_no_broken_insert() {
-    // The edge cuts the ridge while the tip is in the groove before it; at the final size nothing of it may be left to be felt.
+    // The edge cuts the ridge while the tip is in the groove before it; at the final size nothing of it may
+    // be left to be felt.
     let ridge = |height: f64, from: f64, width: f64, low: f64| Blank {
         grooves_mm: vec![(from - 10.0, from, 0.0), (from + width, 1e3, low)],
         ..Blank::uniform(height)
@@ -193,7 +195,8 @@ fn a_thin_ridge_before_the_end_is_no_broken_insert() {
 
 #[test]
 fn no_way_back_leads_through_stock_behind_a_groove() {
-    // Where a pass ends in the groove, within two overhangs of the stock behind it, that is not known to be as low as the pass.
+    // Where a pass ends in the groove, within two overhangs of the stock behind it, that is not known to be
+    // as low as the pass.
     for case in 0..cases(24) {
         let settings = shorter([fast(), safe()][case % 2], 90.0);
         let width = 8.0 + (case / 2 % 6) as f64;
@@ -233,7 +236,8 @@ fn no_way_back_leads_through_stock_behind_a_groove() {
 
 #[test]
 fn hard_stock_that_ends_before_the_cut_is_no_lost_load() {
-    // In material that is harder the load of a cut that is left falls faster than the lead angle and the law of the load say.
+    // In material that is harder the load of a cut that is left falls faster than the lead angle and the law
+    // of the load say.
     let mut faults = Vec::new();
     for case in 0..cases(96) {
         let hard = [1.2, 1.34][case % 2];
@@ -271,8 +275,8 @@ fn stock_that_ends_with_the_cut_is_no_fault_where_a_shoulder_may_be() {
             } else {
                 random.between(0.0, 4.0)
             };
-        // What would be left between a groove and the end is to be no ridge: one that is thinner than the edge reaches forward
-        // looks like a cut over the whole depth.
+        // What would be left between a groove and the end is to be no ridge: one that is thinner than the
+        // edge reaches forward looks like a cut over the whole depth.
         blank.grooves_mm.retain(|groove| groove.1 < length_mm - 12.0);
         blank.grooves_mm.push((end, 1e3, 0.0));
         let base = if case % 3 == 0 { fast() } else { safe() };

@@ -38,7 +38,8 @@ impl Watched {
         self.watch.step(Some(sample), chip_mm)
     }
 
-    /// A cycle in a cut of a depth: Pz = C t s^0.75, through the sensor. The last digits differ from cycle to cycle.
+    /// A cycle in a cut of a depth: Pz = C t s^0.75, through the sensor. The last digits differ from cycle to
+    /// cycle.
     fn cut(&mut self, depth_mm: f64, chip_mm: f64) -> LoadView {
         let load = law().coefficient * depth_mm * chip_mm.powf(0.75);
         let share = if self.lag_s > 0.0 {

@@ -17,8 +17,8 @@ pub struct Command {
     pub origin: Option<Origin>,
     /// The calls that led to the line.
     pub calls: CallChain,
-    /// For a feed move in G95: mm per spindle revolution, or degrees if only rotary axes move. The `feed` of the move is that at
-    /// the commanded spindle speed.
+    /// For a feed move in G95: mm per spindle revolution, or degrees if only rotary axes move. The `feed` of
+    /// the move is that at the commanded spindle speed.
     pub feed_mm_rev: Option<f64>,
     /// The spindle whose revolutions `feed_mm_rev` refers to (`$` of G95).
     pub feed_spindle: u32,
@@ -77,8 +77,8 @@ pub struct Origin {
     pub line: u32,
 }
 
-/// A canonical action. The commands of one line come in the order of execution of RS274/NGC (table 8), so the consumer
-/// needs no modal state.
+/// A canonical action. The commands of one line come in the order of execution of RS274/NGC (table 8), so the
+/// consumer needs no modal state.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Action {
@@ -91,10 +91,11 @@ pub enum Action {
     },
     /// Selects the next tool (T); a tool changer may fetch it.
     SelectTool(u32),
-    /// The machine's subroutine starts to put this tool into the spindle (M6); 0 empties the spindle. Up to the following
-    /// [`Action::ChangeTool`] the tool in the spindle is unknown.
+    /// The machine's subroutine starts to put this tool into the spindle (M6); 0 empties the spindle. Up to
+    /// the following [`Action::ChangeTool`] the tool in the spindle is unknown.
     BeginToolChange(u32),
-    /// Puts this tool into the spindle (M6); 0 empties the spindle. After [`Action::BeginToolChange`] the change is complete.
+    /// Puts this tool into the spindle (M6); 0 empties the spindle. After [`Action::BeginToolChange`] the
+    /// change is complete.
     ChangeTool(u32),
     /// State of a spindle after M3, M4, M5 or a new S word.
     Spindle {
@@ -125,7 +126,8 @@ pub enum Action {
         /// Time limit in seconds; 0 for none.
         timeout_s: f64,
     },
-    /// Constant surface speed (G96): the spindle speed follows the radius, X of the tool. Repeated when offsets move the centre.
+    /// Constant surface speed (G96): the spindle speed follows the radius, X of the tool. Repeated when
+    /// offsets move the centre.
     SurfaceSpeed {
         /// Number of the spindle (`$`).
         spindle: u32,
@@ -144,13 +146,15 @@ pub enum Action {
         pitch_mm: f64,
         /// Path control mode; rapids between the passes of G76 are [`Action::Move`]s.
         path_mode: PathMode,
-        /// Spindle angle at the start, degrees from the index pulse, for multi-start threads. A continuation of another thread has
-        /// the same angle.
+        /// Spindle angle at the start, degrees from the index pulse, for multi-start threads. A continuation
+        /// of another thread has the same angle.
         start_degrees: f64,
-        /// X in machine coordinates at which the tool is clear of the thread (the drive line of G76), where that is known.
+        /// X in machine coordinates at which the tool is clear of the thread (the drive line of G76), where
+        /// that is known.
         clear_x: Option<f64>,
     },
-    /// Turns a step in load-adaptive passes (a lathe's G82 Q1, G75 Q1). Starts and ends at its start position.
+    /// Turns a step in load-adaptive passes (a lathe's G82 Q1, G75 Q1). Starts and ends at its start
+    /// position.
     Turning(TurningCycle),
     /// Rigid tapping: in with the spindle, out with the spindle reversed (G33.1). Ends where it started.
     RigidTap {
@@ -164,7 +168,8 @@ pub enum Action {
         return_factor: f64,
     },
     /// A straight move until the probe trips (G38.2 to G38.5). Report the position of contact with
-    /// [`Interpreter::answer_probe`](crate::Interpreter::answer_probe); otherwise the program continues as without contact.
+    /// [`Interpreter::answer_probe`](crate::Interpreter::answer_probe); otherwise the program continues as
+    /// without contact.
     Probe {
         /// The maximum path.
         curve: Curve,
@@ -193,8 +198,9 @@ pub enum Action {
         /// At the start of the next move instead of at once.
         synchronised: bool,
     },
-    /// Waits for an input (M66). Report its value with [`Interpreter::answer_input`](crate::Interpreter::answer_input) before
-    /// requesting the next command; it becomes #5399. Otherwise #5399 is -1, which means a timeout.
+    /// Waits for an input (M66). Report its value with
+    /// [`Interpreter::answer_input`](crate::Interpreter::answer_input) before requesting the next command; it
+    /// becomes #5399. Otherwise #5399 is -1, which means a timeout.
     WaitInput {
         /// Number of the input.
         index: u32,
@@ -251,8 +257,8 @@ pub enum Action {
 pub enum LogAction {
     /// `(LOGOPEN, file)`: creates a file.
     Open(String),
-    /// `(PROBEOPEN file)`: creates a separate file for the positions of probing moves with contact, in program coordinates and
-    /// units: #5061 to #5069.
+    /// `(PROBEOPEN file)`: creates a separate file for the positions of probing moves with contact, in
+    /// program coordinates and units: #5061 to #5069.
     OpenProbes(String),
     /// `(LOGAPPEND, file)`: appends to a file.
     Append(String),

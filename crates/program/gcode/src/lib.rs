@@ -1,7 +1,8 @@
-//! RS274/NGC interpreter: program text in, a lazy stream of canonical commands out, and errors with their position.
+//! RS274/NGC interpreter: program text in, a lazy stream of canonical commands out, and errors with their
+//! position.
 //!
-//! Input: text from any [`BufRead`](std::io::BufRead) and [`Settings`]. Output: an iterator over [`Command`]s in machine
-//! coordinates, and [`Diagnostic`]s.
+//! Input: text from any [`BufRead`](std::io::BufRead) and [`Settings`]. Output: an iterator over [`Command`]s
+//! in machine coordinates, and [`Diagnostic`]s.
 //!
 //! ```
 //! use evolvent_gcode::{Action, Interpreter, Settings};
@@ -26,10 +27,10 @@
 //!         syntax    interpreter syntax      codes, syntax      execution, with state and parameters
 //! ```
 //!
-//! [`Interpreter`] reads one line at a time. O-words select the next line: the lines of an active loop are stored, subroutines
-//! are kept in a library. Words are evaluated while they are read, from [parameters](Interpreter::parameter) and expressions.
-//! Codes are sorted into modal groups, the other words to the codes that use them; then the line is executed in the order of
-//! RS274/NGC, table 8.
+//! [`Interpreter`] reads one line at a time. O-words select the next line: the lines of an active loop are
+//! stored, subroutines are kept in a library. Words are evaluated while they are read, from
+//! [parameters](Interpreter::parameter) and expressions. Codes are sorted into modal groups, the other words
+//! to the codes that use them; then the line is executed in the order of RS274/NGC, table 8.
 //!
 //! | module | contents |
 //! |---|---|
@@ -42,21 +43,22 @@
 //! | `tables` | tool table and parameter file |
 //! | `diagnostics` | errors, advice, equivalents of other dialects |
 //!
-//! Commands are free of modes: a [`Move`] carries a curve in machine coordinates in mm and degrees, a speed in mm/s and the path
-//! control mode, so planners know no units, planes, offsets, cycles or cutter radius. In G95 the feed of a move is that at the
-//! commanded spindle speed, and the [`Command`] has the feed per revolution; in G96 such a move is divided into pieces of
-//! nearly constant speed.
+//! Commands are free of modes: a [`Move`] carries a curve in machine coordinates in mm and degrees, a speed
+//! in mm/s and the path control mode, so planners know no units, planes, offsets, cycles or cutter radius. In
+//! G95 the feed of a move is that at the commanded spindle speed, and the [`Command`] has the feed per
+//! revolution; in G96 such a move is divided into pieces of nearly constant speed.
 //!
 //! # Guarantees
 //!
-//! No input panics. A line is executed completely or not at all: after an error modal state and parameters are those before
-//! it, so the following errors can be found, without those that follow from it alone. Memory is bounded by the settings. The commands depend on the text, the settings
-//! and the reported answers only. Nothing here is real-time safe: it allocates.
+//! No input panics. A line is executed completely or not at all: after an error modal state and parameters
+//! are those before it, so the following errors can be found, without those that follow from it alone. Memory
+//! is bounded by the settings. The commands depend on the text, the settings and the reported answers only.
+//! Nothing here is real-time safe: it allocates.
 //!
 //! # Where to read on
 //!
-//! `docs/SPECNOTES.md` for what the standard leaves open and where LinuxCNC differs; `tools/compare-rs274` compares both
-//! interpreters; `interpreter/mod.rs`, then `execution/execute.rs`.
+//! `docs/SPECNOTES.md` for what the standard leaves open and where LinuxCNC differs; `tools/compare-rs274`
+//! compares both interpreters; `interpreter/mod.rs`, then `execution/execute.rs`.
 
 mod codes;
 mod command;

@@ -1,5 +1,6 @@
-//! Cutter compensation on random contours, against what it is for: no point of the tool's path comes nearer to the
-//! contour than the radius, no move is run backwards or all the way round, and nothing is refused that fits.
+//! Cutter compensation on random contours, against what it is for: no point of the tool's path comes nearer
+//! to the contour than the radius, no move is run backwards or all the way round, and nothing is refused that
+//! fits.
 //!
 //! The generator and the checks know nothing of how the path is found: they sample it.
 
@@ -181,8 +182,8 @@ impl Case {
         [x + self.radius * angle.cos(), y + self.radius * angle.sin()]
     }
 
-    /// How much more clearance a place may have that still counts as too narrow: roundings move corners by many times
-    /// their size where walls are nearly parallel.
+    /// How much more clearance a place may have that still counts as too narrow: roundings move corners by
+    /// many times their size where walls are nearly parallel.
     fn spared(&self) -> f64 {
         if self.written < 1e-5 {
             0.0
@@ -198,8 +199,8 @@ impl Case {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// The moves beside one piece: perhaps an arc about the corner before it, then the piece's own, which leads the
-    /// piece's way at the piece's side.
+    /// The moves beside one piece: perhaps an arc about the corner before it, then the piece's own, which
+    /// leads the piece's way at the piece's side.
     fn check_moves(&self, piece: &Piece, moves: &[Move]) -> Result<(), String> {
         let allowed = STRAIGHT_LOSS * self.radius + self.written;
         let Some((own, corner)) = moves.split_last() else {
@@ -260,8 +261,8 @@ fn samples(step: &Move) -> impl Iterator<Item = Point> {
     (0..=60).map(move |index| plane(curve.position(f64::from(index) / 60.0 * length)))
 }
 
-/// A landscape: the contour goes on in X, whatever it does in Y, so it never meets itself. Turned by any angle; seen
-/// from below where the tool is on the right.
+/// A landscape: the contour goes on in X, whatever it does in Y, so it never meets itself. Turned by any
+/// angle; seen from below where the tool is on the right.
 fn landscape(random: &mut Random) -> Case {
     let radius = random.between(0.5, 8.0);
     let left = random.unit() < 0.5;

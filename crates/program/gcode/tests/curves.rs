@@ -116,7 +116,8 @@ fn a_curve_with_stationary_ends_is_followed() {
     assert_eq!(found.last().unwrap().curve.end()[0], 10.0);
 }
 
-/// Distance of the farthest point of the feed moves from a centre, and that of the nearest one on the wall's circle.
+/// Distance of the farthest point of the feed moves from a centre, and that of the nearest one on the wall's
+/// circle.
 fn reach(moves: &[Move], centre: [f64; 2]) -> f64 {
     let feeds = moves.iter().filter(|step| step.kind == MoveKind::Feed);
     let all = feeds.flat_map(|step| points(&step.curve, 64));

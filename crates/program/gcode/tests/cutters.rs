@@ -79,7 +79,8 @@ fn a_move_that_its_first_corner_takes_up_is_refused() {
 
 #[test]
 fn a_fine_hollow_narrower_than_the_tool_is_refused() {
-    // Half a circle of radius 4 in steps of two degrees: no corner is sharp, and the tool's path would run backwards.
+    // Half a circle of radius 4 in steps of two degrees: no corner is sharp, and the tool's path would run
+    // backwards.
     let hollow = |radius: f64| {
         let mut text = format!("G21 F600\nG0 X{radius} Y-30\nG41.1 D10\nG1 Y-12\nY0\n");
         for step in 1..=90 {
@@ -247,7 +248,8 @@ fn near(program: &str) -> Vec<(u32, u32)> {
     found.collect()
 }
 
-/// A pocket of two chambers, joined by a throat of this width, from inside; line 10 passes the throat on the left, 16 on the right.
+/// A pocket of two chambers, joined by a throat of this width, from inside; line 10 passes the throat on the
+/// left, 16 on the right.
 fn throat(width: f64, tool: f64, side: &str, before: &str, after: &str) -> String {
     let x = 0.5 * width;
     let mut corners = vec![
@@ -333,7 +335,8 @@ fn an_island_too_close_to_the_wall_is_reported() {
     assert_eq!(near(&program(9.0, -5.0, 39.5)), []);
 }
 
-/// A closed contour of lines and arcs about the origin, its program from inside or outside, and its points at most 0.15 apart.
+/// A closed contour of lines and arcs about the origin, its program from inside or outside, and its points at
+/// most 0.15 apart.
 fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
     let corners = 5 + (9.0 * random.unit()) as usize;
     let radius = random.between(1.0, 6.0);
@@ -434,8 +437,8 @@ fn distance_to(outline: &[[f64; 2]], point: [f64; 2]) -> f64 {
     squares.fold(f64::INFINITY, f64::min).sqrt()
 }
 
-/// An open contour of lines and arcs in any direction, its program, and the points of its pieces at most 0.15 apart. A straight move
-/// leads there and one away.
+/// An open contour of lines and arcs in any direction, its program, and the points of its pieces at most 0.15
+/// apart. A straight move leads there and one away.
 fn random_open_contour(random: &mut Random) -> (String, f64, Vec<Vec<[f64; 2]>>) {
     let radius = random.between(1.0, 5.0);
     let word = if random.unit() < 0.5 { "G41.1" } else { "G42.1" };
@@ -606,8 +609,8 @@ fn outputs_and_path_modes_have_their_place_in_a_compensated_contour() {
         format!("G21 G90 F300 G64\nG0 X-20 Y0\nG41.1 D4\nG1 X0 Y5\nX20\n{line}\nY20\nX0\nG40 X-20\nM2\n")
     };
     let expected = moves(&program("(nothing)"));
-    // Each takes effect after the move that ends at X20, as it would without compensation: the fourth after the rapid, the
-    // entry and the arc of its corner.
+    // Each takes effect after the move that ends at X20, as it would without compensation: the fourth after
+    // the rapid, the entry and the arc of its corner.
     let before = 4;
     for line in ["M62 P0", "M63 P0", "M64 P0", "M65 P0", "M67 E0 Q1", "M68 E0 Q1"] {
         let actions = run(&program(line)).unwrap_or_else(|error| panic!("{}", error.render("x")));

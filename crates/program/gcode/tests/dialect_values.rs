@@ -1,4 +1,5 @@
-//! Values that other dialects write in other units or read from other places: warned of, because the line runs.
+//! Values that other dialects write in other units or read from other places: warned of, because the line
+//! runs.
 
 use evolvent_gcode::{Action, Interpreter, Settings};
 

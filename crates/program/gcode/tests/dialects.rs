@@ -7,7 +7,8 @@ use crate::lathe_dialects::on_lathe;
 
 #[test]
 fn other_dialects_are_told_what_to_write_here() {
-    // Program, line with the error, what it means here, what to write. One error each: nothing follows from it.
+    // Program, line with the error, what it means here, what to write. One error each: nothing follows from
+    // it.
     for (program, line, means, write) in [
         ("G21\nG05.1 Q1\nG0 X1\n", 2, "quadratic spline", "remove the line"),
         (

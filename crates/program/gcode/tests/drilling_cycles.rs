@@ -19,8 +19,9 @@ fn heights_across(program: &str, zero: f64) -> Vec<f64> {
         .collect()
 }
 
-/// RS274/NGC 3.5.16 and LinuxCNC: from R the tool travels at the height to which the cycle retracts, also behind a hole of G99. The heights
-/// are those of the work, whatever offsets make of them in machine coordinates.
+/// RS274/NGC 3.5.16 and LinuxCNC: from R the tool travels at the height to which the cycle retracts, also
+/// behind a hole of G99. The heights are those of the work, whatever offsets make of them in machine
+/// coordinates.
 #[test]
 fn a_hole_of_g98_behind_one_of_g99_is_approached_at_the_height_before_all() {
     let mut random = Random::from_state(0x5eed_0099);

@@ -236,7 +236,8 @@ fn parameters_have_the_tool_in_the_spindle_from_the_first_line() {
     );
 }
 
-/// A machine of LinuxCNC in inches: the unit at the start is G20, and #5161 to #5410 are in inches in G21 too.
+/// A machine of LinuxCNC in inches: the unit at the start is G20, and #5161 to #5410 are in inches in G21
+/// too.
 #[test]
 fn parameters_of_a_machine_in_inches_are_in_inches_and_kept_in_mm() {
     let mut tool = Tool::new(5);
@@ -495,7 +496,8 @@ fn a_restart_inside_a_subroutine_tells_where_to_start_instead() {
     assert!(help.contains("M98 P"), "{help}");
 }
 
-/// A piece begins at the angle at which the piece before has ended, not at one of its own: started there it would cut beside its groove.
+/// A piece begins at the angle at which the piece before has ended, not at one of its own: started there it
+/// would cut beside its groove.
 #[test]
 fn a_restart_inside_a_chain_of_threads_is_refused() {
     let program = "G18 G7 S500 M3\nG0 X20 Z10\nG33 Z-10.7 K2\nG33 X28 Z-30 K2\n(a comment)\nG33 Z-40 K2\n\

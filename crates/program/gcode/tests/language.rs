@@ -221,8 +221,8 @@ fn an_earlier_g92_offset_is_active_from_the_start() {
 
 #[test]
 fn centre_format_arcs_are_on_their_circle() {
-    // Quarter circles of radius 5, counter-clockwise, seen from the normal axis: from the first axis' direction
-    // towards the second's.
+    // Quarter circles of radius 5, counter-clockwise, seen from the normal axis: from the first axis'
+    // direction towards the second's.
     for (plane, first, second, words) in [
         ("G17", 0, 1, "X5 Y5 I0 J5"),
         ("G18", 2, 0, "Z5 X5 K0 I5"),

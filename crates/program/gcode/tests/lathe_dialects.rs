@@ -145,7 +145,8 @@ fn lines_of_this_dialect_on_a_lathe_are_not_warned_of() {
 
 #[test]
 fn lines_of_other_controls_are_told_what_to_write() {
-    // Text of the line, what it is, what to write; on a lathe in G18, as on a mill unless its cure is of lathes.
+    // Text of the line, what it is, what to write; on a lathe in G18, as on a mill unless its cure is of
+    // lathes.
     for (text, means, write) in [
         (
             "G83 Z-20 R2 Q5 F100",

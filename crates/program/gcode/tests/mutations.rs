@@ -1,7 +1,9 @@
-//! Real programs damaged at random: the interpreter neither panics nor hangs, and whatever it hands out is sound.
+//! Real programs damaged at random: the interpreter neither panics nor hangs, and whatever it hands out is
+//! sound.
 //!
-//! The corpus are the programs of `tests/programs`. A seed is printed; `EVOLVENT_SEED` and `EVOLVENT_CASES` choose
-//! another run and how long it is: `EVOLVENT_CASES=10000000 cargo test --release -p evolvent-gcode --test all mutations`.
+//! The corpus are the programs of `tests/programs`. A seed is printed; `EVOLVENT_SEED` and `EVOLVENT_CASES`
+//! choose another run and how long it is:
+//! `EVOLVENT_CASES=10000000 cargo test --release -p evolvent-gcode --test all mutations`.
 
 use evolvent_gcode::{Action, Interpreter, MachineFeatures, ProgramLimits, Settings, ToolTable};
 use evolvent_random::{Random, cases, seed, seed_of_time};

@@ -1,4 +1,5 @@
-//! Errors of O-words: one for each mistake, in the order of lines, with the word and the line with which its block begins.
+//! Errors of O-words: one for each mistake, in the order of lines, with the word and the line with which its
+//! block begins.
 
 use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Settings};
 

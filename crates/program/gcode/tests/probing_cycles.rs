@@ -1,4 +1,5 @@
-//! The shipped probing cycles against surfaces of space: a ball on a stylus that stops a little behind each contact.
+//! The shipped probing cycles against surfaces of space: a ball on a stylus that stops a little behind each
+//! contact.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::Path;

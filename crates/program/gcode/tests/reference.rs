@@ -1,9 +1,10 @@
 //! Programs and what LinuxCNC 2.9's interpreter makes of them, stored by `tools/compare-rs274 --store`.
 //!
-//! `tests/programs/NAME.ngc` is a program of ours, `NAME.canon` what `rs274 -g` says to it: an event a line, and after
-//! ` | ` how far its figures may be off, because rs274 prints four decimals of the unit in force. Errors are equal where
-//! both refuse the same line and all events before it are equal; rs274 may have done a part of the refused line itself.
-//! `known.txt` names the programs that differ, and why; `earlier.txt` those that are refused here at an earlier line.
+//! `tests/programs/NAME.ngc` is a program of ours, `NAME.canon` what `rs274 -g` says to it: an event a line,
+//! and after ` | ` how far its figures may be off, because rs274 prints four decimals of the unit in force.
+//! Errors are equal where both refuse the same line and all events before it are equal; rs274 may have done a
+//! part of the refused line itself. `known.txt` names the programs that differ, and why; `earlier.txt` those
+//! that are refused here at an earlier line.
 
 #[path = "common/canon.rs"]
 mod canon;
@@ -84,8 +85,8 @@ enum Relation {
 /// Moves that a hole takes, at most, with every kind of cycle except pecking.
 const MOVES_OF_HOLE: usize = 12;
 
-/// Whether rs274 may have caused these events by a part of a line that it then refuses: a move comes last in a line and is
-/// whole or not at all, except those of a cycle.
+/// Whether rs274 may have caused these events by a part of a line that it then refuses: a move comes last in
+/// a line and is whole or not at all, except those of a cycle.
 fn is_part_of_line(events: &[String], program: &str, line: u32) -> bool {
     let lines: Vec<_> = program.lines().take(line as usize).collect();
     let text = lines.last().copied().unwrap_or_default();

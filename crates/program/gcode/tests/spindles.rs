@@ -1,6 +1,7 @@
 //! Several spindles: which one a line is about (`$`), and what LinuxCNC makes of the same programs.
 //!
-//! The expected commands are what `rs274` of LinuxCNC 2.9 prints with four spindles; SPECNOTES names the differences.
+//! The expected commands are what `rs274` of LinuxCNC 2.9 prints with four spindles; SPECNOTES names the
+//! differences.
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 

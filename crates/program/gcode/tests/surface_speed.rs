@@ -1,4 +1,5 @@
-//! G96 with and without G95: what the spindle is told, and how moves are fed while its speed follows the radius.
+//! G96 with and without G95: what the spindle is told, and how moves are fed while its speed follows the
+//! radius.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::f64::consts::TAU;
@@ -53,8 +54,8 @@ fn rpm(speed_m_min: f64, max_rpm: f64, radius_mm: f64) -> f64 {
     (speed_m_min * 1000.0 / (TAU * radius_mm)).min(max_rpm)
 }
 
-/// Checks the pieces of a program's feed moves against the definition at many places of each, and returns their number, and the length
-/// of those along which the speed is limited, mm.
+/// Checks the pieces of a program's feed moves against the definition at many places of each, and returns
+/// their number, and the length of those along which the speed is limited, mm.
 fn check_pieces(program: &str, law: impl Fn(f64) -> f64, feed_mm: f64) -> (usize, f64) {
     let commands = run(program);
     let pieces: Vec<_> = commands
@@ -87,7 +88,8 @@ fn check_pieces(program: &str, law: impl Fn(f64) -> f64, feed_mm: f64) -> (usize
                 .position;
             let wanted = feed_mm * law(place[0]) / 60.0;
             let off = motion.feed_mm_s / wanted - 1.0;
-            // Half a piece's change; nothing where the speed is limited; or the end of what is not divided any more.
+            // Half a piece's change; nothing where the speed is limited; or the end of what is not divided
+            // any more.
             let bound = if is_limited { 2e-9 } else { 0.0051 };
             assert!(
                 off.abs() < bound || motion.curve.length() < 0.02,

@@ -1,4 +1,5 @@
-//! M6 by a subroutine of the machine: what is called with what, what the line and its modes come to, what is refused.
+//! M6 by a subroutine of the machine: what is called with what, what the line and its modes come to, what is
+//! refused.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::path::Path;
@@ -190,7 +191,8 @@ fn a_random_changer_moves_tools_from_pocket_to_pocket() {
     let magazine = Magazine::new(TABLE, true, CHANGE);
     let run = magazine.run("T2 M6\nT3 M6\nT1 M6\nT2 M6\nM61 Q3\nM2\n");
     assert_eq!(run.errors, []);
-    // By hand: the first change leaves pocket 12 empty, 2 goes to 13, 3 to 11, 1 to 13; then 3 comes out of 11 for 2.
+    // By hand: the first change leaves pocket 12 empty, 2 goes to 13, 3 to 11, 1 to 13; then 3 comes out of
+    // 11 for 2.
     assert_eq!(run.calls(), ["2 0 12 12", "3 2 13 13", "1 3 11 11", "2 1 13 13"]);
     let pockets = [0, 1, 2, 3].map(|tool| run.pocket(tool));
     assert_eq!(pockets, [12, 13, 11, 0]);

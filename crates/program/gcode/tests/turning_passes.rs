@@ -41,7 +41,8 @@ fn moves(program: &str) -> Vec<(f64, f64, Option<f64>)> {
     ends.collect()
 }
 
-/// The height field that is left of a cylinder from the start, in steps of 0.1 mm: what a tool without width cuts.
+/// The height field that is left of a cylinder from the start, in steps of 0.1 mm: what a tool without width
+/// cuts.
 fn left_over(program: &str, x0: f64, z0: f64, length: f64) -> Vec<f64> {
     let actions = run_with(program, lathe()).unwrap();
     let count = (length / 0.1).round() as usize;

@@ -19,7 +19,8 @@ const WILD: f64 = 1e308;
 /// By how much time stamps run ahead on demand, ns.
 const AHEAD_NS: u64 = 3_600_000_000_000;
 
-/// Drives behind a follower, with faults. Deterministic: the same setpoints at the same times give the same feedback.
+/// Drives behind a follower, with faults. Deterministic: the same setpoints at the same times give the same
+/// feedback.
 #[derive(Clone, Debug)]
 pub struct SimBridge {
     follower: Follower,

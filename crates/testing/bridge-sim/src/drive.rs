@@ -126,7 +126,8 @@ impl SimDrive {
         self.offset += shift;
     }
 
-    /// Torque as a ratio of the rated one: the axis's largest acceleration takes half of it, its largest velocity a tenth.
+    /// Torque as a ratio of the rated one: the axis's largest acceleration takes half of it, its largest
+    /// velocity a tenth.
     #[must_use]
     pub fn torque_ratio(&self) -> f64 {
         0.5 * self.servo.acceleration / self.axis.max_acceleration
@@ -163,7 +164,8 @@ impl SimDrive {
         [self.servo.position <= low, self.servo.position >= high]
     }
 
-    /// One period. `setpoint` is by the names of the datum in force. Returns the target that the drive has followed.
+    /// One period. `setpoint` is by the names of the datum in force. Returns the target that the drive has
+    /// followed.
     pub(crate) fn step(
         &mut self,
         setpoint: f64,

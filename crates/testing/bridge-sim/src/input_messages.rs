@@ -7,8 +7,8 @@ use crate::probe::SimProbe;
 /// Time between two messages of inputs that do not change, ns.
 const INPUTS_EVERY_NS: u64 = 5_000_000;
 
-/// The machine's inputs, asked every period: of the last setpoint and the outputs in force. Number, time and instance of the message
-/// are the bridge's affair.
+/// The machine's inputs, asked every period: of the last setpoint and the outputs in force. Number, time and
+/// instance of the message are the bridge's affair.
 pub type Signalling = Box<dyn FnMut(Option<&Setpoint>, &MachineOutputs) -> MachineInputs>;
 
 /// The newest message, and what reads the next.

@@ -6,13 +6,14 @@
 //!    └──── Feedback ◄── faults on demand ◄──────────────────────────────────┘
 //! ```
 //!
-//! [`SimBridge`] is the whole of it as a pure model: setpoints in by [`SimBridge::offer`], one period of the drives by
-//! [`SimBridge::step`], feedback out. Time comes in as an argument, so hours are simulated in seconds and the same
-//! inputs give the same feedback. [`run`] puts it on the bus, in real time, by a clock of the drives that may drift.
+//! [`SimBridge`] is the whole of it as a pure model: setpoints in by [`SimBridge::offer`], one period of the
+//! drives by [`SimBridge::step`], feedback out. Time comes in as an argument, so hours are simulated in
+//! seconds and the same inputs give the same feedback. [`run`] puts it on the bus, in real time, by a clock
+//! of the drives that may drift.
 //!
-//! A drive is a position loop of second order ([`Servo`]) behind the standard's state machine. It stops by its own ramp
-//! at a quick stop or a fault; without torque it is braked by friction. When one drive leaves operation
-//! the bridge stops the others quickly, so that axes follow together or not at all.
+//! A drive is a position loop of second order ([`Servo`]) behind the standard's state machine. It stops by
+//! its own ramp at a quick stop or a fault; without torque it is braked by friction. When one drive leaves
+//! operation the bridge stops the others quickly, so that axes follow together or not at all.
 //!
 //! It knows only the bus, nothing else of the core, and may serve as a model for other bridges.
 

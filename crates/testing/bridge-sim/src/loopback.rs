@@ -30,8 +30,9 @@ impl LoopbackInputs {
     }
 }
 
-/// Reads each digital and analog output back as the input of its number, where there is one: the core discards a message with an
-/// input that the machine file does not have. An analog value beyond the range of its input is at its end.
+/// Reads each digital and analog output back as the input of its number, where there is one: the core
+/// discards a message with an input that the machine file does not have. An analog value beyond the range of
+/// its input is at its end.
 #[must_use]
 pub fn loopback(inputs: LoopbackInputs) -> Signalling {
     Box::new(move |_, outputs: &MachineOutputs| {

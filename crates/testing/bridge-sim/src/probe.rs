@@ -74,7 +74,8 @@ impl Surface {
 pub struct ProbeSettings {
     /// What it can touch.
     pub surfaces: Vec<Surface>,
-    /// From the contact until the message says so, ns. The time in the message is that of the contact, less `unknown_delay_ns`.
+    /// From the contact until the message says so, ns. The time in the message is that of the contact, less
+    /// `unknown_delay_ns`.
     pub delay_ns: u64,
     /// By how much the time in the message is too late, ns: what nobody has measured.
     pub unknown_delay_ns: u64,
@@ -86,8 +87,9 @@ pub struct ProbeSettings {
     pub lost_after_ns: Option<u64>,
 }
 
-/// `plane:X>12.5`, `plane:Z<-3`, `bore:CX,CY,DIAMETER,TOP`, `boss:CX,CY,DIAMETER,TOP` or `block:X1,X2,Y1,Y2,Z1,Z2`; several with `+` between them.
-/// Behind a `;` the rest, in any order: `delay=MS`, `late=MS`, `bounces=N`, `lost=MS`, `latched`.
+/// `plane:X>12.5`, `plane:Z<-3`, `bore:CX,CY,DIAMETER,TOP`, `boss:CX,CY,DIAMETER,TOP` or
+/// `block:X1,X2,Y1,Y2,Z1,Z2`; several with `+` between them. Behind a `;` the rest, in any order: `delay=MS`,
+/// `late=MS`, `bounces=N`, `lost=MS`, `latched`.
 impl FromStr for ProbeSettings {
     type Err = String;
 
@@ -224,8 +226,8 @@ impl SimProbe {
         }
     }
 
-    /// The true positions after one period; `shown` are those that the encoders name. Between two periods the axes move straight, and
-    /// the contact is found on the way.
+    /// The true positions after one period; `shown` are those that the encoders name. Between two periods the
+    /// axes move straight, and the contact is found on the way.
     pub fn step(&mut self, now_ns: u64, position: &[f64; AXES], shown: &[f64; AXES]) {
         self.begin_ns.get_or_insert(now_ns);
         self.now_ns = now_ns;

@@ -93,10 +93,12 @@ struct Ports {
     _client: ClientBus,
 }
 
-/// What the axes cut, asked once a period: a reading of the load sensor, and the end of its range. None for no reading.
+/// What the axes cut, asked once a period: a reading of the load sensor, and the end of its range. None for
+/// no reading.
 pub type Cutting = Box<dyn FnMut(&[f64; AXES]) -> Option<(f64, f64)>>;
 
-/// As [`run_cutting`], with axes that cut nothing; `on_core` is called with axes and period each time a core is found.
+/// As [`run_cutting`], with axes that cut nothing; `on_core` is called with axes and period each time a core
+/// is found.
 ///
 /// # Errors
 /// As there.
@@ -113,10 +115,11 @@ pub fn run(
     run_cutting(settings, stop, tell, |_| None, None)
 }
 
-/// Runs until `stop` is set or time is up. Waits for its core as long as that takes, outlives it, and finds the next one.
-/// `tell` receives what should be known at once; `cutting` is called once a core is found, with the period in ns: what the true
-/// positions of the axes cut from then on, of which the load is published every period. `signalling` reads the inputs, where there
-/// are any; they are sent when they change, and every 5 ms.
+/// Runs until `stop` is set or time is up. Waits for its core as long as that takes, outlives it, and finds
+/// the next one. `tell` receives what should be known at once; `cutting` is called once a core is found, with
+/// the period in ns: what the true positions of the axes cut from then on, of which the load is published
+/// every period. `signalling` reads the inputs, where there are any; they are sent when they change, and
+/// every 5 ms.
 ///
 /// # Errors
 /// The core does not fit the drives, the bus cannot be used, or a limit is none.
@@ -216,7 +219,8 @@ impl<'a> SimMachine<'a> {
         }
     }
 
-    /// Axes and period of a core that was found now. `may_cut` says that there may be cutting once its period is known.
+    /// Axes and period of a core that was found now. `may_cut` says that there may be cutting once its period
+    /// is known.
     fn find_core(&mut self, may_cut: bool) -> Result<Option<(String, u64)>, RunError> {
         if self.ports.is_some() {
             return Ok(None);

@@ -48,8 +48,8 @@ impl Servo {
         }
     }
 
-    /// One period, in which the target moves evenly from `from` to `to`. Runge-Kutta of fourth order, in steps of less
-    /// than a tenth of a radian of the natural frequency.
+    /// One period, in which the target moves evenly from `from` to `to`. Runge-Kutta of fourth order, in
+    /// steps of less than a tenth of a radian of the natural frequency.
     pub fn step(&mut self, settings: &ServoSettings, from: f64, to: f64, period_s: f64) {
         let w = core::f64::consts::TAU * settings.natural_frequency_hz;
         let steps = (10.0 * w * period_s).ceil().clamp(1.0, 1000.0);

@@ -7,7 +7,8 @@ use evolvent_path::AxisMask;
 use crate::fault::Fault;
 use crate::servo::ServoSettings;
 
-/// Time from the edge of a switch to the reaction of the core, s: the difference that homing permits between two inputs.
+/// Time from the edge of a switch to the reaction of the core, s: the difference that homing permits between
+/// two inputs.
 const REPORT_S: f64 = 0.06;
 
 /// Index pulses of an encoder, by true positions; mm or degrees.
@@ -59,7 +60,8 @@ pub struct SimAxis {
     pub home_switch_is_below: bool,
     /// Velocity of the search for it.
     pub search_velocity: f64,
-    /// Whether switch and pulses come again every turn, and there are no limit switches: an unlimited rotary axis.
+    /// Whether switch and pulses come again every turn, and there are no limit switches: an unlimited rotary
+    /// axis.
     pub unlimited: bool,
     /// Where the encoder has an index pulse, and every how far another, where it has any.
     pub index: Option<SimIndex>,
@@ -95,8 +97,8 @@ impl SimAxis {
         }
     }
 
-    /// Where the limit switches are pressed: from the first downwards, from the second upwards. The one of the home switch lies
-    /// beyond what homing needs, also where that is beyond the travel.
+    /// Where the limit switches are pressed: from the first downwards, from the second upwards. The one of
+    /// the home switch lies beyond what homing needs, also where that is beyond the travel.
     #[must_use]
     pub fn limit_switches(&self) -> [f64; 2] {
         let margin = (0.02 * (self.travel_max - self.travel_min)).min(5.0);
@@ -131,7 +133,8 @@ pub struct SimSettings {
     pub axes: Vec<SimAxis>,
     /// For how many periods the last motion goes on where setpoints are missing; as every bridge if `None`.
     pub bridge_cycles: Option<u32>,
-    /// How far from the axis a setpoint may lie with which following begins. The axis goes there within its limits.
+    /// How far from the axis a setpoint may lie with which following begins. The axis goes there within its
+    /// limits.
     pub sync_tolerance: f64,
     /// What goes wrong, and when.
     pub faults: Vec<Fault>,

@@ -1,5 +1,5 @@
-//! Faults of the bridge at random moments: the core's watch raises the right alarm, everything comes to rest, within the
-//! limits. Core and drives as pure models, by simulated time.
+//! Faults of the bridge at random moments: the core's watch raises the right alarm, everything comes to rest,
+//! within the limits. Core and drives as pure models, by simulated time.
 #![expect(
     clippy::expect_used,
     reason = "helpers of tests fail as tests do, and tell their seed"
@@ -196,7 +196,8 @@ fn a_minute_without_faults_has_no_alarm() {
     );
 }
 
-/// Following begins beside the setpoints by less than the following error: the core moves nothing until most of that is gone.
+/// Following begins beside the setpoints by less than the following error: the core moves nothing until most
+/// of that is gone.
 #[test]
 fn a_core_beside_its_axes_waits_until_they_have_come() {
     let floor = WatchSettings::new(PERIOD_NS, AxisMask::NONE).following_floor[0];

@@ -6,7 +6,8 @@ use crate::case::{CaseError, Stage};
 use crate::cases::{CLOSE, Judged, demand, extent, follows, stands, up};
 use crate::test_core::{Fate, LATEST_S, PERIOD_NS, Seen, TestCore, is_following, states};
 
-/// From where on a setpoint is elsewhere, mm: a bridge may begin within 1 mm, and a drive may hold that little besides its position.
+/// From where on a setpoint is elsewhere, mm: a bridge may begin within 1 mm, and a drive may hold that
+/// little besides its position.
 pub(crate) const ELSEWHERE: f64 = 1.0 + CLOSE;
 /// Speed of setpoints that pass by, mm/s.
 const PASSING: f64 = 20.0;
@@ -51,7 +52,8 @@ pub(crate) fn begin(stage: &mut Stage<'_>) -> Judged {
     follows(&mut core)
 }
 
-/// Setpoints at rest that begin elsewhere for an axis: the bridge neither moves nor says that it follows them.
+/// Setpoints at rest that begin elsewhere for an axis: the bridge neither moves nor says that it follows
+/// them.
 fn begins_elsewhere(core: &mut TestCore, seconds: f64, axis: usize, position: f64) -> Judged {
     core.rest_with(seconds, &mut |setpoint| {
         setpoint.position[axis] = position;
@@ -111,9 +113,11 @@ pub(crate) fn begin_beside(stage: &mut Stage<'_>) -> Judged {
     follows(&mut core)
 }
 
-/// The axis takes at least the time of its hardest acceleration, and so does its target as far as the bridge declares the following error.
+/// The axis takes at least the time of its hardest acceleration, and so does its target as far as the bridge
+/// declares the following error.
 fn judge_way(log: &[Seen], axis: usize, from: f64, off: f64) -> Judged {
-    // From a tenth to nine tenths of the way, accelerated over its first half and decelerated over the second.
+    // From a tenth to nine tenths of the way, accelerated over its first half and decelerated over the
+    // second.
     let min_s = 2.0 * (1.0 - 0.2_f64.sqrt()) * (off.abs() / HARDEST).sqrt();
     for (what, declared) in [("axis", 0.0), ("target of axis", 1.0)] {
         let mut left_ns = 0;

@@ -41,8 +41,8 @@ pub trait BridgeUnderTest {
     fn is_running(&mut self) -> bool;
 }
 
-/// A command. `{name}` and `{prefix}` in its arguments stand for the machine's name and iceoryx2's prefix; both are in the
-/// environment too, as `EVOLVENT_MACHINE_NAME` and `EVOLVENT_BUS_PREFIX`.
+/// A command. `{name}` and `{prefix}` in its arguments stand for the machine's name and iceoryx2's prefix;
+/// both are in the environment too, as `EVOLVENT_MACHINE_NAME` and `EVOLVENT_BUS_PREFIX`.
 #[derive(Debug)]
 pub struct ProcessBridge {
     command: Vec<String>,

@@ -126,7 +126,8 @@ pub enum Part {
     Signals,
     /// The bridge turns spindle 0 and sends its angle, and the spindle may turn at 300 rpm either way.
     Spindle,
-    /// The bridge reports a touch probe, and the first axis may drive it against something 1 to 4 mm away in its positive direction.
+    /// The bridge reports a touch probe, and the first axis may drive it against something 1 to 4 mm away in
+    /// its positive direction.
     Probe,
 }
 
@@ -332,7 +333,8 @@ pub const CASES: [Case; 29] = [
     ),
 ];
 
-/// A case that failed while the host kept the core of the suite or the bridge from running proves nothing: it is played again.
+/// A case that failed while the host kept the core of the suite or the bridge from running proves nothing: it
+/// is played again.
 const ATTEMPTS: usize = 3;
 
 /// Runs one case on its bus, and clears the bus away.

@@ -192,8 +192,9 @@ pub(crate) fn fault_reset(stage: &mut Stage<'_>) -> Judged {
 /// What the counter of a core may be when it begins.
 const BEGUN_RESETS: u32 = 7;
 
-/// A bridge that can be killed is killed under power, which leaves drives on a fieldbus in fault. Others are judged if their drives come into
-/// fault within a second of operation, as those of `bridge sim --fault` do. Without a fault nothing can be judged.
+/// A bridge that can be killed is killed under power, which leaves drives on a fieldbus in fault. Others are
+/// judged if their drives come into fault within a second of operation, as those of `bridge sim --fault` do.
+/// Without a fault nothing can be judged.
 pub(crate) fn new_core_reset(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     core.rest(1.0);
@@ -231,8 +232,8 @@ pub(crate) fn new_core_reset(stage: &mut Stage<'_>) -> Judged {
     follows(&mut core)
 }
 
-/// How long after the only setpoint that requests power a drive may still come into operation, ns: the longest time for which a bridge
-/// continues without setpoints, and a busy host.
+/// How long after the only setpoint that requests power a drive may still come into operation, ns: the
+/// longest time for which a bridge continues without setpoints, and a busy host.
 const POWERED_ALONE_NS: u64 = 100 * PERIOD_NS + 100_000_000;
 
 pub(crate) fn silent_start(stage: &mut Stage<'_>) -> Judged {

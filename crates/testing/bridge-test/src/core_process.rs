@@ -7,8 +7,8 @@ use std::time::Instant;
 use crate::case::CaseError;
 use crate::test_core::{Fate, TestCore};
 
-/// Brings the drives of a bridge up and moves the first axis to and fro until this process is killed. What the hidden command
-/// `evolvent bridge core` runs.
+/// Brings the drives of a bridge up and moves the first axis to and fro until this process is killed. What
+/// the hidden command `evolvent bridge core` runs.
 ///
 /// # Errors
 /// The bus cannot be opened, or the bridge does not come up.

@@ -8,14 +8,17 @@
 //!     └── BridgeUnderTest: start, end, kill
 //! ```
 //!
-//! A case starts the bridge by way of [`BridgeUnderTest`], plays a core against it, well-behaved or not, and judges by
-//! the feedback and the inputs alone. [`CASES`] names them all; [`run_case`] runs one on a bus of its own.
+//! A case starts the bridge by way of [`BridgeUnderTest`], plays a core against it, well-behaved or not, and
+//! judges by the feedback and the inputs alone. [`CASES`] names them all; [`run_case`] runs one on a bus of
+//! its own.
 //!
-//! [`ProcessBridge`] is any command. `evolvent bridge test -- COMMAND` runs the suite against it. [`ThreadBridge`] is
-//! a bridge within this process, the simulated one or another; it cannot be killed, so cases with a kill leave it out.
+//! [`ProcessBridge`] is any command. `evolvent bridge test -- COMMAND` runs the suite against it.
+//! [`ThreadBridge`] is a bridge within this process, the simulated one or another; it cannot be killed, so
+//! cases with a kill leave it out.
 //!
-//! The first axis moves by some millimetres to and fro, slowly, the second and third by 0.4 mm, the cases of the spindle turn it at 300 rpm either way, and that of the
-//! probe drives it against something: do not run the suite against a machine whose axes or spindle may not.
+//! The first axis moves by some millimetres to and fro, slowly, the second and third by 0.4 mm, the cases of
+//! the spindle turn it at 300 rpm either way, and that of the probe drives it against something: do not run
+//! the suite against a machine whose axes or spindle may not.
 
 mod begin_cases;
 mod bridge;

@@ -1,4 +1,5 @@
-//! The case of a touch probe: the first axis moves until it touches, twice, and the place is found as a core finds it.
+//! The case of a touch probe: the first axis moves until it touches, twice, and the place is found as a core
+//! finds it.
 
 use evolvent_bridge_sim::monotonic_ns;
 use evolvent_bus::MachineInputs;
@@ -14,7 +15,8 @@ const TRIPPED: u32 = 2;
 pub(crate) const WAY: f64 = 5.0;
 /// Speeds of the two approaches, mm/s. A time that is late by 20 ms is seen as 0.05 mm between them.
 const SPEEDS: [f64; 2] = [0.5, 3.0];
-/// How far the two contacts may be apart, mm: one of them is late by the time between two looks at the input, 5 ms at most.
+/// How far the two contacts may be apart, mm: one of them is late by the time between two looks at the input,
+/// 5 ms at most.
 const SAME: f64 = 0.03;
 /// How far a latched position may be from the one that the feedback has at that time, mm.
 const LATCHED: f64 = 0.05;

@@ -12,8 +12,8 @@ use crate::test_core::{Fate, LEAD, PERIOD_NS};
 const JUMP: f64 = 2.0;
 /// Way in which an axis stops from the middle of a move of 0.6 s, with ten periods for which it goes on, mm.
 const ROLLING: f64 = 1.2;
-/// How much later than due setpoints come that are too late, ns: a bridge may wait for them for some periods, with a busy host in mind,
-/// and no longer.
+/// How much later than due setpoints come that are too late, ns: a bridge may wait for them for some periods,
+/// with a busy host in mind, and no longer.
 const TOO_LATE_NS: [u64; 2] = [30 * PERIOD_NS, 500_000_000];
 
 /// At rest and not following: what a bridge shows when it has stopped by itself.

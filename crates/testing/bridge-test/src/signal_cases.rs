@@ -1,4 +1,5 @@
-//! The cases of outputs and inputs: digital output 0 is wired to digital input 0, which is what the core sees of it.
+//! The cases of outputs and inputs: digital output 0 is wired to digital input 0, which is what the core sees
+//! of it.
 
 use evolvent_bridge_sim::monotonic_ns;
 use evolvent_bus::MachineInputs;
@@ -11,7 +12,8 @@ use crate::test_core::{LATEST_S, PERIOD_NS, Seen, TestCore};
 const READING_NS: u64 = 300_000_000;
 /// Silence of the core after which the outputs are safe, ns.
 const SAFE_NS: u64 = 200_000_000;
-/// How much later input 0 may say so: a period of the bridge, and 20 ms for the wire (a relay, the filter of the input).
+/// How much later input 0 may say so: a period of the bridge, and 20 ms for the wire (a relay, the filter of
+/// the input).
 const SAFE_SEEN_NS: u64 = PERIOD_NS + 20_000_000;
 
 /// A core that a bridge with signals has answered.
@@ -124,8 +126,9 @@ fn longest_gap_ns(times_ns: impl Iterator<Item = u64>) -> u64 {
     gaps_ns.last().map_or(0, |longest_ns| longest_ns - usual_ns)
 }
 
-/// Whether output 0 became safe in time after the last message of the core had left, by the bridge's inputs during the silence. A bridge
-/// that the host kept from running for long enough, as its messages show, is not judged.
+/// Whether output 0 became safe in time after the last message of the core had left, by the bridge's inputs
+/// during the silence. A bridge that the host kept from running for long enough, as its messages show, is not
+/// judged.
 fn judge_safe(left_ns: u64, inputs: &[(u64, MachineInputs)], feedback: &[Seen]) -> Judged {
     demand(inputs.len() >= 3, || {
         "no inputs come while the core is silent".to_owned()
@@ -196,7 +199,8 @@ mod tests {
 
     const MS: u64 = 1_000_000;
 
-    /// Input 0 on until `safe_ms` after the core's last message, sent every 2 ms but during a pause of `pause_ms` before it.
+    /// Input 0 on until `safe_ms` after the core's last message, sent every 2 ms but during a pause of
+    /// `pause_ms` before it.
     fn judged(safe_ms: u64, pause_ms: u64) -> Judged {
         let left_ns = 1000 * MS;
         let times = (1..600)

@@ -11,8 +11,8 @@ use crate::test_core::{LATEST_S, TestCore};
 const RPM: f64 = 300.0;
 /// At speed is within 10 % of the command; a bridge has a tolerance of its own, usually 2 to 5 %.
 const NEAR: f64 = 0.1;
-/// How far an angle may be off the line through all of them, turns. A sample that is given the time of another is off by 0.005 for each
-/// ms, a step of a coarse encoder (100 counts) by 0.01.
+/// How far an angle may be off the line through all of them, turns. A sample that is given the time of
+/// another is off by 0.005 for each ms, a step of a coarse encoder (100 counts) by 0.01.
 const STEADY: f64 = 0.03;
 /// How long a spindle may take to that speed, or to stop, s.
 const RAMP_S: f64 = 8.0;
@@ -66,7 +66,8 @@ fn judge_messages(log: &[(u64, SpindleFeedback)]) -> Judged {
     })
 }
 
-/// AT_SPEED for a command of `rpm`, only with a speed near it: the one that the message says, and the one of its angles.
+/// AT_SPEED for a command of `rpm`, only with a speed near it: the one that the message says, and the one of
+/// its angles.
 fn judge_at_speed(log: &[(u64, SpindleFeedback)], since: u64, rpm: f64) -> Judged {
     let near = |speed: f64| (speed - rpm).abs() <= (NEAR * rpm.abs()).max(STANDING_RPM);
     let mut past = 0;

@@ -29,8 +29,8 @@ const SILENT_NS: u64 = 100_000_000;
 /// How long is waited for a silent bridge to be heard again before it is judged, s.
 const PATIENCE_S: f64 = 5.0;
 
-/// Times at which the host kept a test core from running for so long that the bridge ran out of setpoints, or the bridge, which
-/// then went on: no fault of the bridge's.
+/// Times at which the host kept a test core from running for so long that the bridge ran out of setpoints, or
+/// the bridge, which then went on: no fault of the bridge's.
 pub(crate) static DISTURBED: AtomicU32 = AtomicU32::new(0);
 
 /// What one cycle saw.
@@ -129,7 +129,8 @@ impl TestCore {
         std::mem::take(&mut self.inputs)
     }
 
-    /// Sets digital output 0, which is safe when it is off, from the setpoint of the next cycle on; when that is due.
+    /// Sets digital output 0, which is safe when it is off, from the setpoint of the next cycle on; when that
+    /// is due.
     pub(crate) fn set_output(&mut self, on: bool) -> MachineOutputs {
         self.send_outputs(MachineOutputs {
             digital_mask: 1,
@@ -138,7 +139,8 @@ impl TestCore {
         })
     }
 
-    /// Turns spindle 0 at a speed, counter-clockwise where it is negative, from the setpoint of the next cycle on; when that is due.
+    /// Turns spindle 0 at a speed, counter-clockwise where it is negative, from the setpoint of the next
+    /// cycle on; when that is due.
     pub(crate) fn set_spindle(&mut self, rpm: f64) -> MachineOutputs {
         let mut outputs = MachineOutputs {
             spindle_mask: 1,
@@ -301,7 +303,8 @@ impl TestCore {
         self.feedback.is_some() && monotonic_ns().saturating_sub(self.heard_ns) > SILENT_NS
     }
 
-    /// Cycles at rest; some more where the bridge is silent, so that it is judged by what it says and not by what it said.
+    /// Cycles at rest; some more where the bridge is silent, so that it is judged by what it says and not by
+    /// what it said.
     pub(crate) fn rest(&mut self, seconds: f64) {
         self.rest_with(seconds, &mut |_| Fate::Sent);
     }
@@ -351,8 +354,9 @@ impl TestCore {
         }
     }
 
-    /// Waits for the bridge, goes to where the axes are, resets faults of the drives, as a core does once its operator has said RESET,
-    /// and switches them on. Drives that lost their fieldbus under power, with the bridge before, are in fault.
+    /// Waits for the bridge, goes to where the axes are, resets faults of the drives, as a core does once its
+    /// operator has said RESET, and switches them on. Drives that lost their fieldbus under power, with the
+    /// bridge before, are in fault.
     ///
     /// # Errors
     /// No feedback, or no operation, in time.
@@ -411,8 +415,8 @@ impl TestCore {
         (self.velocity, self.acceleration) = (0.0, 0.0);
     }
 
-    /// Moves the first axis at a speed while `goes_on`, asked after every cycle, says so; with a tenth of a second to reach the speed
-    /// and to stop.
+    /// Moves the first axis at a speed while `goes_on`, asked after every cycle, says so; with a tenth of a
+    /// second to reach the speed and to stop.
     pub(crate) fn creep(&mut self, speed: f64, goes_on: &mut dyn FnMut(&mut Self) -> bool) {
         let ramp = cycles(0.1);
         let period_s = PERIOD_NS as f64 * 1e-9;
@@ -450,7 +454,8 @@ impl TestCore {
     }
 }
 
-/// Whether a bridge was kept from running between two answers. One that has died and was started again was not.
+/// Whether a bridge was kept from running between two answers. One that has died and was started again was
+/// not.
 fn was_paused(last: &Feedback, silent_ns: u64, next: &Feedback) -> bool {
     silent_ns > SILENT_NS && last.instance == next.instance
 }

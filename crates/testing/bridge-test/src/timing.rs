@@ -1,6 +1,7 @@
 //! When a bridge moves: the positions that it reports, against the positions and due times of the setpoints.
 //!
-//! The time by which a motion lags is fitted to all its samples (least squares), which finds a fraction of a period in a slow motion.
+//! The time by which a motion lags is fitted to all its samples (least squares), which finds a fraction of a
+//! period in a slow motion.
 
 use crate::case::{CaseError, Stage};
 use crate::cases::{Judged, demand, up};
@@ -13,10 +14,11 @@ const MOVE_S: f64 = 0.4;
 const CLOSE: f64 = 0.2;
 /// How much earlier than due a setpoint may be used, ns: a period, the grid of a bridge that rounds.
 const EARLY_NS: u64 = PERIOD_NS;
-/// How late a motion may be besides the following error that the bridge declares, ns: the core permits the distance of 20 ms
-/// (`following_time_ms`) unless the machine file says otherwise.
+/// How late a motion may be besides the following error that the bridge declares, ns: the core permits the
+/// distance of 20 ms (`following_time_ms`) unless the machine file says otherwise.
 const LAG_NS: u64 = 20_000_000;
-/// How late it may be with the following error that the bridge declares, ns: position loops with a gain of 1 m/min per mm lag by 60 ms.
+/// How late it may be with the following error that the bridge declares, ns: position loops with a gain of 1
+/// m/min per mm lag by 60 ms.
 const DECLARED_LAG_NS: u64 = 60_000_000;
 /// An axis that stands for so long at 23 mm/s is off its path.
 const STANDING_NS: u64 = 50_000_000;
@@ -47,7 +49,8 @@ fn planned_at(plan: &[Planned], time_ns: i64) -> f64 {
     }
 }
 
-/// By how much samples of time and position lag behind the plan, ns, and how far they are from the shifted plan, mm (root mean square).
+/// By how much samples of time and position lag behind the plan, ns, and how far they are from the shifted
+/// plan, mm (root mean square).
 fn fitted_lag(plan: &[Planned], samples: &[(u64, f64)]) -> (i64, f64) {
     let error = |lag_ns: i64| {
         let squares = samples.iter().map(|(time_ns, position)| {

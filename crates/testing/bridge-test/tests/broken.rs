@@ -1,5 +1,5 @@
-//! One bridge for each rule that breaks it, and it alone: the suite must find out, and have nothing against the one that
-//! breaks none.
+//! One bridge for each rule that breaks it, and it alone: the suite must find out, and have nothing against
+//! the one that breaks none.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -405,7 +405,8 @@ impl Turning {
     }
 }
 
-/// Drives that take 0.8 s from the request to operation, and repeat the request of a core that is silent meanwhile.
+/// Drives that take 0.8 s from the request to operation, and repeat the request of a core that is silent
+/// meanwhile.
 #[derive(Default)]
 struct SlowStart {
     asked_ns: u64,
@@ -594,7 +595,8 @@ fn without_a_fault_nothing_is_said_of_its_reset() {
     assert_eq!(said, Ok(Outcome::LeftOut("no drive came into fault".to_owned())));
 }
 
-/// What the suite says of each. Each waits for something most of the time: several at once, each on a bus of its own.
+/// What the suite says of each. Each waits for something most of the time: several at once, each on a bus of
+/// its own.
 fn verdicts<'a>(plays: &[(Flaw, &'a str)]) -> Vec<(Flaw, &'a str, Result<Outcome, String>)> {
     const A_THREAD: usize = 5;
     std::thread::scope(|scope| {
@@ -628,7 +630,8 @@ fn each_broken_bridge_fails_the_case_of_its_rule() {
     };
     let mut passed = verdicts(&FLAWS);
     passed.retain(|(.., found)| is_missed(found));
-    // With that many others at once a bridge may receive too little of its core to show its flaw: it is played again, alone.
+    // With that many others at once a bridge may receive too little of its core to show its flaw: it is
+    // played again, alone.
     for (flaw, case, found) in &mut passed {
         println!("{flaw:?} in {case} once more, alone");
         *found = verdict(*flaw, case);

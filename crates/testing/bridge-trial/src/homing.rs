@@ -82,8 +82,8 @@ impl TrialCore {
             }
             let state = BridgeState::from_number(feedback.bridge_state);
             if !matches!(state, Some(BridgeState::Following | BridgeState::Bridging)) {
-                // The host kept setpoints from arriving in time, or the bridge from running, and it has stopped the axes: homing
-                // begins again from there.
+                // The host kept setpoints from arriving in time, or the bridge from running, and it has
+                // stopped the axes: homing begins again from there.
                 if is_following {
                     attempts += 1;
                     println!(

@@ -34,8 +34,8 @@
 //! );
 //! ```
 //!
-//! [`with_bridge`] runs one trial with any core; [`TrialCore`] is one that moves X at a constant velocity, or homes it
-//! ([`TrialCore::home_x`]).
+//! [`with_bridge`] runs one trial with any core; [`TrialCore`] is one that moves X at a constant velocity, or
+//! homes it ([`TrialCore::home_x`]).
 //! [`failed_cases`] plays the suite of `evolvent-bridge-test` and says which cases the bridge fails.
 //!
 //! Everything here panics where a trial fails, as tests do.

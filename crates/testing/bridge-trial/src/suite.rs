@@ -2,8 +2,9 @@
 
 use evolvent_bridge_test::{BridgeUnderTest, CASES, Case, Part, Stage, run_case};
 
-/// Plays those of these cases that need neither a spindle nor a probe, or the one that the environment variable `EVOLVENT_CASE` names, on a bridge whose
-/// digital output 0 is wired to its digital input 0; the cases that it fails, each with the reason.
+/// Plays those of these cases that need neither a spindle nor a probe, or the one that the environment
+/// variable `EVOLVENT_CASE` names, on a bridge whose digital output 0 is wired to its digital input 0; the
+/// cases that it fails, each with the reason.
 pub fn failed_cases(bridge: &mut dyn BridgeUnderTest, prefix: &str, cases: &[Case]) -> Vec<String> {
     play(bridge, prefix, cases, &[Part::Axes, Part::Signals])
 }

@@ -8,7 +8,8 @@ use evolvent_bus::remove_private_domain;
 
 use crate::messages::Messages;
 
-/// Runs a bridge while a test uses a core of the same prefix; the bridge's report. Leaves nothing behind, also if the test fails.
+/// Runs a bridge while a test uses a core of the same prefix; the bridge's report. Leaves nothing behind,
+/// also if the test fails.
 ///
 /// # Panics
 /// If the test does, or if the bridge ends with an error.

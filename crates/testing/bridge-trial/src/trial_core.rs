@@ -134,8 +134,8 @@ impl TrialCore {
         }
     }
 
-    /// Jumps of X that persist, also such that an axis could go in the ten periods for which a bridge waits for setpoints, at rest and
-    /// in motion. `moved_mm` tells how far the motor of X has turned.
+    /// Jumps of X that persist, also such that an axis could go in the ten periods for which a bridge waits
+    /// for setpoints, at rest and in motion. `moved_mm` tells how far the motor of X has turned.
     ///
     /// # Panics
     /// If the motor follows one by more than `resolution_mm`.
@@ -188,9 +188,9 @@ impl TrialCore {
         self.rest(0.5);
     }
 
-    /// As [`Self::travel`], with ramps like half a cosine that reach the acceleration: whatever moment of a period a bridge takes, and
-    /// whichever setpoints it misses, its interpolation stays near the motion. Between setpoints of a constant acceleration that begins
-    /// at once it cannot.
+    /// As [`Self::travel`], with ramps like half a cosine that reach the acceleration: whatever moment of a
+    /// period a bridge takes, and whichever setpoints it misses, its interpolation stays near the motion.
+    /// Between setpoints of a constant acceleration that begins at once it cannot.
     pub fn travel_smoothly(&mut self, axis: usize, distance: f64, velocity: f64) {
         let ramp = (FRAC_PI_2 * velocity / (ACCELERATION * PERIOD_S)).ceil();
         let cruise = (distance.abs() / (velocity * PERIOD_S) - ramp).round().max(1.0);

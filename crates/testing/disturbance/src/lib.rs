@@ -1,4 +1,5 @@
-//! For tests of real time: a trial that failed is played again where the host kept its processes from running.
+//! For tests of real time: a trial that failed is played again where the host kept its processes from
+//! running.
 //!
 //! ```
 //! use std::time::Duration;
@@ -27,8 +28,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// Whatever is kept waiting for longer explains a failure. Three quarters of the shortest patience that is tested: a bridge that is
-/// suspended for ten periods of 1 ms brakes by itself.
+/// Whatever is kept waiting for longer explains a failure. Three quarters of the shortest patience that is
+/// tested: a bridge that is suspended for ten periods of 1 ms brakes by itself.
 const PAUSE: Duration = Duration::from_micros(7500);
 const ATTEMPTS: u32 = 5;
 /// On a host that is never quiet for so long each attempt fails, and nothing is lost by giving up.
@@ -43,8 +44,9 @@ pub fn tell_pause(pause_ns: u64) {
     TOLD_NS.with(|told| told.set(told.get().max(pause_ns)));
 }
 
-/// Plays a trial, and again (at most five times) where it failed while the host kept this process, the core or the drives from
-/// running. What fails on a host that let them run fails at once, and what is broken fails each time.
+/// Plays a trial, and again (at most five times) where it failed while the host kept this process, the core
+/// or the drives from running. What fails on a host that let them run fails at once, and what is broken fails
+/// each time.
 ///
 /// # Panics
 /// As the trial does.
@@ -55,8 +57,9 @@ pub fn unless_disturbed<T>(trial: impl Fn() -> T) -> T {
     }
 }
 
-/// As [`unless_disturbed`] with at most three attempts, for what holds only while the host lets each cycle run in time: no pause may be
-/// longer than `pause`. `None`, after printing "not measured", if every attempt failed while the host was busy.
+/// As [`unless_disturbed`] with at most three attempts, for what holds only while the host lets each cycle
+/// run in time: no pause may be longer than `pause`. `None`, after printing "not measured", if every attempt
+/// failed while the host was busy.
 ///
 /// # Panics
 /// As the trial does, where the host let it run.
@@ -100,8 +103,8 @@ fn play<T>(longest: Duration, attempts: u32, trial: impl Fn() -> T) -> Played<T>
     }
 }
 
-/// The longest time that a thread beside the work, which sleeps for 2 ms at a time, was kept waiting: for tests that count the trials
-/// that the host let run, and those alone.
+/// The longest time that a thread beside the work, which sleeps for 2 ms at a time, was kept waiting: for
+/// tests that count the trials that the host let run, and those alone.
 ///
 /// # Panics
 /// As the work does.

@@ -108,7 +108,8 @@ impl ApplicationLayer {
         self.waiting_since_ns = None;
     }
 
-    /// AL control was written, or a way to OP is still open. `check` tells whether the device may go to a state.
+    /// AL control was written, or a way to OP is still open. `check` tells whether the device may go to a
+    /// state.
     pub(crate) fn request(&mut self, control: u16, now_ns: u64, check: impl FnOnce(AlState) -> Check) {
         let acknowledges = control >> 4 & 1 == 1;
         let number = (control & 0x0F) as u8;

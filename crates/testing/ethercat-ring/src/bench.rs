@@ -17,8 +17,8 @@ const RING_INTERFACE: &str = "ec1";
 /// The ring that runs on the bench.
 pub type SharedRing = Arc<Mutex<Ring>>;
 
-/// Runs a test on a thread of its own, in a network namespace that ends with it. Processes that the test starts see the same
-/// interfaces. None where this user may not make namespaces or interfaces, which is said.
+/// Runs a test on a thread of its own, in a network namespace that ends with it. Processes that the test
+/// starts see the same interfaces. None where this user may not make namespaces or interfaces, which is said.
 ///
 /// # Panics
 /// The test has panicked, or the virtual cable gets no carrier.

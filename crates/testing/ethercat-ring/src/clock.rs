@@ -5,8 +5,8 @@ const MAX_CORRECTION: f64 = 1e-3;
 /// Pulses that are made up for after a pause of the simulator.
 const MAX_PULSES: u64 = 1000;
 
-/// A clock with a drift. The loop that follows the reference is proportional and integral; a real controller's adder
-/// steps by single ns, which is slower and less smooth.
+/// A clock with a drift. The loop that follows the reference is proportional and integral; a real
+/// controller's adder steps by single ns, which is slower and less smooth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Clock {
     drift: f64,

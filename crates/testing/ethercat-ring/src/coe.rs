@@ -505,7 +505,8 @@ fn write_complete(
     }
 }
 
-/// Assignments (1C12h, 1C13h) and mappings (1600h.., 1A00h..): sub-index 0 is written, and says how many count.
+/// Assignments (1C12h, 1C13h) and mappings (1600h.., 1A00h..): sub-index 0 is written, and says how many
+/// count.
 fn is_pdo_list(index: u16) -> bool {
     matches!(index, 0x1C12 | 0x1C13 | 0x1600..=0x17FF | 0x1A00..=0x1BFF)
 }

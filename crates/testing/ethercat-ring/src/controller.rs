@@ -47,7 +47,8 @@ pub(crate) struct Controller {
 impl Controller {
     pub(crate) fn new(contents: &Contents, clock: Option<Clock>) -> Self {
         let mut registers = Registers::new();
-        // Type of an ET1100, 8 FMMUs, 8 SyncManagers, 8 KiB, ports 0 and 1 with MII; a clock of 64 bits, or 32.
+        // Type of an ET1100, 8 FMMUs, 8 SyncManagers, 8 KiB, ports 0 and 1 with MII; a clock of 64 bits, or
+        // 32.
         let features = clock.map_or(0, |clock| if clock.is_short { 0x04 } else { 0x0C });
         registers.set(
             address::TYPE,

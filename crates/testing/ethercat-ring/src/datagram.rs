@@ -6,7 +6,8 @@ pub(crate) const ETHER_TYPE: u16 = 0x88A4;
 const HEADERS: usize = 16;
 /// Header of a datagram; the working counter follows the data.
 const DATAGRAM_HEADER: usize = 10;
-/// The bit of an address that says it was assigned locally. A controller sets it in the source of every frame.
+/// The bit of an address that says it was assigned locally. A controller sets it in the source of every
+/// frame.
 const LOCAL_ADDRESS: u8 = 0x02;
 
 /// Commands of datagrams (ETG.1000.4, section 5.4).

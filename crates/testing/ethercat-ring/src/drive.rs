@@ -1,4 +1,5 @@
-//! A CiA 402 drive with its motor: cyclic synchronous position and velocity, homing, touch probe, following error.
+//! A CiA 402 drive with its motor: cyclic synchronous position and velocity, homing, touch probe, following
+//! error.
 
 use core::f64::consts::TAU;
 
@@ -235,7 +236,8 @@ impl Drive {
         }
     }
 
-    /// The longest way from one target position to the next while the drive was in operation, turns, since the last call.
+    /// The longest way from one target position to the next while the drive was in operation, turns, since
+    /// the last call.
     pub fn take_longest_step_turns(&mut self) -> f64 {
         core::mem::take(&mut self.longest_step_turns)
     }
@@ -527,7 +529,8 @@ mod tests {
         }
     }
 
-    /// Behind a ramp a position loop trails by speed over gain; with the speed fed forward by next to nothing.
+    /// Behind a ramp a position loop trails by speed over gain; with the speed fed forward by next to
+    /// nothing.
     #[test]
     fn the_lag_is_speed_over_gain() {
         let mut axis = Axis::new(DriveSettings::default());
@@ -596,8 +599,9 @@ mod tests {
         assert_eq!(axis.objects.integer(0x60FD, 0) >> 16 & 1, 1);
     }
 
-    /// Touch probe 2 at the zero impulse beside touch probe 1 at its input: each at its own place, in both directions, first edge
-    /// only; a new arming takes the next impulse. Where the encoder gives no impulse nothing is caught.
+    /// Touch probe 2 at the zero impulse beside touch probe 1 at its input: each at its own place, in both
+    /// directions, first edge only; a new arming takes the next impulse. Where the encoder gives no impulse
+    /// nothing is caught.
     #[test]
     fn the_zero_impulse_is_caught_once_per_arming_beside_the_input() {
         for direction in [1.0, -1.0] {

@@ -132,7 +132,8 @@ mod tests {
         Fmmu::decode(&bytes).expect("an active unit")
     }
 
-    /// The example of the ET1100's data sheet: 6 bits from logical 00010011h bit 3 to 00010012h bit 0, at 0F01h bit 1.
+    /// The example of the ET1100's data sheet: 6 bits from logical 00010011h bit 3 to 00010012h bit 0, at
+    /// 0F01h bit 1.
     #[test]
     fn the_example_of_the_data_sheet() {
         let fmmu = unit(0x0001_0011, 2, 3, 0, 0x0F01, 1, 2);

@@ -26,7 +26,8 @@ pub(crate) enum HomingState {
     Failed,
 }
 
-/// Methods of object 6098h: 1 and 2 limit switch and index, 17 and 18 limit switch, 33 and 34 index, 35 and 37 here.
+/// Methods of object 6098h: 1 and 2 limit switch and index, 17 and 18 limit switch, 33 and 34 index, 35 and
+/// 37 here.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Homing {
     pub(crate) state: HomingState,
@@ -59,7 +60,8 @@ impl Homing {
         }
     }
 
-    /// One step: the speed to go at, as a fraction of fast (first) and slow speed, and where home is, once it is found.
+    /// One step: the speed to go at, as a fraction of fast (first) and slow speed, and where home is, once it
+    /// is found.
     pub(crate) fn step(&mut self, sight: Sight, fast: f64, slow: f64) -> (f64, Option<f64>) {
         let negative = self.sign() < 0.0;
         let pressed = if negative {

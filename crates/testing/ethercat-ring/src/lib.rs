@@ -8,7 +8,8 @@
 //!                                           Drive: CiA 402, motor and load     Terminal: inputs, outputs
 //! ```
 //!
-//! A MainDevice that sees nothing but frames finds devices, brings them to OP, reads and writes objects, and turns drives:
+//! A MainDevice that sees nothing but frames finds devices, brings them to OP, reads and writes objects, and
+//! turns drives:
 //!
 //! ```
 //! use evolvent_ethercat_ring::{DriveSettings, Ring, SubDevice};
@@ -22,10 +23,11 @@
 //! assert_eq!(returned[0].frame[27..29], [1, 0], "the working counter");
 //! ```
 //!
-//! [`Ring`] is the whole of it as a pure model: time comes in as an argument. [`run`] puts it on a network interface.
-//! Registers follow ETG.1000.4 and Beckhoff's data sheet of the ET1100, objects CiA 301 and 402. It is made to test MainDevices
-//! and was tried with SOEM (`pysoem`), KickCAT and ethercrab; it is no reference for devices. What it leaves out: bootstrap,
-//! EoE, FoE, SoE, emergencies but on demand, SYNC1, latch inputs, redundancy, and devices that fork the line.
+//! [`Ring`] is the whole of it as a pure model: time comes in as an argument. [`run`] puts it on a network
+//! interface. Registers follow ETG.1000.4 and Beckhoff's data sheet of the ET1100, objects CiA 301 and 402.
+//! It is made to test MainDevices and was tried with SOEM (`pysoem`), KickCAT and ethercrab; it is no
+//! reference for devices. What it leaves out: bootstrap, EoE, FoE, SoE, emergencies but on demand, SYNC1,
+//! latch inputs, redundancy, and devices that fork the line.
 
 mod application_layer;
 mod bench;

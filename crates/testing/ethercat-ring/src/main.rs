@@ -13,8 +13,9 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 /// A TEST SIMULATOR: a ring of EtherCAT SubDevices on a network interface, for MainDevices under test.
 ///
-/// Never on an interface with real devices. A pair of virtual ones is made by `ip link add name ec0 type veth peer name ec1`,
-/// `ip link set ec0 up` and `ip link set ec1 up`; the ring goes on ec1, the MainDevice on ec0. Needs CAP_NET_RAW.
+/// Never on an interface with real devices. A pair of virtual ones is made by
+/// `ip link add name ec0 type veth peer name ec1`, `ip link set ec0 up` and `ip link set ec1 up`; the ring
+/// goes on ec1, the MainDevice on ec0. Needs CAP_NET_RAW.
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Arguments {
@@ -24,11 +25,13 @@ struct Arguments {
     /// A device; may be given several times, in the order of the ring. Default: coupler and one drive.
     #[arg(long = "device", value_enum, value_name = "KIND")]
     devices: Vec<Kind>,
-    /// Wires the outputs of a device to the inputs of another; may be given several times, devices count from 0.
+    /// Wires the outputs of a device to the inputs of another; may be given several times, devices count from
+    /// 0.
     #[arg(long = "wire", value_name = "FROM:TO", value_parser = parse_wire)]
     wires: Vec<(usize, usize)>,
-    /// A fault so many seconds after all devices were in OP: loss, delay, reorder, wkc, break, gone, drive, temperature, sto,
-    /// blocked, limit, index-missing, clock-free, sdo-abort, sdo-wrong, slow-mailbox, emergency, refuse-safe-op or refuse-op. May be given several times; devices count from 0.
+    /// A fault so many seconds after all devices were in OP: loss, delay, reorder, wkc, break, gone, drive,
+    /// temperature, sto, blocked, limit, index-missing, clock-free, sdo-abort, sdo-wrong, slow-mailbox,
+    /// emergency, refuse-safe-op or refuse-op. May be given several times; devices count from 0.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:DEVICE]")]
     faults: Vec<Fault>,
     /// By how much the clock of each drive is faster than the one before it, in millionths.
@@ -39,8 +42,8 @@ struct Arguments {
         allow_negative_numbers = true
     )]
     drift_ppm: f64,
-    /// By how much the clock of the first device, which is the reference, is faster than this computer's, in millionths. The others
-    /// count from it.
+    /// By how much the clock of the first device, which is the reference, is faster than this computer's, in
+    /// millionths. The others count from it.
     #[arg(
         long,
         value_name = "PPM",
@@ -57,7 +60,8 @@ struct Arguments {
         value_parser = parse_limits
     )]
     limit_turns: [f64; 2],
-    /// The drives have absolute encoders, which keep their position while a device is `gone`; others count from 0 again.
+    /// The drives have absolute encoders, which keep their position while a device is `gone`; others count
+    /// from 0 again.
     #[arg(long)]
     absolute: bool,
 }

@@ -20,7 +20,8 @@ pub struct Mechanics {
 }
 
 impl Default for Mechanics {
-    /// A servo motor of 750 W with twice its inertia as load: the load is still at 252 Hz, both resonate at 436 Hz.
+    /// A servo motor of 750 W with twice its inertia as load: the load is still at 252 Hz, both resonate at
+    /// 436 Hz.
     fn default() -> Self {
         Self {
             motor_inertia_kg_m2: 1e-4,

@@ -36,7 +36,8 @@ pub fn ip(arguments: &[&str]) -> Result<(), String> {
     }
 }
 
-/// Waits until interfaces have their carrier, which comes a moment after they were set up: what is sent before it is lost.
+/// Waits until interfaces have their carrier, which comes a moment after they were set up: what is sent
+/// before it is lost.
 ///
 /// # Panics
 /// It does not come in time.

@@ -6,7 +6,8 @@ use crate::datagram::{for_each_datagram, is_ethercat, mark_as_passed};
 use crate::fault::{Fault, FaultKind};
 use crate::subdevice::{SubDevice, Trouble};
 
-/// Time from one device to the next, ns: a port, a processing unit and a short cable. The way back takes as long.
+/// Time from one device to the next, ns: a port, a processing unit and a short cable. The way back takes as
+/// long.
 pub const HOP_NS: u64 = 600;
 /// How late frames are on demand, ns.
 const DELAY_NS: u64 = 5_000_000;

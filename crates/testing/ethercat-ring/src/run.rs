@@ -24,7 +24,8 @@ pub fn monotonic_ns() -> u64 {
     now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
 }
 
-/// Real devices answer whatever the host is busy with: `SCHED_FIFO` for the calling thread, where the system lets it.
+/// Real devices answer whatever the host is busy with: `SCHED_FIFO` for the calling thread, where the system
+/// lets it.
 fn raise_priority() {
     let parameters = libc::sched_param {
         sched_priority: PRIORITY,
@@ -33,7 +34,8 @@ fn raise_priority() {
     let _normal = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) };
 }
 
-/// Answers frames until `stop` is set. The ring is locked for each frame only, so that others may look at it or break it.
+/// Answers frames until `stop` is set. The ring is locked for each frame only, so that others may look at it
+/// or break it.
 ///
 /// # Errors
 /// The interface is gone.

@@ -284,8 +284,8 @@ impl Sii {
 mod tests {
     use super::*;
 
-    /// ETG.1000.6 names the polynomial `x^8 + x^2 + x + 1` and the start FFh; here once more, by long division of the
-    /// message with its first byte inverted.
+    /// ETG.1000.6 names the polynomial `x^8 + x^2 + x + 1` and the start FFh; here once more, by long
+    /// division of the message with its first byte inverted.
     #[test]
     fn the_checksum_is_the_remainder_of_a_division() {
         for message in [b"123456789".as_slice(), &[0x05, 0x0E, 0x03, 0x44], &[0; 14]] {

@@ -60,7 +60,8 @@ pub(crate) struct Trouble {
     pub(crate) refuses_op: bool,
 }
 
-/// Service 1 of CoE (ETG.1000.6, 5.6.4): error code 7121h, motor blocked; the error register's general bit, no data.
+/// Service 1 of CoE (ETG.1000.6, 5.6.4): error code 7121h, motor blocked; the error register's general bit,
+/// no data.
 const EMERGENCY: [u8; 10] = [0x00, 0x10, 0x21, 0x71, 0x01, 0, 0, 0, 0, 0];
 
 /// One device of the ring.
@@ -110,7 +111,8 @@ impl SubDevice {
         )
     }
 
-    /// Sets the drift of its distributed clock, ppm; without effect on a device without one. The first clock of a ring is the reference.
+    /// Sets the drift of its distributed clock, ppm; without effect on a device without one. The first clock
+    /// of a ring is the reference.
     #[must_use]
     pub fn with_drift_ppm(mut self, drift_ppm: f64) -> Self {
         self.drift_ppm = self.drift_ppm.map(|_| drift_ppm);

@@ -70,7 +70,8 @@ pub(crate) struct SyncManager {
 }
 
 impl SyncManager {
-    /// An access of the MainDevice to bytes of this channel. One has to begin with the first byte; the last one closes it.
+    /// An access of the MainDevice to bytes of this channel. One has to begin with the first byte; the last
+    /// one closes it.
     pub(crate) fn access(&mut self, channel: &Channel, address: u16, length: usize, writes: bool) -> Access {
         if writes != channel.is_written_by_main {
             return Access::Refused;

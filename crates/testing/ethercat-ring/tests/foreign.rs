@@ -32,7 +32,8 @@ fn set_inputs(ring: &SharedRing) {
     terminal(ring.device_mut(4)).expect("analog inputs");
 }
 
-/// Runs a script of `tests/python` on the bench. What the outputs were at its end; none where it could not be run.
+/// Runs a script of `tests/python` on the bench. What the outputs were at its end; none where it could not be
+/// run.
 fn play(script: &'static str) -> Option<(u8, f64)> {
     let Some(python) = std::env::var_os("EVOLVENT_PYTHON") else {
         println!("not measured: run tools/test");

@@ -167,7 +167,8 @@ fn logical_datagrams_count_reads_and_writes() {
     assert_eq!(send(&mut ring, 7 * MS, &[(12, 0x10, 0, &data)])[0].2, 3);
 }
 
-/// As a MainDevice does: latch, offsets and delays from the receive times, then the reference's time once a ms.
+/// As a MainDevice does: latch, offsets and delays from the receive times, then the reference's time once a
+/// ms.
 #[test]
 fn clocks_that_drift_follow_the_reference() {
     let mut ring = ring();

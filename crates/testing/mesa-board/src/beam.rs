@@ -27,8 +27,8 @@ pub struct BeamSide {
     pub switch_mm: f64,
 }
 
-/// A beam that is square where both sides are at the same position. A side whose motor steps while it is held, or would rack the
-/// beam farther than it can twist, falls out of step.
+/// A beam that is square where both sides are at the same position. A side whose motor steps while it is
+/// held, or would rack the beam farther than it can twist, falls out of step.
 #[derive(Clone, Copy, Debug)]
 pub struct Beam {
     sides: [BeamSide; 2],

@@ -222,7 +222,8 @@ impl Board {
         })
     }
 
-    /// What the motor of a step generator can do: highest rate, steps/s, and by how much it may change at once.
+    /// What the motor of a step generator can do: highest rate, steps/s, and by how much it may change at
+    /// once.
     pub fn set_motor(&mut self, unit: usize, max_rate: f64, max_jump: f64) {
         if let Some(generator) = self.step_generators.get_mut(unit) {
             generator.set_motor(max_rate, max_jump);
@@ -613,7 +614,8 @@ impl Board {
         (self.scratch, self.counters, self.pointers) = ([0; 8], [0; 16], [0; 8]);
     }
 
-    /// A packet has come. The replies that leave at once are handed to `send`; see [`Board::due`] for those that leave later.
+    /// A packet has come. The replies that leave at once are handed to `send`; see [`Board::due`] for those
+    /// that leave later.
     pub fn receive(&mut self, now_ns: u64, packet: &[u8], mut send: impl FnMut(&[u8])) {
         self.advance(now_ns);
         self.half = !self.half;

@@ -19,7 +19,8 @@ pub(crate) struct Encoder {
     control: u32,
     timestamp: u16,
     last: i64,
-    /// Counts a turn. The index input is on at one count of each: at multiples of a turn beyond `index_count`.
+    /// Counts a turn. The index input is on at one count of each: at multiples of a turn beyond
+    /// `index_count`.
     counts_per_turn: i64,
     index_count: i64,
     has_index: bool,
@@ -196,7 +197,8 @@ impl Encoder {
         if !self.has_index || self.control & (CLEAR_ON_INDEX | LATCH_ON_INDEX) == 0 {
             return;
         }
-        // The input goes on where the count becomes the index's, and off where it leaves it: the count just behind the edge.
+        // The input goes on where the count becomes the index's, and off where it leaves it: the count just
+        // behind the edge.
         let behind = match (self.control & RISING != 0, upwards) {
             (true, _) => self.index_count,
             (false, true) => self.index_count + 1,

@@ -22,7 +22,8 @@ pub(crate) const PORT_WIDTH: usize = 17;
 pub enum BoardModel {
     /// Two connectors of 17 pins: 5 step generators and an encoder on the first.
     B7i92,
-    /// 11 inputs with filters, 4 isolated outputs and 2 others, 5 step generators, an encoder, a PWM generator.
+    /// 11 inputs with filters, 4 isolated outputs and 2 others, 5 step generators, an encoder, a PWM
+    /// generator.
     B7i96s,
     /// 5 step generators, an encoder, and the field I/O of a 7I76 behind smart serial.
     B7i76e,

@@ -1,7 +1,8 @@
 //! LBP16 as the board reads it: commands in a packet, data in the reply.
 //!
-//! A command is a 16-bit word, low byte first: bit 15 write, bit 14 an address follows, bit 13 information about the space,
-//! bits 12 to 10 the space, bits 9 and 8 the width (8, 16, 32, 64 bits), bit 7 the address grows, bits 6 to 0 how many.
+//! A command is a 16-bit word, low byte first: bit 15 write, bit 14 an address follows, bit 13 information
+//! about the space, bits 12 to 10 the space, bits 9 and 8 the width (8, 16, 32, 64 bits), bit 7 the address
+//! grows, bits 6 to 0 how many.
 
 /// The memory behind the protocol.
 pub(crate) trait Memory {
@@ -15,8 +16,9 @@ pub(crate) trait Memory {
     fn refused(&mut self);
 }
 
-/// Carries out a packet. The reply, which has the data of all reads one after the other, is empty where nothing was read.
-/// `pointers` are the addresses at which commands without an address go on, one for each space.
+/// Carries out a packet. The reply, which has the data of all reads one after the other, is empty where
+/// nothing was read. `pointers` are the addresses at which commands without an address go on, one for each
+/// space.
 pub(crate) fn carry_out(
     mut packet: &[u8],
     pointers: &mut [u16; 8],

@@ -22,17 +22,18 @@ struct Arguments {
     /// The board.
     #[arg(long, value_enum, default_value = "7i96s")]
     model: Model,
-    /// A spindle of this speed, rpm, at full output: encoder 0 with 4096 counts on its shaft, its speed on PWM generator 0, or of a 7i76e
-    /// on smart serial; of a 7i96s with contacts for the directions at pins 15 and 16, and one at pin 3 that is closed while its drive is in
-    /// order; else by the sign.
+    /// A spindle of this speed, rpm, at full output: encoder 0 with 4096 counts on its shaft, its speed on
+    /// PWM generator 0, or of a 7i76e on smart serial; of a 7i96s with contacts for the directions at pins 15
+    /// and 16, and one at pin 3 that is closed while its drive is in order; else by the sign.
     #[arg(long, value_name = "RPM")]
     spindle: Option<f64>,
-    /// A fault, and its time in seconds after the watchdog was first fed: loss-in, loss-out, half, delay, reorder, bite, reset, cookie, short,
-    /// index-missing, field-off, spindle-stall, encoder-off or lost-counts. May be given several times.
+    /// A fault, and its time in seconds after the watchdog was first fed: loss-in, loss-out, half, delay,
+    /// reorder, bite, reset, cookie, short, index-missing, field-off, spindle-stall, encoder-off or
+    /// lost-counts. May be given several times.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION]")]
     faults: Vec<Fault>,
-    /// A switch: a pin (of a 7i76e a field input) is low while the motor of a step generator is at or beyond so many steps from its start;
-    /// negative ones are passed downward. May be given several times.
+    /// A switch: a pin (of a 7i76e a field input) is low while the motor of a step generator is at or beyond
+    /// so many steps from its start; negative ones are passed downward. May be given several times.
     #[arg(long = "switch", value_name = "INPUT:STEPGEN:STEPS")]
     switches: Vec<Switch>,
 }

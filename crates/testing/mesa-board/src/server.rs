@@ -51,7 +51,8 @@ pub fn serve(board: &Mutex<Board>, socket: &UdpSocket, stop: &AtomicBool) -> std
     Ok(())
 }
 
-/// A real board answers within microseconds whatever this computer does; so does this one as far as the system lets it.
+/// A real board answers within microseconds whatever this computer does; so does this one as far as the
+/// system lets it.
 fn raise_priority() {
     let parameters = libc::sched_param { sched_priority: 20 };
     // SAFETY: the parameters live through the call; 0 is the calling thread.

@@ -1,8 +1,8 @@
 //! A smart-serial module (SSLBP) with the field I/O of a 7I76, by Mesa's manuals of its cards.
 //!
-//! A command written to the command register is carried out and cleared. In setup mode the CS register of a channel holds a command of
-//! the device's own protocol (LBP) above an address; in normal mode each DOIT exchanges the process data that the device
-//! describes in its memory.
+//! A command written to the command register is carried out and cleared. In setup mode the CS register of a
+//! channel holds a command of the device's own protocol (LBP) above an address; in normal mode each DOIT
+//! exchanges the process data that the device describes in its memory.
 
 /// Channels of one module.
 pub(crate) const CHANNELS: usize = 8;

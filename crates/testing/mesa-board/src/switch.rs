@@ -2,8 +2,8 @@
 
 use core::str::FromStr;
 
-/// An input that is low (of a 7I76: off) while the motor of a step generator is at or beyond a position, seen from where it stood when
-/// the board was supplied.
+/// An input that is low (of a 7I76: off) while the motor of a step generator is at or beyond a position, seen
+/// from where it stood when the board was supplied.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Switch {
     /// The pin, or the field input of a 7I76.

@@ -1,7 +1,8 @@
 //! Foreign clients on the simulated board, over real sockets: Debian's `mesaflash` and LinuxCNC's `hm2_eth`.
 //!
-//! They need the packages `mesaflash` and `linuxcnc-uspace`, `iptables`, and the right to make network namespaces. Where these are not
-//! installed, EVOLVENT_LINUXCNC names the folder of `tools/get-linuxcnc`, which has them unpacked.
+//! They need the packages `mesaflash` and `linuxcnc-uspace`, `iptables`, and the right to make network
+//! namespaces. Where these are not installed, EVOLVENT_LINUXCNC names the folder of `tools/get-linuxcnc`,
+//! which has them unpacked.
 
 #![expect(clippy::expect_used, clippy::panic, clippy::print_stdout, reason = "a test")]
 
@@ -17,7 +18,8 @@ use evolvent_machine::Machine;
 use evolvent_mesa::{BoardSettings, RunSettings, run};
 use evolvent_mesa_board::{Board, BoardModel, BoardServer, PORT, now_ns};
 
-/// Address of the client and of the board, and of the board's interface as its EEPROM has it: `hm2_eth` takes it from there.
+/// Address of the client and of the board, and of the board's interface as its EEPROM has it: `hm2_eth` takes
+/// it from there.
 const CLIENT: &str = "10.27.0.1/24";
 const BOARD: &str = "10.27.0.2";
 const MAC: &str = "00:60:1b:20:00:01";
@@ -94,7 +96,8 @@ fn timeout(options: &[&str], program: &str) -> Command {
     command
 }
 
-/// Runs a test with a board in a namespace, on a thread of its own. None where that is not possible, which is said.
+/// Runs a test with a board in a namespace, on a thread of its own. None where that is not possible, which is
+/// said.
 fn on_cable<R: Send + 'static>(
     model: BoardModel,
     programs: &'static [&'static str],
@@ -203,7 +206,8 @@ fn after(said: &str, mark: &str) -> f64 {
         .unwrap_or_else(|_| panic!("no number after {mark}: {said}"))
 }
 
-/// Runs `hm2_eth` until the host lets it: one that is busy may have it give up a packet that takes longer than it waits.
+/// Runs `hm2_eth` until the host lets it: one that is busy may have it give up a packet that takes longer
+/// than it waits.
 fn hal_in_time(file: &str) -> String {
     let mut said = String::new();
     for _ in 0..5 {
@@ -325,8 +329,9 @@ loadusr -w echo again
 getp hm2_7i96s.0.inm.00.input-03
 ";
     on_cable(BoardModel::B7i96s, &["halrun", "iptables"], |server| {
-        // SSR 3 lets current flow through input 3, whose pin is low then; that of input 4 is low too. OutM does the same to
-        // input 5. `hm2_eth` sets the global inversion of the filter, so such inputs are true for it.
+        // SSR 3 lets current flow through input 3, whose pin is low then; that of input 4 is low too. OutM
+        // does the same to input 5. `hm2_eth` sets the global inversion of the filter, so such inputs are
+        // true for it.
         server.lock().wire(14, 3);
         server.lock().wire(15, 5);
         server.lock().set_level(4, false);
@@ -402,7 +407,8 @@ loadusr -w sleep 1
     });
 }
 
-/// The index of an encoder, as `hm2_eth` arms it and reads what was latched: its count begins anew at the edge, once.
+/// The index of an encoder, as `hm2_eth` arms it and reads what was latched: its count begins anew at the
+/// edge, once.
 #[test]
 fn hm2_eth_latches_the_index_of_an_encoder() {
     for (rising, edge) in [(false, 1301), (true, 1300)] {
@@ -471,8 +477,9 @@ fn told(registers: &BTreeSet<u16>) -> String {
     texts.join(" ")
 }
 
-/// Our bridge and `hm2_eth` on the same board: both move step generator 0 and set an isolated output. Whatever our bridge reads or writes,
-/// `hm2_eth` reads or writes too, and each of its cycles is one packet that is answered and one that is not.
+/// Our bridge and `hm2_eth` on the same board: both move step generator 0 and set an isolated output.
+/// Whatever our bridge reads or writes, `hm2_eth` reads or writes too, and each of its cycles is one packet
+/// that is answered and one that is not.
 #[test]
 fn our_bridge_uses_the_registers_of_hm2_eth_in_two_packets_a_cycle() {
     const HAL: &str = "\

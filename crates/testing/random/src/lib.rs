@@ -1,8 +1,9 @@
 //! For tests: random numbers that tell their seed.
 //!
-//! [`Random`] is xorshift64\* (Vigna, "An experimental exploration of Marsaglia's xorshift generators, scrambled", 2016):
-//! 64 bits of state, the same sequence on every machine. [`seed`] and [`cases`] read `EVOLVENT_SEED` and
-//! `EVOLVENT_CASES`, so that a failure can be repeated and a campaign made longer without changing a test.
+//! [`Random`] is xorshift64\* (Vigna, "An experimental exploration of Marsaglia's xorshift generators,
+//! scrambled", 2016): 64 bits of state, the same sequence on every machine. [`seed`] and [`cases`] read
+//! `EVOLVENT_SEED` and `EVOLVENT_CASES`, so that a failure can be repeated and a campaign made longer without
+//! changing a test.
 //!
 //! ```
 //! use evolvent_random::Random;

@@ -1,11 +1,13 @@
 //! Machining time, limits, tolerance and cost of planning over a folder of programs:
 //!
-//!     cargo bench -p evolvent-verifier --bench programs -- [FOLDER|FILE ...] [--planner NAME|both] [--rate HZ]
+//!     cargo bench -p evolvent-verifier --bench programs -- [FOLDER|FILE ...] [--planner NAME|both]
+//!     [--rate HZ]
 //!         [--machine FILE] [--only TEXT] [--json] [--strict] [--write DIR]
 //!
-//! `--planner both` sets the planners side by side. Without a folder: the programs of tests/programs and those that this crate writes itself. `--write DIR` writes the
-//! latter and runs nothing. `--strict` ends with exit code 1 if anything was violated or did not run to its end. Every
-//! sample is checked by the judge, which shares no code with planners.
+//! `--planner both` sets the planners side by side. Without a folder: the programs of tests/programs and
+//! those that this crate writes itself. `--write DIR` writes the latter and runs nothing. `--strict` ends
+//! with exit code 1 if anything was violated or did not run to its end. Every sample is checked by the judge,
+//! which shares no code with planners.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a benchmark prints")]
 

@@ -2,8 +2,8 @@
 //!
 //!     cargo bench -p evolvent-verifier --bench replans -- [FOLDER|FILE ...] [--runs N]
 //!
-//! The planner runs alone on this thread. The time of a re-plan is the least of several runs (3 by default), since the
-//! same window is solved in each; steps are the same in all of them.
+//! The planner runs alone on this thread. The time of a re-plan is the least of several runs (3 by default),
+//! since the same window is solved in each; steps are the same in all of them.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a benchmark prints")]
 #![allow(dead_code, reason = "the shared part serves other benchmarks too")]

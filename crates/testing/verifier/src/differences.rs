@@ -8,8 +8,8 @@ use evolvent_path::{AXES, Axes};
 pub(crate) struct Ratios {
     /// Velocity, acceleration, jerk: ratio and axis.
     pub(crate) orders: [(f64, usize); 3],
-    /// Change of acceleration over three periods against what jerk allows in them and the joint time. A step needs two
-    /// periods to show in second differences, and three wherever it falls between them.
+    /// Change of acceleration over three periods against what jerk allows in them and the joint time. A step
+    /// needs two periods to show in second differences, and three wherever it falls between them.
     pub(crate) joint: (f64, usize),
     /// Chord between the two setpoints in the middle of the last four against the curve through them, mm.
     pub(crate) chord_mm: f64,
@@ -56,7 +56,8 @@ impl Differences {
             // In the order that loses least: differences of neighbours are exact or nearly so.
             let (now, before, first) = (a - b, b - c, c - d);
             let differences = [now, now - before, (now - before) - (before - first)];
-            // A unit in the last place of the greatest position, once for each unit of the differences' weights.
+            // A unit in the last place of the greatest position, once for each unit of the differences'
+            // weights.
             let size = a.abs().max(b.abs()).max(c.abs()).max(d.abs());
             let rounding = f64::EPSILON * size;
             for order in 0..3 {
@@ -88,7 +89,8 @@ impl Differences {
         ratios
     }
 
-    /// The cubic through four positions, half way between the middle two, less the middle of their chord: across it.
+    /// The cubic through four positions, half way between the middle two, less the middle of their chord:
+    /// across it.
     fn chord(&self) -> f64 {
         let [d, c, b, a] = [0, 1, 2, 3].map(|i: usize| self.last[i].fixed_rows::<3>(0).into_owned());
         let along = b - c;

@@ -1,12 +1,13 @@
 //! Following a motion along the programmed path, in its order, forwards only.
 //!
-//! The place kept is the earliest of the program, not before the last one, that lies within the tolerance of the
-//! motion's present point. If any reading of the motion as the program in its order exists, then one exists that goes on
-//! from the earliest place, so nothing has to be taken back. (It is the greedy decision of the Fréchet distance with one
-//! side free to jump.) A jump forward must not leave anything out: what is passed over has to lie within a few
-//! tolerances of the stretch driven meanwhile, or of what was driven while the place was about where it is: near one place
-//! the motion may go to and fro as often as the program does, and the earliest reading stays behind there. So the search
-//! ends where the program leaves that neighbourhood, and its cost is that of the blocks passed.
+//! The place kept is the earliest of the program, not before the last one, that lies within the tolerance of
+//! the motion's present point. If any reading of the motion as the program in its order exists, then one
+//! exists that goes on from the earliest place, so nothing has to be taken back. (It is the greedy decision
+//! of the Fréchet distance with one side free to jump.) A jump forward must not leave anything out: what is
+//! passed over has to lie within a few tolerances of the stretch driven meanwhile, or of what was driven
+//! while the place was about where it is: near one place the motion may go to and fro as often as the program
+//! does, and the earliest reading stays behind there. So the search ends where the program leaves that
+//! neighbourhood, and its cost is that of the blocks passed.
 
 use std::collections::VecDeque;
 
@@ -15,8 +16,8 @@ use evolvent_path::Axes;
 use crate::Route;
 use crate::measure::{distance, from_stretch, linear, rotary};
 
-/// How many tolerances what is passed over may lie off the motion: a corner of 120 degrees, cut within the tolerance of
-/// both sides, is 2 of them away.
+/// How many tolerances what is passed over may lie off the motion: a corner of 120 degrees, cut within the
+/// tolerance of both sides, is 2 of them away.
 const NEIGHBOURHOOD: f64 = 4.0;
 /// Most points between two setpoints that are looked at.
 const MAX_POINTS: f64 = 64.0;
@@ -37,8 +38,8 @@ struct Place {
 /// What following one setpoint found.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Found {
-    /// Distance to the program, mm (XYZ or UVW) and degrees (the worst rotary axis), less what is allowed there in
-    /// `ratio`.
+    /// Distance to the program, mm (XYZ or UVW) and degrees (the worst rotary axis), less what is allowed
+    /// there in `ratio`.
     pub(crate) linear: f64,
     pub(crate) rotary: f64,
     /// The greater of both over the tolerance there.
@@ -162,8 +163,8 @@ impl<'a> Follower<'a> {
         self.coverage
     }
 
-    /// Whether all that is left of the program from `place` on lies about the motion's last point: a loop that was
-    /// never driven ends where the motion does, but does not stay there.
+    /// Whether all that is left of the program from `place` on lies about the motion's last point: a loop
+    /// that was never driven ends where the motion does, but does not stay there.
     fn ends_here(&self, mut place: Place) -> bool {
         while let Some(block) = self.route.blocks.get(place.block) {
             let within = self.within(place.block);
@@ -195,8 +196,8 @@ impl<'a> Follower<'a> {
             .max(EXACT)
     }
 
-    /// Within what distance a point between setpoints counts as on the block. Wider than what is allowed, so that a
-    /// motion that is a little off is found to be off, not lost.
+    /// Within what distance a point between setpoints counts as on the block. Wider than what is allowed, so
+    /// that a motion that is a little off is found to be off, not lost.
     fn within(&self, block: usize) -> f64 {
         1.05 * self.tolerance(block) + 4.0 * self.chord_mm
     }
@@ -207,9 +208,11 @@ impl<'a> Follower<'a> {
         self.within(block).max(self.within(next))
     }
 
-    /// The earliest place from `place` on that lies near `point`, if all that is passed over lies near the stretch to it.
+    /// The earliest place from `place` on that lies near `point`, if all that is passed over lies near the
+    /// stretch to it.
     fn search(&self, before: &Axes, point: &Axes, mut place: Place) -> Option<Place> {
-        // The place begins so far behind: where the tolerance becomes finer at once, that is no leaving of the path.
+        // The place begins so far behind: where the tolerance becomes finer at once, that is no leaving of
+        // the path.
         let behind = self.within(place.block);
         loop {
             let block = &self.route.blocks[place.block];
@@ -227,7 +230,8 @@ impl<'a> Follower<'a> {
                 if place.u >= block.length {
                     break;
                 }
-                // Nothing nearer than this can be near enough, because no place moves faster than its parameter.
+                // Nothing nearer than this can be near enough, because no place moves faster than its
+                // parameter.
                 place.u = (place.u + (away - within).max(within / 64.0)).min(block.length);
             }
             if place.block + 1 == self.route.blocks.len() {
@@ -263,8 +267,8 @@ impl<'a> Follower<'a> {
         found.is_some()
     }
 
-    /// The nearest place ahead, for a motion that has left the path: at most so far ahead as it is away. One farther on
-    /// counts only if it is a good deal nearer: where turns lie on one another, the first of them.
+    /// The nearest place ahead, for a motion that has left the path: at most so far ahead as it is away. One
+    /// farther on counts only if it is a good deal nearer: where turns lie on one another, the first of them.
     fn recover(&self, point: &Axes) -> Place {
         let off = |place: Place| distance(point, &self.route.blocks[place.block].piece.point(place.u));
         let away = off(self.at);
@@ -296,8 +300,9 @@ impl<'a> Follower<'a> {
         best
     }
 
-    /// The nearest place from the present one on, as far as the path stays about `point`: block, gap, last block looked at.
-    /// After a reversal the present place lags a tolerance behind it while the motion is a tolerance past it.
+    /// The nearest place from the present one on, as far as the path stays about `point`: block, gap, last
+    /// block looked at. After a reversal the present place lags a tolerance behind it while the motion is a
+    /// tolerance past it.
     fn nearest(&self, point: &Axes, lost: bool) -> (usize, Axes, usize) {
         let mut index = self.at.block;
         let mut from = self.at.u;
@@ -325,8 +330,9 @@ impl<'a> Follower<'a> {
         (best.1, point - place, index)
     }
 
-    /// The nearest place of a curve from `from` on, as far as it stays within `near` of the point: parameter and distance. An arc
-    /// smaller than the tolerance comes near a point twice, and only the first time lies next to `from`.
+    /// The nearest place of a curve from `from` on, as far as it stays within `near` of the point: parameter
+    /// and distance. An arc smaller than the tolerance comes near a point twice, and only the first time lies
+    /// next to `from`.
     fn nearest_around(
         &self,
         point: &Axes,

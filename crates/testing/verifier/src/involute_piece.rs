@@ -5,8 +5,8 @@ use evolvent_path::{Axes, Involute, Sense};
 use crate::measure::{linear, rotary};
 
 /// With base circle r about c and roll angle phi, the thread's direction at theta = theta0 + h phi:
-/// p = c + r (cos theta + h phi sin theta, sin theta - h phi cos theta), h = 1 counter-clockwise, -1 clockwise on the
-/// way out; the path from the base circle is r phi^2 / 2 long.
+/// p = c + r (cos theta + h phi sin theta, sin theta - h phi cos theta), h = 1 counter-clockwise, -1
+/// clockwise on the way out; the path from the base circle is r phi^2 / 2 long.
 #[derive(Clone, Debug)]
 pub(crate) struct InvolutePiece {
     axes: [usize; 2],

@@ -8,8 +8,8 @@ use crate::other::Other;
 use crate::round::Round;
 use crate::straight::Straight;
 
-/// A curve by a parameter from 0 to [`length`](Self::length), by which no place moves faster than the parameter: the
-/// distance to any fixed place changes by at most as much as the parameter does.
+/// A curve by a parameter from 0 to [`length`](Self::length), by which no place moves faster than the
+/// parameter: the distance to any fixed place changes by at most as much as the parameter does.
 #[derive(Clone, Debug)]
 pub(crate) enum Piece {
     Straight(Straight),
@@ -98,12 +98,14 @@ impl Piece {
         u
     }
 
-    /// Whether only XYZ moves: then the nearest by all axes together is the nearest in the sense of tolerances.
+    /// Whether only XYZ moves: then the nearest by all axes together is the nearest in the sense of
+    /// tolerances.
     fn moves_in_one_group(&self, u: f64) -> bool {
         self.tangent(u).rows(3, 6).iter().all(|rate| *rate == 0.0)
     }
 
-    /// Where several groups of axes move, the greatest of their distances at its smallest, by golden sections.
+    /// Where several groups of axes move, the greatest of their distances at its smallest, by golden
+    /// sections.
     fn balance(&self, point: &Axes, from: f64, best: (f64, f64)) -> (f64, f64) {
         let ratio = 0.618_033_988_749_894_9;
         let reach = 10.0 * best.1 + 1e-9;

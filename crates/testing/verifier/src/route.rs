@@ -11,7 +11,8 @@ use crate::block::Block;
 use crate::measure::distance;
 use crate::piece::Piece;
 
-/// Two directions that differ by less than this, per unit length, are one: what rounded programs call tangent.
+/// Two directions that differ by less than this, per unit length, are one: what rounded programs call
+/// tangent.
 const TANGENT: f64 = 0.02;
 /// Where a move starts elsewhere than the last one ended, by more than this, mm or degrees.
 const GAP: f64 = 1e-9;
@@ -63,7 +64,8 @@ pub struct Route {
 }
 
 impl Route {
-    /// Reads a program as the machine would: `settings` say where it stands and what holds before the first line.
+    /// Reads a program as the machine would: `settings` say where it stands and what holds before the first
+    /// line.
     ///
     /// # Errors
     /// [`RouteError`] for the first line that is wrong.

@@ -1,9 +1,10 @@
 //! Programs on which planners are compared, written for this project.
 //!
-//! Every program is one of the classes on which planners differ: dense chains of chords, folds, noise, reliefs, arcs in
-//! chains, corners, moves smaller than the tolerance, tangent joints, helices, involutes. Path mode is `G64 P0.02 Q0`
-//! throughout. Where the direction matters there is a copy turned by 30 and by 45 degrees, because the limits of the
-//! axes do not turn. Nothing is random but by seeds written here: the same bytes everywhere.
+//! Every program is one of the classes on which planners differ: dense chains of chords, folds, noise,
+//! reliefs, arcs in chains, corners, moves smaller than the tolerance, tangent joints, helices, involutes.
+//! Path mode is `G64 P0.02 Q0` throughout. Where the direction matters there is a copy turned by 30 and by 45
+//! degrees, because the limits of the axes do not turn. Nothing is random but by seeds written here: the same
+//! bytes everywhere.
 
 mod butterfly;
 mod chains;

@@ -48,8 +48,8 @@ pub struct Verdict {
     pub acceleration: Worst,
     /// See `velocity`; away from joints of exact-path mode.
     pub jerk: Worst,
-    /// At tangent joints of exact-path mode, where curvature steps: change of acceleration over a period against jerk
-    /// times the machine's joint time and the period.
+    /// At tangent joints of exact-path mode, where curvature steps: change of acceleration over a period
+    /// against jerk times the machine's joint time and the period.
     pub joint: Worst,
     /// Distance of setpoints from the program, mm of XYZ or UVW.
     pub deviation_mm: Worst,
@@ -83,7 +83,8 @@ pub struct Verdict {
     pub rest: Worst,
     /// Distance of the last setpoint from the program's end, mm or degrees.
     pub end: f64,
-    /// Distance of the first setpoint from the program's start, less one period at the greatest jerk, mm or degrees.
+    /// Distance of the first setpoint from the program's start, less one period at the greatest jerk, mm or
+    /// degrees.
     pub start: f64,
 }
 
@@ -107,8 +108,9 @@ pub struct Allowances {
 }
 
 impl Default for Allowances {
-    /// 0.1 % of velocity and acceleration, 2 % of jerk (third differences of a motion with jerk just at its limit), none of
-    /// the tolerance, 1 % of the chord error (read from a cubic), 0.1 % of the feed, a nanometre of place.
+    /// 0.1 % of velocity and acceleration, 2 % of jerk (third differences of a motion with jerk just at its
+    /// limit), none of the tolerance, 1 % of the chord error (read from a cubic), 0.1 % of the feed, a
+    /// nanometre of place.
     fn default() -> Self {
         Self {
             velocity: 1.001,

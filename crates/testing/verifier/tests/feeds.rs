@@ -142,7 +142,8 @@ fn a_change_of_tolerance_is_not_called_a_deviation() {
     }
 }
 
-/// Arcs of a radius below the tolerance: the path may cross to where the arc comes back, and is near it there.
+/// Arcs of a radius below the tolerance: the path may cross to where the arc comes back, and is near it
+/// there.
 #[test]
 fn a_small_arc_may_be_cut_short() {
     for text in [

@@ -1,4 +1,5 @@
-//! Violations of every kind, planted into motions that are right without them, are found; and nothing else is.
+//! Violations of every kind, planted into motions that are right without them, are found; and nothing else
+//! is.
 
 use evolvent_path::AxisLetter;
 use evolvent_random::{Random, seed};
@@ -37,7 +38,8 @@ M2
 ";
 
 fn curves(rate_hz: f64) -> Motion {
-    // Polar form of the involute: at roll angle phi, r sqrt(1 + phi^2) from the centre in the direction phi - atan phi.
+    // Polar form of the involute: at roll angle phi, r sqrt(1 + phi^2) from the centre in the direction phi -
+    // atan phi.
     let (r, turns) = (0.5, 3.0);
     let last = std::f64::consts::TAU * turns;
     let involute = |x: f64| {
@@ -470,7 +472,8 @@ fn nine_axes_are_followed_together() {
     off.setpoints[500][3] += 0.03;
     let verdict = judge(program, &off, &machine);
     let share = verdict.deviation_deg.value;
-    // Moving on by du changes X by 10 du and A by 40 du: the greater of 0.03 - 40 du and 10 du is least at 0.006.
+    // Moving on by du changes X by 10 du and A by 40 du: the greater of 0.03 - 40 du and 10 du is least at
+    // 0.006.
     assert!((share - 0.006).abs() < 1e-6, "{share}");
 
     // The turn of A alone: faster than 3000 degrees a minute.
@@ -516,7 +519,8 @@ fn blocks_of_ten_micrometres_are_followed_at_full_speed() {
 
 #[test]
 fn curvature_steps_are_judged_by_the_joint_time() {
-    // Line into arc at a constant 10 mm/s on radius 2 mm: 50 mm/s2 at once, which is J times 1 ms; jerk knows no bound.
+    // Line into arc at a constant 10 mm/s on radius 2 mm: 50 mm/s2 at once, which is J times 1 ms; jerk knows
+    // no bound.
     let program = "G21 G61 G90 F12000\nG1 X20\nG3 X20 Y4 I0 J2\nG1 X0\nM2\n";
     // At 35 kHz three periods are 0.086 ms: 54.3 mm/s2 are allowed from one to the other.
     for (speed, allowed) in [(10.0_f64, true), (10.8, false)] {
@@ -533,7 +537,8 @@ fn curvature_steps_are_judged_by_the_joint_time() {
                 xyz(20.0 - (s - 20.0 - arc), 4.0, 0.0)
             }
         };
-        // Up to speed in half a second, constant, and down again; the way is the integral of the rising speed.
+        // Up to speed in half a second, constant, and down again; the way is the integral of the rising
+        // speed.
         let up = 0.5;
         let cruise = (whole - speed * up) / speed;
         let rise = |x: f64| x.powi(5) * (7.0 + x * (-14.0 + x * (10.0 - 2.5 * x)));

@@ -257,7 +257,8 @@ impl Comparison<'_> {
         self.text(self.placed(from), &text)
     }
 
-    /// The machine is already at the start: only the path itself is timed. All paths are at the place of the hole.
+    /// The machine is already at the start: only the path itself is timed. All paths are at the place of the
+    /// hole.
     fn text(&self, [x, y]: [f64; 2], path: &str) -> String {
         self.program(&format!("X{x} Y{y}"), path)
     }

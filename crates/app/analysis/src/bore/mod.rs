@@ -68,7 +68,8 @@ pub struct BoreRequest {
 pub struct BoreRoughing {
     /// Maximum radial pitch of the involute, mm per turn.
     pub pitch_mm: f64,
-    /// Turns of the whole involute, at least as many as the pitch requires; `None` derives them from the pitch.
+    /// Turns of the whole involute, at least as many as the pitch requires; `None` derives them from the
+    /// pitch.
     pub turns: Option<u32>,
     /// Material left on the wall, mm.
     pub allowance_mm: f64,
@@ -120,7 +121,8 @@ pub enum BoreError {
         /// The minimum radius of an arc, mm.
         min_mm: f64,
     },
-    /// An allowance wider than the tool: finishing would cut a groove along the wall and leave a ring inside it.
+    /// An allowance wider than the tool: finishing would cut a groove along the wall and leave a ring inside
+    /// it.
     #[error(
         "allowance {allowance_mm} is wider than the tool of {tool_mm} mm: finishing would leave a ring of {:.3} mm standing; give at \
          most {tool_mm}, or use a larger tool",
@@ -257,7 +259,8 @@ impl BoreProgram {
         }
         if let Some(finishing) = &request.finishing {
             let start = finishing_start(&hole, &request, finishing, cleared_mm)?;
-            // What roughing has cut is open down to the bottom; of a hole roughed elsewhere only the top is known.
+            // What roughing has cut is open down to the bottom; of a hole roughed elsewhere only the top is
+            // known.
             let is_open = cleared_mm.is_some();
             let feed = request.finish_feed_mm_min.unwrap_or(request.feed_mm_min);
             for &z in &depths {

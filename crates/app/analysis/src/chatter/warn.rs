@@ -124,7 +124,8 @@ impl ChatterWarnings {
     }
 }
 
-/// Evaluates every cut of a turning program within `bounds`. Errors of the program are reported by the run, not here.
+/// Evaluates every cut of a turning program within `bounds`. Errors of the program are reported by the run,
+/// not here.
 ///
 /// # Errors
 /// `Usage` for a machine that is not a lathe, or a case file without self-oscillation.
@@ -266,7 +267,8 @@ impl Spindles {
         }
     }
 
-    /// The spindle that a cut is made with: that of G95; otherwise the one that was started last of those that turn.
+    /// The spindle that a cut is made with: that of G95; otherwise the one that was started last of those
+    /// that turn.
     fn of_cut(&self, command: &Command) -> (u32, Spindle) {
         let of = |number: u32| self.now.get(number as usize).copied().unwrap_or(Spindle::Still);
         if command.feed_mm_rev.is_some() {
@@ -456,8 +458,8 @@ impl Look<'_> {
         }
     }
 
-    /// The warnings with their nearest stable speeds, which are searched once for cuts that agree to a thousandth: a search
-    /// computes hundreds of cuts.
+    /// The warnings with their nearest stable speeds, which are searched once for cuts that agree to a
+    /// thousandth: a search computes hundreds of cuts.
     fn finish(self) -> Vec<ChatterWarning> {
         let mut mapper = self.mapper;
         let mut stable: BTreeMap<Cut, [Option<f64>; 2]> = BTreeMap::new();

@@ -31,8 +31,8 @@ pub(crate) enum Corner {
 }
 
 impl Corner {
-    /// The corner between a move of this mode and one of the mode `next`, as the planner takes it: a stop belongs to the move before,
-    /// and both must permit rounding.
+    /// The corner between a move of this mode and one of the mode `next`, as the planner takes it: a stop
+    /// belongs to the move before, and both must permit rounding.
     fn before(self, next: Self) -> Self {
         match (self.tolerance_mm(), next.tolerance_mm()) {
             (Some(own), Some(other)) if other < own => next,

@@ -108,8 +108,9 @@ fn length(from: (f64, f64), to: (f64, f64)) -> f64 {
 }
 
 /// Merges short sections: a feed move starts and ends with many feed changes, a cross move with the end of
-/// deceleration. Sections at a feed that cuts stay as they are: with the mean of theirs, the slow end of an engagement would be cut at the
-/// feed of its beginning in air. Below `least_feed`, mm per revolution, an axis accelerates, as it does in the program by itself.
+/// deceleration. Sections at a feed that cuts stay as they are: with the mean of theirs, the slow end of an
+/// engagement would be cut at the feed of its beginning in air. Below `least_feed`, mm per revolution, an
+/// axis accelerates, as it does in the program by itself.
 fn joined(stretches: &[Stretch], start: (f64, f64), least_feed: f64) -> Vec<Stretch> {
     let mut list: Vec<(Stretch, f64)> = Vec::new();
     let mut from = start;

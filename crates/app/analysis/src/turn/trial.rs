@@ -334,7 +334,8 @@ impl TurningTrial {
         self.figures.done
     }
 
-    /// The computed passes, as a part program for this stock; `None` if the job was not done: its last pass would end in the middle.
+    /// The computed passes, as a part program for this stock; `None` if the job was not done: its last pass
+    /// would end in the middle.
     #[must_use]
     pub fn program(&self) -> Option<String> {
         self.is_done().then(|| super::passes::program(self))
@@ -363,7 +364,8 @@ impl TurningTrial {
     }
 }
 
-/// Warns where a revolution at the entry feed adds so much depth that the load exceeds its bound before a sensor can show it.
+/// Warns where a revolution at the entry feed adds so much depth that the load exceeds its bound before a
+/// sensor can show it.
 fn steep_entry(settings: &TurningSettings) -> Option<String> {
     /// Above this fraction of the deepest cut; measured on the worked example, docs/theory-turning.md.
     const MAX_FRACTION: f64 = 0.5;

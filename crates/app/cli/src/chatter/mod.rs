@@ -28,7 +28,8 @@ pub(crate) struct ChatterArgs {
     /// Print one JSON object on standard output
     #[arg(long)]
     pub(crate) json: bool,
-    /// Write phase portrait, force over speed, and amplitude, frequency and growth over speed into one SVG file
+    /// Write phase portrait, force over speed, and amplitude, frequency and growth over speed into one SVG
+    /// file
     #[arg(long, value_name = "FILE.svg")]
     pub(crate) plot: Option<PathBuf>,
     /// Write the map of speed and depth, one per feed of the case, into one SVG file

@@ -68,7 +68,8 @@ enum TraceCommand {
         a: PathBuf,
         /// The second trace.
         b: PathBuf,
-        /// A job of the first trace, where it is that of a served machine: its number in the report. Default: all of the trace.
+        /// A job of the first trace, where it is that of a served machine: its number in the report. Default:
+        /// all of the trace.
         #[arg(long, value_name = "N")]
         job_a: Option<u32>,
         /// The same of the second trace.

@@ -56,8 +56,8 @@ pub fn report_page(trace: &Path) -> Result<String, InspectError> {
     Ok(page(&opened, &gathered))
 }
 
-/// What the page of a trace draws, as JSON, with what a viewer needs to go from a time to its line and back: `line_runs`, the cycles with
-/// which a line begins, and `texts`, the lines of each job.
+/// What the page of a trace draws, as JSON, with what a viewer needs to go from a time to its line and back:
+/// `line_runs`, the cycles with which a line begins, and `texts`, the lines of each job.
 ///
 /// # Errors
 /// [`InspectError`].

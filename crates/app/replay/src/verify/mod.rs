@@ -52,7 +52,8 @@ pub struct Verified {
     pub first_difference: Option<Difference>,
     /// Maximum difference of a position, mm or degrees.
     pub greatest_difference: f64,
-    /// Possible reasons for a difference: another version, another kind of processor, a planner that was late.
+    /// Possible reasons for a difference: another version, another kind of processor, a planner that was
+    /// late.
     pub explanations: Vec<String>,
     /// Samples that exceed a limit, by differences of the recorded positions alone.
     pub limit_violations: u64,
@@ -62,7 +63,8 @@ pub struct Verified {
     pub max_path_error_mm: Option<f64>,
     /// Jobs of a served machine: programs, blocks of MDI, jogs and moves of homing.
     pub jobs: u64,
-    /// Recorded cycles of which it is not known what moved the axes, so that they were not compared; `notes` say why.
+    /// Recorded cycles of which it is not known what moved the axes, so that they were not compared; `notes`
+    /// say why.
     pub uncompared: u64,
     /// What else is to be known.
     pub notes: Vec<String>,
@@ -82,9 +84,9 @@ impl Verified {
     }
 }
 
-/// Computes what a trace recorded again, from what is attached and the recorded inputs, and compares every setpoint bit for
-/// bit: one run, or every job of a served machine. And checks every recorded position against limits and path, without a
-/// planner.
+/// Computes what a trace recorded again, from what is attached and the recorded inputs, and compares every
+/// setpoint bit for bit: one run, or every job of a served machine. And checks every recorded position
+/// against limits and path, without a planner.
 ///
 /// # Errors
 /// [`InspectError`]: a damaged trace, or one that cannot be understood.

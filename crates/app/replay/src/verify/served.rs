@@ -130,7 +130,8 @@ pub(super) fn verify(
 
 impl Served<'_> {
     fn all(&mut self, records: &mut Records) -> Result<(), InspectError> {
-        // A file that goes on where another one ends begins at an unknown place, which is known again at rest.
+        // A file that goes on where another one ends begins at an unknown place, which is known again at
+        // rest.
         self.lost = records.peek().is_some_and(|record| record.sequence > 0);
         while let Some(record) = records.peek() {
             let sequence = record.sequence;

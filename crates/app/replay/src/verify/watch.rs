@@ -137,7 +137,8 @@ impl<'a> Watch<'a> {
 pub(super) enum End {
     Done,
     Stopped,
-    /// In motion: each axis stopped by itself behind it, or the trace was cut off. To the judge that is a motion that stops dead.
+    /// In motion: each axis stopped by itself behind it, or the trace was cut off. To the judge that is a
+    /// motion that stops dead.
     BrokenOff,
 }
 
@@ -154,7 +155,8 @@ impl End {
     }
 }
 
-/// Takes in what the judge says of the path. A run that was stopped has no end; braking after a fault may leave the path.
+/// Takes in what the judge says of the path. A run that was stopped has no end; braking after a fault may
+/// leave the path.
 pub(super) fn judged(verdict: &Verdict, end: End, most_override: f64, whose: &str, verified: &mut Verified) {
     let most = verified.max_path_error_mm.unwrap_or(0.0);
     verified.max_path_error_mm = Some(verdict.deviation_mm.value.max(most));
@@ -169,7 +171,8 @@ pub(super) fn judged(verdict: &Verdict, end: End, most_override: f64, whose: &st
         let is_meant = !said.contains(&violation.kind)
             && (end == End::Done || !unfinished.contains(&violation.kind))
             && (end != End::BrokenOff || violation.kind != Kind::Chord);
-        // In blending mode a rounded corner is what the tolerance is for; the chord error is the planner's promise.
+        // In blending mode a rounded corner is what the tolerance is for; the chord error is the planner's
+        // promise.
         if is_meant {
             verified.violations.push(format!("{whose}{violation}"));
         }

@@ -217,7 +217,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(())
     }
 
-    /// The speed in the feed metric at which the first axis is at its limit, along the chord of a rapid. Never 0.
+    /// The speed in the feed metric at which the first axis is at its limit, along the chord of a rapid.
+    /// Never 0.
     pub(super) fn rapid_speed(&self, curve: &Curve) -> f64 {
         let limits = self.setup.machine.limits();
         let way = curve.end() - curve.start();

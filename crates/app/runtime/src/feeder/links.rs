@@ -16,7 +16,8 @@ use crate::stages::Stages;
 /// How long the planner sleeps while those handed over before are driven.
 const HANDOVER_NAP: Duration = Duration::from_millis(1);
 
-/// Reports user-defined M codes in a run: to the thread that carries them out, and to the cycle, which waits there.
+/// Reports user-defined M codes in a run: to the thread that carries them out, and to the cycle, which waits
+/// there.
 pub(crate) struct ToCarrier {
     pub calls: Sender<(u32, UserCall)>,
     pub stops: Producer<u32>,

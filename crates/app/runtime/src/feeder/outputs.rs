@@ -89,14 +89,15 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.schedule(|signals| signals.change(change))
             .map_err(PlanError::Sink)?;
         self.act(line, text)?;
-        // An action takes no time, so the next move would begin in the same period: one setpoint at rest has the new value.
+        // An action takes no time, so the next move would begin in the same period: one setpoint at rest has
+        // the new value.
         let seconds = self.setup.period_ns as f64 * 1e-9;
         let dwell = Step::Dwell { seconds, line };
         self.planner.rest(&dwell).map_err(PlanError::Sink)
     }
 
-    /// Which overrides count, from the next block on; a cycle that taps needs its feed from the first setpoint on, so it comes
-    /// to rest for it.
+    /// Which overrides count, from the next block on; a cycle that taps needs its feed from the first
+    /// setpoint on, so it comes to rest for it.
     pub(super) fn switch_overrides(
         &mut self,
         switches: OverrideSwitches,
@@ -118,8 +119,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.set_at_rest(line, &text, |change| change.overrides = Some(switches))
     }
 
-    /// The spindle that a pass follows turns as programmed, up to the next feed move: its override would change the speed that the pass
-    /// has begun at, and that at which a tap comes out.
+    /// The spindle that a pass follows turns as programmed, up to the next feed move: its override would
+    /// change the speed that the pass has begun at, and that at which a tap comes out.
     pub(super) fn suspend_override(&mut self, spindle: u32, line: u32) -> Result<(), PlanError<QueueClosed>> {
         let mut switches = self.next.switches;
         let counts = switches.spindles.get_mut(spindle as usize);
@@ -180,7 +181,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }
     }
 
-    /// The next action has stopped a spindle: feed does not go by it any more, or the block that changes the law could not begin.
+    /// The next action has stopped a spindle: feed does not go by it any more, or the block that changes the
+    /// law could not begin.
     fn release_feed(&mut self, spindle: u32) -> Result<(), PlanError<QueueClosed>> {
         if self.next.feed_law.spindle() != Some(spindle) || self.periphery.outputs.spindle(spindle).turns() {
             return Ok(());

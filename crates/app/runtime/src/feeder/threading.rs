@@ -34,8 +34,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self
     }
 
-    /// Takes a piece of a thread. What is no piece, or begins another pass, has the pass before cut first. Returns whether it was
-    /// taken.
+    /// Takes a piece of a thread. What is no piece, or begins another pass, has the pass before cut first.
+    /// Returns whether it was taken.
     pub(super) fn collect_thread(
         &mut self,
         command: &Command,
@@ -140,7 +140,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         );
         if complaint(&result, 0.0).is_none() {
             self.reporter.announce_in_passing(line, false, &text);
-            // Its angle is followed on for the next pass, and whether it stalls is for others to notice again.
+            // Its angle is followed on for the next pass, and whether it stalls is for others to notice
+            // again.
             self.periphery.in_pass = None;
             let action = self.actions;
             self.actions += 1;
@@ -150,7 +151,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(result)
     }
 
-    /// The next two actions, which the pass itself carries out: the spindle turns back at this speed, and then as before.
+    /// The next two actions, which the pass itself carries out: the spindle turns back at this speed, and
+    /// then as before.
     fn report_reversal(&mut self, spindle: u32, back_rpm: f64) -> Result<(), QueueClosed> {
         use evolvent_gcode::SpindleDirection::{Clockwise, CounterClockwise, Stopped};
         let before = self.periphery.outputs;

@@ -130,7 +130,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         let turning: Box<dyn ProcessCycle> = Box::new(turning);
         hand_over(&mut self.links.processes, &mut self.planner, turning)?;
         if !self.next.change.is_empty() {
-            // The cycle's passes are no blocks: what is to change with them changes where they begin, at rest.
+            // The cycle's passes are no blocks: what is to change with them changes where they begin, at
+            // rest.
             let change = Change {
                 moment: SignalMoment::Rest(self.actions),
                 ..self.next.change
@@ -145,7 +146,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         self.planner.rest(&Step::Turning { line })
     }
 
-    /// Waits until every spindle has the speed that it was given last; why one has not, after the time for it.
+    /// Waits until every spindle has the speed that it was given last; why one has not, after the time for
+    /// it.
     pub(super) fn await_speeds(&mut self, line: u32) -> Result<Option<(String, String)>, QueueClosed> {
         for (number, awaits) in std::mem::take(&mut self.next.awaits_speed)
             .into_iter()
@@ -204,7 +206,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         }))
     }
 
-    /// Turns the stopped spindle to an angle and waits until it stands there (M19); why it does not, after the time for it.
+    /// Turns the stopped spindle to an angle and waits until it stands there (M19); why it does not, after
+    /// the time for it.
     pub(super) fn orient(
         &mut self,
         action: &Action,
@@ -375,7 +378,8 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         Ok(result.value)
     }
 
-    /// Waits until the cycle has handed a result back. `poll`: the result, if it has come, and whether nothing is driven any more.
+    /// Waits until the cycle has handed a result back. `poll`: the result, if it has come, and whether
+    /// nothing is driven any more.
     pub(super) fn await_result<R>(
         &mut self,
         poll: impl Fn(&mut CycleLinks) -> Option<(Option<R>, bool)>,

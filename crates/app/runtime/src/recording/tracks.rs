@@ -283,7 +283,8 @@ impl Tracks {
         }
     }
 
-    /// A block begins with the first setpoint that moves along it, and ends with that of a later one, a dwell or a program stop.
+    /// A block begins with the first setpoint that moves along it, and ends with that of a later one, a dwell
+    /// or a program stop.
     fn follow_block(&mut self, recorder: &mut Recorder, sample: &CycleSample) -> Result<(), RecordError> {
         let between = [State::Idle, State::Dwell, State::ProgramStop].map(|state| state as u8);
         // A jog or homing shows the block of the job before, or that of the next where there was none.

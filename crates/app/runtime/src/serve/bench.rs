@@ -95,7 +95,8 @@ pub(super) struct Equipment<D> {
     /// Where the axes stand.
     pub(super) place: Axes,
     pub(super) has_signals: bool,
-    /// The desk hears the drives too, whose reports are of real time: so is its own time. Otherwise its time is that of the cycles.
+    /// The desk hears the drives too, whose reports are of real time: so is its own time. Otherwise its time
+    /// is that of the cycles.
     pub(super) is_heard_at_desk: bool,
 }
 

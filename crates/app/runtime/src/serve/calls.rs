@@ -1,4 +1,5 @@
-//! Requests in the order in which they are answered: what cannot wait overtakes a command whose files are being read.
+//! Requests in the order in which they are answered: what cannot wait overtakes a command whose files are
+//! being read.
 
 use std::collections::VecDeque;
 
@@ -55,8 +56,8 @@ impl Calls {
             self.ask(call, operator, now_ns);
             return;
         }
-        // Each client waits for its answer before it sends the next command; one that does not gets an answer at once, so that it
-        // cannot take the place of others.
+        // Each client waits for its answer before it sends the next command; one that does not gets an answer
+        // at once, so that it cannot take the place of others.
         let is_same = |other: &ControlCall| other.request().client == call.request().client;
         let is_crowded = self.waiting.len() >= MAX_WAITING
             || self.waiting.iter().any(is_same)

@@ -1,4 +1,5 @@
-//! A tool change under way, in a file of its own: after a power cut in the middle, the tool in the spindle is not known.
+//! A tool change under way, in a file of its own: after a power cut in the middle, the tool in the spindle is
+//! not known.
 
 use std::path::{Path, PathBuf};
 
@@ -81,7 +82,8 @@ impl ChangeMark {
         )
     }
 
-    /// The same behind the reason, which comes first: the status has room for one sentence, and the advice is that of the alarm.
+    /// The same behind the reason, which comes first: the status has room for one sentence, and the advice is
+    /// that of the alarm.
     pub(crate) fn sentence_behind(self, failure: &str) -> String {
         format!("{failure}; {}: name the tool by MDI, such as M61 Q3", self.what())
     }

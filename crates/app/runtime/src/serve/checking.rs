@@ -1,4 +1,5 @@
-//! Long programs are checked beside, while the machine stands or is jogged; no program starts before it is checked.
+//! Long programs are checked beside, while the machine stands or is jogged; no program starts before it is
+//! checked.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -85,7 +86,8 @@ impl Checking {
         *look == self.look && self.memory == setup.memory && self.unhomed == setup.unhomed
     }
 
-    /// What is wrong with the program, or which part could not be checked. Returned once, independent of the verdict.
+    /// What is wrong with the program, or which part could not be checked. Returned once, independent of the
+    /// verdict.
     pub(super) fn finding(&mut self) -> Option<Finding> {
         if self.is_told {
             return None;

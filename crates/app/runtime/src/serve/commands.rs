@@ -51,7 +51,8 @@ impl Operator {
         Some(self.composed(request, carried_out))
     }
 
-    /// A command whose orders did not fit into the queue is refused, except the emergency stop, which they have become.
+    /// A command whose orders did not fit into the queue is refused, except the emergency stop, which they
+    /// have become.
     pub(super) fn unless_lost(&mut self, command: &Command, job: u64) -> Result<u64, Rejection> {
         if self.give_up_lost_orders() && *command != Command::Estop {
             return Err(Alarm::OrdersLost.into());
@@ -187,7 +188,8 @@ impl Operator {
         Ok(job)
     }
 
-    /// The order to the cycle that is all a command comes to, beside what changes at the desk; none for other commands.
+    /// The order to the cycle that is all a command comes to, beside what changes at the desk; none for other
+    /// commands.
     fn order_of(&mut self, command: &Command) -> Result<Option<CycleCommand>, Rejection> {
         Ok(Some(match command {
             Command::Estop => {
@@ -240,8 +242,8 @@ impl Operator {
     }
 }
 
-/// Whether a command is carried out however far the cycle is behind: it stops something. Its orders go past the queue, or take one
-/// place in it however often it comes.
+/// Whether a command is carried out however far the cycle is behind: it stops something. Its orders go past
+/// the queue, or take one place in it however often it comes.
 const fn is_always_carried_out(command: &Command) -> bool {
     matches!(
         command,

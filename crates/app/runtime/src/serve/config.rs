@@ -24,8 +24,8 @@ pub enum TraceTo {
     Nowhere,
     /// The whole session in one file, without a bound.
     File(PathBuf),
-    /// `NAME-TIME.mcap` in this folder: a new file every hour, where nothing moves. The oldest files of this machine are
-    /// removed before all of them together take more than the bound.
+    /// `NAME-TIME.mcap` in this folder: a new file every hour, where nothing moves. The oldest files of this
+    /// machine are removed before all of them together take more than the bound.
     Folder {
         /// The folder; it is made.
         folder: PathBuf,

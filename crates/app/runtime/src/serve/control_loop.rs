@@ -21,8 +21,9 @@ use crate::pacing::wake_interval_ns;
 use crate::publish_report::PublishReport;
 use crate::rt::MonotonicClock;
 
-/// Time between two looks of the control thread, at most and at least: so long a command waits at most on a host
-/// that is not busy. In between it is a quarter of the period, so that a hold takes no more than lead and two cycles.
+/// Time between two looks of the control thread, at most and at least: so long a command waits at most on a
+/// host that is not busy. In between it is a quarter of the period, so that a hold takes no more than lead
+/// and two cycles.
 pub(super) const CONTROL_EVERY: Duration = Duration::from_micros(500);
 const CONTROL_EVERY_AT_LEAST: Duration = Duration::from_micros(100);
 /// Requests that are answered in one look at most, beside those that stop the machine.
@@ -148,7 +149,8 @@ impl ControlLoop {
     /// Answers what clients ask. Commands are judged by what the newest cycle has left.
     fn answer(&mut self, now_ns: u64, tell: &mut impl FnMut(ServeNews<'_>)) {
         self.look(now_ns);
-        // All that wait before any is answered: clients that send as fast as they get answers would keep others waiting.
+        // All that wait before any is answered: clients that send as fast as they get answers would keep
+        // others waiting.
         while self.calls.arrived() < MAX_ARRIVED {
             match self.server.receive() {
                 Ok(Some(call)) => self.calls.arrive(call),
@@ -166,7 +168,8 @@ impl ControlLoop {
         self.calls.go_on(&mut self.operator, now_ns);
     }
 
-    /// Tells once that messages of bridges are discarded: their signals are unknown, and nothing else says why.
+    /// Tells once that messages of bridges are discarded: their signals are unknown, and nothing else says
+    /// why.
     fn tell_refused(&mut self, tell: &mut impl FnMut(ServeNews<'_>)) {
         let (inputs, spindles) = (self.published.0.refused_inputs, self.published.0.refused_spindles);
         let faults = [

@@ -66,8 +66,8 @@ impl DriveView {
         }
         if let Some(shift) = &view.shift {
             feedback.index_position -= self.index_axis.map_or(0.0, |axis| shift[axis]);
-            // As of the newest setpoint, a few periods before the feedback: what the correction changes meanwhile is as much
-            // smaller than that way as errors of a machine are than its travel.
+            // As of the newest setpoint, a few periods before the feedback: what the correction changes
+            // meanwhile is as much smaller than that way as errors of a machine are than its travel.
             for (position, shift) in feedback.position.iter_mut().zip(shift.iter()) {
                 *position -= shift;
             }
@@ -83,8 +83,9 @@ impl DriveView {
         self.before = std::mem::replace(&mut self.home_offset, renaming.home_offset);
     }
 
-    /// The cycle has taken an order or will never do so, and has this datum. Returns `true` if it was an order to rename that had no
-    /// effect, because something stopped the axes at that moment or it did not fit into the queue: the coordinates are as before.
+    /// The cycle has taken an order or will never do so, and has this datum. Returns `true` if it was an
+    /// order to rename that had no effect, because something stopped the axes at that moment or it did not
+    /// fit into the queue: the coordinates are as before.
     pub(super) fn is_refused(&mut self, order: u64, datum: u64) -> bool {
         if self.order.take_if(|renaming| *renaming == order).is_none() || datum >= self.datum {
             return false;

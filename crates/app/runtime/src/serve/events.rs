@@ -79,8 +79,8 @@ impl Operator {
         }
     }
 
-    /// Orders did not fit into the queue: the cycle has an emergency stop instead, and what they were to begin is over. Returns
-    /// whether there are any.
+    /// Orders did not fit into the queue: the cycle has an emergency stop instead, and what they were to
+    /// begin is over. Returns whether there are any.
     pub(super) fn give_up_lost_orders(&mut self) -> bool {
         let lost = self.book.take_lost();
         if lost.is_empty() {

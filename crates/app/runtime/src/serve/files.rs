@@ -1,4 +1,5 @@
-//! Files behind commands: another thread opens, reads and checks them, so that the control thread never waits for a disk.
+//! Files behind commands: another thread opens, reads and checks them, so that the control thread never waits
+//! for a disk.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,11 +24,12 @@ use crate::rt::take_turns;
 /// Programs up to this length are checked as a whole while the client waits, bytes.
 const SHORT: u64 = 64 * 1024;
 
-/// How long the files of one command may take. A single file has 5 s ([`evolvent_config::FILE_TIMEOUT`]), and its error names it;
-/// this bounds a folder that does not reply and a check on a busy host.
+/// How long the files of one command may take. A single file has 5 s ([`evolvent_config::FILE_TIMEOUT`]), and
+/// its error names it; this bounds a folder that does not reply and a check on a busy host.
 pub(super) const READING_TIMEOUT: Duration = Duration::from_secs(8);
 
-/// Threads that hang in a file system at the same time. Each keeps a stack and a file until the file system replies.
+/// Threads that hang in a file system at the same time. Each keeps a stack and a file until the file system
+/// replies.
 const MAX_HUNG: usize = 8;
 
 /// What a program file looks like from outside: another look means another program.

@@ -11,8 +11,8 @@ use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
 use crate::handwheel_view::HandwheelView;
 
-/// Time by which an axis follows the wheel, s: what is left of the way is driven as fast as it takes this long, so that the single
-/// counts of a hand melt into one motion.
+/// Time by which an axis follows the wheel, s: what is left of the way is driven as fast as it takes this
+/// long, so that the single counts of a hand melt into one motion.
 const FOLLOW_S: f64 = 0.08;
 /// Differences of positions up to this count as zero, mm or degrees.
 const SAME: f64 = 1e-9;

@@ -110,8 +110,8 @@ impl Operator {
             .without(homed_by_core)
     }
 
-    /// Of axes that the core cannot home, those that have lost machine zero: the operator has moved them to their home position, and
-    /// says so. Those that are homed keep their coordinates.
+    /// Of axes that the core cannot home, those that have lost machine zero: the operator has moved them to
+    /// their home position, and says so. Those that are homed keep their coordinates.
     fn declare_zero(&mut self, wanted: AxisMask) {
         let declared = (self.without_homing() & wanted).without(self.desk.homed());
         if declared.is_empty() {
@@ -138,7 +138,8 @@ impl Operator {
         self.rename(renamed, declared.without(self.desk.homed()), home_offset);
     }
 
-    /// Renames the position of the axes to `position`; those of `zeroed` are homed once the feedback shows it.
+    /// Renames the position of the axes to `position`; those of `zeroed` are homed once the feedback shows
+    /// it.
     pub(super) fn rename(&mut self, position: Axes, zeroed: AxisMask, home_offset: Axes) {
         let renaming = Renaming {
             datum: self.view.datum + 1,
@@ -150,8 +151,8 @@ impl Operator {
         self.drives.renames(order, &renaming);
     }
 
-    /// The drives may show the new coordinates: only then are their axes homed, because an emergency stop or a fault may have come
-    /// before them.
+    /// The drives may show the new coordinates: only then are their axes homed, because an emergency stop or
+    /// a fault may have come before them.
     pub(super) fn take_zeroed(&mut self, feedback: &Feedback) {
         let machine = &self.setup.machine;
         let tolerance = |axis: usize| {
@@ -185,7 +186,8 @@ impl Operator {
         self.raise(sequence, Alarm::ReferenceLost, text);
     }
 
-    /// Of axes that are homed by an absolute encoder: those whose drives say no longer that it is one are not homed any more.
+    /// Of axes that are homed by an absolute encoder: those whose drives say no longer that it is one are not
+    /// homed any more.
     pub(super) fn watch_absolute(&mut self, absolute: AxisMask) {
         let homing = self.setup.machine.homing.iter();
         let lost = homing
@@ -269,7 +271,8 @@ impl Operator {
                 self.rename(renamed, AxisMask::one(i), home_offset);
                 let mut text = format!("axis {}: machine zero set, shifted by {shift:.6}", axis.letter());
                 if let Some(from_switch) = from_switch {
-                    // Near 0 and near the distance of two pulses the switch may choose another pulse the next time.
+                    // Near 0 and near the distance of two pulses the switch may choose another pulse the next
+                    // time.
                     let _infallible = write!(text, ", index pulse {from_switch:.6} from the switch");
                 }
                 self.record(
@@ -320,7 +323,8 @@ impl Operator {
     }
 }
 
-/// The sentence of alarm 418: of any axes it fits into the status. `by_hand` are those of `lost` without `[[homing]]`.
+/// The sentence of alarm 418: of any axes it fits into the status. `by_hand` are those of `lost` without
+/// `[[homing]]`.
 fn reference_lost(lost: AxisMask, by_hand: AxisMask, home: &Axes) -> String {
     let letter = |axis: usize| AxisLetter::ALL[axis].letter();
     let lost: String = lost.axes().map(letter).collect();

@@ -1,4 +1,5 @@
-//! Homing that is broken off at any moment: operator, cycle and a bridge with one drive in one thread, in time of their own.
+//! Homing that is broken off at any moment: operator, cycle and a bridge with one drive in one thread, in
+//! time of their own.
 
 use std::time::{Duration, Instant};
 
@@ -19,7 +20,8 @@ const LEAD: u64 = 2;
 /// Where the motor of X closes its switch, and the machine coordinate of that.
 const EDGE: f64 = -20.0;
 const REFERENCE: f64 = -5.0;
-/// Errors of the trial are smaller, mm: a switch is seen some periods late, and feedback is as old. A wrong zero is off by 15 mm.
+/// Errors of the trial are smaller, mm: a switch is seen some periods late, and feedback is as old. A wrong
+/// zero is off by 15 mm.
 const NEAR: f64 = 0.2;
 const HOMING: &str =
     "[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 50\nlatch_mm_s = 5\nswitch_mm = -5\n";
@@ -290,7 +292,8 @@ fn an_axis_is_homed_only_once_its_drive_shows_the_coordinate() {
     assert!(kept > 4 && lost > 4, "{kept} {lost}");
 }
 
-/// The desk may look in the middle of a cycle: whoever sees that power is gone or that homing has ended sees the alarm, too.
+/// The desk may look in the middle of a cycle: whoever sees that power is gone or that homing has ended sees
+/// the alarm, too.
 #[test]
 fn homing_that_a_drive_fault_ends_never_ends_without_its_alarm() {
     let mut bench = Bench::homed_by_switch();
@@ -349,7 +352,8 @@ fn a_bridge_that_takes_the_number_and_keeps_its_names_homes_no_axis() {
     assert!(was_renamed && !bench.is_busy());
 }
 
-/// The cycle renames at rest only. An order that comes in motion leaves everything as it was, and homing works afterwards.
+/// The cycle renames at rest only. An order that comes in motion leaves everything as it was, and homing
+/// works afterwards.
 #[test]
 fn new_coordinates_that_the_cycle_refuses_are_forgotten() {
     let mut bench = Bench::homed_by_switch();

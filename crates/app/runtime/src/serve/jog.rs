@@ -17,8 +17,8 @@ const TURN_LEAD_NS: u64 = 12_000_000;
 /// A steered motion that needs no dead-man.
 pub(super) const FOR_EVER: u64 = u64::MAX;
 
-/// Limits for the axes as they are: an axis whose zero is unknown may go its travel's length either way, and one
-/// that stands beyond its travel may come back.
+/// Limits for the axes as they are: an axis whose zero is unknown may go its travel's length either way, and
+/// one that stands beyond its travel may come back.
 pub(crate) fn limits_here(machine: &Limits, position: &Axes, homed: AxisMask) -> Limits {
     let mut limits = *machine;
     for i in 0..AXES {
@@ -42,8 +42,8 @@ fn slowed(limits: &Limits, from: &AxesState, speed: &Axes) -> Limits {
     let present = from.unavoidable_speed(limits);
     for i in 0..AXES {
         if limits.present[i] {
-            // What moves faster than is wanted now may do so while it slows down. An axis may be limited to less than the
-            // lowest speed, which `clamp` would not forgive.
+            // What moves faster than is wanted now may do so while it slows down. An axis may be limited to
+            // less than the lowest speed, which `clamp` would not forgive.
             let wanted = speed[i].max(1.0001 * present[i]).max(MIN_SPEED);
             slowed.velocity[i] = wanted.min(limits.velocity[i]);
         }
@@ -58,7 +58,8 @@ pub(super) struct JogWay {
     pub(super) to: Axes,
     /// Of each axis at most.
     pub(super) speed: Axes,
-    /// Each axis moves on its own, and slows down to its speed at once. Otherwise all arrive at the same time.
+    /// Each axis moves on its own, and slows down to its speed at once. Otherwise all arrive at the same
+    /// time.
     pub(super) slows_down_first: bool,
     /// When it ends by itself.
     pub(super) until_ns: u64,
@@ -168,7 +169,8 @@ impl Steered {
         self.turn.take_if(|turn| turn.order == order);
     }
 
-    /// Handles a life sign of a client. Returns until when the axes may move, ns of CLOCK_MONOTONIC; none where the jog needs no life sign.
+    /// Handles a life sign of a client. Returns until when the axes may move, ns of CLOCK_MONOTONIC; none
+    /// where the jog needs no life sign.
     fn renew(&mut self, client: u64, now_ns: u64) -> Result<Option<u64>, Rejection> {
         let Some(held) = self.intent.held() else {
             return Ok(None);
@@ -245,8 +247,8 @@ impl Operator {
         self.drive_intent()
     }
 
-    /// Orders what the jogs have asked for, once the change before it has come back from the cycle. A change that came too late
-    /// is ordered again.
+    /// Orders what the jogs have asked for, once the change before it has come back from the cycle. A change
+    /// that came too late is ordered again.
     ///
     /// # Errors
     /// There is no such motion within the limits.
@@ -276,7 +278,8 @@ impl Operator {
         Ok(())
     }
 
-    /// Goes on with a jog that waits for the change before it. One that cannot be driven from where the axes are by now stops.
+    /// Goes on with a jog that waits for the change before it. One that cannot be driven from where the axes
+    /// are by now stops.
     pub(super) fn follow_jog(&mut self) {
         let Err(refusal) = self.drive_intent() else { return };
         self.message.tell(format!("the jog was stopped: {refusal}"));
@@ -286,8 +289,8 @@ impl Operator {
         }
     }
 
-    /// The motion has come to its end before the cycle took up the last jog: that begins from here, in the same job. Returns
-    /// whether there is one.
+    /// The motion has come to its end before the cycle took up the last jog: that begins from here, in the
+    /// same job. Returns whether there is one.
     pub(super) fn goes_on_from_rest(&mut self) -> bool {
         let here = self.view.setpoint.position;
         let limits = limits_here(&self.limits, &here, self.desk.homed());
@@ -367,7 +370,8 @@ impl Operator {
         Ok(self.desk.job_begins(Activity::Jog))
     }
 
-    /// Turns the jog under way over after a setpoint. `is_intended` says that this does what the jogs have asked for.
+    /// Turns the jog under way over after a setpoint. `is_intended` says that this does what the jogs have
+    /// asked for.
     ///
     /// # Errors
     /// There is no such motion within the limits.
@@ -391,14 +395,14 @@ impl Operator {
         Ok(())
     }
 
-    /// The guard checks the travel for which the next job is planned: the trace has it, so that a stop at its end comes out the
-    /// same when it is computed again.
+    /// The guard checks the travel for which the next job is planned: the trace has it, so that a stop at its
+    /// end comes out the same when it is computed again.
     pub(super) fn begin_within(&mut self, limits: &Limits) {
         self.order(CycleCommand::Within(*limits));
     }
 
-    /// Begins a steered motion at rest. A jog is recorded when it is accepted, and so without a command here: one that takes over from
-    /// another may never be ordered by itself.
+    /// Begins a steered motion at rest. A jog is recorded when it is accepted, and so without a command here:
+    /// one that takes over from another may never be ordered by itself.
     ///
     /// # Errors
     /// There is no such motion within the limits.

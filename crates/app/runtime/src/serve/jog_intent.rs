@@ -50,8 +50,8 @@ impl JogIntent {
         }
     }
 
-    /// The intent after a jog that takes over from this one. An increment adds to an increment. Otherwise the axes that the jog
-    /// does not name stop, and an increment counts from where its axis would stop.
+    /// The intent after a jog that takes over from this one. An increment adds to an increment. Otherwise the
+    /// axes that the jog does not name stop, and an increment counts from where its axis would stop.
     pub(super) fn taken_over_by(&self, jog: &JogCommand, held: Option<JogEnable>, limits: &Limits) -> Self {
         let is_increment = jog.distance.is_some();
         let mut after = if is_increment && self.is_increment {

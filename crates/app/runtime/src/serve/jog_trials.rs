@@ -1,4 +1,5 @@
-//! Random sequences of jogs, increments, stops and life signs: operator and cycle in one thread, in time of their own.
+//! Random sequences of jogs, increments, stops and life signs: operator and cycle in one thread, in time of
+//! their own.
 
 use std::sync::mpsc::channel;
 
@@ -10,8 +11,8 @@ use super::bench::Bench;
 use super::operator::Job;
 use crate::news::{ExternalEventKind, FeederEvent};
 
-/// Cycles after which a speed asked for is reached, or an axis at rest: from 500 mm/s with 3000 mm/s2 and its jerk, and the time
-/// until a change is applied, also one that came too late the first time.
+/// Cycles after which a speed asked for is reached, or an axis at rest: from 500 mm/s with 3000 mm/s2 and its
+/// jerk, and the time until a change is applied, also one that came too late the first time.
 const SETTLES: u64 = 450;
 /// Cycles without a life sign after which a jog without distance begins to stop.
 const PATIENCE: u64 = 90;
@@ -225,7 +226,8 @@ fn random_jogs_keep_the_speed_and_the_distance_asked_for_and_the_dead_man() {
     );
 }
 
-/// Also a jog that takes over from one under way, and one that another replaces before the cycle has taken it.
+/// Also a jog that takes over from one under way, and one that another replaces before the cycle has taken
+/// it.
 #[test]
 fn each_jog_is_recorded_once() {
     let mut bench = Bench::new();

@@ -101,7 +101,8 @@ impl Operator {
     /// Jogs away from the held program.
     ///
     /// # Errors
-    /// The program cannot be left here, more than one axis is named, the target is beyond the travel, or another axis moves.
+    /// The program cannot be left here, more than one axis is named, the target is beyond the travel, or
+    /// another axis moves.
     pub(super) fn jog_away(&mut self, jog: &JogCommand, client: u64, now_ns: u64) -> Result<u64, Rejection> {
         if let Some(objection) = self.objection_to_leaving() {
             return Err(objection);
@@ -169,8 +170,8 @@ impl Operator {
         Ok(())
     }
 
-    /// Notes that whatever moves the axes away from the program is to stop; the program stays held. Returns whether anything
-    /// moves, which [`CycleCommand::StopSteering`] stops then.
+    /// Notes that whatever moves the axes away from the program is to stop; the program stays held. Returns
+    /// whether anything moves, which [`CycleCommand::StopSteering`] stops then.
     pub(super) fn stop_away(&mut self) -> bool {
         let Some(away) = self.away() else { return false };
         away.is_returning = false;
@@ -235,7 +236,8 @@ impl Operator {
     /// RETRACE: drives backwards along the path of the program.
     ///
     /// # Errors
-    /// The program cannot be left here, the axes were jogged away or still move, or the path is not known so far back.
+    /// The program cannot be left here, the axes were jogged away or still move, or the path is not known so
+    /// far back.
     pub(super) fn retrace(&mut self, blocks: u32, command: &Command) -> Result<(), Rejection> {
         if let Some(objection) = self.objection_to_leaving() {
             return Err(objection);

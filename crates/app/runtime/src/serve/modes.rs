@@ -39,8 +39,9 @@ impl Modes {
         }
     }
 
-    /// Lines that bring an interpreter into these modes, apart from spindle, coolant, the selected tool, and motions other than G0 and G1 (arcs
-    /// and cycles do not stand alone on a line). Offsets of work and G92 are kept in parameters.
+    /// Lines that bring an interpreter into these modes, apart from spindle, coolant, the selected tool, and
+    /// motions other than G0 and G1 (arcs and cycles do not stand alone on a line). Offsets of work and G92
+    /// are kept in parameters.
     pub(crate) fn preamble(&self) -> String {
         let mut text = String::new();
         let offset = &self.modal.tool_offset;
@@ -76,8 +77,8 @@ impl Modes {
         let motion = words.next().filter(|word| ["G0", "G1"].contains(word));
         let words: Vec<&str> = words
             .take_while(|word| !word.starts_with('S'))
-            // Offsets of tools are given by their values above, and the work offset in force by the kept parameters.
-            // A G49 of MDI before a program would take back the length with which that has ended.
+            // Offsets of tools are given by their values above, and the work offset in force by the kept
+            // parameters. A G49 of MDI before a program would take back the length with which that has ended.
             .filter(|word| {
                 !["G41", "G43", "G49"].contains(word) && !word.starts_with('F') && !selects_work(word)
             })
@@ -95,8 +96,8 @@ fn selects_work(word: &str) -> bool {
     (54..=59).any(|number| word.starts_with(&format!("G{number}")))
 }
 
-/// What a text leaves, found without moving anything; the first error in it otherwise. `kept` says which parameters
-/// count.
+/// What a text leaves, found without moving anything; the first error in it otherwise. `kept` says which
+/// parameters count.
 pub(crate) fn simulate_modes(
     text: &str,
     settings: &Settings,

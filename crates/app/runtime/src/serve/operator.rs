@@ -33,8 +33,8 @@ use crate::job::Setup;
 use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
 use crate::periphery_track::PeripheryOrder;
 
-/// By how much later than the cycle's watch the desk finds that drives do not come into operation, ns: the watch begins when power is
-/// requested, which may be 2.5 s after the command.
+/// By how much later than the cycle's watch the desk finds that drives do not come into operation, ns: the
+/// watch begins when power is requested, which may be 2.5 s after the command.
 const ENABLE_MARGIN_NS: u64 = 2_600_000_000;
 
 pub(super) enum Job {
@@ -139,7 +139,8 @@ impl Operator {
         let limits = machine.limits();
         let bounds = watch_settings(machine, setup.period_ns).bounds;
         let mut desk = OperatorState::default();
-        // Axes that the core cannot home stand where the machine file says, or where their drives say, as long as these keep it.
+        // Axes that the core cannot home stand where the machine file says, or where their drives say, as
+        // long as these keep it.
         desk.set_homed(present.without(to_home));
         // The cycle's watch has the same time and knows which drive it is: this comes second.
         let enable_timeout_ns = (machine.drives.enable_timeout_s * 1e9) as u64;
@@ -355,8 +356,9 @@ impl Operator {
                 self.drives.renaming = Axes::zeros();
             }
         }
-        // After the views: a cycle reports its events before its view, so whatever led to what the view shows is here too. The other
-        // way round power could be seen to be gone before its alarm, and a job would end without a reason.
+        // After the views: a cycle reports its events before its view, so whatever led to what the view shows
+        // is here too. The other way round power could be seen to be gone before its alarm, and a job would
+        // end without a reason.
         while let Ok(event) = events.pop() {
             self.inbox.push_back(event);
         }
@@ -396,7 +398,8 @@ impl Operator {
             // Whatever took the power: a machine that is on without it would accept jobs that move nothing.
             self.lose_power();
         }
-        // The program waits for a spindle, an input or a program of a user in the state of a program stop: no operator holds it.
+        // The program waits for a spindle, an input or a program of a user in the state of a program stop: no
+        // operator holds it.
         let is_held = match self.view.setpoint.state {
             State::Held => true,
             State::ProgramStop => !self.is_waiting(),

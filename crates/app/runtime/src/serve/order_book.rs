@@ -13,7 +13,8 @@ use super::recorded::JobNotes;
 use super::urgent::{Urgent, UrgentOrders};
 use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
 
-/// The last part of the queue is for what the core orders by itself: with less, commands are refused that begin or change something.
+/// The last part of the queue is for what the core orders by itself: with less, commands are refused that
+/// begin or change something.
 const KEPT_FOR_THE_CORE: usize = 256;
 
 /// A command on its way to the cycle.
@@ -33,7 +34,8 @@ impl PendingCommand {
     }
 }
 
-/// An override: of many that come within one cycle only the newest is sent, so that they never fill the queue.
+/// An override: of many that come within one cycle only the newest is sent, so that they never fill the
+/// queue.
 #[derive(Default)]
 struct OverrideTrack {
     /// The order that the cycle has not taken yet.
@@ -49,12 +51,13 @@ pub(super) struct OrderBook {
     next_id: u64,
     /// Commands whose orders the cycle has not taken, by the numbers of these.
     pending: VecDeque<(u64, PendingCommand)>,
-    /// Urgent orders, which overtake the others: also those without a command, because one that the cycle reports stands for all
-    /// of its kind before it, and for none of the queue.
+    /// Urgent orders, which overtake the others: also those without a command, because one that the cycle
+    /// reports stands for all of its kind before it, and for none of the queue.
     pending_urgent: VecDeque<(Urgent, u64, Option<PendingCommand>)>,
     /// Of the feed, and of the spindles.
     overrides: [OverrideTrack; 2],
-    /// Holds and stops of steered motions that the cycle has not taken yet: the same again needs no other order.
+    /// Holds and stops of steered motions that the cycle has not taken yet: the same again needs no other
+    /// order.
     repeatable: [Option<u64>; 2],
     /// What did not fit into the queue.
     lost: Vec<Order>,
@@ -171,7 +174,8 @@ impl OrderBook {
         self.orders.is_full()
     }
 
-    /// What did not fit into the queue since the last call. The cycle has the order of an emergency stop then.
+    /// What did not fit into the queue since the last call. The cycle has the order of an emergency stop
+    /// then.
     pub(super) fn take_lost(&mut self) -> Vec<Order> {
         std::mem::take(&mut self.lost)
     }
@@ -183,7 +187,8 @@ impl OrderBook {
         }
         if let Some((kind, ..)) = self.pending_urgent.iter().find(|(_, known, _)| *known == id) {
             let kind = *kind;
-            // Older ones of its kind have counted together with it. Those of the queue count when the cycle comes to them.
+            // Older ones of its kind have counted together with it. Those of the queue count when the cycle
+            // comes to them.
             while let Some(at) =
                 (self.pending_urgent.iter()).position(|(other, known, _)| *other == kind && *known <= id)
             {
@@ -262,7 +267,8 @@ const fn repeatable_of(what: &CycleCommand) -> Option<usize> {
     }
 }
 
-/// Whether a hold or a stop that is ordered after it says something new: it lets the axes move, or ends a hold.
+/// Whether a hold or a stop that is ordered after it says something new: it lets the axes move, or ends a
+/// hold.
 const fn ends_repetition(what: &CycleCommand) -> bool {
     matches!(
         what,
@@ -318,7 +324,8 @@ mod tests {
         texts.collect()
     }
 
-    /// ESTOP during a job: its stop has no command of its own, and the cycle reports it before the override that it had popped.
+    /// ESTOP during a job: its stop has no command of its own, and the cycle reports it before the override
+    /// that it had popped.
     #[test]
     fn a_stop_without_a_command_discards_no_command_of_the_queue() {
         let mut desk = Desk::new(64);

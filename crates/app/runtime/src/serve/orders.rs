@@ -62,19 +62,21 @@ pub(crate) enum CycleCommand {
     Follow(Box<Following>),
     /// Begin a steered motion, or a transfer of the excursion if a program is held.
     Steer(Box<TransferExecutor>),
-    /// Change to this steering right after setpoint `after`, which may go on until `until_ns` of CLOCK_MONOTONIC. Reported where
-    /// that has been done.
+    /// Change to this steering right after setpoint `after`, which may go on until `until_ns` of
+    /// CLOCK_MONOTONIC. Reported where that has been done.
     Turn {
         after: u64,
         until_ns: u64,
         steering: Box<TransferExecutor>,
     },
-    /// Retrace the path of the held program by `back` block starts, or for 0 forwards to where the program is held.
+    /// Retrace the path of the held program by `back` block starts, or for 0 forwards to where the program is
+    /// held.
     Retrace {
         back: u32,
     },
     Hold,
-    /// Ends a hold, and continues after the program stop that is preceded by this number of actions, if the machine is stopped there.
+    /// Ends a hold, and continues after the program stop that is preceded by this number of actions, if the
+    /// machine is stopped there.
     Resume(Option<u32>),
     /// The same without ending a hold.
     GoOn(u32),
@@ -92,7 +94,8 @@ pub(crate) enum CycleCommand {
     Power(PowerRequest),
     /// Faults of core and drives are over.
     Clear,
-    /// The axes stand; this place has these coordinates and limits. `renames`: the drives must take over the new names.
+    /// The axes stand; this place has these coordinates and limits. `renames`: the drives must take over the
+    /// new names.
     Relocate {
         position: Axes,
         limits: Limits,

@@ -5,7 +5,8 @@ use std::sync::mpsc::{self, Sender};
 use crate::periphery::Periphery;
 use crate::periphery_track::PeripheryOrder;
 
-/// The periphery as the operator knows it, and the way to the publisher, who says on the bus with which setpoint it changes.
+/// The periphery as the operator knows it, and the way to the publisher, who says on the bus with which
+/// setpoint it changes.
 #[derive(Debug)]
 pub(crate) struct PeripheryDesk {
     now: Periphery,

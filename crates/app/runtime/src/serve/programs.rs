@@ -38,11 +38,12 @@ pub const BEFORE_LINE: &str = "stopped before line ";
 /// Why nothing is kept any more.
 const NO_SAVER: &str = "no thread to write with; restart the core";
 
-/// How long the planner's thread may take to end after the machine is through with a job. It ends in milliseconds unless a read of
-/// the program or of a subroutine hangs.
+/// How long the planner's thread may take to end after the machine is through with a job. It ends in
+/// milliseconds unless a read of the program or of a subroutine hangs.
 const PLANNER_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Blocks and actions that a planner which has not ended may have numbered, at most: more than its queues hold.
+/// Blocks and actions that a planner which has not ended may have numbered, at most: more than its queues
+/// hold.
 const NUMBERS_LEFT: u32 = 1 << 20;
 
 /// A program or a block of MDI.
@@ -180,7 +181,8 @@ impl Operator {
         self.check_loaded(file)?;
         let mut setup = self.setup_here();
         setup.start_line = (line > 1).then_some(line);
-        // Nothing knows what stands in the way there: the plan begins with a program stop, and somebody has to look.
+        // Nothing knows what stands in the way there: the plan begins with a program stop, and somebody has
+        // to look.
         let way = match setup.start_line {
             None => None,
             Some(_) => Some(show_way(file.look.file.clone(), setup.clone())?),
@@ -383,8 +385,8 @@ impl Operator {
     }
 }
 
-/// A diagnostic as one sentence with its place and the calls that lead there. `lines_before` are those of a preamble, which
-/// the operator has not written.
+/// A diagnostic as one sentence with its place and the calls that lead there. `lines_before` are those of a
+/// preamble, which the operator has not written.
 pub(super) fn sentence(diagnostic: &evolvent_gcode::Diagnostic, lines_before: u32) -> String {
     let place = |file: Option<&str>, line: u32| match file {
         Some(file) => format!("{file}:{line}"),

@@ -11,12 +11,13 @@ use super::files::{Found, MdiBlock, Reading, read_program, read_tools, written};
 use super::operator::{Job, Operator};
 use crate::memory::ProgramMemory;
 
-/// Lines that a block of MDI may execute, loops and subroutines among them, before it is refused: a client waits.
+/// Lines that a block of MDI may execute, loops and subroutines among them, before it is refused: a client
+/// waits.
 const MAX_LINES_OF_MDI: u64 = 1_000_000;
 
 impl Operator {
-    /// Whether a request is answered although files are being read for another one: all that stops or slows the axes, and what is
-    /// not of this version and is rejected anyway.
+    /// Whether a request is answered although files are being read for another one: all that stops or slows
+    /// the axes, and what is not of this version and is rejected anyway.
     pub(crate) fn is_urgent(request: &ControlRequest) -> bool {
         const URGENT: [CommandCode; 9] = [
             CommandCode::Estop,
@@ -44,7 +45,8 @@ impl Operator {
         request.is_compatible() && STOPS.iter().any(|code| *code as u32 == request.command)
     }
 
-    /// The answer to a client that sends the next command before it has the answer to the one whose files are being read.
+    /// The answer to a client that sends the next command before it has the answer to the one whose files are
+    /// being read.
     pub(crate) fn refuse_while_reading(&mut self, request: &ControlRequest) -> ControlAnswer {
         let text = "the files of an earlier command are still being read; wait for its answer";
         let refused = self.desk.refuse(Rejection::new(Alarm::Checking, text));

@@ -44,7 +44,8 @@ impl JobNotes {
         (self.tools, self.parameters, self.program) = (None, None, None);
     }
 
-    /// A program or a block of MDI is going to be planned. Gives the name under which its subroutines are attached.
+    /// A program or a block of MDI is going to be planned. Gives the name under which its subroutines are
+    /// attached.
     pub(super) fn plans(
         &mut self,
         recorder: &Sender<FeederEvent>,

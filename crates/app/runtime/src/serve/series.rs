@@ -10,8 +10,8 @@ use crate::file_stamp::file_stamp;
 
 /// A trace goes on in a new file when it is this old and nothing moves.
 const FILE_AGE: Duration = Duration::from_secs(3600);
-/// Share of the bound that the present file may take before it goes on in a new one, although something moves. The other files
-/// keep the rest.
+/// Share of the bound that the present file may take before it goes on in a new one, although something
+/// moves. The other files keep the rest.
 const FILE_FRACTION: u64 = 4;
 const ENDINGS: [&str; 3] = [".mcap", ".mcap.part", ".mcap.damaged"];
 
@@ -47,12 +47,14 @@ impl TraceSeries {
         self.folder.join(format!("{}-{stamp}.mcap", self.name))
     }
 
-    /// Whether the present file should end: it is old and the machine idle, or it takes its share of the bound.
+    /// Whether the present file should end: it is old and the machine idle, or it takes its share of the
+    /// bound.
     pub(crate) fn is_due(&self, begun: Instant, bytes: u64, is_idle: bool) -> bool {
         (is_idle && begun.elapsed() >= FILE_AGE) || bytes >= self.limit_bytes / FILE_FRACTION
     }
 
-    /// Removes the oldest files of this machine until the others and one more file fit within the bound; says how many.
+    /// Removes the oldest files of this machine until the others and one more file fit within the bound; says
+    /// how many.
     ///
     /// # Errors
     /// The folder cannot be read. A file that cannot be removed is left.

@@ -113,8 +113,8 @@ pub(crate) struct ServedParts {
 
 struct Turn {
     after: u64,
-    /// Until when the axes may move by it. It replaces that of the motion before where the turn is applied, and not sooner: a turn
-    /// that comes too late must not free a jog of its dead-man switch.
+    /// Until when the axes may move by it. It replaces that of the motion before where the turn is applied,
+    /// and not sooner: a turn that comes too late must not free a jog of its dead-man switch.
     until_ns: u64,
     id: u64,
     steering: Box<TransferExecutor>,
@@ -195,8 +195,8 @@ impl CycleState {
         matches!(self.work, ActiveJob::None)
     }
 
-    /// Whether nothing forbids motion. An order may have been on its way while the chain opened. Drives without power follow no
-    /// setpoint, and those that lose it at rest soon follow none.
+    /// Whether nothing forbids motion. An order may have been on its way while the chain opened. Drives
+    /// without power follow no setpoint, and those that lose it at rest soon follow none.
     fn is_ready(&self) -> bool {
         !self.faulted && !self.is_estop && self.drive.power == PowerRequest::On && !self.power_off_at_rest
     }
@@ -319,8 +319,8 @@ impl SetpointSource for ServedCycle {
 
 impl ServedParts {
     fn report(&mut self, event: CycleEvent) {
-        // The queue is as long as all orders and jobs together: it is never full while control lives. What finds no
-        // room anyway must not be dropped here, since dropping frees memory.
+        // The queue is as long as all orders and jobs together: it is never full while control lives. What
+        // finds no room anyway must not be dropped here, since dropping frees memory.
         if let Err(rtrb::PushError::Full(event)) = self.events.push(event) {
             std::mem::forget(event);
         }

@@ -30,8 +30,8 @@ impl StatusSource for ServedStatus {
     fn follow(&mut self, _: &mut StatusPort<'_>, _: &DueSetpoint, _: &Setpoint, _: bool) {}
 
     fn receive(&mut self, feedback: &Feedback) {
-        // What the cycle does not take in time is older than what it has. Its watch reports values that are not finite; nobody else
-        // sees it.
+        // What the cycle does not take in time is older than what it has. Its watch reports values that are
+        // not finite; nobody else sees it.
         let _full = self.feedback.push(*feedback);
         if feedback.is_finite() {
             let _full = self.answers.push(*feedback);

@@ -45,7 +45,8 @@ use crate::spindle_command::SpindleCommands;
 use crate::start_error::{CYCLE_TIMEOUT, StartError};
 use crate::stop_watch::StopWatch;
 
-/// Snapshots on their way to the publisher, feedback on its way to the cycle and to control, and counts on their way back.
+/// Snapshots on their way to the publisher, feedback on its way to the cycle and to control, and counts on
+/// their way back.
 const SNAPSHOTS: usize = 64;
 const FEEDBACK: usize = 256;
 const ANSWERS: usize = 4096;
@@ -54,8 +55,8 @@ const COUNTS: usize = 8;
 const ORDERS: usize = 1024;
 const EVENTS: usize = 4096;
 
-/// Serves a machine until `stop` is set; stops within the limits then. `tell` hears what people should know at
-/// once.
+/// Serves a machine until `stop` is set; stops within the limits then. `tell` hears what people should know
+/// at once.
 ///
 /// # Errors
 /// It could not be started; nothing has moved.
@@ -201,7 +202,8 @@ impl Service {
             trace,
             published: (published, _),
             pulse,
-            // The service of commands is there until the last file is written, and the manager hears of the end.
+            // The service of commands is there until the last file is written, and the manager hears of the
+            // end.
             server: _server,
             manager: _manager,
             ..

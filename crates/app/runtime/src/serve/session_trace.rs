@@ -52,8 +52,8 @@ pub(super) struct Recorded {
 }
 
 impl SessionTrace {
-    /// Creates the first file and starts the recorder; nothing where none is wanted. `note` hears what became of traces that
-    /// killed sessions have left.
+    /// Creates the first file and starts the recorder; nothing where none is wanted. `note` hears what became
+    /// of traces that killed sessions have left.
     ///
     /// # Errors
     /// The file cannot be created.

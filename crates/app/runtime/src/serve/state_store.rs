@@ -75,7 +75,8 @@ pub(crate) struct StateStore {
     saved: ProgramMemory,
     /// Which tool is in the spindle.
     pub tool: u32,
-    /// A tool change that has begun: from there to its end, or until the operator names the tool, the tool is not known.
+    /// A tool change that has begun: from there to its end, or until the operator names the tool, the tool is
+    /// not known.
     pub change: Option<ChangeMark>,
     /// It is the present job's.
     pub is_change_under_way: bool,
@@ -101,8 +102,8 @@ pub fn state_folder(machine_name: &str) -> PathBuf {
 }
 
 impl StateStore {
-    /// Takes what the machine file names, and what that leaves open from `folder`. A file that cannot be read is set
-    /// aside as `NAME.damaged`, so that the machine can be started, and told of.
+    /// Takes what the machine file names, and what that leaves open from `folder`. A file that cannot be read
+    /// is set aside as `NAME.damaged`, so that the machine can be started, and told of.
     pub(crate) fn open(mut memory: ProgramMemory, folder: &Path) -> Self {
         let mut complaints = Vec::new();
         let mut change = ChangeMark::read(folder);
@@ -119,7 +120,8 @@ impl StateStore {
             let file = folder.join("parameters.var");
             if let Err(error) = memory.load_parameters(file.clone()) {
                 complain(&error, &file);
-                // The tool in the spindle was among them. Until the operator names it, also after another restart.
+                // The tool in the spindle was among them. Until the operator names it, also after another
+                // restart.
                 if change.is_none() {
                     let mark = ChangeMark::UNKNOWN;
                     // If this fails, the next start finds the same damaged file and reports it again.
@@ -154,8 +156,8 @@ impl StateStore {
         }
     }
 
-    /// Has `memory` written where it differs from what was written last; what comes of it is received. Nobody waits here: a disk
-    /// may take long, or for ever. Of several, each is written after the one before.
+    /// Has `memory` written where it differs from what was written last; what comes of it is received. Nobody
+    /// waits here: a disk may take long, or for ever. Of several, each is written after the one before.
     pub(crate) fn save(&self, memory: ProgramMemory) -> Receiver<Saved> {
         self.save_and_mark(memory, Marking::Leave)
     }

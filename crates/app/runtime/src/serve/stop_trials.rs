@@ -54,7 +54,8 @@ impl Bench {
         self.comes_to_feed();
     }
 
-    /// The block under way comes to its feed. Files are read, and paths planned, by threads that need time of their own.
+    /// The block under way comes to its feed. Files are read, and paths planned, by threads that need time of
+    /// their own.
     fn comes_to_feed(&mut self) {
         let begun = Instant::now();
         while self.last.velocity[0] < 35.0 {
@@ -206,7 +207,8 @@ fn a_job_that_an_emergency_stop_forbids_raises_no_alarm_of_its_own() {
     assert!(matches!(bench.operator.job, Job::None), "the jog has ended");
 }
 
-/// Three clients turn knobs faster than the cycle takes orders; none of them must keep an emergency stop waiting.
+/// Three clients turn knobs faster than the cycle takes orders; none of them must keep an emergency stop
+/// waiting.
 #[test]
 fn an_emergency_stop_in_a_flood_of_overrides_counts_in_the_next_cycle() {
     let mut bench = Bench::new();
@@ -228,7 +230,8 @@ fn an_emergency_stop_in_a_flood_of_overrides_counts_in_the_next_cycle() {
     assert!(bench.alarms().is_empty());
 }
 
-/// Clients that hold the feed as fast as they can, or stop a jog away from the program: they stop nothing else.
+/// Clients that hold the feed as fast as they can, or stop a jog away from the program: they stop nothing
+/// else.
 #[test]
 fn a_flood_of_holds_and_jog_stops_is_no_emergency_stop() {
     let mut bench = Bench::new();
@@ -256,7 +259,8 @@ fn a_flood_of_holds_and_jog_stops_is_no_emergency_stop() {
     bench.comes_to_feed();
 }
 
-/// What was ordered after an emergency stop counts, and what was ordered before does not undo it, in one cycle.
+/// What was ordered after an emergency stop counts, and what was ordered before does not undo it, in one
+/// cycle.
 #[test]
 fn orders_before_and_after_an_emergency_stop_keep_their_order() {
     let mut bench = Bench::new();

@@ -19,14 +19,15 @@ pub struct ServeSummary {
     pub commands_rejected: u64,
     /// Setpoints that left after they were due.
     pub late_cycles: u64,
-    /// Readers of setpoints and bridges that were connected at the same time, at most. Late setpoints count for the exit code only
-    /// where there was one.
+    /// Readers of setpoints and bridges that were connected at the same time, at most. Late setpoints count
+    /// for the exit code only where there was one.
     pub listeners: u64,
     /// Trace records lost.
     pub dropped_records: u64,
     /// Setpoints lost on the way to the bus.
     pub dropped_setpoints: u64,
-    /// How the cycle followed the drives' clock once the lock had settled; none where it followed none, or not for long enough.
+    /// How the cycle followed the drives' clock once the lock had settled; none where it followed none, or
+    /// not for long enough.
     pub clock: Option<PhaseFigures>,
     /// Alarms in force at the end.
     pub alarms: Vec<u32>,

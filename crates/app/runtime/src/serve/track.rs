@@ -44,8 +44,8 @@ impl Track {
         }
     }
 
-    /// The cycle has come to this setpoint. Gives the last modes that have come into force, and hands over the messages
-    /// that have.
+    /// The cycle has come to this setpoint. Gives the last modes that have come into force, and hands over
+    /// the messages that have.
     pub(crate) fn reach(&mut self, setpoint: &Setpoint, mut message: impl FnMut(&Notice)) -> Option<Modal> {
         let still = [State::Idle, State::Dwell, State::ProgramStop];
         let begun = if still.contains(&setpoint.state) {
@@ -78,8 +78,8 @@ impl Track {
         modal
     }
 
-    /// Spindle, coolant and tool with this setpoint, if an action has changed them since the last time. Actions take effect
-    /// at rest, between the motion before and whatever follows, be it a dwell or a stop.
+    /// Spindle, coolant and tool with this setpoint, if an action has changed them since the last time.
+    /// Actions take effect at rest, between the motion before and whatever follows, be it a dwell or a stop.
     pub(crate) fn take_periphery(&mut self, setpoint: &Setpoint) -> Option<Periphery> {
         let mut newest = None;
         while (self.peripheries.front()).is_some_and(|(action, _)| *action < setpoint.actions) {
@@ -104,8 +104,8 @@ impl Track {
         self.planned_mm
     }
 
-    /// The program stop at which the machine stands with this setpoint, by the number of the action before it, and why it
-    /// waits there; once for each.
+    /// The program stop at which the machine stands with this setpoint, by the number of the action before
+    /// it, and why it waits there; once for each.
     pub(crate) fn take_stop(&mut self, setpoint: &Setpoint) -> Option<(u32, StopKind)> {
         while (self.stops.front()).is_some_and(|(action, _)| action + 1 < setpoint.actions) {
             self.stops.pop_front();

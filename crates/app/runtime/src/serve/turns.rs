@@ -7,20 +7,22 @@ use evolvent_path::{AxisLetter, whole_turns};
 use super::operator::{Job, Operator};
 use crate::news::ExternalEventKind;
 
-/// Farther than this an axis does not rest, degrees: a hundred turns. A double tells 7e-12 degrees apart there.
+/// Farther than this an axis does not rest, degrees: a hundred turns. A double tells 7e-12 degrees apart
+/// there.
 const FAR_DEG: f64 = 36_000.0;
 /// Of the command that such an event belongs to: none.
 const NO_COMMAND: u32 = 0;
 
 impl Operator {
-    /// Takes whole turns off coordinates that have grown, where nothing moves and nothing is about to. The drives take that over as
-    /// they take the datum of homing, without motion.
+    /// Takes whole turns off coordinates that have grown, where nothing moves and nothing is about to. The
+    /// drives take that over as they take the datum of homing, without motion.
     pub(super) fn remove_whole_turns(&mut self) {
         if self.unlimited.is_empty() || !matches!(self.job, Job::None) || !self.is_idle() {
             return;
         }
         let view = &self.view;
-        // What was ordered is carried out, and drives that are there follow, so that they take the new names over.
+        // What was ordered is carried out, and drives that are there follow, so that they take the new names
+        // over.
         let is_settled = view.datum >= self.drives.datum && matches!(view.setpoint.state, State::Idle);
         let follow = matches!(view.presence, Presence::Operational | Presence::Absent);
         if !is_settled || !follow || self.stops.ending {
@@ -124,7 +126,8 @@ mod tests {
         }
     }
 
-    /// A cycle that was computed while the order was on its way has the old coordinate; what begins behind it must not.
+    /// A cycle that was computed while the order was on its way has the old coordinate; what begins behind it
+    /// must not.
     #[test]
     fn commands_between_the_order_and_its_cycle_find_the_new_coordinate() {
         let (orders, mut cycle_orders) = RingBuffer::new(64);

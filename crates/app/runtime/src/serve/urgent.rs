@@ -1,7 +1,8 @@
 //! Orders that cannot wait: past the queue of the others, which may be long or full.
 //!
-//! Each kind has the number of its newest order. Orders are numbered in one series, whichever way they take, so the cycle knows which
-//! of two came first: an order of the queue that is older than an urgent one does not undo it.
+//! Each kind has the number of its newest order. Orders are numbered in one series, whichever way they take,
+//! so the cycle knows which of two came first: an order of the queue that is older than an urgent one does
+//! not undo it.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -56,8 +57,8 @@ impl UrgentTaken {
         Some((what, number))
     }
 
-    /// Whether one of these kinds was ordered after an order of the queue and has been taken before it. Orders without a number are
-    /// never late.
+    /// Whether one of these kinds was ordered after an order of the queue and has been taken before it.
+    /// Orders without a number are never late.
     pub(crate) fn overtook(&self, kinds: &[Urgent], number: u64) -> bool {
         number > 0 && kinds.iter().any(|what| self.taken[*what as usize] > number)
     }

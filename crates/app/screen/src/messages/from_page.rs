@@ -33,8 +33,8 @@ pub struct CommandMessage {
     pub id: u64,
     /// Number of the command.
     pub command: u32,
-    /// `time_ns` of the newest status that the page had received when the operator pressed. Commands that do not stop are refused
-    /// where that is too old: what the operator saw is past.
+    /// `time_ns` of the newest status that the page had received when the operator pressed. Commands that do
+    /// not stop are refused where that is too old: what the operator saw is past.
     #[serde(default)]
     #[ts(type = "number")]
     pub seen_ns: u64,

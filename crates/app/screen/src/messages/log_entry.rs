@@ -36,7 +36,8 @@ pub struct LogEntry {
     pub number: Option<u32>,
     /// What happened, in English.
     pub text: String,
-    /// The same by code and fields, where it is the server that says it: the sentences of alarms and messages are of the core.
+    /// The same by code and fields, where it is the server that says it: the sentences of alarms and messages
+    /// are of the core.
     pub fact: Option<LogFact>,
     /// What to do.
     pub cure: Option<String>,

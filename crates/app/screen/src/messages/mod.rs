@@ -1,4 +1,5 @@
-//! What server and page say to each other. TypeScript of the same is made from these types (`tests/generated.rs`).
+//! What server and page say to each other. TypeScript of the same is made from these types
+//! (`tests/generated.rs`).
 
 mod finding;
 mod from_page;

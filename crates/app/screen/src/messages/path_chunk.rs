@@ -15,8 +15,9 @@ pub enum PathKind {
     Planned = 1,
 }
 
-/// Vertices of the path. Little-endian: count, kind and `replaced` (u32), x y z of all (f32, mm), feed of all (f32, mm/s, negative:
-/// rapid), line of all (u32), what limits the motion of all (u8: a number of `Limiting` of `evolvent-analysis`).
+/// Vertices of the path. Little-endian: count, kind and `replaced` (u32), x y z of all (f32, mm), feed of all
+/// (f32, mm/s, negative: rapid), line of all (u32), what limits the motion of all (u8: a number of `Limiting`
+/// of `evolvent-analysis`).
 #[derive(Clone, Debug, Default)]
 pub struct PathChunk {
     position: Vec<[f32; 3]>,
@@ -46,8 +47,8 @@ impl PathChunk {
         self.feed.is_empty()
     }
 
-    /// The bytes; it is empty afterwards. `replaced`: number of vertices, from the first, of the programmed path that the planned
-    /// path so far replaces; `u32::MAX` for all.
+    /// The bytes; it is empty afterwards. `replaced`: number of vertices, from the first, of the programmed
+    /// path that the planned path so far replaces; `u32::MAX` for all.
     #[must_use]
     pub fn take_bytes(&mut self, kind: PathKind, replaced: u32) -> Vec<u8> {
         let mut bytes = Vec::with_capacity(CHUNK_HEADER_BYTES + self.len() * VERTEX_BYTES);

@@ -10,7 +10,8 @@ use super::Finding;
 pub struct ProgramInfo {
     /// Its file's name.
     pub name: String,
-    /// Number of its text, of uploads that of the upload: another one is another text, even of the same name and size.
+    /// Number of its text, of uploads that of the upload: another one is another text, even of the same name
+    /// and size.
     #[ts(type = "number")]
     pub upload: u64,
     /// Its file, as START names it and the status tells it; the status truncates a long one.

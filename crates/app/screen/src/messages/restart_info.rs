@@ -10,7 +10,8 @@ pub struct RestartInfo {
     pub line: u32,
     /// Modes, feed, speed, tool and coolant in force there.
     pub modes: String,
-    /// Where the program supposes the tool to be, machine coordinates in the order of the machine's axes: mm, degrees.
+    /// Where the program supposes the tool to be, machine coordinates in the order of the machine's axes: mm,
+    /// degrees.
     pub position: Vec<f64>,
     /// The way there from where the machine stands, step by step.
     pub steps: Vec<String>,

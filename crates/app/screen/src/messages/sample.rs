@@ -2,10 +2,11 @@
 
 use evolvent_wire::{AXES, Setpoint};
 
-/// Bytes of a sample of a machine without spindles and signals; each of these has one more f32, three of them a spindle. Little-endian:
-/// time (f64, s), line (u32), flags of the setpoint (u32), feed (f64, mm/s), position, velocity, acceleration and following error of nine
-/// axes (f32), load (f32), measured velocity of nine axes (f32); then of each spindle commanded and measured speed (rpm, negative
-/// counter-clockwise) and angle (degrees), and inputs and outputs in the order of the machine (f32). What nobody has told is NaN.
+/// Bytes of a sample of a machine without spindles and signals; each of these has one more f32, three of them
+/// a spindle. Little-endian: time (f64, s), line (u32), flags of the setpoint (u32), feed (f64, mm/s),
+/// position, velocity, acceleration and following error of nine axes (f32), load (f32), measured velocity of
+/// nine axes (f32); then of each spindle commanded and measured speed (rpm, negative counter-clockwise) and
+/// angle (degrees), and inputs and outputs in the order of the machine (f32). What nobody has told is NaN.
 pub const SAMPLE_BYTES: usize = 24 + 46 * 4;
 
 /// What drives, sensors and bridges have answered to a setpoint.

@@ -9,7 +9,8 @@ use super::SpindleStatus;
 /// Names and numbers of `tool_change` in Status.
 const TOOL_CHANGES: [(&str, u32); 3] = [("NONE", 0), ("OPERATOR", 1), ("PROGRAM", 2)];
 
-/// The status by the names, units and meanings that its fields have on the bus; lists of axes are in the order XYZABCUVW.
+/// The status by the names, units and meanings that its fields have on the bus; lists of axes are in the
+/// order XYZABCUVW.
 #[derive(Clone, Debug, PartialEq, Serialize, TS)]
 pub struct ScreenStatus {
     /// A name of the list of the bus.

@@ -1,8 +1,8 @@
 //! From text to a checked machine, with the position of every error.
 //!
-//! The text is parsed once into a table that keeps the position of every key. Serde reads that table into the types of
-//! `file.rs` (unknown keys, missing keys, wrong types). Then the numbers are checked here; an invalid one is located in the
-//! table by its dotted key.
+//! The text is parsed once into a table that keeps the position of every key. Serde reads that table into the
+//! types of `file.rs` (unknown keys, missing keys, wrong types). Then the numbers are checked here; an
+//! invalid one is located in the table by its dotted key.
 
 mod axes;
 mod corrections;

@@ -15,7 +15,8 @@ const MAX_ACCELERATION_MM_S2: f64 = 500_000.0;
 const MAX_TIME_TO_SPEED_S: f64 = 60.0;
 /// The softest machines need a tenth of a second to reach their acceleration.
 const MAX_TIME_TO_ACCELERATION_S: f64 = 5.0;
-/// Fraction of the travel by which the search for a switch may exceed it. An axis that is not homed may stand as far beyond.
+/// Fraction of the travel by which the search for a switch may exceed it. An axis that is not homed may stand
+/// as far beyond.
 const SEARCH_BEYOND: f64 = 0.1;
 
 impl Check<'_> {

@@ -4,19 +4,21 @@ use crate::involute::RollBounds;
 use crate::plane::Interval;
 use crate::quadrature::invert;
 
-/// Below this roll angle at the inner end, rad, the regular parameter is not arc length. Tuned: the derivatives by arc
-/// length grow with 1 / phi^3; any value below the 1 rad at which the parameters agree again is valid.
+/// Below this roll angle at the inner end, rad, the regular parameter is not arc length. Tuned: the
+/// derivatives by arc length grow with 1 / phi^3; any value below the 1 rad at which the parameters agree
+/// again is valid.
 const ARC_LENGTH_FROM_RAD: f64 = 0.5;
 
 /// Roll angle and arc length along an involute, counted outwards from its inner end.
 ///
-/// phi = sqrt(phi_in^2 + 2 s / r) has infinite derivatives by arc length s at phi = 0. An involute that comes close to
-/// the base circle therefore uses, in a first section, a parameter U counted from the base circle,
+/// phi = sqrt(phi_in^2 + 2 s / r) has infinite derivatives by arc length s at phi = 0. An involute that comes
+/// close to the base circle therefore uses, in a first section, a parameter U counted from the base circle,
 ///
 ///   s = u1 (3/2 x^2 - x^3 + x^4 / 4),   x = U / u1 in 0..1,   so that   ds/dU = 1 - (1 - x)^3,
 ///
-/// which joins s = U - u1 / 4 with three equal derivatives. phi = x sqrt(kappa (3/2 - x + x^2 / 4)) is analytic in it.
-/// u1 is chosen such that phi is 1 rad at the end of the section, or the section ends with the curve.
+/// which joins s = U - u1 / 4 with three equal derivatives. phi = x sqrt(kappa (3/2 - x + x^2 / 4)) is
+/// analytic in it. u1 is chosen such that phi is 1 rad at the end of the section, or the section ends with
+/// the curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Roll {
     base_radius: f64,
@@ -59,8 +61,8 @@ pub(crate) struct RollState {
 }
 
 impl RollState {
-    /// Coefficients of tangent and normal in the second and third derivative of the in-plane point. Its first derivative is
-    /// `fraction` s' t; t' = phi' n and n' = -phi' t.
+    /// Coefficients of tangent and normal in the second and third derivative of the in-plane point. Its first
+    /// derivative is `fraction` s' t; t' = phi' n and n' = -phi' t.
     pub(crate) fn weights(&self, fraction: f64) -> [f64; 4] {
         let [k1, k2, k3] = [fraction * self.s[1], fraction * self.s[2], fraction * self.s[3]];
         let (d1, d2) = (self.d1, self.d2);
@@ -99,7 +101,8 @@ impl NearBase {
 }
 
 impl Roll {
-    /// The roll from the angle `phi_in` over the in-plane length `planar_length`, with the travel `rise` normal to the plane.
+    /// The roll from the angle `phi_in` over the in-plane length `planar_length`, with the travel `rise`
+    /// normal to the plane.
     pub(crate) fn new(base_radius: f64, phi_in: f64, planar_length: f64, rise: f64) -> Self {
         let length = libm::hypot(planar_length, rise);
         let fraction = planar_length / length;
@@ -258,11 +261,12 @@ impl Roll {
     pub(crate) fn bounds(&self, from: f64, to: f64) -> RollBounds {
         let span = |a: f64, b: f64| {
             let (a, b) = (self.at(a), self.at(b));
-            // phi' falls and phi'' rises towards zero: in x over the section (a test checks it), in s after it.
+            // phi' falls and phi'' rises towards zero: in x over the section (a test checks it), in s after
+            // it.
             let (d1, d2) = (Interval::new(a.d1, b.d1), Interval::new(a.d2, b.d2));
             let s = [1, 2, 3].map(|order| Interval::new(a.s[order], b.s[order]));
-            // The tangent's weight is the in-plane part of arc length, k s = integral of r phi dphi; the rest follows from
-            // t' = phi' n, n' = -phi' t.
+            // The tangent's weight is the in-plane part of arc length, k s = integral of r phi dphi; the rest
+            // follows from t' = phi' n, n' = -phi' t.
             let [k1, k2, k3] = s.map(|range| range.scaled(self.fraction));
             RollBounds {
                 t2: k2,
@@ -299,8 +303,8 @@ mod tests {
 
     #[test]
     fn roll_angle_and_derivatives_are_monotone_near_the_base() {
-        // The bounds take the ends of a range as the extrema of phi' and phi''. Both depend on kappa only by a factor, so
-        // one kappa is enough.
+        // The bounds take the ends of a range as the extrema of phi' and phi''. Both depend on kappa only by
+        // a factor, so one kappa is enough.
         let near_base = NearBase {
             full: 1.0,
             x_in: 0.0,

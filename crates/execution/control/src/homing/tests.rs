@@ -15,8 +15,8 @@ const AXIS: HomingAxis = HomingAxis {
     home: 0.0,
 };
 
-/// An axis with a switch that closes at and below `edge` of the drive's coordinates, at constant speeds, a sample
-/// a millisecond.
+/// An axis with a switch that closes at and below `edge` of the drive's coordinates, at constant speeds, a
+/// sample a millisecond.
 struct Machine {
     position: f64,
     offset: f64,
@@ -29,7 +29,8 @@ struct Machine {
     limits: [f64; 2],
     /// The home switch presses both limit switches.
     is_shared: bool,
-    /// The edge of the home switch of a gantry's second side; each home switch is the limit switch of its side as well.
+    /// The edge of the home switch of a gantry's second side; each home switch is the limit switch of its
+    /// side as well.
     second: Option<f64>,
     /// Samples for which a home input must be stable; the limit inputs have no filter.
     filter: u32,
@@ -550,8 +551,8 @@ fn the_slow_approach_ends_at_the_limit_switch_too() {
     }
 }
 
-/// One switch may be limit and home switch, and its two inputs need not close together: that of the home switch with filters up to
-/// the slow one of a Mesa board.
+/// One switch may be limit and home switch, and its two inputs need not close together: that of the home
+/// switch with filters up to the slow one of a Mesa board.
 #[test]
 fn a_switch_that_is_both_homes_and_the_limit_may_be_seen_first() {
     for filter in [0, 10, 25, 50] {
@@ -577,8 +578,8 @@ fn a_switch_that_is_both_homes_and_the_limit_may_be_seen_first() {
     }
 }
 
-/// A gantry of which each side has one switch as home and limit switch: the limit of the side that comes first is seen until its home
-/// input is closed.
+/// A gantry of which each side has one switch as home and limit switch: the limit of the side that comes
+/// first is seen until its home input is closed.
 #[test]
 fn a_gantry_goes_on_from_the_limit_of_one_side_to_the_switch_of_the_other() {
     for filter in [1, 25, 50] {
@@ -612,7 +613,8 @@ fn a_home_switch_that_presses_both_limit_switches_is_left_and_found() {
             assert_eq!(ended, Ok(()), "{method:?} from {start}");
         }
     }
-    // A home switch of its own that is stuck: the limit switch of the other end stops the axis on its way off.
+    // A home switch of its own that is stuck: the limit switch of the other end stops the axis on its way
+    // off.
     for start in [0.0, 50.0] {
         let mut machine = Machine::at(start);
         (machine.stuck, machine.limits[1]) = (true, 50.0);

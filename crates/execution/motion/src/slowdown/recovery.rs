@@ -1,4 +1,5 @@
-//! What follows a choice of the second derivative of the rate: a recovery over the plan ahead, within the limits.
+//! What follows a choice of the second derivative of the rate: a recovery over the plan ahead, within the
+//! limits.
 
 use evolvent_machine::Limits;
 use evolvent_path::AXES;
@@ -102,7 +103,8 @@ impl<A: Lookahead> Follower<'_, A> {
         Outlook::Unsafe
     }
 
-    /// The constant `s''` that leads to the target, and how long it takes, where the limits are kept all the way.
+    /// The constant `s''` that leads to the target, and how long it takes, where the limits are kept all the
+    /// way.
     pub(super) fn landing(&mut self, from: RateState, begin: usize) -> Option<(f64, f64)> {
         let fall = from.rate - self.target;
         if fall * from.first >= 0.0 {
@@ -139,16 +141,17 @@ impl<A: Lookahead> Follower<'_, A> {
         self.ahead.sample(index)
     }
 
-    /// What a step of `span` seconds allows, from the plan at its start, at its end and at the samples between; and the last
-    /// sample before its end. None where the plan ends before the step, or within it elsewhere than at rest.
+    /// What a step of `span` seconds allows, from the plan at its start, at its end and at the samples
+    /// between; and the last sample before its end. None where the plan ends before the step, or within it
+    /// elsewhere than at rest.
     pub(super) fn bounds(&mut self, from: RateState, begin: usize, span: f64) -> Option<(Bounds, usize)> {
         let end = from.time + span * (from.rate + 0.5 * span * from.first).max(0.0);
         let limits = self.limits;
         let axes = self.axes;
         let mut gathered = Gathered::new(limits, axes, from, span);
         let (mut index, mut left) = (begin, *self.sample(begin)?);
-        // A step may end a hair before the place that its bounds were taken to, and a jump of the plan may lie between the
-        // two: what is seen ahead and what is met later must be the same.
+        // A step may end a hair before the place that its bounds were taken to, and a jump of the plan may
+        // lie between the two: what is seen ahead and what is met later must be the same.
         while left.time > from.time && index > self.ahead.oldest() {
             index -= 1;
             left = *self.sample(index)?;

@@ -14,7 +14,8 @@ use evolvent_path::{AXES, Arc, Axes, Curve, Involute, Line, Move, MoveKind, Path
 use evolvent_planner::{PathLimits, PathRules, PlanSink, Planner};
 pub use evolvent_random::Random;
 
-/// Passes methods of a [`evolvent_planner::PlanSink`] on to `self.sink`: a sink of a test has only what it changes.
+/// Passes methods of a [`evolvent_planner::PlanSink`] on to `self.sink`: a sink of a test has only what it
+/// changes.
 macro_rules! forward_to_sink {
     ($($method:ident)*) => { $(crate::common::forward_to_sink!(@ $method);)* };
     (@ segment) => {
@@ -360,7 +361,8 @@ impl Pair {
         }
     }
 
-    /// Lets the planner plan on. Where the queue is full it goes on another time: nobody takes anything while it waits.
+    /// Lets the planner plan on. Where the queue is full it goes on another time: nobody takes anything while
+    /// it waits.
     pub fn poll(&mut self) {
         let _full = self.planner.poll();
     }

@@ -1,4 +1,5 @@
-//! Threads and taps on simulated spindles of inertia, uneven speed, encoder and delay: phase, limits, and what happens when the spindle fails.
+//! Threads and taps on simulated spindles of inertia, uneven speed, encoder and delay: phase, limits, and
+//! what happens when the spindle fails.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 mod taps;
@@ -44,7 +45,8 @@ enum Trouble {
     Silent(f64),
     /// It slows down to a standstill from this time on.
     Stall(f64),
-    /// Its speed sinks by so much within its torque at this time: a tool begins to cut. Below 0 it rises: an override.
+    /// Its speed sinks by so much within its torque at this time: a tool begins to cut. Below 0 it rises: an
+    /// override.
     Load(f64, f64),
     /// It does not turn back.
     Stubborn,
@@ -274,7 +276,8 @@ fn straight(pitch: f64, length: f64, rev_s: f64) -> ThreadPass {
     }
 }
 
-/// Largest error between run-in and run-out, mm, against the true angle and a thread that begins at a whole turn; and that turn.
+/// Largest error between run-in and run-out, mm, against the true angle and a thread that begins at a whole
+/// turn; and that turn.
 fn phase_error(
     outcome: &Outcome,
     pass: &ThreadPass,

@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// Drives a pass of 30 mm in which nothing happens, within every limit and without an allocation; the largest phase error, mm.
+/// Drives a pass of 30 mm in which nothing happens, within every limit and without an allocation; the largest
+/// phase error, mm.
 fn error_of_a_pass(spindle: &Spindle, pitch: f64, what: &str) -> f64 {
     let pass = straight(pitch, 30.0, spindle.rev_s);
     let run_in = pass.check(&lathe(), 1e-3).expect("room");
@@ -150,8 +151,9 @@ fn a_tool_that_begins_to_cut_slows_the_spindle_and_the_thread_follows() {
     assert_within(&outcome.all, &lathe(), 1_000_000, "load");
     let (error, _) = phase_error(&outcome, &pass, 2.0, run_in, 1_000_000);
     println!("load step: {:.2} um", error * 1e3);
-    // Its speed sinks by 10 turns/s^2 without a warning: 5 ms until the first sample of it counts, and as long again until it
-    // stands out of the encoder's steps, are 2 mm * 10 / 2 * (10 ms)^2 = 1 um; the follower has its share.
+    // Its speed sinks by 10 turns/s^2 without a warning: 5 ms until the first sample of it counts, and as
+    // long again until it stands out of the encoder's steps, are 2 mm * 10 / 2 * (10 ms)^2 = 1 um; the
+    // follower has its share.
     assert!(error < 0.005, "{error}");
 }
 

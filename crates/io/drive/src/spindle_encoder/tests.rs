@@ -81,8 +81,8 @@ impl Shaft {
     }
 }
 
-/// Random speeds and reversals, counters of 16 and 32 bits that wrap round, both directions of counting, gears: the angle is the
-/// true one within a count, from the first pulse on.
+/// Random speeds and reversals, counters of 16 and 32 bits that wrap round, both directions of counting,
+/// gears: the angle is the true one within a count, from the first pulse on.
 #[test]
 fn the_angle_is_that_since_the_pulse_whatever_the_counter_does() {
     let mut random = Random::new();
@@ -157,7 +157,8 @@ fn an_encoder_that_was_not_read_for_too_long_looks_for_its_zero_again() {
     assert!(shaft.encoder.fault().is_none() && !shaft.encoder.is_indexed());
 }
 
-/// Three turns of the encoder per turn of the spindle: a pulse each third of a turn, and the zero is the first of them.
+/// Three turns of the encoder per turn of the spindle: a pulse each third of a turn, and the zero is the
+/// first of them.
 #[test]
 fn pulses_of_an_encoder_behind_a_gear_are_compared_by_its_own_turn() {
     let mut encoder = SpindleEncoder::new(SpindleEncoderSettings {

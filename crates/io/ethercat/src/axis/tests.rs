@@ -66,7 +66,8 @@ fn search_at_5_mm_s() -> HomingOnDrive {
     }
 }
 
-/// A drive whose counter goes back to 0 as it finds its zero, some periods before it reports that it has homed.
+/// A drive whose counter goes back to 0 as it finds its zero, some periods before it reports that it has
+/// homed.
 #[test]
 fn the_step_to_the_zero_that_the_drive_found_is_no_motion() {
     let (period_s, max_velocity) = (1e-3, 400.0);
@@ -108,8 +109,8 @@ fn the_step_to_the_zero_that_the_drive_found_is_no_motion() {
     assert_eq!(axis.velocity(), 500_000.0);
 }
 
-/// 20 lost frames, in which the counter has gone back to 0: 4 mm, which the axis could move at its largest velocity, and not at the
-/// 5 mm/s of the search.
+/// 20 lost frames, in which the counter has gone back to 0: 4 mm, which the axis could move at its largest
+/// velocity, and not at the 5 mm/s of the search.
 #[test]
 fn the_step_to_the_zero_is_no_motion_after_lost_frames_either() {
     let mut homed = axis(false);

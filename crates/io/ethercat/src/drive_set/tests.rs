@@ -39,7 +39,8 @@ fn drives_of(machine: &Machine, network: &Network, starts: &Starts) -> DriveSet 
     DriveSet::new(machine, network, PERIOD_NS, 1, starts).expect("settings")
 }
 
-/// At 300 mm/s, with a sample of each period, after four lost frames, and after ten periods in which the bridge was suspended.
+/// At 300 mm/s, with a sample of each period, after four lost frames, and after ten periods in which the
+/// bridge was suspended.
 #[test]
 fn the_velocity_after_lost_frames_is_that_of_the_time_between_the_samples() {
     let (machine, network) = mill_with("");
@@ -103,7 +104,8 @@ fn a_drive_that_is_homed_begins_at_zero_and_keeps_its_place_over_sessions() {
     }
 }
 
-/// The drives of the shipped mill, of which the first two find their zero one after the other, and their core.
+/// The drives of the shipped mill, of which the first two find their zero one after the other, and their
+/// core.
 struct Bench {
     drives: DriveSet,
     machines: Vec<DriveMachine>,
@@ -206,7 +208,8 @@ fn faults_are_reset_for_a_core_that_asks_for_it_and_for_no_other() {
     assert!(!is_in_fault(&bench));
 }
 
-/// A vertical axis, whose position loop has to carry it: one increment further down in each period if its target goes with it.
+/// A vertical axis, whose position loop has to carry it: one increment further down in each period if its
+/// target goes with it.
 #[test]
 fn a_drive_that_waits_for_the_others_holds_its_place() {
     let mut bench = Bench::new(false);

@@ -139,8 +139,8 @@ impl<'m> Cycle<'_, 'm> {
         }
     }
 
-    /// Reports of the recording, and of the clocks. Reads the system time difference of a device if one is due, in the time that is left
-    /// until the next cycle.
+    /// Reports of the recording, and of the clocks. Reads the system time difference of a device if one is
+    /// due, in the time that is left until the next cycle.
     fn observe_clocks(&self, pump: &mut Pump<'_, '_>, next_ns: u64, ends: &mut Ends<'_, '_>) {
         if !self.operational {
             return;
@@ -152,7 +152,8 @@ impl<'m> Cycle<'_, 'm> {
         if let Some(figures) = ends.clocks.first_report(now_ns) {
             let _full = ends.bus.notices.push(Notice::Clocks { figures });
         }
-        // A quarter of the period is enough for a frame, and another one is left to be asleep in time for the next cycle.
+        // A quarter of the period is enough for a frame, and another one is left to be asleep in time for the
+        // next cycle.
         let until_ns = next_ns.saturating_sub(self.period_ns / 4);
         if now_ns + self.period_ns / 4 > until_ns {
             return;
@@ -169,9 +170,10 @@ impl<'m> Cycle<'_, 'm> {
         self.drives.has_torque() || self.spindles.iter().any(SpindleDrive::has_torque)
     }
 
-    /// The time of an angle whose frame is due at `now_ns`. Drives with clocks sample at SYNC0, half a period before the frame, and are at
-    /// a target one and a half periods after it: half until SYNC0, one of interpolation. Without clocks they sample as the frame comes and
-    /// interpolate for a period. A thread needs the angle at which the axes are where their setpoint of that time has them.
+    /// The time of an angle whose frame is due at `now_ns`. Drives with clocks sample at SYNC0, half a period
+    /// before the frame, and are at a target one and a half periods after it: half until SYNC0, one of
+    /// interpolation. Without clocks they sample as the frame comes and interpolate for a period. A thread
+    /// needs the angle at which the axes are where their setpoint of that time has them.
     const fn sampled_ns(&self, now_ns: u64) -> u64 {
         let periods = if matches!(self.devices, Devices::Clocked(_)) {
             2
@@ -372,8 +374,9 @@ impl<'m> Cycle<'_, 'm> {
         Ok(phase_ns / PHASE_GAIN)
     }
 
-    /// Devices that do not exchange process data: the inputs of each are read by a frame of their own, and, if all are there, the outputs
-    /// written by another. Takes one round trip for each device, once: the drives are about to stop.
+    /// Devices that do not exchange process data: the inputs of each are read by a frame of their own, and,
+    /// if all are there, the outputs written by another. Takes one round trip for each device, once: the
+    /// drives are about to stop.
     fn find_silent(&self, pump: &mut Pump<'_, '_>) -> Result<u32, Error> {
         let (mut inputs, mut outputs) = ([0; MAX_DEVICES], [0; MAX_DEVICES]);
         for device in 0..self.network.devices.len() {
@@ -511,7 +514,8 @@ impl<'m> Cycle<'_, 'm> {
         }
     }
 
-    /// Frames pass the reference half a period after SYNC0, which comes at whole periods of the system time: by how much one was late.
+    /// Frames pass the reference half a period after SYNC0, which comes at whole periods of the system time:
+    /// by how much one was late.
     const fn phase_ns(&self, time_ns: u64) -> i64 {
         let half = self.period_ns / 2;
         let phase = (time_ns.wrapping_sub(half)) % self.period_ns;

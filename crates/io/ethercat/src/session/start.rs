@@ -111,7 +111,8 @@ pub(super) async fn start<'m>(
             .configure_dc_sync(main, clocks)
             .await
             .map_err(failed("setting SYNC0 up"))?;
-        // The first device with a clock. SYNC0 comes at whole periods of this time, also after it has wrapped around.
+        // The first device with a clock. SYNC0 comes at whole periods of this time, also after it has wrapped
+        // around.
         let has_clock: Vec<bool> = (group.iter(main))
             .map(|device| device.dc_support().any())
             .collect();
@@ -147,8 +148,9 @@ async fn clock_of(main: &MainDevice<'_>, device: usize) -> Result<u64, Error> {
     .await
 }
 
-/// Lets SYNC0 of a device, whose period is set, begin when the reference's register shows `first_ns`. The MainDevice has started it by
-/// that register alone: behind a reference of 32 bits that is in the past of a clock of 64, and then SYNC0 never comes.
+/// Lets SYNC0 of a device, whose period is set, begin when the reference's register shows `first_ns`. The
+/// MainDevice has started it by that register alone: behind a reference of 32 bits that is in the past of a
+/// clock of 64, and then SYNC0 never comes.
 async fn begin_sync(main: &MainDevice<'_>, device: usize, first_ns: u64) -> Result<(), Error> {
     let write = |register: RegisterAddress| Command::fpwr(FIRST_STATION + device as u16, register.into());
     let start_ns = same_time(first_ns, clock_of(main, device).await?);

@@ -6,8 +6,8 @@ use crate::description::{Description, PinFunction, RELAY_REFERENCE, tag};
 use crate::field_pins::{InputPlace, OutputPlace, filter_place, output_place};
 
 impl Plan {
-    /// Uses all pins that the board file names, after the modules have theirs: outputs first, so that every input is checked against
-    /// everything that is driven.
+    /// Uses all pins that the board file names, after the modules have theirs: outputs first, so that every
+    /// input is checked against everything that is driven.
     pub(super) fn use_pins(
         &mut self,
         board: &Description,
@@ -106,8 +106,9 @@ impl Plan {
         }
         let function = self.function(board, pin.pin)?;
         let place = output_place(function);
-        // Two outputs that are connected damage each other: behind an input of the firmware is the output of a receiver or isolator.
-        // The outputs of modules that are not used are plain outputs; of isolated outputs only those that the bridge sets are.
+        // Two outputs that are connected damage each other: behind an input of the firmware is the output of
+        // a receiver or isolator. The outputs of modules that are not used are plain outputs; of isolated
+        // outputs only those that the bridge sets are.
         let has_module = matches!(function.tag, tag::RELAY | tag::SIMPLE_OUTPUT);
         if function.is_input() || has_module && place.is_none() {
             return Err(PlanError::Function {

@@ -6,8 +6,8 @@ use super::{Horizon, PendingBranch, PlanFrontier, RESERVED_STEPS, RestPoint};
 use crate::step::{PlanSink, Reply, Request};
 
 impl<S: PlanSink> Horizon<S> {
-    /// Answers the open request as soon as enough path is known. That amount must not depend on how the program text arrives.
-    /// True if it received its reply, which discards an earlier solution.
+    /// Answers the open request as soon as enough path is known. That amount must not depend on how the
+    /// program text arrives. True if it received its reply, which discards an earlier solution.
     pub(super) fn serve(&mut self) -> Result<bool, S::Error> {
         let mut gone = false;
         if let Some(request) = self.sink.request() {
@@ -57,11 +57,12 @@ impl<S: PlanSink> Horizon<S> {
         }
         self.windows.cut.extend(self.windows.planned.drain(known..));
         let (steps, segments, marks) = (self.pieces.len() + 3, self.segments_needed(), self.marks_needed());
-        // The cycle may have stopped and sent a request from there; then it accepts nothing before that is answered.
+        // The cycle may have stopped and sent a request from there; then it accepts nothing before that is
+        // answered.
         let newer = self.sink.request();
         let is_overtaken = newer.is_some() || self.is_withdrawn(request.id);
-        // Answers that nobody drove may have taken the room that is kept for some. Only the cycle frees it again, and it may be
-        // waiting for this one, or for windows of the plan that it drives.
+        // Answers that nobody drove may have taken the room that is kept for some. Only the cycle frees it
+        // again, and it may be waiting for this one, or for windows of the plan that it drives.
         let room = steps + RESERVED_STEPS;
         if is_overtaken || !self.sink.has_capacity(room, segments, marks) {
             self.windows.planned.append(&mut self.windows.cut);
@@ -75,7 +76,8 @@ impl<S: PlanSink> Horizon<S> {
             return Ok(true);
         }
         if self.frontier.link.is_none() && !self.frontier.is_waiting {
-            // A stop's successor follows its step: a cycle that continues as planned must not find the reply there.
+            // A stop's successor follows its step: a cycle that continues as planned must not find the reply
+            // there.
             self.sink.keep_place()?;
             self.frontier.link = Some(self.appended);
             self.appended += 1;
@@ -93,8 +95,8 @@ impl<S: PlanSink> Horizon<S> {
         Ok(true)
     }
 
-    /// Determines which plan is in force. True if the last reply came too late or its request was withdrawn, so that the previous
-    /// plan remains.
+    /// Determines which plan is in force. True if the last reply came too late or its request was withdrawn,
+    /// so that the previous plan remains.
     pub(super) fn settle(&mut self) -> bool {
         let Some(pending_branch) = self.windows.pending_branch.take() else {
             return false;

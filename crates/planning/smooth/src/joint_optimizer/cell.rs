@@ -9,7 +9,8 @@ pub(super) const LAW: usize = STATIONS + 2;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cell {
     pub(super) width: f64,
-    /// Derivatives of `a` and `b` by three coefficients of the law, at both ends; of `c`; of `a` in the middle.
+    /// Derivatives of `a` and `b` by three coefficients of the law, at both ends; of `c`; of `a` in the
+    /// middle.
     pub(super) a: [[f64; 3]; 2],
     pub(super) b: [[f64; 3]; 2],
     pub(super) c: [f64; 3],

@@ -9,7 +9,8 @@ use crate::tube::{GROUPS, Sample, dot};
 /// A speed bound used to less than this fraction is omitted from the second derivatives.
 const INACTIVE_RATIO: f64 = 0.2;
 
-/// The contribution of one interval: by the coefficients of the law and, axis by axis, by the four control points.
+/// The contribution of one interval: by the coefficients of the law and, axis by axis, by the four control
+/// points.
 pub(super) struct Local<const D: usize> {
     law: [[f64; LAW]; LAW],
     mixed: [[[f64; LAW]; 4]; D],
@@ -29,7 +30,8 @@ impl<const D: usize> Local<D> {
         }
     }
 
-    /// Adds a function of the law alone, from its `k`-th coefficient, with first and second derivative `g` and `h` of the merit.
+    /// Adds a function of the law alone, from its `k`-th coefficient, with first and second derivative `g`
+    /// and `h` of the merit.
     fn law_row(&mut self, k: usize, values: &[f64; 3], g: f64, h: f64) {
         for x in 0..3 {
             self.law_gradient[k + x] += g * values[x];

@@ -1,15 +1,16 @@
 //! Joint optimisation of path and time law.
 //!
-//! Along the parameter `u` let `a = u'^2`, `b = u''` and `c = u''' / u'`; then `da/du = 2 b`, `db/du = c`, and velocity,
-//! acceleration and jerk of an axis are `q' sqrt(a)`, `q'' a + q' b` and `sqrt(a) (q''' a + 3 q'' b + q' c)`. Here `a` is a
-//! quadratic spline, so that `c` is constant between stations. Its coefficients and the control points of the path are the
-//! unknowns of one problem: minimum time, the integral of `du / sqrt(a)`, subject to the axis limits and the tube, by a log
-//! barrier with decreasing weight. Alternating between path and law stalls: where limits are active almost everywhere, both
-//! can only change together.
+//! Along the parameter `u` let `a = u'^2`, `b = u''` and `c = u''' / u'`; then `da/du = 2 b`, `db/du = c`,
+//! and velocity, acceleration and jerk of an axis are `q' sqrt(a)`, `q'' a + q' b` and
+//! `sqrt(a) (q''' a + 3 q'' b + q' c)`. Here `a` is a quadratic spline, so that `c` is constant between
+//! stations. Its coefficients and the control points of the path are the unknowns of one problem: minimum
+//! time, the integral of `du / sqrt(a)`, subject to the axis limits and the tube, by a log barrier with
+//! decreasing weight. Alternating between path and law stalls: where limits are active almost everywhere,
+//! both can only change together.
 //!
-//! Every constraint belongs to one interval of the path, so the matrix is banded. Second derivatives are those of barrier and
-//! time, not of the constraints (Gauss-Newton). The law is then discarded: the ends of the window are free, so it is not
-//! executed.
+//! Every constraint belongs to one interval of the path, so the matrix is banded. Second derivatives are
+//! those of barrier and time, not of the constraints (Gauss-Newton). The law is then discarded: the ends of
+//! the window are free, so it is not executed.
 
 mod cell;
 mod law_local;
@@ -31,7 +32,8 @@ use crate::zone::BlendZone;
 
 /// Factor of the initial law, so that it has a margin.
 const INITIAL_FACTOR: f64 = 0.8;
-/// Barrier weight: fraction of the time in the first round, factor between rounds; number of rounds and Newton steps of each.
+/// Barrier weight: fraction of the time in the first round, factor between rounds; number of rounds and
+/// Newton steps of each.
 const BARRIER: f64 = 0.5;
 const BARRIER_FACTOR: f64 = 0.25;
 const ROUNDS: usize = 4;
@@ -80,7 +82,8 @@ pub(crate) struct JointOptimizer {
 }
 
 impl JointOptimizer {
-    /// Improves the free control points of `points` and returns whether it did. They stay strictly inside the tube.
+    /// Improves the free control points of `points` and returns whether it did. They stay strictly inside the
+    /// tube.
     pub(crate) fn improve(
         &mut self,
         window: &Window<'_>,
@@ -233,8 +236,8 @@ impl JointOptimizer {
         }
     }
 
-    /// Line search: shortens the step until the merit decreases sufficiently, and takes it. Returns the merit, or `None` if no step
-    /// decreases it. Without samples the step changes the law alone.
+    /// Line search: shortens the step until the merit decreases sufficiently, and takes it. Returns the
+    /// merit, or `None` if no step decreases it. Without samples the step changes the law alone.
     fn descend<const D: usize>(
         &mut self,
         window: &Window<'_>,

@@ -8,7 +8,8 @@ use super::{JointOptimizer, Window, scale};
 use crate::basis::Basis;
 use crate::tube::Sample;
 
-/// Fraction of the local limits that the initial law uses, and the number of stations on each side over which it is smoothed.
+/// Fraction of the local limits that the initial law uses, and the number of stations on each side over which
+/// it is smoothed.
 const INITIAL_FRACTION: f64 = 0.5;
 const SMOOTHING_STATIONS: usize = 4;
 /// Fraction of the limits up to which the initial law may go.

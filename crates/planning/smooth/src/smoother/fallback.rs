@@ -11,8 +11,8 @@ use crate::{Output, PathSegment};
 const MAX_HALVINGS: usize = 40;
 
 impl Smoother {
-    /// Abandons the zone: stops at the present end of the path, returns to the programmed curve, and keeps the joints up to
-    /// `until`, at least one, as programmed.
+    /// Abandons the zone: stops at the present end of the path, returns to the programmed curve, and keeps
+    /// the joints up to `until`, at least one, as programmed.
     pub(super) fn fall_back(&mut self, until: f64, out: &mut Vec<Output>) {
         self.tally.failures += 1;
         self.state = State::Exact;
@@ -52,11 +52,13 @@ impl Smoother {
         }
     }
 
-    /// Returns straight to the programmed curve from `place`, which is within the tolerance of its programmed point.
+    /// Returns straight to the programmed curve from `place`, which is within the tolerance of its programmed
+    /// point.
     ///
-    /// On a straight segment the whole return is within the tolerance, because both ends are. On a curve its distance exceeds
-    /// `(1 - s) e` by at most `b L^2 / 2 s (1 - s)`, where `s` is the fraction of its length `L`, `e` the distance at its start
-    /// and `b` a bound of the second derivative: it stays below `e` if `b L^2 / 2` does.
+    /// On a straight segment the whole return is within the tolerance, because both ends are. On a curve its
+    /// distance exceeds `(1 - s) e` by at most `b L^2 / 2 s (1 - s)`, where `s` is the fraction of its length
+    /// `L`, `e` the distance at its start and `b` a bound of the second derivative: it stays below `e` if
+    /// `b L^2 / 2` does.
     fn return_to_program(&mut self, place: Axes, out: &mut Vec<Output>) {
         let mut number = self.chain.find(self.cursor);
         while let Some(segment) = self.chain.get(number)

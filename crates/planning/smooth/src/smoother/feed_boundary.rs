@@ -1,9 +1,10 @@
 //! Where the smoothed path passes from the feed of one block to that of the next.
 //!
-//! The path runs by the parameter of the program, but its point at a joint's parameter may lie before the joint or beyond it: by
-//! the tolerance, or twice that where samples follow the path. If the feed changed at the parameter, that stretch would be driven
-//! at the feed of the wrong block, a cut at rapid. The path passes a joint also where it passes the plane that bisects it: before
-//! it the earlier block is nearer, behind it the later one. The lower of the feeds by parameter and by plane counts.
+//! The path runs by the parameter of the program, but its point at a joint's parameter may lie before the
+//! joint or beyond it: by the tolerance, or twice that where samples follow the path. If the feed changed at
+//! the parameter, that stretch would be driven at the feed of the wrong block, a cut at rapid. The path
+//! passes a joint also where it passes the plane that bisects it: before it the earlier block is nearer,
+//! behind it the later one. The lower of the feeds by parameter and by plane counts.
 
 use evolvent_path::{Axes, ParamCurve, Spline};
 
@@ -11,7 +12,8 @@ use crate::chain::Chain;
 
 /// Distance on both sides of a joint in which the path passes it, in tolerances.
 const REACH: f64 = 2.0;
-/// Minimum length of the sum of both directions at a joint; below it the path reverses, and no plane bisects it.
+/// Minimum length of the sum of both directions at a joint; below it the path reverses, and no plane bisects
+/// it.
 const MIN_NORMAL: f64 = 0.1;
 /// Number of parts of the reach that are searched, and of bisections of the part that is found.
 const PARTS: usize = 8;
@@ -25,7 +27,8 @@ pub(super) struct FeedBoundary {
     /// Parameter of the joint, and how far from it the path may pass it.
     parameter: f64,
     reach: f64,
-    /// The joint, and the normal of the bisecting plane; none if other axes tie the path to the parameter, or it reverses.
+    /// The joint, and the normal of the bisecting plane; none if other axes tie the path to the parameter, or
+    /// it reverses.
     place: Axes,
     normal: Option<Axes>,
 }
@@ -60,7 +63,8 @@ impl FeedBoundary {
         }
     }
 
-    /// The parameter at which a piece of the path, from `from` to `to`, passes the joint, searched from `at`; none if it does not.
+    /// The parameter at which a piece of the path, from `from` to `to`, passes the joint, searched from `at`;
+    /// none if it does not.
     pub(super) fn passed(&self, piece: &Spline, (from, to): (f64, f64), at: f64) -> Option<f64> {
         let Some(normal) = self.normal else {
             return (self.parameter <= to).then_some(self.parameter.max(at));

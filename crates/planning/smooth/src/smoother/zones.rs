@@ -180,7 +180,8 @@ impl Smoother {
         end.min(to)
     }
 
-    /// Outputs the intervals that are final. If one of them is invalid, outputs those before it and returns its end.
+    /// Outputs the intervals that are final. If one of them is invalid, outputs those before it and returns
+    /// its end.
     fn output_final(&mut self, end: Option<EndCondition>, out: &mut Vec<Output>) -> Option<f64> {
         let count = self.zone.intervals();
         let done = self.zone.fixed.saturating_sub(3).min(count);

@@ -1,8 +1,9 @@
 //! The optimum along a path by another method: sequential second-order cone programmes of the crate `copp`.
 //!
 //! Shares only the curves with the planner: its own stations, aligned with joints and graded towards both
-//! ends, the limits at those stations alone, and no margins. It is not a lower bound: on a line of 50 mm it is 0.2 % above
-//! the closed form, and where curvature changes rapidly it stagnates up to 2.5 % above motions that keep every limit.
+//! ends, the limits at those stations alone, and no margins. It is not a lower bound: on a line of 50 mm it
+//! is 0.2 % above the closed form, and where curvature changes rapidly it stagnates up to 2.5 % above motions
+//! that keep every limit.
 
 use copp::robot::Robot;
 use copp::solver::topp2_ra::{ReachSet2OptionsBuilder, Topp2ProblemBuilder, topp2_ra};

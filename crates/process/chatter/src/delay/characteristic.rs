@@ -1,10 +1,10 @@
 //! The characteristic function of the delay equation, whose zeros are the inverse multipliers.
 //!
 //! `g(z) = det(1 - z M(w (1 - z)))`, with `M(p)` the map of the state over a period ([`super::elements`]) and
-//! `z = 1 / mu`, has no poles, and is 1 at z = 0. The cut is stable where it has no zero within the unit circle, which
-//! the turns of its argument along the circle count (H. Nyquist). Its values at N points of the circle give N
-//! coefficients of its power series, and the last of these tell whether N is enough; turns are counted, and zeros
-//! found, by the series.
+//! `z = 1 / mu`, has no poles, and is 1 at z = 0. The cut is stable where it has no zero within the unit
+//! circle, which the turns of its argument along the circle count (H. Nyquist). Its values at N points of the
+//! circle give N coefficients of its power series, and the last of these tell whether N is enough; turns are
+//! counted, and zeros found, by the series.
 
 use nalgebra::Complex;
 
@@ -30,8 +30,9 @@ pub(super) struct Circle {
 }
 
 impl Circle {
-    /// With as many points, beginning with `points`, as make the last coefficients 0 within rounding; None if there are too
-    /// many, or if the motion grows so much within a period that nothing is left of the smaller values.
+    /// With as many points, beginning with `points`, as make the last coefficients 0 within rounding; None if
+    /// there are too many, or if the motion grows so much within a period that nothing is left of the smaller
+    /// values.
     pub(super) fn new(elements: &Elements, depth: f64, radius: f64, points: usize) -> Option<Self> {
         let mut count = points.next_multiple_of(16).max(32);
         let at = |k: usize, count: usize| {
@@ -54,8 +55,8 @@ impl Circle {
             let coefficients = coefficients(&values);
             let size = |part: &[f64]| part.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
             let tail = size(&coefficients[count - count / 8..]);
-            // A series that is cut off falls steeply; rounding, larger the more a motion grows and decays again within
-            // a period, does not.
+            // A series that is cut off falls steeply; rounding, larger the more a motion grows and decays
+            // again within a period, does not.
             let is_rounding = size(&coefficients[count / 2..count - count / 4]) <= 30.0 * tail;
             let permitted = if is_rounding { MAX_ROUNDING } else { 1e-11 };
             if tail <= permitted * largest.max(1.0) && (coefficients[0] - 1.0).abs() <= 1e-6 {
@@ -89,8 +90,8 @@ impl Circle {
         (value, slope)
     }
 
-    /// Points of the upper half of the circle, so close that `g` changes by less than itself from one to the next; the
-    /// angle, `g` and the size of its logarithmic derivative.
+    /// Points of the upper half of the circle, so close that `g` changes by less than itself from one to the
+    /// next; the angle, `g` and the size of its logarithmic derivative.
     fn walk(&self) -> Vec<(f64, C, f64)> {
         let at = |angle: f64| {
             let (value, slope) = self.value(C::new(libm::cos(angle), libm::sin(angle)));
@@ -126,8 +127,8 @@ impl Circle {
         libm::round(turns / std::f64::consts::PI).max(0.0) as usize
     }
 
-    /// Zeros near the circle and within, by Newton's method from the points of the circle that are nearest to any: `z`
-    /// in the upper half, each once.
+    /// Zeros near the circle and within, by Newton's method from the points of the circle that are nearest to
+    /// any: `z` in the upper half, each once.
     pub(super) fn nearest_zeros(&self) -> Vec<C> {
         let walked = self.walk();
         let nearness = |k: usize| walked.get(k).map_or(0.0, |point| point.2);
@@ -166,7 +167,8 @@ impl Circle {
     }
 }
 
-/// Coefficients of a real power series from its values at equally spaced points of the upper half of the unit circle.
+/// Coefficients of a real power series from its values at equally spaced points of the upper half of the unit
+/// circle.
 fn coefficients(values: &[C]) -> Vec<f64> {
     let half = values.len() - 1;
     let count = 2 * half;

@@ -6,10 +6,10 @@
 //! m q'' + c q' + k q = -p h(t) r(t),     p = w (1 - 1 / mu)
 //! ```
 //!
-//! with one complex number `p` for depth and multiplier. Over an element the force is a polynomial through Gauss'
-//! points, and the modes follow it exactly (Volterra's equation); the map of the state is then a power series in `p`
-//! with real coefficients, computed once for all depths and multipliers. Coefficients have terms of both signs, so an
-//! element is so short that the series needs few.
+//! with one complex number `p` for depth and multiplier. Over an element the force is a polynomial through
+//! Gauss' points, and the modes follow it exactly (Volterra's equation); the map of the state is then a power
+//! series in `p` with real coefficients, computed once for all depths and multipliers. Coefficients have
+//! terms of both signs, so an element is so short that the series needs few.
 
 use nalgebra::Complex;
 
@@ -21,7 +21,8 @@ type C = Complex<f64>;
 
 /// Terms of the power series of an element, about.
 const USUAL_TERMS: f64 = 20.0;
-/// Complex multiplications of one characteristic value, at most: some 10 ms, and ten times as much with many modes.
+/// Complex multiplications of one characteristic value, at most: some 10 ms, and ten times as much with many
+/// modes.
 const MAX_VALUE_WORK: f64 = 4e6;
 /// Terms of the power series of an element, at most.
 const MAX_TERMS: usize = 64;
@@ -41,7 +42,8 @@ enum Element {
     Cutting(Vec<Vec<f64>>),
 }
 
-/// Force of each mode per deflection, in units of its stiffness: its norm is a bound of how fast vibrations change.
+/// Force of each mode per deflection, in units of its stiffness: its norm is a bound of how fast vibrations
+/// change.
 pub(super) struct Strength {
     /// Mean over the period, 1/s per m of depth.
     pub(super) mean: f64,
@@ -50,7 +52,8 @@ pub(super) struct Strength {
 }
 
 impl Strength {
-    /// Frobenius' norm of the force on the complex amplitudes of the modes, each scaled by the root of its impedance.
+    /// Frobenius' norm of the force on the complex amplitudes of the modes, each scaled by the root of its
+    /// impedance.
     pub(super) fn new(delay: &MillingDelay) -> Self {
         const POINTS: usize = 64;
         let impedance = |mode: &Mode| mode.stiffness_n_m / (std::f64::consts::TAU * mode.frequency_hz);
@@ -88,7 +91,8 @@ impl Elements {
         fastest.fold(0.0, f64::max) * cutting.map(|stretch| stretch.end - stretch.start).sum::<f64>()
     }
 
-    /// Elements in a stretch: at most a wave in each, with what the cut adds, and a force that is small in each.
+    /// Elements in a stretch: at most a wave in each, with what the cut adds, and a force that is small in
+    /// each.
     fn count(delay: &MillingDelay, stretch: &Stretch, strength: &Strength, most_p: f64) -> f64 {
         let fastest = delay.modes.iter().map(|(mode, ..)| mode.frequency_hz);
         let turns = match delay.force {
@@ -193,13 +197,15 @@ impl Elements {
 
     /// `det(1 - z M(p))`, with `M(p)` the map of the state over a period.
     ///
-    /// The states between elements are eliminated one after the other, with pivoting, from what the elements say of
-    /// both ends of each. A product of the maps would lose a motion that decays while another grows by 1e10.
+    /// The states between elements are eliminated one after the other, with pivoting, from what the elements
+    /// say of both ends of each. A product of the maps would lose a motion that decays while another grows by
+    /// 1e10.
     pub(super) fn determinant(&self, p: C, z: C) -> C {
         let d = self.states;
         let u = -p / self.most_p;
         let width = 3 * d;
-        // Columns: the state between, that at the beginning, that at the end. Rows: the elements before, the next one.
+        // Columns: the state between, that at the beginning, that at the end. Rows: the elements before, the
+        // next one.
         let mut rows = vec![C::ZERO; 2 * d * width];
         // Before the first element the state between is that at the beginning.
         for k in 0..d {
@@ -256,7 +262,8 @@ impl Element {
     }
 }
 
-/// Eliminates the first `columns` columns by partial pivoting; the product of the pivots, with the sign of the swaps.
+/// Eliminates the first `columns` columns by partial pivoting; the product of the pivots, with the sign of
+/// the swaps.
 fn eliminate(matrix: &mut [C], rows: usize, width: usize, columns: usize) -> C {
     let mut product = C::ONE;
     for step in 0..columns {
@@ -290,7 +297,8 @@ fn eliminate(matrix: &mut [C], rows: usize, width: usize, columns: usize) -> C {
     product
 }
 
-/// Free motion of a mode over a time from deflection 1, and from velocity omega: deflection, and velocity over omega.
+/// Free motion of a mode over a time from deflection 1, and from velocity omega: deflection, and velocity
+/// over omega.
 fn swing(mode: &Mode, time: f64) -> [[f64; 2]; 2] {
     let omega = std::f64::consts::TAU * mode.frequency_hz;
     let ratio = mode.damping_ratio;
@@ -322,7 +330,8 @@ fn free(delay: &MillingDelay, time: f64) -> Vec<f64> {
 struct ElementRule {
     length: f64,
     points: Vec<f64>,
-    /// Deflection along each direction at each point, per force at each point along it: direction, point, point.
+    /// Deflection along each direction at each point, per force at each point along it: direction, point,
+    /// point.
     inner: Vec<Vec<f64>>,
     /// Deflection along each direction at each point, of each state at the start: direction, point, state.
     start: Vec<Vec<f64>>,

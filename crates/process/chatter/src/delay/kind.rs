@@ -33,8 +33,9 @@ impl ChatterKind {
 pub struct Chatter {
     /// How stability is lost.
     pub kind: ChatterKind,
-    /// Frequency of the chatter, Hz: of those that the multiplier permits, a whole number of tooth frequencies apart,
-    /// the one that comes nearest to closing the loop of the mean force; exact for turning.
+    /// Frequency of the chatter, Hz: of those that the multiplier permits, a whole number of tooth
+    /// frequencies apart, the one that comes nearest to closing the loop of the mean force; exact for
+    /// turning.
     pub frequency_hz: f64,
     /// The largest multiplier.
     pub multiplier: Complex<f64>,
@@ -59,7 +60,8 @@ impl MillingDelay {
         let part = libm::atan2(multiplier.im.abs(), multiplier.re) / std::f64::consts::TAU;
         let fastest = self.modes.iter().map(|(mode, ..)| mode.frequency_hz);
         let most = 3.0 * fastest.fold(0.0, f64::max) * self.period_s;
-        // How far a frequency is from closing the loop of the mean force: 1 + b h G (1 - 1 / mu) has no inverse there.
+        // How far a frequency is from closing the loop of the mean force: 1 + b h G (1 - 1 / mu) has no
+        // inverse there.
         let mean = mean_factors(self, 0.0, self.period_s);
         let miss = |frequency: f64, delayed: Complex<f64>| -> f64 {
             let mut response = [Complex::ZERO; 2];

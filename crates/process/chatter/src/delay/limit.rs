@@ -25,12 +25,13 @@ const SMALL_STEP: f64 = 1.01;
 const NEAR: f64 = 1.1;
 /// Differences that give derivatives, relative: far above the rounding of the characteristic function.
 const DIFFERENCE: f64 = 1e-5;
-/// Complex multiplications of a circle with one mode, at most: some 20 ms, and a limit takes up to a hundred circles.
+/// Complex multiplications of a circle with one mode, at most: some 20 ms, and a limit takes up to a hundred
+/// circles.
 const MAX_CIRCLE_WORK: f64 = 1e7;
 /// The same with many modes, which take longer with few waves, too.
 const MAX_CIRCLE_WORK_OF_MODES: f64 = 3e8;
-/// What a disturbance may grow by before it dies out, at most: beyond, it would leave any cut, and rounding passes for
-/// a motion.
+/// What a disturbance may grow by before it dies out, at most: beyond, it would leave any cut, and rounding
+/// passes for a motion.
 const MAX_GROWTH: f64 = 1e9;
 
 /// The elements of a period for depths up to a bound.
@@ -133,7 +134,8 @@ impl<'a> Solver<'a> {
         Ok(None)
     }
 
-    /// The limit between a depth without a zero in the unit circle and one with some; the angle of the zero there.
+    /// The limit between a depth without a zero in the unit circle and one with some; the angle of the zero
+    /// there.
     fn between(&mut self, mut low: f64, mut high: f64) -> Result<(Option<f64>, f64), ChatterError> {
         let mut circle = self.circle(high, 1.0)?;
         for _ in 0..60 {
@@ -190,15 +192,16 @@ fn most_circle_work(delay: &MillingDelay) -> f64 {
 }
 
 impl MillingDelay {
-    /// The smallest depth in m, up to `most_m`, from which on the cut chatters, to 1e-6 of it; None where none does.
+    /// The smallest depth in m, up to `most_m`, from which on the cut chatters, to 1e-6 of it; None where
+    /// none does.
     ///
-    /// Depths are tried upwards in steps of 8 %, and of 1 % where the largest multiplier is above 0.9, so an unstable
-    /// island that is narrower may be missed. The limit is
+    /// Depths are tried upwards in steps of 8 %, and of 1 % where the largest multiplier is above 0.9, so an
+    /// unstable island that is narrower may be missed. The limit is
     /// computed twice, with 10 and 15 points a wave; where both differ by more than 1e-6 there is none.
     ///
     /// # Errors
-    /// A depth out of range; a cut with too many waves, or one that cannot be resolved; one in which disturbances grow
-    /// a billion times before they die out below the limit.
+    /// A depth out of range; a cut with too many waves, or one that cannot be resolved; one in which
+    /// disturbances grow a billion times before they die out below the limit.
     pub fn limit(&self, most_m: f64) -> Result<Option<f64>, ChatterError> {
         number("depth in m", most_m, 1e-7, 10.0)?;
         let mut solver = Solver::new(self, NODES, 1e-3 * most_m, 1.0)?;
@@ -248,11 +251,11 @@ impl MillingDelay {
         }
     }
 
-    /// A bound of what a disturbance grows by before it dies out, at a depth in m below the limit; in simulations 10 to
-    /// 30 times less.
+    /// A bound of what a disturbance grows by before it dies out, at a depth in m below the limit; in
+    /// simulations 10 to 30 times less.
     ///
-    /// The more waves a tooth cuts, the more a disturbance grows where the force is largest, teeth after teeth, while it
-    /// moves on to where it decays.
+    /// The more waves a tooth cuts, the more a disturbance grows where the force is largest, teeth after
+    /// teeth, while it moves on to where it decays.
     ///
     /// # Errors
     /// A depth out of range; a cut with too many waves.
@@ -277,8 +280,8 @@ impl MillingDelay {
         CIRCLES * circle
     }
 
-    /// The largest multiplier at a depth in m, if it is larger than 0.3 in magnitude; of a pair the one with a positive
-    /// imaginary part.
+    /// The largest multiplier at a depth in m, if it is larger than 0.3 in magnitude; of a pair the one with
+    /// a positive imaginary part.
     ///
     /// # Errors
     /// A depth out of range; a cut with too many waves, or one that cannot be resolved.

@@ -1,4 +1,5 @@
-//! Another computation of the same motion: law and equations as the paper prints them, fixed steps, no code of the crate.
+//! Another computation of the same motion: law and equations as the paper prints them, fixed steps, no code
+//! of the crate.
 
 #![allow(dead_code, unreachable_pub, reason = "each test uses its part")]
 

@@ -1,4 +1,5 @@
-//! A field of heights that knows nothing of the crate's own: what an edge leaves that goes where the tip went.
+//! A field of heights that knows nothing of the crate's own: what an edge leaves that goes where the tip
+//! went.
 
 use evolvent_turning::{Blank, TurningSettings};
 

@@ -1,4 +1,5 @@
-//! Whole programs: no panic, an end, moves that chain, errors with a place. The first byte chooses the machine.
+//! Whole programs: no panic, an end, moves that chain, errors with a place. The first byte chooses the
+//! machine.
 #![no_main]
 
 use evolvent_gcode::{Action, Interpreter, MachineFeatures, ProgramLimits, Settings, Tool, ToolTable};

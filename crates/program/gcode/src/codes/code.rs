@@ -3,9 +3,9 @@
 /// Declares the enum, the stable text of each code, and the list of all codes.
 macro_rules! codes {
     ($($(#[doc = $doc:literal])+ $name:ident = $text:literal,)+) => {
-        /// An error, identified by a number whose meaning never changes. The hundreds are groups: 00 file, 01 characters,
-        /// 02 parameters, expressions and O-words, 03 words, 04 state, 05 arcs, 06 involutes, 07 positions, 08 limits of the
-        /// machine.
+        /// An error, identified by a number whose meaning never changes. The hundreds are groups: 00 file, 01
+        /// characters, 02 parameters, expressions and O-words, 03 words, 04 state, 05 arcs, 06 involutes, 07
+        /// positions, 08 limits of the machine.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[non_exhaustive]
         pub enum Code {

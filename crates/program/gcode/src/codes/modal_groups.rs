@@ -292,8 +292,8 @@ pub(crate) enum PathControl {
 pub(crate) enum Compensation {
     /// G40.
     Off,
-    /// G41, G42: the side of the path on which the tool is, and whether D is the number of a tool (G41) or a diameter
-    /// (G41.1).
+    /// G41, G42: the side of the path on which the tool is, and whether D is the number of a tool (G41) or a
+    /// diameter (G41.1).
     On { left: bool, given: bool },
 }
 

@@ -7,8 +7,8 @@ use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 
 use crate::Code;
 
-/// Bytes of the source line that a diagnostic keeps on either side of the error. A program may be a single line of many
-/// kilobytes.
+/// Bytes of the source line that a diagnostic keeps on either side of the error. A program may be a single
+/// line of many kilobytes.
 const CONTEXT_BYTES: usize = 100;
 
 /// An error in a program with its position. All fields are plain data, for editors (`check --json`).
@@ -52,8 +52,8 @@ impl serde::Serialize for Code {
 }
 
 impl Diagnostic {
-    /// A diagnostic about a whole line, or about the first word with this letter on it, for callers that know commands but not
-    /// words. `text` is the line as in the file.
+    /// A diagnostic about a whole line, or about the first word with this letter on it, for callers that know
+    /// commands but not words. `text` is the line as in the file.
     #[must_use]
     pub fn about_line(code: Code, line: u32, text: &[u8], letter: Option<char>, message: String) -> Self {
         let body = text
@@ -86,8 +86,8 @@ impl Diagnostic {
     }
 
     fn render_with(&self, file_name: &str, renderer: &Renderer) -> String {
-        // Only a part of a long line is kept. Spaces replace what precedes it, so that columns count as in the file; the renderer
-        // truncates the line on both sides.
+        // Only a part of a long line is kept. Spaces replace what precedes it, so that columns count as in
+        // the file; the renderer truncates the line on both sides.
         let before = self.source[..self.span.start].chars().count();
         let missing = (self.column as usize).saturating_sub(1 + before);
         let source = format!("{}{}", " ".repeat(missing), self.source);
@@ -161,8 +161,8 @@ impl Span {
     }
 }
 
-/// An error whose line is not known yet, as returned inside this crate. Boxed, because every number and every expression
-/// returns a result.
+/// An error whose line is not known yet, as returned inside this crate. Boxed, because every number and every
+/// expression returns a result.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Fault(Box<Body>);
 

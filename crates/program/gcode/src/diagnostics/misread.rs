@@ -10,8 +10,8 @@ use crate::{Code, ToolTable};
 /// T words of four digits: tool and offset, as lathes of other dialects write them.
 const FOUR_DIGITS: std::ops::RangeInclusive<u32> = 100..=9999;
 
-/// Maximum feed after G99 that is taken for one per revolution, mm/min: lathes feed 0.01 to 2 mm per revolution, and hardly ever as
-/// little per minute.
+/// Maximum feed after G99 that is taken for one per revolution, mm/min: lathes feed 0.01 to 2 mm per
+/// revolution, and hardly ever as little per minute.
 const LOW_FEED_MM_MIN: f64 = 5.0;
 
 /// The parameters with which macro programs of other dialects stop the machine.
@@ -35,8 +35,8 @@ pub(crate) fn assignment(assignments: &[(Target, f64)], has_comment: bool) -> Op
     })
 }
 
-/// A line of a lathe that is read here, but is something else on other lathes: an error if the motion would be plainly wrong, a
-/// warning where it may be meant.
+/// A line of a lathe that is read here, but is something else on other lathes: an error if the motion would
+/// be plainly wrong, a warning where it may be meant.
 pub(crate) fn on_lathe(
     line: &Statement,
     state: &mut State,

@@ -1,7 +1,8 @@
 //! Converts the words of arcs and involutes into curves.
 //!
-//! RS274/NGC, 3.5.3: centre format (I J K) and radius format (R). Tolerances and messages are LinuxCNC's, so that a program
-//! accepted there is accepted here. Involutes: Fanuc's words (G2.2, G3.2) and a linear third axis.
+//! RS274/NGC, 3.5.3: centre format (I J K) and radius format (R). Tolerances and messages are LinuxCNC's, so
+//! that a program accepted there is accepted here. Involutes: Fanuc's words (G2.2, G3.2) and a linear third
+//! axis.
 
 use evolvent_path::{Arc, Axes, Blend, Curve, Involute, InvoluteError, Jet, MAX_ARC_TURNS, Plane, Sense};
 
@@ -75,8 +76,8 @@ impl Executor<'_> {
         self.put_curve(curve, MoveKind::Feed, feed, path_mode)
     }
 
-    /// An arc in G18 or G19 while XY is rotated. Its plane contains no axis, so it becomes a chain of quintics, each within
-    /// [`ROTATED_TOLERANCE_MM`] of it.
+    /// An arc in G18 or G19 while XY is rotated. Its plane contains no axis, so it becomes a chain of
+    /// quintics, each within [`ROTATED_TOLERANCE_MM`] of it.
     fn rotated_plane_arc(&mut self, plane: Plane, sense: Sense, target: Axes) -> Result<(), Fault> {
         if self.state.cutter.is_on() {
             return Err(self.wrong_plane("cutter compensation in rotated coordinates"));
@@ -95,7 +96,8 @@ impl Executor<'_> {
             Curve::Arc(arc) => arc.radius_mm(),
             _ => 0.0,
         };
-        // A quintic that matches both ends of an angle with two derivatives deviates by radius * angle^6 / (6! 2^6).
+        // A quintic that matches both ends of an angle with two derivatives deviates by radius * angle^6 /
+        // (6! 2^6).
         let angle = libm::pow(46_080.0 * ROTATED_TOLERANCE_MM / radius.max(1e-3), 1.0 / 6.0).min(0.5);
         let length = curve.length();
         let count = (length / (angle * radius.max(1e-3))).ceil().clamp(1.0, 1e6);
@@ -355,8 +357,8 @@ fn centre_by_radius(
         );
         return Err(Fault::new(Code::ArcRadiusTooSmall, line.span(b'R'), message));
     }
-    // Distance of the centre from the chord, by a product that does not cancel near the semicircle. A radius short of the
-    // semicircle by rounding is a semicircle.
+    // Distance of the centre from the chord, by a product that does not cancel near the semicircle. A radius
+    // short of the semicircle by rounding is a semicircle.
     let height = ((r.abs() - half).max(0.0) * (r.abs() + half)).sqrt();
     // R > 0: at most half a turn, so the centre is on the side towards which the arc turns.
     let side = sense.sign() * if r < 0.0 { -1.0 } else { 1.0 };

@@ -1,9 +1,9 @@
 //! Cutter compensation: G40 to G42.1, in G17 and G18.
 //!
-//! The tool centre moves beside the programmed path, one radius to the left (G41) or right. The end of a move is known only
-//! with the next one: at an outer corner an arc about the corner joins both ends, at an inner corner both moves are trimmed at
-//! the intersection of the offset paths. So the last move is held in the command queue, together with everything after it,
-//! until the next move in the plane arrives.
+//! The tool centre moves beside the programmed path, one radius to the left (G41) or right. The end of a move
+//! is known only with the next one: at an outer corner an arc about the corner joins both ends, at an inner
+//! corner both moves are trimmed at the intersection of the offset paths. So the last move is held in the
+//! command queue, together with everything after it, until the next move in the plane arrives.
 
 use evolvent_path::{Arc, Axes, Curve, Line, MIN_RADIUS_MM, Plane, Sense};
 
@@ -30,7 +30,8 @@ pub(crate) struct CutterState {
     pub(crate) code: Compensation,
     /// The programmed position, while the tool centre is elsewhere.
     pub(crate) programmed: Option<Axes>,
-    /// After G40 other axes have moved alone, and the next move in the plane still leads to the programmed position.
+    /// After G40 other axes have moved alone, and the next move in the plane still leads to the programmed
+    /// position.
     pub(crate) is_due: bool,
     radius: f64,
     /// +1 for the left side.
@@ -69,10 +70,11 @@ impl CutterState {
     }
 }
 
-/// The vector from the centre of a nose to the controlled point of a turning tool, in Z and X: the intersection of the lines
-/// along Z and X that touch the nose, or the end of the nose itself.
+/// The vector from the centre of a nose to the controlled point of a turning tool, in Z and X: the
+/// intersection of the lines along Z and X that touch the nose, or the end of the nose itself.
 ///
-/// Orientations are those of LinuxCNC's tool table, 1 to 9; 0 is a mill and, like 9, has its point at the centre.
+/// Orientations are those of LinuxCNC's tool table, 1 to 9; 0 is a mill and, like 9, has its point at the
+/// centre.
 fn nose(orientation: u32, radius: f64) -> Point {
     let z = match orientation {
         2 | 3 | 7 => -radius,
@@ -402,7 +404,8 @@ impl Executor<'_> {
         })
     }
 
-    /// An arc as the first move: from the present position to the end of the offset arc, with its direction there.
+    /// An arc as the first move: from the present position to the end of the offset arc, with its direction
+    /// there.
     fn entry_arc(&self, offset: &Element, target: Point) -> Result<Element, Fault> {
         let cutter = self.state.cutter;
         let (_, first, second) = self.cutter_axes()?;
@@ -452,7 +455,8 @@ impl Executor<'_> {
         self.state.cutter.held = Some(self.out.len());
     }
 
-    /// Joins the held move and the next one at a corner of the programmed path. Returns the length in mm that the next one loses.
+    /// Joins the held move and the next one at a corner of the programmed path. Returns the length in mm that
+    /// the next one loses.
     fn join(&mut self, last: &Element, next: &Element, corner: Point, feed: f64) -> Result<f64, Fault> {
         let cutter = self.state.cutter;
         let (plane, first, second) = self.cutter_axes()?;
@@ -511,11 +515,13 @@ impl Executor<'_> {
             .help("the tool does not fit into the inner corner: use a smaller tool or longer moves")
     }
 
-    /// Ends the held move at a point of the plane, and starts what follows there. `left_mm` of its path remains.
+    /// Ends the held move at a point of the plane, and starts what follows there. `left_mm` of its path
+    /// remains.
     fn cut_off(&mut self, plane: Plane, point: Point, left_mm: f64) -> Result<(), Fault> {
         let (first, second, _) = plane.axes();
         let Some(held) = self.state.cutter.held else {
-            // The last move had no length: there is nothing to trim, and the next one starts at the same position.
+            // The last move had no length: there is nothing to trim, and the next one starts at the same
+            // position.
             return Ok(());
         };
         let nothing = left_mm <= ROUNDING_MM;

@@ -1,11 +1,12 @@
-//! Parts of a contour that are close to each other without being neighbours: a throat or slot narrower than the tool, or an
-//! island too close to the wall.
+//! Parts of a contour that are close to each other without being neighbours: a throat or slot narrower than
+//! the tool, or an island too close to the wall.
 //!
-//! Like LinuxCNC's, compensation knows only the neighbours of a move: where the tool passes a narrow throat along one wall, it
-//! cuts into the other one. So closed contours are stored together with the offset path and compared when compensation ends.
-//! In an open contour it is unknown which moves are edges of the part and which are entry and exit moves, which may be
-//! crossed: the first and last move of the compensation, and arcs next to them, do not count as edges. A cut into an edge is
-//! found from either side, so one of two close parts may be among those.
+//! Like LinuxCNC's, compensation knows only the neighbours of a move: where the tool passes a narrow throat
+//! along one wall, it cuts into the other one. So closed contours are stored together with the offset path
+//! and compared when compensation ends. In an open contour it is unknown which moves are edges of the part
+//! and which are entry and exit moves, which may be crossed: the first and last move of the compensation, and
+//! arcs next to them, do not count as edges. A cut into an edge is found from either side, so one of two
+//! close parts may be among those.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -16,7 +17,8 @@ use crate::execution::compensation::CutterState;
 use crate::execution::offset_path::{Point, dot, length, sub};
 use crate::{Action, CallChain, Command, Move, MoveKind};
 
-/// Maximum number of programmed moves of a contour that are compared, with three times as many of the path: some milliseconds.
+/// Maximum number of programmed moves of a contour that are compared, with three times as many of the path:
+/// some milliseconds.
 const MAX_EDGES: usize = 2000;
 
 /// Maximum number of stored moves of earlier contours and their paths; the oldest contours are dropped.
@@ -25,7 +27,8 @@ const MAX_PIECES: usize = 10_000;
 /// Depth of a cut that is tolerated, mm: rounding of programs and corners.
 const PERMITTED_MM: f64 = 0.01;
 
-/// Fraction of the radius by which the tool comes closer at a corner that is passed straight: see [`STRAIGHT`].
+/// Fraction of the radius by which the tool comes closer at a corner that is passed straight: see
+/// [`STRAIGHT`].
 ///
 /// [`STRAIGHT`]: crate::execution::offset_path::STRAIGHT
 const STRAIGHT_LOSS: f64 = 0.00125;
@@ -486,8 +489,8 @@ impl ContourWatch {
         self.findings.pop_front()
     }
 
-    /// The commands after a closed contour that do not lead away from it: a further lap, which need not bound the same part. It may
-    /// cut a corner that the first lap has left.
+    /// The commands after a closed contour that do not lead away from it: a further lap, which need not bound
+    /// the same part. It may cut a corner that the first lap has left.
     fn another_lap(&self, last: usize, is_last: bool) -> std::ops::Range<u64> {
         let rest = self.edges.get(last + 1..).unwrap_or(&[]);
         let away = leads(rest.iter().rev());

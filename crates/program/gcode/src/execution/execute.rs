@@ -20,11 +20,12 @@ use crate::{
     Action, CallChain, Code, Command, Origin, PathMode, SPINDLES, Settings, SpindleDirection, ToolTable,
 };
 
-/// Maximum number of commands that wait for cutter compensation or that one line gives: some hundred megabytes.
+/// Maximum number of commands that wait for cutter compensation or that one line gives: some hundred
+/// megabytes.
 pub(crate) const MAX_HELD_COMMANDS: usize = 1_000_000;
 
-/// A dwell of an integral number of seconds from this on is probably meant in milliseconds. Tuned: spindles reach their speed
-/// within a minute, and dialects with milliseconds rarely dwell less than 100 of them.
+/// A dwell of an integral number of seconds from this on is probably meant in milliseconds. Tuned: spindles
+/// reach their speed within a minute, and dialects with milliseconds rarely dwell less than 100 of them.
 const LONG_DWELL_S: f64 = 100.0;
 
 /// Everything that a line can change.
@@ -215,7 +216,8 @@ impl Executor<'_> {
             // An angle is not held any longer either.
             let turning = spindle.turns() || spindle.orientation.is_some();
             spindle.direction = SpindleDirection::Stopped;
-            // What follows starts in G97, where metres per minute are not a speed; a block of MDI takes the speed from the outputs.
+            // What follows starts in G97, where metres per minute are not a speed; a block of MDI takes the
+            // speed from the outputs.
             let is_surface = spindle.speed.is_surface();
             if is_surface {
                 spindle.speed = ProgrammedSpeed::Rpm(0.0);

@@ -1,7 +1,8 @@
 //! G12.2 and G13.2: the cycle that mills a hole along involutes.
 //!
-//! The path is that of [`evolvent_path::Hole`]: at each depth an involute from the centre outwards and one revolution. With an
-//! allowance all depths are roughed first, then finished by approach, circle and departure.
+//! The path is that of [`evolvent_path::Hole`]: at each depth an involute from the centre outwards and one
+//! revolution. With an allowance all depths are roughed first, then finished by approach, circle and
+//! departure.
 
 use evolvent_path::{Axes, Hole, HoleError, HolePass, HoleStart, Milling, Plane, Sense, depths_mm};
 

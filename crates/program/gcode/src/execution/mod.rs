@@ -1,4 +1,5 @@
-//! Converts blocks into moves, in the order of execution: lines, arcs, splines, offsets, compensation, cycles.
+//! Converts blocks into moves, in the order of execution: lines, arcs, splines, offsets, compensation,
+//! cycles.
 
 pub(crate) mod arc;
 pub(crate) mod compensation;

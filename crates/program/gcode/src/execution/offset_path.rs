@@ -1,19 +1,19 @@
-//! Geometry of cutter compensation in the plane: the path of the tool centre beside a programmed line or arc, and the corners
-//! between two such paths.
+//! Geometry of cutter compensation in the plane: the path of the tool centre beside a programmed line or arc,
+//! and the corners between two such paths.
 //!
-//! Every corner is decided once, when the move after it is known. The length that a corner takes from the start of a move is
-//! not available to the corner at its end ([`Element::remaining`]): otherwise a move that is too short for both would be
-//! reversed, and an arc would wrap around.
+//! Every corner is decided once, when the move after it is known. The length that a corner takes from the
+//! start of a move is not available to the corner at its end ([`Element::remaining`]): otherwise a move that
+//! is too short for both would be reversed, and an arc would wrap around.
 
-/// Corners that turn by less than this, in radians, are passed straight, as in LinuxCNC, unless the tool would come closer to the
-/// contour by more than `1 - cos(0.05)` = 0.125 % of its radius.
+/// Corners that turn by less than this, in radians, are passed straight, as in LinuxCNC, unless the tool
+/// would come closer to the contour by more than `1 - cos(0.05)` = 0.125 % of its radius.
 pub(crate) const STRAIGHT: f64 = 0.05;
 
 /// Tolerance for missing length on the path, mm: rounding of coordinates in double precision, with a margin.
 pub(crate) const ROUNDING_MM: f64 = 1e-6;
 
-/// Where a path returns beside itself: permitted depth of a cut between the two parts, mm. Programs are rounded to 0.01 mm, so
-/// two parts that are meant to coincide may be that far apart.
+/// Where a path returns beside itself: permitted depth of a cut between the two parts, mm. Programs are
+/// rounded to 0.01 mm, so two parts that are meant to coincide may be that far apart.
 const FOLD_MM: f64 = 0.005;
 
 pub(crate) type Point = [f64; 2];
@@ -45,8 +45,8 @@ pub(crate) struct Element {
     pub(crate) end_tangent: Point,
     /// Length in the plane that corners have left of it, in mm.
     pub(crate) remaining: f64,
-    /// For the straight move to the contour: its start. It goes straight from there to wherever the first corner permits, so its
-    /// length is not a limit.
+    /// For the straight move to the contour: its start. It goes straight from there to wherever the first
+    /// corner permits, so its length is not a limit.
     pub(crate) entry: Option<Point>,
 }
 
@@ -157,7 +157,8 @@ impl Shape {
         points.into_iter().flatten()
     }
 
-    /// The path length between two of its points, negative if `to` comes before `from`; on a circle the shorter way.
+    /// The path length between two of its points, negative if `to` comes before `from`; on a circle the
+    /// shorter way.
     fn between(&self, from: Point, to: Point) -> f64 {
         match *self {
             Self::Line { direction, .. } => dot(sub(to, from), direction),
@@ -178,7 +179,8 @@ impl Shape {
         }
     }
 
-    /// Curvature of the programmed path beside which a tool of this radius moves, in 1/mm, positive if it curves towards the tool.
+    /// Curvature of the programmed path beside which a tool of this radius moves, in 1/mm, positive if it
+    /// curves towards the tool.
     fn bend(&self, tool_radius: f64, side: f64) -> f64 {
         match *self {
             Self::Line { .. } => 0.0,
@@ -207,7 +209,8 @@ impl Shape {
 }
 
 impl Element {
-    /// The corner between this element and the next; `radius` is the tool's, `side` is +1 if it moves on the left.
+    /// The corner between this element and the next; `radius` is the tool's, `side` is +1 if it moves on the
+    /// left.
     ///
     /// # Errors
     /// [`Misfit`] if the tool cannot follow both without cutting into the contour.
@@ -217,7 +220,8 @@ impl Element {
                 cross(self.end_tangent, next.begin_tangent),
                 dot(self.end_tangent, next.begin_tangent),
             );
-        // On a concave arc only slightly wider than the tool even a small corner would lead the tool far from its path.
+        // On a concave arc only slightly wider than the tool even a small corner would lead the tool far from
+        // its path.
         let gives = radius * (1.0 - libm::cos(STRAIGHT)) + ROUNDING_MM;
         let small = turn.abs() <= STRAIGHT;
         if small && next.aside(self.end) <= gives || radius < ROUNDING_MM {
@@ -251,8 +255,8 @@ impl Element {
         Ok(Corner::Inner { point, before, after })
     }
 
-    /// A reversal. On a line the tool goes around the end. If arcs curve so that the second path is on the tool's side of the first,
-    /// as between the legs of an `h`, the corner is an inner one.
+    /// A reversal. On a line the tool goes around the end. If arcs curve so that the second path is on the
+    /// tool's side of the first, as between the legs of an `h`, the corner is an inner one.
     fn turn_back(
         &self,
         next: &Self,
@@ -286,8 +290,8 @@ impl Element {
         Ok(Corner::Outer)
     }
 
-    /// Distance of a point from the path at its start. The radius of an arc is that at its start, since the radius at its end may
-    /// differ by rounding in the program.
+    /// Distance of a point from the path at its start. The radius of an arc is that at its start, since the
+    /// radius at its end may differ by rounding in the program.
     fn aside(&self, place: Point) -> f64 {
         match self.shape {
             Shape::Line { point, direction } => cross(direction, sub(place, point)).abs(),
@@ -312,7 +316,8 @@ impl Element {
         )
     }
 
-    /// Whether this is the move to the contour, and reaches a point of the next element without touching that one.
+    /// Whether this is the move to the contour, and reaches a point of the next element without touching that
+    /// one.
     fn enters(&self, next: &Self, before: f64, point: Point, side: f64) -> bool {
         let clear = |from: Point| before >= 0.0 && next.shape.is_clear(from, point, side);
         self.entry.is_some_and(clear)

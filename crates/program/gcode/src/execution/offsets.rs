@@ -60,7 +60,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Warns of the length of another tool than the one in the spindle. Without a tool change nobody knows which one that is.
+    /// Warns of the length of another tool than the one in the spindle. Without a tool change nobody knows
+    /// which one that is.
     fn warn_of_other_length(&mut self, number: u32, offset: &Axes) {
         let present = self.state.tool;
         let own = self.tools.as_ref().and_then(|tools| tools.get(present));

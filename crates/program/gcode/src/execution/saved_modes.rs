@@ -64,7 +64,8 @@ fn length_of(tool: u32, tools: Option<&ToolTable>) -> Axes {
 impl Executor<'_> {
     /// Restores all that M70 has saved.
     ///
-    /// As in LinuxCNC, a length that is in force is not replaced by another one: a subroutine may choose the length of its tool.
+    /// As in LinuxCNC, a length that is in force is not replaced by another one: a subroutine may choose the
+    /// length of its tool.
     pub(crate) fn restore_saved(&mut self, saved: SavedModes, place: Span) -> Result<(), Fault> {
         let is_on = self.state.cutter.is_on();
         match saved.compensation {

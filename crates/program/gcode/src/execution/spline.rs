@@ -1,8 +1,8 @@
 //! Splines in the XY plane: G5, G5.1, and the NURBS of G5.2 and G5.3.
 //!
-//! A Bezier curve of degree two or three is exactly one polynomial of the path. A rational curve becomes a chain of quintics
-//! that match position and first two derivatives at each joint, each within [`TOLERANCE_MM`] of the curve at the same
-//! parameter.
+//! A Bezier curve of degree two or three is exactly one polynomial of the path. A rational curve becomes a
+//! chain of quintics that match position and first two derivatives at each joint, each within
+//! [`TOLERANCE_MM`] of the curve at the same parameter.
 
 use evolvent_path::{Axes, Blend, Curve, Jet, Line, Plane};
 
@@ -223,7 +223,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Divides a curve into quintics. `at` returns position, first and second derivative in program coordinates.
+    /// Divides a curve into quintics. `at` returns position, first and second derivative in program
+    /// coordinates.
     fn approximate(
         &self,
         at: &impl Fn(f64) -> [Point; 3],
@@ -237,7 +238,8 @@ impl Executor<'_> {
         let distance = |a: Point, b: Point| libm::hypot(b[0] - a[0], b[1] - a[1]);
         let mut size = distance(left[0], middle[0]) + distance(middle[0], right[0]);
         if halvings == 0 && size <= TOLERANCE_MM {
-            // A curve may pass its start in the middle. One that is at one point of all these, of at most degree nine, is a point.
+            // A curve may pass its start in the middle. One that is at one point of all these, of at most
+            // degree nine, is a point.
             let at_part = |part: u32| at(from + (to - from) * f64::from(part) / 16.0)[0];
             size = (0..16)
                 .map(|part| distance(at_part(part), at_part(part + 1)))
@@ -323,8 +325,8 @@ impl Executor<'_> {
     }
 }
 
-/// Position and two derivatives of a NURBS (Piegl and Tiller, "The NURBS Book", algorithms A2.2, A3.1 and equation (4.8)): the
-/// derivatives of a B-spline are B-splines of the differences.
+/// Position and two derivatives of a NURBS (Piegl and Tiller, "The NURBS Book", algorithms A2.2, A3.1 and
+/// equation (4.8)): the derivatives of a B-spline are B-splines of the differences.
 fn rational(points: &[[f64; 3]], order: usize, knot: &impl Fn(usize) -> f64, u: f64) -> [Point; 3] {
     let degree = order - 1;
     let spans = points.len() - degree;

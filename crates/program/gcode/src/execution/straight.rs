@@ -67,8 +67,9 @@ impl Executor<'_> {
         Ok(target)
     }
 
-    /// The programmed position to which the next move in the plane leads after G40, if this line names no axis of the plane. It
-    /// moves the other axes alone: a tool that is raised after G40 stays beside the contour.
+    /// The programmed position to which the next move in the plane leads after G40, if this line names no
+    /// axis of the plane. It moves the other axes alone: a tool that is raised after G40 stays beside the
+    /// contour.
     fn pending_cancel(&self) -> Option<Axes> {
         let (state, line) = (&*self.state, self.line);
         let programmed = state.cutter.programmed.filter(|_| !state.cutter.is_on())?;
@@ -277,7 +278,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Rejects a path too short for a direction and duration in double precision, and more commands than fit into memory.
+    /// Rejects a path too short for a direction and duration in double precision, and more commands than fit
+    /// into memory.
     #[inline]
     fn check_move(&self, length: f64, feed: f64) -> Result<(), Fault> {
         if length > 0.0 && feed > 0.0 && self.out.len() < MAX_HELD_COMMANDS {
@@ -358,7 +360,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Speed in mm/s for a path of this length, or deg/s if only rotary axes move. [`check_feed`](Self::check_feed) has passed.
+    /// Speed in mm/s for a path of this length, or deg/s if only rotary axes move.
+    /// [`check_feed`](Self::check_feed) has passed.
     pub(crate) fn speed(&self, length: f64, rotary: bool) -> f64 {
         let modes = &self.state.modes;
         if modes.feed_mode == FeedMode::InverseTime {
@@ -370,8 +373,8 @@ impl Executor<'_> {
             .map_or(0.0, |feed| feed.per_second(rotary, || self.state.feed_rpm()))
     }
 
-    /// G28, G30: via the point of the axis words to the stored position. Without axis words all axes move there, else only those
-    /// named.
+    /// G28, G30: via the point of the axis words to the stored position. Without axis words all axes move
+    /// there, else only those named.
     pub(crate) fn home(&mut self, first: usize) -> Result<(), Fault> {
         if !self.line.has_axes() {
             return self.go_home(first);
@@ -523,7 +526,8 @@ impl Executor<'_> {
         let target = self.target()?;
         if target == self.state.position {
             if self.state.is_probed {
-                // The stop position of the previous probe is unknown: without contact it is here, and there is no path.
+                // The stop position of the previous probe is unknown: without contact it is here, and there
+                // is no path.
                 return Ok(());
             }
             let message = "G38 ends where it starts";

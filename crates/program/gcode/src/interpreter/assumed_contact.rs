@@ -17,8 +17,8 @@ use crate::syntax::statement::Statement;
 use crate::{Action, Command, Diagnostic};
 
 impl<R: BufRead> Interpreter<R> {
-    /// The axes along which the line read last moves from or to a position that depends on a probing move without an answer
-    /// ([`Settings::probes_succeed`](crate::Settings::probes_succeed)).
+    /// The axes along which the line read last moves from or to a position that depends on a probing move
+    /// without an answer ([`Settings::probes_succeed`](crate::Settings::probes_succeed)).
     #[must_use]
     pub fn assumed_axes(&self) -> [bool; AXES] {
         match &self.parameters.assumption {
@@ -48,8 +48,8 @@ impl<R: BufRead> Interpreter<R> {
         assumption.is_some_and(|assumption| assumption.is_read())
     }
 
-    /// A line that is skipped because of the result: with another one it might leave the subroutine or a loop, and what is left of
-    /// that is executed only if it does not.
+    /// A line that is skipped because of the result: with another one it might leave the subroutine or a
+    /// loop, and what is left of that is executed only if it does not.
     #[cold]
     pub(super) fn note_skipped_exit(&mut self, word: Option<&OWord>) {
         let leaves_subroutine = self.flow.frames.len() > 1
@@ -112,8 +112,8 @@ impl<R: BufRead> Interpreter<R> {
         assumption.is_in_branch.then_some(0)
     }
 
-    /// Whether the present line ends the program only if a contact is where it is assumed to be, so that the lines after it are
-    /// executed as if it had not been reached.
+    /// Whether the present line ends the program only if a contact is where it is assumed to be, so that the
+    /// lines after it are executed as if it had not been reached.
     #[inline]
     pub(super) fn passes_end(&self) -> bool {
         let Some(assumption) = &self.parameters.assumption else {

@@ -1,4 +1,5 @@
-//! Calls: subroutines are collected as the program is read, found in files or later in the program, entered and left.
+//! Calls: subroutines are collected as the program is read, found in files or later in the program, entered
+//! and left.
 
 use std::io::BufRead;
 use std::sync::Arc as Shared;
@@ -157,7 +158,8 @@ impl<R: BufRead> Interpreter<R> {
         Ok(())
     }
 
-    /// Leaves a subroutine, or begins its next repetition. It is left even where its modes cannot be restored.
+    /// Leaves a subroutine, or begins its next repetition. It is left even where its modes cannot be
+    /// restored.
     pub(crate) fn return_from(&mut self, value: Option<f64>) -> Result<(), Fault> {
         if self.frame().again > 0 {
             let frame = self.frame();

@@ -1,4 +1,5 @@
-//! Reads the profile of a turning cycle: a subroutine is executed, and its moves are stored instead of output.
+//! Reads the profile of a turning cycle: a subroutine is executed, and its moves are stored instead of
+//! output.
 
 use std::io::BufRead;
 

@@ -6,7 +6,8 @@ use crate::CallChain;
 use crate::syntax::block::Block;
 use crate::syntax::statement::Statement;
 
-/// The position of the present line. Recorded when the line is read, because the line itself may leave the subroutine.
+/// The position of the present line. Recorded when the line is read, because the line itself may leave the
+/// subroutine.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Place {
     /// The file, if it is not the program itself.

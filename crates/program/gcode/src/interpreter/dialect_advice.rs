@@ -1,4 +1,5 @@
-//! Lines that mean something else on other controls: what is warned of or refused, and what advice on errors depends on.
+//! Lines that mean something else on other controls: what is warned of or refused, and what advice on errors
+//! depends on.
 
 use std::io::BufRead;
 

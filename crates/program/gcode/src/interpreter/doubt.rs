@@ -1,8 +1,9 @@
-//! What is unknown after a refused line, or before the first line, so that errors caused by it alone are not reported.
+//! What is unknown after a refused line, or before the first line, so that errors caused by it alone are not
+//! reported.
 //!
-//! A refused line has no effect. The lines after it were written for its effect: arcs start at its end, words have the meaning
-//! of its mode, moves use its feed. Errors that are likely due to that alone are not reported; the next run shows them if they
-//! are errors of their own.
+//! A refused line has no effect. The lines after it were written for its effect: arcs start at its end, words
+//! have the meaning of its mode, moves use its feed. Errors that are likely due to that alone are not
+//! reported; the next run shows them if they are errors of their own.
 
 use evolvent_path::{AXES, AxisLetter};
 
@@ -53,8 +54,8 @@ impl Doubt {
         self.mode || self.feed || self.contour || self.values || self.frame || has_place
     }
 
-    /// Adds what a refused line would have changed: according to its words if they could be read, otherwise to the letters in its text
-    /// outside comments.
+    /// Adds what a refused line would have changed: according to its words if they could be read, otherwise
+    /// to the letters in its text outside comments.
     #[cold]
     pub(crate) fn refuse(&mut self, code: Code, text: &[u8], block: &Block, state: &State) {
         if code == Code::ActiveComment {
@@ -105,7 +106,8 @@ impl Doubt {
             for (position, letter) in self.position.iter_mut().zip(*b"XYZ") {
                 *position &= !line.has(letter);
             }
-            // In rotated coordinates X alone leads along both axes of the machine, from a Y that means nothing.
+            // In rotated coordinates X alone leads along both axes of the machine, from a Y that means
+            // nothing.
             let both = line.has(b'X') && line.has(b'Y');
             for (index, (start, axis)) in self.start.iter_mut().zip(AxisLetter::ALL).enumerate() {
                 let is_sent = if is_rotated && index < 2 {
@@ -199,7 +201,8 @@ fn is_frame_code(value: f64) -> bool {
     )
 }
 
-/// The text of a line in capitals without blanks, comments and names of parameters: letters that are not in it start no word.
+/// The text of a line in capitals without blanks, comments and names of parameters: letters that are not in
+/// it start no word.
 fn outside_comments(text: &[u8]) -> Vec<u8> {
     let mut plain = Vec::new();
     let mut end = None;
@@ -217,8 +220,8 @@ fn outside_comments(text: &[u8]) -> Vec<u8> {
     plain
 }
 
-/// Whether a line whose words could not be read may set what coordinates refer to: by the number of a G code, or because the number
-/// is computed.
+/// Whether a line whose words could not be read may set what coordinates refer to: by the number of a G code,
+/// or because the number is computed.
 fn names_frame(plain: &[u8]) -> bool {
     plain.split(|byte| *byte == b'G').skip(1).any(|after| {
         let digits = after

@@ -11,7 +11,8 @@ use crate::{Code, Diagnostic};
 /// Number of errors after which a program is abandoned.
 const MAX_ERRORS: usize = 1000;
 
-/// Number of repeated errors, from lines reported before, after which a program is abandoned: loops repeat them. About 50 ms.
+/// Number of repeated errors, from lines reported before, after which a program is abandoned: loops repeat
+/// them. About 50 ms.
 pub(super) const MAX_REPEATED_ERRORS: u32 = 10_000;
 
 /// The errors so far, by which a further one is reported or not.

@@ -88,7 +88,8 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Executes the present statement; if it fails, the state is as before.
     pub(crate) fn execute_statement(&mut self) -> Result<(), Fault> {
-        // A line with only a straight move changes little of the state, and long programs consist of such lines.
+        // A line with only a straight move changes little of the state, and long programs consist of such
+        // lines.
         let small = self.current.statement.is_plain_move() && self.state.is_plain();
         let plain_move_state = self.state.plain_move_state();
         if !small {

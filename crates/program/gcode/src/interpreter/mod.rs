@@ -52,12 +52,13 @@ use crate::{Action, Code, Command, Diagnostic, Origin, Settings, ToolTable};
 /// Number of lines between two checks of the interrupt flag.
 const INTERRUPT_LINES: u64 = 1024;
 
-/// Interprets a program line by line, as commands are requested. Memory is bounded by the longest line and, for loops and
-/// subroutines, by [`ProgramLimits::max_body_bytes`].
+/// Interprets a program line by line, as commands are requested. Memory is bounded by the longest line and,
+/// for loops and subroutines, by [`ProgramLimits::max_body_bytes`].
 ///
-/// After an error the iterator continues with the next line; the modal state is that before the faulty line. So one pass finds
-/// many errors; those that are likely to follow from an earlier one alone are not reported, such as an arc behind a refused move.
-/// A consumer that moves a machine stops at the first. The iterator ends after [`Action::ProgramEnd`], or after a read error.
+/// After an error the iterator continues with the next line; the modal state is that before the faulty line.
+/// So one pass finds many errors; those that are likely to follow from an earlier one alone are not reported,
+/// such as an arc behind a refused move. A consumer that moves a machine stops at the first. The iterator
+/// ends after [`Action::ProgramEnd`], or after a read error.
 ///
 /// ```
 /// use evolvent_gcode::{Action, Interpreter, Settings};
@@ -166,27 +167,30 @@ impl<R: BufRead> Interpreter<R> {
         self.settings.block_delete = on;
     }
 
-    /// Number of lines that start with `/` so far: skipped with block delete on, executed with block delete off.
+    /// Number of lines that start with `/` so far: skipped with block delete on, executed with block delete
+    /// off.
     #[must_use]
     pub fn block_delete_lines(&self) -> (u64, u64) {
         self.block_delete_lines
     }
 
-    /// Sets a flag with which another thread can stop the interpreter: the next item is then the error [`Code::Interrupted`], and
-    /// the last. This also stops a program that computes for a long time without motion.
+    /// Sets a flag with which another thread can stop the interpreter: the next item is then the error
+    /// [`Code::Interrupted`], and the last. This also stops a program that computes for a long time without
+    /// motion.
     pub fn set_interrupt(&mut self, flag: Arc<AtomicBool>) {
         self.interrupt = Some(flag);
     }
 
-    /// The axes along which the line read last may leave the travel only because lines with errors before it had no effect, or
-    /// because no line so far says where an axis of [`Settings::unknown`] is.
+    /// The axes along which the line read last may leave the travel only because lines with errors before it
+    /// had no effect, or because no line so far says where an axis of [`Settings::unknown`] is.
     #[must_use]
     pub fn doubtful_axes(&self) -> [bool; AXES] {
         let is_rotated = self.state.rotation[0] != 0.0;
         self.errors.doubt.of_travel(&self.current.text, is_rotated)
     }
 
-    /// The F word in force after the lines read so far and the feed that it means for linear axes, mm/s; none without G94.
+    /// The F word in force after the lines read so far and the feed that it means for linear axes, mm/s; none
+    /// without G94.
     #[must_use]
     pub fn feed_per_minute(&self) -> Option<(f64, f64)> {
         match self.state.modes.feed? {
@@ -199,8 +203,9 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// The value of a numbered parameter after the lines read so far, lengths of offsets in mm; 0 for numbers that do not exist.
-    /// To keep parameters from run to run, read them here and supply them in [`Settings::parameters`].
+    /// The value of a numbered parameter after the lines read so far, lengths of offsets in mm; 0 for numbers
+    /// that do not exist. To keep parameters from run to run, read them here and supply them in
+    /// [`Settings::parameters`].
     #[must_use]
     pub fn parameter(&self, number: u32) -> f64 {
         self.scope().stored(number as usize)
@@ -218,8 +223,8 @@ impl<R: BufRead> Interpreter<R> {
         self.flow.library.file_count()
     }
 
-    /// The subroutine files read so far, in order: name and text as read. Stored with the program they allow running it again
-    /// without the folders.
+    /// The subroutine files read so far, in order: name and text as read. Stored with the program they allow
+    /// running it again without the folders.
     pub fn subroutine_files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
         self.flow.library.files()
     }
@@ -246,7 +251,8 @@ impl<R: BufRead> Interpreter<R> {
         self.state.ended
     }
 
-    /// Executes a line and discards its commands. The line number of a probing move among them, whose result is unknown.
+    /// Executes a line and discards its commands. The line number of a probing move among them, whose result
+    /// is unknown.
     pub(crate) fn step_silently(&mut self) -> Result<Option<u32>, Box<Diagnostic>> {
         let mut probed = None;
         self.advance()?;
@@ -438,7 +444,8 @@ impl<R: BufRead> Interpreter<R> {
         diagnostic
     }
 
-    /// The error of too many lines without a command, or of too many commands that wait for a move in the plane.
+    /// The error of too many lines without a command, or of too many commands that wait for a move in the
+    /// plane.
     fn check_bounds(&self) -> Option<Fault> {
         let place = Span::new(0, self.current.text.len());
         if self.output.lines_without_command > self.settings.limits.max_silent_lines {

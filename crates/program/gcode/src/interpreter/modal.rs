@@ -14,7 +14,8 @@ use crate::{PathMode, SpindleDirection};
 /// Modes, offsets and tool after a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Modal {
-    /// Active G codes, one per modal group except motion, times ten: 170 is G17, 591 is G59.1. Padded with zeros.
+    /// Active G codes, one per modal group except motion, times ten: 170 is G17, 591 is G59.1. Padded with
+    /// zeros.
     pub codes: [u32; 16],
     /// Active work coordinate system, times ten: 540 to 593.
     pub work_system: u32,
@@ -30,7 +31,8 @@ pub struct Modal {
     pub tool: u32,
     /// Tool selected by T for the next M6.
     pub selected_tool: Option<u32>,
-    /// Speed of spindle 0 in revolutions per minute, negative counter-clockwise; 0 if it is stopped or follows a surface speed.
+    /// Speed of spindle 0 in revolutions per minute, negative counter-clockwise; 0 if it is stopped or
+    /// follows a surface speed.
     pub spindle_rpm: f64,
     /// The spindle that threads and cycles without `$` are of.
     pub active_spindle: u32,

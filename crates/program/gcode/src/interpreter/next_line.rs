@@ -1,4 +1,5 @@
-//! Where the next line comes from: the stream, stored lines of loops, or a subroutine; and what happens where they end.
+//! Where the next line comes from: the stream, stored lines of loops, or a subroutine; and what happens where
+//! they end.
 
 use std::io::BufRead;
 
@@ -89,7 +90,8 @@ impl<R: BufRead> Interpreter<R> {
         fault.map_or(Ok(()), Err)
     }
 
-    /// Whether the line read is the `%` at the end of a program that started with one: the program ends as at the end of its file.
+    /// Whether the line read is the `%` at the end of a program that started with one: the program ends as at
+    /// the end of its file.
     pub(super) fn ends_by_percent(&self) -> bool {
         self.percent == Some(true) && self.flow.frames.len() == 1 && is_percent(&self.current.text)
     }

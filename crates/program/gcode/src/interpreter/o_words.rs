@@ -1,7 +1,7 @@
 //! O-words: subroutines, conditions and loops.
 //!
-//! A program is read once, as a stream. Only lines that may be repeated are stored: those of a loop while it is active, and the
-//! bodies of subroutines. Branches that are not taken are skipped without being stored.
+//! A program is read once, as a stream. Only lines that may be repeated are stored: those of a loop while it
+//! is active, and the bodies of subroutines. Branches that are not taken are skipped without being stored.
 
 use std::io::BufRead;
 use std::sync::Arc as Shared;
@@ -27,7 +27,8 @@ pub(crate) struct Frame {
     pub(crate) open: Vec<Open>,
     /// From which of them on, counted from 1, lines depend on an assumed contact; 0 for all lines.
     pub(crate) assumed_from: Option<usize>,
-    /// From which of them on, counted likewise, lines come after an exit that was skipped because of an assumed contact.
+    /// From which of them on, counted likewise, lines come after an exit that was skipped because of an
+    /// assumed contact.
     pub(crate) exit_from: Option<usize>,
     /// The subroutine, and its first line.
     pub(crate) name: NameId,
@@ -54,7 +55,8 @@ impl Frame {
 /// An open condition or loop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Open {
-    /// Whether one of its branches has been executed, its line, and whether a condition has read an assumed contact.
+    /// Whether one of its branches has been executed, its line, and whether a condition has read an assumed
+    /// contact.
     If {
         name: NameId,
         taken: bool,

@@ -1,7 +1,7 @@
 //! O-words that belong together, such as sub and endsub, and those that do not: one error for each mistake.
 //!
-//! An end with the wrong name is either the end that was meant, or a line too many. Which one it is, the lines after it tell:
-//! they are read ahead, which costs memory only where there is such an error.
+//! An end with the wrong name is either the end that was meant, or a line too many. Which one it is, the
+//! lines after it tell: they are read ahead, which costs memory only where there is such an error.
 
 use std::io::BufRead;
 
@@ -272,8 +272,8 @@ impl<R: BufRead> Interpreter<R> {
         Fault::new(Code::OWordOrder, word.span, message).help("write the same name or number at both")
     }
 
-    /// Warns of a condition or loop around the end of a program (M2) that no later line ends. It is valid, but its end was
-    /// probably forgotten before M2: the lines of a loop are then executed once.
+    /// Warns of a condition or loop around the end of a program (M2) that no later line ends. It is valid,
+    /// but its end was probably forgotten before M2: the lines of a loop are then executed once.
     pub(crate) fn warn_of_open_at_end(&mut self) {
         let frames = &self.flow.frames;
         if self.settings.is_block || frames.iter().all(|frame| frame.open.is_empty()) {
@@ -293,7 +293,8 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    /// Warns of a condition or loop around the end of a subroutine. It is valid too, but nothing can end it any more.
+    /// Warns of a condition or loop around the end of a subroutine. It is valid too, but nothing can end it
+    /// any more.
     pub(crate) fn warn_of_open_at_endsub(&mut self) {
         if let Some(open) = self.frame().open.last().copied() {
             let text = self.open_at("the subroutine ends", self.flow.frames.len() - 1, open);
@@ -367,7 +368,8 @@ impl<R: BufRead> Interpreter<R> {
         })
     }
 
-    /// The error of a subroutine file that does not define its subroutine; its lines were executed from the first one.
+    /// The error of a subroutine file that does not define its subroutine; its lines were executed from the
+    /// first one.
     fn file_without_subroutine(&mut self) -> Option<Fault> {
         let frame = self.flow.frames.last()?;
         let lines = frame

@@ -13,13 +13,14 @@ use crate::{
     Action, CallChain, Code, Command, Diagnostic, Move, MoveKind, PathMode, SPINDLES, SpindleDirection,
 };
 
-/// The state that the lines before a restart have left. The user has to see it before anything moves: the machine is first
-/// brought to `position` and into this state.
+/// The state that the lines before a restart have left. The user has to see it before anything moves: the
+/// machine is first brought to `position` and into this state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Restart {
     /// The line that is executed first; later than requested if that line is inside a subroutine.
     pub line: u32,
-    /// The tool position assumed by the program, in machine coordinates (mm, degrees). The first move starts there.
+    /// The tool position assumed by the program, in machine coordinates (mm, degrees). The first move starts
+    /// there.
     pub position: Axes,
     /// What has to be switched or changed, in this order: tool, spindle, coolant, outputs.
     pub actions: Vec<Action>,
@@ -47,10 +48,10 @@ const SLOW_APPROACH_MM: f64 = 5.0;
 const SLOW_APPROACH_FEED_MM_S: f64 = 5.0;
 
 impl Restart {
-    /// The approach from the present position: along `axis` (the tool's: Z of a mill, X of a lathe) away from the work to at least
-    /// `clear`, then all other axes, then along `axis` in, the last 5 mm at the active feed. `clear` is a machine coordinate in mm
-    /// that is free of obstacles, such as the home position of the axis. Work and clamps are unknown: the operator has to check
-    /// the approach first.
+    /// The approach from the present position: along `axis` (the tool's: Z of a mill, X of a lathe) away from
+    /// the work to at least `clear`, then all other axes, then along `axis` in, the last 5 mm at the active
+    /// feed. `clear` is a machine coordinate in mm that is free of obstacles, such as the home position of
+    /// the axis. Work and clamps are unknown: the operator has to check the approach first.
     ///
     /// # Errors
     /// [`Code::RestartRefused`] if the position is not finite.
@@ -130,21 +131,23 @@ impl Restart {
 }
 
 impl<R: BufRead> Interpreter<R> {
-    /// Interprets all lines before `line` without output, and returns the state they leave; the next command is that of `line`.
-    /// Loops and subroutines before it are executed. Call it before the first command is requested. It takes as long as
-    /// interpreting the lines before, and allocates only the result.
+    /// Interprets all lines before `line` without output, and returns the state they leave; the next command
+    /// is that of `line`. Loops and subroutines before it are executed. Call it before the first command is
+    /// requested. It takes as long as interpreting the lines before, and allocates only the result.
     ///
     /// # Errors
-    /// The first error of the lines before; [`Code::TooManySteps`] if they loop without end; [`Code::RestartRefused`] if the program
-    /// ends before the line, the line is inside cutter compensation or a NURBS, or a probing move comes before it: offsets and
-    /// positions may depend on a contact that nobody knows. A line that continues a thread is no error here, but the first command
-    /// is ([`Interpreter::begins_behind_thread`]).
+    /// The first error of the lines before; [`Code::TooManySteps`] if they loop without end;
+    /// [`Code::RestartRefused`] if the program ends before the line, the line is inside cutter compensation
+    /// or a NURBS, or a probing move comes before it: offsets and positions may depend on a contact that
+    /// nobody knows. A line that continues a thread is no error here, but the first command is
+    /// ([`Interpreter::begins_behind_thread`]).
     pub fn start_at(&mut self, line: u32) -> Result<Restart, Box<Diagnostic>> {
         let tool = self.state().tool;
         let mut executed = 0_u64;
         let mut has_probed = false;
         let waits_succeed = std::mem::replace(&mut self.settings.waits_succeed, true);
-        // Tools were changed, and measured, by an earlier run; the tool table has their lengths and pockets. An MDI block changes one.
+        // Tools were changed, and measured, by an earlier run; the tool table has their lengths and pockets.
+        // An MDI block changes one.
         let changer = (self.settings.features.tool_change).take_if(|_| !self.settings.is_block);
         while self.next_of_program() < line || self.is_inside() {
             executed += 1;
@@ -158,7 +161,8 @@ impl<R: BufRead> Interpreter<R> {
             }
             let probed = match self.step_silently() {
                 Ok(probed) => probed,
-                // A probing move of this block has no result here, so the (ABORT) may follow from an earlier one: the check decides.
+                // A probing move of this block has no result here, so the (ABORT) may follow from an earlier
+                // one: the check decides.
                 Err(diagnostic)
                     if self.settings.is_block && has_probed && diagnostic.code == Code::ActiveComment =>
                 {
@@ -319,7 +323,8 @@ impl<R: BufRead> Interpreter<R> {
         self.thread_before.is_some_and(|thread| thread.is_open())
     }
 
-    /// A further piece of a thread continues at the spindle angle at which the piece before ended; alone it would begin at another angle.
+    /// A further piece of a thread continues at the spindle angle at which the piece before ended; alone it
+    /// would begin at another angle.
     pub(crate) fn inside_thread(&self, first: u32) -> Diagnostic {
         let line = self.current.number;
         self.reject_here(format!(

@@ -1,11 +1,12 @@
-//! Feed per revolution (G95) while the spindle speed follows the radius (G96): a move is divided into pieces of nearly constant
-//! speed.
+//! Feed per revolution (G95) while the spindle speed follows the radius (G96): a move is divided into pieces
+//! of nearly constant speed.
 
 use evolvent_path::{Axes, Curve, MoveKind, PathMode, SpindleSpeed};
 
 use crate::{Action, Command, SPINDLES};
 
-/// Maximum ratio of spindle speeds along a piece: the feed per revolution is accurate to half of the excess over 1.
+/// Maximum ratio of spindle speeds along a piece: the feed per revolution is accurate to half of the excess
+/// over 1.
 const MAX_SPEED_RATIO: f64 = 1.01;
 /// Minimum length of a piece, mm: near the centre the surface speed would need an unlimited number.
 const MIN_PIECE_MM: f64 = 0.005;
@@ -91,8 +92,8 @@ impl SurfaceFeed {
     }
 }
 
-/// Where the piece that begins at `done_mm` ends, and the spindle speed that its feed is for. It ends where the maximum speed is reached
-/// or left, so that the feed is exact where the speed is constant.
+/// Where the piece that begins at `done_mm` ends, and the spindle speed that its feed is for. It ends where
+/// the maximum speed is reached or left, so that the feed is exact where the speed is constant.
 fn next_piece(speed: &SpindleSpeed, curve: &Curve, done_mm: f64, length_mm: f64) -> (f64, f64) {
     let max_rpm = speed.max_rpm();
     let range = |end_mm: f64| range_rpm(speed, curve, done_mm, end_mm);
@@ -113,7 +114,8 @@ fn next_piece(speed: &SpindleSpeed, curve: &Curve, done_mm: f64, length_mm: f64)
         end_mm = even_mm.clamp(done_mm + MIN_PIECE_MM, end_mm - MIN_PIECE_MM);
     }
     let (slow, fast) = range(end_mm);
-    // An indivisible move has the feed of its slowest point, so that no chip is thicker than programmed. So has a piece at the maximum.
+    // An indivisible move has the feed of its slowest point, so that no chip is thicker than programmed. So
+    // has a piece at the maximum.
     let rpm = if is_even((slow, fast)) && slow < AT_MAX * max_rpm {
         (slow * fast).sqrt()
     } else {
@@ -122,8 +124,8 @@ fn next_piece(speed: &SpindleSpeed, curve: &Curve, done_mm: f64, length_mm: f64)
     (end_mm, rpm)
 }
 
-/// Where a property that holds at first is lost before `high_mm`: a place where it holds and one where it does not. They are apart by at
-/// most `fraction` of the first one's distance from `from_mm`, or by rounding.
+/// Where a property that holds at first is lost before `high_mm`: a place where it holds and one where it
+/// does not. They are apart by at most `fraction` of the first one's distance from `from_mm`, or by rounding.
 fn bisect(from_mm: f64, high_mm: f64, fraction: f64, holds: impl Fn(f64) -> bool) -> (f64, f64) {
     let (mut low_mm, mut high_mm) = (from_mm, high_mm);
     for _ in 0..MAX_BISECTIONS {

@@ -1,7 +1,7 @@
 //! M6 by a subroutine of the machine: the line is divided at the change.
 //!
-//! T and M6 are executed first, then the subroutine, then the tool counts as changed, then the rest of the line is executed. The
-//! subroutine sees the modes of the line and leaves none of its own.
+//! T and M6 are executed first, then the subroutine, then the tool counts as changed, then the rest of the
+//! line is executed. The subroutine sees the modes of the line and leaves none of its own.
 
 use std::io::BufRead;
 

@@ -9,15 +9,17 @@ use crate::tables::parameter_file::KeptParameters;
 
 /// The numbered parameters that programs use freely.
 const OF_PROGRAMS: std::ops::RangeInclusive<u32> = 1..=5000;
-/// Minimum magnitude written as a plain decimal; smaller numbers are long and are written with a power of two.
+/// Minimum magnitude written as a plain decimal; smaller numbers are long and are written with a power of
+/// two.
 const SMALLEST_DECIMAL: f64 = 1e-9;
 /// Minimum magnitude; smaller numbers are written as 0.
 const SMALLEST: f64 = 1e-300;
 
 impl<R: BufRead> Interpreter<R> {
-    /// Program lines that set the parameters of this program, up to the line read last, in another program: #1 to #5000, except
-    /// those of `kept`, and named ones. Every value is reproduced bit for bit, except magnitudes below 1e-300, which become 0.
-    /// Inside a subroutine its arguments and local names are not included.
+    /// Program lines that set the parameters of this program, up to the line read last, in another program:
+    /// #1 to #5000, except those of `kept`, and named ones. Every value is reproduced bit for bit, except
+    /// magnitudes below 1e-300, which become 0. Inside a subroutine its arguments and local names are not
+    /// included.
     ///
     /// ```
     /// use evolvent_gcode::{Interpreter, KeptParameters, Settings};
@@ -65,8 +67,8 @@ impl std::fmt::Display for Literal {
         if (SMALLEST_DECIMAL..=MAX_NUMBER).contains(&size) {
             return write!(f, "{value}");
         }
-        // Powers of two are exact, and so are products and quotients with them. The logarithm of the largest numbers rounds to 1024,
-        // so the mantissa is from 2 to 4.
+        // Powers of two are exact, and so are products and quotients with them. The logarithm of the largest
+        // numbers rounds to 1024, so the mantissa is from 2 to 4.
         let power = size.log2().floor() as i32 - 1;
         let (high, low) = (power / 2, power - power / 2);
         let mantissa = value / 2_f64.powi(high) / 2_f64.powi(low);

@@ -1,8 +1,8 @@
 //! What depends on the assumed result of a probing move: parameters, the position, offsets, branches.
 //!
-//! A check has no machine, so it assumes that every probing move makes contact at its end. An error that follows from the
-//! assumption is no error of the program. Each value is traced by line: all parameters that a line sets depend on the result
-//! if the line reads one that does, or if it is in a branch that does.
+//! A check has no machine, so it assumes that every probing move makes contact at its end. An error that
+//! follows from the assumption is no error of the program. Each value is traced by line: all parameters that
+//! a line sets depend on the result if the line reads one that does, or if it is in a branch that does.
 
 use std::cell::Cell;
 use std::collections::BTreeSet;

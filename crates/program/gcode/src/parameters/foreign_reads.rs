@@ -1,4 +1,5 @@
-//! Reads of numbers that are system variables of macro programs of other dialects: ordinary parameters here, 0 if nobody sets them.
+//! Reads of numbers that are system variables of macro programs of other dialects: ordinary parameters here,
+//! 0 if nobody sets them.
 
 use std::cell::Cell;
 use std::collections::BTreeSet;

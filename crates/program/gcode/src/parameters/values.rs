@@ -1,7 +1,8 @@
 //! Numbered and named parameters.
 //!
-//! The numbered ones contain what LinuxCNC stores there, under the same numbers, lengths in mm: work offsets, positions of G28
-//! and G30, the offset of G92, the tool. Codes read such values from here, so a program can prepare them by assignment.
+//! The numbered ones contain what LinuxCNC stores there, under the same numbers, lengths in mm: work offsets,
+//! positions of G28 and G30, the offset of G92, the tool. Codes read such values from here, so a program can
+//! prepare them by assignment.
 
 use evolvent_path::{AXES, Axes};
 
@@ -99,8 +100,8 @@ impl Parameters {
         matches!(index, TOOL..=5413 | POSITION..=5428)
     }
 
-    /// Whether a numbered parameter is a length that is stored in mm: the linear axes of G28, G30, G92, the work offsets and the
-    /// tool, and its diameter.
+    /// Whether a numbered parameter is a length that is stored in mm: the linear axes of G28, G30, G92, the
+    /// work offsets and the tool, and its diameter.
     pub(crate) fn is_stored_length(index: usize) -> bool {
         let nine_from = |first: usize| index.checked_sub(first).filter(|axis| *axis < AXES);
         let of_work = || {

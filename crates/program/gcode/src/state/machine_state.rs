@@ -14,8 +14,8 @@ use crate::{Action, PathMode, SPINDLES, Settings, SpindleDirection, SpindleOutpu
 /// Millimetres per inch.
 pub(crate) const INCH_MM: f64 = 25.4;
 
-/// The active F word as a feed, which a later G20 or G21 does not change. Its unit depends on the feed mode in which it was
-/// read, so it can only be read with its unit.
+/// The active F word as a feed, which a later G20 or G21 does not change. Its unit depends on the feed mode
+/// in which it was read, so it can only be read with its unit.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum ProgrammedFeed {
     /// G94.
@@ -146,7 +146,8 @@ impl SpindleAngle {
 impl SpindleModes {
     /// At the start of a program, or of an MDI block.
     fn new(output: &SpindleOutput, is_block: bool) -> Self {
-        // A program starts in G97, where metres per minute are not a speed; an MDI block continues in the active mode.
+        // A program starts in G97, where metres per minute are not a speed; an MDI block continues in the
+        // active mode.
         let surface = output.surface.filter(|_| is_block);
         Self {
             direction: output.direction,
@@ -214,8 +215,8 @@ pub(crate) struct Modes {
     pub(crate) feed_stop: bool,
 }
 
-/// Words of a canned cycle that stay active over consecutive lines of the cycle; mm in program coordinates along the axis of
-/// the cycle.
+/// Words of a canned cycle that stay active over consecutive lines of the cycle; mm in program coordinates
+/// along the axis of the cycle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct CycleModal {
     pub(crate) r: Option<f64>,
@@ -230,7 +231,8 @@ pub(crate) struct CycleModal {
     pub(crate) running: Option<Motion>,
 }
 
-/// All state between lines. `Copy`: a line works on a copy, which replaces the original only if the whole line is valid.
+/// All state between lines. `Copy`: a line works on a copy, which replaces the original only if the whole
+/// line is valid.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct State {
     /// Machine coordinates, mm and degrees.

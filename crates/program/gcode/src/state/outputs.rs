@@ -69,8 +69,8 @@ impl Outputs {
         self.spindles.get(number as usize).copied().unwrap_or_default()
     }
 
-    /// Stops every spindle. Constant speeds are kept; a surface speed ends (G97, S0), since a block of MDI that follows could not
-    /// tell it from the revolutions per minute that an operator means by S.
+    /// Stops every spindle. Constant speeds are kept; a surface speed ends (G97, S0), since a block of MDI
+    /// that follows could not tell it from the revolutions per minute that an operator means by S.
     pub fn stop_spindles(&mut self) {
         for spindle in &mut self.spindles {
             spindle.direction = SpindleDirection::Stopped;
@@ -121,8 +121,8 @@ impl SpindleOutput {
         }
     }
 
-    /// Commanded speed in revolutions per minute, negative counter-clockwise; 0 if the spindle is stopped or its speed depends on
-    /// the position.
+    /// Commanded speed in revolutions per minute, negative counter-clockwise; 0 if the spindle is stopped or
+    /// its speed depends on the position.
     #[must_use]
     pub fn constant_rpm(&self) -> f64 {
         match self.surface {
@@ -131,8 +131,9 @@ impl SpindleOutput {
         }
     }
 
-    /// Commanded speed in revolutions per minute with the tool at X in machine coordinates, mm, an override (`ratio`, 1 at 100 %) and
-    /// the maximum of the spindle: negative counter-clockwise, 0 if the spindle is stopped.
+    /// Commanded speed in revolutions per minute with the tool at X in machine coordinates, mm, an override
+    /// (`ratio`, 1 at 100 %) and the maximum of the spindle: negative counter-clockwise, 0 if the spindle is
+    /// stopped.
     #[must_use]
     pub fn signed_rpm_at(&self, x_mm: f64, ratio: f64, max_rpm: f64) -> f64 {
         let rpm = self.speed().overridden_rpm_at(x_mm, ratio, max_rpm);

@@ -13,7 +13,8 @@ pub struct Settings {
     pub start: Axes,
     /// The existing axes. A word for any other axis is an error.
     pub axes: [bool; AXES],
-    /// Axes whose position in `start` means nothing, because they are not homed ([`crate::Interpreter::doubtful_axes`]).
+    /// Axes whose position in `start` means nothing, because they are not homed
+    /// ([`crate::Interpreter::doubtful_axes`]).
     pub unknown: [bool; AXES],
     /// Offsets at the start.
     pub offsets: StartOffsets,
@@ -25,19 +26,22 @@ pub struct Settings {
     pub plane: Plane,
     /// Whether X is a diameter (G7) instead of a radius (G8) at the start of the program.
     pub diameter: bool,
-    /// Whether programs read and write the lengths of offsets, of G28 and G30 and of the tool (#5161 to #5410) in inches, whatever
-    /// unit is in force: the unit of a machine of LinuxCNC in inches. [`Settings::parameters`] are in mm in any case.
+    /// Whether programs read and write the lengths of offsets, of G28 and G30 and of the tool (#5161 to
+    /// #5410) in inches, whatever unit is in force: the unit of a machine of LinuxCNC in inches.
+    /// [`Settings::parameters`] are in mm in any case.
     pub parameters_in_inches: bool,
     /// Whether lines that start with `/` are skipped.
     pub block_delete: bool,
-    /// Whether #5399 of a wait (M66) without an answer is the awaited value; otherwise -1, as after a timeout.
+    /// Whether #5399 of a wait (M66) without an answer is the awaited value; otherwise -1, as after a
+    /// timeout.
     pub waits_succeed: bool,
-    /// Whether a probing move without an answer counts as one with contact at its end, as long as nothing knows better. Errors
-    /// that depend on it are then warnings, and one warning says so.
+    /// Whether a probing move without an answer counts as one with contact at its end, as long as nothing
+    /// knows better. Errors that depend on it are then warnings, and one warning says so.
     pub probes_succeed: bool,
     /// Permitted difference of an arc's radii at start and end.
     pub arc: ArcTolerance,
-    /// Permitted distance of an involute's programmed end from the involute, in mm: one increment, at least 1 um.
+    /// Permitted distance of an involute's programmed end from the involute, in mm: one increment, at least 1
+    /// um.
     pub involute_tolerance_mm: f64,
     /// Bounds of memory and time.
     pub limits: ProgramLimits,
@@ -53,7 +57,8 @@ pub struct Settings {
     pub restored: Restored,
     /// What the machine has.
     pub features: MachineFeatures,
-    /// The tool table. Without one, an offset or diameter of any tool but 0 is an error ([`crate::Code::UnknownTool`]).
+    /// The tool table. Without one, an offset or diameter of any tool but 0 is an error
+    /// ([`crate::Code::UnknownTool`]).
     pub tools: Option<ToolTable>,
     /// Whether a missing tool table means offsets and diameters of 0, with a warning.
     pub tools_without_table: bool,
@@ -96,7 +101,8 @@ pub struct MachineFeatures {
     pub load_channel: bool,
     /// The spindles that `$` can name, by number.
     pub spindles: [bool; SPINDLES],
-    /// By spindle: whether axes can follow its angle, so that G84 and G74 tap rigidly ([`crate::Action::RigidTap`]).
+    /// By spindle: whether axes can follow its angle, so that G84 and G74 tap rigidly
+    /// ([`crate::Action::RigidTap`]).
     pub rigid_tapping: [bool; SPINDLES],
     /// The direction of G90 on each unlimited rotary axis; their coordinates count modulo 360 degrees.
     pub unlimited: [Option<RotaryWay>; AXES],
@@ -123,8 +129,8 @@ pub struct ProgramLimits {
     pub max_lines_before_start: u64,
 }
 
-/// A tool changer operated by a subroutine. Its arguments: #1 the new tool (0 empties the spindle), #2 the present one, #3 the
-/// pocket of the new tool, #4 the pocket for the present one (0 for none).
+/// A tool changer operated by a subroutine. Its arguments: #1 the new tool (0 empties the spindle), #2 the
+/// present one, #3 the pocket of the new tool, #4 the pocket for the present one (0 for none).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ToolChanger {
     /// Its name: `O<name> sub` in a file `name.ngc`, or the whole file.
@@ -138,7 +144,8 @@ pub struct ToolChanger {
 pub enum RotaryWay {
     /// The shorter way; half a turn in the positive direction.
     Shorter,
-    /// The sign of the word: without one in the positive direction, with a minus to the absolute value in the negative direction.
+    /// The sign of the word: without one in the positive direction, with a minus to the absolute value in the
+    /// negative direction.
     Sign,
 }
 
@@ -157,8 +164,8 @@ pub enum TurningWords {
 /// Number of work offsets: G54 to G59, G59.1 to G59.3.
 pub const WORK_OFFSETS: usize = 9;
 
-/// When an arc in centre format is rejected. With `d` the difference of the radii at start and end: if `d > 100 * absolute`, or
-/// if `d > absolute` and `d > relative * (larger radius)`. This is LinuxCNC's rule.
+/// When an arc in centre format is rejected. With `d` the difference of the radii at start and end: if
+/// `d > 100 * absolute`, or if `d > absolute` and `d > relative * (larger radius)`. This is LinuxCNC's rule.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ArcTolerance {
     /// Absolute tolerance while G21 is active, in mm.

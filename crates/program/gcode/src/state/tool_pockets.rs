@@ -12,7 +12,8 @@ pub(crate) struct ToolPockets {
 }
 
 impl ToolPockets {
-    /// By a tool table, as LinuxCNC has them: an empty spindle has no pocket, and once a tool is in the spindle none is selected.
+    /// By a tool table, as LinuxCNC has them: an empty spindle has no pocket, and once a tool is in the
+    /// spindle none is selected.
     pub(crate) fn of(tool: u32, selected: Option<u32>, tools: Option<&ToolTable>) -> Self {
         let selected = selected.filter(|selected| *selected != tool);
         Self {

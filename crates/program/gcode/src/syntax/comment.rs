@@ -1,7 +1,8 @@
 //! Active comments.
 //!
-//! RS274/NGC, 3.3.4: a comment whose first printing characters are `MSG,`, in either case and with spaces anywhere, is a
-//! message. LinuxCNC adds more active comments, in which parameters are replaced by their values.
+//! RS274/NGC, 3.3.4: a comment whose first printing characters are `MSG,`, in either case and with spaces
+//! anywhere, is a message. LinuxCNC adds more active comments, in which parameters are replaced by their
+//! values.
 
 use std::fmt::Write as _;
 
@@ -81,8 +82,8 @@ fn after_keyword<'text>(text: &'text [u8], keyword: &[u8]) -> Option<&'text [u8]
     None
 }
 
-/// Replaces `#5` and `#<name>` in the text by values. `%d`, `%f` and `%.3f` select the format of the following ones; unknown values
-/// are shown as `######`.
+/// Replaces `#5` and `#<name>` in the text by values. `%d`, `%f` and `%.3f` select the format of the
+/// following ones; unknown values are shown as `######`.
 fn expanded(text: &[u8], scope: &Scope<'_>) -> String {
     let text = printable(&String::from_utf8_lossy(text));
     let mut out = String::with_capacity(text.len());

@@ -1,8 +1,8 @@
 //! Expressions, evaluated while they are read.
 //!
-//! RS274/NGC, 3.3.2.2 and 3.3.2.3, with LinuxCNC's comparisons. Precedence: `**`, then `*` `/` `MOD`, then `+` `-`, then `EQ` `NE`
-//! `GT` `GE` `LT` `LE`, then `AND` `OR` `XOR`; operators of equal precedence, `**` included, are evaluated from left to right.
-//! Angles are in degrees. EQ and NE compare within 1e-6.
+//! RS274/NGC, 3.3.2.2 and 3.3.2.3, with LinuxCNC's comparisons. Precedence: `**`, then `*` `/` `MOD`, then
+//! `+` `-`, then `EQ` `NE` `GT` `GE` `LT` `LE`, then `AND` `OR` `XOR`; operators of equal precedence, `**`
+//! included, are evaluated from left to right. Angles are in degrees. EQ and NE compare within 1e-6.
 
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
@@ -80,7 +80,8 @@ impl<'line, 'text> Evaluator<'line, 'text> {
         }
     }
 
-    /// A number, parameter, function or bracketed expression, with any signs before it. `None` if none of these comes next.
+    /// A number, parameter, function or bracketed expression, with any signs before it. `None` if none of
+    /// these comes next.
     #[inline]
     pub(crate) fn value(&mut self) -> Result<Option<f64>, Fault> {
         match self.lexer.peek() {

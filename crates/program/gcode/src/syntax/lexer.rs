@@ -1,7 +1,7 @@
 //! Splits characters into tokens.
 //!
-//! RS274/NGC, 3.3.2: letters in either case; spaces and tabs have no meaning outside comments, even inside a number. Numbers have
-//! an optional sign, digits, at most one point, at least one digit and no exponent.
+//! RS274/NGC, 3.3.2: letters in either case; spaces and tabs have no meaning outside comments, even inside a
+//! number. Numbers have an optional sign, digits, at most one point, at least one digit and no exponent.
 
 use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
@@ -57,8 +57,8 @@ impl<'text> Lexer<'text> {
         found
     }
 
-    /// Takes consecutive letters, in lower case and without spaces between them; at most 15. Further letters are dropped, because no
-    /// keyword is that long.
+    /// Takes consecutive letters, in lower case and without spaces between them; at most 15. Further letters
+    /// are dropped, because no keyword is that long.
     pub(crate) fn letters(&mut self, into: &mut [u8; 16]) -> usize {
         let mut count = 0;
         while let Some(byte) = self.peek() {
@@ -132,8 +132,8 @@ impl<'text> Lexer<'text> {
         None
     }
 
-    /// The number of a parameter in its usual form: `#` and up to four digits, without spaces. `None`, and nothing taken, for any other
-    /// form, and if the parameter does not exist. The next character is `#`.
+    /// The number of a parameter in its usual form: `#` and up to four digits, without spaces. `None`, and
+    /// nothing taken, for any other form, and if the parameter does not exist. The next character is `#`.
     #[inline]
     pub(crate) fn index(&mut self) -> Option<usize> {
         let (index, end) = self.short_whole(self.at + 1)?;
@@ -169,7 +169,8 @@ impl<'text> Lexer<'text> {
         }
     }
 
-    /// A number in its usual form: up to 15 digits without spaces between them. `None`, and nothing taken, for any other form.
+    /// A number in its usual form: up to 15 digits without spaces between them. `None`, and nothing taken,
+    /// for any other form.
     #[inline]
     fn plain_number(&mut self) -> Option<f64> {
         let text = self.text;

@@ -26,8 +26,8 @@ impl<R: BufRead> LineReader<R> {
         self.line
     }
 
-    /// Reads the next line into `buffer`, without its end; false at the end of the input. Reading can continue after
-    /// [`Code::LineTooLong`], but not after [`Code::ReadFailed`].
+    /// Reads the next line into `buffer`, without its end; false at the end of the input. Reading can
+    /// continue after [`Code::LineTooLong`], but not after [`Code::ReadFailed`].
     pub(crate) fn read_into(&mut self, buffer: &mut Vec<u8>) -> Result<bool, Fault> {
         if self.input.fill_buf().is_ok_and(<[u8]>::is_empty) {
             // The line before stays, for errors of the end.

@@ -1,7 +1,8 @@
-//! The meaning of a line: its codes by modal group, its other words by letter, and the assignment of words to codes.
+//! The meaning of a line: its codes by modal group, its other words by letter, and the assignment of words to
+//! codes.
 //!
-//! All errors of a line that are independent of the machine's state (except the inherited motion mode) are found here, before
-//! anything is executed.
+//! All errors of a line that are independent of the machine's state (except the inherited motion mode) are
+//! found here, before anything is executed.
 
 use evolvent_path::{AXES, AxisLetter};
 

@@ -47,8 +47,8 @@ pub enum ParameterFileError {
     },
 }
 
-/// Numbered parameters that persist from run to run: those in the file, and always the positions of G28 and G30, the offset of
-/// G92 and the work offsets. Lengths in mm, angles in degrees.
+/// Numbered parameters that persist from run to run: those in the file, and always the positions of G28 and
+/// G30, the offset of G92 and the work offsets. Lengths in mm, angles in degrees.
 ///
 /// ```no_run
 /// use evolvent_gcode::{Interpreter, KeptParameters, Settings};
@@ -162,8 +162,8 @@ impl KeptParameters {
         self.values.get(&number).copied()
     }
 
-    /// Makes a parameter persistent. Returns false, without effect, if the parameter does not exist or the value is not finite or
-    /// beyond 1e9.
+    /// Makes a parameter persistent. Returns false, without effect, if the parameter does not exist or the
+    /// value is not finite or beyond 1e9.
     pub fn set(&mut self, number: u32, value: f64) -> bool {
         let right = (1..NUMBERED as u32).contains(&number) && value.is_finite() && value.abs() <= MAX_VALUE;
         if right {
@@ -188,7 +188,8 @@ impl KeptParameters {
         }
     }
 
-    /// Work zero of an offset (0 for G54 to 8 for G59.3), machine coordinates in mm and degrees; zero for other indices.
+    /// Work zero of an offset (0 for G54 to 8 for G59.3), machine coordinates in mm and degrees; zero for
+    /// other indices.
     #[must_use]
     pub fn work_offset(&self, index: usize) -> Axes {
         if index >= WORK_OFFSETS {
@@ -206,8 +207,9 @@ impl KeptParameters {
         self.at(WORK_OFFSET_1 + 20 * index + AXES)
     }
 
-    /// The work offset with which `tip` (mm and degrees, machine coordinates less the tool offset) reads `values` in `axes`, as G10 L20
-    /// sets it: in a rotated system X and Y of the zero both change, so that the other one of them reads what it did.
+    /// The work offset with which `tip` (mm and degrees, machine coordinates less the tool offset) reads
+    /// `values` in `axes`, as G10 L20 sets it: in a rotated system X and Y of the zero both change, so that
+    /// the other one of them reads what it did.
     #[must_use]
     pub fn touched_off(&self, index: usize, axes: AxisMask, values: &Axes, tip: &Axes, g92: &Axes) -> Axes {
         let zero = self.work_offset(index);

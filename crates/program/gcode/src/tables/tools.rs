@@ -24,8 +24,8 @@ pub struct Tool {
     pub front_angle_deg: f64,
     /// Back angle of a turning tool, degrees.
     pub back_angle_deg: f64,
-    /// Orientation of the tip of a turning tool, 1 to 9; 0 for a mill. G41 and G42 in G18 use it: they guide the centre of the nose,
-    /// whereas `offset` refers to the tip.
+    /// Orientation of the tip of a turning tool, 1 to 9; 0 for a mill. G41 and G42 in G18 use it: they guide
+    /// the centre of the nose, whereas `offset` refers to the tip.
     pub orientation: u32,
 }
 
@@ -185,8 +185,8 @@ impl ToolTable {
         text
     }
 
-    /// Parses a table in LinuxCNC's format: one tool per line, words `T P X Y Z A B C U V W D I J Q`, `;` before a remark. Lengths in
-    /// mm.
+    /// Parses a table in LinuxCNC's format: one tool per line, words `T P X Y Z A B C U V W D I J Q`, `;`
+    /// before a remark. Lengths in mm.
     ///
     /// # Errors
     /// [`ToolTableError`] for the first invalid word, a line without T, or a tool that occurs twice.
@@ -242,8 +242,8 @@ impl ToolTable {
         }
     }
 
-    /// Records the exchange of a random tool changer: tool `present` is now in the pocket of tool `new`, which is in the spindle,
-    /// pocket 0. An empty pocket is a tool with number 0.
+    /// Records the exchange of a random tool changer: tool `present` is now in the pocket of tool `new`,
+    /// which is in the spindle, pocket 0. An empty pocket is a tool with number 0.
     pub fn swap_pockets(&mut self, new: u32, present: u32) {
         let Some(pocket) = self
             .get(new)

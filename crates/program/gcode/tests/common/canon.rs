@@ -1,5 +1,6 @@
-//! Commands as lines of text that can be compared with another interpreter's: positions in machine coordinates in mm
-//! and degrees (X Y Z A B C), speeds in mm/min, the path mode with every move, only what changes.
+//! Commands as lines of text that can be compared with another interpreter's: positions in machine
+//! coordinates in mm and degrees (X Y Z A B C), speeds in mm/min, the path mode with every move, only what
+//! changes.
 
 use std::fmt::Write as _;
 use std::io::BufRead;

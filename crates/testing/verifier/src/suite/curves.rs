@@ -8,8 +8,8 @@ pub(crate) fn spiral(pen: &mut Pen) {
     pen.feed(24_000.0);
     let mut centre = [0.0, 0.0];
     for _ in 0..999 {
-        // The next centre lies on the line to the present point: the arcs are tangent, their radii step by a quarter
-        // of a per cent.
+        // The next centre lies on the line to the present point: the arcs are tangent, their radii step by a
+        // quarter of a per cent.
         let arm = [pen.at[0] - centre[0], pen.at[1] - centre[1]];
         centre = [centre[0] - 0.0025 * arm[0], centre[1] - 0.0025 * arm[1]];
         pen.sweep(Turn::Left, centre, 45.0);
@@ -88,7 +88,8 @@ pub(crate) fn helices(pen: &mut Pen) {
     pen.rapid([0.0, 0.0, 5.0]);
 }
 
-/// A hole milled as its own crate's `bore` would: out along an involute from its base circle, once round, in again.
+/// A hole milled as its own crate's `bore` would: out along an involute from its base circle, once round, in
+/// again.
 pub(crate) fn bore(pen: &mut Pen) {
     pen.feed(12_000.0);
     for (base, turns) in [(0.5, 6.0), (0.15, 10.25), (2.0, 1.5)] {

@@ -1,4 +1,5 @@
-//! Motions computed from formulas, without any planner: rest to rest along each piece by a polynomial of degree seven.
+//! Motions computed from formulas, without any planner: rest to rest along each piece by a polynomial of
+//! degree seven.
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 use evolvent_gcode::Settings;
@@ -6,8 +7,8 @@ use evolvent_machine::Machine;
 use evolvent_path::{Axes, AxisLetter};
 use evolvent_verifier::{Allowances, Judge, Kind, Route, Verdict};
 
-/// Largest velocity, acceleration and jerk of the share of the way over the share of the time: 140 (t - t^2)^3 and its
-/// derivatives.
+/// Largest velocity, acceleration and jerk of the share of the way over the share of the time: 140 (t -
+/// t^2)^3 and its derivatives.
 pub(crate) const PEAKS: [f64; 3] = [35.0 / 16.0, 7.513_188_404_399_293, 52.5];
 
 /// Share of the way after a share of the time; speed, acceleration and jerk are zero at both ends.
@@ -86,7 +87,8 @@ impl Motion {
         self.along(seconds, |x| if x < 1.0 { start + (end - start) * x } else { end })
     }
 
-    /// About a centre in the plane of two axes, so many degrees counter-clockwise from the first to the second.
+    /// About a centre in the plane of two axes, so many degrees counter-clockwise from the first to the
+    /// second.
     pub(crate) fn turn(
         self,
         plane: [usize; 2],

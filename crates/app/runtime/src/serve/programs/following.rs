@@ -349,8 +349,8 @@ impl Operator {
                 // A tool that was measured in the block is as long as it was found to be.
                 self.program.modes.modal.tool_offset = followed;
             }
-            // A copy: what the planner's thread has allocated is to be free as a whole when it ends, so that the next one finds
-            // its part of the heap as this one has found it.
+            // A copy: what the planner's thread has allocated is to be free as a whole when it ends, so that
+            // the next one finds its part of the heap as this one has found it.
             (JobResult::Done, Ok(Some(left)), None) => self.keep.memory.clone_from(&left),
             (JobResult::Failed, Err(error), _) => {
                 let lines_before = self.lines_before();

@@ -37,7 +37,8 @@ impl Default for CycleNotes {
 }
 
 impl CycleNotes {
-    /// The cutting load that this cycle went by, for the trace; not a number where a sensor has been silent for long.
+    /// The cutting load that this cycle went by, for the trace; not a number where a sensor has been silent
+    /// for long.
     pub(super) fn note_load(&mut self, record: &mut CycleRecord, load: Option<LoadSample>, period_ns: u64) {
         let Some(newest) = load else { return };
         if newest.sequence != self.load_seen.0 {

@@ -16,7 +16,8 @@ impl ServedParts {
     pub(super) fn take_orders(&mut self, now: &mut CycleState) {
         for _ in 0..MAX_ORDERS {
             let next = self.orders.pop();
-            // Before each order: one of the queue may have been sent after an urgent one that had not come yet.
+            // Before each order: one of the queue may have been sent after an urgent one that had not come
+            // yet.
             self.take_urgent(now);
             let Ok(order) = next else { break };
             let reported = !matches!(order.what, CycleCommand::Turn { .. });
@@ -50,8 +51,8 @@ impl ServedParts {
         }
     }
 
-    /// An order of the queue that an urgent one which was sent later has overtaken: it must not undo that one. Gives back what is
-    /// to be taken all the same.
+    /// An order of the queue that an urgent one which was sent later has overtaken: it must not undo that
+    /// one. Gives back what is to be taken all the same.
     fn skip_overtaken(&mut self, now: &mut CycleState, id: u64, what: CycleCommand) -> Option<CycleCommand> {
         const ANY: [Urgent; 3] = [Urgent::Emergency, Urgent::Stop, Urgent::PowerOff];
         let has_overtaken = |kinds: &[Urgent]| now.urgent.overtook(kinds, id);
@@ -78,7 +79,8 @@ impl ServedParts {
                 now.power_orders.settle(id);
             }
             CycleCommand::LeaveEstop if has_overtaken(&[Urgent::Emergency]) => {}
-            // Of settings, what was ordered counts; holds, resumptions and releases of program stops begin nothing that stops.
+            // Of settings, what was ordered counts; holds, resumptions and releases of program stops begin
+            // nothing that stops.
             what => return Some(what),
         }
         None

@@ -1,8 +1,8 @@
 //! Power of the drives: off at once, and on once the drives have been without it.
 //!
-//! A bridge that has stopped its drives gives power again only after *off*, and it takes a drive some periods to leave operation. ON
-//! right after OFF would come before either: the bridge would miss the *off* between two of its periods, or take the drive that leaves
-//! operation late for one that has failed.
+//! A bridge that has stopped its drives gives power again only after *off*, and it takes a drive some periods
+//! to leave operation. ON right after OFF would come before either: the bridge would miss the *off* between
+//! two of its periods, or take the drive that leaves operation late for one that has failed.
 
 use evolvent_bus::Feedback;
 use evolvent_drive::{DriveState, PowerRequest};
@@ -10,8 +10,8 @@ use evolvent_path::AxisMask;
 
 use super::{CycleState, ServedParts};
 
-/// How long ON waits at most for the drives, ns: then power is requested, and what hinders it raises its alarm. A brake closes in less
-/// (60 to 250 ms by the data sheets of servo motors).
+/// How long ON waits at most for the drives, ns: then power is requested, and what hinders it raises its
+/// alarm. A brake closes in less (60 to 250 ms by the data sheets of servo motors).
 const MAX_OFF_NS: u64 = 500_000_000;
 /// The same while a drive brakes by its own quick stop ramp, ns: bridges remove the voltage after 2 s.
 const MAX_BRAKING_NS: u64 = 2_500_000_000;
@@ -72,7 +72,8 @@ impl ServedParts {
                 });
             }
             PowerRequest::On => now.power_orders.settle(id),
-            // A job has ended, but the axes still stop by themselves after an emergency or a fault: drives without torque would coast.
+            // A job has ended, but the axes still stop by themselves after an emergency or a fault: drives
+            // without torque would coast.
             PowerRequest::Off if !self.station.is_at_rest() => {
                 now.power_off_at_rest = true;
                 now.power_orders.pending = None;
@@ -87,8 +88,8 @@ impl ServedParts {
         }
     }
 
-    /// Carries out an ON that waits: once the bridge has replied to a setpoint without power and no drive has torque, and at once where
-    /// no bridge is heard, because waiting would hide its alarm.
+    /// Carries out an ON that waits: once the bridge has replied to a setpoint without power and no drive has
+    /// torque, and at once where no bridge is heard, because waiting would hide its alarm.
     pub(super) fn carry_out_on(&mut self, now: &mut CycleState, taken_ns: u64) {
         if now.is_estop || now.faulted {
             now.power_orders.cancel();

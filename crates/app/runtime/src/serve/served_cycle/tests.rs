@@ -54,8 +54,8 @@ fn transfer(limits: &Limits, from: Axes, to: Axes) -> TransferExecutor {
     TransferExecutor::new(Transfer::solve(limits, &from, &to, Sync::Time).unwrap())
 }
 
-/// Calls of the allocator by a cycle that drives so many jogs, each with a turn that comes too late, renamings, an
-/// override and feedback of every cycle.
+/// Calls of the allocator by a cycle that drives so many jogs, each with a turn that comes too late,
+/// renamings, an override and feedback of every cycle.
 fn calls_during(jogs: u64) -> (u64, u64) {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
     let text = std::fs::read_to_string(file).unwrap();
@@ -231,7 +231,8 @@ fn an_open_chain_stops_axes_drives_and_outputs_with_the_next_setpoint_whoever_sl
     assert_eq!(chain.count(), 1);
 }
 
-/// Bridges take over a datum at rest, so a motion that was ordered together with it begins one setpoint later.
+/// Bridges take over a datum at rest, so a motion that was ordered together with it begins one setpoint
+/// later.
 #[test]
 fn a_datum_is_published_at_rest_before_the_next_motion() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
@@ -278,7 +279,8 @@ fn a_datum_is_published_at_rest_before_the_next_motion() {
     assert!(last.setpoint.velocity[0] > 1.0, "{:?}", last.setpoint);
 }
 
-/// A served cycle whose bridge replies two setpoints later, with a drive that takes three more to leave operation.
+/// A served cycle whose bridge replies two setpoints later, with a drive that takes three more to leave
+/// operation.
 struct PowerTrial {
     cycle: ServedCycle,
     orders: Producer<Order>,
@@ -406,7 +408,8 @@ fn power_returns_once_the_drives_have_been_without_it() {
     }
 }
 
-/// A bridge that sends what it last heard of, for ever: its alarm comes from the watch, not from a wait without an end.
+/// A bridge that sends what it last heard of, for ever: its alarm comes from the watch, not from a wait
+/// without an end.
 #[test]
 fn power_that_nobody_replies_to_is_requested_in_half_a_second() {
     let mut trial = PowerTrial::new();

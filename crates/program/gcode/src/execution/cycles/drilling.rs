@@ -1,6 +1,7 @@
 //! Canned cycles: G73, G74, G81 to G89 in G17, G18 and G19.
 //!
-//! RS274/NGC, 3.5.16, with LinuxCNC's sequence of moves, so that a program leaves the tool at the same position.
+//! RS274/NGC, 3.5.16, with LinuxCNC's sequence of moves, so that a program leaves the tool at the same
+//! position.
 
 use evolvent_path::{Axes, AxisLetter, Plane};
 
@@ -23,7 +24,8 @@ const LONG_PECK: f64 = 100.0;
 /// Maximum number of pecks of one hole.
 const MAX_PECKS: f64 = 100_000.0;
 
-/// Heights that differ by less are the same: those of the tool come from machine coordinates, and offsets round them.
+/// Heights that differ by less are the same: those of the tool come from machine coordinates, and offsets
+/// round them.
 const SAME_HEIGHT_MM: f64 = 1e-7;
 
 /// Where G87 stops the spindle.
@@ -272,7 +274,8 @@ impl Executor<'_> {
         self.go(program, MoveKind::Rapid, hole.path_mode)
     }
 
-    /// A straight move to a point in program coordinates. Axes that do not move keep their position bit for bit.
+    /// A straight move to a point in program coordinates. Axes that do not move keep their position bit for
+    /// bit.
     pub(crate) fn go(&mut self, program: Axes, kind: MoveKind, path_mode: PathMode) -> Result<(), Fault> {
         let here = self.state.program_of(self.state.position);
         let mut target = self.state.machine_of(program);
@@ -288,7 +291,8 @@ impl Executor<'_> {
         self.put_line_in(target, kind, path_mode)
     }
 
-    /// Rigid tapping, synchronised with the spindle angle; the pitch is feed by speed, or the feed per revolution.
+    /// Rigid tapping, synchronised with the spindle angle; the pitch is feed by speed, or the feed per
+    /// revolution.
     fn tap_rigidly(&mut self, cycle: Cycle, at: Axes, hole: &Hole) -> Result<(), Fault> {
         let name = Motion::Cycle(cycle).name();
         let modes = self.state.modes;

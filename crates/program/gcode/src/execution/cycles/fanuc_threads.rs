@@ -47,8 +47,8 @@ impl Executor<'_> {
         self.put_thread(target, pitch_mm, degrees, None)
     }
 
-    /// G92: to X (R farther out at its beginning), along the thread to Z, out to where it began, and back. Lines that follow with X
-    /// alone are further passes.
+    /// G92: to X (R farther out at its beginning), along the thread to Z, out to where it began, and back.
+    /// Lines that follow with X alone are further passes.
     pub(crate) fn fanuc_thread_cycle(&mut self) -> Result<(), Fault> {
         let line = self.line;
         if !line.has_axes() {

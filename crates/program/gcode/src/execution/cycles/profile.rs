@@ -1,6 +1,8 @@
-//! The profile of a turned part: lines and arcs in a plane, offset by an allowance, and intersected with the levels of passes.
+//! The profile of a turned part: lines and arcs in a plane, offset by an allowance, and intersected with the
+//! levels of passes.
 //!
-//! Coordinates `[u, w]`: passes run towards increasing `u`, depths towards decreasing `w`; the stock is above the profile.
+//! Coordinates `[u, w]`: passes run towards increasing `u`, depths towards decreasing `w`; the stock is above
+//! the profile.
 
 /// Points closer than this are equal, mm.
 pub(crate) const NEAR: f64 = 1e-7;
@@ -279,8 +281,9 @@ fn touch(before: &Piece, after: &Piece) -> Option<Point> {
     (distance(foot, before.end()) < 10.0 * JOIN_MM).then_some(foot)
 }
 
-/// The profile offset by `allowance` to the left. Convex corners get an arc about the corner, concave ones are trimmed at the
-/// intersection of both sides, and pieces that do not fit between their neighbours are removed.
+/// The profile offset by `allowance` to the left. Convex corners get an arc about the corner, concave ones
+/// are trimmed at the intersection of both sides, and pieces that do not fit between their neighbours are
+/// removed.
 pub(crate) fn aside(pieces: &[Piece], allowance: f64) -> Result<Vec<Piece>, ProfileFault> {
     if allowance == 0.0 {
         return Ok(pieces.to_vec());

@@ -1,9 +1,9 @@
 //! G70 to G72.2: finishing and roughing along a profile that a subroutine describes.
 //!
-//! LinuxCNC's cycles, with its sequence of moves. The subroutine is executed without motion; its straight moves and arcs are
-//! the profile. Passes start on the line from the start (X, Z) to the profile, run along Z (G71) or X (G72) to the profile,
-//! retract at 45 degrees and return. Then the profile is followed; G71 and G72 cut its pockets on the way, G71.1 skips them,
-//! G71.2 cuts only them.
+//! LinuxCNC's cycles, with its sequence of moves. The subroutine is executed without motion; its straight
+//! moves and arcs are the profile. Passes start on the line from the start (X, Z) to the profile, run along Z
+//! (G71) or X (G72) to the profile, retract at 45 degrees and return. Then the profile is followed; G71 and
+//! G72 cut its pockets on the way, G71.1 skips them, G71.2 cuts only them.
 
 use evolvent_path::{Arc, Axes, Curve, Plane, Sense};
 
@@ -282,13 +282,15 @@ fn oriented(call: &RoughCall, profile: &[Piece]) -> Result<(Frame, Vec<Piece>), 
     Ok((frame, pieces))
 }
 
-/// Start of the line on which passes start: at the start of the cycle, but not beyond the start of the profile.
+/// Start of the line on which passes start: at the start of the cycle, but not beyond the start of the
+/// profile.
 fn begin_of_passes(call: &RoughCall, frame: &Frame, profile: Point) -> Point {
     let [u, w] = frame.of(call.start);
     [u.min(profile[0]), w]
 }
 
-/// The moves of G71 to G72.2; `profile` is the start of the profile itself. `None` if there are too many passes.
+/// The moves of G71 to G72.2; `profile` is the start of the profile itself. `None` if there are too many
+/// passes.
 fn rough_strokes(
     call: &RoughCall,
     frame: &Frame,
@@ -358,8 +360,8 @@ fn next_rise(pieces: &[Piece], from: usize, level: f64) -> Option<(usize, Point)
     })
 }
 
-/// Along the profile, with the pockets as the variant says. `None` if they take too many passes: they may be deeper than the
-/// profile as a whole.
+/// Along the profile, with the pockets as the variant says. `None` if they take too many passes: they may be
+/// deeper than the profile as a whole.
 fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<Stroke>) -> Option<()> {
     let mut index = 0;
     let mut steps = 0;
@@ -458,8 +460,8 @@ fn push_cut(strokes: &mut Vec<Stroke>, piece: Piece, after_falling: bool) {
     strokes.push(Stroke::Cut(piece));
 }
 
-/// The pieces of a profile from the moves of its subroutine, without the approach. `corners` lists the moves that end in a
-/// fillet or chamfer.
+/// The pieces of a profile from the moves of its subroutine, without the approach. `corners` lists the moves
+/// that end in a fillet or chamfer.
 pub(crate) fn profile_of(
     commands: &[Command],
     corners: &[(usize, Corner)],

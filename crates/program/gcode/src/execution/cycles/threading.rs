@@ -34,9 +34,9 @@ struct ThreadCycle {
 }
 
 impl Executor<'_> {
-    /// G76: P pitch, Z end, I from the drive line to the crest, J first depth, K full depth; R degression, Q angle of the flank
-    /// along which the tool infeeds, H spring passes, E length and L position of tapers, D number of starts (P is then the lead
-    /// of one).
+    /// G76: P pitch, Z end, I from the drive line to the crest, J first depth, K full depth; R degression, Q
+    /// angle of the flank along which the tool infeeds, H spring passes, E length and L position of tapers, D
+    /// number of starts (P is then the lead of one).
     pub(crate) fn thread_cycle(&mut self) -> Result<(), Fault> {
         let cycle = self.read_thread_cycle()?;
         for pass in 1..=cycle.steps + cycle.spring {

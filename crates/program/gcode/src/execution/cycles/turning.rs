@@ -1,8 +1,9 @@
 //! G82 and G75 of a lathe: longitudinal turning and facing in passes.
 //!
-//! After the fixed cycles with which V. A. Timiryazev, A. V. Mukhin and A. A. Ivanov compare ("Adaptable control in
-//! autoprogramming of cutting tool path on a numerical control lathe"). The tool starts outside the stock, at the corner where
-//! the work starts: its X is the surface of the stock (or above), its Z in front of the face of the stock.
+//! After the fixed cycles with which V. A. Timiryazev, A. V. Mukhin and A. A. Ivanov compare ("Adaptable
+//! control in autoprogramming of cutting tool path on a numerical control lathe"). The tool starts outside
+//! the stock, at the corner where the work starts: its X is the surface of the stock (or above), its Z in
+//! front of the face of the stock.
 //!
 //! ```text
 //!   G82 X Z R L D H             start ───────────┐          G75 X Z K H E
@@ -35,12 +36,13 @@ pub enum TurningKind {
     Facing,
 }
 
-/// A turning cycle as data, for a controller that determines the passes from the cutting load: from the start to the final
-/// contour, in the passes that the load permits. Machine coordinates in mm; X is a radius. It starts and ends at `start`.
+/// A turning cycle as data, for a controller that determines the passes from the cutting load: from the start
+/// to the final contour, in the passes that the load permits. Machine coordinates in mm; X is a radius. It
+/// starts and ends at `start`.
 ///
-/// The word Q1 requests it on a machine with a load channel ([`crate::Settings::load_channel`]). The consumer has to return the
-/// tool to `start`, where the following moves start. Without a load channel, or without Q1, the cycle is output as plain
-/// [`Action::Move`]s in passes of `depth_mm`.
+/// The word Q1 requests it on a machine with a load channel ([`crate::Settings::load_channel`]). The consumer
+/// has to return the tool to `start`, where the following moves start. Without a load channel, or without Q1,
+/// the cycle is output as plain [`Action::Move`]s in passes of `depth_mm`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TurningCycle {
     /// Direction of the passes.
@@ -51,7 +53,8 @@ pub struct TurningCycle {
     pub x_mm: f64,
     /// End of the step along Z.
     pub z_mm: f64,
-    /// G82: the cone after the step, from (`x_mm`, `z_mm`) to this radius and Z; `None` for a square shoulder.
+    /// G82: the cone after the step, from (`x_mm`, `z_mm`) to this radius and Z; `None` for a square
+    /// shoulder.
     pub cone_mm: Option<[f64; 2]>,
     /// Depth of a plain pass as a fallback, if the program gives one.
     pub depth_mm: Option<f64>,

@@ -116,7 +116,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// The spindles that the line is about: the one of `$`, 0 without it; with `$-1` all that the machine has.
+    /// The spindles that the line is about: the one of `$`, 0 without it; with `$-1` all that the machine
+    /// has.
     fn named_spindles(&self) -> impl Iterator<Item = usize> + use<> {
         let (all, one) = (self.line.names_all_spindles(), self.line.spindle());
         let exists = self.settings.features.spindles;

@@ -62,7 +62,8 @@ impl Executor<'_> {
                         self.spindle(number);
                     }
                 }
-                // Right after G40 the present position counts, wherever the program was when compensation ended.
+                // Right after G40 the present position counts, wherever the program was when compensation
+                // ended.
                 if !self.state.cutter.is_due {
                     self.state.cutter.programmed = None;
                 }
@@ -78,7 +79,8 @@ impl Executor<'_> {
         }
     }
 
-    /// An error where the tool table has tools, but not this one. A served machine begins with an empty table, and 0 is no tool.
+    /// An error where the tool table has tools, but not this one. A served machine begins with an empty
+    /// table, and 0 is no tool.
     pub(super) fn refuse_unknown_tool(&self, tool: u32, span: Span) -> Result<(), Fault> {
         let tools = self.tools.as_ref().filter(|tools| !tools.tools().is_empty());
         if tool == 0 || tools.is_none_or(|tools| tools.get(tool).is_some()) {
